@@ -1,0 +1,1 @@
+"""The autopilot: from telemetry to setpoints, one direction of flow."""

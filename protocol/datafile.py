@@ -1,0 +1,69 @@
+"""Worlds, vehicles, missions and settings: TOML files, found by name or path, read into frozen checked records."""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+T = TypeVar("T")
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class DataFileError(Exception):
+    """A file that is missing or holds something impossible; the text names the file and the key."""
+
+
+def find(kind: str, name: str) -> Path:
+    """The file `name` is a path of, or `{kind}/{name}.toml` here or in the project's folder (kind: worlds, vehicles, missions).
+
+    Raises DataFileError, with the names that there are.
+    """
+    candidates = [Path(name), Path(kind) / f"{name}.toml", ROOT / kind / f"{name}.toml"]
+    for path in candidates:
+        if path.is_file():
+            return path
+    known = sorted({path.stem for folder in (Path(kind), ROOT / kind) for path in folder.glob("*.toml")})
+    raise DataFileError(f"{name}: no such file, and none of that name in {kind}/ (there: {', '.join(known) or 'nothing'})")
+
+
+def load(path: Path, record: type[T], overrides: Sequence[str] = ()) -> T:
+    """Read `path` as a `record` (a msgspec.Struct); `overrides` are "table.key=value" with the value in TOML's notation.
+
+    Raises DataFileError for a file that can't be read, is no TOML, or does not fit the record.
+    """
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise DataFileError(f"{path}: {error}") from error
+    return convert(tables, record, str(path), overrides)
+
+
+def convert(tables: dict[str, Any], record: type[T], source: str, overrides: Sequence[str] = ()) -> T:
+    """The same for tables that are read already; `source` is named in errors."""
+    for override in overrides:
+        _set(tables, override)
+        source = f"{source} with --set"
+    try:
+        return msgspec.convert(tables, record)
+    except msgspec.ValidationError as error:
+        raise DataFileError(f"{source}: {str(error).replace('$.', '')}") from error
+
+
+def _set(tables: dict[str, Any], override: str) -> None:
+    key, separator, text = override.partition("=")
+    path = key.strip().split(".")
+    if not separator or not all(path):
+        raise DataFileError(f"--set {override}: write it as table.key=value")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()  # a bare word is a string, as on any command line
+    table = tables
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise DataFileError(f"--set {override}: {part} is a value, not a table")
+    table[path[-1]] = value
