@@ -146,7 +146,8 @@ def enu_to_ned(v: Array) -> Array:
 
 def flu_to_frd(v: Array) -> Array:
     """(..., 3) forward, left, up -> forward, right, down; its own inverse."""
-    return v * np.array([1.0, -1.0, -1.0])
+    flipped: Array = v * np.array([1.0, -1.0, -1.0])
+    return flipped
 
 
 _WGS84_A = 6378137.0
