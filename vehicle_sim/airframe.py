@@ -1,0 +1,183 @@
+"""A vehicle file: TOML -> frozen record -> one flat record for compiled code."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.body import Body, Positive
+from protocol.datafile import DataFileError, load
+from protocol.frames import GRAVITY
+from vehicle_sim.lidar import LidarSettings
+
+NonNegative = Annotated[float, msgspec.Meta(ge=0)]
+Axes = tuple[Positive, Positive, Positive]
+
+
+class Rotors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    thrust_constant_ns2: Positive
+    """kf: thrust = kf speed^2, speed in rad/s."""
+    inertia_kgm2: NonNegative
+    """Jr, of one rotor with its motor's bell."""
+    time_constant_up_s: Positive
+    time_constant_down_s: Positive
+
+
+class Drag(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    linear_kg_s: tuple[NonNegative, NonNegative, NonNegative]
+    """Force = -linear * velocity, in body axes."""
+
+
+class Ground(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Four feet under the arms, each a spring and damper with dry friction."""
+
+    foot_radius_m: Positive
+    foot_height_m: Positive
+    stiffness_n_m: Positive
+    damping_ns_m: NonNegative
+    friction: NonNegative
+    crash_speed_m_s: Positive
+    crash_tilt_deg: Positive
+
+
+class Hull(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    radius_m: Positive
+    """The sphere around all that must not touch anything."""
+
+
+class InnerLoop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    attitude_gain_1_s: Axes
+    rate_gain_1_s: Axes
+    rate_limit_deg_s: Axes
+
+
+class Auto(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How it flies by itself: take-off, hold, return, land."""
+
+    position_gain_1_s: Positive
+    velocity_gain_1_s: Positive
+    acceleration_limit_m_s2: Positive
+    climb_acceleration_limit_m_s2: Positive
+    cruise_speed_m_s: Positive
+    climb_speed_m_s: Positive
+    descent_speed_m_s: Positive
+    land_speed_m_s: Positive
+    takeoff_height_m: Positive
+    return_height_m: Positive
+
+
+class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    capacity_wh: Positive
+    full_v: Positive
+    empty_v: Positive
+    efficiency: Annotated[float, msgspec.Meta(gt=0, le=1)]
+    idle_w: NonNegative
+
+
+class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A file in `vehicles/`."""
+
+    body: Body
+    rotors: Rotors
+    drag: Drag
+    ground: Ground
+    hull: Hull
+    inner_loop: InnerLoop
+    auto: Auto
+    lidar: LidarSettings
+    battery: Battery
+
+    @classmethod
+    def load(cls, path: Path) -> "Airframe":
+        """Raises DataFileError, naming file and key, also for a vehicle that could not lift its parcel."""
+        airframe = load(path, cls)
+        if airframe.body.max_thrust_n <= airframe.takeoff_mass_kg * GRAVITY:
+            raise DataFileError(
+                f"{path}: body.rotor_max_thrust_n: four of them can't lift {airframe.takeoff_mass_kg:g} kg"
+            )
+        if airframe.battery.empty_v >= airframe.battery.full_v:
+            raise DataFileError(f"{path}: battery.empty_v: not below battery.full_v")
+        return airframe
+
+    @property
+    def takeoff_mass_kg(self) -> float:
+        """With the parcel."""
+        return self.body.mass_kg + self.body.parcel_mass_kg
+
+    @property
+    def rest_height_m(self) -> float:
+        """Of the centre of mass above the ground, at rest on its feet with the parcel."""
+        return self.ground.foot_height_m - self.takeoff_mass_kg * GRAVITY / (4.0 * self.ground.stiffness_n_m)
+
+
+PARAMETERS = np.dtype(
+    [
+        ("mass_kg", "f8"),  # all of it, the parcel too; the only one that changes in flight
+        ("arm_length_m", "f8"),
+        ("inertia_kgm2", "f8", 3),
+        ("rotor_max_thrust_n", "f8"),
+        ("torque_per_thrust_m", "f8"),
+        ("thrust_constant_ns2", "f8"),
+        ("rotor_max_speed", "f8"),
+        ("rotor_inertia_kgm2", "f8"),
+        ("time_constant_up_s", "f8"),
+        ("time_constant_down_s", "f8"),
+        ("drag_kg_s", "f8", 3),
+        ("foot_radius_m", "f8"),
+        ("foot_height_m", "f8"),
+        ("stiffness_n_m", "f8"),
+        ("damping_ns_m", "f8"),
+        ("friction", "f8"),
+        ("attitude_gain", "f8", 3),
+        ("rate_gain", "f8", 3),
+        ("rate_limit", "f8", 3),
+        ("position_gain", "f8"),
+        ("velocity_gain", "f8"),
+        ("acceleration_limit", "f8"),
+        ("climb_acceleration_limit", "f8"),
+    ]
+)
+"""What compiled code knows of the airframe: SI units and radians."""
+
+
+def parameters(airframe: Airframe) -> NDArray[np.void]:
+    """(1,) of PARAMETERS, at take-off mass."""
+    body, rotors, ground, inner, auto = (
+        airframe.body,
+        airframe.rotors,
+        airframe.ground,
+        airframe.inner_loop,
+        airframe.auto,
+    )
+    record = np.zeros(1, PARAMETERS)
+    values = {
+        "mass_kg": airframe.takeoff_mass_kg,
+        "arm_length_m": body.arm_length_m,
+        "inertia_kgm2": body.inertia_kgm2,
+        "rotor_max_thrust_n": body.rotor_max_thrust_n,
+        "torque_per_thrust_m": body.torque_per_thrust_m,
+        "thrust_constant_ns2": rotors.thrust_constant_ns2,
+        "rotor_max_speed": math.sqrt(body.rotor_max_thrust_n / rotors.thrust_constant_ns2),
+        "rotor_inertia_kgm2": rotors.inertia_kgm2,
+        "time_constant_up_s": rotors.time_constant_up_s,
+        "time_constant_down_s": rotors.time_constant_down_s,
+        "drag_kg_s": airframe.drag.linear_kg_s,
+        "foot_radius_m": ground.foot_radius_m,
+        "foot_height_m": ground.foot_height_m,
+        "stiffness_n_m": ground.stiffness_n_m,
+        "damping_ns_m": ground.damping_ns_m,
+        "friction": ground.friction,
+        "attitude_gain": inner.attitude_gain_1_s,
+        "rate_gain": inner.rate_gain_1_s,
+        "rate_limit": np.radians(inner.rate_limit_deg_s),
+        "position_gain": auto.position_gain_1_s,
+        "velocity_gain": auto.velocity_gain_1_s,
+        "acceleration_limit": auto.acceleration_limit_m_s2,
+        "climb_acceleration_limit": auto.climb_acceleration_limit_m_s2,
+    }
+    for name in PARAMETERS.fields or ():
+        record[name] = values[name]
+    return record

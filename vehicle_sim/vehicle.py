@@ -1,0 +1,216 @@
+"""The whole vehicle as a pure step: bytes in, 4 ms of flight, bytes out. No clock and no socket."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from protocol.framing import Frame, Framer
+from protocol.messages import Encoder, decode, dialect
+from vehicle_sim.airframe import Airframe, parameters
+from vehicle_sim.flight_control import FlightControl, Severity
+from vehicle_sim.inner_loop import COMMAND, Level
+from vehicle_sim.integrate import FEEDBACK, TICK_NS, advance, scratch
+from vehicle_sim.lidar import Lidar
+from vehicle_sim.motion import Motion, Vector
+from vehicle_sim.rigid_body import STATES, Array
+from vehicle_sim.services import COMPONENT, SYSTEM, Services
+from vehicle_sim.telemetry import Telemetry
+from vehicle_sim.world import World
+
+DATAGRAM_BYTES = 1400
+"""A datagram is not filled beyond this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What became of a run."""
+
+    outcome: str
+    """landed | crashed | stopped"""
+    contacts: int
+    contact_with: str | None
+    least_clearance_m: float | None
+    """Hull to obstacle, while in the air."""
+    flight_time_s: float
+    released: bool
+    released_at_ned: Vector | None
+    simulated_s: float
+    final_position_ned: Vector
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+class Vehicle:
+    """A vehicle at rest on its pad (0, 0) of a world, nose to the north, with its parcel.
+
+    `lockstep`: each tick's last frame is a TIMESYNC request with the tick's time, and a datagram that answers another
+    time is a late copy and is passed over. `datagrams`: what `receive` gets holds whole frames.
+    """
+
+    def __init__(
+        self, airframe: Airframe, world: World, *, seed: int = 0, lockstep: bool = False, datagrams: bool = True
+    ) -> None:
+        self.airframe = airframe
+        self.world = world
+        self._lockstep = lockstep
+        self._datagrams = datagrams
+        self._parameters = parameters(airframe)
+        self._feedback = np.zeros(1, FEEDBACK)
+        self._feedback["touching"] = 1.0
+        self._room = scratch()
+        self.state: Array = np.zeros(STATES)
+        """(17,), see rigid_body."""
+        self.state[2] = -airframe.rest_height_m
+        self.state[6] = 1.0
+        self.tick = 0
+        self.answered_ns = -1
+        """The time of the tick that was answered last."""
+        self.motion = Motion.of(0, self.state, self._feedback)
+        self.flight = FlightControl(airframe, self.motion)
+        self._framer = Framer()
+        self._encoder = Encoder(SYSTEM, COMPONENT)
+        (lidar_rng,) = np.random.default_rng(seed).spawn(1)
+        lidar = Lidar(airframe.lidar, lidar_rng)
+        self.telemetry = Telemetry(self._encoder, airframe, world, lidar, self.flight, self.motion)
+        self._services = Services(self._encoder, self.flight, self.telemetry, world.origin[2], self._release)
+        self._released_at_ned: Vector | None = None
+        self._least_clearance_m = math.inf
+        self._spare_m = 0.0
+
+    @property
+    def time_ns(self) -> int:
+        """Since its boot."""
+        return self.tick * TICK_NS
+
+    # --- in ---
+
+    def receive(self, data: bytes) -> None:
+        """Whatever a peer sent; what is damaged or unknown is passed over."""
+        frames = self._framer.datagram(data) if self._datagrams else self._framer.feed(data)
+        if self._lockstep:
+            frames = self._take_answer(frames)
+        for frame in frames:
+            self._services.handle(frame)
+
+    def _take_answer(self, frames: list[Frame]) -> list[Frame]:
+        """What is left to handle: nothing of an answer to another tick, all but the answer's TIMESYNC otherwise."""
+        others = []
+        for frame in frames:
+            if frame.message_id == dialect.MAVLINK_MSG_ID_TIMESYNC:
+                message = decode(frame)
+                if message is not None and message.tc1 != 0:
+                    if message.ts1 != self.time_ns:
+                        return []
+                    self.answered_ns = message.ts1
+                    continue
+            others.append(frame)
+        return others
+
+    # --- on ---
+
+    def advance(self) -> list[bytes]:
+        """Fly one tick of 4 ms; the datagrams to send at its end."""
+        self.tick += 1
+        advance(self.state, self.flight.command, self._parameters, self._feedback, self._room)
+        before = self.motion
+        self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
+        self.flight.step(truth)
+        self._watch_clearance(before, truth)
+        # the estimate sent is the true state: sensors and an estimator come later
+        estimate = truth
+        frames = self._services.collect()
+        frames.extend(self.telemetry.report(self.tick, estimate, truth))
+        if self._lockstep:
+            frames.append(self._encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
+        return _datagrams(frames)
+
+    def _watch_clearance(self, before: Motion, now: Motion) -> None:
+        """Distance of the hull to the nearest obstacle; measured only where it may be less than the least so far."""
+        if self.flight.crash is not None:
+            return
+        self._spare_m -= math.dist(before.position_ned, now.position_ned)
+        if self._spare_m > 0.0 or self.flight.landed:
+            return
+        clearance = self.world.clearance(self.state[0:3]) - self.airframe.hull.radius_m
+        self._least_clearance_m = min(self._least_clearance_m, clearance)
+        self._spare_m = clearance - self._least_clearance_m
+        if clearance <= 0.0:
+            self.flight.hit(self.world.nearest(self.state[0:3])[0] or "obstacle")
+
+    def _release(self) -> bool:
+        if self._released_at_ned is not None or self.airframe.body.parcel_mass_kg == 0.0:
+            return False
+        self._released_at_ned = self.motion.position_ned
+        self._parameters["mass_kg"] = self.flight.mass_kg = self.airframe.body.mass_kg
+        return True
+
+    # --- afterwards ---
+
+    @property
+    def finished(self) -> bool:
+        """It has flown and is disarmed on the ground again, or it has crashed."""
+        flight = self.flight
+        return flight.crash is not None or (flight.flown and flight.landed and not flight.armed)
+
+    def summary(self) -> Summary:
+        flight = self.flight
+        outcome = "stopped"
+        if flight.crash is not None:
+            outcome = "crashed"
+        elif self.finished:
+            outcome = "landed"
+        return Summary(
+            outcome=outcome,
+            contacts=int(flight.crash is not None),
+            contact_with=flight.crash,
+            least_clearance_m=self._least_clearance_m if math.isfinite(self._least_clearance_m) else None,
+            flight_time_s=flight.airborne_ns * 1e-9,
+            released=self._released_at_ned is not None,
+            released_at_ned=self._released_at_ned,
+            simulated_s=self.time_ns * 1e-9,
+            final_position_ned=self.motion.position_ned,
+        )
+
+
+def _datagrams(frames: list[bytes]) -> list[bytes]:
+    """As few as possible, frames whole and in order."""
+    whole = b"".join(frames)
+    if len(whole) <= DATAGRAM_BYTES:
+        return [whole] if whole else []
+    out: list[bytes] = []
+    current = b""
+    for frame in frames:
+        if current and len(current) + len(frame) > DATAGRAM_BYTES:
+            out.append(current)
+            current = b""
+        current += frame
+    return [*out, current]
+
+
+def warm_up(airframe: Airframe, world: World) -> None:
+    """Compile, or load, all that is compiled: a throw-away vehicle uses every level of control and every message."""
+    vehicle = Vehicle(airframe, world)
+    for level in Level:
+        command = np.zeros(1, COMMAND)
+        command["level"] = level
+        command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
+        advance(vehicle.state, command, vehicle._parameters, vehicle._feedback, vehicle._room)
+    world.clearance(vehicle.state[0:3])
+    for message_id in vehicle.telemetry.message_ids:
+        vehicle.telemetry.request(message_id)
+    companion = Encoder(SYSTEM, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
+    for message in (
+        dialect.MAVLink_timesync_message(0, 1),
+        dialect.MAVLink_ping_message(0, 0, 0, 0),
+        dialect.MAVLink_set_attitude_target_message(0, 0, 0, 7, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0),
+        dialect.MAVLink_set_attitude_target_message(0, 0, 0, 128, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0),
+        dialect.MAVLink_set_actuator_control_target_message(0, 0, 0, 0, [0.0] * 8),
+        dialect.MAVLink_command_long_message(0, 0, dialect.MAV_CMD_NAV_LAND, 0, *(0.0,) * 7),
+        dialect.MAVLink_command_int_message(0, 0, 0, dialect.MAV_CMD_NAV_LAND, 0, 0, *(0.0,) * 4, 0, 0, 0.0),
+    ):
+        vehicle.receive(companion.encode(message))
+    vehicle.flight.say(Severity.INFO, "warm")
+    vehicle.advance()
