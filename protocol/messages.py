@@ -1,0 +1,268 @@
+"""MAVLink messages to bytes and back: encoders and decoders compiled once from the metadata of pymavlink's classes.
+
+The messages are the instances that pymavlink's own parser returns, `dialect` is its generated module. What it does for
+each packet (reordering, lengths, defaults) is done here when a message is first used.
+"""
+
+import reprlib
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final, NamedTuple
+
+from fastcrc.crc16 import mcrf4xx  # imported as it is: pymavlink falls back to a slow one in silence when it is missing
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from protocol.framing import Frame
+
+__all__ = ["Encoder", "Field", "Layout", "decode", "dialect", "layout"]
+
+_HEADER_V2: Final = struct.Struct("<BxxBBB3s")
+_FORMATS: Final = {
+    "char": "s",
+    "int8_t": "b",
+    "uint8_t": "B",
+    "int16_t": "h",
+    "uint16_t": "H",
+    "int32_t": "i",
+    "uint32_t": "I",
+    "int64_t": "q",
+    "uint64_t": "Q",
+    "float": "f",
+    "double": "d",
+}
+
+
+class Field(NamedTuple):
+    """A field of a message; `type` as MAVLink calls it (`uint16_t`, `char`), `array_length` 0 for a single value."""
+
+    name: str
+    type: str
+    array_length: int
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How a message lies in a payload: little-endian, no padding, fields in wire order, extensions after the base."""
+
+    message_id: int
+    name: str
+    fields: tuple[Field, ...]
+    size: int
+    """Bytes of the payload with all extensions and no zeros cut."""
+    crc_extra: int
+
+
+@cache
+def layout(message_id: int) -> Layout:
+    """Raises KeyError for a message that the dialect lacks."""
+    message_class = dialect.mavlink_map[message_id]
+    types = dict(zip(message_class.fieldnames, message_class.fieldtypes, strict=True))
+    fields = tuple(
+        Field(name, types[name], length)
+        for name, length in zip(message_class.ordered_fieldnames, message_class.array_lengths, strict=True)
+    )
+    return Layout(message_id, message_class.msgname, fields, _struct(fields).size, message_class.crc_extra)
+
+
+def decode(frame: Frame) -> Any | None:
+    """The message that pymavlink's parser would return, or None if the dialect lacks it.
+
+    Cut zeros are restored, and what follows the last known field (a newer sender's extensions) is left out. Texts end
+    at their first zero byte; the bytes are in `_{name}_raw`. `get_payload` is the payload as sent. Values are not
+    judged: NaN and empty payloads come through.
+    """
+    return _decoders[frame.message_id](frame)
+
+
+class Encoder:
+    """One sender: its ids and its sequence counter. MAVLink 2, unsigned, trailing zeros cut."""
+
+    __slots__ = ("component", "sequence", "system")
+
+    def __init__(self, system: int, component: int) -> None:
+        if not (0 < system < 256 and 0 < component < 256):
+            raise ValueError(f"a sender's ids are 1 to 255, not {system}/{component}")
+        self.system = system
+        self.component = component
+        self.sequence = 0
+        """Of the next frame."""
+
+    def encode(self, message: Any) -> bytes:
+        """A frame with this message, which is left as it is.
+
+        Raises ValueError, naming message and field, for a value that does not fit.
+        """
+        packer = _packers.get(type(message)) or _packer(type(message))
+        return self._frame(packer, packer.message(message))
+
+    def encode_fields(self, message_class: type[Any], *fields: Any) -> bytes:
+        """The same from the constructor's arguments, without making an instance; extensions may be left out there too.
+
+        Texts are bytes; longer ones are cut as pymavlink does. Raises ValueError, naming message and field, for a value
+        that does not fit, and TypeError for a wrong number of fields.
+        """
+        packer = _packers.get(message_class) or _packer(message_class)
+        return self._frame(packer, packer.fields(*fields))
+
+    def _frame(self, packer: "_Packer", full_payload: bytes) -> bytes:
+        payload = full_payload.rstrip(b"\0") or b"\0"
+        body = _HEADER_V2.pack(len(payload), self.sequence, self.system, self.component, packer.message_id) + payload
+        checksum = mcrf4xx(body + packer.crc_extra)
+        self.sequence = (self.sequence + 1) & 0xFF
+        return b"\xfd" + body + checksum.to_bytes(2, "little")
+
+
+@dataclass(frozen=True, slots=True)
+class _Packer:
+    message_id: bytes
+    crc_extra: bytes
+    fields: Callable[..., bytes]
+    """The constructor's arguments to a full payload."""
+    message: Callable[[Any], bytes]
+
+
+class _Decoders(dict[int, Callable[[Frame], Any]]):
+    """By message id, compiled when first asked for; unknown ids are not kept, for a peer could fill the memory so."""
+
+    def __missing__(self, message_id: int) -> Callable[[Frame], Any]:
+        message_class = dialect.mavlink_map.get(message_id)
+        if message_class is None:
+            return lambda frame: None
+        decoder = self[message_id] = _compile_decoder(message_class)
+        return decoder
+
+
+_decoders = _Decoders()
+_packers: dict[type[Any], _Packer] = {}
+
+
+def _format(field: Field, *, arrays_as_bytes: bool = False) -> str:
+    """In struct's notation, without the byte order."""
+    letter = _FORMATS[field.type]
+    if not field.array_length:
+        return letter
+    if arrays_as_bytes:
+        return f"{field.array_length * struct.calcsize('<' + letter)}s"
+    return f"{field.array_length}{letter}"
+
+
+def _struct(fields: tuple[Field, ...], *, arrays_as_bytes: bool = False) -> struct.Struct:
+    return struct.Struct("<" + "".join(_format(field, arrays_as_bytes=arrays_as_bytes) for field in fields))
+
+
+def _compile(name: str, source: str, names: dict[str, Any]) -> Any:
+    # The sources are made of the dialect's names alone; nothing received ever gets here.
+    exec(compile(source, f"<{name}>", "exec"), names)
+    return names[name]
+
+
+def _packer(message_class: type[Any]) -> _Packer:
+    if dialect.mavlink_map.get(getattr(message_class, "id", None)) is not message_class:
+        raise ValueError(f"{message_class.__name__} is no message of the dialect")
+    packer = _compile_packer(message_class)
+    _packers[message_class] = packer
+    return packer
+
+
+def _compile_packer(message_class: Any) -> _Packer:
+    shape = layout(message_class.id)
+    arguments = ", ".join(message_class.fieldnames)
+    arrays = [field for field in shape.fields if field.array_length and field.type != "char"]
+    wire = ", ".join(f"*{field.name}" if field in arrays else field.name for field in shape.fields)
+    # struct checks the number of values only: two arrays of wrong lengths could make up for each other.
+    lengths = " or ".join(f"_len({field.name}) != {field.array_length}" for field in arrays) or "False"
+    source = f"""
+def {shape.name}({arguments}):
+    try:
+        if {lengths}:
+            raise _Error
+        return _pack({wire})
+    except (_Error, OverflowError, TypeError) as error:
+        raise _misfit({shape.message_id}, ({arguments},)) from error
+"""
+    names = {"_pack": _struct(shape.fields).pack, "_len": len, "_Error": struct.error, "_misfit": _misfit}
+    pack = _compile(shape.name, source, names)
+    pack.__defaults__ = message_class.__init__.__defaults__
+
+    texts = {field.name for field in shape.fields if field.type == "char"}
+    attributes = ", ".join(f"m._{name}_raw" if name in texts else f"m.{name}" for name in message_class.fieldnames)
+    source = f"def message(m): return _pack({attributes})"
+    return _Packer(
+        message_id=shape.message_id.to_bytes(3, "little"),
+        crc_extra=bytes((shape.crc_extra,)),
+        fields=pack,
+        message=_compile("message", source, {"_pack": pack}),
+    )
+
+
+def _misfit(message_id: int, values: tuple[Any, ...]) -> ValueError:
+    """The error that names the first of these values (in the constructor's order) that can't be packed."""
+    shape = layout(message_id)
+    fields = {field.name: field for field in shape.fields}
+    for name, value in zip(dialect.mavlink_map[message_id].fieldnames, values, strict=True):
+        field = fields[name]
+        try:
+            _struct((field,)).pack(*(value if field.array_length and field.type != "char" else (value,)))
+        except (struct.error, OverflowError, TypeError):
+            array = f"[{field.array_length}]" if field.array_length else ""
+            return ValueError(f"{shape.name}.{name}: {reprlib.repr(value)} does not fit {field.type}{array}")
+    return ValueError(f"{shape.name}: {reprlib.repr(values)} does not fit")
+
+
+def _compile_decoder(message_class: Any) -> Callable[[Frame], Any]:
+    shape = layout(message_class.id)
+    blank = {"char": b"", "float": 0.0, "double": 0.0}
+    by_name = {field.name: field for field in shape.fields}
+    prototype = message_class(
+        *(
+            [0] * field.array_length if field.array_length and field.type != "char" else blank.get(field.type, 0)
+            for field in map(by_name.__getitem__, message_class.fieldnames)
+        )
+    )
+    own = {"_header", "_msgbuf", "_payload", "_crc"} | by_name.keys() | {f"_{name}_raw" for name in by_name}
+    # What the constructors set and no packet changes: the same values on each instance, without calling them.
+    constants = {name: value for name, value in vars(prototype).items() if name not in own}
+    lines = [f"m.{name} = _constant{name}" for name in constants]
+
+    names: dict[str, Any] = {
+        "_len": len,
+        "_new": object.__new__,
+        "_class": message_class,
+        "_Header": dialect.MAVLink_header,
+        "_unpack": _struct(shape.fields, arrays_as_bytes=True).unpack,
+    }
+    targets = []
+    for field in shape.fields:
+        bytes_name = f"bytes_{field.name}"
+        targets.append(bytes_name if field.array_length else f"m.{field.name}")
+        if field.type == "char":
+            lines.append(f"m._{field.name}_raw = text = {bytes_name}.rstrip(b'\\0')")
+            lines.append(f"m.{field.name} = text.split(b'\\0', 1)[0].decode('ascii', 'replace')")
+        elif field.array_length:
+            lines.append(f"m.{field.name} = [*_unpack_{field.name}({bytes_name})]")
+            names[f"_unpack_{field.name}"] = _struct((field,)).unpack
+
+    body = "\n    ".join(lines)
+    source = f"""
+def {shape.name}(frame):
+    _, system, component, sequence, payload, raw, version, signed, _, checksum = frame
+    length = _len(payload)
+    m = _new(_class)
+    m._header = _Header({shape.message_id}, 1 if signed else 0, raw[3] if version == 2 else 0, length, sequence, system,
+                        component)
+    m._payload = payload
+    m._msgbuf = raw
+    m._crc = checksum
+    if length < {shape.size}:
+        payload = payload.ljust({shape.size}, b"\\0")
+    elif length > {shape.size}:
+        payload = payload[:{shape.size}]
+    {", ".join(targets)}, = _unpack(payload)
+    {body}
+    return m
+"""
+    names |= {f"_constant{name}": value for name, value in constants.items()}
+    decoder: Callable[[Frame], Any] = _compile(shape.name, source, names)
+    return decoder
