@@ -19,6 +19,8 @@ class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Thrust of one rotor at full throttle."""
     torque_per_thrust_m: Positive
     """A rotor's drag torque over its thrust, km/kf."""
+    parcel_mass_kg: Annotated[float, msgspec.Meta(ge=0)] = 0.0
+    """What it carries at take-off, on top of `mass_kg`."""
 
     @property
     def max_thrust_n(self) -> float:

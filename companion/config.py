@@ -1,0 +1,165 @@
+"""The companion's settings: TOML -> frozen, checked records. Every default stands here and nowhere else."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from protocol import datafile
+from protocol.body import Body
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
+Vector = tuple[Positive, Positive, Positive]
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all tables: an unknown key is an error."""
+
+
+class PositionControl(Table, frozen=True):
+    """Backstepping constants; the paper's c7, c9, c11 are `c1`, its c8, c10, c12 (all 1 there) are `c2`. North, east,
+    down."""
+
+    c1: Vector = (2.5, 2.5, 2.5)
+    c2: Vector = (2.5, 2.5, 2.5)
+
+
+class AttitudeControl(Table, frozen=True):
+    """LQR weights: the diagonals of Q (8), angle and rate of roll, pitch, yaw, and of R."""
+
+    angle_weight: Vector = (400.0, 400.0, 50.0)
+    rate_weight: Vector = (1.0, 1.0, 1.0)
+    input_weight: Vector = (1.0, 1.0, 1.0)
+
+
+class Limits(Table, frozen=True):
+    """What may be asked of the vehicle; thrust as fractions of the whole."""
+
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=60)] = 35.0
+    lowest_thrust: Fraction = 0.1
+    highest_thrust: Fraction = 0.9
+    roll_pitch_rate_deg: Positive = 220.0
+    yaw_rate_deg: Positive = 90.0
+
+    def __post_init__(self) -> None:
+        if self.lowest_thrust >= self.highest_thrust:
+            raise ValueError("lowest_thrust must be below highest_thrust")
+
+    @property
+    def tilt(self) -> float:
+        """rad"""
+        return math.radians(self.tilt_deg)
+
+
+class Trajectory(Table, frozen=True):
+    """Limits of the references (m, s)."""
+
+    acceleration: Positive = 3.0
+    jerk: Positive = 15.0
+    climb_speed: Positive = 1.5
+    descent_speed: Positive = 1.0
+    yaw_rate_deg: Positive = 60.0
+    yaw_acceleration_deg: Positive = 180.0
+    acceptance_radius: Positive = 1.5
+    """A waypoint that is passed through counts as reached within this distance."""
+    settled_distance: Positive = 0.1
+    settled_speed: Positive = 0.2
+    """A waypoint that is stopped at, within this distance and below this speed."""
+
+
+class Avoidance(Table, frozen=True):
+    """`method`: "paper" or "none"."""
+
+    method: str = "paper"
+    lateral_margin: Positive = 3.0
+    """m outside the nearer edge of an obstacle: the paper's 3."""
+    vehicle_radius: Positive = 0.36
+    safe_distance: Positive = 0.8
+    """m between hull and obstacle below which a course counts as blocked."""
+    cluster_gap: Positive = 1.0
+    """m between neighbouring returns from where on they are two obstacles."""
+    ground_height: Positive = 0.5
+    """m above the take-off point below which a return is the ground."""
+    braking_acceleration: Positive = 2.5
+    braking_delay: Positive = 0.3
+    """s from a thing's appearance to the first braking: scan period, age, lag."""
+    least_speed: Positive = 0.3
+    """m/s that is always left, to move away from what is near."""
+
+    def __post_init__(self) -> None:
+        if self.method not in ("paper", "none"):
+            raise ValueError(f'method {self.method!r}: there are "paper" and "none"')
+
+
+class Supervision(Table, frozen=True):
+    """Times (s) of the failsafes and of the way to the start."""
+
+    telemetry_timeout: Positive = 0.5
+    heartbeat_timeout: Positive = 3.0
+    scan_timeout: Positive = 0.5
+    least_hold: Positive = 1.0
+    """A hold lasts at least so long."""
+    land_after: Positive = 5.0
+    """A fault that lasts so long turns a hold into a landing."""
+    silence_timeout: Positive = 4.0
+    """Nothing heard at all for so long: there is no vehicle any more."""
+    find_timeout: Positive = 10.0
+    ready_timeout: Positive = 30.0
+    stream_before_engaging: Positive = 1.2
+    command_interval: Positive = 0.5
+    command_tries: Annotated[int, msgspec.Meta(ge=1)] = 6
+    overrun: Positive = 0.25
+    """A tick later than this is an overrun."""
+    landing_timeout: Positive = 120.0
+
+
+class Rates(Table, frozen=True):
+    """Message rates (Hz) asked of the vehicle, and the share of each that must arrive."""
+
+    attitude: Positive = 250.0
+    position: Positive = 250.0
+    scan: Positive = 15.0
+    least_share: Fraction = 0.4
+
+
+class Identity(Table, frozen=True):
+    """MAVLink ids; the system is the vehicle's unless set."""
+
+    system: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
+    component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191
+
+
+class Control(Table, frozen=True):
+    position: PositionControl = PositionControl()
+    attitude: AttitudeControl = AttitudeControl()
+
+
+class Settings(Table, frozen=True):
+    """All of it: the file of `--settings`, changed by `--set table.key=value`."""
+
+    control: Control = Control()
+    limits: Limits = Limits()
+    trajectory: Trajectory = Trajectory()
+    avoidance: Avoidance = Avoidance()
+    supervision: Supervision = Supervision()
+    rates: Rates = Rates()
+    identity: Identity = Identity()
+
+
+class _VehicleFile(msgspec.Struct, frozen=True):
+    body: Body
+
+
+def load_settings(path: Path | None, overrides: list[str]) -> Settings:
+    """Raises DataFileError, naming file and key."""
+    if path is None:
+        return datafile.convert({}, Settings, "settings", overrides)
+    return datafile.load(path, Settings, overrides)
+
+
+def load_body(vehicle: str) -> Body:
+    """The `[body]` of a vehicle, found by name or path: all that the companion knows of it beforehand."""
+    return datafile.load(datafile.find("vehicles", vehicle), _VehicleFile).body

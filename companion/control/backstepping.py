@@ -1,0 +1,35 @@
+"""Backstepping position control: equations (11)-(25) of the paper, as corrected.
+
+With e1 = p_d - p, the virtual rate v_d + c1 e1 and e2 = v - v_d - c1 e1, the Lyapunov function V = (e1^2 + e2^2) / 2
+has V' = -c1 e1^2 - c2 e2^2 for
+
+    acceleration = a_d + e1 + c1 (v_d - v) - c2 e2
+
+on each axis. (The paper prints (23)-(25) with + c2 e2, which is unstable; see its derivation (17)-(22).) For a step
+the error obeys e'' + (c1 + c2) e' + (1 + c1 c2) e = 0.
+"""
+
+from protocol.compiled import compiled
+from protocol.frames import Array
+
+
+@compiled
+def acceleration_command(
+    position: Array,
+    velocity: Array,
+    reference_position: Array,
+    reference_velocity: Array,
+    reference_acceleration: Array,
+    c1: Array,
+    c2: Array,
+) -> tuple[Array, Array, Array]:
+    """Acceleration (m/s2) and the errors e1 (m), e2 (m/s); all (3,), one row an axis, gravity not included."""
+    e1 = reference_position - position
+    e2 = velocity - reference_velocity - c1 * e1
+    return reference_acceleration + e1 + c1 * (reference_velocity - velocity) - c2 * e2, e1, e2
+
+
+@compiled
+def lyapunov(e1: Array, e2: Array, c1: Array, c2: Array) -> tuple[Array, Array]:
+    """V (19) and the V' (22) that the law gives where its acceleration is obeyed; (3,) each."""
+    return 0.5 * (e1 * e1 + e2 * e2), -c1 * e1 * e1 - c2 * e2 * e2

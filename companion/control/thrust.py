@@ -1,0 +1,41 @@
+"""From an acceleration command to a thrust vector that the vehicle can give: the altitude comes first."""
+
+import math
+
+import numpy as np
+
+from protocol.compiled import compiled
+from protocol.frames import GRAVITY, Array
+
+
+@compiled
+def thrust_vector(
+    acceleration_ned: Array, mass: float, lowest: float, highest: float, tilt_limit: float
+) -> tuple[Array, bool]:
+    """Thrust (N, NED) for an acceleration (m/s2), and whether a limit bit.
+
+    The vertical part is kept between `lowest` and `highest` (N); what the limit on the whole and on the tilt (rad)
+    leave is given to the horizontal part, whose direction is kept.
+    """
+    north = mass * acceleration_ned[0]
+    east = mass * acceleration_ned[1]
+    wanted_up = mass * (GRAVITY - acceleration_ned[2])
+    up = min(max(wanted_up, lowest), highest)
+    horizontal = math.sqrt(north * north + east * east)
+    allowed = min(up * math.tan(tilt_limit), math.sqrt(highest * highest - up * up))
+    scale = 1.0
+    if horizontal > allowed:
+        scale = allowed / horizontal
+    return np.array([scale * north, scale * east, -up]), up != wanted_up or scale != 1.0
+
+
+@compiled
+def collective(thrust_ned: Array, attitude_ned_frd: Array, highest: float) -> float:
+    """Thrust (N) along the body's axis whose vertical part is that of `thrust_ned` at the present attitude.
+
+    While the attitude still turns towards its command the altitude is kept and only the horizontal part lags. Tilts
+    above 60 degrees are treated as 60.
+    """
+    q = attitude_ned_frd
+    cosine = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
+    return float(min(-thrust_ned[2] / max(cosine, 0.5), highest))

@@ -1,0 +1,131 @@
+"""What flows between the stages. Every record is frozen; arrays are float64 and never written to after they were
+made."""
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.frames import Array
+
+BoolArray = NDArray[np.bool_]
+
+
+class FlightMode(Enum):
+    """What the vehicle's own autopilot is doing, the same words for every make."""
+
+    EXTERNAL = "external control"
+    """Flies our setpoints: PX4's OFFBOARD, ArduPilot's GUIDED."""
+    HOLD = "hold"
+    TAKEOFF = "take-off"
+    LAND = "land"
+    RETURN = "return"
+    MISSION = "mission"
+    MANUAL = "manual"
+    OTHER = "other"
+
+
+class Output(Enum):
+    """The lowest layer that the companion commands."""
+
+    ATTITUDE = "attitude"
+    RATES = "rates"
+    ACTUATORS = "actuators"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """The rigid body at `time_ns` (the companion's clock)."""
+
+    time_ns: int
+    position_ned: Array
+    velocity_ned: Array
+    attitude_ned_frd: Array
+    rates_frd: Array
+    position_age_ns: int
+    """How much older the position's message was than the attitude's; it is carried over that gap by the velocity."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleStatus:
+    """What a heartbeat says."""
+
+    mode: FlightMode
+    armed: bool
+    failsafe: bool
+    """The vehicle's autopilot says that it is in a critical state."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """One ring of ranges: bearing 0 forward, clockwise (FRD)."""
+
+    time_ns: int
+    """Of arrival."""
+    boot_time_us: int
+    """Of the measurement, on the vehicle's clock."""
+    bearings_frd: Array
+    """(n,) rad."""
+    ranges_m: Array
+    """(n,); where `hit` is False, the range up to which nothing was seen."""
+    hit: BoolArray
+    """(n,) something stands at that range."""
+    known: BoolArray
+    """(n,) the sector was measured at all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Where to be."""
+
+    position_ned: Array
+    velocity_ned: Array
+    acceleration_ned: Array
+    yaw: float
+    yaw_rate: float
+
+
+@dataclass(frozen=True, slots=True)
+class AvoidanceDecision:
+    """What the rings make of a wish to go somewhere."""
+
+    target_ned: Array
+    speed_limit: float
+    """m/s, from the braking distance into free space."""
+    clearance: float
+    """m from the vehicle's hull to the nearest thing seen; inf if there is none."""
+    blocked: bool
+    """Something stands in the way to the target that was wished for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What goes to the vehicle, in the units of the wire."""
+
+    attitude_ned_frd: Array
+    rates_frd: Array
+    torque: Array
+    """(3,) of full torque, -1..1."""
+    thrust: float
+    """0..1 of full thrust."""
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY."""
+
+    EMERGENCY = 0
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Announcement:
+    """A sentence for the ground station, the console and the log."""
+
+    severity: Severity
+    text: str

@@ -1,0 +1,90 @@
+"""From acceleration to thrust and attitude and back: what the command does is what was asked for."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.control.flatness import attitude_command
+from companion.control.thrust import collective, thrust_vector
+from protocol.frames import GRAVITY, conjugate, multiply, rotate, to_rotation_vector, yaw_of
+
+MASS = 1.3
+FULL = 32.0
+UP = np.array([0.0, 0.0, -1.0])
+
+
+def accelerated(attitude, force):
+    """What a thrust along the body's -z does to the mass, with gravity."""
+    return rotate(attitude, force * UP) / MASS + np.array([0.0, 0.0, GRAVITY])
+
+
+def test_hover_is_level_at_the_weight():
+    thrust, limited = thrust_vector(np.zeros(3), MASS, 1.0, FULL, 0.6)
+    assert np.allclose(thrust, [0.0, 0.0, -MASS * GRAVITY])
+    assert not limited
+    assert np.allclose(attitude_command(thrust, 0.0), [1.0, 0.0, 0.0, 0.0])
+
+
+def test_inversion_is_exact_for_any_yaw():
+    rng = np.random.default_rng(1)
+    for _ in range(500):
+        wanted = rng.uniform(-5.0, 5.0, 3)
+        yaw = rng.uniform(-math.pi, math.pi)
+        thrust, limited = thrust_vector(wanted, MASS, 0.1, 100.0, 1.5)
+        assert not limited
+        attitude = attitude_command(thrust, yaw)
+        assert np.linalg.norm(attitude) == pytest.approx(1.0)
+        assert np.allclose(accelerated(attitude, np.linalg.norm(thrust)), wanted, atol=1e-9)
+        nose = rotate(attitude, np.array([1.0, 0.0, 0.0]))
+        # the heading is that of the body's x axis in the plane through y; exact where y is level
+        side = rotate(attitude, np.array([0.0, 1.0, 0.0]))
+        assert nose @ np.array([math.cos(yaw), math.sin(yaw), 0.0]) > 0.0
+        assert side @ np.array([math.cos(yaw), math.sin(yaw), 0.0]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_directions():
+    """North is nose down (negative pitch) at heading 0, east is right side down (positive roll)."""
+    north = attitude_command(np.array([3.0, 0.0, -12.0]), 0.0)
+    assert north[2] < 0.0 and north[1] == pytest.approx(0.0)
+    east = attitude_command(np.array([0.0, 3.0, -12.0]), 0.0)
+    assert east[1] > 0.0 and east[2] == pytest.approx(0.0)
+    assert yaw_of(attitude_command(np.array([0.0, 0.0, -12.0]), 2.5)) == pytest.approx(2.5)
+
+
+def test_altitude_comes_first():
+    rng = np.random.default_rng(2)
+    for _ in range(500):
+        wanted = rng.uniform(-30.0, 30.0, 3)
+        tilt = rng.uniform(0.1, 1.0)
+        thrust, limited = thrust_vector(wanted, MASS, 2.0, 25.0, tilt)
+        up = -thrust[2]
+        assert 2.0 <= up <= 25.0
+        assert up == pytest.approx(min(max(MASS * (GRAVITY - wanted[2]), 2.0), 25.0))
+        assert np.linalg.norm(thrust) <= 25.0 + 1e-9
+        assert math.atan2(math.hypot(thrust[0], thrust[1]), up) <= tilt + 1e-9
+        assert thrust[0] * wanted[1] == pytest.approx(thrust[1] * wanted[0], abs=1e-6)  # the direction is kept
+        assert thrust[0] * wanted[0] >= 0.0
+        free, _ = thrust_vector(wanted, MASS, 1e-9, 1e9, math.pi / 2 - 1e-9)
+        assert limited == (not np.allclose(free, thrust, atol=1e-6))
+
+
+def test_collective_holds_the_altitude_at_any_tilt_below_the_limit():
+    thrust = np.array([2.0, -3.0, -MASS * GRAVITY])
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        tilted = attitude_command(np.array([*rng.uniform(-6.0, 6.0, 2), -12.0]), rng.uniform(-3.0, 3.0))
+        force = collective(thrust, tilted, 100.0)
+        assert accelerated(tilted, force)[2] == pytest.approx(0.0, abs=1e-9)
+    assert collective(thrust, attitude_command(thrust, 0.0), 5.0) == 5.0
+
+
+def test_attitude_is_smooth_in_the_command():
+    """A small change of the thrust or yaw is a small change of the attitude (no jump of frame or sign of rotation)."""
+    rng = np.random.default_rng(4)
+    for _ in range(300):
+        thrust = np.array([*rng.uniform(-6.0, 6.0, 2), -rng.uniform(4.0, 20.0)])
+        yaw = rng.uniform(-math.pi, math.pi)
+        a = attitude_command(thrust, yaw)
+        b = attitude_command(thrust + rng.normal(size=3) * 1e-4, yaw + 1e-4)
+        assert np.linalg.norm(to_rotation_vector(multiply(conjugate(a), b))) < 1e-3
