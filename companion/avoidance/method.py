@@ -1,0 +1,26 @@
+"""What every method of avoidance is asked, and the choice of one."""
+
+from typing import Protocol
+
+from companion.avoidance.none import NoAvoidance
+from companion.avoidance.paper import PaperRule
+from companion.config import Avoidance
+from companion.state import AvoidanceDecision
+from protocol.frames import Array
+
+
+class Method(Protocol):
+    """Asked at each scan; may remember."""
+
+    def decide(
+        self, points_ned: Array, position_ned: Array, velocity_ned: Array, goal_ned: Array, speed: float
+    ) -> AvoidanceDecision:
+        """Where to fly to instead of `goal_ned` and how fast at the most (m/s, at most `speed`).
+
+        `points_ned` (n, 3) are the returns in the order of bearing, the ground left out.
+        """
+
+
+def choose(settings: Avoidance) -> Method:
+    """The method that the settings name."""
+    return PaperRule(settings) if settings.method == "paper" else NoAvoidance(settings)

@@ -1,0 +1,111 @@
+"""The route: a TOML file of waypoints and a delivery, turned into the steps that are flown one after the other."""
+
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from companion.config import NotNegative, Positive, Table
+from protocol import datafile
+from protocol.frames import Array
+
+Metres = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
+
+
+class Waypoint(Table, frozen=True):
+    """North and east of the take-off point and height above it (m)."""
+
+    north: Metres
+    east: Metres
+    height: Positive
+    hold_s: NotNegative = 0.0
+    """Stop there for so long; 0: pass through."""
+
+
+class Delivery(Table, frozen=True):
+    """At the last waypoint: descend, release the parcel, climb."""
+
+    release_height: Positive = 0.5
+
+
+class Mission(Table, frozen=True):
+    """A file in `missions/`."""
+
+    name: str
+    waypoints: Annotated[list[Waypoint], msgspec.Meta(min_length=1)]
+    world: str = "empty"
+    vehicle: str = "paper_quad"
+    description: str = ""
+    takeoff_height: Positive = 3.0
+    speed: Positive = 4.0
+    delivery: Delivery | None = None
+    return_home: bool = True
+    """Back along the route after the last waypoint; otherwise land there."""
+    profile: str = "smooth"
+    """"smooth": jerk-limited references; "step": the reference jumps, as in the paper's closed-loop tests."""
+
+    def __post_init__(self) -> None:
+        if self.profile not in ("smooth", "step"):
+            raise ValueError(f'profile {self.profile!r}: there are "smooth" and "step"')
+
+
+class Phase(Enum):
+    """What the flight is about at the moment; the numbers go into the log."""
+
+    PREPARE = 0
+    TAKEOFF = 1
+    ROUTE = 2
+    DESCEND = 3
+    RELEASE = 4
+    CLIMB = 5
+    RETURN = 6
+    LAND = 7
+    DONE = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One thing to do. `target_ned` is None where nothing is flown to (release, land)."""
+
+    phase: Phase
+    target_ned: Array | None = None
+    hold_s: float = 0.0
+    passes: bool = False
+    """Goes on to the next step without stopping."""
+    avoids: bool = False
+    """Obstacles are flown around."""
+
+
+def load(name: str) -> tuple[Mission, Path]:
+    """The mission of that name or path, and its file. Raises DataFileError."""
+    path = datafile.find("missions", name)
+    return datafile.load(path, Mission), path
+
+
+def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
+    """The whole flight for a take-off from `start_ned` (on the ground)."""
+
+    def point(north: float, east: float, height: float) -> Array:
+        return np.add(start_ned, (north, east, -height))
+
+    over_home = point(0.0, 0.0, mission.takeoff_height)
+    plan = [Step(Phase.TAKEOFF, over_home)]
+    last = mission.waypoints[-1]
+    for waypoint in mission.waypoints:
+        passes = waypoint.hold_s == 0.0 and waypoint is not last
+        target = point(waypoint.north, waypoint.east, waypoint.height)
+        plan.append(Step(Phase.ROUTE, target, waypoint.hold_s, passes, avoids=True))
+    if mission.delivery is not None:
+        plan.append(Step(Phase.DESCEND, point(last.north, last.east, mission.delivery.release_height)))
+        plan.append(Step(Phase.RELEASE))
+        plan.append(Step(Phase.CLIMB, point(last.north, last.east, last.height)))
+    if mission.return_home:
+        for waypoint in reversed(mission.waypoints[:-1]):
+            target = point(waypoint.north, waypoint.east, waypoint.height)
+            plan.append(Step(Phase.RETURN, target, passes=True, avoids=True))
+        plan.append(Step(Phase.RETURN, over_home, avoids=True))
+    plan.append(Step(Phase.LAND))
+    return tuple(plan)

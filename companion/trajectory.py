@@ -1,0 +1,125 @@
+"""References: jerk-limited motion to a target that may move at any time (ruckig), and steps as the paper's tests use
+them."""
+
+import math
+
+import numpy as np
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization
+from ruckig import Trajectory as Profile
+
+from companion.config import Trajectory as TrajectorySettings
+from companion.state import Reference
+from protocol.frames import Array, wrap
+
+_SLOWEST = 0.05
+_LEAST_SHARE = 0.35
+"""Of the speed that each horizontal axis keeps when the way is along the other: room to turn."""
+
+
+class _Motion:
+    """A motion of some axes: at rest, or along the profile that was calculated last."""
+
+    def __init__(self, axes: int) -> None:
+        self._axes = axes
+        self._generator = Ruckig(axes)
+        self._start_ns = 0
+        self._profile: Profile | None = None
+        self._rest: list[float] = [0.0] * axes
+
+    def rest(self, place: list[float]) -> None:
+        self._profile = None
+        self._rest = place
+
+    def at(self, time_ns: int) -> tuple[list[float], list[float], list[float]]:
+        """Position, velocity, acceleration."""
+        if self._profile is None:
+            zero = [0.0] * self._axes
+            return self._rest, zero, zero
+        position, velocity, acceleration = self._profile.at_time((time_ns - self._start_ns) * 1e-9)
+        return position, velocity, acceleration
+
+    def inputs(self, time_ns: int) -> InputParameter:
+        """A calculation that starts from the present motion."""
+        inputs = InputParameter(self._axes)
+        inputs.current_position, inputs.current_velocity, inputs.current_acceleration = self.at(time_ns)
+        return inputs
+
+    def follow(self, inputs: InputParameter, time_ns: int) -> bool:
+        """Replace the motion; where there is no solution the old one goes on to its own end, a standstill."""
+        profile = Profile(self._axes)
+        if self._generator.calculate(inputs, profile) not in (Result.Working, Result.Finished):
+            return False
+        self._profile = profile
+        self._start_ns = time_ns
+        return True
+
+
+class ReferenceGenerator:
+    """The reference and its motion. All times are the companion's, ns; positions NED (m)."""
+
+    def __init__(self, settings: TrajectorySettings) -> None:
+        self._settings = settings
+        self._translation = _Motion(3)
+        self._heading = _Motion(1)
+        self._goal: tuple[float, ...] | None = None
+        self._yaw_goal = 0.0
+
+    def place(self, position_ned: Array, yaw: float | None = None) -> None:
+        """Stand there from now on: a step of the reference. The heading stays unless it is given."""
+        self._translation.rest(position_ned.tolist())
+        self._goal = None
+        if yaw is not None:
+            self._heading.rest([yaw])
+            self._yaw_goal = yaw
+
+    def go(self, time_ns: int, target_ned: Array, speed: float, vertical_speed: float) -> None:
+        """From the present motion to a stop at the target, straight if the motion allows it, about as fast as
+        `speed`."""
+        goal = (*target_ned.tolist(), speed, vertical_speed)
+        if goal == self._goal:
+            return
+        inputs = self._translation.inputs(time_ns)
+        offset = target_ned - np.array(inputs.current_position)
+        distance = math.hypot(*offset.tolist())
+        # Each axis has its share of the speed, so that the velocity as a whole keeps to the limit; all may brake fully.
+        share = np.maximum(np.abs(offset) / distance, _LEAST_SHARE) if distance > 1e-6 else np.ones(3)
+        limits = max(speed, _SLOWEST) * share
+        limits[2] = max(min(vertical_speed, speed), _SLOWEST)
+        inputs.target_position = target_ned.tolist()
+        inputs.max_velocity = limits.tolist()
+        inputs.max_acceleration = [self._settings.acceleration] * 3
+        inputs.max_jerk = [self._settings.jerk] * 3
+        inputs.synchronization = Synchronization.Phase
+        if self._translation.follow(inputs, time_ns):
+            self._goal = goal
+
+    def stop(self, time_ns: int) -> None:
+        """Brake to a standstill, wherever that is."""
+        if self._goal is None or self._goal == ():
+            return
+        inputs = self._translation.inputs(time_ns)
+        inputs.control_interface = ControlInterface.Velocity
+        inputs.target_velocity = [0.0, 0.0, 0.0]
+        inputs.max_acceleration = [self._settings.acceleration] * 3
+        inputs.max_jerk = [2.0 * self._settings.jerk] * 3
+        if self._translation.follow(inputs, time_ns):
+            self._goal = ()
+
+    def turn(self, time_ns: int, yaw: float) -> None:
+        """Turn to a heading (rad) the shorter way."""
+        if abs(wrap(yaw - self._yaw_goal)) < 1e-3:
+            return
+        inputs = self._heading.inputs(time_ns)
+        present = inputs.current_position[0]
+        inputs.target_position = [present + wrap(yaw - present)]
+        inputs.max_velocity = [math.radians(self._settings.yaw_rate_deg)]
+        inputs.max_acceleration = [math.radians(self._settings.yaw_acceleration_deg)]
+        inputs.max_jerk = [10.0 * math.radians(self._settings.yaw_acceleration_deg)]
+        if self._heading.follow(inputs, time_ns):
+            self._yaw_goal = yaw
+
+    def at(self, time_ns: int) -> Reference:
+        """The reference at a time not before the last change."""
+        position, velocity, acceleration = self._translation.at(time_ns)
+        yaw, yaw_rate, _ = self._heading.at(time_ns)
+        return Reference(np.array(position), np.array(velocity), np.array(acceleration), yaw[0], yaw_rate[0])
