@@ -1,0 +1,595 @@
+"""The autopilot: `handle(event)` -> what to send. A pure step over its own state: no clock, no socket, no file, no
+chance.
+
+datagram -> frames -> messages -> VehicleState, Scan -> mission -> reference -> avoidance -> supervisor
+         -> backstepping -> thrust -> flatness -> LQR -> supervisor's gate -> messages -> datagram
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from protocol.peer import Peer
+
+from companion import trace, wire
+from companion.avoidance import method
+from companion.avoidance.ring import obstacle_points
+from companion.commands import Commander
+from companion.config import Settings
+from companion.control import backstepping, flatness, lqr, thrust
+from companion.estimate import Estimator
+from companion.mission import Mission, Phase, Step, steps
+from companion.state import (
+    Announcement,
+    AvoidanceDecision,
+    FlightMode,
+    Output,
+    Scan,
+    Setpoint,
+    Severity,
+    VehicleState,
+    VehicleStatus,
+)
+from companion.supervisor import FLYING, STREAMING, Health, State, Supervisor, unsound
+from companion.telemetry_rates import TelemetryRates
+from companion.trajectory import ReferenceGenerator
+from companion.vehicles import firmware_of
+from companion.vehicles.firmware import Firmware
+from protocol.body import Body
+from protocol.frames import yaw_of
+from protocol.framing import Framer
+from protocol.messages import Encoder, decode, dialect
+
+VEHICLE_COMPONENT = 1
+_SECOND_NS = 1_000_000_000
+_REFUSALS_TOLERATED = 3
+_LARGEST_BOOT_MS = 0xFFFFFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class Datagram:
+    """Bytes arrived. `whole`: it is one datagram of a transport that keeps them apart."""
+
+    time_ns: int
+    data: bytes
+    whole: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The loop's own beat, `late_ns` after it was due."""
+
+    time_ns: int
+    late_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """The operator asks for a landing."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class LogFault:
+    """The flight log can't be written."""
+
+    time_ns: int
+    text: str
+
+
+Event = Datagram | Tick | Request | LogFault
+
+
+class Reaction(NamedTuple):
+    """What an event led to."""
+
+    datagram: bytes
+    """To send; empty if there is nothing to say."""
+    trace: bytes | None
+    """The payload of a TRACE record if a control step was taken."""
+    announcements: tuple[Announcement, ...]
+
+
+class Autopilot:
+    """One flight of one mission."""
+
+    def __init__(self, settings: Settings, body: Body, mission: Mission, output: Output) -> None:
+        self.settings = settings
+        self.body = body
+        self.mission = mission
+        self.output = output
+        self.supervisor = Supervisor(settings.supervision)
+        self.step_index = 0
+        self.steps: tuple[Step, ...] = ()
+        self.released = False
+        """The parcel is delivered."""
+        self.vehicle: tuple[int, int] | None = None
+        self.peer: Peer | None = None
+        self.decision = AvoidanceDecision(np.zeros(3), mission.speed, math.inf, False)
+        self.state: VehicleState | None = None
+        self.refused_messages = 0
+
+        self._framer = Framer()
+        self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
+        self._estimator = Estimator()
+        self._reference = ReferenceGenerator(settings.trajectory)
+        self._avoidance = method.choose(settings.avoidance)
+        self._commander = Commander(settings.supervision.command_interval)
+        rates = settings.rates
+        needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position}
+        needed[dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION] = rates.attitude
+        if settings.avoidance.method != "none":
+            needed[dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = rates.scan
+        needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
+        self._rates = TelemetryRates(needed, rates.least_share)
+
+        attitude = settings.control.attitude
+        K = lqr.attitude_gain(body, attitude.angle_weight, attitude.rate_weight, attitude.input_weight)
+        limits = settings.limits
+        self._K = K
+        self._rate_gain = lqr.rate_gain(K)
+        self._c1 = np.array(settings.control.position.c1)
+        self._c2 = np.array(settings.control.position.c2)
+        tilt_rate, yaw_rate = math.radians(limits.roll_pitch_rate_deg), math.radians(limits.yaw_rate_deg)
+        self._rate_limit = np.array([tilt_rate, tilt_rate, yaw_rate])
+        self._torque_scale = lqr.to_torque(body) / np.array(body.full_torque_nm)
+        self._lowest_n = limits.lowest_thrust * body.max_thrust_n
+        self._highest_n = limits.highest_thrust * body.max_thrust_n
+        self._tilt = limits.tilt
+
+        self._firmware: Firmware | None = None
+        self._version: int | None = None
+        self._status = VehicleStatus(FlightMode.OTHER, False, False)
+        self._landed = dialect.MAV_LANDED_STATE_UNDEFINED
+        self._prearm_ok: bool | None = None
+        self._scan: Scan | None = None
+        self._heard_ns: int | None = None
+        self._scan_ns: int | None = None
+        self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
+        self._refusal = ""
+        self._unsound: str | None = None
+        self._overrun_ns = 0
+        self._land_requested = False
+        self._log_fault: str | None = None
+        self._vehicle_said = ""
+        self._phase_since_ns = 0
+        self._arrived_ns: int | None = None
+        self._next_beat_ns = 0
+        self._outbox: list[bytes] = []
+        self._announcements: list[Announcement] = []
+        self._trace: bytes | None = None
+        self._handlers: dict[int, Callable[[Any, int], None]] = {
+            dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_attitude,
+            dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_euler_attitude,
+            dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._on_position,
+            dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: self._on_obstacle_distance,
+            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
+            dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
+            dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
+            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
+            dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            dialect.MAVLINK_MSG_ID_STATUSTEXT: self._on_statustext,
+        }
+
+    # -- the loop ------------------------------------------------------------------------------------------------------
+
+    def handle(self, event: Event) -> Reaction:
+        """Take one event in. Raises nothing for whatever bytes come."""
+        now = event.time_ns
+        match event:
+            case Datagram():
+                self._receive(event)
+            case Tick():
+                if event.late_ns > self.settings.supervision.overrun * 1e9:
+                    self._overrun_ns = event.late_ns
+                self._beat(now)
+                self._supervise(now)
+            case Request():
+                self._land_requested = True
+            case LogFault():
+                if self._log_fault is None:
+                    self._say(Severity.CRITICAL, f"the flight log fails: {event.text}")
+                self._log_fault = event.text
+        datagram = b"".join(self._outbox)
+        announcements = tuple(self._announcements)
+        traced = self._trace
+        self._outbox.clear()
+        self._announcements.clear()
+        self._trace = None
+        return Reaction(datagram, traced, announcements)
+
+    @property
+    def ended(self) -> bool:
+        """There is nothing more to do."""
+        return self.supervisor.state is State.ENDED
+
+    @property
+    def phase(self) -> Phase:
+        """Of the mission."""
+        if self.supervisor.state is State.ENDED:
+            return Phase.DONE
+        return self.steps[self.step_index].phase if self.steps else Phase.PREPARE
+
+    # -- telemetry -----------------------------------------------------------------------------------------------------
+
+    def _receive(self, event: Datagram) -> None:
+        frames = self._framer.datagram(event.data) if event.whole else self._framer.feed(event.data)
+        fresh_attitude = False
+        for frame in frames:
+            if self.vehicle is None and frame.message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self._find(frame.system, frame.component, decode(frame))
+            if self.peer is None or frame.system != self.peer.system or frame.component != VEHICLE_COMPONENT:
+                continue
+            self.peer.observe(frame, event.time_ns)
+            self._heard_ns = event.time_ns
+            self._rates.count(frame.message_id, event.time_ns)
+            handler = self._handlers.get(frame.message_id)
+            if handler is None:
+                continue
+            try:
+                handler(decode(frame), event.time_ns)
+                fresh_attitude = fresh_attitude or frame.message_id in _ATTITUDES
+            except wire.RefusedError as refused:
+                self.refused_messages += 1
+                self._refusals.append(event.time_ns)
+                self._refusal = str(refused)
+                if self.refused_messages == 1:
+                    self._say(Severity.WARNING, f"telemetry refused: {refused}")
+        if fresh_attitude:
+            self.state = self._estimator.state()
+            if self.state is not None:
+                self._control(self.state, event.time_ns)
+
+    def _find(self, system: int, component: int, heartbeat: Any) -> None:
+        firmware = firmware_of(heartbeat.autopilot)
+        if firmware is None or component != VEHICLE_COMPONENT:
+            return
+        self.vehicle = (system, VEHICLE_COMPONENT)
+        self.peer = Peer(system, VEHICLE_COMPONENT)
+        self._firmware = firmware
+        self._encoder = Encoder(self.settings.identity.system or system, self.settings.identity.component)
+
+    def _on_heartbeat(self, message: Any, now: int) -> None:
+        assert self._firmware is not None and self.peer is not None
+        self.peer.heartbeat(now)
+        self._status = VehicleStatus(
+            self._firmware.mode_of(message.custom_mode),
+            bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
+            message.system_status in (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY),
+        )
+
+    def _on_attitude(self, message: Any, now: int) -> None:
+        self._boot_time(message.time_boot_ms, now)
+        self._estimator.attitude(wire.attitude_quaternion(message), now)
+
+    def _on_euler_attitude(self, message: Any, now: int) -> None:
+        if self._rates.ever(dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION):
+            return
+        self._estimator.attitude(wire.attitude(message), now)
+
+    def _on_position(self, message: Any, now: int) -> None:
+        self._estimator.position(wire.local_position(message), now)
+
+    def _boot_time(self, time_boot_ms: int, now: int) -> None:
+        assert self.peer is not None
+        if self.peer.observe_boot_time(time_boot_ms, now):
+            self._estimator.restart()
+            self._say(Severity.ERROR, "the vehicle has started anew")
+
+    def _on_obstacle_distance(self, message: Any, now: int) -> None:
+        scan = wire.obstacle_distance(message, now)
+        self._scan_ns = now
+        pose = self._estimator.pose_at(scan.boot_time_us)
+        if pose is None or not self.steps or self.state is None:
+            return
+        ground_down = self._ground_down - self.settings.avoidance.ground_height
+        points = obstacle_points(scan, *pose, ground_down)
+        step = self.steps[self.step_index]
+        goal = step.target_ned if step.target_ned is not None else self.state.position_ned
+        self.decision = self._avoidance.decide(
+            points, self.state.position_ned, self.state.velocity_ned, goal, self.mission.speed
+        )
+
+    def _on_extended_state(self, message: Any, now: int) -> None:
+        self._landed = message.landed_state
+
+    def _on_sys_status(self, message: Any, now: int) -> None:
+        bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
+        if message.onboard_control_sensors_present & bit:
+            self._prearm_ok = bool(message.onboard_control_sensors_health & bit)
+
+    def _on_version(self, message: Any, now: int) -> None:
+        self._version = message.flight_sw_version
+
+    def _on_ack(self, message: Any, now: int) -> None:
+        self._commander.answered(message)
+
+    def _on_timesync(self, message: Any, now: int) -> None:
+        assert self.peer is not None
+        if message.tc1 == 0:
+            self._send(dialect.MAVLink_timesync_message, max(now, 1), message.ts1)
+        else:
+            self.peer.timesync_reply(message.tc1, message.ts1, now)
+
+    def _on_statustext(self, message: Any, now: int) -> None:
+        text = wire.vehicle_text(message)
+        if message.severity <= Severity.WARNING:
+            self._vehicle_said = f" ({text})"
+        self._announcements.append(Announcement(Severity(min(message.severity, 6)), f"vehicle: {text}"))
+
+    # -- supervision ---------------------------------------------------------------------------------------------------
+
+    def _beat(self, now: int) -> None:
+        """Once a second: the heartbeat, and the clock's question."""
+        if self.vehicle is None or now < self._next_beat_ns:
+            return
+        self._next_beat_ns = now + _SECOND_NS
+        self._send(
+            dialect.MAVLink_heartbeat_message,
+            dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+            dialect.MAV_AUTOPILOT_INVALID,
+            0,
+            0,
+            dialect.MAV_STATE_ACTIVE,
+            3,
+        )
+        self._send(dialect.MAVLink_timesync_message, 0, max(now, 1))
+        for message_id in self._rates.lacking(now):
+            interval_us = self._rates.interval_us(message_id)
+            self._command_once(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), interval_us)
+
+    def _supervise(self, now: int) -> None:
+        state = self.supervisor.state
+        health = self._health(now)
+        announcement = self.supervisor.update(health, now)
+        if announcement is not None:
+            self._announcements.append(announcement)
+            if self.vehicle is not None:
+                for fields in wire.statustext_fields(announcement.severity, announcement.text):
+                    self._send(dialect.MAVLink_statustext_message, *fields)
+            self._entered(state, self.supervisor.state, now)
+        self._unsound = None
+        self._overrun_ns = 0
+        self._ask(now)
+
+    def _health(self, now: int) -> Health:
+        settings = self.settings
+        peer = self.peer
+        telemetry_ns = self._estimator.age_ns(now)
+        heartbeat_ns = peer.heartbeat_age_ns(now) if peer is not None else None
+        ringless = settings.avoidance.method == "none"
+        recent = len(self._refusals) == _REFUSALS_TOLERATED and now - self._refusals[0] < _SECOND_NS // 2
+        state = self.supervisor.state
+        return Health(
+            seen=self.vehicle is not None,
+            missing=self._missing(now) if state.value < State.FLY.value else None,
+            mode=self._status.mode,
+            armed=self._status.armed,
+            failsafe=self._status.failsafe,
+            mission_done=bool(self.steps) and self.steps[self.step_index].phase is Phase.LAND,
+            silence=0.0 if self._heard_ns is None else (now - self._heard_ns) * 1e-9,
+            telemetry_age=math.inf if telemetry_ns is None else telemetry_ns * 1e-9,
+            heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
+            scan_age=0.0 if ringless else self._age(self._scan_ns, now),
+            refused_telemetry=self._refusal if recent else None,
+            unsound_output=self._unsound,
+            overrun=self._overrun_ns * 1e-9,
+            exhausted=self._exhausted(state),
+            land_requested=self._land_requested,
+            reason=self._vehicle_said,
+        )
+
+    @staticmethod
+    def _age(then_ns: int | None, now: int) -> float:
+        return math.inf if then_ns is None else (now - then_ns) * 1e-9
+
+    def _missing(self, now: int) -> str | None:
+        """The first requirement for the start that is not met."""
+        if self._log_fault is not None:
+            return f"the flight log fails ({self._log_fault})"
+        if self._version is None or self._firmware is None:
+            return "the vehicle does not say its version (AUTOPILOT_VERSION)"
+        refusal = self._firmware.refusal(self.output, self._version)
+        if refusal is not None:
+            return refusal
+        lacking = self._rates.lacking(now)
+        if lacking:
+            return f"telemetry too slow: {self._rates.describe(lacking[0], now)}"
+        if self.state is None:
+            return "no position and attitude"
+        if self._landed != dialect.MAV_LANDED_STATE_ON_GROUND:
+            return "the vehicle does not say that it stands on the ground"
+        if self._prearm_ok is False:
+            return f"the vehicle's own arming checks fail{self._vehicle_said}"
+        return None
+
+    def _exhausted(self, state: State) -> str | None:
+        command = {State.ENGAGE: dialect.MAV_CMD_DO_SET_MODE, State.ARM: dialect.MAV_CMD_COMPONENT_ARM_DISARM}.get(
+            state
+        )
+        if command is None or self._commander.tries(command) < self.settings.supervision.command_tries:
+            return None
+        name = "control (DO_SET_MODE)" if state is State.ENGAGE else "arming"
+        return f"{name}: {self._commander.answer(command)}"
+
+    def _entered(self, old: State, new: State, now: int) -> None:
+        if old is State.FLY:
+            self._reference.stop(now)
+        if new is State.STREAM:
+            assert self.state is not None
+            self._ground_down = float(self.state.position_ned[2])
+            self._reference.place(self.state.position_ned, yaw_of(self.state.attitude_ned_frd))
+            self.steps = steps(self.mission, self.state.position_ned)
+            self.decision = AvoidanceDecision(self.state.position_ned, self.mission.speed, math.inf, False)
+        elif new is State.FLY and old is State.ARM:
+            self._phase_since_ns = now
+        elif new is State.WITHDRAW or new is State.LAND:
+            self._commander.forget(dialect.MAV_CMD_DO_SET_MODE)
+
+    _ground_down = 0.0
+
+    def _ask(self, now: int) -> None:
+        """Keep asking the vehicle for what the state needs."""
+        state = self.supervisor.state
+        if state is State.CHECK and self._version is None:
+            self._command(now, dialect.MAV_CMD_REQUEST_MESSAGE, float(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
+        elif state is State.ENGAGE:
+            self._ask_mode(now, FlightMode.EXTERNAL)
+        elif state is State.ARM:
+            self._command(now, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        elif state is State.WITHDRAW and self._status.mode is not FlightMode.HOLD:
+            self._ask_mode(now, FlightMode.HOLD)
+        elif state is State.LAND and self._status.mode is not FlightMode.LAND:
+            self._ask_mode(now, FlightMode.LAND)
+
+    def _ask_mode(self, now: int, mode: FlightMode) -> None:
+        assert self._firmware is not None
+        self._command(now, dialect.MAV_CMD_DO_SET_MODE, *self._firmware.mode_command(mode))
+
+    def _command(self, now: int, command: int, *parameters: float) -> None:
+        assert self.vehicle is not None
+        message = self._commander.ask(command, parameters, now, self.vehicle)
+        if message is not None:
+            self._send(message[0], *message[1])
+
+    def _command_once(self, command: int, *parameters: float) -> None:
+        assert self.vehicle is not None
+        padded = parameters + (0.0,) * (7 - len(parameters))
+        self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *padded)
+
+    # -- flight --------------------------------------------------------------------------------------------------------
+
+    def _control(self, state: VehicleState, now: int) -> None:
+        """One control step, at each attitude."""
+        supervised = self.supervisor.state
+        if supervised not in STREAMING:
+            return
+        if supervised is State.FLY:
+            self._fly(state, now)
+        reference = self._reference.at(now)
+        mass = self.body.mass_kg + (0.0 if self.released else self.body.parcel_mass_kg)
+        acceleration, e1, e2 = backstepping.acceleration_command(
+            state.position_ned,
+            state.velocity_ned,
+            reference.position_ned,
+            reference.velocity_ned,
+            reference.acceleration_ned,
+            self._c1,
+            self._c2,
+        )
+        thrust_ned, limited = thrust.thrust_vector(acceleration, mass, self._lowest_n, self._highest_n, self._tilt)
+        attitude = flatness.attitude_command(thrust_ned, reference.yaw)
+        error = lqr.attitude_error(state.attitude_ned_frd, attitude)
+        reference_rates = np.array((0.0, 0.0, reference.yaw_rate))
+        rates = lqr.rates_command(error, reference_rates, self._rate_gain, self._rate_limit)
+        torque = lqr.inputs(error, reference_rates - state.rates_frd, self._K) * self._torque_scale
+        force = thrust.collective(thrust_ned, state.attitude_ned_frd, self._highest_n) / self.body.max_thrust_n
+        if supervised not in FLYING:  # on the ground: a stream that does nothing
+            force, torque, rates = 0.0, np.zeros(3), np.zeros(3)
+        setpoint = Setpoint(attitude, rates, np.minimum(np.maximum(torque, -1.0), 1.0), force)
+        self._emit(setpoint, now)
+        self._trace = trace.pack(
+            supervised,
+            self.phase,
+            self.step_index,
+            limited,
+            state,
+            reference,
+            (e1, e2),
+            backstepping.lyapunov(e1, e2, self._c1, self._c2),
+            acceleration,
+            setpoint,
+            self.decision,
+        )
+
+    def _emit(self, setpoint: Setpoint, now: int) -> None:
+        """The last gate: an unsound setpoint stays here, and the supervisor hears of it."""
+        assert self.vehicle is not None
+        reason = unsound(setpoint)
+        if reason is not None:
+            self._unsound = reason
+            return
+        message, fields = wire.setpoint_fields(setpoint, self.output, self._estimator.boot_time_ms, self.vehicle)
+        self._send(message, *fields)
+
+    def _fly(self, state: VehicleState, now: int) -> None:
+        """Move the reference along the mission, and the mission along itself."""
+        step = self.steps[self.step_index]
+        if step.target_ned is not None:
+            self._steer(step, state, now)
+        if self._completed(step, state, now):
+            self.step_index += 1
+            self._phase_since_ns = now
+            self._arrived_ns = None
+            following = self.steps[self.step_index]
+            self.decision = AvoidanceDecision(
+                following.target_ned if following.target_ned is not None else state.position_ned,
+                self.decision.speed_limit,
+                self.decision.clearance,
+                False,
+            )
+            self._say(Severity.INFO, f"{following.phase.name.lower()}, step {self.step_index + 1} of {len(self.steps)}")
+
+    def _steer(self, step: Step, state: VehicleState, now: int) -> None:
+        assert step.target_ned is not None
+        if self.mission.profile == "step" and step.phase is not Phase.TAKEOFF:
+            self._reference.place(step.target_ned)
+            return
+        settings = self.settings.trajectory
+        target, speed = step.target_ned, self.mission.speed
+        if step.avoids:
+            target, speed = self.decision.target_ned, self.decision.speed_limit
+            way = target - state.position_ned
+            if math.hypot(way[0], way[1]) > 1.0:
+                self._reference.turn(now, math.atan2(way[1], way[0]))
+        climbs = target[2] < state.position_ned[2]
+        self._reference.go(now, target, speed, settings.climb_speed if climbs else settings.descent_speed)
+
+    def _completed(self, step: Step, state: VehicleState, now: int) -> bool:
+        if step.phase is Phase.RELEASE:
+            return self._release(now)
+        if step.target_ned is None:
+            return False
+        offset = step.target_ned - state.position_ned
+        distance = math.sqrt(float(offset @ offset))
+        settings = self.settings.trajectory
+        if step.passes:
+            return distance < settings.acceptance_radius
+        speed = math.sqrt(float(state.velocity_ned @ state.velocity_ned))
+        if self._arrived_ns is None and distance < settings.settled_distance and speed < settings.settled_speed:
+            self._arrived_ns = now
+        if self.mission.profile == "step" and self._arrived_ns is None:
+            self._arrived_ns = now
+        return self._arrived_ns is not None and now - self._arrived_ns >= step.hold_s * 1e9
+
+    def _release(self, now: int) -> bool:
+        """Ask for it until it is done; go home with the parcel if it is refused."""
+        command = dialect.MAV_CMD_DO_GRIPPER
+        self._command(now, command, 1.0, float(dialect.GRIPPER_ACTION_RELEASE))
+        if self._commander.accepted(command):
+            self.released = True
+            self._say(Severity.NOTICE, "parcel released")
+            return True
+        if self._commander.tries(command) > self.settings.supervision.command_tries:
+            self._say(Severity.ERROR, f"parcel not released: {self._commander.answer(command)}")
+            return True
+        return False
+
+    # -- sending -------------------------------------------------------------------------------------------------------
+
+    def _send(self, message: type[Any], *fields: Any) -> None:
+        self._outbox.append(self._encoder.encode_fields(message, *fields))
+
+    def _say(self, severity: Severity, text: str) -> None:
+        self._announcements.append(Announcement(severity, text))
+        if self.vehicle is not None:
+            for fields in wire.statustext_fields(severity, text):
+                self._send(dialect.MAVLink_statustext_message, *fields)
+
+
+_ATTITUDES = (dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, dialect.MAVLINK_MSG_ID_ATTITUDE)

@@ -1,0 +1,180 @@
+"""The command line: `companion demo`, `companion fly`, `companion digest`."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    help="Fly a vehicle over MAVLink: LQR attitude control, backstepping position control, LiDAR avoidance.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+FAILED = 1
+"""Exit code: the flight ended otherwise than it should."""
+UNUSABLE = 2
+"""Exit code: nothing was flown, because a file, a setting or an address can't be used."""
+
+MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
+OutputName = Annotated[
+    str, typer.Option("--output", help="The lowest layer commanded: attitude, rates or actuators (torques).")
+]
+PaceName = Annotated[
+    str, typer.Option("--pace", help="realtime, lockstep (as fast as it goes, repeatable), or a factor such as 4.")
+]
+LogFolder = Annotated[Path, typer.Option("--log", help="The folder in which the flight's own folder is made.")]
+SettingsFile = Annotated[Path | None, typer.Option("--settings", help="A TOML file of settings (docs/settings.md).")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Change one setting: --set avoidance.lateral_margin=2.5", metavar="KEY=VALUE"),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the end table as one JSON object.")]
+
+
+@app.command()
+def demo(
+    mission: MissionName = "courier",
+    output: OutputName = "rates",
+    pace: PaceName = "lockstep",
+    seed: Annotated[int, typer.Option(help="Of the simulator's noise.", min=0)] = 1,
+    log: LogFolder = Path("logs"),
+    settings: SettingsFile = None,
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
+    plan = _plan(mission, output, pace, settings, overrides, seed)
+    _say("getting ready (the first time on a machine, some 20 s of compiling)")
+    from companion.demo import demo as fly_demo
+
+    verdict = _usable(fly_demo, plan, log, console=True)
+    _print_table(verdict.table(), as_json)
+    if not verdict.succeeded:
+        _say(f"failed: {verdict.outcome}")
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def fly(
+    mission: MissionName,
+    connect: Annotated[
+        str,
+        typer.Option(help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD."),
+    ] = "udpin:127.0.0.1:14540",
+    output: OutputName = "rates",
+    pace: PaceName = "realtime",
+    log: LogFolder = Path("logs"),
+    settings: SettingsFile = None,
+    overrides: Overrides = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
+    plan = _plan(mission, output, pace, settings, overrides, None)
+    from companion.flight import end_table
+    from companion.flight import fly as fly_plan
+    from companion.summary import summarize
+    from protocol.transport import open_url
+
+    transport = _usable(open_url, connect)
+    result = _usable(fly_plan, plan, transport, log, console=True)
+    outcome = result.fault or ("delivered" if result.delivered else "flown")
+    _print_table({"outcome": outcome, **end_table(result, summarize(result.log))}, as_json)
+    if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
+        _say(f"failed: {outcome}")
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def digest(log: Annotated[Path, typer.Argument(help="A flight.mcap.")]) -> None:
+    """Print one hash over all datagrams of each direction: two flights with the same hashes were the same to the
+    byte."""
+    from protocol.flightlog import digest as log_digest
+
+    for direction, value in _usable(log_digest, log).items():
+        typer.echo(f"{direction.name.lower():3} {value}")
+
+
+def main() -> None:
+    """The program `companion`."""
+    app()
+
+
+def _plan(
+    mission: str, output: str, pace: str, settings: Path | None, overrides: list[str] | None, seed: int | None
+) -> Any:
+    def read() -> Any:
+        from companion import mission as missions
+        from companion.config import load_body, load_settings
+        from companion.flight import Plan, PlanError, check
+        from companion.state import Output
+        from protocol import datafile
+
+        read_settings = load_settings(settings, overrides or [])
+        flown, path = missions.load(mission)
+        files = {
+            "mission": path,
+            "vehicle": datafile.find("vehicles", flown.vehicle),
+            "world": datafile.find("worlds", flown.world),
+        }
+        try:
+            chosen = Output(output)
+        except ValueError:
+            raise PlanError(f"--output {output}: there are attitude, rates and actuators") from None
+        plan = Plan(read_settings, load_body(flown.vehicle), flown, chosen, _pace(pace), files, seed)
+        check(plan)
+        return plan
+
+    return _usable(read)
+
+
+def _pace(text: str) -> Any:
+    from companion.flight import PlanError
+
+    if text == "lockstep":
+        return text
+    if text == "realtime":
+        return 1.0
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = 0.0
+    if not 0.0 < factor < 1000.0:
+        raise PlanError(f"--pace {text}: there are realtime, lockstep and factors such as 4")
+    return factor
+
+
+def _usable(function: Any, *arguments: Any, **options: Any) -> Any:
+    """Call it; what can't be used ends the program with one line and exit code 2."""
+    from companion.flight import PlanError
+    from companion.rehearsal import RehearsalError
+    from protocol.datafile import DataFileError
+    from protocol.flightlog import FlightLogError
+    from protocol.transport import TransportError
+
+    try:
+        return function(*arguments, **options)
+    except (DataFileError, FlightLogError, PlanError, RehearsalError, TransportError) as error:
+        _say(f"companion: {error}")
+        raise typer.Exit(UNUSABLE) from None
+
+
+def _print_table(values: dict[str, object], as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps(values))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(show_header=False)
+    for name, value in values.items():
+        table.add_row(name.replace("_", " "), ", ".join(map(str, value)) if isinstance(value, list) else str(value))
+    Console().print(table)
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)  # noqa: T201

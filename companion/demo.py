@@ -1,0 +1,114 @@
+"""The companion and the simulator as two processes, and the verdict on the flight."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from companion.flight import Plan, Result, end_table, fly
+from companion.summary import Summary, summarize
+from protocol.transport import Udp
+
+_GRACE_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The flight as the companion, its log and the world's truth have it."""
+
+    outcome: str
+    """"delivered" or "flown" (a mission without a parcel), otherwise what happened, in one sentence."""
+    succeeded: bool
+    result: Result
+    summary: Summary
+    contacts: int
+    least_clearance_m: float | None
+    """True distance between the hull and the nearest obstacle; None where the world has none."""
+
+    def table(self) -> dict[str, object]:
+        """Names and values for a table or JSON."""
+        truth = {"contacts": self.contacts, "least_clearance_m": self.least_clearance_m}
+        return {"outcome": self.outcome, **truth, **end_table(self.result, self.summary)}
+
+
+def demo(plan: Plan, logs: Path, *, console: bool) -> Verdict:
+    """Start the simulator, fly the plan against it, end it, and judge."""
+    with _OnOneCore(plan.pace == "lockstep"):
+        link = Udp("127.0.0.1", 0, bind=True)
+        simulator = _start_simulator(plan, link.port)
+        try:
+            result = fly(plan, link, logs, console=console)
+        except BaseException:
+            simulator.terminate()
+            simulator.wait()
+            raise
+        finally:
+            link.close()
+        report = _end(simulator)
+    return _judge(plan, result, report)
+
+
+def _start_simulator(plan: Plan, port: int) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
+    command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
+    command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]
+    # In a session of its own: Ctrl-C is for the companion, which lands the vehicle.
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def _end(simulator: "subprocess.Popen[str]") -> dict[str, Any]:
+    """Its own report; it ends by itself after the flight."""
+    try:
+        text, _ = simulator.communicate(timeout=_GRACE_S)
+    except subprocess.TimeoutExpired:
+        simulator.terminate()
+        text, _ = simulator.communicate()
+    lines = text.strip().splitlines()
+    report: dict[str, Any] = json.loads(lines[-1]) if lines else {}
+    return report
+
+
+def _judge(plan: Plan, result: Result, report: dict[str, Any]) -> Verdict:
+    contacts = int(report.get("contacts", 0))
+    delivers = plan.mission.delivery is not None
+    if not report:
+        outcome = "the simulator ended without a report"
+    elif contacts:
+        outcome = f"crashed: the vehicle hit {report.get('contact_with')}"
+    elif result.fault is not None:
+        outcome = result.fault
+    elif delivers and not (result.delivered and report.get("released")):
+        outcome = "the parcel was not delivered"
+    elif report.get("outcome") != "landed":
+        outcome = f"the vehicle did not land: {report.get('outcome')}"
+    else:
+        outcome = "delivered" if delivers else "flown"
+    return Verdict(
+        outcome,
+        outcome in ("delivered", "flown"),
+        result,
+        summarize(result.log),
+        contacts,
+        report.get("least_clearance_m"),
+    )
+
+
+class _OnOneCore:
+    """In lockstep the two processes take turns: on one core a turn costs 15 us, across two 50-80."""
+
+    def __init__(self, wanted: bool) -> None:
+        self._before: set[int] | None = None
+        if wanted and hasattr(os, "sched_getaffinity"):
+            self._before = set(os.sched_getaffinity(0))
+
+    def __enter__(self) -> None:
+        if self._before:
+            cores = sorted(self._before)
+            os.sched_setaffinity(0, {cores[os.getpid() % len(cores)]})
+
+    def __exit__(self, *_: object) -> None:
+        if self._before:
+            os.sched_setaffinity(0, self._before)

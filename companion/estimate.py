@@ -1,0 +1,88 @@
+"""Telemetry -> VehicleState, with the ages of its parts and the poses of the last second."""
+
+from collections import deque
+
+from companion.state import VehicleState
+from companion.wire import AttitudeReport, PositionReport
+from protocol.frames import Array
+
+_POSES_KEPT = 512
+_LONGEST_CARRY_S = 0.2
+
+
+class Estimator:
+    """Joins attitude and position reports. Times of arrival are the companion's, times of measurement the vehicle's."""
+
+    def __init__(self) -> None:
+        self._attitude: AttitudeReport | None = None
+        self._position: PositionReport | None = None
+        self._attitude_ns = 0
+        self._position_ns = 0
+        self._poses: deque[tuple[int, Array, Array]] = deque(maxlen=_POSES_KEPT)
+
+    def attitude(self, report: AttitudeReport, time_ns: int) -> bool:
+        """Take it in; False (and nothing changes) if it is older than what is known."""
+        if self._attitude is not None and report.boot_time_ms < self._attitude.boot_time_ms:
+            return False
+        self._attitude = report
+        self._attitude_ns = time_ns
+        return True
+
+    def position(self, report: PositionReport, time_ns: int) -> bool:
+        """The same for a position."""
+        if self._position is not None and report.boot_time_ms < self._position.boot_time_ms:
+            return False
+        self._position = report
+        self._position_ns = time_ns
+        return True
+
+    def restart(self) -> None:
+        """Forget everything: the vehicle has started anew, and its clock with it."""
+        self.__init__()  # type: ignore[misc]
+
+    def age_ns(self, now_ns: int) -> int | None:
+        """Of the older part; None before both have come."""
+        if self._attitude is None or self._position is None:
+            return None
+        return now_ns - min(self._attitude_ns, self._position_ns)
+
+    @property
+    def boot_time_ms(self) -> int:
+        """The vehicle's clock at its latest attitude."""
+        return self._attitude.boot_time_ms if self._attitude is not None else 0
+
+    def state(self) -> VehicleState | None:
+        """The state at the latest attitude, the position carried there by its velocity; None before both have come."""
+        attitude, position = self._attitude, self._position
+        if attitude is None or position is None:
+            return None
+        gap_ms = attitude.boot_time_ms - position.boot_time_ms
+        carried = position.position_ned
+        if gap_ms:
+            carried = carried + position.velocity_ned * min(max(gap_ms * 1e-3, 0.0), _LONGEST_CARRY_S)
+        self._poses.append((attitude.boot_time_ms, carried, attitude.attitude_ned_frd))
+        return VehicleState(
+            self._attitude_ns,
+            carried,
+            position.velocity_ned,
+            attitude.attitude_ned_frd,
+            attitude.rates_frd,
+            gap_ms * 1_000_000,
+        )
+
+    def pose_at(self, boot_time_us: int) -> tuple[Array, Array] | None:
+        """Position and attitude nearest to a time of the vehicle's clock; the oldest kept if that is older still.
+
+        A time that lies outside the vehicle's clock (a sensor with a clock of its own) means the newest pose.
+        """
+        if not self._poses:
+            return None
+        wanted_ms = boot_time_us // 1000
+        if not 0 <= self._poses[-1][0] - wanted_ms <= 5000:
+            return self._poses[-1][1:]
+        best = self._poses[-1]
+        for pose in reversed(self._poses):
+            if abs(pose[0] - wanted_ms) > abs(best[0] - wanted_ms):
+                break
+            best = pose
+        return best[1:]

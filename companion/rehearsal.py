@@ -1,0 +1,76 @@
+"""A rehearsal: the whole mission against canned telemetry, so that nothing is compiled or met for the first time in
+flight."""
+
+import math
+
+from protocol.messages import Encoder, dialect
+
+from companion.autopilot import Autopilot, Datagram, Tick
+from companion.config import Settings
+from companion.mission import Mission
+from companion.state import Output
+from companion.supervisor import State
+from protocol.body import Body
+
+_TICK_NS = 4_000_000
+_LONGEST_TICKS = 5000
+_OFFBOARD = 6 << 16
+_LANDING = 4 << 16 | 6 << 24
+
+
+class RehearsalError(Exception):
+    """The autopilot does not get through its own mission on perfect telemetry."""
+
+
+def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
+    """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
+    autopilot = Autopilot(settings, body, mission, output)
+    encoder = Encoder(1, 1)
+    rings = ([300] * 4 + [1501] * 68, [1501] * 72)
+
+    def send(message: type, *fields: object) -> bytes:
+        return encoder.encode_fields(message, *fields)
+
+    for tick in range(1, _LONGEST_TICKS):
+        now = tick * _TICK_NS
+        state = autopilot.supervisor.state
+        armed = state.value >= State.ARM.value and state is not State.LAND
+        mode = _LANDING if state is State.LAND else _OFFBOARD if state.value >= State.ENGAGE.value else 3 << 16
+        place = [0.0, 0.0, 0.0]
+        if state is State.FLY and autopilot.steps:
+            target = autopilot.steps[autopilot.step_index].target_ned
+            place = target.tolist() if target is not None else place
+        north, east, down = place
+        yaw = 0.5 * math.sin(tick * 0.01)
+        data = send(
+            dialect.MAVLink_attitude_quaternion_message,
+            tick * 4,
+            math.cos(yaw / 2),
+            0.0,
+            0.0,
+            math.sin(yaw / 2),
+            0.0,
+            0.0,
+            0.0,
+        )
+        data += send(dialect.MAVLink_local_position_ned_message, tick * 4, north, east, down, 1.0, 0.0, 0.0)
+        if tick % 16 == 1:
+            ring = rings[tick // 16 % 2]
+            data += send(dialect.MAVLink_obstacle_distance_message, tick * 4000, 0, ring, 5, 20, 1500, 5.0, 0.0, 12)
+            data += send(dialect.MAVLink_extended_sys_state_message, 0, dialect.MAV_LANDED_STATE_ON_GROUND)
+            base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+            data += send(dialect.MAVLink_heartbeat_message, 2, dialect.MAV_AUTOPILOT_PX4, base, mode, 4, 3)
+            data += send(
+                dialect.MAVLink_autopilot_version_message, 0xFFFFFFFF, 0x010D00FF, 0, 0, 0, *_NO_HASHES, 0, 0, 0
+            )
+            data += send(dialect.MAVLink_command_ack_message, dialect.MAV_CMD_DO_GRIPPER, 0)
+            data += send(dialect.MAVLink_timesync_message, 0, now)
+        autopilot.handle(Datagram(now, data))
+        autopilot.handle(Tick(now))
+        if autopilot.ended:
+            break
+    if autopilot.supervisor.fault is not None or not autopilot.ended:
+        raise RehearsalError(autopilot.supervisor.fault or f"stuck in {autopilot.supervisor.state.name}")
+
+
+_NO_HASHES = ([0] * 8, [0] * 8, [0] * 8)

@@ -1,0 +1,263 @@
+"""The only loop that touches clock, sockets and the log: real time by absolute deadlines, or lockstep by the
+vehicle's clock."""
+
+import contextlib
+import gc
+import logging
+import os
+import signal
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Literal
+
+from companion.autopilot import Autopilot, Datagram, Event, LogFault, Reaction, Request, Tick
+from companion.trace import TRACE
+from protocol.clock import RealClock
+from protocol.flightlog import Direction, FlightLog, record_type
+from protocol.transport import Transport, TransportError
+
+Pace = Literal["lockstep"] | float
+"""Lockstep, or how many times as fast as real time."""
+
+TICK_NS = 4_000_000
+"""250 Hz"""
+TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
+REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
+"""Events that are neither ticks nor datagrams: "land", or "log fault: ..."."""
+LOOP = record_type("/companion/loop", "courier/Loop", [("latency_ns", "int64")])
+"""Wall time from the receipt of a datagram with a new attitude to the command's departure: how the machine did, not
+an event."""
+RECORD_TYPES = (TRACE, TICK, REQUEST, LOOP)
+
+_LOG_LEVEL = {0: 50, 1: 50, 2: 50, 3: 40, 4: 30, 5: 20, 6: 20}
+"""MAV_SEVERITY -> `logging`'s level."""
+_SPIN_S = 200e-6
+_STATUS_EVERY_S = 0.2
+_LOG_CHECK_NS = 100_000_000
+_LOCKSTEP_PATIENCE_S = 3.0
+_START_PATIENCE_S = 0.2
+_LATE_NS = 2_000_000
+_TIMESYNC = 111
+
+
+class Runner:
+    """Flies an autopilot over a transport until it has ended."""
+
+    def __init__(self, autopilot: Autopilot, transport: Transport, log: FlightLog, pace: Pace) -> None:
+        self._autopilot = autopilot
+        self._transport = transport
+        self._log = log
+        self._pace = pace
+        self._landing_requested = False
+        self._locked = False
+        self._checked_log_ns = 0
+        self._log_fault: str | None = None
+        self._status_due = 0.0
+        self.missed_deadlines = 0
+        """Ticks that began more than half a period late."""
+        self.failure: str | None = None
+        """What went wrong in the loop itself."""
+
+    def run(self) -> None:
+        """Fly. Ends when the autopilot has ended, the link is gone for good, or the loop itself has failed."""
+        with _landing_on_signal(self._request_landing), _no_garbage_collection():
+            try:
+                if self._pace == "lockstep":
+                    self._lockstep()
+                else:
+                    with _real_time_priority():
+                        self._real_time(RealClock(self._pace))
+            except TransportError as error:
+                self.failure = f"the link is gone: {error}"
+            except Exception as error:
+                # A broken invariant: stop commanding, and the vehicle's own failsafe takes it down.
+                self.failure = f"the companion's loop failed: {error!r}"
+                self._log.text(0, logging.CRITICAL, "companion", f"{self.failure}\n{traceback.format_exc()}")
+            if self.failure is not None:
+                self._log.text(
+                    0,
+                    logging.CRITICAL,
+                    "companion",
+                    f"{self.failure}; setpoints have stopped, the vehicle holds and lands by itself",
+                )
+
+    def _request_landing(self) -> None:
+        self._landing_requested = True
+
+    # -- lockstep ------------------------------------------------------------------------------------------------------
+
+    def _lockstep(self) -> None:
+        """The vehicle's tick is the clock: answer each, and never look at the wall."""
+        now = 0
+        answer = b""
+        autopilot, transport, log = self._autopilot, self._transport, self._log
+        find_s = autopilot.settings.supervision.find_timeout
+        give_up = time.monotonic() + find_s
+        while not autopilot.ended:
+            data = transport.receive(_LOCKSTEP_PATIENCE_S if answer else _START_PATIENCE_S)
+            began = time.perf_counter_ns()
+            if data is None:
+                # There is no clock (yet, or any more): go on by the wall, so that the silence is noticed.
+                if answer or time.monotonic() > give_up:
+                    self._tick(now, 0)
+                    now += round((max(_LOCKSTEP_PATIENCE_S, find_s) + 1.0) * 1e9)
+                    self._send(now, self._tick(now, 0).datagram)
+                continue
+            tick_ns = lockstep_time(data)
+            if tick_ns is None:
+                self._datagram(now, data)
+                continue
+            if tick_ns == now and answer:
+                transport.send(answer)  # it was sent again: the answer was late or lost
+                continue
+            now = max(tick_ns, now)
+            reaction = self._datagram(now, data)
+            answer = reaction.datagram + self._tick(now, 0).datagram
+            self._send(now, answer)
+            if reaction.trace is not None:
+                log.record(LOOP, now, LOOP.pack(time.perf_counter_ns() - began))
+
+    # -- real time -----------------------------------------------------------------------------------------------------
+
+    def _real_time(self, clock: RealClock) -> None:
+        """Datagrams are handled as they come, ticks at absolute deadlines: sleep, then spin for the last part."""
+        autopilot, transport = self._autopilot, self._transport
+        due = clock.now_ns()
+        while not autopilot.ended:
+            wait = clock.wall_seconds_until(due)
+            data = transport.receive(max(wait - _SPIN_S, 0.0))
+            while data is None and clock.now_ns() < due:
+                data = transport.receive(0.0)
+            now = clock.now_ns()
+            if data is not None:
+                began = time.perf_counter_ns()
+                reaction = self._datagram(now, data)
+                self._send(now, reaction.datagram)
+                if reaction.trace is not None:
+                    self._log.record(LOOP, now, LOOP.pack(time.perf_counter_ns() - began))
+            if now >= due:
+                late = now - due
+                if late > _LATE_NS * clock.factor:
+                    self.missed_deadlines += 1
+                self._send(now, self._tick(now, late).datagram)
+                due += TICK_NS * (1 + late // TICK_NS)
+
+    # -- events --------------------------------------------------------------------------------------------------------
+
+    def _datagram(self, now: int, data: bytes) -> Reaction:
+        self._log.datagram(now, Direction.IN, self._transport.peer, data)
+        reaction = self._handle(Datagram(now, data, self._transport.preserves_datagrams))
+        if not self._locked and self._autopilot.vehicle is not None:
+            self._transport.lock()
+            self._locked = True
+        return reaction
+
+    def _tick(self, now: int, late_ns: int) -> Reaction:
+        if self._landing_requested:
+            self._landing_requested = False
+            self._log.record(REQUEST, now, REQUEST.pack("land"))
+            self._send(now, self._handle(Request(now)).datagram)
+        if now - self._checked_log_ns >= _LOG_CHECK_NS:
+            self._checked_log_ns = now
+            self._look_around(now)
+        self._log.record(TICK, now, TICK.pack(late_ns))
+        return self._handle(Tick(now, late_ns))
+
+    def _look_around(self, now: int) -> None:
+        """What need not be done at each tick: the log's health, the progress line."""
+        fault = self._log.fault
+        if fault is not None and fault != self._log_fault:
+            self._log_fault = fault
+            self._log.record(REQUEST, now, REQUEST.pack(f"log fault: {fault}"))
+            self._send(now, self._handle(LogFault(now, fault)).datagram)
+        wall = time.monotonic()
+        if wall >= self._status_due:
+            self._status_due = wall + _STATUS_EVERY_S
+            self._log.status(progress(self._autopilot, now))
+
+    def _handle(self, event: Event) -> Reaction:
+        reaction = self._autopilot.handle(event)
+        if reaction.trace is not None:
+            self._log.record(TRACE, event.time_ns, reaction.trace)
+        for announcement in reaction.announcements:
+            self._log.text(event.time_ns, _LOG_LEVEL[announcement.severity], "companion", announcement.text)
+        return reaction
+
+    def _send(self, now: int, data: bytes) -> None:
+        if data:
+            self._transport.send(data)
+            self._log.datagram(now, Direction.OUT, self._transport.peer, data)
+
+
+def progress(autopilot: Autopilot, now: int) -> str:
+    """One line for the person who watches."""
+    state = autopilot.state
+    leg = f"{autopilot.step_index + 1}/{len(autopilot.steps)}" if autopilot.steps else "-"
+    head = f"{now * 1e-9:6.1f} s  {autopilot.supervisor.state.name.lower():8} {autopilot.phase.name.lower():8} step {leg:5}"
+    if state is None:
+        return head
+    north, east, down = state.position_ned.tolist()
+    speed = float(state.velocity_ned @ state.velocity_ned) ** 0.5
+    return (
+        f"{head} north {north:7.1f}  east {east:6.1f}  height {-down:5.1f} m  {speed:4.1f} m/s  "
+        f"clearance {autopilot.decision.clearance:4.1f} m"
+    )
+
+
+def lockstep_time(datagram: bytes) -> int | None:
+    """The time (ns) that the datagram's last frame, TIMESYNC with tc1 = 0, says it is; None if that is not its last
+    frame."""
+    size = len(datagram)
+    for length in range(9, 17):  # tc1 is zero, ts1 is cut of its zero bytes
+        start = size - length - 12
+        if start >= 0 and datagram[start] == 0xFD and datagram[start + 1] == length:
+            frame = datagram[start:]
+            if frame[7:10] == bytes((_TIMESYNC, 0, 0)) and not any(frame[10:18]):
+                return int.from_bytes(frame[18:-2], "little")
+    return None
+
+
+@contextlib.contextmanager
+def _landing_on_signal(request: Callable[[], None]) -> Iterator[None]:
+    """The first Ctrl-C or SIGTERM asks for a landing, the second ends the program."""
+
+    def first(number: int, frame: FrameType | None) -> None:
+        for each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, signal.default_int_handler)
+        request()
+
+    before = {each: signal.signal(each, first) for each in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+@contextlib.contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """The loop makes no cycles; a full collection would take milliseconds."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()
+
+
+@contextlib.contextmanager
+def _real_time_priority() -> Iterator[None]:
+    """Where the system grants it; without it the loop is as good as the machine is idle."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+    except (OSError, AttributeError):
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

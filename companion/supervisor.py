@@ -1,0 +1,351 @@
+"""Who flies: the way to the start, the failsafes and the end as one table of transitions, and the last gate before the
+wire.
+
+A fault ends in the safest state that can still be reached: HOLD keeps flying our own setpoints at a standstill (the
+state is known); WITHDRAW asks the vehicle's own autopilot to hold (the state is not known, or our output can't be
+trusted); both become LAND. A change of mode that was not commanded is the pilot: RELEASED, and never taken back.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from companion.config import Supervision
+from companion.state import Announcement, FlightMode, Setpoint, Severity
+
+
+class State(Enum):
+    """The numbers go into the log."""
+
+    FIND = 0
+    CHECK = 1
+    STREAM = 2
+    ENGAGE = 3
+    ARM = 4
+    FLY = 5
+    HOLD = 6
+    WITHDRAW = 7
+    LAND = 8
+    RELEASED = 9
+    ENDED = 10
+
+
+STREAMING = frozenset({State.STREAM, State.ENGAGE, State.ARM, State.FLY, State.HOLD})
+"""States in which setpoints are sent."""
+FLYING = frozenset({State.FLY, State.HOLD, State.WITHDRAW, State.LAND})
+"""States between arming and the end in which the companion answers for the vehicle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """Everything that the table asks about, at one tick. Ages in s, infinite for what never came."""
+
+    seen: bool
+    missing: str | None
+    """The first requirement for the flight that is not met."""
+    mode: FlightMode
+    armed: bool
+    failsafe: bool
+    mission_done: bool
+    silence: float
+    telemetry_age: float
+    heartbeat_age: float
+    scan_age: float
+    """0 where no ring is needed."""
+    refused_telemetry: str | None
+    """What was wrong with the telemetry that is being refused."""
+    unsound_output: str | None
+    """What was wrong with a setpoint that the gate held back."""
+    overrun: float
+    """How late the loop was (s) if that was too late just now, else 0."""
+    exhausted: str | None
+    """The command that was sent as often as allowed, and its answer."""
+    land_requested: bool
+    reason: str
+    """What the vehicle said last that may explain a refusal."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """From any of `states`, when `condition` holds (health, settings, seconds in the state), to `to`, saying `text`."""
+
+    states: frozenset[State]
+    condition: Callable[[Health, Supervision, float], bool]
+    to: State
+    severity: Severity
+    text: str
+    """Formatted with the health and the settings."""
+    fault: bool = False
+    """The flight has failed: the outcome says so."""
+
+
+def _row(
+    states: State | frozenset[State],
+    condition: Callable[[Health, Supervision, float], bool],
+    to: State,
+    severity: Severity,
+    text: str,
+    *,
+    fault: bool = False,
+) -> Row:
+    return Row(states if isinstance(states, frozenset) else frozenset({states}), condition, to, severity, text, fault)
+
+
+_OWN = frozenset({State.FLY, State.HOLD})
+_BEFORE = frozenset({State.CHECK, State.STREAM, State.ENGAGE, State.ARM})
+_I, _N, _W, _E, _C = Severity.INFO, Severity.NOTICE, Severity.WARNING, Severity.ERROR, Severity.CRITICAL
+
+TABLE: tuple[Row, ...] = (
+    # the end of everything
+    _row(
+        _BEFORE | FLYING | {State.RELEASED},
+        lambda h, s, t: h.silence > s.silence_timeout,
+        State.ENDED,
+        _C,
+        "the vehicle is silent for {health.silence:.1f} s: given up",
+        fault=True,
+    ),
+    # the way to the start
+    _row(State.FIND, lambda h, s, t: h.seen, State.CHECK, _I, "vehicle found"),
+    _row(
+        State.FIND,
+        lambda h, s, t: h.land_requested or t > s.find_timeout,
+        State.ENDED,
+        _E,
+        "no vehicle within {settings.find_timeout:g} s",
+        fault=True,
+    ),
+    _row(
+        _BEFORE,
+        lambda h, s, t: h.land_requested,
+        State.ENDED,
+        _N,
+        "called off before the start",
+        fault=True,
+    ),
+    _row(
+        State.CHECK,
+        lambda h, s, t: h.armed,
+        State.ENDED,
+        _E,
+        "the vehicle is armed already: not taken over",
+        fault=True,
+    ),
+    _row(State.CHECK, lambda h, s, t: h.missing is None, State.STREAM, _I, "ready"),
+    _row(
+        State.CHECK,
+        lambda h, s, t: t > s.ready_timeout,
+        State.ENDED,
+        _E,
+        "not ready: {health.missing}",
+        fault=True,
+    ),
+    _row(State.STREAM, lambda h, s, t: t >= s.stream_before_engaging, State.ENGAGE, _I, "asking for control"),
+    _row(State.ENGAGE, lambda h, s, t: h.mode is FlightMode.EXTERNAL, State.ARM, _I, "in control, arming"),
+    _row(
+        State.ARM,
+        lambda h, s, t: h.mode is not FlightMode.EXTERNAL,
+        State.RELEASED,
+        _W,
+        "the pilot took over before arming",
+        fault=True,
+    ),
+    _row(State.ARM, lambda h, s, t: h.armed, State.FLY, _N, "armed, taking off"),
+    _row(
+        frozenset({State.ENGAGE, State.ARM}),
+        lambda h, s, t: h.exhausted is not None,
+        State.ENDED,
+        _E,
+        "the vehicle refuses: {health.exhausted}{health.reason}",
+        fault=True,
+    ),
+    _row(
+        frozenset({State.STREAM, State.ENGAGE, State.ARM}),
+        lambda h, s, t: h.missing is not None,
+        State.ENDED,
+        _E,
+        "no longer ready: {health.missing}",
+        fault=True,
+    ),
+    # faults in flight, the worst first
+    _row(
+        _OWN,
+        lambda h, s, t: h.telemetry_age > s.telemetry_timeout,
+        State.WITHDRAW,
+        _C,
+        "telemetry lost for {health.telemetry_age:.2f} s: the vehicle is asked to hold",
+        fault=True,
+    ),
+    _row(
+        _OWN,
+        lambda h, s, t: h.heartbeat_age > s.heartbeat_timeout,
+        State.WITHDRAW,
+        _C,
+        "no heartbeat for {health.heartbeat_age:.1f} s: the vehicle is asked to hold",
+        fault=True,
+    ),
+    _row(
+        _OWN,
+        lambda h, s, t: h.mode is not FlightMode.EXTERNAL,
+        State.RELEASED,
+        _W,
+        "mode changed to {health.mode.value} by others: letting go{health.reason}",
+        fault=True,
+    ),
+    _row(
+        _OWN,
+        lambda h, s, t: not h.armed,
+        State.ENDED,
+        _C,
+        "disarmed in flight by others{health.reason}",
+        fault=True,
+    ),
+    _row(
+        _OWN,
+        lambda h, s, t: h.refused_telemetry is not None,
+        State.WITHDRAW,
+        _C,
+        "bad telemetry ({health.refused_telemetry}): the vehicle is asked to hold",
+        fault=True,
+    ),
+    _row(
+        _OWN,
+        lambda h, s, t: h.unsound_output is not None,
+        State.WITHDRAW,
+        _C,
+        "unsound setpoint held back ({health.unsound_output}): the vehicle is asked to hold",
+        fault=True,
+    ),
+    _row(
+        _OWN,
+        lambda h, s, t: h.failsafe,
+        State.WITHDRAW,
+        _C,
+        "the vehicle is in failsafe: it is asked to hold{health.reason}",
+        fault=True,
+    ),
+    _row(_OWN, lambda h, s, t: h.land_requested, State.LAND, _N, "landing on request", fault=True),
+    _row(
+        State.FLY,
+        lambda h, s, t: h.overrun > 0.0,
+        State.HOLD,
+        _E,
+        "own loop was {health.overrun:.2f} s late: holding",
+    ),
+    _row(
+        State.FLY,
+        lambda h, s, t: h.scan_age > s.scan_timeout,
+        State.HOLD,
+        _E,
+        "no ring for {health.scan_age:.2f} s: holding",
+    ),
+    _row(
+        State.HOLD,
+        lambda h, s, t: t > s.land_after,
+        State.LAND,
+        _C,
+        "holding for {settings.land_after:g} s without a cure: landing",
+        fault=True,
+    ),
+    _row(
+        State.HOLD,
+        lambda h, s, t: t > s.least_hold and h.overrun == 0.0 and h.scan_age <= s.scan_timeout,
+        State.FLY,
+        _N,
+        "cured: going on",
+    ),
+    _row(State.FLY, lambda h, s, t: h.mission_done, State.LAND, _N, "landing"),
+    # withdrawn, landing, released
+    _row(
+        State.WITHDRAW,
+        lambda h, s, t: h.heartbeat_age < s.heartbeat_timeout and not h.armed,
+        State.ENDED,
+        _W,
+        "the vehicle is disarmed",
+        fault=True,
+    ),
+    _row(
+        State.WITHDRAW,
+        lambda h, s, t: h.mode not in (FlightMode.EXTERNAL, FlightMode.HOLD),
+        State.RELEASED,
+        _W,
+        "mode changed to {health.mode.value} by others: letting go{health.reason}",
+        fault=True,
+    ),
+    _row(
+        State.WITHDRAW,
+        lambda h, s, t: t > s.land_after,
+        State.LAND,
+        _C,
+        "held for {settings.land_after:g} s: landing",
+        fault=True,
+    ),
+    _row(State.LAND, lambda h, s, t: not h.armed, State.ENDED, _N, "landed and disarmed"),
+    _row(
+        State.LAND,
+        lambda h, s, t: h.mode not in (FlightMode.EXTERNAL, FlightMode.HOLD, FlightMode.LAND),
+        State.RELEASED,
+        _W,
+        "mode changed to {health.mode.value} by others: letting go{health.reason}",
+        fault=True,
+    ),
+    _row(
+        State.LAND,
+        lambda h, s, t: t > s.landing_timeout,
+        State.ENDED,
+        _C,
+        "landing not confirmed within {settings.landing_timeout:g} s",
+        fault=True,
+    ),
+    _row(State.RELEASED, lambda h, s, t: not h.armed, State.ENDED, _N, "the vehicle is disarmed", fault=True),
+)
+
+
+class Supervisor:
+    """The state and its time; nothing moves it but the table."""
+
+    def __init__(self, settings: Supervision) -> None:
+        self._settings = settings
+        self.state = State.FIND
+        self._since_ns: int | None = None
+        self.fault: str | None = None
+        """The first fault, in words; None for a flight without."""
+
+    def update(self, health: Health, now_ns: int) -> Announcement | None:
+        """Take the first row that fits, if any, and say so."""
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        seconds = (now_ns - self._since_ns) * 1e-9
+        for row in _ROWS_OF[self.state]:
+            if row.condition(health, self._settings, seconds):
+                text = row.text.format(health=health, settings=self._settings)
+                if row.fault and self.fault is None:
+                    self.fault = text
+                self.state = row.to
+                self._since_ns = now_ns
+                return Announcement(row.severity, text)
+        return None
+
+
+_ROWS_OF = {state: tuple(row for row in TABLE if state in row.states) for state in State}
+
+
+def unsound(setpoint: Setpoint) -> str | None:
+    """Why a setpoint must not leave: what PX4 would turn into zero thrust, or ArduPilot into a stop. None if it may."""
+    values = (
+        *setpoint.attitude_ned_frd.tolist(),
+        *setpoint.rates_frd.tolist(),
+        *setpoint.torque.tolist(),
+        setpoint.thrust,
+    )
+    if not all(map(math.isfinite, values)):
+        return "not finite"
+    w, x, y, z = values[:4]
+    if abs(w * w + x * x + y * y + z * z - 1.0) > 1e-3:
+        return "quaternion not of length 1"
+    if not 0.0 <= setpoint.thrust <= 1.0:
+        return f"thrust {setpoint.thrust:g}"
+    if max(map(abs, values[7:10])) > 1.0:
+        return "torque above 1"
+    return None

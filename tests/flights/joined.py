@@ -1,0 +1,83 @@
+"""Both sides in one thread, joined in memory: the same stages as in two processes, without sockets or sleeping."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from companion import mission as missions
+from companion.autopilot import Autopilot, Datagram, Tick
+from companion.config import load_body, load_settings
+from companion.mission import Mission
+from companion.state import Output
+from companion.trace import TRACE
+from protocol import datafile
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.vehicle import Vehicle
+from vehicle_sim.world import World
+
+
+@dataclass
+class Joined:
+    """A companion and a vehicle that have not met yet. `meddle` may change what the companion hears: (time, bytes) -> bytes."""
+
+    mission: Mission
+    output: Output = Output.RATES
+    overrides: tuple[str, ...] = ()
+    seed: int = 1
+    meddle: Callable[[int, bytes], bytes] = lambda time_ns, data: data
+    said: list[str] = field(default_factory=list)
+    sent: list[bytes] = field(default_factory=list)
+    received: list[bytes] = field(default_factory=list)
+    traces: list[bytes] = field(default_factory=list)
+    clearances: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        settings = load_settings(None, list(self.overrides))
+        self.autopilot = Autopilot(settings, load_body(self.mission.vehicle), self.mission, self.output)
+        frame = Airframe.load(datafile.find("vehicles", self.mission.vehicle))
+        world = World.load(datafile.find("worlds", self.mission.world))
+        self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=True)
+
+    def tick(self) -> None:
+        """4 ms."""
+        datagrams = self.vehicle.advance()
+        now = self.vehicle.time_ns
+        answer = b""
+        for whole in datagrams:
+            heard = self.meddle(now, whole)
+            self.received.append(heard)
+            answer += self._handle(Datagram(now, heard))
+        answer += self._handle(Tick(now))
+        if answer:
+            self.sent.append(answer)
+            self.vehicle.receive(answer)
+
+    def _handle(self, event: Datagram | Tick) -> bytes:
+        reaction = self.autopilot.handle(event)
+        self.said += [f"{event.time_ns * 1e-9:.2f} {each.text}" for each in reaction.announcements]
+        if reaction.trace is not None:
+            self.traces.append(reaction.trace)
+        return reaction.datagram
+
+    def fly(self, limit_s: float = 400.0, until: Callable[["Joined"], bool] = lambda joined: False) -> "Joined":
+        """Until the companion has ended, or `until` holds, at most `limit_s` of simulated time."""
+        end_ns = self.vehicle.time_ns + round(limit_s * 1e9)
+        while not self.autopilot.ended and self.vehicle.time_ns < end_ns and not until(self):
+            self.tick()
+        return self
+
+    def drift(self, seconds: float) -> None:
+        """The vehicle alone: the companion is gone."""
+        for _ in range(round(seconds * 1e9 / TICK_NS)):
+            self.vehicle.advance()
+
+    def trace(self) -> "np.ndarray[tuple[int], np.dtype[np.void]]":
+        """The trace as a structured array, as the log has it."""
+        return np.frombuffer(b"".join(self.traces), TRACE.dtype)
+
+
+def mission_of(name: str) -> Mission:
+    """One of the project's missions."""
+    return missions.load(name)[0]
