@@ -17,20 +17,22 @@ class DataFileError(Exception):
 
 
 def find(kind: str, name: str) -> Path:
-    """The file `name` is a path of, or `{kind}/{name}.toml` here or in the project's folder (kind: worlds, vehicles, missions).
+    """The file at the path `name`, or `{kind}/{name}.toml` here or in the project's folder.
 
-    Raises DataFileError, with the names that there are.
+    Kinds are worlds, vehicles and missions. Raises DataFileError, with the names that there are.
     """
     candidates = [Path(name), Path(kind) / f"{name}.toml", ROOT / kind / f"{name}.toml"]
     for path in candidates:
         if path.is_file():
             return path
     known = sorted({path.stem for folder in (Path(kind), ROOT / kind) for path in folder.glob("*.toml")})
-    raise DataFileError(f"{name}: no such file, and none of that name in {kind}/ (there: {', '.join(known) or 'nothing'})")
+    raise DataFileError(
+        f"{name}: no such file, and none of that name in {kind}/ (there: {', '.join(known) or 'nothing'})"
+    )
 
 
 def load(path: Path, record: type[T], overrides: Sequence[str] = ()) -> T:
-    """Read `path` as a `record` (a msgspec.Struct); `overrides` are "table.key=value" with the value in TOML's notation.
+    """Read `path` as a `record` (a msgspec.Struct); `overrides` are "table.key=value", the value as in TOML.
 
     Raises DataFileError for a file that can't be read, is no TOML, or does not fit the record.
     """

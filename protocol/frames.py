@@ -161,7 +161,7 @@ def _radii(latitude: float) -> tuple[float, float]:
 
 
 def to_geodetic(position_ned: Array, origin: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Local (m) -> latitude, longitude (rad), altitude (m), on the plane that touches WGS84 at `origin` (the same units)."""
+    """Local (m) -> latitude, longitude (rad), altitude (m), on the plane that touches WGS84 at `origin` (same units)."""
     meridian, prime = _radii(origin[0])
     return (
         origin[0] + position_ned[0] / meridian,

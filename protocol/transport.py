@@ -15,7 +15,7 @@ import serial
 
 _LARGEST_DATAGRAM = 65535
 _BLOCKING_FROM_S = 0.1
-_DONTWAIT = socket.MSG_DONTWAIT
+_DONTWAIT = int(socket.MSG_DONTWAIT)
 
 
 class TransportError(Exception):
@@ -32,7 +32,10 @@ class Transport(Protocol):
         """Who is sent to, and who sent what came last ("" while unknown)."""
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """What arrives within the time (0: what is there already), or None. Raises TransportError once the link is gone."""
+        """What arrives within the time (0: what is there already), or None.
+
+        Raises TransportError once the link is gone.
+        """
 
     def send(self, data: bytes) -> None:
         """Send to the peer; without one, or with nobody listening there, it is lost as on any radio."""
@@ -260,7 +263,8 @@ def open_url(url: str) -> Transport:
     place, separator, number = rest.rpartition(":")
     if not separator or not place or not number.isdigit():
         raise TransportError(
-            f"{url}: write it as udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
+            f"{url}: write it as udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or "
+            "serial:DEVICE:BAUD"
         )
     value = int(number)
     if scheme != "serial" and value > 65535:
