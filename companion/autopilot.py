@@ -134,6 +134,7 @@ class Autopilot:
         self._rate_gain = lqr.rate_gain(K)
         self._c1 = np.array(settings.control.position.c1)
         self._c2 = np.array(settings.control.position.c2)
+        self._drag = np.array(body.drag_kg_s) * float(settings.control.position.drag_compensation)
         tilt_rate, yaw_rate = math.radians(limits.roll_pitch_rate_deg), math.radians(limits.yaw_rate_deg)
         self._rate_limit = np.array([tilt_rate, tilt_rate, yaw_rate])
         self._torque_scale = lqr.to_torque(body) / np.array(body.full_torque_nm)
@@ -482,7 +483,10 @@ class Autopilot:
             self._c1,
             self._c2,
         )
-        thrust_ned, limited = thrust.thrust_vector(acceleration, mass, self._lowest_n, self._highest_n, self._tilt)
+        against_drag = thrust.drag_compensation(state.velocity_ned, state.attitude_ned_frd, self._drag, mass)
+        thrust_ned, limited = thrust.thrust_vector(
+            acceleration + against_drag, mass, self._lowest_n, self._highest_n, self._tilt
+        )
         attitude = flatness.attitude_command(thrust_ned, reference.yaw)
         error = lqr.attitude_error(state.attitude_ned_frd, attitude)
         reference_rates = np.array((0.0, 0.0, reference.yaw_rate))

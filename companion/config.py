@@ -25,6 +25,8 @@ class PositionControl(Table, frozen=True):
 
     c1: Vector = (2.5, 2.5, 2.5)
     c2: Vector = (2.5, 2.5, 2.5)
+    drag_compensation: bool = True
+    """Make up for the drag of the `[body]` table, which the paper's model lacks."""
 
 
 class AttitudeControl(Table, frozen=True):

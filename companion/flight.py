@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
@@ -15,14 +16,18 @@ from companion.autopilot import Autopilot
 from companion.config import Settings
 from companion.mission import Mission
 from companion.rehearsal import rehearse
-from companion.runner import RECORD_TYPES, Pace, Runner
+from companion.runner import RECORD_TYPES, Runner
 from companion.state import Output
 from companion.summary import Axes, Summary
 from companion.supervisor import State
 from protocol import datafile
 from protocol.body import Body
+from protocol.clock import RealClock
 from protocol.flightlog import FlightLog
 from protocol.transport import Transport
+
+Pace = Literal["lockstep"] | float
+"""Lockstep, or how many times as fast as real time."""
 
 LIBRARIES = ("control", "mcap", "numba", "numpy", "pymavlink", "ruckig", "scipy")
 
@@ -82,18 +87,18 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
     rehearse(plan.settings, plan.body, plan.mission, plan.output)
     autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output)
     began = time.time()
-    epoch_ns = 0 if plan.pace == "lockstep" else round(began * 1e9)
+    clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
     log = FlightLog.open(
         new_folder(logs, plan.mission.name, began),
         metadata={"flight": _metadata(plan, began)},
         attachments=_attachments(plan),
         types=RECORD_TYPES,
-        on_full="wait" if plan.pace == "lockstep" else "drop",
+        on_full="wait" if clock is None else "drop",
         console=console,
-        epoch_ns=epoch_ns,
+        epoch_ns=0 if clock is None else round(began * 1e9),
         preserves_datagrams=transport.preserves_datagrams,
     )
-    runner = Runner(autopilot, transport, log, plan.pace)
+    runner = Runner(autopilot, transport, log, clock)
     wall = time.monotonic()
     try:
         runner.run()

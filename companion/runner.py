@@ -10,16 +10,12 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from types import FrameType
-from typing import Literal
 
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, Reaction, Request, Tick
 from companion.trace import TRACE
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, record_type
 from protocol.transport import Transport, TransportError
-
-Pace = Literal["lockstep"] | float
-"""Lockstep, or how many times as fast as real time."""
 
 TICK_NS = 4_000_000
 """250 Hz"""
@@ -43,13 +39,13 @@ _TIMESYNC = 111
 
 
 class Runner:
-    """Flies an autopilot over a transport until it has ended."""
+    """Flies an autopilot over a transport until it has ended; without a clock in lockstep."""
 
-    def __init__(self, autopilot: Autopilot, transport: Transport, log: FlightLog, pace: Pace) -> None:
+    def __init__(self, autopilot: Autopilot, transport: Transport, log: FlightLog, clock: RealClock | None) -> None:
         self._autopilot = autopilot
         self._transport = transport
         self._log = log
-        self._pace = pace
+        self._clock = clock
         self._landing_requested = False
         self._locked = False
         self._checked_log_ns = 0
@@ -64,11 +60,11 @@ class Runner:
         """Fly. Ends when the autopilot has ended, the link is gone for good, or the loop itself has failed."""
         with _landing_on_signal(self._request_landing), _no_garbage_collection():
             try:
-                if self._pace == "lockstep":
+                if self._clock is None:
                     self._lockstep()
                 else:
                     with _real_time_priority():
-                        self._real_time(RealClock(self._pace))
+                        self._real_time(self._clock)
             except TransportError as error:
                 self.failure = f"the link is gone: {error}"
             except Exception as error:

@@ -1,6 +1,7 @@
 """Messages <-> state types: the only place where units, frames and enums are converted.
 
-A message is accepted whole or not at all: one value that is not finite or out of range and it is refused (`RefusedError`).
+A message is accepted whole or not at all: one value that is not finite or out of range and it is
+refused (`RefusedError`).
 """
 
 import math

@@ -7,6 +7,7 @@ import msgspec
 from protocol.frames import GRAVITY
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 
 
 class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -19,7 +20,9 @@ class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Thrust of one rotor at full throttle."""
     torque_per_thrust_m: Positive
     """A rotor's drag torque over its thrust, km/kf."""
-    parcel_mass_kg: Annotated[float, msgspec.Meta(ge=0)] = 0.0
+    drag_kg_s: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    """Linear drag (N for 1 m/s) along the body's axes."""
+    parcel_mass_kg: NotNegative = 0.0
     """What it carries at take-off, on top of `mass_kg`."""
 
     @property

@@ -5,7 +5,13 @@ import math
 import numpy as np
 
 from protocol.compiled import compiled
-from protocol.frames import GRAVITY, Array
+from protocol.frames import GRAVITY, Array, rotate, rotate_inverse
+
+
+@compiled
+def drag_compensation(velocity_ned: Array, attitude_ned_frd: Array, drag: Array, mass: float) -> Array:
+    """Acceleration (m/s2, NED) that makes up for linear drag (kg/s, body axes) at a velocity through still air."""
+    return rotate(attitude_ned_frd, drag * rotate_inverse(attitude_ned_frd, velocity_ned)) / mass
 
 
 @compiled
