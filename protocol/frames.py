@@ -73,7 +73,11 @@ def from_rotation_vector(rotation: Array) -> Array:
 @compiled
 def to_rotation_vector(q: Array) -> Array:
     """The shortest rotation, axis times angle in [0, pi]; the same for q and -q."""
-    sign = -1.0 if q[0] < 0.0 else 1.0
+    sign = 1.0
+    for component in q:  # of a half turn, w = 0, q and -q are told apart by the axis
+        if component != 0.0:
+            sign = 1.0 if component > 0.0 else -1.0
+            break
     sine = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     scale = 2.0 * sign if sine < 1e-9 else 2.0 * math.atan2(sine, sign * q[0]) / sine * sign
     return np.array([scale * q[1], scale * q[2], scale * q[3]])
@@ -136,7 +140,8 @@ def from_matrix(r: Array) -> Array:
 @compiled
 def wrap(angle: float) -> float:
     """Angle (rad) in [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+    wrapped = (angle + math.pi) % (2.0 * math.pi) - math.pi
+    return -math.pi if wrapped >= math.pi else wrapped  # the remainder of a tiny negative number rounds to 2 pi
 
 
 def enu_to_ned(v: Array) -> Array:
@@ -161,11 +166,14 @@ def _radii(latitude: float) -> tuple[float, float]:
 
 
 def to_geodetic(position_ned: Array, origin: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Local (m) -> latitude, longitude (rad), altitude (m), on the plane that touches WGS84 at `origin` (same units)."""
+    """Local (m) -> latitude, longitude (rad), altitude (m), on the plane that touches WGS84 at `origin` (same units).
+
+    Longitudes are in [-pi, pi), also across the date line.
+    """
     meridian, prime = _radii(origin[0])
     return (
         origin[0] + position_ned[0] / meridian,
-        origin[1] + position_ned[1] / (prime * math.cos(origin[0])),
+        wrap(origin[1] + position_ned[1] / (prime * math.cos(origin[0]))),
         origin[2] - position_ned[2],
     )
 
