@@ -1,12 +1,20 @@
 """Compilation to machine code (numba), with a cache on disk that can't be stale.
 
 numba's own cache looks at the file of a function alone, not at the files of the functions that it calls. Here the
-cache's folder is named after the text of every module that holds compiled functions, so that an edit anywhere
-recompiles everything and nothing old is ever run.
+cache's folder is named after the text of every module that holds compiled functions and of the project's modules that
+these import (numbers from there are compiled in), so that an edit to any of them recompiles everything and nothing old
+is ever run.
+
+The cache is in `.cache/` of the project, in the user's cache folder if the project can't be written to, and nowhere
+(each process compiles for itself) if neither can; NUMBA_CACHE_DIR takes the place of both.
 """
 
+import ast
+import contextlib
 import hashlib
-from collections.abc import Callable
+import os
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,23 +23,62 @@ import numba
 F = TypeVar("F", bound=Callable[..., Any])
 
 ROOT = Path(__file__).resolve().parent.parent
+_PACKAGES = ("protocol", "companion", "vehicle_sim")
+
+
+def _imported(source: bytes) -> Iterator[Path]:
+    """The project's modules that a module's text imports; none if it can't be parsed, and so not compiled either."""
+    try:
+        tree = ast.parse(source)
+    except SyntaxError:
+        return
+    for node in ast.walk(tree):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            if name.split(".")[0] in _PACKAGES:
+                path = ROOT / name.replace(".", "/")
+                yield from (found for found in (path.with_suffix(".py"), path / "__init__.py") if found.is_file())
 
 
 def _sources_digest() -> str:
+    sources = {path: path.read_bytes() for package in _PACKAGES for path in (ROOT / package).rglob("*.py")}
+    unread = [path for path, text in sources.items() if b"protocol.compiled" in text or b"import compiled" in text]
+    relevant: set[Path] = set()
+    while unread:
+        path = unread.pop()
+        if path not in relevant:
+            relevant.add(path)
+            unread.extend(_imported(sources[path]))
     digest = hashlib.sha256()
-    for package in ("protocol", "companion", "vehicle_sim"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            text = path.read_bytes()
-            if b"protocol.compiled import" in text:
-                digest.update(path.name.encode() + text)
+    for path in sorted(relevant):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + sources[path] + b"\0")
     return digest.hexdigest()[:16]
 
 
-if not numba.config.CACHE_DIR:
-    numba.config.CACHE_DIR = str(ROOT / ".cache" / "compiled" / _sources_digest())
+def _cache_folder() -> Path | None:
+    """The first place that can be written to."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    places = [Path(chosen)] if chosen else [ROOT / ".cache" / "compiled", Path("~/.cache/courier/compiled")]
+    digest = _sources_digest()
+    for place in places:
+        # RuntimeError: there is no home
+        with contextlib.suppress(OSError, RuntimeError):
+            folder = place.expanduser() / digest
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return folder
+    return None
+
+
+_FOLDER = _cache_folder()
+numba.config.CACHE_DIR = str(_FOLDER or "")
 
 
 def compiled(function: F) -> F:
     """Compile on the first call for its argument types; IEEE arithmetic throughout, so that runs repeat to the bit."""
-    result: F = numba.njit(cache=True, error_model="numpy")(function)
+    result: F = numba.njit(cache=_FOLDER is not None, error_model="numpy")(function)
     return result
