@@ -56,10 +56,10 @@ def vehicle_sim(
     except KeyboardInterrupt:
         pass
     except TransportError as error:
-        typer.echo(f"vehicle-sim: {error}", err=True)
+        _fail(str(error))
     finally:
         transport.close()
-    typer.echo(json.dumps(flown.summary().as_dict()))
+        typer.echo(json.dumps(flown.summary().as_dict()))
 
 
 def _factor(pace: str) -> float | None:

@@ -10,6 +10,7 @@ from enum import Enum, IntEnum
 
 import numpy as np
 
+from protocol.frames import GRAVITY
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.inner_loop import COMMAND, Command, Level
 from vehicle_sim.motion import Motion, Quaternion, Vector
@@ -121,7 +122,7 @@ class SetpointStream:
         if self._last_ns is None or now_ns - self._last_ns > STREAM_GAP_NS:
             return "no setpoint stream"
         if now_ns - self._since_ns < STREAM_PROOF_NS:
-            return "setpoint stream younger than 1 s"
+            return "setpoint stream under 1 s old"
         return None
 
     def lost(self, now_ns: int) -> bool:
@@ -249,7 +250,7 @@ class FlightControl:
             return self._refuse("Takeoff rejected: crashed")
         height = self._auto.takeoff_height_m if height_m is None else height_m
         if not math.isfinite(height) or height <= 0.0:
-            return self._refuse(f"Takeoff rejected: height {height:g} m", Result.DENIED)
+            return self._refuse(f"Takeoff rejected: {height:.1f} m above home", Result.DENIED)
         self.failsafe = False
         north, east, down = self._motion.position_ned
         home_down = down if self.landed else self.home_ned[2]
@@ -337,7 +338,7 @@ class FlightControl:
             return
         if self.landed:
             return
-        idle = self.command["thrust_n"][0] < 0.5 * self.mass_kg * 9.81 or self.command is self._stopped
+        idle = self.command["thrust_n"][0] < 0.5 * self.mass_kg * GRAVITY
         if not idle or motion.speed > _QUIET_M_S:
             self._quiet_since_ns = None
         elif self._quiet_since_ns is None:

@@ -43,6 +43,7 @@ class Runner:
         self._transport = transport
         self._once = once
         self._heard_at = time.monotonic()
+        self._locked = False
         self._finished_ns: int | None = None
 
     def _over(self) -> bool:
@@ -64,6 +65,9 @@ class Runner:
         if data is None:
             return False
         self._heard_at = time.monotonic()
+        if not self._locked:
+            self._locked = True
+            self._transport.lock()  # whoever speaks first has the vehicle for good, as with PX4
         self._vehicle.receive(data)
         return True
 

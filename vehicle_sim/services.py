@@ -185,10 +185,12 @@ class Services:
             self._flight.say(Severity.WARNING, "Gripper: release is all it can do")
             return Result.DENIED
         self._flight.say(Severity.INFO, "Parcel released" if self._release() else "Gripper: no parcel left")
-        return Result.ACCEPTED
+        return Result.ACCEPTED  # the second time too: it may be the same command, sent again for want of an answer
 
     def _set_message_interval(self, message: Any, _: float | None) -> Result:
-        accepted = self._telemetry.set_interval(_whole(message.param1), _whole(message.param2))
+        if not math.isfinite(message.param2):
+            return Result.DENIED
+        accepted = self._telemetry.set_interval(_whole(message.param1), round(message.param2))
         return Result.ACCEPTED if accepted else Result.DENIED
 
     def _request_message(self, message: Any, _: float | None) -> Result:

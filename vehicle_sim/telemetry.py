@@ -165,7 +165,7 @@ class Telemetry:
             self._said_landed = landed
             yield self.extended_sys_state()
         due = self._due
-        while due[0][0] <= tick:
+        while due and due[0][0] <= tick:
             message_id = due[0][1]
             stream = self._streams[message_id]
             heapq.heapreplace(due, (tick + stream.ticks, message_id))
