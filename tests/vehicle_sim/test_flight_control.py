@@ -335,12 +335,11 @@ def test_least_clearance_is_the_hulls_and_of_the_air_alone() -> None:
     pilot.take_off()
     assert pilot.vehicle.summary().least_clearance_m == pytest.approx(7.5 - AIRFRAME.hull.radius_m, abs=1e-6)
     pilot.interval(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 4000)
-    pilot.go_offboard()
-    pilot.fly(1.5, lambda: pilot.attitude(FORWARD))
-    pilot.set_mode(HOLD)
-    pilot.fly(6.0)
-    pilot.go_offboard()
-    pilot.fly(3.0, lambda: pilot.attitude(tilted(0.2, (0.0, 1.0, 0.0))))
+    for seconds, axis in ((1.2, -1.0), (2.0, 1.0), (2.2, -1.0), (2.0, 1.0)):  # near, away, nearer, away
+        pilot.go_offboard()
+        pilot.fly(seconds, lambda axis=axis: pilot.attitude(tilted(0.2, (0.0, axis, 0.0))))  # type: ignore[misc]
+        pilot.set_mode(HOLD)
+        pilot.fly(2.0)
     furthest = max(m.x for m in pilot.all("LOCAL_POSITION_NED"))
     assert pilot.vehicle.summary().least_clearance_m == pytest.approx(7.5 - AIRFRAME.hull.radius_m - furthest, abs=1e-5)
 
