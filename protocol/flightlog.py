@@ -259,7 +259,7 @@ WRITING, FAILED, CLOSED = range(3)
 # 64-bit words at the start of the shared memory. The flying process writes the first row, the recorder the second;
 # each counts bytes or records since the start and never wraps.
 HEAD, DROPPED, CLOSING = 0, 1, 2
-TAIL, BEAT, STATE, WRITTEN, WRITTEN_BYTES = 8, 9, 10, 11, 12
+TAIL, BEAT, STATE, WRITTEN = 8, 9, 10, 11
 WORDS_BYTES = 128
 FAULT_TEXT = slice(128, 1024)
 RING = 4096

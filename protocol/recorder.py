@@ -39,6 +39,7 @@ CHUNK_BYTES = 512 << 10
 COMPRESSION_LEVEL = 1
 """zstd's fastest: level 3 saves a few per cent and takes twice the time."""
 STATUS_INTERVAL_S = 5.0
+DROPPED_INTERVAL_NS = 1_000_000_000
 _MOST_TARGETS = 4096
 _BATCH = 256
 """Records between two signs of life."""
@@ -387,6 +388,8 @@ class Recorder:
         self._tail = 0
         self._taken = 0
         self._chunk_start_ns = 0
+        self._said_dropped = 0
+        self._said_ns = 0
         self._lost = 0
         self._undecoded = 0
         self._failed = False
@@ -411,6 +414,7 @@ class Recorder:
                 self._words[flightlog.WRITTEN] = self._taken - self._lost
             elif now_ns - self._chunk_start_ns > CHUNK_AGE_NS:
                 self._end_chunk()
+            self._say_dropped(now_ns)
             if ended and head == self._words[flightlog.HEAD]:
                 break
         self._finish()
@@ -452,6 +456,13 @@ class Recorder:
         self._taken += count
         self._tail = self._words[flightlog.TAIL] = tail
 
+    def _say_dropped(self, now_ns: int) -> None:
+        dropped = self._words[flightlog.DROPPED]
+        if dropped > self._said_dropped and now_ns - self._said_ns > DROPPED_INTERVAL_NS:
+            self._said_dropped = dropped
+            self._said_ns = now_ns
+            self._console.text(f"{self._setup.folder}: {dropped} records not logged so far, the ring was full")
+
     def _mistake(self, error: Exception) -> None:
         if not self._undecoded:
             self._console.text(f"{self._setup.folder}: the flight log left a message undecoded: {error!r}")
@@ -474,13 +485,13 @@ class Recorder:
         self._console.text(f"{time_s:9.3f} {_LEVELS[text['level']]:7} {text['name']}: {text['message']}")
 
     def _end_chunk(self) -> None:
+        self._chunk_start_ns = time.monotonic_ns()
         try:
             self._file.end_chunk()
         except OSError as error:
             self._fail(error)
             self._lost += self._taken - self._lost - self._words[flightlog.WRITTEN]
         self._words[flightlog.WRITTEN] = self._taken - self._lost
-        self._words[flightlog.WRITTEN_BYTES] = self._file.size
 
     def _fail(self, error: OSError) -> None:
         if self._failed:
@@ -510,8 +521,6 @@ class Recorder:
             self._file.finish()
         except OSError as error:
             self._fail(error)
-        if dropped:
-            self._console.text(f"{self._setup.folder}: {dropped} records were dropped, the log's disk was too slow")
         self._console.close()
         if not self._failed:
             self._words[flightlog.STATE] = flightlog.CLOSED

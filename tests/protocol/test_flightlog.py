@@ -33,7 +33,7 @@ from protocol.flightlog import (
     read,
     record_type,
 )
-from protocol.recorder import message_type
+from protocol.recorder import CHUNK_AGE_NS, message_type
 
 COUNT = record_type("/courier/count", "courier/Count", [("number", "int64"), ("filling", "uint8[]")])
 TRACE = record_type(
@@ -391,7 +391,7 @@ def test_records_that_just_fit_the_ring_and_that_never_do(start: Opener) -> None
     assert LogReader(log.path).metadata["flightlog end"]["dropped"] == "1"
 
 
-def test_drop_never_waits_and_leaves_gaps_in_the_sequence(start: Opener) -> None:
+def test_drop_never_waits_and_leaves_gaps_in_the_sequence(start: Opener, capfd: pytest.CaptureFixture[str]) -> None:
     log = start(on_full="drop", ring_bytes=1 << 16)
     os.kill(log.recorder_pid, signal.SIGSTOP)
     count(log, range(5000))  # would never return if it waited
@@ -403,6 +403,7 @@ def test_drop_never_waits_and_leaves_gaps_in_the_sequence(start: Opener) -> None
     sequences = [record.sequence for record in read(log.path)]
     assert sequences == [*range(5000 - dropped), 5000]
     assert 0 < dropped == log.dropped < 5000
+    assert f"{dropped} records not logged" in capfd.readouterr().err
 
 
 # Kills.
@@ -458,6 +459,20 @@ def test_a_record_is_safe_soon_without_more_to_follow(start: Opener) -> None:
     assert reader.problem is not None
     assert "cut off" in reader.problem
     assert reader.metadata["flightlog"]["epoch_ns"] == str(EPOCH_NS)
+
+
+def test_chunks_grow_to_their_age(start: Opener) -> None:
+    began = time.monotonic_ns()
+    log = start()
+    for number in range(100):  # spread over many polls; on a slower machine there is time for more chunks
+        count(log, range(number, number + 1))
+        time.sleep(0.003)
+    log.close()
+    most = (time.monotonic_ns() - began) // CHUNK_AGE_NS + 2
+    with log.path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) <= most
 
 
 def test_kill_of_the_recorder_is_said_and_stops_nothing(start: Opener) -> None:

@@ -1,0 +1,197 @@
+"""The flight log: what a record costs the flying thread and the recorder, the file's size, reading, loss on a kill."""
+
+import argparse
+import json
+import math
+import os
+import resource
+import signal
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from mcap.reader import make_reader
+
+from protocol.flightlog import Direction, FlightLog, RecordType, read, record_type
+from protocol.messages import Encoder, dialect
+
+TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
+TRACE = record_type("/companion/trace", "courier/Trace", [(f"value_{index}", "float64[3]") for index in range(20)])
+PERIOD_NS = 4_000_000
+RECORDS_A_TICK = 4
+MESSAGES_A_TICK = 5
+
+
+class Tick(NamedTuple):
+    time_ns: int
+    received: bytes
+    sent: bytes
+    trace: list[float]
+
+
+def traffic(ticks: int) -> Iterator[Tick]:
+    """A vehicle in a gentle curve, with sensor noise: four frames in and one out each 4 ms."""
+    vehicle, companion = Encoder(1, 1), Encoder(1, 191)
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (ticks, 60))
+    for number in range(ticks):
+        ms = number * 4
+        n = noise[number].tolist()
+        integers = [abs(int(1000.0 * value)) for value in n[16:27]]
+        swing = math.sin(ms * 1e-3)
+        q = [0.99, 0.1 * swing + 0.01 * n[0], 0.02 + 0.01 * n[1], 0.05 + 0.01 * n[2]]
+        received = (
+            vehicle.encode_fields(dialect.MAVLink_attitude_quaternion_message, ms, *q, *n[3:6])
+            + vehicle.encode_fields(
+                dialect.MAVLink_local_position_ned_message, ms, 2e-3 * ms, 5.0 * swing, -5.0 + n[6], 2.0, *n[7:9]
+            )
+            + vehicle.encode_fields(dialect.MAVLink_attitude_target_message, ms, 7, q, *n[9:12], 0.5 + n[12])
+            + vehicle.encode_fields(
+                dialect.MAVLink_hil_state_quaternion_message,
+                ms * 1000,
+                q,
+                *n[13:16],
+                *integers,
+            )
+        )
+        sent = companion.encode_fields(
+            dialect.MAVLink_set_attitude_target_message, ms, 1, 1, 128, [1.0, 0.0, 0.0, 0.0], *n[27:30], 0.5 + n[30]
+        )
+        trace = [math.sin(1e-3 * ms + index) + (n[index] if index % 3 == 0 else 0.0) for index in range(60)]
+        yield Tick(number * PERIOD_NS, received, sent, trace)
+
+
+def open_log(folder: Path, types: tuple[RecordType, ...] = (TICK, TRACE)) -> FlightLog:
+    return FlightLog.open(
+        folder, metadata={}, attachments={}, types=types, on_full="wait", console=False, minimum_free_bytes=0
+    )
+
+
+def hand_over(log: FlightLog, tick: Tick) -> None:
+    log.datagram(tick.time_ns, Direction.IN, "127.0.0.1:14540", tick.received)
+    log.record(TICK, tick.time_ns, TICK.pack(0))
+    log.record(TRACE, tick.time_ns, TRACE.pack(*tick.trace))
+    log.datagram(tick.time_ns, Direction.OUT, "127.0.0.1:14540", tick.sent)
+
+
+def flying_cost(folder: Path, ticks: list[Tick]) -> dict[str, float]:
+    """us on the flying thread for each call, packing included, while the recorder works."""
+    log = open_log(folder)
+    clock = time.perf_counter_ns
+    datagram, trace, fault = [], [], []
+    for tick in ticks:
+        t0 = clock()
+        log.datagram(tick.time_ns, Direction.IN, "127.0.0.1:14540", tick.received)
+        t1 = clock()
+        log.record(TRACE, tick.time_ns, TRACE.pack(*tick.trace))
+        t2 = clock()
+        assert log.fault is None
+        t3 = clock()
+        datagram.append(t1 - t0)
+        trace.append(t2 - t1)
+        fault.append(t3 - t2)
+    log.close()
+    result = {}
+    for name, times in (("datagram", datagram), ("trace of 60 values", trace), ("fault", fault)):
+        times.sort()
+        result[f"{name}, p50 us"] = times[len(times) // 2] * 1e-3
+        result[f"{name}, p99 us"] = times[len(times) * 99 // 100] * 1e-3
+    return result
+
+
+def children_cpu_s() -> float:
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def recorder_cost(folder: Path, ticks: list[Tick]) -> tuple[dict[str, float], Path]:
+    """The recorder's own processor time, and records a second with the producer as fast as the recorder lets it be."""
+    began = children_cpu_s()
+    open_log(folder / "empty").close()
+    start_s = children_cpu_s() - began
+    log = open_log(folder / "full")
+    wall = time.perf_counter()
+    for tick in ticks:
+        hand_over(log, tick)
+    log.close()
+    wall = time.perf_counter() - wall
+    busy_s = children_cpu_s() - began - 2 * start_s
+    records = len(ticks) * (RECORDS_A_TICK + MESSAGES_A_TICK)
+    return {
+        "recorder, us a record in the file": busy_s / records * 1e6,
+        "recorder, us a tick of 4 records and 5 messages": busy_s / len(ticks) * 1e6,
+        "records in the file a second, both processes": records / wall,
+        "recorder's start, ms of processor": start_s * 1e3,
+    }, log.path
+
+
+def sizes(folder: Path, ticks: list[Tick], everything: Path) -> dict[str, float]:
+    log = open_log(folder, ())
+    tlog = 0
+    for tick in ticks:
+        log.datagram(tick.time_ns, Direction.IN, "127.0.0.1:14540", tick.received)
+        log.datagram(tick.time_ns, Direction.OUT, "127.0.0.1:14540", tick.sent)
+        tlog += len(tick.received) + len(tick.sent) + 8 * MESSAGES_A_TICK
+    log.close()
+    return {
+        "tlog, bytes a tick": tlog / len(ticks),
+        "datagrams and messages, bytes a tick": log.path.stat().st_size / len(ticks),
+        "with ticks and trace, bytes a tick": everything.stat().st_size / len(ticks),
+    }
+
+
+def reading(path: Path) -> dict[str, float]:
+    began = time.perf_counter()
+    records = sum(1 for _ in read(path))
+    ours = records / (time.perf_counter() - began)
+    began = time.perf_counter()
+    with path.open("rb") as file:
+        assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)) == records
+    theirs = records / (time.perf_counter() - began)
+    return {"read, records a second": ours, "mcap's make_reader": theirs, "ratio": ours / theirs}
+
+
+def lost_on_kill(folder: Path, ticks: list[Tick], kills: int) -> dict[str, float]:
+    """ms of log lost when the recorder is killed at 250 ticks a second."""
+    lost = []
+    for kill in range(kills):
+        log = open_log(folder / str(kill))
+        start = time.monotonic_ns()
+        for number, tick in enumerate(ticks[: 100 + 7 * kill]):
+            while time.monotonic_ns() - start < number * PERIOD_NS:
+                time.sleep(0.0005)
+            hand_over(log, tick)
+        os.kill(log.recorder_pid, signal.SIGKILL)
+        log.close()
+        last_ns = max((record.time_ns for record in read(log.path)), default=0)
+        lost.append((tick.time_ns - last_ns) * 1e-6)
+    return {"lost on a kill, median ms": statistics.median(lost), "lost on a kill, most ms": max(lost)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--ticks", type=int, default=20_000)
+    parser.add_argument("--kills", type=int, default=8)
+    arguments = parser.parse_args()
+    ticks = list(traffic(arguments.ticks))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        result = flying_cost(folder / "flying", ticks)
+        recorder, path = recorder_cost(folder / "recorder", ticks)
+        result |= recorder
+        result |= sizes(folder / "sizes", ticks, path)
+        result |= reading(path)
+        result |= lost_on_kill(folder / "kills", ticks, arguments.kills)
+    if arguments.json:
+        print(json.dumps(result))
+        return
+    for key, value in result.items():
+        print(f"{key:50} {value:12,.2f}")
+
+
+if __name__ == "__main__":
+    main()
