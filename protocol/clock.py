@@ -1,5 +1,6 @@
 """Clocks: real (or faster by a factor), and one that is set from outside (tests, lockstep)."""
 
+import math
 import time
 from typing import Protocol
 
@@ -11,9 +12,14 @@ class Clock(Protocol):
 
 
 class RealClock:
-    """The machine's monotonic clock, from 0 at construction, running `factor` times as fast."""
+    """The machine's monotonic clock, from 0 at construction, running `factor` times as fast.
+
+    Raises ValueError for a factor that is not positive and finite.
+    """
 
     def __init__(self, factor: float = 1.0) -> None:
+        if not 0.0 < factor < math.inf:
+            raise ValueError(f"a clock can't run {factor} times as fast")
         self.factor = factor
         self._start_ns = time.monotonic_ns()
 
