@@ -1,7 +1,9 @@
 """Worlds, vehicles, missions and settings: TOML files, found by name or path, read into frozen checked records."""
 
+import copy
+import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,8 +25,11 @@ def find(kind: str, name: str) -> Path:
     """
     candidates = [Path(name), Path(kind) / f"{name}.toml", ROOT / kind / f"{name}.toml"]
     for path in candidates:
-        if path.is_file():
-            return path
+        try:
+            if path.is_file():
+                return path
+        except OSError as error:  # a folder that may not be looked into, a name that is too long
+            raise DataFileError(f"{path}: {error.strerror}") from error
     known = sorted({path.stem for folder in (Path(kind), ROOT / kind) for path in folder.glob("*.toml")})
     raise DataFileError(
         f"{name}: no such file, and none of that name in {kind}/ (there: {', '.join(known) or 'nothing'})"
@@ -34,24 +39,44 @@ def find(kind: str, name: str) -> Path:
 def load(path: Path, record: type[T], overrides: Sequence[str] = ()) -> T:
     """Read `path` as a `record` (a msgspec.Struct); `overrides` are "table.key=value", the value as in TOML.
 
-    Raises DataFileError for a file that can't be read, is no TOML, or does not fit the record.
+    Raises DataFileError for a file that can't be read, is no TOML, holds nan or inf, or does not fit the record.
     """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except OSError as error:
+        raise DataFileError(f"{path}: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, a number or a nesting without end
         raise DataFileError(f"{path}: {error}") from error
     return convert(tables, record, str(path), overrides)
 
 
 def convert(tables: dict[str, Any], record: type[T], source: str, overrides: Sequence[str] = ()) -> T:
     """The same for tables that are read already; `source` is named in errors."""
-    for override in overrides:
-        _set(tables, override)
+    if overrides:
         source = f"{source} with --set"
+        tables = copy.deepcopy(tables)
+        for override in overrides:
+            _set(tables, override)
+    for key, number in _floats(tables, ""):
+        if not math.isfinite(number):
+            raise DataFileError(f"{source}: {number} is not a finite number - at `{key}`")
     try:
         return msgspec.convert(tables, record)
     except msgspec.ValidationError as error:
         raise DataFileError(f"{source}: {str(error).replace('$.', '')}") from error
+
+
+def _floats(value: object, key: str) -> Iterator[tuple[str, float]]:
+    """All of them, with their keys; TOML can write nan and inf, and no quantity is either."""
+    match value:
+        case dict():
+            for name, each in value.items():
+                yield from _floats(each, f"{key}.{name}" if key else name)
+        case list() | tuple():
+            for index, each in enumerate(value):
+                yield from _floats(each, f"{key}[{index}]")
+        case float():
+            yield key, value
 
 
 def _set(tables: dict[str, Any], override: str) -> None:
@@ -61,7 +86,7 @@ def _set(tables: dict[str, Any], override: str) -> None:
         raise DataFileError(f"--set {override}: write it as table.key=value")
     try:
         value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         value = text.strip()  # a bare word is a string, as on any command line
     table = tables
     for part in path[:-1]:
