@@ -26,11 +26,6 @@ class Rotors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     time_constant_down_s: Positive
 
 
-class Drag(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    linear_kg_s: tuple[NonNegative, NonNegative, NonNegative]
-    """Force = -linear * velocity, in body axes."""
-
-
 class Ground(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Four feet under the arms, each a spring and damper with dry friction."""
 
@@ -82,7 +77,6 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     body: Body
     rotors: Rotors
-    drag: Drag
     ground: Ground
     hull: Hull
     inner_loop: InnerLoop
@@ -164,7 +158,7 @@ def parameters(airframe: Airframe) -> NDArray[np.void]:
         "rotor_inertia_kgm2": rotors.inertia_kgm2,
         "time_constant_up_s": rotors.time_constant_up_s,
         "time_constant_down_s": rotors.time_constant_down_s,
-        "drag_kg_s": airframe.drag.linear_kg_s,
+        "drag_kg_s": airframe.body.drag_kg_s,
         "foot_radius_m": ground.foot_radius_m,
         "foot_height_m": ground.foot_height_m,
         "stiffness_n_m": ground.stiffness_n_m,

@@ -83,13 +83,13 @@ def test_drag_slows_each_body_axis_with_its_own_time_constant(axis: int) -> None
     falling = at_height(1000.0)
     falling[ATTITUDE] = start[ATTITUDE]
     slowed = run(start, p, 2.0)[VELOCITY] - run(falling, p, 2.0)[VELOCITY]  # linear: the fall is taken away
-    k = AIRFRAME.drag.linear_kg_s[axis]
+    k = AIRFRAME.body.drag_kg_s[axis]
     assert slowed == pytest.approx(8.0 * direction * math.exp(-2.0 * k / AIRFRAME.takeoff_mass_kg), abs=1e-9)
 
 
 def test_terminal_velocity() -> None:
     end = run(at_height(5000.0), parameters(AIRFRAME), 60.0)
-    assert end[5] == pytest.approx(AIRFRAME.takeoff_mass_kg * GRAVITY / AIRFRAME.drag.linear_kg_s[2], rel=1e-6)
+    assert end[5] == pytest.approx(AIRFRAME.takeoff_mass_kg * GRAVITY / AIRFRAME.body.drag_kg_s[2], rel=1e-6)
 
 
 @pytest.mark.parametrize(
