@@ -1,5 +1,6 @@
 """The flight log, against the mcap package's own readers and ROS 1 decoder, and against kills, cuts and full disks."""
 
+import io
 import os
 import random
 import resource
@@ -14,9 +15,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Chunk, Message, MessageIndex
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap_ros1.decoder import DecoderFactory
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -322,12 +324,15 @@ def test_message_indexes_lead_to_their_messages(start: Opener) -> None:
     assert len(found) > 2
     total = 0
     for offset, index in found.items():
-        assert content[offset] == 6
-        assert struct.unpack_from("<Q", content, offset + 1)[0] + 9 == index.chunk_length
+        chunk = Chunk.read(ReadDataStream(io.BytesIO(content[offset + 9 : offset + index.chunk_length])))
+        inner, _ = get_chunk_data_stream(chunk, validate_crc=True)
+        records = inner.read(chunk.uncompressed_size)
         for channel, place in index.message_index_offsets.items():
-            opcode, _, number, size = struct.unpack_from("<BQHI", content, place)
-            assert (opcode, number) == (7, channel)
-            total += size // 16
+            entries = MessageIndex.read(ReadDataStream(io.BytesIO(content[place + 9 :]))).records
+            for log_time, start_of_message in entries:
+                opcode, _, number, _, time_there = struct.unpack_from("<BQHIQ", records, start_of_message)
+                assert (opcode, number, time_there) == (5, channel, log_time)
+            total += len(entries)
     assert total == 2000
 
 
@@ -560,6 +565,13 @@ def test_full_disk_in_flight_is_said_and_what_is_written_stays_readable(start: O
     assert numbers == sorted(set(numbers))
     assert numbers[:100] == list(range(100))
     assert log.path.stat().st_size <= limit
+    copy = log.folder / "copy.mcap"
+
+    def ends_whole() -> bool:  # what was half written is cut off again
+        content = log.path.read_bytes()
+        return f"cut off at byte {len(content)}" in str(written(content, copy)[1].problem)
+
+    until(ends_whole)
     # Room again: the log goes on behind the gap, and the fault stays said.
     resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     count(log, range(2000, 2100))
@@ -573,6 +585,21 @@ def test_full_disk_in_flight_is_said_and_what_is_written_stays_readable(start: O
     assert int(reader.metadata["flightlog end"]["lost"]) == 2100 - len(numbers)
     with log.path.open("rb") as file:
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == len(numbers)
+
+
+def test_first_chunk_that_fails_does_not_take_the_channels_with_it(start: Opener) -> None:
+    log = start()
+    size = log.path.stat().st_size
+    resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    count(log, range(1))
+    until(lambda: log.fault is not None)
+    assert log.path.stat().st_size == size
+    resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    count(log, range(1, 3))
+    until(lambda: log.written == 2)
+    assert numbers_of(log.path) == [1, 2]  # without the summary, which has them again
+    log.close()
+    assert numbers_of(log.path) == [1, 2]
 
 
 # Damage.
