@@ -5,8 +5,10 @@ Packet formats: https://mavlink.io/en/guide/serialization.html.
 
 import re
 import struct
-from typing import Final, Literal, NamedTuple
+from operator import attrgetter
+from typing import Final
 
+import msgspec
 from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -22,14 +24,13 @@ _HEADER_V2: Final = 10
 _unpack_v1 = struct.Struct("<xBBBBB").unpack_from
 _unpack_v2 = struct.Struct("<xBBxBBBHB").unpack_from
 _next_magic = re.compile(b"[\xfd\xfe]").search
-_new_tuple = tuple.__new__
 _CRC_EXTRA: Final[dict[int, bytes]] = {
     message_id: bytes((message_class.crc_extra,)) for message_id, message_class in dialect.mavlink_map.items()
 }
 
 
-class Frame(NamedTuple):
-    """One frame as it was on the wire."""
+class Frame(msgspec.Struct, frozen=True, gc=False):
+    """One frame as it was on the wire (a Struct because one is made for each frame in half a named tuple's time)."""
 
     message_id: int
     system: int
@@ -47,6 +48,15 @@ class Frame(NamedTuple):
     """In the dialect, so the checksum was right; an unknown one can't be checked (see `Framer`)."""
     checksum: int
 
+    # The header of a decoded message, in pymavlink's words: an object of its own would cost a tenth of the decoding.
+    mlen = property(lambda self: len(self.payload))
+    seq = property(attrgetter("sequence"))
+    srcSystem = property(attrgetter("system"))  # noqa: N815
+    srcComponent = property(attrgetter("component"))  # noqa: N815
+    msgId = property(attrgetter("message_id"))  # noqa: N815
+    incompat_flags = property(lambda self: _SIGNED if self.signed else 0)
+    compat_flags = property(lambda self: self.raw[3] if self.version == 2 else 0)
+
 
 class Framer:
     """Takes any bytes in any cut and yields the same whole valid frames.
@@ -60,9 +70,10 @@ class Framer:
     Always: bytes fed = bytes of frames returned + `bad_bytes` + bytes kept.
     """
 
-    __slots__ = ("_pending", "bad_bytes", "bad_frames", "unknown_frames")
+    __slots__ = ("_carry_unknown", "_pending", "bad_bytes", "bad_frames", "unknown_frames")
 
-    def __init__(self) -> None:
+    def __init__(self, *, carry_unknown: bool = True) -> None:
+        self._carry_unknown = carry_unknown
         self._pending = b""
         self.bad_bytes = 0
         """Bytes that belong to no frame."""
@@ -72,113 +83,85 @@ class Framer:
 
     def feed(self, data: bytes) -> list[Frame]:
         """The frames that these bytes complete."""
-        return self._scan(data, at_end=False)
+        return self._scan(data, False)
 
     def flush(self) -> list[Frame]:
         """Settle what is kept: nothing more belongs to it."""
-        return self._scan(b"", at_end=True) if self._pending else []
+        return self._scan(b"", True) if self._pending else []
 
     def datagram(self, data: bytes) -> list[Frame]:
         """`feed` and `flush` in one."""
-        return self._scan(data, at_end=True)
+        return self._scan(data, True)
 
     def _scan(self, data: bytes, at_end: bool) -> list[Frame]:
         if self._pending:
             data = self._pending + data
         size = len(data)
         frames: list[Frame] = []
-        inside: Frame | None = None
-        inside_at = 0
+        inside: tuple[int, int] | None = None
         at = 0
         while at < size:
-            frame = _frame_at(data, at, size)
-            if frame and not frame.known:
-                end = at + len(frame.raw)
-                if end == size and not at_end:
+            magic = data[at]
+            if magic == _MAGIC_V2 and at + _HEADER_V2 <= size:
+                length, flags, sequence, system, component, id_low, id_high = _unpack_v2(data, at)
+                message_id = id_low | id_high << 16
+                start = at + _HEADER_V2
+                stop = start + length
+                end = stop + _CHECKSUM + _SIGNATURE if flags else stop + _CHECKSUM
+            elif magic == _MAGIC_V1 and at + _HEADER_V1 <= size:
+                length, sequence, system, component, message_id = _unpack_v1(data, at)
+                flags = 0
+                start = at + _HEADER_V1
+                stop = start + length
+                end = stop + _CHECKSUM
+            else:
+                flags = 0
+                end = size + 1 if magic in _MAGICS else at
+
+            if at < end <= size and flags <= _SIGNED:
+                checksum = data[stop] | data[stop + 1] << 8
+                extra = _CRC_EXTRA.get(message_id)
+                if extra is not None:
+                    valid = mcrf4xx(data[at + 1 : stop] + extra) == checksum
+                elif end == size and not at_end:
                     break
-                if end < size and data[end] not in _MAGICS:
-                    frame = False
                 else:
-                    # The last find is kept: a flood of candidates must not search the same bytes again and again.
-                    if inside is None or inside_at <= at or inside_at + len(inside.raw) > end:
-                        inside, inside_at = _known_frame_within(data, at + 1, end)
-                    if inside is None:
-                        self.unknown_frames += 1
-                    else:
-                        frame = False
-            if frame:
-                frames.append(frame)
-                at += len(frame.raw)
-                continue
-            if frame is None and not at_end:
-                break
-            if frame is False and data[at] in _MAGICS:
+                    valid = self._carry_unknown and (end == size or data[end] in _MAGICS)
+                    if valid:
+                        # The last find is kept: a flood of candidates must not search the same bytes again and again.
+                        if inside is None or inside[0] <= at or inside[1] > end:
+                            inside = _known_frame_within(data, at + 1, end)
+                        valid = inside is None
+                        self.unknown_frames += valid
+                if valid:
+                    version = 2 if magic == _MAGIC_V2 else 1
+                    known = extra is not None
+                    payload = data[start:stop]
+                    raw = data[at:end] if end - at < size else data
+                    frames.append(
+                        Frame(
+                            message_id, system, component, sequence, payload, raw, version, flags != 0, known, checksum
+                        )
+                    )
+                    at = end
+                    continue
+            if end > size and flags <= _SIGNED:
+                if not at_end:
+                    break
+            elif end > at:
                 self.bad_frames += 1
             found = _next_magic(data, at + 1)
             skip_to = found.start() if found else size
             self.bad_bytes += skip_to - at
             at = skip_to
-        self._pending = data[at:]
+        self._pending = data[at:] if at < size else b""
         return frames
 
 
-def _frame_at(data: bytes, at: int, size: int) -> Frame | Literal[False] | None:
-    """The frame that begins at data[at]; False if none does, None if data[:size] is too short to tell."""
-    magic = data[at]
-    if magic == _MAGIC_V2:
-        if size - at < _HEADER_V2:
-            return None
-        length, flags, sequence, system, component, id_low, id_high = _unpack_v2(data, at)
-        if flags > _SIGNED:
-            return False
-        version = 2
-        message_id = id_low | id_high << 16
-        start = at + _HEADER_V2
-        stop = start + length
-        end = stop + _CHECKSUM + _SIGNATURE if flags else stop + _CHECKSUM
-    elif magic == _MAGIC_V1:
-        if size - at < _HEADER_V1:
-            return None
-        length, sequence, system, component, message_id = _unpack_v1(data, at)
-        flags = 0
-        version = 1
-        start = at + _HEADER_V1
-        stop = start + length
-        end = stop + _CHECKSUM
-    else:
-        return False
-    if end > size:
+def _known_frame_within(data: bytes, start: int, stop: int) -> tuple[int, int] | None:
+    """Where the first frame of a known message within data[start:stop] begins and ends."""
+    frames = Framer(carry_unknown=False).datagram(data[start:stop])
+    if not frames:
         return None
-    checksum = data[stop] | data[stop + 1] << 8
-    extra = _CRC_EXTRA.get(message_id)
-    if extra is None:
-        known = False
-    elif mcrf4xx(data[at + 1 : stop] + extra) == checksum:
-        known = True
-    else:
-        return False
-    return _new_tuple(  # Frame(...) in half the time
-        Frame,
-        (
-            message_id,
-            system,
-            component,
-            sequence,
-            data[start:stop],
-            data[at:end],
-            version,
-            flags != 0,
-            known,
-            checksum,
-        ),
-    )
-
-
-def _known_frame_within(data: bytes, at: int, limit: int) -> tuple[Frame | None, int]:
-    """The first frame of a known message that lies within data[at:limit], and where it begins."""
-    while found := _next_magic(data, at, limit):
-        frame = _frame_at(data, found.start(), limit)
-        if frame and frame.known:
-            return frame, found.start()
-        at = found.start() + 1
-    return None, 0
+    at = data.index(frames[0].raw, start)
+    return at, at + len(frames[0].raw)

@@ -18,7 +18,7 @@ from protocol.framing import Frame
 
 __all__ = ["Encoder", "Field", "Layout", "decode", "dialect", "layout"]
 
-_HEADER_V2: Final = struct.Struct("<BxxBBB3s")
+_pack_header = struct.Struct("<BxxBBB3s").pack
 _FORMATS: Final = {
     "char": "s",
     "int8_t": "b",
@@ -63,15 +63,15 @@ def layout(message_id: int) -> Layout:
         Field(name, types[name], length)
         for name, length in zip(message_class.ordered_fieldnames, message_class.array_lengths, strict=True)
     )
-    return Layout(message_id, message_class.msgname, fields, _struct(fields).size, message_class.crc_extra)
+    return Layout(message_id, message_class.msgname, fields, _struct(*fields).size, message_class.crc_extra)
 
 
 def decode(frame: Frame) -> Any | None:
     """The message that pymavlink's parser would return, or None if the dialect lacks it.
 
     Cut zeros are restored, and what follows the last known field (a newer sender's extensions) is left out. Texts end
-    at their first zero byte; the bytes are in `_{name}_raw`. `get_payload` is the payload as sent. Values are not
-    judged: NaN and empty payloads come through.
+    at their first zero byte; the bytes are in `_{name}_raw`. `get_payload` is the payload as sent, `get_header` the
+    frame. Values are not judged: NaN and empty payloads come through.
     """
     return _decoders[frame.message_id](frame)
 
@@ -94,7 +94,7 @@ class Encoder:
 
         Raises ValueError, naming message and field, for a value that does not fit.
         """
-        packer = _packers.get(type(message)) or _packer(type(message))
+        packer = _packers[type(message)]
         return self._frame(packer, packer.message(message))
 
     def encode_fields(self, message_class: type[Any], *fields: Any) -> bytes:
@@ -103,12 +103,12 @@ class Encoder:
         Texts are bytes; longer ones are cut as pymavlink does. Raises ValueError, naming message and field, for a value
         that does not fit, and TypeError for a wrong number of fields.
         """
-        packer = _packers.get(message_class) or _packer(message_class)
+        packer = _packers[message_class]
         return self._frame(packer, packer.fields(*fields))
 
     def _frame(self, packer: "_Packer", full_payload: bytes) -> bytes:
         payload = full_payload.rstrip(b"\0") or b"\0"
-        body = _HEADER_V2.pack(len(payload), self.sequence, self.system, self.component, packer.message_id) + payload
+        body = _pack_header(len(payload), self.sequence, self.system, self.component, packer.message_id) + payload
         checksum = mcrf4xx(body + packer.crc_extra)
         self.sequence = (self.sequence + 1) & 0xFF
         return b"\xfd" + body + checksum.to_bytes(2, "little")
@@ -135,21 +135,21 @@ class _Decoders(dict[int, Callable[[Frame], Any]]):
 
 
 _decoders = _Decoders()
-_packers: dict[type[Any], _Packer] = {}
 
 
-def _format(field: Field, *, arrays_as_bytes: bool = False) -> str:
-    """In struct's notation, without the byte order."""
-    letter = _FORMATS[field.type]
-    if not field.array_length:
-        return letter
-    if arrays_as_bytes:
-        return f"{field.array_length * struct.calcsize('<' + letter)}s"
-    return f"{field.array_length}{letter}"
+class _Packers(dict[type[Any], _Packer]):
+    def __missing__(self, message_class: type[Any]) -> _Packer:
+        if dialect.mavlink_map.get(getattr(message_class, "id", None)) is not message_class:
+            raise ValueError(f"{message_class.__name__} is no message of the dialect")
+        packer = self[message_class] = _compile_packer(message_class)
+        return packer
 
 
-def _struct(fields: tuple[Field, ...], *, arrays_as_bytes: bool = False) -> struct.Struct:
-    return struct.Struct("<" + "".join(_format(field, arrays_as_bytes=arrays_as_bytes) for field in fields))
+_packers = _Packers()
+
+
+def _struct(*fields: Field) -> struct.Struct:
+    return struct.Struct("<" + "".join(f"{field.array_length or ''}{_FORMATS[field.type]}" for field in fields))
 
 
 def _compile(name: str, source: str, names: dict[str, Any]) -> Any:
@@ -158,31 +158,23 @@ def _compile(name: str, source: str, names: dict[str, Any]) -> Any:
     return names[name]
 
 
-def _packer(message_class: type[Any]) -> _Packer:
-    if dialect.mavlink_map.get(getattr(message_class, "id", None)) is not message_class:
-        raise ValueError(f"{message_class.__name__} is no message of the dialect")
-    packer = _compile_packer(message_class)
-    _packers[message_class] = packer
-    return packer
-
-
 def _compile_packer(message_class: Any) -> _Packer:
     shape = layout(message_class.id)
     arguments = ", ".join(message_class.fieldnames)
     arrays = [field for field in shape.fields if field.array_length and field.type != "char"]
     wire = ", ".join(f"*{field.name}" if field in arrays else field.name for field in shape.fields)
     # struct checks the number of values only: two arrays of wrong lengths could make up for each other.
-    lengths = " or ".join(f"_len({field.name}) != {field.array_length}" for field in arrays) or "False"
+    lengths = " or ".join(f"_len({field.name}) != {field.array_length}" for field in arrays)
+    check = f"if {lengths}: raise _Error" if len(arrays) > 1 else "pass"
     source = f"""
 def {shape.name}({arguments}):
     try:
-        if {lengths}:
-            raise _Error
+        {check}
         return _pack({wire})
     except (_Error, OverflowError, TypeError) as error:
         raise _misfit({shape.message_id}, ({arguments},)) from error
 """
-    names = {"_pack": _struct(shape.fields).pack, "_len": len, "_Error": struct.error, "_misfit": _misfit}
+    names = {"_pack": _struct(*shape.fields).pack, "_len": len, "_Error": struct.error, "_misfit": _misfit}
     pack = _compile(shape.name, source, names)
     pack.__defaults__ = message_class.__init__.__defaults__
 
@@ -204,7 +196,7 @@ def _misfit(message_id: int, values: tuple[Any, ...]) -> ValueError:
     for name, value in zip(dialect.mavlink_map[message_id].fieldnames, values, strict=True):
         field = fields[name]
         try:
-            _struct((field,)).pack(*(value if field.array_length and field.type != "char" else (value,)))
+            _struct(field).pack(*(value if field.array_length and field.type != "char" else (value,)))
         except (struct.error, OverflowError, TypeError):
             array = f"[{field.array_length}]" if field.array_length else ""
             return ValueError(f"{shape.name}.{name}: {reprlib.repr(value)} does not fit {field.type}{array}")
@@ -226,40 +218,42 @@ def _compile_decoder(message_class: Any) -> Callable[[Frame], Any]:
     constants = {name: value for name, value in vars(prototype).items() if name not in own}
     lines = [f"m.{name} = _constant{name}" for name in constants]
 
-    names: dict[str, Any] = {
-        "_len": len,
-        "_new": object.__new__,
-        "_class": message_class,
-        "_Header": dialect.MAVLink_header,
-        "_unpack": _struct(shape.fields, arrays_as_bytes=True).unpack,
-    }
+    names: dict[str, Any] = {"_len": len, "_new": object.__new__, "_class": message_class}
     targets = []
+    scalars = ""
+    offset = 0
     for field in shape.fields:
-        bytes_name = f"bytes_{field.name}"
-        targets.append(bytes_name if field.array_length else f"m.{field.name}")
-        if field.type == "char":
-            lines.append(f"m._{field.name}_raw = text = {bytes_name}.rstrip(b'\\0')")
+        own_struct = _struct(field)
+        if not field.array_length:
+            targets.append(f"m.{field.name}")
+            scalars += own_struct.format[1:]
+        elif field.type == "char":
+            targets.append(f"m._{field.name}_raw")
+            scalars += own_struct.format[1:]
+            lines.append(f"m._{field.name}_raw = text = m._{field.name}_raw.rstrip(b'\\0')")
             lines.append(f"m.{field.name} = text.split(b'\\0', 1)[0].decode('ascii', 'replace')")
-        elif field.array_length:
-            lines.append(f"m.{field.name} = [*_unpack_{field.name}({bytes_name})]")
-            names[f"_unpack_{field.name}"] = _struct((field,)).unpack
+        else:
+            scalars += f"{own_struct.size}x"
+            lines.append(f"m.{field.name} = [*_unpack_{field.name}(payload, {offset})]")
+            names[f"_unpack_{field.name}"] = own_struct.unpack_from
+        offset += own_struct.size
+    names["_unpack"] = struct.Struct("<" + scalars).unpack
 
     body = "\n    ".join(lines)
     source = f"""
 def {shape.name}(frame):
-    _, system, component, sequence, payload, raw, version, signed, _, checksum = frame
+    payload = frame.payload
     length = _len(payload)
     m = _new(_class)
-    m._header = _Header({shape.message_id}, 1 if signed else 0, raw[3] if version == 2 else 0, length, sequence, system,
-                        component)
+    m._header = frame
     m._payload = payload
-    m._msgbuf = raw
-    m._crc = checksum
+    m._msgbuf = frame.raw
+    m._crc = frame.checksum
     if length < {shape.size}:
         payload = payload.ljust({shape.size}, b"\\0")
     elif length > {shape.size}:
         payload = payload[:{shape.size}]
-    {", ".join(targets)}, = _unpack(payload)
+    [{", ".join(targets)}] = _unpack(payload)
     {body}
     return m
 """
