@@ -161,20 +161,26 @@ def _compile(name: str, source: str, names: dict[str, Any]) -> Any:
 def _compile_packer(message_class: Any) -> _Packer:
     shape = layout(message_class.id)
     arguments = ", ".join(message_class.fieldnames)
-    arrays = [field for field in shape.fields if field.array_length and field.type != "char"]
-    wire = ", ".join(f"*{field.name}" if field in arrays else field.name for field in shape.fields)
-    # struct checks the number of values only: two arrays of wrong lengths could make up for each other.
-    lengths = " or ".join(f"_len({field.name}) != {field.array_length}" for field in arrays)
-    check = f"if {lengths}: raise _Error" if len(arrays) > 1 else "pass"
+    names: dict[str, Any] = {"_Error": struct.error, "_misfit": _misfit}
+    values = []
+    scalars = "<"
+    for field in shape.fields:
+        own_struct = _struct(field)
+        if field.array_length and field.type != "char":
+            values.append(f"_pack_{field.name}(*{field.name})")
+            scalars += f"{own_struct.size}s"
+            names[f"_pack_{field.name}"] = own_struct.pack
+        else:
+            values.append(field.name)
+            scalars += own_struct.format[1:]
+    names["_pack"] = struct.Struct(scalars).pack
     source = f"""
 def {shape.name}({arguments}):
     try:
-        {check}
-        return _pack({wire})
+        return _pack({", ".join(values)})
     except (_Error, OverflowError, TypeError) as error:
         raise _misfit({shape.message_id}, ({arguments},)) from error
 """
-    names = {"_pack": _struct(*shape.fields).pack, "_len": len, "_Error": struct.error, "_misfit": _misfit}
     pack = _compile(shape.name, source, names)
     pack.__defaults__ = message_class.__init__.__defaults__
 
