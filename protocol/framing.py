@@ -64,9 +64,9 @@ class Framer:
     After anything invalid the search goes on one byte past its magic, so that a corrupt frame costs only itself.
     A frame is valid if its checksum is right and no incompatibility flag but "signed" is set. The checksum of an
     unknown message can't be computed; it is carried if another magic byte or the end of a datagram follows directly and
-    no valid frame lies inside.
+    no valid frame of a known message lies inside (`carry_unknown=False`: never).
 
-    At most one frame (280 bytes) and one byte are kept between calls.
+    At most one frame (280 bytes) is kept between calls.
     Always: bytes fed = bytes of frames returned + `bad_bytes` + bytes kept.
     """
 

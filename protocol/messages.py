@@ -178,8 +178,8 @@ def _compile_packer(message_class: Any) -> _Packer:
 def {shape.name}({arguments}):
     try:
         return _pack({", ".join(values)})
-    except (_Error, OverflowError, TypeError) as error:
-        raise _misfit({shape.message_id}, ({arguments},)) from error
+    except (_Error, OverflowError, TypeError) as _error:
+        raise _misfit({shape.message_id}, ({arguments},)) from _error
 """
     pack = _compile(shape.name, source, names)
     pack.__defaults__ = message_class.__init__.__defaults__
@@ -219,8 +219,9 @@ def _compile_decoder(message_class: Any) -> Callable[[Frame], Any]:
             for field in map(by_name.__getitem__, message_class.fieldnames)
         )
     )
+    # Having made one also fixes the order of the class's attributes, without which CPython stores them slowly.
     own = {"_header", "_msgbuf", "_payload", "_crc"} | by_name.keys() | {f"_{name}_raw" for name in by_name}
-    # What the constructors set and no packet changes: the same values on each instance, without calling them.
+    # What the constructors set and no packet changes goes onto each instance without calling them.
     constants = {name: value for name, value in vars(prototype).items() if name not in own}
     lines = [f"m.{name} = _constant{name}" for name in constants]
 
