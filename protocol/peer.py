@@ -18,9 +18,9 @@ _REQUESTS_KEPT: Final = 8
 class Peer:
     """One (system, component). Times are nanoseconds of the caller's monotonic clock.
 
-    MAVLink's sequence number has 8 bits, so what a gap means is a convention: up to 127 ahead the frames between are
-    lost; up to 64 back the frame is late (it was counted as lost before and is no longer) or a duplicate; anything else
-    is a sender that started anew, and counts as no loss. A pause in which 128 frames or more were lost is undercounted.
+    MAVLink's sequence number has 8 bits, so what a jump means is a convention: up to 127 frames skipped are lost; up to
+    64 back the frame is late (it was counted as lost before and is no longer) or a duplicate; anything else is a sender
+    that started anew, and counts as no loss. A pause in which more than 127 frames were lost is undercounted.
     """
 
     def __init__(self, system: int, component: int) -> None:
