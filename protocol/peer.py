@@ -117,7 +117,7 @@ class Peer:
             return False
         self._requests.remove(ts1)
         self.round_trip_ns = now_ns - ts1
-        if not 0 <= self.round_trip_ns < _ROUND_TRIP_LIMIT_NS:
+        if self.round_trip_ns >= _ROUND_TRIP_LIMIT_NS:
             return False
         sample_ns = tc1 - (ts1 + now_ns) // 2
         if self.offset_ns is None or abs(sample_ns - self.offset_ns) > _CLOCK_JUMP_NS:

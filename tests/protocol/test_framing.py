@@ -187,6 +187,25 @@ def test_an_unknown_candidate_that_holds_a_valid_frame_is_not_believed() -> None
     assert raws(Framer().datagram(liar + heartbeat(2))) == [inner, heartbeat(2)]
 
 
+def test_a_valid_frame_may_end_where_an_unknown_candidate_does() -> None:
+    inner = heartbeat(1)
+    liar = handmade(b"junk" + inner, UNKNOWN_ID)[: -2 - len(inner)] + inner
+    assert liar[1] != len(liar) - 12
+    liar = liar[:1] + bytes((len(liar) - 12,)) + liar[2:]
+    assert raws(Framer().datagram(liar + heartbeat(2))) == [inner, heartbeat(2)]
+
+
+def test_one_liar_does_not_discredit_other_unknown_messages() -> None:
+    inner, unknown = heartbeat(1), handmade(b"payload", UNKNOWN_ID)
+    liar = handmade(b"junk" + unknown + inner + b"junk", UNKNOWN_ID)
+    assert raws(Framer().datagram(liar + unknown + heartbeat(2))) == [unknown, inner, unknown, heartbeat(2)]
+
+
+def test_a_refused_frame_holds_nothing_up() -> None:
+    header = b"\xfd\xff\x02" + bytes(7)
+    assert raws(Framer().feed(header + heartbeat(1))) == [heartbeat(1)]
+
+
 def test_unknown_messages_can_be_refused() -> None:
     framer = Framer(carry_unknown=False)
     assert raws(framer.datagram(handmade(b"x", UNKNOWN_ID) + heartbeat(1))) == [heartbeat(1)]

@@ -221,6 +221,11 @@ def test_arrays_may_be_numpys() -> None:
             r"SET_ATTITUDE_TARGET\.q: .* float\[4\]",
         ),
         (
+            dialect.MAVLink_set_attitude_target_message,
+            (0, 1, 1, 7, None, 0, 0, 0, 0.5),
+            r"SET_ATTITUDE_TARGET\.q: None ",
+        ),
+        (
             dialect.MAVLink_battery_status_message,  # two arrays whose wrong lengths make up for each other
             (0, 0, 0, 0, [1] * 9, 0, 0, 0, 0, 0, 0, [1] * 5, 0, 0),
             r"BATTERY_STATUS\.voltages: .* uint16_t\[10\]",
@@ -269,6 +274,14 @@ def test_an_unknown_message_decodes_to_none() -> None:
     frame = frame_of(b"\xfd" + body + b"\x00\x00")
     assert not frame.known
     assert decode(frame) is None
+
+
+@pytest.mark.parametrize("flags", [(0, 0), (0, 3), (1, 0), (1, 255)])
+def test_the_header_is_pymavlinks(flags: tuple[int, int]) -> None:
+    body = bytes((2, *flags, 9, SYSTEM, COMPONENT)) + (111).to_bytes(3, "little") + b"xy"
+    checksum = dialect.x25crc(body + bytes((dialect.MAVLink_timesync_message.crc_extra,))).crc
+    data = b"\xfd" + body + checksum.to_bytes(2, "little") + b"s" * 13 * flags[0]
+    assert_same_message(received(data), pymavlink().parse_char(data))
 
 
 def test_a_message_can_be_sent_on_by_pymavlink() -> None:

@@ -44,6 +44,16 @@ def test_a_big_jump_back_is_a_restart_and_no_loss(back: int, last: int) -> None:
     assert counts(peer) == (4, 1, 0, 0, 1)
 
 
+def test_what_was_lost_before_a_restart_does_not_come_late_after_it() -> None:
+    assert counts(observed([100, 110, 40, 39])) == (4, 9, 0, 1, 1)
+    peer = observed([100, 110])
+    peer.observe_boot_time(9000, 0)
+    assert peer.observe_boot_time(0, 1)
+    for sequence in (5, 3):
+        peer.observe(frame(sequence), 2)
+    assert counts(peer) == (4, 9, 0, 1, 0)
+
+
 def test_a_late_frame_is_no_longer_lost() -> None:
     assert counts(observed([10, 12, 11, 13])) == (4, 0, 1, 0, 0)
     assert counts(observed([250, 251 + 64, 251, 251 + 65])) == (4, 63, 1, 0, 0)
