@@ -199,6 +199,8 @@ def test_one_liar_does_not_discredit_other_unknown_messages() -> None:
     inner, unknown = heartbeat(1), handmade(b"payload", UNKNOWN_ID)
     liar = handmade(b"junk" + unknown + inner + b"junk", UNKNOWN_ID)
     assert raws(Framer().datagram(liar + unknown + heartbeat(2))) == [unknown, inner, unknown, heartbeat(2)]
+    liar = handmade(b"junk" + inner + b"junk", UNKNOWN_ID)
+    assert raws(Framer().datagram(liar + unknown + heartbeat(2))) == [inner, unknown, heartbeat(2)]
 
 
 def test_a_refused_frame_holds_nothing_up() -> None:
