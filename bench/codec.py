@@ -100,7 +100,7 @@ def main() -> None:
     for name, ways in messages.items():
         cells = [(f"{way['pymavlink_us']:.2f} / {way['ours_us']:.2f}", f"{way['ratio']:.1f}") for way in ways.values()]
         table.add_row(name, *(cell for pair in cells for cell in pair))
-    console = Console()
+    console = Console(width=96)  # room for the longest name, in pipes too
     console.print(table)
     console.print(f"least of encode and decode: {least:.2f}")
 
