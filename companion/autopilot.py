@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from protocol.peer import Peer
 
 from companion import trace, wire
 from companion.avoidance import method
+from companion.avoidance.memory import RecentReturns
 from companion.avoidance.ring import obstacle_points
 from companion.commands import Commander
 from companion.config import Settings
@@ -42,6 +42,7 @@ from protocol.body import Body
 from protocol.frames import yaw_of
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
+from protocol.peer import Peer
 
 VEHICLE_COMPONENT = 1
 _SECOND_NS = 1_000_000_000
@@ -117,6 +118,7 @@ class Autopilot:
         self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
         self._estimator = Estimator()
         self._reference = ReferenceGenerator(settings.trajectory)
+        self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.grain)
         self._avoidance = method.choose(settings.avoidance)
         self._commander = Commander(settings.supervision.command_interval)
         rates = settings.rates
@@ -289,7 +291,7 @@ class Autopilot:
         if pose is None or not self.steps or self.state is None:
             return
         ground_down = self._ground_down - self.settings.avoidance.ground_height
-        points = obstacle_points(scan, *pose, ground_down)
+        points = self._returns.add(obstacle_points(scan, *pose, ground_down), now)
         step = self.steps[self.step_index]
         goal = step.target_ned if step.target_ned is not None else self.state.position_ned
         self.decision = self._avoidance.decide(

@@ -81,8 +81,12 @@ class Avoidance(Table, frozen=True):
     vehicle_radius: Positive = 0.36
     safe_distance: Positive = 0.8
     """m between hull and obstacle below which a course counts as blocked."""
-    cluster_gap: Positive = 1.0
-    """m between neighbouring returns from where on they are two obstacles."""
+    decisiveness: Positive = 3.0
+    """m of way that another setpoint must save to be taken instead of the present one."""
+    memory_s: Positive = 3.0
+    """How long a return counts: a tilted ring looks over and under what it saw before."""
+    grain: Positive = 0.3
+    """m; returns nearer to each other than this are remembered as one."""
     ground_height: Positive = 0.5
     """m above the take-off point below which a return is the ground."""
     braking_acceleration: Positive = 2.5

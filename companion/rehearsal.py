@@ -3,14 +3,13 @@ flight."""
 
 import math
 
-from protocol.messages import Encoder, dialect
-
 from companion.autopilot import Autopilot, Datagram, Tick
 from companion.config import Settings
 from companion.mission import Mission
 from companion.state import Output
 from companion.supervisor import State
 from protocol.body import Body
+from protocol.messages import Encoder, dialect
 
 _TICK_NS = 4_000_000
 _LONGEST_TICKS = 5000
@@ -53,7 +52,7 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
             0.0,
             0.0,
         )
-        data += send(dialect.MAVLink_local_position_ned_message, tick * 4, north, east, down, 1.0, 0.0, 0.0)
+        data += send(dialect.MAVLink_local_position_ned_message, tick * 4, north, east, down, 0.1, 0.0, 0.0)
         if tick % 16 == 1:
             ring = rings[tick // 16 % 2]
             data += send(dialect.MAVLink_obstacle_distance_message, tick * 4000, 0, ring, 5, 20, 1500, 5.0, 0.0, 12)

@@ -191,7 +191,8 @@ def progress(autopilot: Autopilot, now: int) -> str:
     """One line for the person who watches."""
     state = autopilot.state
     leg = f"{autopilot.step_index + 1}/{len(autopilot.steps)}" if autopilot.steps else "-"
-    head = f"{now * 1e-9:6.1f} s  {autopilot.supervisor.state.name.lower():8} {autopilot.phase.name.lower():8} step {leg:5}"
+    doing = f"{autopilot.supervisor.state.name.lower():8} {autopilot.phase.name.lower():8}"
+    head = f"{now * 1e-9:6.1f} s  {doing} step {leg:5}"
     if state is None:
         return head
     north, east, down = state.position_ned.tolist()

@@ -17,7 +17,7 @@ class Method(Protocol):
     ) -> AvoidanceDecision:
         """Where to fly to instead of `goal_ned` and how fast at the most (m/s, at most `speed`).
 
-        `points_ned` (n, 3) are the returns in the order of bearing, the ground left out.
+        `points_ned` (n, 3) are the returns of late, the ground left out.
         """
 
 

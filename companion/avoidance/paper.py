@@ -1,37 +1,48 @@
 """The paper's rule, (26)-(31), one box an obstacle, with a speed limit from the braking distance.
 
-The rule: an obstacle's returns are boxed, and if the box stands in the way, the lateral setpoint moves
+The rule: an obstacle's returns are boxed, and if the obstacle stands in the way, the lateral setpoint moves
 `lateral_margin` (3 m) outside the box's edge that is nearer to the vehicle. Differences from the print, each for a
 reason:
 
 - The points are rotated into the world with the pose at which the scan was taken (the paper adds the position only).
+- Returns are remembered for a while: a ring that tilts with the vehicle looks under a billboard that it saw before.
+- Every obstacle (cluster of returns with no room to pass between them) has its own box: one box around all returns
+  closes every street.
 - The box's axes are along and across the course to the target, not north and east; for a course along an axis they
   are the same.
-- Every obstacle (cluster of neighbouring returns) has its own box: one box around all returns closes every street.
-- (31) is printed with its inequalities the other way round; a tie belongs to the lower side.
-- The setpoint's other coordinate is the near face of the box, so that the way there does not lead through its corner.
-- Boxes that leave no room to pass between them are one box; in a gap narrower than twice the margin the setpoint is
-  its middle.
-- A side that was chosen is kept while the same obstacle stands in the way, or noise would turn the vehicle to and
+- The setpoint's other coordinate lies before or behind the box, so that the straight way there does not lead through
+  it.
+- Of the setpoints that the rule gives for the obstacles in sight, on either side, the one with the shortest way to the
+  goal is taken that can be reached in a straight line; alone on a free field that is the nearer edge, as printed in
+  (30). (31) is printed with its inequalities the other way round. Where there are no three metres, less will do.
+- A setpoint that is chosen is kept unless another is shorter by `decisiveness`, or noise would turn the vehicle to and
   fro.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.avoidance.braking import free_distance, stopping_speed
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
+from protocol.compiled import compiled
 from protocol.frames import Array
 
+_LESS_MARGIN = (1.0, 0.7, 0.45)
+"""Shares of the lateral margin that are tried."""
+_ROUNDING = 0.05
+_NEAREST = 0.5
+"""m; a setpoint nearer than this leads nowhere."""
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True)
 class Box:
-    """An obstacle: its returns (n, 2) along and across the course (m, from the vehicle, across to the right), boxed."""
+    """An obstacle's extent along and across the course (m, from the vehicle; across to the right)."""
 
-    points: Array
     near: float
     far: float
     left: float
@@ -39,102 +50,132 @@ class Box:
 
     @classmethod
     def around(cls, points: Array) -> "Box":
-        """The smallest box around the points."""
+        """The smallest box around points (n, 2): (26)-(29)."""
         near, left = points.min(axis=0).tolist()
         far, right = points.max(axis=0).tolist()
-        return cls(points, near, far, left, right)
+        return cls(near, far, left, right)
 
-    def blocks(self, length: float, half_width: float) -> bool:
-        """A return of it lies in the corridor ahead, `length` long and twice `half_width` wide."""
-        along, across = self.points.T
-        return bool(np.any((along > 0.0) & (along < length) & (np.abs(across) < half_width)))
-
-    def gap(self, other: "Box") -> float:
-        """Distance between the two boxes (m), 0 if they touch."""
-        along = max(self.near - other.far, other.near - self.far, 0.0)
-        across = max(self.left - other.right, other.left - self.right, 0.0)
-        return math.hypot(along, across)
+    def setpoints(self, margin: float, standoff: float) -> Iterator[tuple[float, float]]:
+        """(30), (31) on both sides: places (along, across) before the box and behind it."""
+        for across in (self.left - margin, self.right + margin):
+            yield self.near - standoff, across
+            yield self.far + standoff, across
 
 
 def clusters(points: Array, gap: float) -> list[Array]:
-    """Neighbouring returns (n, 2), in the order of bearing, that are less than `gap` (m) apart belong together."""
-    steps = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
-    starts = np.flatnonzero(steps >= gap)
-    if starts.size == 0:
-        return [points]
-    turned = np.roll(points, -starts[0], axis=0)
-    return np.split(turned, starts[1:] - starts[0])
+    """Points (n, 2) that a chain of steps shorter than `gap` (m) connects belong together."""
+    labels = _label(points, gap)
+    return [points[labels == label] for label in range(labels.max() + 1)] if len(points) else []
+
+
+@compiled
+def _label(points: Array, gap: float) -> NDArray[np.int64]:
+    """Number of the cluster of each point, by flooding from each point that has none."""
+    count = points.shape[0]
+    labels = np.full(count, -1)
+    queue = np.empty(count, np.int64)
+    label = 0
+    for start in range(count):
+        if labels[start] >= 0:
+            continue
+        labels[start] = label
+        queue[0] = start
+        head, tail = 0, 1
+        while head < tail:
+            at = queue[head]
+            head += 1
+            for other in range(count):
+                if labels[other] < 0:
+                    along = points[other, 0] - points[at, 0]
+                    across = points[other, 1] - points[at, 1]
+                    if along * along + across * across < gap * gap:
+                        labels[other] = label
+                        queue[tail] = other
+                        tail += 1
+        label += 1
+    return labels
+
+
+def _stands_in_corridor(points: Array, half_width: float) -> bool:
+    """Some of the points (n, 2), along and across, lie ahead within the width."""
+    return bool(np.any((points[:, 0] > 0.0) & (np.abs(points[:, 1]) < half_width)))
 
 
 class PaperRule:
-    """Decides at each scan; remembers the side on which it passes."""
+    """Decides at each scan; remembers the setpoint that it chose."""
 
     def __init__(self, settings: Avoidance) -> None:
         self._settings = settings
-        self._passing: tuple[Array, float] | None = None
-        """Where the obstacle stood (NED) and the side (-1 left, +1 right) on which it is passed."""
+        self._chosen: Array | None = None
+        """(2,) north and east of the setpoint that is being flown to."""
 
     def decide(
         self, points_ned: Array, position_ned: Array, velocity_ned: Array, goal_ned: Array, speed: float
     ) -> AvoidanceDecision:
-        """What to fly to instead of `goal_ned`, and how fast at the most; points (n, 3) in the order of bearing."""
+        """What to fly to instead of `goal_ned`, and how fast at the most; points (n, 3)."""
         settings = self._settings
         offsets = points_ned[:, :2] - position_ned[:2]
-        distances = np.hypot(offsets[:, 0], offsets[:, 1])
-        clearance = float(distances.min()) - settings.vehicle_radius if len(distances) else math.inf
-        way = goal_ned[:2] - position_ned[:2]
-        length = float(np.hypot(way[0], way[1]))
-        if length < 0.5 or len(points_ned) == 0:
-            self._passing = None
-            limit = self._speed_limit(points_ned, position_ned, velocity_ned, goal_ned, speed)
-            return AvoidanceDecision(goal_ned, limit, clearance, False)
-        ahead = way / length
-        right = np.array([-ahead[1], ahead[0]])
+        nearest = float(np.hypot(offsets[:, 0], offsets[:, 1]).min()) if len(points_ned) else math.inf
+        # Where the vehicle is nearer to something than it should be, it may still leave.
         half_width = settings.vehicle_radius + settings.safe_distance
-        boxes = self._boxes(offsets @ np.column_stack([ahead, right]))
-        blocking = [box for box in boxes if box.blocks(length + half_width, half_width)]
+        half_width = max(min(half_width, nearest - _ROUNDING), settings.vehicle_radius)
         target = goal_ned
-        if blocking:
-            box = min(blocking, key=lambda box: box.near)
-            lateral = self._lateral(box, boxes, position_ned, ahead, right)
-            along = min(max(box.near, 0.5), length)
+        blocked = not self._reaches(points_ned, position_ned, goal_ned[:2], half_width)
+        if blocked:
             target = goal_ned.copy()
-            target[:2] = position_ned[:2] + along * ahead + lateral * right
+            target[:2] = self._around(points_ned, position_ned, goal_ned[:2], half_width)
         else:
-            self._passing = None
+            self._chosen = None
         limit = self._speed_limit(points_ned, position_ned, velocity_ned, target, speed)
-        return AvoidanceDecision(target, limit, clearance, bool(blocking))
+        return AvoidanceDecision(target, limit, nearest - settings.vehicle_radius, blocked)
 
-    def _boxes(self, offsets: Array) -> list[Box]:
-        """(26)-(29) on each cluster of points (n, 2) along and across; boxes too close to pass between are one."""
-        passage = 2.0 * (self._settings.vehicle_radius + self._settings.safe_distance)
-        joined: list[Box] = []
-        for cluster in clusters(offsets, self._settings.cluster_gap):
-            box = Box.around(cluster)
-            while close := [other for other in joined if box.gap(other) < passage]:
-                for other in close:
-                    joined.remove(other)
-                    box = Box.around(np.concatenate([box.points, other.points]))
-            joined.append(box)
-        return joined
+    def _reaches(self, points_ned: Array, position_ned: Array, place: Array, half_width: float) -> bool:
+        """The straight way to a place (2,) is free for a disc of that radius."""
+        north, east = (place - position_ned[:2]).tolist()
+        length = math.hypot(north, east)
+        if length < _ROUNDING:
+            return True
+        direction = np.array([north / length, east / length, 0.0])
+        return free_distance(points_ned, position_ned, direction, half_width) >= length
 
-    def _lateral(self, box: Box, boxes: list[Box], position_ned: Array, ahead: Array, right: Array) -> float:
-        """(30), (31): the lateral setpoint (m to the right of the vehicle)."""
-        side = -1.0 if -box.left <= box.right else 1.0
-        place = position_ned[:2] + (box.near + box.far) / 2.0 * ahead + (box.left + box.right) / 2.0 * right
-        if self._passing is not None:
-            reach = self._settings.lateral_margin + max(box.far - box.near, box.right - box.left) / 2.0
-            if float(np.hypot(*(self._passing[0] - place))) < reach:
-                side = self._passing[1]
-        self._passing = (place, side)
-        edge = box.right if side > 0.0 else box.left
-        margin = self._settings.lateral_margin
-        for other in boxes:
-            beside = other.near < box.far + margin and other.far > box.near - margin
-            room = (other.left - edge) if side > 0.0 else (edge - other.right)
-            if other is not box and beside and room > 0.0:
-                margin = min(margin, room / 2.0)
-        return edge + side * margin
+    def _around(self, points_ned: Array, position_ned: Array, goal: Array, half_width: float) -> Array:
+        """The setpoint (2,) to fly to while the way to the goal is blocked; where there is none, stay."""
+        settings = self._settings
+        here = position_ned[:2]
+        ahead = (goal - here) / np.hypot(*(goal - here))
+        axes = np.array([ahead, [-ahead[1], ahead[0]]])  # rows: along, across
+        standoff = settings.vehicle_radius + settings.safe_distance
+        found = clusters((points_ned[:, :2] - here) @ axes.T, 2.0 * standoff)
+        in_the_way = [_stands_in_corridor(points, half_width) for points in found]
+        boxes = [Box.around(points) for points in found]
+        for asked in ([box for box, blocks in zip(boxes, in_the_way, strict=True) if blocks], boxes):
+            place = self._best(asked, points_ned, position_ned, goal, axes, half_width)
+            if place is not None:
+                self._chosen = place
+                return place
+        return here
+
+    def _best(
+        self, boxes: list[Box], points_ned: Array, position_ned: Array, goal: Array, axes: Array, half_width: float
+    ) -> Array | None:
+        """The setpoint around one of the boxes with the shortest way to the goal, of those that can be reached."""
+        settings = self._settings
+        here = position_ned[:2]
+        best, least = None, math.inf
+        for share in _LESS_MARGIN:
+            margin = share * settings.lateral_margin
+            for box in boxes:
+                for setpoint in box.setpoints(margin, settings.vehicle_radius + settings.safe_distance):
+                    if math.hypot(*setpoint) < _NEAREST:
+                        continue
+                    place = here + np.array(setpoint) @ axes
+                    way = math.hypot(*setpoint) + float(np.hypot(*(goal - place)))
+                    way += settings.lateral_margin - margin  # a metre less of margin is worth a metre of way
+                    if self._chosen is not None and np.hypot(*(self._chosen - place)) < settings.lateral_margin:
+                        way -= settings.decisiveness
+                    if way < least and self._reaches(points_ned, position_ned, place, half_width):
+                        best, least = place, way
+        return best
 
     def _speed_limit(
         self, points_ned: Array, position_ned: Array, velocity_ned: Array, target_ned: Array, speed: float
@@ -146,6 +187,7 @@ class PaperRule:
         for direction in (velocity_ned, target_ned - position_ned):
             length = math.hypot(direction[0], direction[1])
             if length > 0.3:
-                free = free_distance(points_ned, position_ned, direction / length, half_width)
+                ahead = np.array([direction[0] / length, direction[1] / length, 0.0])
+                free = free_distance(points_ned, position_ned, ahead, half_width)
                 limit = min(limit, stopping_speed(free, settings.braking_acceleration, settings.braking_delay))
         return max(limit, settings.least_speed)

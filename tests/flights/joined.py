@@ -20,7 +20,7 @@ from vehicle_sim.world import World
 
 @dataclass
 class Joined:
-    """A companion and a vehicle that have not met yet. `meddle` may change what the companion hears: (time, bytes) -> bytes."""
+    """A companion and a vehicle that have not met yet. `meddle` may change what the companion hears, at a time (ns)."""
 
     mission: Mission
     output: Output = Output.RATES

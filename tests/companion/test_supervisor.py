@@ -1,0 +1,204 @@
+"""The table of transitions: every fault has its answer, nothing is a dead end, and the pilot is never fought."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.config import Supervision
+from companion.state import FlightMode, Setpoint
+from companion.supervisor import FLYING, STREAMING, TABLE, Health, State, Supervisor, unsound
+
+SETTINGS = Supervision()
+SECOND = 1_000_000_000
+WELL = Health(
+    seen=True,
+    missing=None,
+    mode=FlightMode.EXTERNAL,
+    armed=True,
+    failsafe=False,
+    mission_done=False,
+    silence=0.0,
+    telemetry_age=0.0,
+    heartbeat_age=0.5,
+    scan_age=0.05,
+    refused_telemetry=None,
+    unsound_output=None,
+    overrun=0.0,
+    exhausted=None,
+    land_requested=False,
+    reason="",
+)
+IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
+
+
+def flying():
+    """A supervisor in FLY, and the time."""
+    supervisor = Supervisor(SETTINGS)
+    now = 0
+    for health in (IDLE, IDLE, IDLE, WELL, WELL, WELL):
+        supervisor.update(health, now)
+        now += 2 * SECOND
+    assert supervisor.state is State.FLY
+    return supervisor, now
+
+
+def settle(supervisor, health, now, seconds):
+    """Update at 50 Hz for so long."""
+    for _ in range(round(seconds * 50)):
+        now += SECOND // 50
+        supervisor.update(health, now)
+    return now
+
+
+def test_the_way_to_the_start():
+    supervisor = Supervisor(SETTINGS)
+    seen = []
+    for second, health in enumerate((IDLE, IDLE, IDLE, IDLE, WELL, WELL)):
+        supervisor.update(health, second * 2 * SECOND)
+        seen.append(supervisor.state)
+    assert seen == [State.CHECK, State.STREAM, State.ENGAGE, State.ENGAGE, State.ARM, State.FLY]
+    assert supervisor.fault is None
+
+
+def test_a_flight_without_faults_ends_without_one():
+    supervisor, now = flying()
+    supervisor.update(replace(WELL, mission_done=True), now)
+    assert supervisor.state is State.LAND
+    now = settle(supervisor, replace(WELL, mode=FlightMode.LAND), now, 5.0)
+    assert supervisor.state is State.LAND
+    supervisor.update(replace(WELL, mode=FlightMode.LAND, armed=False), now)
+    assert supervisor.state is State.ENDED and supervisor.fault is None
+
+
+FAULTS = {
+    "telemetry": (replace(WELL, telemetry_age=0.6), State.WITHDRAW),
+    "heartbeat": (replace(WELL, heartbeat_age=3.1), State.WITHDRAW),
+    "refused": (replace(WELL, refused_telemetry="NaN"), State.WITHDRAW),
+    "unsound": (replace(WELL, unsound_output="not finite"), State.WITHDRAW),
+    "failsafe": (replace(WELL, failsafe=True), State.WITHDRAW),
+    "ring": (replace(WELL, scan_age=0.6), State.HOLD),
+    "overrun": (replace(WELL, overrun=0.3), State.HOLD),
+    "pilot": (replace(WELL, mode=FlightMode.MANUAL), State.RELEASED),
+    "request": (replace(WELL, land_requested=True), State.LAND),
+    "silence": (replace(WELL, silence=4.1, telemetry_age=4.1, heartbeat_age=4.1), State.ENDED),
+    "disarmed": (replace(WELL, armed=False), State.ENDED),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_has_its_answer_and_is_said(fault):
+    health, expected = FAULTS[fault]
+    supervisor, now = flying()
+    said = supervisor.update(health, now)
+    assert supervisor.state is expected
+    assert said is not None and said.text and "{" not in said.text
+
+
+@pytest.mark.parametrize("fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "request"}))
+def test_a_lasting_fault_becomes_a_landing(fault):
+    health, _ = FAULTS[fault]
+    supervisor, now = flying()
+    supervisor.update(health, now)
+    if supervisor.state is State.WITHDRAW:
+        health = replace(health, mode=FlightMode.HOLD)
+    settle(supervisor, health, now, SETTINGS.land_after + 0.1)
+    assert supervisor.state is State.LAND
+    assert supervisor.fault is not None
+
+
+def test_a_withdrawn_companion_does_not_come_back_by_itself():
+    supervisor, now = flying()
+    supervisor.update(FAULTS["telemetry"][0], now)
+    now = settle(supervisor, WELL, now, 4.0)
+    assert supervisor.state is State.WITHDRAW
+    settle(supervisor, WELL, now, 2.0)
+    assert supervisor.state is State.LAND
+
+
+def test_a_ring_that_comes_back_ends_the_hold():
+    supervisor, now = flying()
+    supervisor.update(FAULTS["ring"][0], now)
+    now = settle(supervisor, WELL, now, 0.5)
+    assert supervisor.state is State.HOLD
+    settle(supervisor, WELL, now, 1.0)
+    assert supervisor.state is State.FLY and supervisor.fault is None
+
+
+def test_thresholds_are_where_the_settings_say():
+    for field, limit in (("telemetry_age", 0.5), ("heartbeat_age", 3.0), ("scan_age", 0.5)):
+        supervisor, now = flying()
+        assert supervisor.update(replace(WELL, **{field: limit - 0.01}), now) is None
+        assert supervisor.update(replace(WELL, **{field: limit + 0.01}), now) is not None
+
+
+def test_the_pilot_keeps_the_vehicle():
+    """From RELEASED no row leads anywhere but to the end, whatever the mode does, and nothing is streamed."""
+    assert {row.to for row in TABLE if State.RELEASED in row.states} == {State.ENDED}
+    assert State.RELEASED not in STREAMING
+    supervisor, now = flying()
+    supervisor.update(FAULTS["pilot"][0], now)
+    now = settle(supervisor, WELL, now, 60.0)
+    assert supervisor.state is State.RELEASED
+
+
+@pytest.mark.parametrize("state", [State.ENGAGE, State.ARM])
+def test_refusals_end_before_the_start(state):
+    supervisor = Supervisor(SETTINGS)
+    now = 0
+    while supervisor.state is not state:
+        supervisor.update(IDLE if supervisor.state is not State.ENGAGE else replace(WELL, armed=False), now)
+        now += 2 * SECOND
+    mode = FlightMode.HOLD if state is State.ENGAGE else FlightMode.EXTERNAL
+    said = supervisor.update(replace(IDLE, mode=mode, exhausted="arming: denied", reason=" (why)"), now)
+    assert supervisor.state is State.ENDED
+    assert said is not None and "denied" in said.text and "why" in said.text
+
+
+def test_not_ready_names_what_is_missing():
+    supervisor = Supervisor(SETTINGS)
+    supervisor.update(IDLE, 0)
+    lacking = replace(IDLE, missing="no ring")
+    settle(supervisor, lacking, 0, SETTINGS.ready_timeout + 1.0)
+    assert supervisor.state is State.ENDED and "no ring" in (supervisor.fault or "")
+
+
+def test_no_vehicle():
+    supervisor = Supervisor(SETTINGS)
+    settle(supervisor, replace(IDLE, seen=False), 0, SETTINGS.find_timeout - 0.1)
+    assert supervisor.state is State.FIND
+    settle(supervisor, replace(IDLE, seen=False), round(SETTINGS.find_timeout * SECOND), 0.2)
+    assert supervisor.state is State.ENDED and "10 s" in (supervisor.fault or "")
+
+
+def test_an_armed_vehicle_is_not_taken_over():
+    supervisor = Supervisor(SETTINGS)
+    supervisor.update(WELL, 0)
+    supervisor.update(WELL, SECOND)
+    assert supervisor.state is State.ENDED
+
+
+def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle():
+    for state in FLYING | {State.CHECK, State.STREAM, State.ENGAGE, State.ARM, State.RELEASED}:
+        rows = [row for row in TABLE if state in row.states]
+        silent = replace(WELL, silence=5.0)
+        assert any(row.to is State.ENDED and row.condition(silent, SETTINGS, 0.0) for row in rows)
+
+
+SOUND = Setpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), 0.5)
+
+
+def test_the_gate():
+    assert unsound(SOUND) is None
+    for bad in (float("nan"), float("inf"), -float("inf")):
+        for name in ("attitude_ned_frd", "rates_frd", "torque"):
+            values = getattr(SOUND, name).copy()
+            values[1] = bad
+            assert unsound(replace(SOUND, **{name: values})) is not None
+        assert unsound(replace(SOUND, thrust=bad)) is not None
+    assert unsound(replace(SOUND, attitude_ned_frd=np.array([0.99, 0.0, 0.0, 0.0]))) is not None
+    assert unsound(replace(SOUND, attitude_ned_frd=np.zeros(4))) is not None
+    assert unsound(replace(SOUND, attitude_ned_frd=np.array([-1.0, 0.0, 0.0, 0.0]))) is None
+    assert unsound(replace(SOUND, thrust=1.01)) is not None
+    assert unsound(replace(SOUND, thrust=-0.01)) is not None
+    assert unsound(replace(SOUND, torque=np.array([0.0, -1.1, 0.0]))) is not None

@@ -1,0 +1,101 @@
+"""References: continuous, within their limits, and where they were sent."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.config import Trajectory
+from companion.trajectory import ReferenceGenerator
+from protocol.frames import wrap
+
+SETTINGS = Trajectory()
+TICK = 4_000_000
+
+
+def standing():
+    generator = ReferenceGenerator(SETTINGS)
+    generator.place(np.array([1.0, 2.0, -3.0]), 0.5)
+    return generator
+
+
+def run(generator, seconds, start_ns=0):
+    """References at 250 Hz."""
+    return [generator.at(start_ns + i * TICK) for i in range(round(seconds * 250))]
+
+
+def test_stands_where_it_is_placed():
+    reference = standing().at(12345)
+    assert np.array_equal(reference.position_ned, [1.0, 2.0, -3.0])
+    assert not reference.velocity_ned.any() and not reference.acceleration_ned.any()
+    assert (reference.yaw, reference.yaw_rate) == (0.5, 0.0)
+
+
+def test_a_leg_is_straight_and_keeps_to_speed_and_acceleration():
+    generator = standing()
+    target = np.array([31.0, 42.0, -3.0])
+    generator.go(0, target, 4.0, 1.5)
+    path = run(generator, 20.0)
+    speeds = [np.linalg.norm(r.velocity_ned) for r in path]
+    assert max(speeds) == pytest.approx(4.0, rel=0.01)
+    assert max(np.abs(r.acceleration_ned).max() for r in path) <= SETTINGS.acceleration + 1e-9
+    way = (target - path[0].position_ned) / 50.0
+    for r in path:
+        offset = r.position_ned - path[0].position_ned
+        assert np.linalg.norm(offset - (offset @ way) * way) < 1e-6
+    assert np.allclose(path[-1].position_ned, target)
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_derivatives_belong_to_the_position():
+    generator = standing()
+    generator.go(0, np.array([11.0, -5.0, -6.0]), 3.0, 1.0)
+    path = run(generator, 6.0)
+    dt = TICK * 1e-9
+    for a, b, c in zip(path, path[1:], path[2:], strict=False):
+        assert np.allclose((c.position_ned - a.position_ned) / (2 * dt), b.velocity_ned, atol=1e-3)
+        assert np.allclose((c.velocity_ned - a.velocity_ned) / (2 * dt), b.acceleration_ned, atol=0.07)
+
+
+def test_a_new_target_in_motion_makes_no_jump():
+    rng = np.random.default_rng(1)
+    generator = standing()
+    generator.go(0, np.array([20.0, 0.0, -3.0]), 4.0, 1.5)
+    now = 0
+    before = generator.at(0)
+    for _ in range(60):
+        for _ in range(25):
+            now += TICK
+            reference = generator.at(now)
+            assert np.linalg.norm(reference.position_ned - before.position_ned) < 0.03
+            assert np.linalg.norm(reference.velocity_ned - before.velocity_ned) < 0.03
+            assert np.linalg.norm(reference.acceleration_ned - before.acceleration_ned) < 0.25
+            before = reference
+        generator.go(now, before.position_ned + rng.uniform(-15.0, 15.0, 3), rng.uniform(0.3, 4.0), 1.5)
+
+
+def test_a_stop_brakes_within_the_limits():
+    generator = standing()
+    generator.go(0, np.array([60.0, 2.0, -3.0]), 4.0, 1.5)
+    moving = generator.at(4 * 10**9)
+    assert np.linalg.norm(moving.velocity_ned) == pytest.approx(4.0, rel=0.01)
+    generator.stop(4 * 10**9)
+    path = run(generator, 3.0, 4 * 10**9)
+    assert np.allclose(path[0].velocity_ned, moving.velocity_ned)
+    assert not path[-1].velocity_ned.any() or np.linalg.norm(path[-1].velocity_ned) < 1e-9
+    assert max(np.abs(r.acceleration_ned).max() for r in path) <= SETTINGS.acceleration + 1e-9
+    covered = np.linalg.norm(path[-1].position_ned - path[0].position_ned)
+    assert 4.0**2 / (2 * SETTINGS.acceleration) < covered < 4.0**2 / (2 * SETTINGS.acceleration) + 1.0
+
+
+@pytest.mark.parametrize("start", [3.0, -3.0, 0.0])
+@pytest.mark.parametrize("goal", [-3.0, 3.0, 1.0])
+def test_turns_the_shorter_way(start, goal):
+    generator = ReferenceGenerator(SETTINGS)
+    generator.place(np.zeros(3), start)
+    generator.turn(0, goal)
+    path = run(generator, 8.0)
+    assert wrap(path[-1].yaw - goal) == pytest.approx(0.0, abs=1e-6)
+    assert abs(path[-1].yaw - start) <= math.pi + 1e-9
+    assert max(abs(r.yaw_rate) for r in path) <= math.radians(SETTINGS.yaw_rate_deg) + 1e-9
+    assert not path[-1].velocity_ned.any()
