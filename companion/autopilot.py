@@ -19,7 +19,7 @@ from companion.avoidance.memory import RecentReturns
 from companion.avoidance.ring import obstacle_points
 from companion.commands import Commander
 from companion.config import Settings
-from companion.control import backstepping, flatness, lqr, thrust
+from companion.control import cascade
 from companion.estimate import Estimator
 from companion.mission import Mission, Phase, Step, steps
 from companion.state import (
@@ -46,6 +46,8 @@ from protocol.peer import Peer
 
 VEHICLE_COMPONENT = 1
 _SECOND_NS = 1_000_000_000
+_SUPERVISION_NS = 20_000_000
+"""50 Hz; no time in the settings is finer."""
 _REFUSALS_TOLERATED = 3
 _LARGEST_BOOT_MS = 0xFFFFFFFF
 
@@ -129,20 +131,7 @@ class Autopilot:
         needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
         self._rates = TelemetryRates(needed, rates.least_share)
 
-        attitude = settings.control.attitude
-        K = lqr.attitude_gain(body, attitude.angle_weight, attitude.rate_weight, attitude.input_weight)
-        limits = settings.limits
-        self._K = K
-        self._rate_gain = lqr.rate_gain(K)
-        self._c1 = np.array(settings.control.position.c1)
-        self._c2 = np.array(settings.control.position.c2)
-        self._drag = np.array(body.drag_kg_s) * float(settings.control.position.drag_compensation)
-        tilt_rate, yaw_rate = math.radians(limits.roll_pitch_rate_deg), math.radians(limits.yaw_rate_deg)
-        self._rate_limit = np.array([tilt_rate, tilt_rate, yaw_rate])
-        self._torque_scale = lqr.to_torque(body) / np.array(body.full_torque_nm)
-        self._lowest_n = limits.lowest_thrust * body.max_thrust_n
-        self._highest_n = limits.highest_thrust * body.max_thrust_n
-        self._tilt = limits.tilt
+        self._law = cascade.parameters(settings, body)
 
         self._firmware: Firmware | None = None
         self._version: int | None = None
@@ -161,6 +150,7 @@ class Autopilot:
         self._vehicle_said = ""
         self._phase_since_ns = 0
         self._arrived_ns: int | None = None
+        self._next_supervision_ns = 0
         self._next_beat_ns = 0
         self._outbox: list[bytes] = []
         self._announcements: list[Announcement] = []
@@ -190,8 +180,10 @@ class Autopilot:
             case Tick():
                 if event.late_ns > self.settings.supervision.overrun * 1e9:
                     self._overrun_ns = event.late_ns
-                self._beat(now)
-                self._supervise(now)
+                if now >= self._next_supervision_ns:
+                    self._next_supervision_ns = now + _SUPERVISION_NS
+                    self._beat(now)
+                    self._supervise(now)
             case Request():
                 self._land_requested = True
             case LogFault():
@@ -476,41 +468,29 @@ class Autopilot:
             self._fly(state, now)
         reference = self._reference.at(now)
         mass = self.body.mass_kg + (0.0 if self.released else self.body.parcel_mass_kg)
-        acceleration, e1, e2 = backstepping.acceleration_command(
+        control, limited = cascade.step(
             state.position_ned,
             state.velocity_ned,
+            state.attitude_ned_frd,
+            state.rates_frd,
             reference.position_ned,
             reference.velocity_ned,
             reference.acceleration_ned,
-            self._c1,
-            self._c2,
+            reference.yaw,
+            reference.yaw_rate,
+            mass,
+            self._law,
         )
-        against_drag = thrust.drag_compensation(state.velocity_ned, state.attitude_ned_frd, self._drag, mass)
-        thrust_ned, limited = thrust.thrust_vector(
-            acceleration + against_drag, mass, self._lowest_n, self._highest_n, self._tilt
+        if supervised not in FLYING:
+            control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = (
+                0.0  # a stream that does nothing
+            )
+        setpoint = Setpoint(
+            control[cascade.ATTITUDE], control[cascade.RATES], control[cascade.TORQUE], float(control[cascade.THRUST])
         )
-        attitude = flatness.attitude_command(thrust_ned, reference.yaw)
-        error = lqr.attitude_error(state.attitude_ned_frd, attitude)
-        reference_rates = np.array((0.0, 0.0, reference.yaw_rate))
-        rates = lqr.rates_command(error, reference_rates, self._rate_gain, self._rate_limit)
-        torque = lqr.inputs(error, reference_rates - state.rates_frd, self._K) * self._torque_scale
-        force = thrust.collective(thrust_ned, state.attitude_ned_frd, self._highest_n) / self.body.max_thrust_n
-        if supervised not in FLYING:  # on the ground: a stream that does nothing
-            force, torque, rates = 0.0, np.zeros(3), np.zeros(3)
-        setpoint = Setpoint(attitude, rates, np.minimum(np.maximum(torque, -1.0), 1.0), force)
         self._emit(setpoint, now)
         self._trace = trace.pack(
-            supervised,
-            self.phase,
-            self.step_index,
-            limited,
-            state,
-            reference,
-            (e1, e2),
-            backstepping.lyapunov(e1, e2, self._c1, self._c2),
-            acceleration,
-            setpoint,
-            self.decision,
+            supervised, self.phase, self.step_index, state, reference, control, limited, self.decision
         )
 
     def _emit(self, setpoint: Setpoint, now: int) -> None:
@@ -561,12 +541,11 @@ class Autopilot:
             return self._release(now)
         if step.target_ned is None:
             return False
-        offset = step.target_ned - state.position_ned
-        distance = math.sqrt(float(offset @ offset))
+        distance = math.dist(step.target_ned.tolist(), state.position_ned.tolist())
         settings = self.settings.trajectory
         if step.passes:
             return distance < settings.acceptance_radius
-        speed = math.sqrt(float(state.velocity_ned @ state.velocity_ned))
+        speed = math.hypot(*state.velocity_ned.tolist())
         if self._arrived_ns is None and distance < settings.settled_distance and speed < settings.settled_speed:
             self._arrived_ns = now
         if self.mission.profile == "step" and self._arrived_ns is None:

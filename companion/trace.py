@@ -1,9 +1,10 @@
 """The companion's trace: what it thought at each control step, one fixed record in the log."""
 
-import numpy as np
+import struct
 
+from companion.control import cascade
 from companion.mission import Phase
-from companion.state import AvoidanceDecision, Reference, Setpoint, VehicleState
+from companion.state import AvoidanceDecision, Reference, VehicleState
 from companion.supervisor import State
 from protocol.flightlog import record_type
 from protocol.frames import Array
@@ -16,19 +17,11 @@ _VECTORS = (
     ("reference_position_ned", 3),
     ("reference_velocity_ned", 3),
     ("reference_acceleration_ned", 3),
+    ("target_ned", 3),
+    *cascade.FIELDS,
     ("reference_yaw", 1),
     ("reference_yaw_rate", 1),
-    ("e1", 3),
-    ("e2", 3),
-    ("lyapunov", 3),
-    ("lyapunov_rate", 3),
-    ("acceleration_command_ned", 3),
-    ("attitude_command_ned_frd", 4),
-    ("rates_command_frd", 3),
-    ("torque_command", 3),
-    ("thrust_command", 1),
     ("position_age", 1),
-    ("target_ned", 3),
     ("speed_limit", 1),
     ("clearance", 1),
 )
@@ -45,44 +38,41 @@ TRACE = record_type(
         *((name, "float64" if size == 1 else f"float64[{size}]") for name, size in _VECTORS),
     ],
 )
-"""`lyapunov` is V (19) of each axis and `lyapunov_rate` the V' (22) that the law promises; `limited`: a limit on
-thrust or tilt bit."""
+"""`lyapunov` and the commands: see `control.cascade`; `limited`: a limit on thrust or tilt bit."""
+
+_HEAD = struct.Struct("<BBH??")
+_TAIL = struct.Struct("<5d")
 
 
 def pack(
     state: State,
     phase: Phase,
     step: int,
-    limited: bool,
     vehicle: VehicleState,
     reference: Reference,
-    errors: tuple[Array, Array],
-    lyapunov: tuple[Array, Array],
-    acceleration_ned: Array,
-    setpoint: Setpoint,
+    control: Array,
+    limited: bool,
     decision: AvoidanceDecision,
 ) -> bytes:
-    """The payload of one TRACE record."""
-    values = np.concatenate(
+    """The payload of one TRACE record; `control` is what `cascade.step` returned."""
+    return b"".join(
         (
-            vehicle.position_ned,
-            vehicle.velocity_ned,
-            vehicle.attitude_ned_frd,
-            vehicle.rates_frd,
-            reference.position_ned,
-            reference.velocity_ned,
-            reference.acceleration_ned,
-            (reference.yaw, reference.yaw_rate),
-            *errors,
-            *lyapunov,
-            acceleration_ned,
-            setpoint.attitude_ned_frd,
-            setpoint.rates_frd,
-            setpoint.torque,
-            (setpoint.thrust, vehicle.position_age_ns * 1e-9),
-            decision.target_ned,
-            (decision.speed_limit, decision.clearance),
+            _HEAD.pack(state.value, phase.value, step, decision.blocked, limited),
+            vehicle.position_ned.tobytes(),
+            vehicle.velocity_ned.tobytes(),
+            vehicle.attitude_ned_frd.tobytes(),
+            vehicle.rates_frd.tobytes(),
+            reference.position_ned.tobytes(),
+            reference.velocity_ned.tobytes(),
+            reference.acceleration_ned.tobytes(),
+            decision.target_ned.tobytes(),
+            control.tobytes(),
+            _TAIL.pack(
+                reference.yaw,
+                reference.yaw_rate,
+                vehicle.position_age_ns * 1e-9,
+                decision.speed_limit,
+                decision.clearance,
+            ),
         )
     )
-    head = bytes((state.value, phase.value, step & 0xFF, step >> 8, decision.blocked, limited))
-    return head + values.tobytes()
