@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from companion.control.backstepping import acceleration_command, lyapunov
+from protocol.frames import Array
 
 # Reading of the paper's Table 3, the column "checked": rise 10-90 % (s), settling 2 % (s), overshoot (%).
 TABLE_3 = {1.0: (1.519, 4.216, 4.321), 2.5: (1.628, 2.723, 0.0246), 5.0: (1.836, 3.331, 0.0)}
@@ -12,7 +13,7 @@ ZERO = np.zeros(3)
 STEP_S = 5e-4
 
 
-def step_response(c, duration=12.0):
+def step_response(c: float, duration: float = 12.0) -> tuple[Array, Array]:
     """The ideal double integrator under the law, from rest at 0 to the reference (1, 1, 1)."""
     c1, c2 = np.full(3, c), np.ones(3)
     target = np.ones(3)
@@ -25,11 +26,11 @@ def step_response(c, duration=12.0):
         a, _, _ = acceleration_command(mid_p, mid_v, target, ZERO, ZERO, c1, c2)
         position, velocity = position + STEP_S * mid_v, velocity + STEP_S * a
         path.append(position[0])
-    return np.arange(len(path)) * STEP_S, np.array(path)
+    return STEP_S * np.arange(len(path), dtype=np.float64), np.array(path, np.float64)
 
 
 @pytest.mark.parametrize("c", TABLE_3)
-def test_table_3(c):
+def test_table_3(c: float) -> None:
     time, path = step_response(c)
     assert path[-1] == pytest.approx(1.0, abs=1e-4)
     info = control.step_info(path, time, final_output=1.0)
@@ -40,7 +41,7 @@ def test_table_3(c):
 
 
 @pytest.mark.parametrize("c", TABLE_3)
-def test_error_obeys_its_analytic_equation(c):
+def test_error_obeys_its_analytic_equation(c: float) -> None:
     """e'' + (c1 + c2) e' + (1 + c1 c2) e = 0, python-control as the oracle."""
     time, path = step_response(c, 5.0)
     k = 1.0 + c
@@ -48,7 +49,7 @@ def test_error_obeys_its_analytic_equation(c):
     assert np.allclose(path, expected, atol=1e-5)
 
 
-def test_lyapunov_function_falls_as_promised():
+def test_lyapunov_function_falls_as_promised() -> None:
     """dV/dt along the law's own motion, by finite differences, equals -c1 e1^2 - c2 e2^2 on each axis."""
     rng = np.random.default_rng(1)
     h = 1e-6
@@ -63,7 +64,7 @@ def test_lyapunov_function_falls_as_promised():
         assert np.all(promised <= 0.0)
 
 
-def test_feed_forward_of_the_acceleration_leaves_no_error():
+def test_feed_forward_of_the_acceleration_leaves_no_error() -> None:
     """Without it the steady error at constant acceleration is a / (1 + c1 c2); with it, none."""
     c1, c2 = np.full(3, 2.5), np.ones(3)
     acceleration = np.array([1.0, -2.0, 0.5])

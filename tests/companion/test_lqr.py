@@ -1,12 +1,14 @@
 """LQR attitude control against Table 2 of the paper, python-control and the algebra in the module's docstring."""
 
+from typing import Any
+
 import control
 import numpy as np
 import pytest
 
 from companion.config import load_body
 from companion.control import lqr
-from protocol.frames import from_rotation_vector, multiply
+from protocol.frames import Array, from_rotation_vector, multiply
 
 BODY = load_body("paper_quad")
 ONE = (1.0, 1.0, 1.0)
@@ -23,14 +25,14 @@ TABLE_2 = {
 }
 
 
-def closed_loop(K, axis, entry, feed):
+def closed_loop(K: Array, axis: int, entry: float, feed: float) -> Any:
     """One axis with b = `entry` under u = feed r - k1 angle - k2 rate."""
     k1, k2 = K[axis, 2 * axis], K[axis, 2 * axis + 1]
     return control.ss([[0, 1], [-entry * k1, -entry * k2]], [[0], [entry * feed]], [[1, 0]], [[0]])
 
 
 @pytest.mark.parametrize(("axis", "weight"), TABLE_2)
-def test_table_2_as_published(axis, weight):
+def test_table_2_as_published(axis: int, weight: float) -> None:
     """u = r - K x; roll and pitch on a plant without the arm's length under a gain designed with it."""
     K = lqr.attitude_gain(BODY, (weight,) * 3, ONE, ONE)
     entry = 1.0 / BODY.inertia_kgm2[axis]
@@ -44,7 +46,7 @@ def test_table_2_as_published(axis, weight):
 
 
 @pytest.mark.parametrize(("weight", "rise", "settling"), [(1.0, 2.199, 3.97), (5.0, 0.991, 1.80), (10.0, 0.707, 1.29)])
-def test_roll_with_the_arm_in_the_plant(weight, rise, settling):
+def test_roll_with_the_arm_in_the_plant(weight: float, rise: float, settling: float) -> None:
     K = lqr.attitude_gain(BODY, (weight,) * 3, ONE, ONE)
     entry = BODY.arm_length_m / BODY.inertia_kgm2[ROLL]
     info = control.step_info(closed_loop(K, ROLL, entry, 1.0), T=np.linspace(0.0, 10.0, 20001))
@@ -53,7 +55,7 @@ def test_roll_with_the_arm_in_the_plant(weight, rise, settling):
 
 
 @pytest.mark.parametrize("weight", [1.0, 5.0, 10.0, 400.0])
-def test_reference_gain_reaches_the_setpoint(weight):
+def test_reference_gain_reaches_the_setpoint(weight: float) -> None:
     """u = K (x_ref - x) has unit gain for every weight: what the paper calls a disadvantage of the LQR is not one."""
     K = lqr.attitude_gain(BODY, (weight,) * 3, ONE, ONE)
     for axis in range(3):
@@ -61,7 +63,7 @@ def test_reference_gain_reaches_the_setpoint(weight):
         assert control.dcgain(closed_loop(K, axis, entry, K[axis, 2 * axis])) == pytest.approx(1.0)
 
 
-def test_gain_solves_the_riccati_equation():
+def test_gain_solves_the_riccati_equation() -> None:
     A, B = lqr.attitude_model(BODY)
     K = lqr.attitude_gain(BODY, (400.0, 400.0, 50.0), ONE, ONE)
     k1 = np.sqrt([400.0, 400.0, 50.0])  # per axis, by hand: k1 = sqrt(q), k2 = sqrt(r + 2 k1 / b)
@@ -75,7 +77,7 @@ def test_gain_solves_the_riccati_equation():
     assert np.allclose(off_axis, 0.0, atol=1e-9)
 
 
-def test_rate_command_is_the_same_loop_factored():
+def test_rate_command_is_the_same_loop_factored() -> None:
     """K x_ref-error equals k2 times (rate command - rate), for random errors and rates."""
     K = lqr.attitude_gain(BODY, (400.0, 300.0, 50.0), (1.0, 2.0, 3.0), ONE)
     k2 = np.array([K[axis, 2 * axis + 1] for axis in range(3)])
@@ -87,7 +89,7 @@ def test_rate_command_is_the_same_loop_factored():
         assert np.allclose(lqr.inputs(error, reference - rates, K), k2 * (command - rates))
 
 
-def test_error_is_the_rotation_to_the_command_and_blind_to_the_sign():
+def test_error_is_the_rotation_to_the_command_and_blind_to_the_sign() -> None:
     rng = np.random.default_rng(2)
     for _ in range(200):
         attitude = rng.normal(size=4)
@@ -99,7 +101,7 @@ def test_error_is_the_rotation_to_the_command_and_blind_to_the_sign():
             assert np.allclose(lqr.attitude_error(a * attitude, c * command), rotation, atol=1e-9)
 
 
-def test_every_attitude_converges():
+def test_every_attitude_converges() -> None:
     """The torque law on the rigid body (no lag) from random attitudes and rates, up to upside down."""
     K = lqr.attitude_gain(BODY, (400.0, 400.0, 50.0), ONE, ONE)
     inertia, scale = np.array(BODY.inertia_kgm2), lqr.to_torque(BODY)

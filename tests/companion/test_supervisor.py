@@ -1,6 +1,7 @@
 """The table of transitions: every fault has its answer, nothing is a dead end, and the pilot is never fought."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ WELL = Health(
 IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
 
 
-def flying():
+def flying() -> tuple[Supervisor, int]:
     """A supervisor in FLY, and the time."""
     supervisor = Supervisor(SETTINGS)
     now = 0
@@ -43,7 +44,12 @@ def flying():
     return supervisor, now
 
 
-def settle(supervisor, health, now, seconds):
+def state_of(supervisor: Supervisor) -> State:
+    """Asked anew: once asserted, a type checker takes the attribute for unchanged."""
+    return supervisor.state
+
+
+def settle(supervisor: Supervisor, health: Health, now: int, seconds: float) -> int:
     """Update at 50 Hz for so long."""
     for _ in range(round(seconds * 50)):
         now += SECOND // 50
@@ -51,7 +57,7 @@ def settle(supervisor, health, now, seconds):
     return now
 
 
-def test_the_way_to_the_start():
+def test_the_way_to_the_start() -> None:
     supervisor = Supervisor(SETTINGS)
     seen = []
     for second, health in enumerate((IDLE, IDLE, IDLE, IDLE, WELL, WELL)):
@@ -61,14 +67,14 @@ def test_the_way_to_the_start():
     assert supervisor.fault is None
 
 
-def test_a_flight_without_faults_ends_without_one():
+def test_a_flight_without_faults_ends_without_one() -> None:
     supervisor, now = flying()
     supervisor.update(replace(WELL, mission_done=True), now)
-    assert supervisor.state is State.LAND
+    assert state_of(supervisor) is State.LAND
     now = settle(supervisor, replace(WELL, mode=FlightMode.LAND), now, 5.0)
-    assert supervisor.state is State.LAND
+    assert state_of(supervisor) is State.LAND
     supervisor.update(replace(WELL, mode=FlightMode.LAND, armed=False), now)
-    assert supervisor.state is State.ENDED and supervisor.fault is None
+    assert state_of(supervisor) is State.ENDED and supervisor.fault is None
 
 
 FAULTS = {
@@ -87,7 +93,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_each_fault_has_its_answer_and_is_said(fault):
+def test_each_fault_has_its_answer_and_is_said(fault: str) -> None:
     health, expected = FAULTS[fault]
     supervisor, now = flying()
     said = supervisor.update(health, now)
@@ -96,7 +102,7 @@ def test_each_fault_has_its_answer_and_is_said(fault):
 
 
 @pytest.mark.parametrize("fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "request"}))
-def test_a_lasting_fault_becomes_a_landing(fault):
+def test_a_lasting_fault_becomes_a_landing(fault: str) -> None:
     health, _ = FAULTS[fault]
     supervisor, now = flying()
     supervisor.update(health, now)
@@ -107,32 +113,34 @@ def test_a_lasting_fault_becomes_a_landing(fault):
     assert supervisor.fault is not None
 
 
-def test_a_withdrawn_companion_does_not_come_back_by_itself():
+def test_a_withdrawn_companion_does_not_come_back_by_itself() -> None:
     supervisor, now = flying()
     supervisor.update(FAULTS["telemetry"][0], now)
     now = settle(supervisor, WELL, now, 4.0)
-    assert supervisor.state is State.WITHDRAW
+    assert state_of(supervisor) is State.WITHDRAW
     settle(supervisor, WELL, now, 2.0)
-    assert supervisor.state is State.LAND
+    assert state_of(supervisor) is State.LAND
 
 
-def test_a_ring_that_comes_back_ends_the_hold():
+def test_a_ring_that_comes_back_ends_the_hold() -> None:
     supervisor, now = flying()
     supervisor.update(FAULTS["ring"][0], now)
     now = settle(supervisor, WELL, now, 0.5)
-    assert supervisor.state is State.HOLD
+    assert state_of(supervisor) is State.HOLD
     settle(supervisor, WELL, now, 1.0)
-    assert supervisor.state is State.FLY and supervisor.fault is None
+    assert state_of(supervisor) is State.FLY and supervisor.fault is None
 
 
-def test_thresholds_are_where_the_settings_say():
+def test_thresholds_are_where_the_settings_say() -> None:
     for field, limit in (("telemetry_age", 0.5), ("heartbeat_age", 3.0), ("scan_age", 0.5)):
         supervisor, now = flying()
-        assert supervisor.update(replace(WELL, **{field: limit - 0.01}), now) is None
-        assert supervisor.update(replace(WELL, **{field: limit + 0.01}), now) is not None
+        below: dict[str, Any] = {field: limit - 0.01}
+        above: dict[str, Any] = {field: limit + 0.01}
+        assert supervisor.update(replace(WELL, **below), now) is None
+        assert supervisor.update(replace(WELL, **above), now) is not None
 
 
-def test_the_pilot_keeps_the_vehicle():
+def test_the_pilot_keeps_the_vehicle() -> None:
     """From RELEASED no row leads anywhere but to the end, whatever the mode does, and nothing is streamed."""
     assert {row.to for row in TABLE if State.RELEASED in row.states} == {State.ENDED}
     assert State.RELEASED not in STREAMING
@@ -143,7 +151,7 @@ def test_the_pilot_keeps_the_vehicle():
 
 
 @pytest.mark.parametrize("state", [State.ENGAGE, State.ARM])
-def test_refusals_end_before_the_start(state):
+def test_refusals_end_before_the_start(state: State) -> None:
     supervisor = Supervisor(SETTINGS)
     now = 0
     while supervisor.state is not state:
@@ -155,7 +163,7 @@ def test_refusals_end_before_the_start(state):
     assert said is not None and "denied" in said.text and "why" in said.text
 
 
-def test_not_ready_names_what_is_missing():
+def test_not_ready_names_what_is_missing() -> None:
     supervisor = Supervisor(SETTINGS)
     supervisor.update(IDLE, 0)
     lacking = replace(IDLE, missing="no ring")
@@ -163,22 +171,22 @@ def test_not_ready_names_what_is_missing():
     assert supervisor.state is State.ENDED and "no ring" in (supervisor.fault or "")
 
 
-def test_no_vehicle():
+def test_no_vehicle() -> None:
     supervisor = Supervisor(SETTINGS)
     settle(supervisor, replace(IDLE, seen=False), 0, SETTINGS.find_timeout - 0.1)
-    assert supervisor.state is State.FIND
+    assert state_of(supervisor) is State.FIND
     settle(supervisor, replace(IDLE, seen=False), round(SETTINGS.find_timeout * SECOND), 0.2)
-    assert supervisor.state is State.ENDED and "10 s" in (supervisor.fault or "")
+    assert state_of(supervisor) is State.ENDED and "10 s" in (supervisor.fault or "")
 
 
-def test_an_armed_vehicle_is_not_taken_over():
+def test_an_armed_vehicle_is_not_taken_over() -> None:
     supervisor = Supervisor(SETTINGS)
     supervisor.update(WELL, 0)
     supervisor.update(WELL, SECOND)
     assert supervisor.state is State.ENDED
 
 
-def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle():
+def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle() -> None:
     for state in FLYING | {State.CHECK, State.STREAM, State.ENGAGE, State.ARM, State.RELEASED}:
         rows = [row for row in TABLE if state in row.states]
         silent = replace(WELL, silence=5.0)
@@ -188,7 +196,7 @@ def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle():
 SOUND = Setpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), 0.5)
 
 
-def test_the_gate():
+def test_the_gate() -> None:
     assert unsound(SOUND) is None
     for bad in (float("nan"), float("inf"), -float("inf")):
         for name in ("attitude_ned_frd", "rates_frd", "torque"):

@@ -7,26 +7,27 @@ import pytest
 
 from companion.control.flatness import attitude_command
 from companion.control.thrust import collective, thrust_vector
-from protocol.frames import GRAVITY, conjugate, multiply, rotate, to_rotation_vector, yaw_of
+from protocol.frames import GRAVITY, Array, conjugate, multiply, rotate, to_rotation_vector, yaw_of
 
 MASS = 1.3
 FULL = 32.0
 UP = np.array([0.0, 0.0, -1.0])
 
 
-def accelerated(attitude, force):
+def accelerated(attitude: Array, force: float) -> Array:
     """What a thrust along the body's -z does to the mass, with gravity."""
-    return rotate(attitude, force * UP) / MASS + np.array([0.0, 0.0, GRAVITY])
+    acceleration: Array = rotate(attitude, force * UP) / MASS + np.array([0.0, 0.0, GRAVITY])
+    return acceleration
 
 
-def test_hover_is_level_at_the_weight():
+def test_hover_is_level_at_the_weight() -> None:
     thrust, limited = thrust_vector(np.zeros(3), MASS, 1.0, FULL, 0.6)
     assert np.allclose(thrust, [0.0, 0.0, -MASS * GRAVITY])
     assert not limited
     assert np.allclose(attitude_command(thrust, 0.0), [1.0, 0.0, 0.0, 0.0])
 
 
-def test_inversion_is_exact_for_any_yaw():
+def test_inversion_is_exact_for_any_yaw() -> None:
     rng = np.random.default_rng(1)
     for _ in range(500):
         wanted = rng.uniform(-5.0, 5.0, 3)
@@ -35,7 +36,7 @@ def test_inversion_is_exact_for_any_yaw():
         assert not limited
         attitude = attitude_command(thrust, yaw)
         assert np.linalg.norm(attitude) == pytest.approx(1.0)
-        assert np.allclose(accelerated(attitude, np.linalg.norm(thrust)), wanted, atol=1e-9)
+        assert np.allclose(accelerated(attitude, float(np.linalg.norm(thrust))), wanted, atol=1e-9)
         nose = rotate(attitude, np.array([1.0, 0.0, 0.0]))
         # the heading is that of the body's x axis in the plane through y; exact where y is level
         side = rotate(attitude, np.array([0.0, 1.0, 0.0]))
@@ -43,7 +44,7 @@ def test_inversion_is_exact_for_any_yaw():
         assert side @ np.array([math.cos(yaw), math.sin(yaw), 0.0]) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_directions():
+def test_directions() -> None:
     """North is nose down (negative pitch) at heading 0, east is right side down (positive roll)."""
     north = attitude_command(np.array([3.0, 0.0, -12.0]), 0.0)
     assert north[2] < 0.0 and north[1] == pytest.approx(0.0)
@@ -52,7 +53,7 @@ def test_directions():
     assert yaw_of(attitude_command(np.array([0.0, 0.0, -12.0]), 2.5)) == pytest.approx(2.5)
 
 
-def test_altitude_comes_first():
+def test_altitude_comes_first() -> None:
     rng = np.random.default_rng(2)
     for _ in range(500):
         wanted = rng.uniform(-30.0, 30.0, 3)
@@ -69,7 +70,7 @@ def test_altitude_comes_first():
         assert limited == (not np.allclose(free, thrust, atol=1e-6))
 
 
-def test_collective_holds_the_altitude_at_any_tilt_below_the_limit():
+def test_collective_holds_the_altitude_at_any_tilt_below_the_limit() -> None:
     thrust = np.array([2.0, -3.0, -MASS * GRAVITY])
     rng = np.random.default_rng(3)
     for _ in range(100):
@@ -79,7 +80,7 @@ def test_collective_holds_the_altitude_at_any_tilt_below_the_limit():
     assert collective(thrust, attitude_command(thrust, 0.0), 5.0) == 5.0
 
 
-def test_attitude_is_smooth_in_the_command():
+def test_attitude_is_smooth_in_the_command() -> None:
     """A small change of the thrust or yaw is a small change of the attitude (no jump of frame or sign of rotation)."""
     rng = np.random.default_rng(4)
     for _ in range(300):

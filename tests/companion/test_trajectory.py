@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from companion.config import Trajectory
+from companion.state import Reference
 from companion.trajectory import ReferenceGenerator
 from protocol.frames import wrap
 
@@ -13,25 +14,25 @@ SETTINGS = Trajectory()
 TICK = 4_000_000
 
 
-def standing():
+def standing() -> ReferenceGenerator:
     generator = ReferenceGenerator(SETTINGS)
     generator.place(np.array([1.0, 2.0, -3.0]), 0.5)
     return generator
 
 
-def run(generator, seconds, start_ns=0):
+def run(generator: ReferenceGenerator, seconds: float, start_ns: int = 0) -> list[Reference]:
     """References at 250 Hz."""
     return [generator.at(start_ns + i * TICK) for i in range(round(seconds * 250))]
 
 
-def test_stands_where_it_is_placed():
+def test_stands_where_it_is_placed() -> None:
     reference = standing().at(12345)
     assert np.array_equal(reference.position_ned, [1.0, 2.0, -3.0])
     assert not reference.velocity_ned.any() and not reference.acceleration_ned.any()
     assert (reference.yaw, reference.yaw_rate) == (0.5, 0.0)
 
 
-def test_a_leg_is_straight_and_keeps_to_speed_and_acceleration():
+def test_a_leg_is_straight_and_keeps_to_speed_and_acceleration() -> None:
     generator = standing()
     target = np.array([31.0, 42.0, -3.0])
     generator.go(0, target, 4.0, 1.5)
@@ -47,7 +48,7 @@ def test_a_leg_is_straight_and_keeps_to_speed_and_acceleration():
     assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_derivatives_belong_to_the_position():
+def test_derivatives_belong_to_the_position() -> None:
     generator = standing()
     generator.go(0, np.array([11.0, -5.0, -6.0]), 3.0, 1.0)
     path = run(generator, 6.0)
@@ -57,7 +58,7 @@ def test_derivatives_belong_to_the_position():
         assert np.allclose((c.velocity_ned - a.velocity_ned) / (2 * dt), b.acceleration_ned, atol=0.07)
 
 
-def test_a_new_target_in_motion_makes_no_jump():
+def test_a_new_target_in_motion_makes_no_jump() -> None:
     rng = np.random.default_rng(1)
     generator = standing()
     generator.go(0, np.array([20.0, 0.0, -3.0]), 4.0, 1.5)
@@ -74,7 +75,7 @@ def test_a_new_target_in_motion_makes_no_jump():
         generator.go(now, before.position_ned + rng.uniform(-15.0, 15.0, 3), rng.uniform(0.3, 4.0), 1.5)
 
 
-def test_a_stop_brakes_within_the_limits():
+def test_a_stop_brakes_within_the_limits() -> None:
     generator = standing()
     generator.go(0, np.array([60.0, 2.0, -3.0]), 4.0, 1.5)
     moving = generator.at(4 * 10**9)
@@ -90,7 +91,7 @@ def test_a_stop_brakes_within_the_limits():
 
 @pytest.mark.parametrize("start", [3.0, -3.0, 0.0])
 @pytest.mark.parametrize("goal", [-3.0, 3.0, 1.0])
-def test_turns_the_shorter_way(start, goal):
+def test_turns_the_shorter_way(start: float, goal: float) -> None:
     generator = ReferenceGenerator(SETTINGS)
     generator.place(np.zeros(3), start)
     generator.turn(0, goal)

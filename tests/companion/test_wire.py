@@ -1,6 +1,8 @@
 """What comes from outside is taken whole or not at all; what goes out is what PX4 and ArduPilot obey."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 
 
-def through_the_wire(message_class, *fields):
+def through_the_wire(message_class: type[Any], *fields: Any) -> Any:
     """As a peer would decode it."""
     (frame,) = Framer().datagram(Encoder(1, 1).encode_fields(message_class, *fields))
     return decode(frame)
@@ -26,7 +28,7 @@ READERS = [(ATTITUDE, wire.attitude_quaternion), (POSITION, wire.local_position)
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e30])
 @pytest.mark.parametrize(("fields", "reader"), READERS)
-def test_one_bad_value_refuses_the_message(fields, reader, bad):
+def test_one_bad_value_refuses_the_message(fields: list[Any], reader: Callable[[Any], object], bad: float) -> None:
     reader(through_the_wire(*fields))
     for index in range(2, len(fields)):
         spoilt = [*fields]
@@ -35,7 +37,7 @@ def test_one_bad_value_refuses_the_message(fields, reader, bad):
             reader(through_the_wire(*spoilt))
 
 
-def test_quaternion_of_no_length_is_refused_and_a_rough_one_made_unit():
+def test_quaternion_of_no_length_is_refused_and_a_rough_one_made_unit() -> None:
     for q in ((0.0, 0.0, 0.0, 0.0), (1.2, 0.0, 0.0, 0.0), (0.5, 0.5, 0.5, 0.0)):
         with pytest.raises(wire.RefusedError):
             wire.attitude_quaternion(through_the_wire(ATTITUDE[0], 0, *q, 0.0, 0.0, 0.0))
@@ -45,12 +47,12 @@ def test_quaternion_of_no_length_is_refused_and_a_rough_one_made_unit():
     assert report.boot_time_ms == 7
 
 
-def test_euler_angles_and_quaternion_agree():
+def test_euler_angles_and_quaternion_agree() -> None:
     report = wire.attitude(through_the_wire(*EULER))
     assert np.allclose(report.attitude_ned_frd, from_euler(0.1, -0.2, 3.0), atol=1e-6)
 
 
-def ring(distances, **changes):
+def ring(distances: list[int], **changes: float) -> Any:
     fields = {"min": 20, "max": 1500, "f": 5.0, "offset": 0.0, "frame": 12} | changes
     return through_the_wire(
         dialect.MAVLink_obstacle_distance_message,
@@ -66,7 +68,7 @@ def ring(distances, **changes):
     )
 
 
-def test_ring():
+def test_ring() -> None:
     distances = [1501] * 72
     distances[18], distances[36], distances[54] = 400, 65535, 1500
     scan = wire.obstacle_distance(ring(distances, offset=10.0), 99)
@@ -83,7 +85,7 @@ def test_ring():
 @pytest.mark.parametrize(
     "changes", [{"frame": 0}, {"f": math.nan}, {"offset": math.inf}, {"max": 10}, {"f": 400.0}], ids=str
 )
-def test_impossible_rings_are_refused(changes):
+def test_impossible_rings_are_refused(changes: dict[str, float]) -> None:
     with pytest.raises(wire.RefusedError, match="OBSTACLE_DISTANCE"):
         wire.obstacle_distance(ring([500] * 72, **changes), 0)
 
@@ -91,7 +93,7 @@ def test_impossible_rings_are_refused(changes):
 SETPOINT = Setpoint(np.array([0.5, -0.5, 0.5, -0.5]), np.array([0.1, 0.2, 0.3]), np.array([-0.1, 0.2, 0.4]), 0.45)
 
 
-def test_setpoints():
+def test_setpoints() -> None:
     for output, mask in ((Output.ATTITUDE, 0x07), (Output.RATES, 0x80)):
         message = through_the_wire(*flat(wire.setpoint_fields(SETPOINT, output, 1234, (1, 1))))
         assert message.get_type() == "SET_ATTITUDE_TARGET"
@@ -105,10 +107,10 @@ def test_setpoints():
     assert message.controls == pytest.approx([-0.1, 0.2, 0.4, 0.45, 0, 0, 0, 0])
 
 
-def flat(message):
+def flat(message: tuple[type[Any], tuple[Any, ...]]) -> tuple[Any, ...]:
     return (message[0], *message[1])
 
 
-def test_status_text_fits_its_field():
+def test_status_text_fits_its_field() -> None:
     (fields,) = wire.statustext_fields(4, "ä" + "long " * 30)
     assert len(fields[1]) == 50 and fields[1].isascii()

@@ -1,6 +1,7 @@
 """What a person can get wrong: one clear line that names the thing and the place, and an exit code that is not 0."""
 
 import socket
+from pathlib import Path
 
 import pytest
 from processes import free_port, run
@@ -30,12 +31,12 @@ FLY = ("companion", "fly", "hover", "--connect", "udpin:127.0.0.1:0")
         ("nonsense", ["nonsense", "key=value"]),
     ],
 )
-def test_settings_on_the_command_line(setting, words, tmp_path):
+def test_settings_on_the_command_line(setting: str, words: list[str], tmp_path: Path) -> None:
     line = refused(*FLY, "--log", str(tmp_path), "--set", setting)
     assert all(word in line for word in words), line
 
 
-def test_settings_file(tmp_path):
+def test_settings_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[avoidance]\nlateral_margn = 2.0\n")
     line = refused(*FLY, "--settings", str(path))
@@ -45,7 +46,7 @@ def test_settings_file(tmp_path):
     assert "other.toml" in refused(*FLY, "--settings", str(tmp_path / "other.toml"))
 
 
-def test_mission_and_its_files(tmp_path):
+def test_mission_and_its_files(tmp_path: Path) -> None:
     line = refused("companion", "fly", "atlantis")
     assert "atlantis" in line and "courier" in line
     path = tmp_path / "mine.toml"
@@ -59,18 +60,18 @@ def test_mission_and_its_files(tmp_path):
 
 
 @pytest.mark.parametrize("option", [("--output", "thoughts"), ("--pace", "slow"), ("--pace", "-1")])
-def test_options(option):
+def test_options(option: tuple[str, str]) -> None:
     assert option[1] in refused(*FLY, *option)
 
 
 @pytest.mark.parametrize(
     "url", ["udpin:127.0.0.1", "carrier-pigeon:home:1", "udpin:127.0.0.1:99999", "serial:/dev/nothing:57600"]
 )
-def test_urls(url):
+def test_urls(url: str) -> None:
     assert url in refused("companion", "fly", "hover", "--connect", url)
 
 
-def test_port_in_use():
+def test_port_in_use() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         url = f"udpin:127.0.0.1:{other.getsockname()[1]}"
@@ -79,36 +80,36 @@ def test_port_in_use():
         assert url in line
 
 
-def test_no_vehicle(tmp_path):
+def test_no_vehicle(tmp_path: Path) -> None:
     done = run(*FLY, "--log", str(tmp_path), "--set", "supervision.find_timeout=1.0")
     assert done.returncode == 1
     assert "no vehicle within 1 s" in done.stderr
 
 
-def test_log_folder_that_is_a_file(tmp_path):
+def test_log_folder_that_is_a_file(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text("")
     assert str(path) in refused(*FLY, "--log", str(path))
 
 
-def test_log_folder_that_is_read_only():
+def test_log_folder_that_is_read_only() -> None:
     assert "/proc" in refused(*FLY, "--log", "/proc")
 
 
-def test_log_that_can_not_be_read(tmp_path):
+def test_log_that_can_not_be_read(tmp_path: Path) -> None:
     assert "missing.mcap" in refused("companion", "digest", str(tmp_path / "missing.mcap"))
     path = tmp_path / "broken.mcap"
     path.write_bytes(b"nothing of the kind" * 10)
     assert "broken.mcap" in refused("companion", "digest", str(path))
 
 
-def test_simulator():
+def test_simulator() -> None:
     assert "atlantis" in refused("vehicle_sim", "--world", "atlantis")
     assert "saucer" in refused("vehicle_sim", "--vehicle", "saucer")
     assert "slow" in refused("vehicle_sim", "--pace", "slow")
 
 
-def test_help_reads_well():
+def test_help_reads_well() -> None:
     for arguments in (("companion", "--help"), ("companion", "demo", "--help"), ("vehicle_sim", "--help")):
         done = run(*arguments)
         assert done.returncode == 0 and "Usage" in done.stdout

@@ -1,13 +1,17 @@
 """Whole flights with both sides joined in memory: what the mission comes to, and what faults in flight come to."""
 
+from collections.abc import Callable
+
 import control
 import numpy as np
 import pytest
 from joined import Joined, mission_of
 
-from companion.mission import Phase
-from companion.state import Output
+from companion.avoidance.method import Method
+from companion.mission import Mission, Phase
+from companion.state import AvoidanceDecision, Output
 from companion.supervisor import State
+from protocol.frames import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from vehicle_sim.world import World
@@ -18,15 +22,15 @@ TABLE_3 = {1.0: (1.519, 4.321), 2.5: (1.628, 0.0246), 5.0: (1.836, 0.0)}
 """Rise (s) and overshoot (%) of the paper's position loop."""
 
 
-def in_phase(phase):
+def in_phase(phase: Phase) -> Callable[[Joined], bool]:
     return lambda joined: joined.autopilot.phase is phase and joined.autopilot.supervisor.state is State.FLY
 
 
-def without(*message_ids):
+def without(*message_ids: int) -> tuple[Callable[[int, bytes], bytes], list[int]]:
     """A meddler that keeps these messages from the companion once it is armed by `start`."""
     start = [10**18]
 
-    def meddle(time_ns, data):
+    def meddle(time_ns: int, data: bytes) -> bytes:
         if time_ns < start[0]:
             return data
         return b"".join(frame.raw for frame in Framer().datagram(data) if frame.message_id not in message_ids)
@@ -34,7 +38,7 @@ def without(*message_ids):
     return meddle, start
 
 
-def fly_then_lose(*message_ids, mission=COURIER):
+def fly_then_lose(*message_ids: int, mission: Mission = COURIER) -> Joined:
     """Fly until the route, lose the messages, go on until the end."""
     meddle, start = without(*message_ids)
     joined = Joined(mission, meddle=meddle).fly(until=in_phase(Phase.ROUTE))
@@ -43,18 +47,19 @@ def fly_then_lose(*message_ids, mission=COURIER):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_the_courier_delivers(seed):
+def test_the_courier_delivers(seed: int) -> None:
     joined = Joined(COURIER, seed=seed).fly()
     summary = joined.vehicle.summary()
     assert joined.autopilot.supervisor.fault is None and joined.autopilot.released
     assert summary.outcome == "landed" and summary.contacts == 0 and summary.released
-    assert summary.least_clearance_m >= 0.5
+    assert summary.least_clearance_m is not None and summary.least_clearance_m >= 0.5
+    assert summary.released_at_ned is not None
     assert np.hypot(summary.released_at_ned[0] - 120.0, summary.released_at_ned[1]) < 0.3
     assert np.hypot(*summary.final_position_ned[:2]) < 0.3
 
 
 @pytest.mark.parametrize("output", Output)
-def test_hover_on_each_output(output):
+def test_hover_on_each_output(output: Output) -> None:
     joined = Joined(HOVER, output=output).fly()
     assert joined.autopilot.supervisor.fault is None
     assert joined.vehicle.summary().outcome == "landed"
@@ -67,7 +72,7 @@ def test_hover_on_each_output(output):
 
 @pytest.mark.parametrize("output", Output)
 @pytest.mark.parametrize("c", TABLE_3)
-def test_step_of_one_metre_is_table_3(c, output):
+def test_step_of_one_metre_is_table_3(c: float, output: Output) -> None:
     """The nonlinear vehicle with motor lag and drag, each axis: rise within 20 %, overshoot within a point."""
     gains = (f"control.position.c1=[{c}, {c}, {c}]", "control.position.c2=[1.0, 1.0, 1.0]")
     joined = Joined(mission_of("step"), output=output, overrides=(*gains, 'avoidance.method="none"')).fly()
@@ -85,19 +90,20 @@ def test_step_of_one_metre_is_table_3(c, output):
         assert abs(path[-1] - target) < 0.005
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not():
+def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not() -> None:
     first, second, other = (Joined(COURIER, seed=seed).fly(limit_s=25.0) for seed in (3, 3, 4))
     assert first.sent == second.sent and first.received == second.received
     assert first.received != other.received
 
 
-def test_only_sound_setpoints_leave():
+def test_only_sound_setpoints_leave() -> None:
     joined = Joined(COURIER, seed=5).fly()
     count = 0
     for data in joined.sent:
         for frame in Framer().datagram(data):
             if frame.message_id == dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
                 message = decode(frame)
+                assert message is not None
                 count += 1
                 assert message.type_mask == 0x80
                 assert 0.0 <= message.thrust <= 1.0
@@ -105,7 +111,7 @@ def test_only_sound_setpoints_leave():
     assert count > 10_000
 
 
-def test_lyapunov_function_falls_on_the_way():
+def test_lyapunov_function_falls_on_the_way() -> None:
     """V of the trace falls where the law promises it, on the ideal part of a step (after the attitude's lag)."""
     joined = Joined(mission_of("step"), overrides=('avoidance.method="none"',)).fly()
     trace = joined.trace()
@@ -115,7 +121,7 @@ def test_lyapunov_function_falls_on_the_way():
     assert (np.diff(total[75:]) < 1e-9).mean() > 0.97
 
 
-def test_pilot_takes_over():
+def test_pilot_takes_over() -> None:
     joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
     pilot = Encoder(1, 190)
     joined.vehicle.receive(
@@ -131,7 +137,7 @@ def test_pilot_takes_over():
     assert joined.autopilot.supervisor.state is State.RELEASED
 
 
-def test_ring_lost_stops_the_vehicle_and_then_lands_it():
+def test_ring_lost_stops_the_vehicle_and_then_lands_it() -> None:
     joined = fly_then_lose(dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
     joined.fly(limit_s=0.7)
     assert joined.autopilot.supervisor.state is State.HOLD
@@ -139,11 +145,11 @@ def test_ring_lost_stops_the_vehicle_and_then_lands_it():
     assert np.linalg.norm(joined.vehicle.motion.velocity_ned) < 0.05
     joined.fly()
     assert joined.vehicle.summary().outcome == "landed"
-    assert "landing" in joined.autopilot.supervisor.fault
+    assert "landing" in (joined.autopilot.supervisor.fault or "")
     assert any("no ring" in text for text in joined.said)
 
 
-def test_ring_back_in_time_goes_on():
+def test_ring_back_in_time_goes_on() -> None:
     joined = fly_then_lose(dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
     joined.fly(limit_s=2.0)
     assert joined.autopilot.supervisor.state is State.HOLD
@@ -153,17 +159,17 @@ def test_ring_back_in_time_goes_on():
 
 
 @pytest.mark.parametrize("message_id", [dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, 32])
-def test_telemetry_lost_hands_the_vehicle_to_its_own_autopilot(message_id):
+def test_telemetry_lost_hands_the_vehicle_to_its_own_autopilot(message_id: int) -> None:
     joined = fly_then_lose(message_id)
     joined.fly(limit_s=0.7)
     assert joined.autopilot.supervisor.state is State.WITHDRAW
     joined.fly()
     assert joined.vehicle.summary().outcome == "landed"
-    assert "telemetry lost" in joined.autopilot.supervisor.fault
+    assert "telemetry lost" in (joined.autopilot.supervisor.fault or "")
     assert joined.vehicle.summary().contacts == 0
 
 
-def test_silent_vehicle_ends_the_companion():
+def test_silent_vehicle_ends_the_companion() -> None:
     joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
     joined.meddle = lambda time_ns, data: b""
     joined.fly(limit_s=5.0)
@@ -172,16 +178,17 @@ def test_silent_vehicle_ends_the_companion():
 
 
 @pytest.mark.parametrize("field", range(1, 8))
-def test_nan_in_the_telemetry_never_reaches_the_output(field):
+def test_nan_in_the_telemetry_never_reaches_the_output(field: int) -> None:
     """Each field of the attitude in turn; the vehicle is handed over, nothing unsound is sent."""
     joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
     spoiler = Encoder(1, 1)
 
-    def spoil(time_ns, data):
+    def spoil(time_ns: int, data: bytes) -> bytes:
         out = b""
         for frame in Framer().datagram(data):
             if frame.message_id == dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION:
                 message = decode(frame)
+                assert message is not None
                 fields = [getattr(message, name) for name in message.fieldnames[:8]]
                 fields[field] = float("nan")
                 out += spoiler.encode_fields(type(message), *fields)
@@ -192,11 +199,11 @@ def test_nan_in_the_telemetry_never_reaches_the_output(field):
     joined.meddle = spoil
     joined.fly(limit_s=0.2)
     assert joined.autopilot.supervisor.state is State.WITHDRAW
-    assert "bad telemetry" in joined.autopilot.supervisor.fault
+    assert "bad telemetry" in (joined.autopilot.supervisor.fault or "")
     assert joined.autopilot.refused_messages >= 3
 
 
-def test_crash_is_a_crash():
+def test_crash_is_a_crash() -> None:
     """Without avoidance the pole in the way is hit: the judge of the demo is not blind."""
     joined = Joined(COURIER, overrides=('avoidance.method="none"',)).fly()
     summary = joined.vehicle.summary()
@@ -204,7 +211,7 @@ def test_crash_is_a_crash():
     assert joined.autopilot.supervisor.fault is not None
 
 
-def test_seen_clearance_agrees_with_the_truth():
+def test_seen_clearance_agrees_with_the_truth() -> None:
     """The companion's own clearance, from a flat ring of 5 degree sectors, is near the world's at the same moments."""
     joined = Joined(COURIER, seed=6)
     gaps = []
@@ -223,19 +230,27 @@ def test_seen_clearance_agrees_with_the_truth():
     assert np.median(np.abs(gaps)) < 0.3
 
 
-def test_ring_world_agrees_with_the_world():
+class Watched:
+    """A method of avoidance that keeps what it is shown."""
+
+    def __init__(self, method: Method) -> None:
+        self._method = method
+        self.seen: list[Array] = []
+
+    def decide(
+        self, points_ned: Array, position_ned: Array, velocity_ned: Array, goal_ned: Array, speed: float
+    ) -> AvoidanceDecision:
+        self.seen.append(points_ned)
+        return self._method.decide(points_ned, position_ned, velocity_ned, goal_ned, speed)
+
+
+def test_ring_world_agrees_with_the_world() -> None:
     """Every return that the companion placed in the world, with the pose of the scan's own time, lies on a surface."""
     joined = Joined(COURIER, seed=7)
-    seen = []
-    decide = joined.autopilot._avoidance.decide
-
-    def watch(points, *rest):
-        seen.append(points)
-        return decide(points, *rest)
-
-    joined.autopilot._avoidance.decide = watch
+    watched = Watched(joined.autopilot._avoidance)
+    joined.autopilot._avoidance = watched
     joined.fly(limit_s=30.0)
     world: World = joined.vehicle.world
-    distances = [world.clearance(point) for points in seen for point in points]
+    distances = [world.clearance(point) for points in watched.seen for point in points]
     assert len(distances) > 2000
     assert np.percentile(np.abs(distances), 95) < 0.6

@@ -7,6 +7,7 @@ import socket
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,14 +21,14 @@ KILLS = 20
 KILL_PACE = 4.0
 
 
-def demo(logs: Path, *arguments: str) -> dict[str, object]:
+def demo(logs: Path, *arguments: str) -> dict[str, Any]:
     done = run("companion", "demo", "--log", str(logs), "--json", *arguments)
     assert done.returncode == 0, done.stderr
-    verdict: dict[str, object] = json.loads(done.stdout)
+    verdict: dict[str, Any] = json.loads(done.stdout)
     return verdict
 
 
-def test_demo_in_lockstep_delivers_and_repeats_to_the_byte(tmp_path):
+def test_demo_in_lockstep_delivers_and_repeats_to_the_byte(tmp_path: Path) -> None:
     """Two runs of one seed, one in the default and one in another folder, at other ports."""
     first, second = (demo(tmp_path / name, "--seed", "3") for name in ("a", "b"))
     for verdict in (first, second):
@@ -41,12 +42,12 @@ def test_demo_in_lockstep_delivers_and_repeats_to_the_byte(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """One whole demo, with torques as the output."""
     return demo(tmp_path_factory.mktemp("flown"), "--output", "actuators", "--seed", "2")
 
 
-def test_log_holds_everything(flown):
+def test_log_holds_everything(flown: dict[str, Any]) -> None:
     log = LogReader(flown["log"])
     assert log.complete and log.problem is None
     assert set(log.attachments) == {"mission.toml", "vehicle.toml", "world.toml", "settings.json"}
@@ -59,7 +60,7 @@ def test_log_holds_everything(flown):
     assert "/mavlink/1/191/SET_ACTUATOR_CONTROL_TARGET" in topics
 
 
-def test_trace_agrees_with_the_ground_truth_in_the_log(flown):
+def test_trace_agrees_with_the_ground_truth_in_the_log(flown: dict[str, Any]) -> None:
     """The companion's state against HIL_STATE_QUATERNION, which no stage of it reads."""
     log = LogReader(flown["log"])
     trace, truth = log.array(TRACE.topic), log.array("/mavlink/1/1/HIL_STATE_QUATERNION")
@@ -72,7 +73,7 @@ def test_trace_agrees_with_the_ground_truth_in_the_log(flown):
     assert inner.min() > 0.9999
 
 
-def test_every_datagram_is_whole_frames(flown):
+def test_every_datagram_is_whole_frames(flown: dict[str, Any]) -> None:
     framer = Framer()
     count = dict.fromkeys(Direction, 0)
     for _, direction, address, data in datagrams(flown["log"]):
@@ -83,7 +84,7 @@ def test_every_datagram_is_whole_frames(flown):
 
 
 @pytest.mark.parametrize("pace", ["realtime", "8"])
-def test_demo_by_the_clock(tmp_path, pace):
+def test_demo_by_the_clock(tmp_path: Path, pace: str) -> None:
     """Deadlines are absolute: no drift between the clocks of the two, and it lands like in lockstep."""
     verdict = demo(tmp_path, "hover", "--pace", pace)
     assert verdict["outcome"] == "flown"
@@ -95,7 +96,7 @@ def test_demo_by_the_clock(tmp_path, pace):
     assert log.complete
 
 
-def killed_companion(folder: Path, delay_s: float) -> tuple[dict[str, object], float, Path]:
+def killed_companion(folder: Path, delay_s: float) -> tuple[dict[str, Any], float, Path]:
     """Kill the companion `delay_s` after its take-off; the simulator's report, the wall time of the kill, the log."""
     simulator, companion = pair(folder, f"{KILL_PACE:g}")
     with simulator, companion:
@@ -108,7 +109,7 @@ def killed_companion(folder: Path, delay_s: float) -> tuple[dict[str, object], f
         return simulator.report(), killed_at, log
 
 
-def test_companion_killed_at_random_moments(tmp_path):
+def test_companion_killed_at_random_moments(tmp_path: Path) -> None:
     """The vehicle holds, then lands; the log opens and reaches to within 0.2 s of the kill."""
     delays = np.random.default_rng(1).uniform(0.0, 4.0, KILLS)
     folders = [tmp_path / str(index) for index in range(KILLS)]
@@ -124,7 +125,7 @@ def test_companion_killed_at_random_moments(tmp_path):
 
 
 @pytest.mark.parametrize("pace", ["1", "lockstep"])
-def test_simulator_killed(tmp_path, pace):
+def test_simulator_killed(tmp_path: Path, pace: str) -> None:
     simulator, companion = pair(tmp_path, pace)
     with simulator, companion:
         companion.wait_for("armed, taking off")
@@ -138,7 +139,7 @@ def test_simulator_killed(tmp_path, pace):
         assert LogReader(path).complete
 
 
-def test_recorder_killed(tmp_path):
+def test_recorder_killed(tmp_path: Path) -> None:
     """The flight goes on and says so; what was written is read."""
     simulator, companion = pair(tmp_path, "4", "hover", "--set", "avoidance.method=none")
     with simulator, companion:
@@ -155,7 +156,7 @@ def test_recorder_killed(tmp_path):
         assert sum(1 for _ in log.records()) > 100
 
 
-def test_garbage_does_not_disturb(tmp_path):
+def test_garbage_does_not_disturb(tmp_path: Path) -> None:
     """Strangers send noise to the companion's port before and during the flight."""
     port = free_port()
     arguments = (
