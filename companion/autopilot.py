@@ -7,7 +7,7 @@ datagram -> frames -> messages -> VehicleState, Scan -> mission -> reference -> 
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -334,7 +334,10 @@ class Autopilot:
             3,
         )
         self._send(dialect.MAVLink_timesync_message, 0, max(now, 1))
-        for message_id in self._rates.lacking(now):
+        self._request_rates(self._rates.lacking(now))
+
+    def _request_rates(self, message_ids: Iterable[int]) -> None:
+        for message_id in message_ids:
             interval_us = self._rates.interval_us(message_id)
             self._command_once(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_id), interval_us)
 
@@ -415,7 +418,9 @@ class Autopilot:
     def _entered(self, old: State, new: State, now: int) -> None:
         if old is State.FLY:
             self._reference.stop(now)
-        if new is State.STREAM:
+        if new is State.CHECK:
+            self._request_rates(self._rates.wanted)
+        elif new is State.STREAM:
             assert self.state is not None
             self._ground_down = float(self.state.position_ned[2])
             self._reference.place(self.state.position_ned, yaw_of(self.state.attitude_ned_frd))

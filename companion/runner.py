@@ -120,6 +120,8 @@ class Runner:
     def _real_time(self, clock: RealClock) -> None:
         """Datagrams are handled as they come, ticks at absolute deadlines: sleep, then spin for the last part."""
         autopilot, transport = self._autopilot, self._transport
+        while transport.receive(0.0) is not None:
+            pass  # what queued up before the start is old
         due = clock.now_ns()
         while not autopilot.ended:
             wait = clock.wall_seconds_until(due)

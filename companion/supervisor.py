@@ -141,6 +141,7 @@ TABLE: tuple[Row, ...] = (
         "not ready: {health.missing}",
         fault=True,
     ),
+    _row(State.STREAM, lambda h, s, t: h.missing is not None, State.CHECK, _W, "not ready yet: {health.missing}"),
     _row(State.STREAM, lambda h, s, t: t >= s.stream_before_engaging, State.ENGAGE, _I, "asking for control"),
     _row(State.ENGAGE, lambda h, s, t: h.mode is FlightMode.EXTERNAL, State.ARM, _I, "in control, arming"),
     _row(
@@ -161,7 +162,7 @@ TABLE: tuple[Row, ...] = (
         fault=True,
     ),
     _row(
-        frozenset({State.STREAM, State.ENGAGE, State.ARM}),
+        frozenset({State.ENGAGE, State.ARM}),
         lambda h, s, t: h.missing is not None,
         State.ENDED,
         _E,

@@ -12,7 +12,7 @@ class TelemetryRates:
     """Counts arrivals over the last second. Rates in Hz, times in ns."""
 
     def __init__(self, wanted: dict[int, float], least_share: float) -> None:
-        self._wanted = wanted
+        self.wanted = wanted
         self._least_share = least_share
         self._arrivals: dict[int, deque[int]] = {
             message_id: deque(maxlen=round(rate) + 1) for message_id, rate in wanted.items()
@@ -41,13 +41,13 @@ class TelemetryRates:
         """Messages that arrive at less than the least share of their rate."""
         return [
             message_id
-            for message_id, wanted in self._wanted.items()
+            for message_id, wanted in self.wanted.items()
             if self.rate(message_id, now_ns) < wanted * self._least_share
         ]
 
     def interval_us(self, message_id: int) -> float:
         """What SET_MESSAGE_INTERVAL takes."""
-        return 1e6 / self._wanted[message_id]
+        return 1e6 / self.wanted[message_id]
 
     def describe(self, message_id: int, now_ns: int) -> str:
         """In words, with the likely cause."""
@@ -58,4 +58,4 @@ class TelemetryRates:
             if message_id not in self._ever
             else "another ground station may have asked for less, or the link is too slow"
         )
-        return f"{name} arrives at {measured:.0f} of {self._wanted[message_id]:.0f} Hz ({cause})"
+        return f"{name} arrives at {measured:.0f} of {self.wanted[message_id]:.0f} Hz ({cause})"

@@ -25,6 +25,9 @@ STREAM_PROOF_NS = 1 * SECOND_NS
 """How long a stream must have run before OFFBOARD."""
 STREAM_LOSS_NS = 1 * SECOND_NS
 """PX4's COM_OF_LOSS_T."""
+STALE_NS = SECOND_NS // 4
+"""A rate or torque command that is older would tumble the vehicle before the loss is seen: it is flown level instead
+(PX4 goes on turning)."""
 FAILSAFE_HOLD_NS = 5 * SECOND_NS
 """PX4's COM_FAIL_ACT_T."""
 LANDED_AFTER_NS = SECOND_NS // 2
@@ -125,6 +128,9 @@ class SetpointStream:
             return "setpoint stream under 1 s old"
         return None
 
+    def stale(self, now_ns: int) -> bool:
+        return self._last_ns is None or now_ns - self._last_ns > STALE_NS
+
     def lost(self, now_ns: int) -> bool:
         return self._last_ns is None or now_ns - self._last_ns > STREAM_LOSS_NS
 
@@ -221,6 +227,14 @@ class FlightControl:
         record[field] = value
         record["thrust_n"] = min(max(thrust, 0.0), 1.0) * self._body.max_thrust_n if math.isfinite(thrust) else 0.0
         self.stream.observe(self._motion.time_ns)
+
+    def _level_off(self, motion: Motion) -> None:
+        """Level, nose where it is, at the thrust that carries the weight; on the ground without thrust."""
+        record = self._offboard[0]
+        record["level"] = Level.ATTITUDE
+        record["attitude_ned_frd"] = (math.cos(0.5 * motion.yaw), 0.0, 0.0, math.sin(0.5 * motion.yaw))
+        record["thrust_n"] = 0.0 if self.landed else self.mass_kg * GRAVITY
+        self.say(Severity.WARNING, "Offboard setpoint stale: levelled off")
 
     # --- commands ---
 
@@ -325,6 +339,8 @@ class FlightControl:
         if self.mode is Mode.OFFBOARD:
             if self.stream.lost(motion.time_ns):
                 self._fire(Trigger.STREAM_LOST)
+            elif self.stream.stale(motion.time_ns) and self._offboard["level"][0] in (Level.RATES, Level.TORQUE):
+                self._level_off(motion)
         elif self.armed:
             self._guide(motion)
         if self.armed and self.landed:

@@ -1,5 +1,6 @@
 """Whole flights with both sides joined in memory: what the mission comes to, and what faults in flight come to."""
 
+import copy
 from collections.abc import Callable
 
 import control
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from joined import Joined, mission_of
 
+from companion import wire
 from companion.avoidance.method import Method
 from companion.mission import Mission, Phase
 from companion.state import AvoidanceDecision, Output
@@ -254,3 +256,23 @@ def test_ring_world_agrees_with_the_world() -> None:
     distances = [world.clearance(point) for points in watched.seen for point in points]
     assert len(distances) > 2000
     assert np.percentile(np.abs(distances), 95) < 0.6
+
+
+@pytest.mark.parametrize("output", Output)
+def test_the_vehicle_survives_its_companion(output: Output) -> None:
+    """The companion dies at random moments, on any output: the vehicle holds, lands and disarms, unhurt."""
+    joined = Joined(COURIER, output=output)
+    moments = np.sort(np.random.default_rng(4).uniform(2.0, 40.0, 5))
+    for moment in moments:
+        joined.fly(limit_s=moment - joined.vehicle.time_ns * 1e-9)
+        orphan = copy.deepcopy(joined.vehicle)
+        heard = b"".join(data for _ in range(5000) for data in orphan.advance() if not orphan.finished)
+        assert orphan.finished
+        summary = orphan.summary()
+        assert (summary.outcome, summary.contacts) == ("landed", 0)
+        said = [
+            wire.vehicle_text(decode(frame))
+            for frame in Framer().datagram(heard)
+            if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT
+        ]
+        assert any("holding" in text for text in said) and any("landing" in text for text in said), said
