@@ -25,9 +25,9 @@ STREAM_PROOF_NS = 1 * SECOND_NS
 """How long a stream must have run before OFFBOARD."""
 STREAM_LOSS_NS = 1 * SECOND_NS
 """PX4's COM_OF_LOSS_T."""
-STALE_NS = SECOND_NS // 4
-"""A rate or torque command that is older would tumble the vehicle before the loss is seen: it is flown level instead
-(PX4 goes on turning)."""
+STALE_NS = {Level.TORQUE: SECOND_NS // 4, Level.RATES: SECOND_NS // 4, Level.ATTITUDE: STREAM_GAP_NS}
+"""A command that is older would tumble the vehicle or carry it into something before the loss is acted upon: it brakes
+by itself until the next one or the loss (PX4 goes on with the old command)."""
 FAILSAFE_HOLD_NS = 5 * SECOND_NS
 """PX4's COM_FAIL_ACT_T."""
 LANDED_AFTER_NS = SECOND_NS // 2
@@ -128,11 +128,12 @@ class SetpointStream:
             return "setpoint stream under 1 s old"
         return None
 
-    def stale(self, now_ns: int) -> bool:
-        return self._last_ns is None or now_ns - self._last_ns > STALE_NS
+    def age_ns(self, now_ns: int) -> int:
+        """Of the latest setpoint; before the first one, as old as the vehicle."""
+        return now_ns - (self._last_ns or 0)
 
     def lost(self, now_ns: int) -> bool:
-        return self._last_ns is None or now_ns - self._last_ns > STREAM_LOSS_NS
+        return self.age_ns(now_ns) > STREAM_LOSS_NS
 
 
 class FlightControl:
@@ -228,13 +229,14 @@ class FlightControl:
         record["thrust_n"] = min(max(thrust, 0.0), 1.0) * self._body.max_thrust_n if math.isfinite(thrust) else 0.0
         self.stream.observe(self._motion.time_ns)
 
-    def _level_off(self, motion: Motion) -> None:
-        """Level, nose where it is, at the thrust that carries the weight; on the ground without thrust."""
+    def _brake(self, motion: Motion) -> None:
+        """Come to a stop by itself, still in OFFBOARD and open to the next setpoint; on the ground do nothing."""
         record = self._offboard[0]
-        record["level"] = Level.ATTITUDE
-        record["attitude_ned_frd"] = (math.cos(0.5 * motion.yaw), 0.0, 0.0, math.sin(0.5 * motion.yaw))
-        record["thrust_n"] = 0.0 if self.landed else self.mass_kg * GRAVITY
-        self.say(Severity.WARNING, "Offboard setpoint stale: levelled off")
+        record["level"] = Level.STOPPED if self.landed else Level.POSITION
+        record["position_ned"] = self._stopping_point()
+        record["speed_limits"] = (self._auto.cruise_speed_m_s, self._auto.climb_speed_m_s, self._auto.descent_speed_m_s)
+        record["yaw"] = motion.yaw
+        self.say(Severity.WARNING, "Offboard setpoint stale: braking")
 
     # --- commands ---
 
@@ -339,8 +341,8 @@ class FlightControl:
         if self.mode is Mode.OFFBOARD:
             if self.stream.lost(motion.time_ns):
                 self._fire(Trigger.STREAM_LOST)
-            elif self.stream.stale(motion.time_ns) and self._offboard["level"][0] in (Level.RATES, Level.TORQUE):
-                self._level_off(motion)
+            elif self.stream.age_ns(motion.time_ns) > STALE_NS.get(self._offboard["level"][0], STREAM_LOSS_NS):
+                self._brake(motion)
         elif self.armed:
             self._guide(motion)
         if self.armed and self.landed:
