@@ -10,8 +10,10 @@ demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
 
 test: check
+	$(BIN)/companion demo hover --log .cache/warm-up
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
+# A flight first: it compiles what is compiled once, before the tests do so side by side.
 # Formatting, lint, types, rules of import.
 check: .venv/tested
 	$(BIN)/ruff format --check .

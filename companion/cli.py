@@ -75,12 +75,13 @@ def fly(
 ) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
     plan = _plan(mission, output, pace, settings, overrides, None)
-    from companion.flight import end_table
+    from companion.flight import end_table, prepare
     from companion.flight import fly as fly_plan
     from companion.summary import summarize
     from protocol.transport import open_url
 
     transport = _usable(open_url, connect)
+    _usable(prepare, plan)
     result = _usable(fly_plan, plan, transport, log, console=True)
     outcome = result.fault or ("delivered" if result.delivered else "flown")
     _print_table({"outcome": outcome, **end_table(result, summarize(result.log))}, as_json)

@@ -1,14 +1,13 @@
 """The companion and the simulator as two processes, and the verdict on the flight."""
 
 import json
-import os
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from companion.flight import Plan, Result, end_table, fly
+from companion.flight import Plan, Result, end_table, fly, prepare
 from companion.summary import Summary, summarize
 from protocol.transport import Udp
 
@@ -36,18 +35,18 @@ class Verdict:
 
 def demo(plan: Plan, logs: Path, *, console: bool) -> Verdict:
     """Start the simulator, fly the plan against it, end it, and judge."""
-    with _OnOneCore(plan.pace == "lockstep"):
-        link = Udp("127.0.0.1", 0, bind=True)
-        simulator = _start_simulator(plan, link.port)
-        try:
-            result = fly(plan, link, logs, console=console)
-        except BaseException:
-            simulator.terminate()
-            simulator.wait()
-            raise
-        finally:
-            link.close()
-        report = _end(simulator)
+    prepare(plan)  # before the simulator starts: the two would compile the same functions at the same time
+    link = Udp("127.0.0.1", 0, bind=True)
+    simulator = _start_simulator(plan, link.port)
+    try:
+        result = fly(plan, link, logs, console=console)
+    except BaseException:
+        simulator.terminate()
+        simulator.wait()
+        raise
+    finally:
+        link.close()
+    report = _end(simulator)
     return _judge(plan, result, report)
 
 
@@ -94,21 +93,3 @@ def _judge(plan: Plan, result: Result, report: dict[str, Any]) -> Verdict:
         contacts,
         report.get("least_clearance_m"),
     )
-
-
-class _OnOneCore:
-    """In lockstep the two processes take turns: on one core a turn costs 15 us, across two 50-80."""
-
-    def __init__(self, wanted: bool) -> None:
-        self._before: set[int] | None = None
-        if wanted and hasattr(os, "sched_getaffinity"):
-            self._before = set(os.sched_getaffinity(0))
-
-    def __enter__(self) -> None:
-        if self._before:
-            cores = sorted(self._before)
-            os.sched_setaffinity(0, {cores[os.getpid() % len(cores)]})
-
-    def __exit__(self, *_: object) -> None:
-        if self._before:
-            os.sched_setaffinity(0, self._before)

@@ -5,7 +5,7 @@ import platform
 import subprocess
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
@@ -67,6 +67,12 @@ class PlanError(Exception):
     """Settings, mission and vehicle do not go together."""
 
 
+def prepare(plan: Plan) -> None:
+    """Check the plan and rehearse it, so that all is compiled. Raises PlanError and RehearsalError."""
+    check(plan)
+    rehearse(plan.settings, plan.body, plan.mission, plan.output)
+
+
 def check(plan: Plan) -> None:
     """Raises PlanError for what can be known before any vehicle is there."""
     body, limits = plan.body, plan.settings.limits
@@ -79,12 +85,10 @@ def check(plan: Plan) -> None:
 
 
 def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Result:
-    """Fly the plan and leave a log in a new folder of `logs`.
+    """Fly a prepared plan and leave a log in a new folder of `logs`.
 
-    Raises PlanError, FlightLogError (the log can't be written) and RehearsalError before anything is sent.
+    Raises FlightLogError, before anything is sent, if the log can't be written.
     """
-    check(plan)
-    rehearse(plan.settings, plan.body, plan.mission, plan.output)
     autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output)
     began = time.time()
     clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
@@ -116,7 +120,7 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
             log_fault=log.fault,
         )
         log.close({"result": {key: str(value) for key, value in _outcome(result).items()}})
-    return result
+    return replace(result, log_fault=log.fault)
 
 
 def _outcome(result: Result) -> dict[str, object]:
@@ -150,6 +154,7 @@ def end_table(result: Result, summary: Summary) -> dict[str, object]:
         "latency_p99_us": _rounded(summary.latency_p99_us, 1),
         "missed_deadlines": result.missed_deadlines,
         "log_records_dropped": result.records_dropped,
+        "log_fault": result.log_fault,
         "log": str(result.log),
     }
 

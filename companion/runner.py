@@ -15,7 +15,7 @@ from companion.autopilot import Autopilot, Datagram, Event, LogFault, Reaction, 
 from companion.trace import TRACE
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, record_type
-from protocol.transport import Transport, TransportError
+from protocol.transport import LOCKSTEP_SPIN_S, Transport, TransportError, Udp
 
 TICK_NS = 4_000_000
 """250 Hz"""
@@ -89,6 +89,8 @@ class Runner:
         now = 0
         answer = b""
         autopilot, transport, log = self._autopilot, self._transport, self._log
+        if isinstance(transport, Udp):
+            transport.spin_s = LOCKSTEP_SPIN_S
         find_s = autopilot.settings.supervision.find_timeout
         give_up = time.monotonic() + find_s
         while not autopilot.ended:

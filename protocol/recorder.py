@@ -552,8 +552,6 @@ def main() -> None:
     """Serve one flight."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends when the flying process has ended, not before
-    with contextlib.suppress(OSError, AttributeError):
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))  # a core that the flying process keeps to is not for the log
     memory = mmap.mmap(int(sys.argv[1]), 0)
     os.close(int(sys.argv[1]))
     with os.fdopen(os.dup(0), "rb") as pipe:

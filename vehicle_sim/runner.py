@@ -6,7 +6,7 @@ import time
 from enum import Enum
 
 from protocol.clock import RealClock
-from protocol.transport import Transport
+from protocol.transport import LOCKSTEP_SPIN_S, Transport, Udp
 from vehicle_sim.integrate import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 
@@ -92,6 +92,8 @@ class Runner:
     def run_lockstep(self) -> None:
         """Each tick waits for the answer to the one before, so that runs repeat; `Link` says when it does not wait."""
         _settle()
+        if isinstance(self._transport, Udp):
+            self._transport.spin_s = LOCKSTEP_SPIN_S
         link = Link.SOUGHT
         while not self._over():
             datagrams = self._vehicle.advance()

@@ -102,7 +102,7 @@ def test_udp_both_ways(opened: Opener) -> None:
 def test_datagrams_stay_whole_and_apart(opened: Opener) -> None:
     listening, url = udp_in(opened)
     calling = opened(url)
-    for datagram in [b"", b"\xfd", bytes(range(256)), random.Random(1).randbytes(65507)]:
+    for datagram in [b"", b"\xfd", bytes(range(256)), random.Random(1).randbytes(9216)]:
         calling.send(datagram)
         calling.send(b"next")
         assert listening.receive(PATIENCE_S) == datagram
