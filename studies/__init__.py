@@ -1,0 +1,1 @@
+"""Experiments and pictures; nothing imports this package."""

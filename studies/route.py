@@ -1,0 +1,93 @@
+"""A picture of a flown route: the world from above with the path, and height, speed and clearance over time.
+
+python -m studies.route logs/<flight>/flight.mcap docs/route.png
+"""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle, Polygon
+from numpy.typing import NDArray
+
+from companion.mission import Phase
+from companion.trace import TRACE
+from protocol.flightlog import LogReader
+from vehicle_sim.world import World
+
+INK, PATH, SETPOINT, GREEN, STONE = "#2b2b2b", "#1f5fbf", "#d1495b", "#7fb069", "#b8aca0"
+PAGE = (10.0, 6.2)
+COMMAND = "make demo; python -m studies.route logs/<flight>/flight.mcap docs/route.png"
+
+
+def draw_world(axes: Axes, world: World, height_m: float) -> None:
+    """Obstacles as outlines, faint where they are lower or higher than the flight."""
+    for (north, east, along, across, cos, sin, top, bottom), name in zip(world.boxes, world.names, strict=False):
+        corners = [(along, across), (along, -across), (-along, -across), (-along, across)]
+        outline = [(east + sin * a + cos * b, north + cos * a - sin * b) for a, b in corners]
+        inside = top <= -height_m <= bottom
+        axes.add_patch(Polygon(outline, facecolor=STONE, edgecolor=INK, lw=0.4, alpha=0.9 if inside else 0.25))
+        if name == "customer's house":
+            axes.annotate(name, (east, north + 6.0), ha="center", fontsize=7)
+    for north, east, radius, top, bottom in world.cylinders:
+        inside = top <= -height_m <= bottom
+        axes.add_patch(Circle((east, north), radius, facecolor=GREEN, ec=INK, lw=0.4, alpha=0.9 if inside else 0.25))
+
+
+def draw(log: LogReader, target: Path, command: str) -> None:
+    """Write the picture; the command that made it stands in its corner."""
+    trace = log.array(TRACE.topic)
+    trace = trace[trace["phase"] > Phase.PREPARE.value]
+    world = World.from_tables(tomllib.loads(log.attachments["world.toml"].decode()), "world.toml")
+    position: NDArray[np.float64] = trace["position_ned"]
+    time = (trace["time_ns"] - trace["time_ns"][0]) * 1e-9
+    figure = plt.figure(figsize=PAGE, layout="constrained")
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.7))
+    above = figure.add_subplot(grid[:, 0])
+    draw_world(above, world, 3.0)
+    above.plot(position[:, 1], position[:, 0], color=PATH, lw=1.3, label="flown")
+    targets = trace[trace["blocked"]]["target_ned"]
+    above.plot(targets[::20, 1], targets[::20, 0], ".", color=SETPOINT, ms=2.5, label="avoidance setpoints")
+    above.plot(0.0, 0.0, "^", color=INK, ms=6, label="home")
+    door = position[trace["phase"] == Phase.RELEASE.value]
+    if len(door):
+        above.plot(door[0, 1], door[0, 0], "*", color=SETPOINT, ms=11, label="door")
+    above.set(xlabel="east / m", ylabel="north / m", xlim=(-26, 26), ylim=(-32, 140), aspect="equal")
+    above.legend(fontsize=6.5, loc="lower right")
+    speed = np.linalg.norm(trace["velocity_ned"], axis=1)
+    clearance = np.where(np.isfinite(trace["clearance"]), trace["clearance"], np.nan)
+    error = 100.0 * np.linalg.norm(position - trace["reference_position_ned"], axis=1)
+    rows = (
+        ("height, speed", ((-position[:, 2], "height / m", INK), (speed, "speed / (m/s)", PATH))),
+        ("clearance seen / m", ((clearance, None, GREEN),)),
+        ("tracking error / cm", ((error, None, SETPOINT),)),
+    )
+    for index, (title, lines) in enumerate(rows):
+        axes = figure.add_subplot(grid[index, 1])
+        for values, label, color in lines:
+            axes.plot(time, values, color=color, lw=1.0, label=label)
+        axes.set_ylabel(title, fontsize=8)
+        axes.set_xlim(0.0, float(time[-1]))
+        axes.set_ylim(bottom=0.0)
+        axes.grid(alpha=0.25)
+        if len(lines) > 1:
+            axes.legend(fontsize=7, loc="lower right")
+    axes.set_xlabel("time since arming / s")
+    axes.annotate(command, (1.0, -0.42), xycoords="axes fraction", ha="right", fontsize=5.5, color="#888888")
+    figure.savefig(target, dpi=130)
+
+
+def main() -> None:
+    if len(sys.argv) != 3:
+        raise SystemExit(__doc__)
+    draw(LogReader(sys.argv[1]), Path(sys.argv[2]), COMMAND)
+
+
+if __name__ == "__main__":
+    main()
