@@ -1,5 +1,5 @@
-"""How much faster than real time the whole system flies: two processes over UDP in lockstep, 250 Hz control, 1 kHz physics,
-full logging, each of the three outputs.
+"""How much faster than real time the whole system flies: two processes over UDP in lockstep, 250 Hz control, 1 kHz
+physics, full logging, each of the three outputs.
 
     python bench/lockstep.py [--rounds 3] [--json]
 """

@@ -1,1 +1,1 @@
-"""What both processes agree on: MAVLink framing and messages, transports, frames of reference, clocks, the flight log."""
+"""What both processes agree on: MAVLink framing and messages, transports, frames of reference, the flight log."""
