@@ -39,8 +39,12 @@ _NOT_CARRIED = frozenset(
 firewall, nobody there. It may be otherwise for the next one."""
 
 
-LOCKSTEP_SPIN_S = 300e-6 if (os.cpu_count() or 1) > 1 else 0.0
+LOCKSTEP_SPIN_S = 2e-3 if (os.cpu_count() or 1) > 1 else 0.0
 """How long the two ends of a lockstep, which take turns of 0.1 ms, look for a datagram before they sleep."""
+
+
+_SPINS_LEFT_OUT = 100
+"""After one in vain."""
 
 
 class TransportError(Exception):
@@ -107,6 +111,7 @@ class Udp:
         self._connected = False
         self._before_lock: collections.deque[bytes] = collections.deque()
         self._blocking_s = 0.0
+        self._no_spins = 0
         self.spin_s = 0.0
         """How long to look for a datagram before sleeping until it comes."""
         try:
@@ -174,14 +179,18 @@ class Udp:
 
     def _spin(self) -> bytes | None:
         """Look again and again instead of sleeping: a wake-up costs more than the other end's answer takes."""
-        if not self._connected:
+        if not self._connected or self._no_spins > 0:
+            self._no_spins -= 1
             return None
         receive, until = self._socket.recv, time.monotonic() + self.spin_s
         while True:
             try:
                 return receive(_LARGEST_DATAGRAM, _DONTWAIT)
             except OSError as error:
-                if error.errno != errno.EAGAIN or time.monotonic() > until:
+                if error.errno != errno.EAGAIN:
+                    return None
+                if time.monotonic() > until:
+                    self._no_spins = _SPINS_LEFT_OUT  # the other end has no core of its own just now
                     return None
                 os.sched_yield()  # whoever else wants this core, the other end perhaps, goes first
 
