@@ -321,7 +321,7 @@ class Autopilot:
 
     def _beat(self, now: int) -> None:
         """Once a second: the heartbeat, and the clock's question."""
-        if self.vehicle is None or now < self._next_beat_ns:
+        if self.peer is None or now < self._next_beat_ns:
             return
         self._next_beat_ns = now + _SECOND_NS
         self._send(
@@ -333,7 +333,7 @@ class Autopilot:
             dialect.MAV_STATE_ACTIVE,
             3,
         )
-        self._send(dialect.MAVLink_timesync_message, 0, max(now, 1))
+        self._send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now, 1)))
         self._request_rates(self._rates.lacking(now))
 
     def _request_rates(self, message_ids: Iterable[int]) -> None:

@@ -84,7 +84,9 @@ def fly(
     _usable(prepare, plan)
     result = _usable(fly_plan, plan, transport, log, console=True)
     outcome = result.fault or ("delivered" if result.delivered else "flown")
-    _print_table({"outcome": outcome, **end_table(result, summarize(result.log))}, as_json)
+    summary = summarize(result.log)
+    if summary.distance_m > 0.0 or as_json:
+        _print_table({"outcome": outcome, **end_table(result, summary)}, as_json)
     if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
         _say(f"failed: {outcome}")
         raise typer.Exit(FAILED)

@@ -29,7 +29,8 @@ class Verdict:
 
     def table(self) -> dict[str, object]:
         """Names and values for a table or JSON."""
-        truth = {"contacts": self.contacts, "least_clearance_m": self.least_clearance_m}
+        least = None if self.least_clearance_m is None else round(self.least_clearance_m, 3)
+        truth = {"contacts": self.contacts, "least_clearance_m": least}
         return {"outcome": self.outcome, **truth, **end_table(self.result, self.summary)}
 
 

@@ -94,7 +94,7 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
     clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
     log = FlightLog.open(
         new_folder(logs, plan.mission.name, began),
-        metadata={"flight": _metadata(plan, began)},
+        metadata={"flight": {**_metadata(plan, began), "whole_datagrams": str(transport.preserves_datagrams)}},
         attachments=_attachments(plan),
         types=RECORD_TYPES,
         on_full="wait" if clock is None else "drop",

@@ -1,0 +1,73 @@
+"""Telemetry -> VehicleState: ages, order, the carry of the position, and poses of the past."""
+
+import numpy as np
+import pytest
+
+from companion.estimate import Estimator
+from companion.wire import AttitudeReport, PositionReport
+from protocol.frames import from_euler
+
+MS = 1_000_000
+
+
+def attitude(boot_ms: int, yaw: float = 0.0) -> AttitudeReport:
+    return AttitudeReport(boot_ms, from_euler(0.0, 0.0, yaw), np.zeros(3))
+
+
+def position(boot_ms: int, north: float, speed: float = 2.0) -> PositionReport:
+    return PositionReport(boot_ms, np.array([north, 0.0, -3.0]), np.array([speed, 0.0, 0.0]))
+
+
+def test_nothing_is_known_before_both_have_come() -> None:
+    estimator = Estimator()
+    assert estimator.state() is None and estimator.age_ns(0) is None
+    estimator.attitude(attitude(0), 0)
+    assert estimator.state() is None
+    estimator.position(position(0, 1.0), 0)
+    assert estimator.state() is not None
+
+
+def test_position_is_carried_to_the_attitudes_time() -> None:
+    estimator = Estimator()
+    estimator.position(position(1000, 1.0), 1000 * MS)
+    estimator.attitude(attitude(1050), 1050 * MS)
+    state = estimator.state()
+    assert state is not None
+    assert state.position_ned[0] == pytest.approx(1.1)
+    assert state.position_age_ns == 50 * MS and state.time_ns == 1050 * MS
+    estimator.attitude(attitude(9000), 9000 * MS)  # far too old to be carried all the way
+    state = estimator.state()
+    assert state is not None and state.position_ned[0] < 1.5
+
+
+def test_an_older_report_is_never_applied() -> None:
+    estimator = Estimator()
+    assert estimator.position(position(1000, 1.0), 0) and estimator.attitude(attitude(1000, 0.5), 0)
+    assert not estimator.position(position(990, 5.0), 10 * MS)
+    assert not estimator.attitude(attitude(990, 2.0), 10 * MS)
+    state = estimator.state()
+    assert state is not None and state.position_ned[0] == 1.0
+    assert estimator.age_ns(20 * MS) == 20 * MS
+    estimator.restart()
+    assert estimator.attitude(attitude(5), 30 * MS)
+
+
+def test_age_is_that_of_the_older_part() -> None:
+    estimator = Estimator()
+    estimator.attitude(attitude(0), 100 * MS)
+    estimator.position(position(0, 0.0), 40 * MS)
+    assert estimator.age_ns(140 * MS) == 100 * MS
+
+
+def test_pose_of_a_scans_own_time() -> None:
+    estimator = Estimator()
+    assert estimator.pose_at(0) is None
+    for boot_ms in range(0, 2000, 4):
+        estimator.attitude(attitude(boot_ms), boot_ms * MS)
+        estimator.position(position(boot_ms, boot_ms * 0.002), boot_ms * MS)
+        estimator.state()
+    for wanted_ms in (1000, 1501, 1996):
+        pose = estimator.pose_at(wanted_ms * 1000)
+        assert pose is not None and pose[0][0] == pytest.approx(wanted_ms * 0.002, abs=0.005)
+    newest = estimator.pose_at(10**15)  # a sensor with a clock of its own
+    assert newest is not None and newest[0][0] == pytest.approx(1996 * 0.002)
