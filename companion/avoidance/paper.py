@@ -20,8 +20,6 @@ reason:
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,27 +37,22 @@ _NEAREST = 0.5
 """m; a setpoint nearer than this leads nowhere."""
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
-    """An obstacle's extent along and across the course (m, from the vehicle; across to the right)."""
+def box_around(points: Array) -> Array:
+    """(26)-(29): near, far, left and right end (4,) of points (n, 2) along and across the course.
 
-    near: float
-    far: float
-    left: float
-    right: float
+    In m from the vehicle; across is positive to the right.
+    """
+    near, left = points.min(axis=0)
+    far, right = points.max(axis=0)
+    return np.array([near, far, left, right])
 
-    @classmethod
-    def around(cls, points: Array) -> "Box":
-        """The smallest box around points (n, 2): (26)-(29)."""
-        near, left = points.min(axis=0).tolist()
-        far, right = points.max(axis=0).tolist()
-        return cls(near, far, left, right)
 
-    def setpoints(self, margin: float, standoff: float) -> Iterator[tuple[float, float]]:
-        """(30), (31) on both sides: places (along, across) before the box and behind it."""
-        for across in (self.left - margin, self.right + margin):
-            yield self.near - standoff, across
-            yield self.far + standoff, across
+def setpoints(boxes: Array, margin: float, standoff: float) -> Array:
+    """(30), (31) on both sides of boxes (k, 4): places (4 k, 2) along and across, before each box and behind it."""
+    near, far, left, right = boxes.T
+    along = np.concatenate([near - standoff, far + standoff, near - standoff, far + standoff])
+    across = np.concatenate([left - margin, left - margin, right + margin, right + margin])
+    return np.column_stack([along, across])
 
 
 def clusters(points: Array, gap: float) -> list[Array]:
@@ -96,9 +89,10 @@ def _label(points: Array, gap: float) -> NDArray[np.int64]:
     return labels
 
 
-def _stands_in_corridor(points: Array, half_width: float) -> bool:
-    """Some of the points (n, 2), along and across, lie ahead within the width."""
-    return bool(np.any((points[:, 0] > 0.0) & (np.abs(points[:, 1]) < half_width)))
+def _stands_in_corridor(points: Array, length: float, half_width: float) -> bool:
+    """Some of the points (n, 2), along and across, lie ahead, not beyond the length and within the width."""
+    along, across = points.T
+    return bool(np.any((along > 0.0) & (along < length) & (np.abs(across) < half_width)))
 
 
 class PaperRule:
@@ -142,13 +136,14 @@ class PaperRule:
         """The setpoint (2,) to fly to while the way to the goal is blocked; where there is none, stay."""
         settings = self._settings
         here = position_ned[:2]
-        ahead = (goal - here) / np.hypot(*(goal - here))
+        length = math.hypot(*(goal - here).tolist())
+        ahead = (goal - here) / length
         axes = np.array([ahead, [-ahead[1], ahead[0]]])  # rows: along, across
         standoff = settings.vehicle_radius + settings.safe_distance
         found = clusters((points_ned[:, :2] - here) @ axes.T, 2.0 * standoff)
-        in_the_way = [_stands_in_corridor(points, half_width) for points in found]
-        boxes = [Box.around(points) for points in found]
-        for asked in ([box for box, blocks in zip(boxes, in_the_way, strict=True) if blocks], boxes):
+        boxes = np.array([box_around(points) for points in found])
+        blocking = np.array([_stands_in_corridor(points, length + half_width, half_width) for points in found])
+        for asked in (boxes[blocking], boxes):
             place = self._best(asked, points_ned, position_ned, goal, axes, half_width)
             if place is not None:
                 self._chosen = place
@@ -156,26 +151,31 @@ class PaperRule:
         return here
 
     def _best(
-        self, boxes: list[Box], points_ned: Array, position_ned: Array, goal: Array, axes: Array, half_width: float
+        self, boxes: Array, points_ned: Array, position_ned: Array, goal: Array, axes: Array, half_width: float
     ) -> Array | None:
         """The setpoint around one of the boxes with the shortest way to the goal, of those that can be reached."""
         settings = self._settings
         here = position_ned[:2]
-        best, least = None, math.inf
+        places, ways = [], []
         for share in _LESS_MARGIN:
             margin = share * settings.lateral_margin
-            for box in boxes:
-                for setpoint in box.setpoints(margin, settings.vehicle_radius + settings.safe_distance):
-                    if math.hypot(*setpoint) < _NEAREST:
-                        continue
-                    place = here + np.array(setpoint) @ axes
-                    way = math.hypot(*setpoint) + float(np.hypot(*(goal - place)))
-                    way += settings.lateral_margin - margin  # a metre less of margin is worth a metre of way
-                    if self._chosen is not None and np.hypot(*(self._chosen - place)) < settings.lateral_margin:
-                        way -= settings.decisiveness
-                    if way < least and self._reaches(points_ned, position_ned, place, half_width):
-                        best, least = place, way
-        return best
+            offsets = setpoints(boxes, margin, settings.vehicle_radius + settings.safe_distance)
+            there = np.hypot(*offsets.T)
+            place = here + offsets @ axes
+            way = there + np.hypot(*(goal - place).T)
+            way += settings.lateral_margin - margin  # a metre less of margin is worth a metre of way
+            way[there < _NEAREST] = math.inf
+            if self._chosen is not None:
+                way -= settings.decisiveness * (np.hypot(*(self._chosen - place).T) < settings.lateral_margin)
+            places.append(place)
+            ways.append(way)
+        all_places, all_ways = np.concatenate(places), np.concatenate(ways)
+        for index in np.argsort(all_ways, kind="stable"):
+            if not math.isfinite(all_ways[index]):
+                break
+            if self._reaches(points_ned, position_ned, all_places[index], half_width):
+                return np.asarray(all_places[index])
+        return None
 
     def _speed_limit(
         self, points_ned: Array, position_ned: Array, velocity_ned: Array, target_ned: Array, speed: float
