@@ -180,6 +180,7 @@ class Autopilot:
             case Tick():
                 if event.late_ns > self.settings.supervision.overrun * 1e9:
                     self._overrun_ns = event.late_ns
+                self._look_around(now)
                 if now >= self._next_supervision_ns:
                     self._next_supervision_ns = now + _SUPERVISION_NS
                     self._beat(now)
@@ -277,10 +278,16 @@ class Autopilot:
             self._say(Severity.ERROR, "the vehicle has started anew")
 
     def _on_obstacle_distance(self, message: Any, now: int) -> None:
-        scan = wire.obstacle_distance(message, now)
+        self._scan = wire.obstacle_distance(message, now)
         self._scan_ns = now
+
+    def _look_around(self, now: int) -> None:
+        """Decide on the latest scan; at the tick after it, so that no command waits for it."""
+        scan, self._scan = self._scan, None
+        if scan is None or not self.steps or self.state is None:
+            return
         pose = self._estimator.pose_at(scan.boot_time_us)
-        if pose is None or not self.steps or self.state is None:
+        if pose is None:
             return
         ground_down = self._ground_down - self.settings.avoidance.ground_height
         points = self._returns.add(obstacle_points(scan, *pose, ground_down), now)

@@ -79,7 +79,7 @@ class Avoidance(Table, frozen=True):
     lateral_margin: Positive = 3.0
     """m outside the nearer edge of an obstacle: the paper's 3."""
     vehicle_radius: Positive = 0.36
-    safe_distance: Positive = 0.8
+    safe_distance: Positive = 1.2
     """m between hull and obstacle below which a course counts as blocked."""
     decisiveness: Positive = 3.0
     """m of way that another setpoint must save to be taken instead of the present one."""
