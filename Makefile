@@ -9,11 +9,11 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --co
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
 
+# A flight first: it compiles what is compiled once, before the tests would do so side by side.
 test: check
 	$(BIN)/companion demo hover --log .cache/warm-up
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
-# A flight first: it compiles what is compiled once, before the tests do so side by side.
 # Formatting, lint, types, rules of import.
 check: .venv/tested
 	$(BIN)/ruff format --check .

@@ -49,7 +49,7 @@ _SECOND_NS = 1_000_000_000
 _SUPERVISION_NS = 20_000_000
 """50 Hz; no time in the settings is finer."""
 _REFUSALS_TOLERATED = 3
-_LARGEST_BOOT_MS = 0xFFFFFFFF
+_REASON_NS = 5 * _SECOND_NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +141,7 @@ class Autopilot:
         self._scan: Scan | None = None
         self._heard_ns: int | None = None
         self._scan_ns: int | None = None
+        self._scan_boot_us: int | None = None
         self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
         self._refusal = ""
         self._unsound: str | None = None
@@ -148,6 +149,8 @@ class Autopilot:
         self._land_requested = False
         self._log_fault: str | None = None
         self._vehicle_said = ""
+        self._vehicle_said_ns = 0
+        self._mode_reached = False
         self._phase_since_ns = 0
         self._arrived_ns: int | None = None
         self._next_supervision_ns = 0
@@ -278,8 +281,10 @@ class Autopilot:
             self._say(Severity.ERROR, "the vehicle has started anew")
 
     def _on_obstacle_distance(self, message: Any, now: int) -> None:
-        self._scan = wire.obstacle_distance(message, now)
-        self._scan_ns = now
+        scan = wire.obstacle_distance(message, now)
+        if not scan.known.any() or scan.boot_time_us == self._scan_boot_us:
+            return  # blind, or the same ring again: it grows stale
+        self._scan, self._scan_ns, self._scan_boot_us = scan, now, scan.boot_time_us
 
     def _look_around(self, now: int) -> None:
         """Decide on the latest scan; at the tick after it, so that no command waits for it."""
@@ -309,7 +314,9 @@ class Autopilot:
         self._version = message.flight_sw_version
 
     def _on_ack(self, message: Any, now: int) -> None:
-        self._commander.answered(message)
+        own = (self._encoder.system, self._encoder.component)
+        if message.target_system in (0, own[0]) and message.target_component in (0, own[1]):
+            self._commander.answered(message)
 
     def _on_timesync(self, message: Any, now: int) -> None:
         assert self.peer is not None
@@ -321,14 +328,14 @@ class Autopilot:
     def _on_statustext(self, message: Any, now: int) -> None:
         text = wire.vehicle_text(message)
         if message.severity <= Severity.WARNING:
-            self._vehicle_said = f" ({text})"
+            self._vehicle_said, self._vehicle_said_ns = f" ({text})", now
         self._announcements.append(Announcement(Severity(min(message.severity, 6)), f"vehicle: {text}"))
 
     # -- supervision ---------------------------------------------------------------------------------------------------
 
     def _beat(self, now: int) -> None:
         """Once a second: the heartbeat, and the clock's question."""
-        if self.peer is None or now < self._next_beat_ns:
+        if now < self._next_beat_ns:
             return
         self._next_beat_ns = now + _SECOND_NS
         self._send(
@@ -340,8 +347,11 @@ class Autopilot:
             dialect.MAV_STATE_ACTIVE,
             3,
         )
+        if self.peer is None:
+            return
         self._send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now, 1)))
-        self._request_rates(self._rates.lacking(now))
+        if self.supervisor.state in STREAMING or self.supervisor.state is State.CHECK:
+            self._request_rates(self._rates.lacking(now))
 
     def _request_rates(self, message_ids: Iterable[int]) -> None:
         for message_id in message_ids:
@@ -384,10 +394,32 @@ class Autopilot:
             refused_telemetry=self._refusal if recent else None,
             unsound_output=self._unsound,
             overrun=self._overrun_ns * 1e-9,
-            exhausted=self._exhausted(state),
+            exhausted=self._exhausted(state, now),
             land_requested=self._land_requested,
-            reason=self._vehicle_said,
+            taken_over=self._taken_over(),
+            overdue=self._overdue(now) if state is State.FLY else 0.0,
+            reason=self._reason(now),
         )
+
+    def _taken_over(self) -> bool:
+        """The mode that is commanded was reached before, and is not the mode now."""
+        wanted = _COMMANDED.get(self.supervisor.state)
+        if wanted is None:
+            return False
+        self._mode_reached = self._mode_reached or self._status.mode is wanted
+        return self._mode_reached and self._status.mode is not wanted
+
+    def _overdue(self, now: int) -> float:
+        """How much longer than it may (s) the present step takes; 0 while there is time."""
+        step = self.steps[self.step_index]
+        start = self.steps[self.step_index - 1].target_ned if self.step_index else None
+        way = 0.0 if start is None or step.target_ned is None else math.dist(start.tolist(), step.target_ned.tolist())
+        allowed = self.settings.supervision.step_timeout + step.hold_s + 3.0 * way / self.mission.speed
+        return max((now - self._phase_since_ns) * 1e-9 - allowed, 0.0)
+
+    def _reason(self, now: int) -> str:
+        """What the vehicle warned of just now, to stand behind a sentence."""
+        return self._vehicle_said if now - self._vehicle_said_ns < _REASON_NS else ""
 
     @staticmethod
     def _age(then_ns: int | None, now: int) -> float:
@@ -410,14 +442,13 @@ class Autopilot:
         if self._landed != dialect.MAV_LANDED_STATE_ON_GROUND:
             return "the vehicle does not say that it stands on the ground"
         if self._prearm_ok is False:
-            return f"the vehicle's own arming checks fail{self._vehicle_said}"
+            return f"the vehicle's own arming checks fail{self._reason(now)}"
         return None
 
-    def _exhausted(self, state: State) -> str | None:
-        command = {State.ENGAGE: dialect.MAV_CMD_DO_SET_MODE, State.ARM: dialect.MAV_CMD_COMPONENT_ARM_DISARM}.get(
-            state
-        )
-        if command is None or self._commander.tries(command) < self.settings.supervision.command_tries:
+    def _exhausted(self, state: State, now: int) -> str | None:
+        asked = {State.ENGAGE: dialect.MAV_CMD_DO_SET_MODE, State.ARM: dialect.MAV_CMD_COMPONENT_ARM_DISARM}
+        command = asked.get(state)
+        if command is None or not self._commander.exhausted(command, self.settings.supervision.command_tries, now):
             return None
         name = "control (DO_SET_MODE)" if state is State.ENGAGE else "arming"
         return f"{name}: {self._commander.answer(command)}"
@@ -435,8 +466,9 @@ class Autopilot:
             self.decision = AvoidanceDecision(self.state.position_ned, self.mission.speed, math.inf, False)
         elif new is State.FLY and old is State.ARM:
             self._phase_since_ns = now
-        elif new is State.WITHDRAW or new is State.LAND:
+        elif new in _COMMANDED:
             self._commander.forget(dialect.MAV_CMD_DO_SET_MODE)
+            self._mode_reached = False
 
     _ground_down = 0.0
 
@@ -449,10 +481,8 @@ class Autopilot:
             self._ask_mode(now, FlightMode.EXTERNAL)
         elif state is State.ARM:
             self._command(now, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-        elif state is State.WITHDRAW and self._status.mode is not FlightMode.HOLD:
-            self._ask_mode(now, FlightMode.HOLD)
-        elif state is State.LAND and self._status.mode is not FlightMode.LAND:
-            self._ask_mode(now, FlightMode.LAND)
+        elif state in _COMMANDED and not self._mode_reached:
+            self._ask_mode(now, _COMMANDED[state])
 
     def _ask_mode(self, now: int, mode: FlightMode) -> None:
         assert self._firmware is not None
@@ -589,4 +619,6 @@ class Autopilot:
                 self._send(dialect.MAVLink_statustext_message, *fields)
 
 
+_COMMANDED = {State.WITHDRAW: FlightMode.HOLD, State.LAND: FlightMode.LAND}
+"""The mode that a state asks the vehicle for, until it is there once."""
 _ATTITUDES = (dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, dialect.MAVLINK_MSG_ID_ATTITUDE)

@@ -20,6 +20,9 @@ FAILED = 1
 UNUSABLE = 2
 """Exit code: nothing was flown, because a file, a setting or an address can't be used."""
 
+ABANDONED = 130
+"""Exit code: interrupted for the second time."""
+
 MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
 OutputName = Annotated[
     str, typer.Option("--output", help="The lowest layer commanded: attitude, rates or actuators (torques).")
@@ -53,7 +56,7 @@ def demo(
     from companion.demo import demo as fly_demo
 
     verdict = _usable(fly_demo, plan, log, console=True)
-    _print_table(verdict.table(), as_json)
+    _print_table(verdict.table(), verdict.result.log, as_json)
     if not verdict.succeeded:
         _say(f"failed: {verdict.outcome}")
         raise typer.Exit(FAILED)
@@ -86,7 +89,7 @@ def fly(
     outcome = result.fault or ("delivered" if result.delivered else "flown")
     summary = summarize(result.log)
     if summary.distance_m > 0.0 or as_json:
-        _print_table({"outcome": outcome, **end_table(result, summary)}, as_json)
+        _print_table({"outcome": outcome, **end_table(result, summary)}, result.log, as_json)
     if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
         _say(f"failed: {outcome}")
         raise typer.Exit(FAILED)
@@ -96,9 +99,17 @@ def fly(
 def digest(log: Annotated[Path, typer.Argument(help="A flight.mcap.")]) -> None:
     """Print one hash over all datagrams of each direction: two flights with the same hashes were the same to the
     byte."""
+    from protocol.flightlog import LogReader, datagrams
     from protocol.flightlog import digest as log_digest
 
-    for direction, value in _usable(log_digest, log).items():
+    hashes = _usable(log_digest, log)
+    problem = LogReader(log).problem
+    if problem is not None:
+        _say(f"companion: {problem}")
+    if not any(True for _ in datagrams(log)):
+        _say(f"companion: {log}: there is no datagram in it")
+        raise typer.Exit(UNUSABLE)
+    for direction, value in hashes.items():
         typer.echo(f"{direction.name.lower():3} {value}")
 
 
@@ -164,11 +175,14 @@ def _usable(function: Any, *arguments: Any, **options: Any) -> Any:
     except (DataFileError, FlightLogError, PlanError, RehearsalError, TransportError) as error:
         _say(f"companion: {error}")
         raise typer.Exit(UNUSABLE) from None
+    except KeyboardInterrupt:
+        _say("companion: abandoned; a vehicle in the air holds and lands by itself")
+        raise typer.Exit(ABANDONED) from None
 
 
-def _print_table(values: dict[str, object], as_json: bool) -> None:
+def _print_table(values: dict[str, object], log: Path, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps(values))
+        typer.echo(json.dumps({**values, "log": str(log)}))
         return
     from rich.console import Console
     from rich.table import Table
@@ -177,6 +191,7 @@ def _print_table(values: dict[str, object], as_json: bool) -> None:
     for name, value in values.items():
         table.add_row(name.replace("_", " "), ", ".join(map(str, value)) if isinstance(value, list) else str(value))
     Console().print(table)
+    typer.echo(f"log: {log}")
 
 
 def _say(text: str) -> None:

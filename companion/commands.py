@@ -1,4 +1,4 @@
-"""Commands to the vehicle: sent again with a rising confirmation until what they ask for is seen, never believed by
+"""Commands to the vehicle: sent again with a rising confirmation until what they ask for is seen, not believed by
 their ACK alone."""
 
 from dataclasses import dataclass
@@ -57,6 +57,11 @@ class Commander:
         """How often it was sent."""
         pending = self._pending.get(command)
         return 0 if pending is None else pending.tries
+
+    def exhausted(self, command: int, tries: int, now_ns: int) -> bool:
+        """It was sent so often, and the last one has had its time."""
+        pending = self._pending.get(command)
+        return pending is not None and pending.tries >= tries and now_ns - pending.sent_ns >= self._interval_ns
 
     def answer(self, command: int) -> str:
         """The latest answer in words."""

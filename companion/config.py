@@ -120,6 +120,8 @@ class Supervision(Table, frozen=True):
     overrun: Positive = 0.25
     """A tick later than this is an overrun."""
     landing_timeout: Positive = 120.0
+    step_timeout: Positive = 60.0
+    """What a step of the mission may take on top of its hold and three times its way at the mission's speed."""
 
 
 class Rates(Table, frozen=True):

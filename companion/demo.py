@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from companion.flight import Plan, Result, end_table, fly, prepare
+from companion.flight import Plan, PlanError, Result, end_table, fly, prepare
 from companion.summary import Summary, summarize
 from protocol.transport import Udp
 
@@ -40,6 +40,9 @@ def demo(plan: Plan, logs: Path, *, console: bool) -> Verdict:
     link = Udp("127.0.0.1", 0, bind=True)
     simulator = _start_simulator(plan, link.port)
     try:
+        while not link.waiting(0.1):
+            if simulator.poll() is not None:
+                raise PlanError("the simulator did not start, for the reason above")
         result = fly(plan, link, logs, console=console)
     except BaseException:
         simulator.terminate()
@@ -66,8 +69,10 @@ def _end(simulator: "subprocess.Popen[str]") -> dict[str, Any]:
     except subprocess.TimeoutExpired:
         simulator.terminate()
         text, _ = simulator.communicate()
-    lines = text.strip().splitlines()
-    report: dict[str, Any] = json.loads(lines[-1]) if lines else {}
+    try:
+        report: dict[str, Any] = json.loads(text.strip().splitlines()[-1])
+    except (IndexError, ValueError):
+        return {}
     return report
 
 

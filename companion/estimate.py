@@ -8,6 +8,12 @@ from protocol.frames import Array
 
 _POSES_KEPT = 512
 _LONGEST_CARRY_S = 0.2
+_AHEAD_MS = 5000
+
+
+def _later_ms(time_ms: int, than_ms: int) -> int:
+    """Difference of two 32-bit times, which wrap after 49.7 days."""
+    return (time_ms - than_ms + 0x80000000) % 0x100000000 - 0x80000000
 
 
 class Estimator:
@@ -22,15 +28,17 @@ class Estimator:
 
     def attitude(self, report: AttitudeReport, time_ns: int) -> bool:
         """Take it in; False (and nothing changes) if it is older than what is known."""
-        if self._attitude is not None and report.boot_time_ms < self._attitude.boot_time_ms:
+        if self._attitude is not None and _later_ms(report.boot_time_ms, self._attitude.boot_time_ms) < 0:
             return False
         self._attitude = report
         self._attitude_ns = time_ns
         return True
 
     def position(self, report: PositionReport, time_ns: int) -> bool:
-        """The same for a position."""
-        if self._position is not None and report.boot_time_ms < self._position.boot_time_ms:
+        """The same for a position; one from far ahead of the attitude is no position either."""
+        if self._position is not None and _later_ms(report.boot_time_ms, self._position.boot_time_ms) < 0:
+            return False
+        if self._attitude is not None and _later_ms(report.boot_time_ms, self._attitude.boot_time_ms) > _AHEAD_MS:
             return False
         self._position = report
         self._position_ns = time_ns
@@ -56,7 +64,7 @@ class Estimator:
         attitude, position = self._attitude, self._position
         if attitude is None or position is None:
             return None
-        gap_ms = attitude.boot_time_ms - position.boot_time_ms
+        gap_ms = _later_ms(attitude.boot_time_ms, position.boot_time_ms)
         carried = position.position_ned
         if gap_ms:
             carried = carried + position.velocity_ned * min(max(gap_ms * 1e-3, 0.0), _LONGEST_CARRY_S)

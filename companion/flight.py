@@ -155,7 +155,6 @@ def end_table(result: Result, summary: Summary) -> dict[str, object]:
         "missed_deadlines": result.missed_deadlines,
         "log_records_dropped": result.records_dropped,
         "log_fault": result.log_fault,
-        "log": str(result.log),
     }
 
 

@@ -34,7 +34,8 @@ class Delivery(Table, frozen=True):
 class Mission(Table, frozen=True):
     """A file in `missions/`."""
 
-    name: str
+    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
+    """Of letters, digits, - and _: the log's folder carries it."""
     waypoints: Annotated[list[Waypoint], msgspec.Meta(min_length=1)]
     world: str = "empty"
     vehicle: str = "paper_quad"

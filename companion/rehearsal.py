@@ -3,6 +3,8 @@ flight."""
 
 import math
 
+import msgspec
+
 from companion.autopilot import Autopilot, Datagram, Tick
 from companion.config import Settings
 from companion.mission import Mission
@@ -25,7 +27,8 @@ class RehearsalError(Exception):
 
 def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
-    autopilot = Autopilot(settings, body, mission, output)
+    hurried = [msgspec.structs.replace(waypoint, hold_s=min(waypoint.hold_s, 0.1)) for waypoint in mission.waypoints]
+    autopilot = Autopilot(settings, body, msgspec.structs.replace(mission, waypoints=hurried), output)
     encoder = Encoder(1, 1)
     step, step_began = -1, 0
     rings = ([300] * 4 + [1501] * 68, [1501] * 72)
@@ -76,7 +79,8 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
         if autopilot.ended:
             break
     if autopilot.supervisor.fault is not None or not autopilot.ended:
-        raise RehearsalError(autopilot.supervisor.fault or f"stuck in {autopilot.supervisor.state.name}")
+        reason = autopilot.supervisor.fault or f"it does not get past {autopilot.supervisor.state.name}"
+        raise RehearsalError(f"the rehearsal of {mission.name} fails: {reason}")
 
 
 _NO_HASHES = ([0] * 8, [0] * 8, [0] * 8)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, Reaction, Request, Tick
+from companion.supervisor import FLYING
 from companion.trace import TRACE
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, record_type
@@ -21,7 +22,8 @@ TICK_NS = 4_000_000
 """250 Hz"""
 TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
 REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
-"""Events that are neither ticks nor datagrams: "land", or "log fault: ..."."""
+"""Events that are neither ticks nor datagrams: "land", or LOG_FAULT and what is wrong."""
+LOG_FAULT = "log fault: "
 LOOP = record_type("/companion/loop", "courier/Loop", [("latency_ns", "int64")])
 """Wall time from the receipt of a datagram with a new attitude to the command's departure: how the machine did, not
 an event."""
@@ -48,6 +50,7 @@ class Runner:
         self._clock = clock
         self._landing_requested = False
         self._locked = False
+        self._now = 0
         self._checked_log_ns = 0
         self._log_fault: str | None = None
         self._status_due = 0.0
@@ -70,14 +73,11 @@ class Runner:
             except Exception as error:
                 # A broken invariant: stop commanding, and the vehicle's own failsafe takes it down.
                 self.failure = f"the companion's loop failed: {error!r}"
-                self._log.text(0, logging.CRITICAL, "companion", f"{self.failure}\n{traceback.format_exc()}")
+                self._log.text(self._now, logging.CRITICAL, "companion", traceback.format_exc())
             if self.failure is not None:
-                self._log.text(
-                    0,
-                    logging.CRITICAL,
-                    "companion",
-                    f"{self.failure}; setpoints have stopped, the vehicle holds and lands by itself",
-                )
+                flying = self._autopilot.supervisor.state in FLYING
+                rest = "; setpoints have stopped, the vehicle holds and lands by itself" if flying else ""
+                self._log.text(self._now, logging.CRITICAL, "companion", self.failure + rest)
 
     def _request_landing(self) -> None:
         self._landing_requested = True
@@ -99,9 +99,9 @@ class Runner:
             if data is None:
                 # There is no clock (yet, or any more): go on by the wall, so that the silence is noticed.
                 if answer or time.monotonic() > give_up:
-                    self._tick(now, 0)
+                    self._send(now, self._tick(now, 0))
                     now += round((max(_LOCKSTEP_PATIENCE_S, find_s) + 1.0) * 1e9)
-                    self._send(now, self._tick(now, 0).datagram)
+                    self._send(now, self._tick(now, 0))
                 continue
             tick_ns = lockstep_time(data)
             if tick_ns is None:
@@ -112,7 +112,7 @@ class Runner:
                 continue
             now = max(tick_ns, now)
             reaction = self._datagram(now, data)
-            answer = reaction.datagram + self._tick(now, 0).datagram
+            answer = reaction.datagram + self._tick(now, 0)
             self._send(now, answer)
             if reaction.trace is not None:
                 log.record(LOOP, now, LOOP.pack(time.perf_counter_ns() - began))
@@ -141,7 +141,7 @@ class Runner:
                 late = now - due
                 if late > _LATE_NS * clock.factor:
                     self.missed_deadlines += 1
-                self._send(now, self._tick(now, late).datagram)
+                self._send(now, self._tick(now, late))
                 due += TICK_NS * (1 + late // TICK_NS)
 
     # -- events --------------------------------------------------------------------------------------------------------
@@ -154,30 +154,34 @@ class Runner:
             self._locked = True
         return reaction
 
-    def _tick(self, now: int, late_ns: int) -> Reaction:
+    def _tick(self, now: int, late_ns: int) -> bytes:
+        """One beat of the loop with what it brings along; what is to be sent."""
+        answer = b""
         if self._landing_requested:
             self._landing_requested = False
             self._log.record(REQUEST, now, REQUEST.pack("land"))
-            self._send(now, self._handle(Request(now)).datagram)
+            answer += self._handle(Request(now)).datagram
         if now - self._checked_log_ns >= _LOG_CHECK_NS:
             self._checked_log_ns = now
-            self._look_around(now)
+            answer += self._look_around(now)
         self._log.record(TICK, now, TICK.pack(late_ns))
-        return self._handle(Tick(now, late_ns))
+        return answer + self._handle(Tick(now, late_ns)).datagram
 
-    def _look_around(self, now: int) -> None:
+    def _look_around(self, now: int) -> bytes:
         """What need not be done at each tick: the log's health, the progress line."""
-        fault = self._log.fault
-        if fault is not None and fault != self._log_fault:
-            self._log_fault = fault
-            self._log.record(REQUEST, now, REQUEST.pack(f"log fault: {fault}"))
-            self._send(now, self._handle(LogFault(now, fault)).datagram)
         wall = time.monotonic()
         if wall >= self._status_due:
             self._status_due = wall + _STATUS_EVERY_S
             self._log.status(progress(self._autopilot, now))
+        fault = self._log.fault
+        if fault is None or fault == self._log_fault:
+            return b""
+        self._log_fault = fault
+        self._log.record(REQUEST, now, REQUEST.pack(f"{LOG_FAULT}{fault}"))
+        return self._handle(LogFault(now, fault)).datagram
 
     def _handle(self, event: Event) -> Reaction:
+        self._now = event.time_ns
         reaction = self._autopilot.handle(event)
         if reaction.trace is not None:
             self._log.record(TRACE, event.time_ns, reaction.trace)
@@ -186,7 +190,7 @@ class Runner:
         return reaction
 
     def _send(self, now: int, data: bytes) -> None:
-        if data:
+        if data and self._transport.peer:  # before anybody is known there is nobody to send to
             self._transport.send(data)
             self._log.datagram(now, Direction.OUT, self._transport.peer, data)
 

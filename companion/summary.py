@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from companion.runner import LOOP
 from companion.supervisor import State
 from companion.trace import TRACE
-from protocol.flightlog import LogReader, RecordType
+from protocol.flightlog import FlightLogError, LogReader, RecordType
 
 Axes = tuple[float, float, float]
 
@@ -33,11 +33,11 @@ class Summary:
 
 
 def summarize(path: Path) -> Summary:
-    """Tracking is judged while the mission is flown (not while holding or landing).
-
-    Raises FlightLogError if the file can't be read.
-    """
-    log = LogReader(path)
+    """Tracking is judged while the mission is flown (not while holding or landing). A log that is gone says nothing."""
+    try:
+        log = LogReader(path)
+    except FlightLogError:
+        return Summary(0.0, 0.0, None, None, None, None, None, 0, 0)
     first_ns, last_ns = None, 0
     counts: Counter[str] = Counter()
     for record in log.records():

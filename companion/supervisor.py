@@ -62,6 +62,10 @@ class Health:
     exhausted: str | None
     """The command that was sent as often as allowed, and its answer."""
     land_requested: bool
+    taken_over: bool
+    """The mode that was commanded had been reached, and was changed since."""
+    overdue: float
+    """By how much the present step of the mission takes longer than it may (s), else 0."""
     reason: str
     """What the vehicle said last that may explain a refusal."""
 
@@ -117,7 +121,7 @@ TABLE: tuple[Row, ...] = (
         fault=True,
     ),
     _row(
-        _BEFORE,
+        _BEFORE - {State.ARM},
         lambda h, s, t: h.land_requested,
         State.ENDED,
         _N,
@@ -152,6 +156,7 @@ TABLE: tuple[Row, ...] = (
         "the pilot took over before arming",
         fault=True,
     ),
+    _row(State.ARM, lambda h, s, t: h.land_requested, State.LAND, _N, "called off while arming", fault=True),
     _row(State.ARM, lambda h, s, t: h.armed, State.FLY, _N, "armed, taking off"),
     _row(
         frozenset({State.ENGAGE, State.ARM}),
@@ -226,7 +231,22 @@ TABLE: tuple[Row, ...] = (
         "the vehicle is in failsafe: it is asked to hold{health.reason}",
         fault=True,
     ),
-    _row(_OWN, lambda h, s, t: h.land_requested, State.LAND, _N, "landing on request", fault=True),
+    _row(
+        _OWN,
+        lambda h, s, t: h.land_requested,
+        State.LAND,
+        _N,
+        "landing on request (interrupt again to abandon)",
+        fault=True,
+    ),
+    _row(
+        State.FLY,
+        lambda h, s, t: h.overdue > 0.0,
+        State.LAND,
+        _E,
+        "no progress: this step of the mission is {health.overdue:.0f} s overdue, landing",
+        fault=True,
+    ),
     _row(
         State.FLY,
         lambda h, s, t: h.overrun > 0.0,
@@ -268,7 +288,7 @@ TABLE: tuple[Row, ...] = (
     ),
     _row(
         State.WITHDRAW,
-        lambda h, s, t: h.mode not in (FlightMode.EXTERNAL, FlightMode.HOLD),
+        lambda h, s, t: h.taken_over or h.mode not in (FlightMode.EXTERNAL, FlightMode.HOLD),
         State.RELEASED,
         _W,
         "mode changed to {health.mode.value} by others: letting go{health.reason}",
@@ -282,10 +302,16 @@ TABLE: tuple[Row, ...] = (
         "held for {settings.land_after:g} s: landing",
         fault=True,
     ),
-    _row(State.LAND, lambda h, s, t: not h.armed, State.ENDED, _N, "landed and disarmed"),
     _row(
         State.LAND,
-        lambda h, s, t: h.mode not in (FlightMode.EXTERNAL, FlightMode.HOLD, FlightMode.LAND),
+        lambda h, s, t: t > s.least_hold and h.heartbeat_age < s.heartbeat_timeout and not h.armed,
+        State.ENDED,
+        _N,
+        "landed and disarmed",
+    ),
+    _row(
+        State.LAND,
+        lambda h, s, t: h.taken_over or h.mode not in (FlightMode.EXTERNAL, FlightMode.HOLD, FlightMode.LAND),
         State.RELEASED,
         _W,
         "mode changed to {health.mode.value} by others: letting go{health.reason}",
@@ -297,6 +323,14 @@ TABLE: tuple[Row, ...] = (
         State.ENDED,
         _C,
         "landing not confirmed within {settings.landing_timeout:g} s",
+        fault=True,
+    ),
+    _row(
+        State.RELEASED,
+        lambda h, s, t: h.land_requested,
+        State.ENDED,
+        _W,
+        "leaving: others fly",
         fault=True,
     ),
     _row(State.RELEASED, lambda h, s, t: not h.armed, State.ENDED, _N, "the vehicle is disarmed", fault=True),

@@ -124,6 +124,6 @@ def statustext_fields(severity: int, text: str) -> list[tuple[int, bytes, int, i
 
 
 def vehicle_text(message: Any) -> str:
-    """STATUSTEXT (253) as text."""
+    """STATUSTEXT (253) as text that does nothing to a terminal."""
     text: str = message.text
-    return text.rstrip("\0 ")
+    return "".join(letter if letter.isprintable() else "?" for letter in text.rstrip("\0 "))

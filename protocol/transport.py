@@ -177,6 +177,10 @@ class Udp:
             self._peer = f"{address[0]}:{address[1]}"
         return data
 
+    def waiting(self, timeout_s: float) -> bool:
+        """Whether a datagram is there within the time; it stays there."""
+        return bool(select.select([self._socket], [], [], timeout_s)[0])
+
     def _spin(self) -> bytes | None:
         """Look again and again instead of sleeping: a wake-up costs more than the other end's answer takes."""
         if not self._connected or self._no_spins > 0:

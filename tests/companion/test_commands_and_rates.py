@@ -56,6 +56,14 @@ def test_answers_belong_to_what_is_asked_now() -> None:
     assert commander.answer(ARM) == "result 99"
 
 
+def test_exhausted_only_when_the_last_try_has_had_its_time() -> None:
+    commander = Commander(0.5)
+    confirmations(commander, ARM, 1001)
+    assert commander.tries(ARM) == 3
+    assert not commander.exhausted(ARM, 3, 1400 * MS) and commander.exhausted(ARM, 3, 1500 * MS)
+    assert not commander.exhausted(ARM, 4, 1500 * MS)
+
+
 def test_rates_over_the_last_second() -> None:
     rates = TelemetryRates({31: 50.0, 330: 10.0}, 0.5)
     assert rates.lacking(0) == [31, 330]

@@ -71,3 +71,15 @@ def test_pose_of_a_scans_own_time() -> None:
         assert pose is not None and pose[0][0] == pytest.approx(wanted_ms * 0.002, abs=0.005)
     newest = estimator.pose_at(10**15)  # a sensor with a clock of its own
     assert newest is not None and newest[0][0] == pytest.approx(1996 * 0.002)
+
+
+def test_the_clock_wraps_and_a_far_future_is_refused() -> None:
+    estimator = Estimator()
+    top = 0xFFFFFFFF
+    estimator.attitude(attitude(top), 0)
+    estimator.position(position(top, 1.0), 0)
+    assert estimator.attitude(attitude(3), 4 * MS) and estimator.position(position(3, 1.01), 4 * MS)
+    state = estimator.state()
+    assert state is not None and state.position_age_ns == 0
+    assert not estimator.position(position(1_000_000, 9.0), 8 * MS)
+    assert estimator.position(position(7, 1.02), 8 * MS)

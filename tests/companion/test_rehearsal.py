@@ -24,8 +24,9 @@ from companion.state import Output
 def compiled():
     return {{
         (name, attribute, str(signature))
-        for name, module in list(sys.modules.items()) if name.startswith("companion") or name == "protocol.frames"
+        for name, module in list(sys.modules.items()) if name.startswith("companion")
         for attribute, function in vars(module).items() if hasattr(function, "signatures")
+        if function.py_func.__module__.startswith("companion")  # the simulator compiles what both share for itself
         for signature in function.signatures
     }}
 

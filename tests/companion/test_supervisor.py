@@ -28,6 +28,8 @@ WELL = Health(
     overrun=0.0,
     exhausted=None,
     land_requested=False,
+    taken_over=False,
+    overdue=0.0,
     reason="",
 )
 IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
@@ -89,6 +91,7 @@ FAULTS = {
     "request": (replace(WELL, land_requested=True), State.LAND),
     "silence": (replace(WELL, silence=4.1, telemetry_age=4.1, heartbeat_age=4.1), State.ENDED),
     "disarmed": (replace(WELL, armed=False), State.ENDED),
+    "overdue": (replace(WELL, overdue=1.0), State.LAND),
 }
 
 
@@ -101,7 +104,7 @@ def test_each_fault_has_its_answer_and_is_said(fault: str) -> None:
     assert said is not None and said.text and "{" not in said.text
 
 
-@pytest.mark.parametrize("fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "request"}))
+@pytest.mark.parametrize("fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "request", "overdue"}))
 def test_a_lasting_fault_becomes_a_landing(fault: str) -> None:
     health, _ = FAULTS[fault]
     supervisor, now = flying()
@@ -210,3 +213,29 @@ def test_the_gate() -> None:
     assert unsound(replace(SOUND, thrust=1.01)) is not None
     assert unsound(replace(SOUND, thrust=-0.01)) is not None
     assert unsound(replace(SOUND, torque=np.array([0.0, -1.1, 0.0]))) is not None
+
+
+def test_a_pilot_who_stops_the_landing_keeps_the_vehicle() -> None:
+    for health in (replace(WELL, land_requested=True), FAULTS["telemetry"][0]):
+        supervisor, now = flying()
+        supervisor.update(health, now)
+        supervisor.update(replace(WELL, mode=FlightMode.HOLD, taken_over=True), now + SECOND // 10)
+        assert state_of(supervisor) is State.RELEASED
+
+
+def test_an_interrupt_while_arming_lands_what_may_be_armed() -> None:
+    supervisor = Supervisor(SETTINGS)
+    now = 0
+    for health in (IDLE, IDLE, IDLE, replace(WELL, armed=False)):
+        supervisor.update(health, now)
+        now += 2 * SECOND
+    assert state_of(supervisor) is State.ARM
+    supervisor.update(replace(WELL, land_requested=True), now)
+    assert state_of(supervisor) is State.LAND
+
+
+def test_an_interrupt_after_a_takeover_leaves() -> None:
+    supervisor, now = flying()
+    supervisor.update(FAULTS["pilot"][0], now)
+    supervisor.update(replace(WELL, land_requested=True), now + SECOND)
+    assert state_of(supervisor) is State.ENDED

@@ -114,3 +114,8 @@ def flat(message: tuple[type[Any], tuple[Any, ...]]) -> tuple[Any, ...]:
 def test_status_text_fits_its_field() -> None:
     (fields,) = wire.statustext_fields(4, "ä" + "long " * 30)
     assert len(fields[1]) == 50 and fields[1].isascii()
+
+
+def test_a_vehicles_text_does_nothing_to_a_terminal() -> None:
+    message = through_the_wire(dialect.MAVLink_statustext_message, 4, b"\x1b[2Jlow\r\nbattery")
+    assert wire.vehicle_text(message) == "?[2Jlow??battery"

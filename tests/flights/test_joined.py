@@ -2,13 +2,16 @@
 
 import copy
 from collections.abc import Callable
+from typing import Any
 
 import control
+import msgspec
 import numpy as np
 import pytest
 from joined import Joined, mission_of
 
 from companion import wire
+from companion.autopilot import Datagram
 from companion.avoidance.method import Method
 from companion.mission import Mission, Phase
 from companion.state import AvoidanceDecision, Output
@@ -276,3 +279,66 @@ def test_the_vehicle_survives_its_companion(output: Output) -> None:
             if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT
         ]
         assert any("holding" in text for text in said) and any("landing" in text for text in said), said
+
+
+def blinded(repeat: bool) -> Callable[[int, bytes], bytes]:
+    """The LiDAR says that it measured nothing, or the same ring for ever."""
+    sender = Encoder(1, 1)
+    first: list[Any] = []
+
+    def meddle(time_ns: int, data: bytes) -> bytes:
+        out = b""
+        for frame in Framer().datagram(data):
+            message = decode(frame)
+            if message is None or frame.message_id != dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE:
+                out += frame.raw
+                continue
+            if not repeat:
+                message.distances = [65535] * 72
+            first.append(message)
+            out += sender.encode(first[0] if repeat else message)
+        return out
+
+    return meddle
+
+
+@pytest.mark.parametrize("repeat", [False, True])
+def test_a_blind_or_frozen_ring_is_no_ring(repeat: bool) -> None:
+    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
+    joined.meddle = blinded(repeat)
+    joined.fly(limit_s=0.8)
+    assert joined.autopilot.supervisor.state is State.HOLD
+    assert any("no ring" in text for text in joined.said)
+
+
+def test_a_pilot_who_stops_the_landing_is_not_fought() -> None:
+    joined = Joined(HOVER).fly(until=lambda joined: joined.autopilot.supervisor.state is State.LAND).fly(limit_s=0.5)
+    hold = Encoder(1, 190).encode_fields(
+        dialect.MAVLink_command_long_message, 1, 1, 176, 0, 1.0, 4.0, 3.0, 0.0, 0.0, 0.0, 0.0
+    )
+    joined.vehicle.receive(hold)
+    joined.fly(limit_s=0.5)
+    joined.sent.clear()
+    joined.fly(limit_s=5.0)
+    assert joined.autopilot.supervisor.state is State.RELEASED
+    ids = {frame.message_id for data in joined.sent for frame in Framer().datagram(data)}
+    assert dialect.MAVLINK_MSG_ID_COMMAND_LONG not in ids
+
+
+def test_an_answer_to_somebody_else_delivers_nothing() -> None:
+    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
+    autopilot = joined.autopilot
+    autopilot._command(joined.vehicle.time_ns, dialect.MAV_CMD_DO_GRIPPER, 1.0, 0.0)
+    for target, accepted in (((255, 190), False), ((1, 191), True)):
+        ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_DO_GRIPPER, 0, 0, 0, *target)
+        autopilot.handle(Datagram(joined.vehicle.time_ns, Encoder(1, 1).encode(ack)))
+        assert autopilot._commander.accepted(dialect.MAV_CMD_DO_GRIPPER) is accepted
+
+
+def test_no_progress_ends_in_a_landing() -> None:
+    """A goal inside a closed yard: it holds before the wall, and lands when the step is overdue."""
+    waypoint = msgspec.structs.replace(COURIER.waypoints[0], north=128.0)  # within the customer's house
+    mission = msgspec.structs.replace(COURIER, waypoints=[waypoint], delivery=None)
+    joined = Joined(mission, overrides=("supervision.step_timeout=5.0",)).fly()
+    assert joined.vehicle.summary().outcome == "landed" and joined.vehicle.summary().contacts == 0
+    assert "no progress" in (joined.autopilot.supervisor.fault or "")

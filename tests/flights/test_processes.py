@@ -5,16 +5,24 @@ import os
 import signal
 import socket
 import time
+import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from processes import Process, free_port, pair, run
 
+from companion.autopilot import Autopilot, Datagram, Tick
+from companion.config import Settings, load_body
+from companion.mission import Mission
+from companion.runner import REQUEST, TICK
+from companion.state import Output
 from companion.trace import TRACE
-from protocol.flightlog import Direction, LogReader, datagrams, digest
+from protocol import datafile
+from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
 
 KILLS = 20
@@ -81,6 +89,31 @@ def test_every_datagram_is_whole_frames(flown: dict[str, Any]) -> None:
         assert address.startswith("127.0.0.1:")
         count[direction] += 1
     assert abs(count[Direction.IN] - count[Direction.OUT]) < 10 and count[Direction.IN] > 10_000
+
+
+def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
+    """Its events, fed to a new autopilot, lead to the same bytes as were sent."""
+    log = LogReader(flown["log"])
+    tables = tomllib.loads(log.attachments["mission.toml"].decode())
+    autopilot = Autopilot(
+        msgspec.json.decode(log.attachments["settings.json"], type=Settings),
+        load_body("paper_quad"),
+        datafile.convert(tables, Mission, "mission.toml"),
+        Output(log.metadata["flight"]["output"]),
+    )
+    sent, repeated = b"", b""
+    for record in log.records(("/courier/datagrams", TICK.topic, REQUEST.topic)):
+        if record.topic == TICK.topic:
+            repeated += autopilot.handle(Tick(record.time_ns, TICK.unpack(record.data)["late_ns"])).datagram
+        elif record.topic == REQUEST.topic:
+            raise AssertionError("nobody asked for anything")
+        else:
+            values = DATAGRAM.unpack(record.data)
+            if values["direction"] == Direction.OUT:
+                sent += values["data"]
+            else:
+                repeated += autopilot.handle(Datagram(record.time_ns, values["data"])).datagram
+    assert len(sent) > 100_000 and repeated == sent
 
 
 @pytest.mark.parametrize("pace", ["realtime", "8"])
