@@ -124,7 +124,7 @@ class Runner:
         autopilot, transport = self._autopilot, self._transport
         while transport.receive(0.0) is not None:
             pass  # what queued up before the start is old
-        due = clock.now_ns()
+        due = clock.now_ns() + TICK_NS
         while not autopilot.ended:
             wait = clock.wall_seconds_until(due)
             data = transport.receive(max(wait - _SPIN_S, 0.0))
