@@ -1,14 +1,7 @@
-"""Clocks: real (or faster by a factor), and one that is set from outside (tests, lockstep)."""
+"""The machine's clock, or a faster one. (In lockstep the vehicle says the time: see companion/runner.py.)"""
 
 import math
 import time
-from typing import Protocol
-
-
-class Clock(Protocol):
-    """Monotonic nanoseconds from an arbitrary start."""
-
-    def now_ns(self) -> int: ...
 
 
 class RealClock:
@@ -30,19 +23,3 @@ class RealClock:
     def wall_seconds_until(self, time_ns: int) -> float:
         """How long to wait for a time of this clock; negative if it has passed."""
         return (time_ns - self.now_ns()) * 1e-9 / self.factor
-
-
-class ManualClock:
-    """Stands still until `set`; in lockstep it is set by what the vehicle says the time is."""
-
-    def __init__(self, start_ns: int = 0) -> None:
-        self._now_ns = start_ns
-
-    def now_ns(self) -> int:
-        return self._now_ns
-
-    def set(self, time_ns: int) -> None:
-        """Never backwards: an earlier time raises ValueError."""
-        if time_ns < self._now_ns:
-            raise ValueError(f"a monotonic clock can't go back from {self._now_ns} to {time_ns} ns")
-        self._now_ns = time_ns

@@ -5,12 +5,12 @@ import time
 
 import pytest
 
-from protocol.clock import Clock, ManualClock, RealClock
+from protocol.clock import RealClock
 
 
 def test_a_real_clock_starts_at_zero_and_never_goes_back() -> None:
     before_ns = time.monotonic_ns()
-    clock: Clock = RealClock()
+    clock = RealClock()
     times = [clock.now_ns() for _ in range(1000)]
     elapsed_ns = time.monotonic_ns() - before_ns
     assert times == sorted(times)
@@ -47,18 +47,3 @@ def test_waiting_is_in_the_walls_seconds(factor: float) -> None:
 def test_impossible_factors(factor: float) -> None:
     with pytest.raises(ValueError, match="times as fast"):
         RealClock(factor)
-
-
-def test_a_manual_clock_stands_still_until_it_is_set() -> None:
-    clock = ManualClock(5)
-    assert [clock.now_ns(), clock.now_ns()] == [5, 5]
-    clock.set(5)
-    clock.set(2**62)
-    assert clock.now_ns() == 2**62
-
-
-def test_a_manual_clock_cant_go_back() -> None:
-    clock = ManualClock(1_000)
-    with pytest.raises(ValueError, match="1000 to 999 ns"):
-        clock.set(999)
-    assert clock.now_ns() == 1_000
