@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, Reaction, Request, Tick
-from companion.supervisor import FLYING, STREAMING
+from companion.supervisor import FLYING
 from companion.trace import TRACE
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, record_type
@@ -55,7 +55,7 @@ class Runner:
         self._log_fault: str | None = None
         self._status_due = 0.0
         self.missed_deadlines = 0
-        """Ticks that began more than half a period late while setpoints were streamed."""
+        """Ticks that began more than half a period late."""
         self.failure: str | None = None
         """What went wrong in the loop itself."""
 
@@ -139,7 +139,7 @@ class Runner:
                     self._log.record(LOOP, now, LOOP.pack(time.perf_counter_ns() - began))
             if now >= due:
                 late = now - due
-                if late > _LATE_NS * clock.factor and autopilot.supervisor.state in STREAMING:
+                if late > _LATE_NS * clock.factor:
                     self.missed_deadlines += 1
                 self._send(now, self._tick(now, late))
                 due += TICK_NS * (1 + late // TICK_NS)
