@@ -51,7 +51,9 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
                 place[0] -= 12.0
         north, east, down = place
         yaw = 0.5 * math.sin(tick * 0.01)
-        data = send(
+        # As a vehicle sends it before it was asked for the quaternion.
+        data = send(dialect.MAVLink_attitude_message, tick * 4, 0.0, 0.0, yaw, 0.0, 0.0, 0.0) if tick <= 16 else b""
+        data += send(
             dialect.MAVLink_attitude_quaternion_message,
             tick * 4,
             math.cos(yaw / 2),
@@ -74,6 +76,9 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
             )
             data += send(dialect.MAVLink_command_ack_message, dialect.MAV_CMD_DO_GRIPPER, 0)
             data += send(dialect.MAVLink_timesync_message, 0, now)
+            data += send(dialect.MAVLink_timesync_message, now, now)
+            data += send(dialect.MAVLink_sys_status_message, *[0] * 13)
+            data += send(dialect.MAVLink_statustext_message, dialect.MAV_SEVERITY_INFO, b"rehearsal")
         autopilot.handle(Datagram(now, data))
         autopilot.handle(Tick(now))
         if autopilot.ended:

@@ -13,37 +13,61 @@ from companion.state import Output
 
 ROOT = Path(__file__).resolve().parents[2]
 
-FLIGHT = """
-import sys
-sys.path[:0] = [{root!r}, {flights!r}]
+RECORD = """
+import pickle, sys
+sys.path.insert(0, {flights!r})
 from joined import Joined, mission_of
+from companion.state import Output
+
+joined = Joined(mission_of("courier"), Output({output!r}))
+joined.meddle = lambda time_ns, data: data if time_ns > {unheard_ns} else b""
+joined.fly()
+assert joined.autopilot.released
+pickle.dump(joined.events, open({events!r}, "wb"))
+"""
+REPLAY = """
+import pickle, sys
+from numba.core.dispatcher import Dispatcher
+from companion import mission
+from companion.autopilot import Autopilot
 from companion.config import load_body, load_settings
 from companion.rehearsal import rehearse
 from companion.state import Output
 
 def compiled():
     return {{
-        (name, attribute, str(signature))
-        for name, module in list(sys.modules.items()) if name.startswith("companion")
-        for attribute, function in vars(module).items() if hasattr(function, "signatures")
-        if function.py_func.__module__.startswith("companion")  # the simulator compiles what both share for itself
+        (function.py_func.__module__, function.py_func.__name__, str(signature))
+        for module in list(sys.modules.values())
+        for function in list(getattr(module, "__dict__", {{}}).values()) if isinstance(function, Dispatcher)
         for signature in function.signatures
     }}
 
-mission = mission_of("courier")
-rehearse(load_settings(None, []), load_body("paper_quad"), mission, Output.RATES)
-before = compiled()
-joined = Joined(mission).fly()
-assert joined.autopilot.released
-print(sorted(compiled() - before))
+flown = load_settings(None, []), load_body("paper_quad"), mission.load("courier")[0], Output({output!r})
+rehearse(*flown)
+before, modules = compiled(), set(sys.modules)
+autopilot = Autopilot(*flown)
+for event in pickle.load(open({events!r}, "rb")):
+    autopilot.handle(event)
+assert autopilot.released
+print(sorted(compiled() - before), sorted(set(sys.modules) - modules))
 """
 
 
-def test_nothing_is_compiled_in_flight() -> None:
-    script = FLIGHT.format(root=str(ROOT), flights=str(ROOT / "tests" / "flights"))
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=200)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == "[]"
+@pytest.mark.parametrize("unheard_ns", [0, 500_000_000])
+@pytest.mark.parametrize("output", Output)
+def test_nothing_is_compiled_or_imported_in_flight(tmp_path: Path, output: Output, unheard_ns: int) -> None:
+    """A flight's events again, in a process that has only rehearsed: the simulator is not there to compile for it."""
+    names = {
+        "flights": str(ROOT / "tests" / "flights"),
+        "events": str(tmp_path / "events"),
+        "output": output.value,
+        "unheard_ns": unheard_ns,  # heard from the middle of its telemetry on
+    }
+    for script in (RECORD, REPLAY):
+        command = [sys.executable, "-c", script.format(**names)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[] []"
 
 
 @pytest.mark.parametrize("output", Output)

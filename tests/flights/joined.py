@@ -28,8 +28,8 @@ class Joined:
     seed: int = 1
     meddle: Callable[[int, bytes], bytes] = lambda time_ns, data: data
     said: list[str] = field(default_factory=list)
+    events: list[Datagram | Tick] = field(default_factory=list)
     sent: list[bytes] = field(default_factory=list)
-    received: list[bytes] = field(default_factory=list)
     traces: list[bytes] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
 
@@ -47,7 +47,6 @@ class Joined:
         answer = b""
         for whole in datagrams:
             heard = self.meddle(now, whole)
-            self.received.append(heard)
             answer += self._handle(Datagram(now, heard))
         answer += self._handle(Tick(now))
         if answer:
@@ -55,6 +54,7 @@ class Joined:
             self.vehicle.receive(answer)
 
     def _handle(self, event: Datagram | Tick) -> bytes:
+        self.events.append(event)
         reaction = self.autopilot.handle(event)
         self.said += [f"{event.time_ns * 1e-9:.2f} {each.text}" for each in reaction.announcements]
         if reaction.trace is not None:
