@@ -77,13 +77,16 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Where to be."""
+    """Where to be, and how that changes (m, rad and their derivatives by s)."""
 
     position_ned: Array
     velocity_ned: Array
     acceleration_ned: Array
+    jerk_ned: Array
+    snap_ned: Array
     yaw: float
     yaw_rate: float
+    yaw_acceleration: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from companion.state import Reference
 from protocol.frames import Array, wrap
 
 _SLOWEST = 0.05
+_INSTANT_S = 1e-5
 _LEAST_SHARE = 0.35
 """Of the speed that each horizontal axis keeps when the way is along the other: room to turn."""
 
@@ -37,6 +38,14 @@ class _Motion:
             return self._rest, zero, zero
         position, velocity, acceleration = self._profile.at_time((time_ns - self._start_ns) * 1e-9)
         return position, velocity, acceleration
+
+    def jerk(self, time_ns: int) -> list[float]:
+        """It is constant between the profile's corners."""
+        if self._profile is None:
+            return [0.0] * self._axes
+        since = (time_ns - self._start_ns) * 1e-9
+        before, after = (self._profile.at_time(at)[2] for at in (since, since + _INSTANT_S))
+        return [(late - early) / _INSTANT_S for early, late in zip(before, after, strict=True)]
 
     def inputs(self, time_ns: int) -> InputParameter:
         """A calculation that starts from the present motion."""
@@ -121,5 +130,14 @@ class ReferenceGenerator:
     def at(self, time_ns: int) -> Reference:
         """The reference at a time not before the last change."""
         position, velocity, acceleration = self._translation.at(time_ns)
-        yaw, yaw_rate, _ = self._heading.at(time_ns)
-        return Reference(np.array(position), np.array(velocity), np.array(acceleration), yaw[0], yaw_rate[0])
+        yaw, yaw_rate, yaw_acceleration = self._heading.at(time_ns)
+        return Reference(
+            np.array(position),
+            np.array(velocity),
+            np.array(acceleration),
+            np.array(self._translation.jerk(time_ns)),
+            np.zeros(3),
+            yaw[0],
+            yaw_rate[0],
+            yaw_acceleration[0],
+        )

@@ -22,6 +22,10 @@ class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A rotor's drag torque over its thrust, km/kf."""
     drag_kg_s: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     """Linear drag (N for 1 m/s) along the body's axes."""
+    rotor_time_constant_s: NotNegative = 0.0
+    """Of a rotor's thrust, up and down on average; 0: not known."""
+    rate_loop_gain_1_s: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    """Angular acceleration that the vehicle's own rate loop gives for an error of 1 rad/s; 0: not known."""
     parcel_mass_kg: NotNegative = 0.0
     """What it carries at take-off, on top of `mass_kg`."""
 

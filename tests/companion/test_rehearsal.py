@@ -15,8 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 RECORD = """
 import pickle, sys
-sys.path.insert(0, {flights!r})
-from joined import Joined, mission_of
+from studies.joined import Joined, mission_of
 from companion.state import Output
 
 joined = Joined(mission_of("courier"), Output({output!r}))
@@ -58,7 +57,6 @@ print(sorted(compiled() - before), sorted(set(sys.modules) - modules))
 def test_nothing_is_compiled_or_imported_in_flight(tmp_path: Path, output: Output, unheard_ns: int) -> None:
     """A flight's events again, in a process that has only rehearsed: the simulator is not there to compile for it."""
     names = {
-        "flights": str(ROOT / "tests" / "flights"),
         "events": str(tmp_path / "events"),
         "output": output.value,
         "unheard_ns": unheard_ns,  # heard from the middle of its telemetry on
