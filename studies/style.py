@@ -1,0 +1,64 @@
+"""One look for all pictures: readable in print, units on the axes, the same bytes from the same numbers."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+INK, GREY = "#222222", "#8a8a8a"
+PALETTE = ("#1f5fbf", "#d1495b", "#2f8f5b", "#e09f3e", "#6d4c9f", "#3aa6b9")
+"""Lines in order; all of them differ in lightness too, for print without colour."""
+PUBLISHED: dict[str, Any] = {"color": INK, "marker": "x", "ms": 7, "mew": 1.6, "ls": "none", "zorder": 5}
+"""How a value that the paper prints is marked."""
+STONE, GREEN = "#b8aca0", "#7fb069"
+"""Boxes and trees of a world."""
+WIDTH = 7.2
+"""inches"""
+
+_RC = {
+    "font.family": "sans-serif",
+    "font.size": 8.5,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 8.5,
+    "legend.fontsize": 7.5,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "axes.edgecolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.3,
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "courier",
+    "path.simplify_threshold": 0.5,
+}
+_DPI = 130
+_COLOURS = 96
+
+
+def sheet(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = WIDTH, **options: Any) -> Any:
+    """A figure (inches) and its axes, as matplotlib's `Figure.subplots` gives them; `options` go there."""
+    import matplotlib
+    from matplotlib.figure import Figure
+    from matplotlib.rcsetup import cycler
+
+    matplotlib.rcParams.update({**_RC, "axes.prop_cycle": cycler(color=PALETTE)})
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def save(figure: Any, stem: Path, command: str) -> None:
+    """Write `stem`.png and `stem`.svg with the command that made them in the corner."""
+    from PIL import Image
+
+    figure.get_layout_engine().set(rect=(0.0, 0.16 / figure.get_figheight(), 1.0, 1.0 - 0.16 / figure.get_figheight()))
+    figure.text(1.0, 0.0, command + " ", ha="right", va="bottom", fontsize=6.0, color=GREY, family="monospace")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=_DPI, format="png", metadata={"Software": None})
+    picture = Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+    picture.save(stem.with_suffix(".png"), optimize=True)
+    figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
