@@ -66,6 +66,19 @@ def convert(tables: dict[str, Any], record: type[T], source: str, overrides: Seq
         raise DataFileError(f"{source}: {str(error).replace('$.', '')}") from error
 
 
+def by_first_word(overrides: Sequence[str], words: Sequence[str]) -> dict[str, list[str]]:
+    """Sort overrides by what they are for: under each of `words` those that begin with it and a dot, without both;
+    under "" all others, as they are."""
+    groups: dict[str, list[str]] = {word: [] for word in (*words, "")}
+    for override in overrides:
+        word, dot, rest = override.strip().partition(".")
+        if dot and word.strip() in words and not rest.startswith("="):
+            groups[word.strip()].append(rest)
+        else:
+            groups[""].append(override)
+    return groups
+
+
 def _floats(value: object, key: str) -> Iterator[tuple[str, float]]:
     """All of them, with their keys; TOML can write nan and inf, and no quantity is either."""
     match value:

@@ -1,6 +1,7 @@
 """A vehicle file: TOML -> frozen record -> one flat record for compiled code."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -64,6 +65,13 @@ class Auto(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     return_height_m: Positive
 
 
+class TelemetrySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[telemetry]` table."""
+
+    delay_s: Annotated[float, msgspec.Meta(ge=0, le=10)] = 0.0
+    """Age of the reported motion when it is sent, rounded up to whole ticks of 4 ms."""
+
+
 class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     capacity_wh: Positive
     full_v: Positive
@@ -83,11 +91,15 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     auto: Auto
     lidar: LidarSettings
     battery: Battery
+    telemetry: TelemetrySettings = TelemetrySettings()
 
     @classmethod
-    def load(cls, path: Path) -> "Airframe":
-        """Raises DataFileError, naming file and key, also for a vehicle that could not lift its parcel."""
-        airframe = load(path, cls)
+    def load(cls, path: Path, overrides: Sequence[str] = ()) -> "Airframe":
+        """With overrides as "body.mass_kg=0.9".
+
+        Raises DataFileError, naming file and key, also for a vehicle that could not lift its parcel.
+        """
+        airframe = load(path, cls, overrides)
         if airframe.body.max_thrust_n <= airframe.takeoff_mass_kg * GRAVITY:
             raise DataFileError(
                 f"{path}: body.rotor_max_thrust_n: four of them can't lift {airframe.takeoff_mass_kg:g} kg"
@@ -109,7 +121,9 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 PARAMETERS = np.dtype(
     [
-        ("mass_kg", "f8"),  # all of it, the parcel too; the only one that changes in flight
+        ("wind_ned", "f8", 3),  # m/s; this and the next two change in flight
+        ("force_ned", "f8", 3),  # N, on top of thrust, drag, weight and ground
+        ("mass_kg", "f8"),  # all of it, the parcel too
         ("arm_length_m", "f8"),
         ("inertia_kgm2", "f8", 3),
         ("rotor_max_thrust_n", "f8"),
@@ -134,11 +148,11 @@ PARAMETERS = np.dtype(
         ("climb_acceleration_limit", "f8"),
     ]
 )
-"""What compiled code knows of the airframe: SI units and radians."""
+"""What compiled code knows of the airframe and of what acts on it: SI units and radians."""
 
 
 def parameters(airframe: Airframe) -> NDArray[np.void]:
-    """(1,) of PARAMETERS, at take-off mass."""
+    """(1,) of PARAMETERS, at take-off mass, in still air."""
     body, rotors, ground, inner, auto = (
         airframe.body,
         airframe.rotors,
@@ -148,6 +162,8 @@ def parameters(airframe: Airframe) -> NDArray[np.void]:
     )
     record = np.zeros(1, PARAMETERS)
     values = {
+        "wind_ned": 0.0,
+        "force_ned": 0.0,
         "mass_kg": airframe.takeoff_mass_kg,
         "arm_length_m": body.arm_length_m,
         "inertia_kgm2": body.inertia_kgm2,

@@ -3,9 +3,13 @@
 import json
 import signal
 import sys
-from typing import Annotated, NoReturn
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
+
+if TYPE_CHECKING:
+    from vehicle_sim.truth import Truth
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -23,6 +27,18 @@ def vehicle_sim(
     pace: Annotated[str, typer.Option(metavar="realtime|lockstep|FACTOR", help="How time passes.")] = "realtime",
     seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
     once: Annotated[bool, typer.Option("--once", help="End after one flight.")] = False,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Change one key of the vehicle's or the world's file: --set vehicle.body.mass_kg=0.9, "
+            '--set "world.wind.mean_ned=[6, 0, 0]".',
+            metavar="KEY=VALUE",
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the true motion of every tick to this .npy file.")
+    ] = None,
 ) -> None:
     """A quadcopter with a LiDAR in a world of obstacles, flown by its own autopilot or by a companion over MAVLink.
 
@@ -34,18 +50,28 @@ def vehicle_sim(
     from protocol.transport import TransportError, open_url
     from vehicle_sim.airframe import Airframe
     from vehicle_sim.runner import Runner
+    from vehicle_sim.truth import Truth
     from vehicle_sim.vehicle import Vehicle, warm_up
     from vehicle_sim.world import World
 
     try:
-        airframe = Airframe.load(find("vehicles", vehicle))
-        place = World.load(find("worlds", world))
+        changes = _sorted(overrides or [])
+        airframe = Airframe.load(find("vehicles", vehicle), changes["vehicle"])
+        place = World.load(find("worlds", world), changes["world"])
+        recorder = None if truth is None else Truth(truth)
         transport = open_url(bind)
     except (DataFileError, TransportError) as error:
         _fail(str(error))
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.default_int_handler)
-    flown = Vehicle(airframe, place, seed=seed, lockstep=factor is None, datagrams=transport.preserves_datagrams)
+    flown = Vehicle(
+        airframe,
+        place,
+        seed=seed,
+        lockstep=factor is None,
+        datagrams=transport.preserves_datagrams,
+        truth=recorder,
+    )
     runner = Runner(flown, transport, once=once)
     try:
         warm_up(airframe, place)
@@ -60,6 +86,27 @@ def vehicle_sim(
     finally:
         transport.close()
         typer.echo(json.dumps(flown.summary().as_dict()))
+        if recorder is not None:
+            _write(recorder)
+
+
+def _sorted(overrides: list[str]) -> dict[str, list[str]]:
+    """The vehicle's and the world's. Raises DataFileError for any other."""
+    from protocol.datafile import DataFileError, by_first_word
+
+    changes = by_first_word(overrides, ("vehicle", "world"))
+    for other in changes[""]:
+        raise DataFileError(f"--set {other}: write it as vehicle.KEY=VALUE or world.KEY=VALUE")
+    return changes
+
+
+def _write(recorder: "Truth") -> None:
+    from protocol.datafile import DataFileError
+
+    try:
+        recorder.write()
+    except DataFileError as error:
+        _fail(str(error))
 
 
 def _factor(pace: str) -> float | None:

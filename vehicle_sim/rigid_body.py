@@ -1,4 +1,5 @@
-"""The quadrotor's motion: rigid body on a quaternion, rotors with lag, drag, gyroscopic torque, feet on the ground.
+"""The quadrotor's motion: rigid body on a quaternion, rotors with lag, drag in the wind, gyroscopic torque, feet on the
+ground.
 
 State (17,): position_ned 0:3 (m), velocity_ned 3:6 (m/s), attitude_ned_frd 6:10, rates_frd 10:13 (rad/s), rotor speeds
 13:17 (rad/s; front, right, back, left). Front and back turn anticlockwise seen from above, so their drag yaws the body
@@ -79,7 +80,8 @@ def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out:
     ty += wx * spin
 
     # drag and thrust in the body, then all forces in the world
-    bx, by, bz = to_world(q0, -q1, -q2, -q3, state[3], state[4], state[5])
+    ax, ay, az = state[3] - p.wind_ned[0], state[4] - p.wind_ned[1], state[5] - p.wind_ned[2]
+    bx, by, bz = to_world(q0, -q1, -q2, -q3, ax, ay, az)
     fx, fy, fz = to_world(
         q0,
         q1,
@@ -89,6 +91,10 @@ def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out:
         -p.drag_kg_s[1] * by,
         -p.drag_kg_s[2] * bz - (front + right + back + left),
     )
+
+    fx += p.force_ned[0]
+    fy += p.force_ned[1]
+    fz += p.force_ned[2]
 
     if state[2] + p.foot_radius_m + p.foot_height_m > 0.0:
         for number in range(4):

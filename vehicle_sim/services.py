@@ -109,7 +109,7 @@ class Services:
     def _timesync(self, message: Any) -> None:
         if message.tc1 == 0:
             self.outbox.append(
-                self._encode(dialect.MAVLink_timesync_message, self._telemetry.motion.time_ns, message.ts1)
+                self._encode(dialect.MAVLink_timesync_message, self._telemetry.truth.time_ns, message.ts1)
             )
 
     def _ping(self, message: Any) -> None:

@@ -77,7 +77,8 @@ class Stream:
 
 
 class Telemetry:
-    """Messages as bytes. `motion` is what is reported, `truth` goes into HIL_STATE_QUATERNION alone."""
+    """Messages as bytes. `motion` is what is reported; of `truth`, the present, HIL_STATE_QUATERNION alone tells the
+    motion, the others time, battery and rotors."""
 
     def __init__(
         self, encoder: Encoder, airframe: Airframe, world: World, lidar: Lidar, flight: FlightControl, start: Motion
@@ -154,7 +155,7 @@ class Telemetry:
     def report(self, tick: int, motion: Motion, truth: Motion) -> Iterator[bytes]:
         """All frames due at a tick, after those that say a change of mode, arming or landed state at once."""
         self._tick, self.motion, self.truth = tick, motion, truth
-        self._poses.append(motion)
+        self._poses.append(truth)
         flight = self._flight
         said = (flight.mode, flight.armed, flight.failsafe, flight.crash is not None)
         if said != self._said:
@@ -184,12 +185,21 @@ class Telemetry:
     # --- what ---
 
     @property
-    def _boot_ms(self) -> int:
+    def _motion_ms(self) -> int:
+        """Since boot, of the reported motion."""
         return self.motion.time_ns // 1_000_000 & 0xFFFFFFFF
 
     @property
-    def _boot_us(self) -> int:
+    def _motion_us(self) -> int:
         return self.motion.time_ns // 1000
+
+    @property
+    def _now_ms(self) -> int:
+        return self.truth.time_ns // 1_000_000 & 0xFFFFFFFF
+
+    @property
+    def _now_us(self) -> int:
+        return self.truth.time_ns // 1000
 
     def heartbeat(self) -> bytes:
         flight = self._flight
@@ -213,7 +223,7 @@ class Telemetry:
     def attitude_quaternion(self) -> bytes:
         m = self.motion
         return self._encode(
-            dialect.MAVLink_attitude_quaternion_message, self._boot_ms, *m.attitude_ned_frd, *m.rates_frd, (0.0,) * 4
+            dialect.MAVLink_attitude_quaternion_message, self._motion_ms, *m.attitude_ned_frd, *m.rates_frd, (0.0,) * 4
         )
 
     def attitude(self) -> bytes:
@@ -221,17 +231,19 @@ class Telemetry:
         q0, q1, q2, q3 = m.attitude_ned_frd
         roll = math.atan2(2.0 * (q0 * q1 + q2 * q3), 1.0 - 2.0 * (q1 * q1 + q2 * q2))
         pitch = math.asin(min(1.0, max(-1.0, 2.0 * (q0 * q2 - q3 * q1))))
-        return self._encode(dialect.MAVLink_attitude_message, self._boot_ms, roll, pitch, m.yaw, *m.rates_frd)
+        return self._encode(dialect.MAVLink_attitude_message, self._motion_ms, roll, pitch, m.yaw, *m.rates_frd)
 
     def local_position_ned(self) -> bytes:
         m = self.motion
-        return self._encode(dialect.MAVLink_local_position_ned_message, self._boot_ms, *m.position_ned, *m.velocity_ned)
+        return self._encode(
+            dialect.MAVLink_local_position_ned_message, self._motion_ms, *m.position_ned, *m.velocity_ned
+        )
 
     def odometry(self) -> bytes:
         m = self.motion
         return self._encode(
             dialect.MAVLink_odometry_message,
-            self._boot_us,
+            self._motion_us,
             dialect.MAV_FRAME_LOCAL_NED,
             dialect.MAV_FRAME_BODY_FRD,
             *m.position_ned,
@@ -255,7 +267,7 @@ class Telemetry:
         vn, ve, vd = m.velocity_ned
         return self._encode(
             dialect.MAVLink_global_position_int_message,
-            self._boot_ms,
+            self._motion_ms,
             *self._geodetic(m),
             round((self._flight.home_ned[2] - m.position_ned[2]) * 1e3),
             _int16(vn * 100.0),
@@ -270,7 +282,7 @@ class Telemetry:
         vn, ve, _ = m.velocity_ned
         return self._encode(
             dialect.MAVLink_gps_raw_int_message,
-            self._boot_us,
+            self._motion_us,
             dialect.GPS_FIX_TYPE_3D_FIX,
             latitude,
             longitude,
@@ -290,7 +302,7 @@ class Telemetry:
 
     def _battery(self) -> tuple[float, float, float, float]:
         """Volts, amperes, watt-hours used, share left."""
-        m, b = self.motion, self._airframe.battery
+        m, b = self.truth, self._airframe.battery
         used_wh = (m.shaft_energy_j / b.efficiency + b.idle_w * m.time_ns * 1e-9) / 3600.0
         left = max(0.0, 1.0 - used_wh / b.capacity_wh)
         volts = b.empty_v + (b.full_v - b.empty_v) * left
@@ -354,7 +366,7 @@ class Telemetry:
         )
         return self._encode(
             dialect.MAVLink_attitude_target_message,
-            self._boot_ms,
+            self._now_ms,
             mask,
             attitude,
             *rates,
@@ -365,15 +377,13 @@ class Telemetry:
         """1000-2000 us over a rotor's range of speed."""
         rotors = self._airframe.rotors
         full = math.sqrt(self._airframe.body.rotor_max_thrust_n / rotors.thrust_constant_ns2)
-        pulses = [round(1000.0 + 1000.0 * speed / full) for speed in self.motion.rotor_speeds]
-        return self._encode(
-            dialect.MAVLink_servo_output_raw_message, self._boot_us & 0xFFFFFFFF, 0, *pulses, *(0,) * 12
-        )
+        pulses = [round(1000.0 + 1000.0 * speed / full) for speed in self.truth.rotor_speeds]
+        return self._encode(dialect.MAVLink_servo_output_raw_message, self._now_us & 0xFFFFFFFF, 0, *pulses, *(0,) * 12)
 
     def home_position(self) -> bytes:
         home = self._flight.home_ned
         at = self._geodetic(self.motion._replace(position_ned=home))
-        return self._encode(dialect.MAVLink_home_position_message, *at, *home, _UNIT, 0.0, 0.0, 0.0, self._boot_us)
+        return self._encode(dialect.MAVLink_home_position_message, *at, *home, _UNIT, 0.0, 0.0, 0.0, self._now_us)
 
     def hil_state_quaternion(self) -> bytes:
         """The ground truth: for logs and judges, never for flying."""

@@ -1,6 +1,7 @@
 """The whole vehicle as a pure step: bytes in, 4 ms of flight, bytes out. No clock and no socket."""
 
 import math
+from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,10 +18,14 @@ from vehicle_sim.motion import Motion, Vector
 from vehicle_sim.rigid_body import STATES, Array
 from vehicle_sim.services import COMPONENT, SYSTEM, Services
 from vehicle_sim.telemetry import Telemetry
+from vehicle_sim.truth import Truth
+from vehicle_sim.wind import Wind
 from vehicle_sim.world import World
 
 DATAGRAM_BYTES = 1400
 """A datagram is not filled beyond this."""
+
+_NO_FORCE = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +52,28 @@ class Vehicle:
     """A vehicle at rest on its pad (0, 0) of a world, nose to the north, with its parcel.
 
     `lockstep`: each tick's last frame is a TIMESYNC request with the tick's time, and a datagram that answers another
-    time is a late copy and is passed over. `datagrams`: what `receive` gets holds whole frames.
+    time is a late copy and is passed over. `datagrams`: what `receive` gets holds whole frames. `truth`: where the true
+    motion of every tick is kept.
     """
 
     def __init__(
-        self, airframe: Airframe, world: World, *, seed: int = 0, lockstep: bool = False, datagrams: bool = True
+        self,
+        airframe: Airframe,
+        world: World,
+        *,
+        seed: int = 0,
+        lockstep: bool = False,
+        datagrams: bool = True,
+        truth: Truth | None = None,
     ) -> None:
         self.airframe = airframe
         self.world = world
         self._lockstep = lockstep
         self._datagrams = datagrams
+        self._truth = truth
         self._parameters = parameters(airframe)
+        self._wind_ned: Array = self._parameters["wind_ned"][0]
+        self._force_ned: Array = self._parameters["force_ned"][0]
         self._feedback = np.zeros(1, FEEDBACK)
         self._feedback["touching"] = 1.0
         self._room = scratch()
@@ -69,12 +85,16 @@ class Vehicle:
         self.answered_ns = -1
         """The time of the tick that was answered last."""
         self.motion = Motion.of(0, self.state, self._feedback)
+        # a sum of nanoseconds: a delay of just so many ticks is not rounded up
+        delay_ticks = -(round(airframe.telemetry.delay_s * 1e9) // -TICK_NS)
+        self._past = deque([self.motion], maxlen=1 + delay_ticks)
         self.flight = FlightControl(airframe, self.motion)
         self._framer = Framer()
         self._encoder = Encoder(SYSTEM, COMPONENT)
-        (lidar_rng,) = np.random.default_rng(seed).spawn(1)
+        lidar_rng, wind_rng = np.random.default_rng(seed).spawn(2)
         lidar = Lidar(airframe.lidar, lidar_rng)
         self.telemetry = Telemetry(self._encoder, airframe, world, lidar, self.flight, self.motion)
+        self._wind = Wind(world.wind, self._wind_ned, wind_rng)
         self._services = Services(self._encoder, self.flight, self.telemetry, world.origin[2], self._release)
         self._released_at_ned: Vector | None = None
         self._least_clearance_m = math.inf
@@ -114,15 +134,20 @@ class Vehicle:
     def advance(self) -> list[bytes]:
         """Fly one tick of 4 ms; the datagrams to send at its end."""
         self.tick += 1
+        self._wind.blow(self.state)
         advance(self.state, self.flight.command, self._parameters, self._feedback, self._room)
         before = self.motion
         self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
         self.flight.step(truth)
+        if self.world.force_ned != _NO_FORCE:
+            self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned
         self._watch_clearance(before, truth)
-        # the estimate sent is the true state: sensors and an estimator come later
-        estimate = truth
+        if self._truth is not None:
+            self._truth.record(self.time_ns, self.state, self._wind_ned)
+        # the estimate sent is the true state of a while ago: sensors and an estimator come later
+        self._past.append(truth)
         frames = self._services.collect()
-        frames.extend(self.telemetry.report(self.tick, estimate, truth))
+        frames.extend(self.telemetry.report(self.tick, self._past[0], truth))
         if self._lockstep:
             frames.append(self._encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
         return _datagrams(frames)

@@ -6,7 +6,8 @@ above the ground.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from protocol import datafile
 from protocol.compiled import compiled
+from vehicle_sim.wind import Vector, WindSettings
 
 Array = NDArray[np.float64]
 
@@ -50,6 +52,13 @@ class OriginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         _finite(self)
+
+
+class DisturbanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[disturbance]`: what pushes the vehicle beside the wind."""
+
+    force_ned: Vector = (0.0, 0.0, 0.0)
+    """N, constant while it is in the air."""
 
 
 class Solid(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -113,6 +122,8 @@ class WorldTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Name
     origin: OriginTable
+    wind: WindSettings = WindSettings()
+    disturbance: DisturbanceTable = DisturbanceTable()
     box: tuple[BoxTable, ...] = ()
     cylinder: tuple[CylinderTable, ...] = ()
     wall: tuple[WallTable, ...] = ()
@@ -129,11 +140,15 @@ class World:
     boxes: Array  # (n, 8), BOX_COLUMNS
     cylinders: Array  # (m, 5), CYLINDER_COLUMNS
     names: tuple[str, ...]
+    wind: WindSettings = field(default_factory=WindSettings)
+    force_ned: Vector = (0.0, 0.0, 0.0)
+    """N, on the vehicle while it is in the air."""
 
     @classmethod
-    def load(cls, path: Path) -> "World":
-        """Raises DataFileError with file and key for what can't be read or can't exist."""
-        return cls.build(datafile.load(path, WorldTable))
+    def load(cls, path: Path, overrides: Sequence[str] = ()) -> "World":
+        """With overrides as "origin.altitude_m=3". Raises DataFileError with file and key for what can't be read or
+        can't exist."""
+        return cls.build(datafile.load(path, WorldTable, overrides))
 
     @classmethod
     def from_tables(cls, tables: dict[str, Any], source: str) -> "World":
@@ -159,6 +174,8 @@ class World:
             boxes=np.array(boxes, dtype=np.float64).reshape(-1, BOX_COLUMNS),
             cylinders=np.array(cylinders, dtype=np.float64).reshape(-1, CYLINDER_COLUMNS),
             names=tuple(names),
+            wind=table.wind,
+            force_ned=table.disturbance.force_ned,
         )
 
     def clearance(self, position_ned: Array) -> float:
