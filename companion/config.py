@@ -73,7 +73,7 @@ class Trajectory(Table, frozen=True):
 
 
 class Avoidance(Table, frozen=True):
-    """`method`: "paper" or "none"."""
+    """`method`: "paper", "paper-literal" (as printed, for the paper's experiment) or "none"."""
 
     method: str = "paper"
     lateral_margin: Positive = 3.0
@@ -96,8 +96,8 @@ class Avoidance(Table, frozen=True):
     """m/s that is always left, to move away from what is near."""
 
     def __post_init__(self) -> None:
-        if self.method not in ("paper", "none"):
-            raise ValueError(f'method {self.method!r}: there are "paper" and "none"')
+        if self.method not in ("paper", "paper-literal", "none"):
+            raise ValueError(f'method {self.method!r}: there are "paper", "paper-literal" and "none"')
 
 
 class Supervision(Table, frozen=True):
