@@ -4,6 +4,7 @@ from typing import Protocol
 
 from companion.avoidance.none import NoAvoidance
 from companion.avoidance.paper import PaperRule
+from companion.avoidance.paper_literal import LiteralPaperRule
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
 from protocol.frames import Array
@@ -23,4 +24,10 @@ class Method(Protocol):
 
 def choose(settings: Avoidance) -> Method:
     """The method that the settings name."""
-    return PaperRule(settings) if settings.method == "paper" else NoAvoidance(settings)
+    match settings.method:
+        case "paper":
+            return PaperRule(settings)
+        case "paper-literal":
+            return LiteralPaperRule(settings)
+        case _:
+            return NoAvoidance(settings)

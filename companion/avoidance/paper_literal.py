@@ -1,0 +1,66 @@
+"""The paper's rule, (26)-(31), as it is printed, for the reproduction of its Figs. 6-9.
+
+One box with its edges to north and east (the paper's x and y) stands around all returns, (26)-(29). The setpoint moves
+`lateral_margin` (3 m) outside the box on both axes: (30) takes the edge nearer to the vehicle, (31), with its
+inequalities the other way round, the edge farther from it. Read so, the two are one manoeuvre for a course along the
+paper's y: beside the obstacle on the nearer side, and past it. Nothing limits the speed. What stands for what the
+paper leaves out, and what differs:
+
+- The returns are rotated into the world before the vehicle's position is added; the paper adds the position only.
+- `x_abs` in (30), (31) is read as `x_obs`, and (31) sets y_av from y.
+- (30) holds for the axis across the course and (31) for the one along it, whichever these are: the course is along the
+  axis on which there is more way to the goal. Past the goal nothing is flown to.
+- Both branches of the print hold at a tie; here the least edge (south or west) counts as the nearer one.
+- When to move is in Fig. 1, which the text does not carry: here while the box meets the rectangle between vehicle and
+  goal, widened by the vehicle's radius and the safe distance.
+
+Made for reproducing the paper. `paper`, made for flying, lists what has to change for that.
+"""
+
+import math
+
+import numpy as np
+
+from companion.config import Avoidance
+from companion.state import AvoidanceDecision
+from protocol.frames import Array
+
+
+def outside_nearer_edge(position: float, least: float, most: float, margin: float) -> float:
+    """(30): the coordinate (m) that lies `margin` outside the edge that is nearer to `position`."""
+    return least - margin if position - least <= most - position else most + margin
+
+
+def outside_farther_edge(position: float, least: float, most: float, margin: float) -> float:
+    """(31): the same for the edge that is farther from `position`."""
+    return most + margin if position - least <= most - position else least - margin
+
+
+class LiteralPaperRule:
+    """Decides at each scan and remembers nothing."""
+
+    def __init__(self, settings: Avoidance) -> None:
+        self._settings = settings
+
+    def decide(
+        self, points_ned: Array, position_ned: Array, velocity_ned: Array, goal_ned: Array, speed: float
+    ) -> AvoidanceDecision:
+        """See Method; the speed limit is always `speed`."""
+        if not len(points_ned):
+            return AvoidanceDecision(goal_ned, speed, math.inf, False)
+        settings = self._settings
+        here, goal, places = position_ned[:2], goal_ned[:2], points_ned[:, :2]
+        clearance = float(np.hypot(*(places - here).T).min()) - settings.vehicle_radius
+        least, most = places.min(axis=0), places.max(axis=0)  # (26)-(29)
+        room = settings.vehicle_radius + settings.safe_distance
+        nearest, farthest = np.minimum(here, goal), np.maximum(here, goal)
+        if not np.all((least < farthest + room) & (most > nearest - room)):
+            return AvoidanceDecision(goal_ned, speed, clearance, False)
+        way = np.abs(goal - here)
+        along, across = (0, 1) if way[0] >= way[1] else (1, 0)
+        margin = settings.lateral_margin
+        past = outside_farther_edge(float(here[along]), float(least[along]), float(most[along]), margin)
+        target = goal_ned.copy()
+        target[along] = min(max(past, nearest[along]), farthest[along])
+        target[across] = outside_nearer_edge(float(here[across]), float(least[across]), float(most[across]), margin)
+        return AvoidanceDecision(target, speed, clearance, True)
