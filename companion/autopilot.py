@@ -35,7 +35,7 @@ from companion.state import (
 )
 from companion.supervisor import FLYING, STREAMING, Health, State, Supervisor, unsound
 from companion.telemetry_rates import TelemetryRates
-from companion.trajectory import ReferenceGenerator
+from companion.trajectory import ReferenceGenerator, Track, track_of
 from companion.vehicles import firmware_of
 from companion.vehicles.firmware import Firmware
 from protocol.body import Body
@@ -120,6 +120,9 @@ class Autopilot:
         self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
         self._estimator = Estimator()
         self._reference = ReferenceGenerator(settings.trajectory)
+        curves = (step.curve for step in steps(mission, np.zeros(3)))
+        self._tracks = tuple(None if curve is None else track_of(curve) for curve in curves)
+        self._track: Track | None = None
         self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.grain)
         self._avoidance = method.choose(settings.avoidance)
         self._commander = Commander(settings.supervision.command_interval)
@@ -414,7 +417,9 @@ class Autopilot:
         step = self.steps[self.step_index]
         start = self.steps[self.step_index - 1].target_ned if self.step_index else None
         way = 0.0 if start is None or step.target_ned is None else math.dist(start.tolist(), step.target_ned.tolist())
-        allowed = self.settings.supervision.step_timeout + step.hold_s + 3.0 * way / self.mission.speed
+        track = self._tracks[self.step_index]
+        taken = step.hold_s if track is None else track.duration_s
+        allowed = self.settings.supervision.step_timeout + taken + 3.0 * way / self.mission.speed
         return max((now - self._phase_since_ns) * 1e-9 - allowed, 0.0)
 
     def _reason(self, now: int) -> str:
@@ -455,6 +460,7 @@ class Autopilot:
 
     def _entered(self, old: State, new: State, now: int) -> None:
         if old is State.FLY:
+            self._track = self._reference.remaining(now) or self._track
             self._reference.stop(now)
         if new is State.CHECK:
             self._request_rates(self._rates.wanted)
@@ -552,6 +558,7 @@ class Autopilot:
             self._steer(step, state, now)
         if self._completed(step, state, now):
             self.step_index += 1
+            self._track = None
             self._phase_since_ns = now
             self._arrived_ns = None
             following = self.steps[self.step_index]
@@ -568,8 +575,15 @@ class Autopilot:
         if self.mission.profile == "step" and step.phase is not Phase.TAKEOFF:
             self._reference.place(step.target_ned)
             return
+        if self._reference.following:
+            return
         settings = self.settings.trajectory
         target, speed = step.target_ned, self.mission.speed
+        track = self._track_to_join(step)
+        if track is not None:
+            target = track.start_ned
+            if track.start_yaw is not None:
+                self._reference.turn(now, track.start_yaw)
         if step.avoids:
             target, speed = self.decision.target_ned, self.decision.speed_limit
             way = target - state.position_ned
@@ -578,12 +592,24 @@ class Autopilot:
         climbs = target[2] < state.position_ned[2]
         self._reference.go(now, target, speed, settings.climb_speed if climbs else settings.descent_speed)
 
+    def _track_to_join(self, step: Step) -> Track | None:
+        """The step's, from its beginning or, after a hold, from where it was left."""
+        track = self._tracks[self.step_index]
+        if track is None or self._track is not None:
+            return self._track
+        assert step.target_ned is not None
+        return track.moved(step.target_ned)
+
     def _completed(self, step: Step, state: VehicleState, now: int) -> bool:
         if step.phase is Phase.RELEASE:
             return self._release(now)
         if step.target_ned is None:
             return False
-        distance = math.dist(step.target_ned.tolist(), state.position_ned.tolist())
+        if step.curve is not None and self._reference.following:
+            return self._reference.rests(now)
+        track = self._track_to_join(step)
+        target = step.target_ned if track is None else track.start_ned
+        distance = math.dist(target.tolist(), state.position_ned.tolist())
         settings = self.settings.trajectory
         if step.passes:
             return distance < settings.acceptance_radius
@@ -592,6 +618,11 @@ class Autopilot:
             self._arrived_ns = now
         if self.mission.profile == "step" and self._arrived_ns is None:
             self._arrived_ns = now
+        if track is not None:
+            if self._arrived_ns is not None and self._reference.rests(now):
+                self._reference.follow(now, track)
+                self._arrived_ns = None
+            return False
         return self._arrived_ns is not None and now - self._arrived_ns >= step.hold_s * 1e9
 
     def _release(self, now: int) -> bool:

@@ -1,5 +1,6 @@
 """The route: a TOML file of waypoints and a delivery, turned into the steps that are flown one after the other."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -9,6 +10,7 @@ import msgspec
 import numpy as np
 
 from companion.config import NotNegative, Positive, Table
+from companion.curves import Curve, Shape
 from protocol import datafile
 from protocol.frames import Array
 
@@ -36,7 +38,9 @@ class Mission(Table, frozen=True):
 
     name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
     """Of letters, digits, - and _: the log's folder carries it."""
-    waypoints: Annotated[list[Waypoint], msgspec.Meta(min_length=1)]
+    waypoints: list[Waypoint] = msgspec.field(default_factory=list)
+    trajectory: Shape | None = None
+    """In place of waypoints."""
     world: str = "empty"
     vehicle: str = "paper_quad"
     description: str = ""
@@ -51,6 +55,12 @@ class Mission(Table, frozen=True):
     def __post_init__(self) -> None:
         if self.profile not in ("smooth", "step"):
             raise ValueError(f'profile {self.profile!r}: there are "smooth" and "step"')
+        if bool(self.waypoints) == (self.trajectory is not None):
+            raise ValueError("waypoints: a mission has either these or a [trajectory]")
+        if self.trajectory is not None and self.profile != "smooth":
+            raise ValueError(f"profile {self.profile!r}: it is for waypoints, a [trajectory] has its own")
+        if self.trajectory is not None and self.delivery is not None:
+            raise ValueError("delivery: it is at the last waypoint, and a [trajectory] has none")
 
 
 class Phase(Enum):
@@ -65,6 +75,7 @@ class Phase(Enum):
     RETURN = 6
     LAND = 7
     DONE = 8
+    TRACK = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +89,14 @@ class Step:
     """Goes on to the next step without stopping."""
     avoids: bool = False
     """Obstacles are flown around."""
+    curve: Curve | None = None
+    """Flown once the vehicle stands at `target_ned`, where it begins."""
 
 
-def load(name: str) -> tuple[Mission, Path]:
-    """The mission of that name or path, and its file. Raises DataFileError."""
+def load(name: str, overrides: Sequence[str] = ()) -> tuple[Mission, Path]:
+    """The mission of that name or path, changed by overrides as "speed=8", and its file. Raises DataFileError."""
     path = datafile.find("missions", name)
-    return datafile.load(path, Mission), path
+    return datafile.load(path, Mission, overrides), path
 
 
 def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
@@ -94,12 +107,16 @@ def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
 
     over_home = point(0.0, 0.0, mission.takeoff_height)
     plan = [Step(Phase.TAKEOFF, over_home)]
-    last = mission.waypoints[-1]
+    shape = mission.trajectory
+    if shape is not None:
+        height = mission.takeoff_height if shape.height is None else shape.height
+        plan.append(Step(Phase.TRACK, point(shape.north, shape.east, height), curve=shape))
     for waypoint in mission.waypoints:
-        passes = waypoint.hold_s == 0.0 and waypoint is not last
+        passes = waypoint.hold_s == 0.0 and waypoint is not mission.waypoints[-1]
         target = point(waypoint.north, waypoint.east, waypoint.height)
         plan.append(Step(Phase.ROUTE, target, waypoint.hold_s, passes, avoids=True))
     if mission.delivery is not None:
+        last = mission.waypoints[-1]
         plan.append(Step(Phase.DESCEND, point(last.north, last.east, mission.delivery.release_height)))
         plan.append(Step(Phase.RELEASE))
         plan.append(Step(Phase.CLIMB, point(last.north, last.east, last.height)))

@@ -17,6 +17,8 @@ _TICK_NS = 4_000_000
 _LONGEST_TICKS = 50_000
 _ON_THE_WAY_TICKS = 50
 """So long it is still short of each waypoint, with obstacles before it; then it is there."""
+_REHEARSED_LAPS = 0.1
+_REHEARSED_RAMP_S = 0.2
 _OFFBOARD = 6 << 16
 _LANDING = 4 << 16 | 6 << 24
 
@@ -27,8 +29,7 @@ class RehearsalError(Exception):
 
 def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
-    hurried = [msgspec.structs.replace(waypoint, hold_s=min(waypoint.hold_s, 0.1)) for waypoint in mission.waypoints]
-    autopilot = Autopilot(settings, body, msgspec.structs.replace(mission, waypoints=hurried), output)
+    autopilot = Autopilot(settings, body, _hurried(mission), output)
     encoder = Encoder(1, 1)
     step, step_began = -1, 0
     rings = ([300] * 4 + [1501] * 68, [1501] * 72)
@@ -86,6 +87,16 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
     if autopilot.supervisor.fault is not None or not autopilot.ended:
         reason = autopilot.supervisor.fault or f"it does not get past {autopilot.supervisor.state.name}"
         raise RehearsalError(f"the rehearsal of {mission.name} fails: {reason}")
+
+
+def _hurried(mission: Mission) -> Mission:
+    """The same with short holds and short curves."""
+    waypoints = [msgspec.structs.replace(waypoint, hold_s=min(waypoint.hold_s, 0.1)) for waypoint in mission.waypoints]
+    shape = mission.trajectory
+    if shape is not None:
+        laps, ramp_s = min(shape.laps, _REHEARSED_LAPS), min(shape.ramp_s, _REHEARSED_RAMP_S)
+        shape = msgspec.structs.replace(shape, laps=laps, ramp_s=ramp_s)
+    return msgspec.structs.replace(mission, waypoints=waypoints, trajectory=shape)
 
 
 _NO_HASHES = ([0] * 8, [0] * 8, [0] * 8)

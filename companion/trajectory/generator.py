@@ -1,5 +1,5 @@
-"""References: jerk-limited motion to a target that may move at any time (ruckig), and steps as the paper's tests use
-them."""
+"""References: jerk-limited motion to a target that may move at any time (ruckig), tracks, and steps as the paper's
+tests use them."""
 
 import math
 
@@ -9,6 +9,7 @@ from ruckig import Trajectory as Profile
 
 from companion.config import Trajectory as TrajectorySettings
 from companion.state import Reference
+from companion.trajectory.track import Track
 from protocol.frames import Array, wrap
 
 _SLOWEST = 0.05
@@ -47,11 +48,9 @@ class _Motion:
         before, after = (self._profile.at_time(at)[2] for at in (since, since + _INSTANT_S))
         return [(late - early) / _INSTANT_S for early, late in zip(before, after, strict=True)]
 
-    def inputs(self, time_ns: int) -> InputParameter:
-        """A calculation that starts from the present motion."""
-        inputs = InputParameter(self._axes)
-        inputs.current_position, inputs.current_velocity, inputs.current_acceleration = self.at(time_ns)
-        return inputs
+    def ended(self, time_ns: int) -> bool:
+        """It is at rest from then on."""
+        return self._profile is None or (time_ns - self._start_ns) * 1e-9 >= self._profile.duration
 
     def follow(self, inputs: InputParameter, time_ns: int) -> bool:
         """Replace the motion; where there is no solution the old one goes on to its own end, a standstill."""
@@ -63,6 +62,16 @@ class _Motion:
         return True
 
 
+def _braking(inputs: InputParameter, acceleration: float, jerk: float) -> InputParameter:
+    """To a standstill, wherever that is."""
+    axes = len(inputs.current_position)
+    inputs.control_interface = ControlInterface.Velocity
+    inputs.target_velocity = [0.0] * axes
+    inputs.max_acceleration = [acceleration] * axes
+    inputs.max_jerk = [jerk] * axes
+    return inputs
+
+
 class ReferenceGenerator:
     """The reference and its motion. All times are the companion's, ns; positions NED (m)."""
 
@@ -71,12 +80,15 @@ class ReferenceGenerator:
         self._translation = _Motion(3)
         self._heading = _Motion(1)
         self._goal: tuple[float, ...] | None = None
-        self._yaw_goal = 0.0
+        self._yaw_goal: float | None = 0.0
+        self._track: Track | None = None
+        self._track_ns = 0
 
     def place(self, position_ned: Array, yaw: float | None = None) -> None:
         """Stand there from now on: a step of the reference. The heading stays unless it is given."""
         self._translation.rest(position_ned.tolist())
         self._goal = None
+        self._track = None
         if yaw is not None:
             self._heading.rest([yaw])
             self._yaw_goal = yaw
@@ -87,7 +99,7 @@ class ReferenceGenerator:
         goal = (*target_ned.tolist(), speed, vertical_speed)
         if goal == self._goal:
             return
-        inputs = self._translation.inputs(time_ns)
+        inputs = self._present(time_ns)
         offset = target_ned - np.array(inputs.current_position)
         distance = math.hypot(*offset.tolist())
         # Each axis has its share of the speed, so that the velocity as a whole keeps to the limit; all may brake fully.
@@ -99,26 +111,20 @@ class ReferenceGenerator:
         inputs.max_acceleration = [self._settings.acceleration] * 3
         inputs.max_jerk = [self._settings.jerk] * 3
         inputs.synchronization = Synchronization.Phase
-        if self._translation.follow(inputs, time_ns):
-            self._goal = goal
+        self._change(inputs, time_ns, goal)
 
     def stop(self, time_ns: int) -> None:
         """Brake to a standstill, wherever that is."""
-        if self._goal is None or self._goal == ():
+        if self._track is None and (self._goal is None or self._goal == ()):
             return
-        inputs = self._translation.inputs(time_ns)
-        inputs.control_interface = ControlInterface.Velocity
-        inputs.target_velocity = [0.0, 0.0, 0.0]
-        inputs.max_acceleration = [self._settings.acceleration] * 3
-        inputs.max_jerk = [2.0 * self._settings.jerk] * 3
-        if self._translation.follow(inputs, time_ns):
-            self._goal = ()
+        inputs = _braking(self._present(time_ns), self._settings.acceleration, 2.0 * self._settings.jerk)
+        self._change(inputs, time_ns, ())
 
     def turn(self, time_ns: int, yaw: float) -> None:
         """Turn to a heading (rad) the shorter way."""
-        if abs(wrap(yaw - self._yaw_goal)) < 1e-3:
+        if self._yaw_goal is not None and abs(wrap(yaw - self._yaw_goal)) < 1e-3:
             return
-        inputs = self._heading.inputs(time_ns)
+        inputs = self._present_heading(time_ns)
         present = inputs.current_position[0]
         inputs.target_position = [present + wrap(yaw - present)]
         inputs.max_velocity = [math.radians(self._settings.yaw_rate_deg)]
@@ -127,17 +133,72 @@ class ReferenceGenerator:
         if self._heading.follow(inputs, time_ns):
             self._yaw_goal = yaw
 
+    def follow(self, time_ns: int, track: Track) -> None:
+        """Fly a track from its beginning, which is where the reference should be at rest."""
+        self._track = track
+        self._track_ns = time_ns
+
+    @property
+    def following(self) -> bool:
+        """A track, and no target."""
+        return self._track is not None
+
+    def remaining(self, time_ns: int) -> Track | None:
+        """What is left of the track that is being followed."""
+        return None if self._track is None else self._track.after((time_ns - self._track_ns) * 1e-9)
+
+    def rests(self, time_ns: int) -> bool:
+        """Nothing moves from then on."""
+        if self._track is not None:
+            return (time_ns - self._track_ns) * 1e-9 >= self._track.duration_s
+        return self._translation.ended(time_ns) and self._heading.ended(time_ns)
+
     def at(self, time_ns: int) -> Reference:
         """The reference at a time not before the last change."""
+        track = self._track
+        if track is not None:
+            motion = track.at((time_ns - self._track_ns) * 1e-9)
+            heading = motion[5].tolist() if track.along else self._heading_at(time_ns)
+            return Reference(motion[0], motion[1], motion[2], motion[3], motion[4], *heading)
         position, velocity, acceleration = self._translation.at(time_ns)
-        yaw, yaw_rate, yaw_acceleration = self._heading.at(time_ns)
         return Reference(
             np.array(position),
             np.array(velocity),
             np.array(acceleration),
             np.array(self._translation.jerk(time_ns)),
             np.zeros(3),
-            yaw[0],
-            yaw_rate[0],
-            yaw_acceleration[0],
+            *self._heading_at(time_ns),
         )
+
+    def _heading_at(self, time_ns: int) -> tuple[float, float, float]:
+        yaw, rate, acceleration = self._heading.at(time_ns)
+        return yaw[0], rate[0], acceleration[0]
+
+    def _present(self, time_ns: int) -> InputParameter:
+        """A calculation that starts from the present motion."""
+        present = self.at(time_ns)
+        inputs = InputParameter(3)
+        inputs.current_position = present.position_ned.tolist()
+        inputs.current_velocity = present.velocity_ned.tolist()
+        inputs.current_acceleration = present.acceleration_ned.tolist()
+        return inputs
+
+    def _present_heading(self, time_ns: int) -> InputParameter:
+        present = self.at(time_ns)
+        inputs = InputParameter(1)
+        inputs.current_position = [present.yaw]
+        inputs.current_velocity = [present.yaw_rate]
+        inputs.current_acceleration = [present.yaw_acceleration]
+        return inputs
+
+    def _change(self, inputs: InputParameter, time_ns: int, goal: tuple[float, ...]) -> None:
+        """Take up another motion if there is one, and leave the track if there was one."""
+        heading = self._present_heading(time_ns)
+        if not self._translation.follow(inputs, time_ns):
+            return
+        self._goal = goal
+        track, self._track = self._track, None
+        if track is not None and track.along:
+            acceleration = math.radians(self._settings.yaw_acceleration_deg)
+            self._heading.follow(_braking(heading, acceleration, 10.0 * acceleration), time_ns)
+            self._yaw_goal = None
