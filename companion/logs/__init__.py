@@ -1,0 +1,1 @@
+"""Logs after the flight: flown again, played, described, mended, converted, listed."""

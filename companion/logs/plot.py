@@ -1,0 +1,62 @@
+"""A picture of what would have been sent instead."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from companion.logs.difference import Series
+from protocol.flightlog import FlightLogError
+
+_MOST_PANELS = 8
+_NO_QUANTITY = frozenset(("time_boot_ms", "time_usec", "sequence", "tc1", "ts1"))
+
+
+def plot(series: Mapping[tuple[str, str], Series], title: str, path: Path) -> int:
+    """Save the fields that differ most, against how much they vary: as sent, as sent now, and the difference.
+
+    Returns how many there are; with none there is no file. Raises FlightLogError if it can't be written.
+    """
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    chosen = _most_different(series)
+    if not chosen:
+        return 0
+    figure, rows = pyplot.subplots(
+        len(chosen), 2, figsize=(12.0, 1.0 + 1.7 * len(chosen)), sharex=True, squeeze=False, layout="constrained"
+    )
+    for (left, right), (message, field) in zip(rows, chosen, strict=True):
+        each = series[message, field]
+        time_s = np.array(each.time_ns) * 1e-9
+        recorded, replayed = np.array(each.recorded), np.array(each.replayed)
+        left.plot(time_s, recorded, color="0.6", linewidth=2.0, label="sent in flight")
+        left.plot(time_s, replayed, color="tab:blue", linewidth=0.8, label="sent now")
+        left.set_ylabel(f"{message.lower()}\n{field}", fontsize=7)
+        right.plot(time_s, replayed - recorded, color="tab:red", linewidth=0.8)
+        for axes in (left, right):
+            axes.grid(alpha=0.3)
+            axes.tick_params(labelsize=7)
+    rows[0, 0].legend(fontsize=7, loc="best")
+    rows[0, 1].set_title("difference (now - then)", fontsize=8)
+    for axes in rows[-1]:
+        axes.set_xlabel("time, s", fontsize=8)
+    figure.suptitle(title, fontsize=9)
+    try:
+        figure.savefig(path, dpi=130)
+    except (OSError, ValueError) as error:
+        raise FlightLogError(f"{path}: {error}") from error
+    finally:
+        pyplot.close(figure)
+    return len(chosen)
+
+
+def _most_different(series: Mapping[tuple[str, str], Series]) -> list[tuple[str, str]]:
+    weights = {}
+    for key, each in series.items():
+        difference = np.abs(np.array(each.replayed) - np.array(each.recorded))
+        if key[1] not in _NO_QUANTITY and len(difference) > 1 and np.nanmax(difference) > 0.0:
+            weights[key] = float(np.nanmean(difference) / (np.nanstd(each.recorded) + 1e-9))
+    return sorted(sorted(weights, key=lambda key: -weights[key])[:_MOST_PANELS])

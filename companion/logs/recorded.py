@@ -1,0 +1,94 @@
+"""What a flight's log says of the flight itself: everything that its autopilot was made of."""
+
+import platform
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from companion.config import Settings, load_settings
+from companion.mission import Mission
+from companion.state import Output
+from protocol import datafile
+from protocol.body import Body
+from protocol.flightlog import FlightLogError, LogReader
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A log, and what its flight started with."""
+
+    log: LogReader
+    settings: Settings
+    body: Body
+    mission: Mission
+    output: Output
+    lockstep: bool
+    whole_datagrams: bool
+
+
+class _VehicleFile(msgspec.Struct, frozen=True):
+    body: Body
+
+
+def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[str] = ()) -> Recorded:
+    """The flight in a log with its own settings, or those of a file, either with `overrides` ("table.key=value").
+
+    Raises FlightLogError for a log that holds no flight of this companion, DataFileError for settings that don't fit.
+    """
+    log = LogReader(path)
+    flight = log.metadata.get("flight")
+    if flight is None:
+        raise FlightLogError(f"{path}: no flight of this companion, it does not say how it was flown")
+    if settings is not None:
+        chosen = load_settings(settings, list(overrides))
+    else:
+        tables = msgspec.json.decode(_attachment(log, "settings.json"), type=dict)
+        chosen = datafile.convert(tables, Settings, f"{path}, settings.json", overrides)
+    try:
+        output = Output(flight["output"])
+    except (KeyError, ValueError):
+        raise FlightLogError(f"{path}: no flight of this companion, its output is not known") from None
+    return Recorded(
+        log=log,
+        settings=chosen,
+        body=_table(log, "vehicle.toml", _VehicleFile).body,
+        mission=_table(log, "mission.toml", Mission),
+        output=output,
+        lockstep=flight.get("pace") == "lockstep",
+        whole_datagrams=flight.get("whole_datagrams") != "False",
+    )
+
+
+def other_versions(flight: Mapping[str, str]) -> list[str]:
+    """What differs between the software that flew (the log's metadata "flight") and this one, a line each."""
+    here = {"courier": metadata.version("courier-autopilot"), "python": platform.python_version()}
+    for name in ("control", "numba", "numpy", "pymavlink", "ruckig", "scipy"):
+        here[name] = metadata.version(name)
+    return [
+        f"flown with {name} {flight[name]}, this is {version}"
+        for name, version in here.items()
+        if flight.get(name, version) != version
+    ]
+
+
+def _attachment(log: LogReader, name: str) -> bytes:
+    try:
+        return log.attachments[name]
+    except KeyError:
+        raise FlightLogError(f"{log.path}: {name} is not attached, so the flight can't be flown again") from None
+
+
+def _table(log: LogReader, name: str, record: type[T]) -> T:
+    source = f"{log.path}, {name}"
+    try:
+        tables = tomllib.loads(_attachment(log, name).decode())
+    except ValueError as error:
+        raise FlightLogError(f"{source}: {error}") from error
+    return datafile.convert(tables, record, source)

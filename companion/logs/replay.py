@@ -1,0 +1,184 @@
+"""A flight flown again: the recorded events into a new autopilot, what it sends beside what was sent."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.autopilot import Autopilot, Datagram, Event, LogFault, Request, Tick
+from companion.logs.difference import Differ, Difference, Series
+from companion.logs.recorded import Recorded, open_flight, other_versions
+from companion.runner import LOG_FAULT, REQUEST, TICK, lockstep_time
+from companion.trace import TRACE
+from protocol.clock import RealClock
+from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record
+
+_MOST_BETWEEN = 2
+"""Records that follow each other in the file may be that far apart in their sequence: a line of progress is counted
+and not kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """How a flight went the second time."""
+
+    differences: list[Difference]
+    """None: every byte was the same."""
+    notes: list[str]
+    """What to know of the log: other versions, a cut, missing records."""
+    datagrams: int
+    """Compared; `bytes` in all."""
+    bytes: int
+    traces: int
+    """Control steps whose thoughts were compared, too; 0 for a log without them or with others than today's."""
+    flown_s: float
+    """From the first event to the last."""
+    wall_s: float
+    """What feeding and comparing them took."""
+    series: dict[tuple[str, str], Series]
+    """By message and field, if asked for."""
+
+    @property
+    def times_real_time(self) -> float:
+        """How many times as fast as the flight."""
+        return self.flown_s / self.wall_s if self.wall_s else 0.0
+
+
+def replay(
+    path: Path, settings: Path | None = None, overrides: Sequence[str] = (), *, keeps_series: bool = False
+) -> Replay:
+    """Fly the log's flight again, with other settings if any are given.
+
+    Raises FlightLogError for what is no log of a flight and DataFileError for settings that can't be used.
+    """
+    flight = open_flight(path, settings, overrides)
+    second = _Second(flight, keeps_series=keeps_series)
+    clock = RealClock()
+    second.fly()
+    wall_s = clock.now_ns() * 1e-9
+    differ = second.differ
+    if not differ.datagrams:
+        raise FlightLogError(f"{path}: there is nothing in it that was sent")
+    return Replay(
+        differences=differ.differences,
+        notes=[*other_versions(flight.log.metadata["flight"]), *second.notes],
+        datagrams=differ.datagrams,
+        bytes=differ.bytes,
+        traces=differ.traces,
+        flown_s=second.flown_s,
+        wall_s=wall_s,
+        series=dict(differ.series),
+    )
+
+
+class _Second:
+    """The second flight. Which event's answer goes into which datagram is as in `runner.Runner`."""
+
+    def __init__(self, flight: Recorded, *, keeps_series: bool) -> None:
+        self.differ = Differ(keeps_series=keeps_series)
+        self.notes: list[str] = []
+        self.flown_s = 0.0
+        self._flight = flight
+        self._autopilot = Autopilot(flight.settings, flight.body, flight.mission, flight.output)
+        self._somebody = False
+        """Whether there is anybody to send to yet."""
+        self._held = b""
+        """Answers that go out with the next tick's."""
+        self._due: list[tuple[int, bytes]] = []
+        """Sent now, and not yet seen in the log."""
+        self._traces: list[bytes] = []
+        self._compares_trace = False
+        self._now = 0
+
+    def fly(self) -> None:
+        """All events up to the log's end, or to where records are missing."""
+        log = self._flight.log
+        topics = log.topics
+        self._compares_trace = TRACE.topic in topics and topics[TRACE.topic].definition == TRACE.definition
+        if TRACE.topic in topics and not self._compares_trace:
+            self._say("the log's trace is not today's, and is not compared")
+        first_ns, last_ns, sequence = None, 0, None
+        wanted = [topic for topic in topics if not topic.startswith("/mavlink/")]
+        for record in log.records(wanted):
+            if sequence is not None and (record.sequence - sequence) & 0xFFFF_FFFF > _MOST_BETWEEN:
+                self._say(f"records are missing after {last_ns * 1e-9:.3f} s: flown again up to there")
+                break
+            sequence = record.sequence
+            if record.topic == TRACE.topic:
+                if self._compares_trace:
+                    self._trace(record)
+            elif self._event(record):
+                first_ns = record.time_ns if first_ns is None else first_ns
+                last_ns = record.time_ns
+        else:
+            if log.complete:
+                self._overdue()
+        if log.problem is not None:
+            self._say(log.problem)
+        dropped = log.metadata.get("flightlog end", {}).get("dropped", "0")
+        if dropped != "0":
+            self._say(f"{dropped} records were dropped in flight, so it can't come out the same")
+        self.flown_s = (last_ns - (first_ns or 0)) * 1e-9
+
+    def _say(self, note: str) -> None:
+        self.notes.append(note)
+
+    def _event(self, record: Record) -> bool:
+        """Whether it was one; what was sent is compared."""
+        now = record.time_ns
+        if record.topic == DATAGRAM.topic:
+            data = record.data[9 + int.from_bytes(record.data[1:5], "little") :]
+            if record.data[0] == Direction.OUT:
+                self._sent(now, data)
+            else:
+                self._datagram(now, data, has_sender=record.data[1:5] != bytes(4))
+        elif record.topic == TICK.topic:
+            self._overdue()
+            answer = self._held + self._take(Tick(now, TICK.unpack(record.data)["late_ns"]))
+            self._held = b""
+            self._send(now, answer)
+        elif record.topic == REQUEST.topic:
+            what = REQUEST.unpack(record.data)["what"]
+            fault = LogFault(now, what.removeprefix(LOG_FAULT)) if what.startswith(LOG_FAULT) else None
+            self._held += self._take(fault or Request(now))
+        else:
+            return False
+        return True
+
+    def _datagram(self, now: int, data: bytes, *, has_sender: bool) -> None:
+        self._overdue()
+        self._somebody = self._somebody or has_sender
+        answer = self._take(Datagram(now, data, self._flight.whole_datagrams))
+        if not self._flight.lockstep:
+            self._send(now, answer)
+        elif lockstep_time(data) is not None:
+            self._held += answer
+
+    def _take(self, event: Event) -> bytes:
+        reaction = self._autopilot.handle(event)
+        self._now = event.time_ns
+        if reaction.trace is not None:
+            self._traces.append(reaction.trace)
+        return reaction.datagram
+
+    def _send(self, now: int, data: bytes) -> None:
+        if data:
+            self._due.append((now, data))
+
+    def _sent(self, now: int, recorded: bytes) -> None:
+        self._somebody = True
+        replayed = self._due.pop(0)[1] if self._due else b""
+        self.differ.datagram(now, recorded, replayed)
+
+    def _overdue(self) -> None:
+        """The next event is there: what is still due was not sent the first time."""
+        if self._due and self._somebody:
+            for now, data in self._due:
+                self.differ.datagram(now, b"", data)
+        self._due.clear()
+        if self._compares_trace:
+            for data in self._traces:
+                self.differ.trace(self._now, b"", data)
+        self._traces.clear()
+
+    def _trace(self, record: Record) -> None:
+        self.differ.trace(record.time_ns, record.data, self._traces.pop(0) if self._traces else b"")

@@ -1,0 +1,71 @@
+"""A flight log made from another one: whole, indexed, in chunks of half a megabyte."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from protocol.flightlog import DATAGRAM, HEADER, LENGTH_OF_EMPTY, Direction, FlightLogError, RecordType
+from protocol.recorder import CHUNK_BYTES, McapFile, Messages
+
+
+class Writer:
+    """Use it as a context: left with an error, it takes its file away again.
+
+    Raises FlightLogError if the file is there already or can't be written.
+    """
+
+    def __init__(self, path: Path, epoch_ns: int, metadata: Mapping[str, Mapping[str, str]]) -> None:
+        self.path = path
+        self.count = 0
+        """Messages written, without those that `datagram` found in what it was given."""
+        self._epoch_ns = epoch_ns
+        self._channels: dict[str, int] = {}
+        try:
+            self._file = McapFile(path)
+        except OSError as error:
+            raise FlightLogError(f"{path}: {error.strerror or error}") from error
+        self._messages = Messages(self._file, preserves_datagrams=True)
+        self._file.add_metadata("flightlog", {"version": "1", "epoch_ns": str(epoch_ns)})
+        for name, table in metadata.items():
+            self._file.add_metadata(name, dict(table))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if error is not None:
+                raise error
+            self._file.end_chunk()
+            self._file.finish()
+        except OSError as failure:
+            self.path.unlink(missing_ok=True)
+            raise FlightLogError(f"{self.path}: {failure.strerror or failure}") from failure
+        except BaseException:
+            self.path.unlink(missing_ok=True)
+            raise
+
+    def attach(self, name: str, content: bytes) -> None:
+        """A file as it is."""
+        self._file.add_attachment(name, self._epoch_ns, content)
+
+    def record(self, kind: RecordType, time_ns: int, sequence: int, data: bytes) -> None:
+        """One message as `kind.pack` made it; time and sequence as in `flightlog.Record`."""
+        channel = self._channels.get(kind.topic)
+        if channel is None:
+            channel = self._channels[kind.topic] = self._file.add_channel(kind)
+        log_time = self._epoch_ns + time_ns
+        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), channel, sequence, log_time, log_time)
+        self._file.add_message(channel, log_time, header + data)
+        self.count += 1
+        if self._file.pending_bytes >= CHUNK_BYTES:
+            self._file.end_chunk()
+
+    def datagram(self, time_ns: int, sequence: int, direction: Direction, address: str, data: bytes) -> None:
+        """A datagram, and the messages in it under their own topics."""
+        record = DATAGRAM.pack(direction, address, data)
+        self.record(DATAGRAM, time_ns, sequence, record)
+        self._messages.add(record, sequence, self._epoch_ns + time_ns)
