@@ -34,7 +34,22 @@ LogFolder = Annotated[Path, typer.Option("--log", help="The folder in which the 
 SettingsFile = Annotated[Path | None, typer.Option("--settings", help="A TOML file of settings (docs/settings.md).")]
 Overrides = Annotated[
     list[str] | None,
-    typer.Option("--set", help="Change one setting: --set avoidance.lateral_margin=2.5", metavar="KEY=VALUE"),
+    typer.Option(
+        "--set",
+        help="Change one setting, or with mission. before it a key of the mission's file: "
+        "--set avoidance.lateral_margin=2.5 --set mission.speed=8",
+        metavar="KEY=VALUE",
+    ),
+]
+DemoOverrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Change one setting, or with vehicle., world. or mission. before it a key of that file: "
+        "--set avoidance.lateral_margin=2.5 --set vehicle.body.mass_kg=0.9. What is changed in vehicle and world "
+        "the simulator alone is told: the companion goes on to think that they are as the files say.",
+        metavar="KEY=VALUE",
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the end table as one JSON object.")]
 
@@ -47,7 +62,10 @@ def demo(
     seed: Annotated[int, typer.Option(help="Of the simulator's noise.", min=0)] = 1,
     log: LogFolder = Path("logs"),
     settings: SettingsFile = None,
-    overrides: Overrides = None,
+    overrides: DemoOverrides = None,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="Leave the true motion of every tick beside the log, as truth.npy.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
@@ -55,7 +73,7 @@ def demo(
     _say("getting ready (the first time on a machine, some 20 s of compiling)")
     from companion.demo import demo as fly_demo
 
-    verdict = _usable(fly_demo, plan, log, console=True)
+    verdict = _usable(fly_demo, plan, log, console=True, truth=truth)
     _print_table(verdict.table(), verdict.result.log, as_json)
     if not verdict.succeeded:
         _say(f"failed: {verdict.outcome}")
@@ -124,12 +142,16 @@ def _plan(
     def read() -> Any:
         from companion import mission as missions
         from companion.config import load_body, load_settings
+        from companion.demo import SIMULATOR_FILES
         from companion.flight import Plan, PlanError, check
         from companion.state import Output
         from protocol import datafile
 
-        read_settings = load_settings(settings, overrides or [])
-        flown, path = missions.load(mission)
+        changes = datafile.by_first_word(overrides or [], ("mission", *SIMULATOR_FILES))
+        if seed is None and any(changes[word] for word in SIMULATOR_FILES):
+            raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
+        read_settings = load_settings(settings, changes[""])
+        flown, path = missions.load(mission, changes["mission"])
         files = {
             "mission": path,
             "vehicle": datafile.find("vehicles", flown.vehicle),
@@ -139,7 +161,8 @@ def _plan(
             chosen = Output(output)
         except ValueError:
             raise PlanError(f"--output {output}: there are attitude, rates and actuators") from None
-        plan = Plan(read_settings, load_body(flown.vehicle), flown, chosen, _pace(pace), files, seed)
+        body, given = load_body(flown.vehicle), tuple(overrides or ())
+        plan = Plan(read_settings, body, flown, chosen, _pace(pace), files, seed, given)
         check(plan)
         return plan
 

@@ -1,5 +1,6 @@
 """One flight from settings to result: everything is checked and opened before the vehicle is asked for anything."""
 
+import json
 import os
 import platform
 import subprocess
@@ -44,6 +45,8 @@ class Plan:
     files: Mapping[str, Path]
     """Mission, vehicle and world, as they were found: attached to the log."""
     seed: int | None = None
+    overrides: tuple[str, ...] = ()
+    """All of `--set`, for the log; settings and mission have theirs already."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +186,7 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
         "output": plan.output.value,
         "pace": str(plan.pace),
         "seed": "" if plan.seed is None else str(plan.seed),
+        "overrides": json.dumps(plan.overrides),
         "started_unix_s": repr(began),
         "host": platform.platform(),
         "cpus": str(os.cpu_count()),
