@@ -1,11 +1,14 @@
 """The command line: `companion demo`, `companion fly`, `companion digest`."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from companion import cli_logs, cli_view
+from companion.shell import ABANDONED, FAILED, UNUSABLE, usable
+from companion.shell import say as _say
 
 app = typer.Typer(
     help="Fly a vehicle over MAVLink: LQR attitude control, backstepping position control, LiDAR avoidance.",
@@ -14,14 +17,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-
-FAILED = 1
-"""Exit code: the flight ended otherwise than it should."""
-UNUSABLE = 2
-"""Exit code: nothing was flown, because a file, a setting or an address can't be used."""
-
-ABANDONED = 130
-"""Exit code: interrupted for the second time."""
 
 MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
 OutputName = Annotated[
@@ -66,6 +61,7 @@ def demo(
     truth: Annotated[
         bool, typer.Option("--truth", help="Leave the true motion of every tick beside the log, as truth.npy.")
     ] = False,
+    report: Annotated[bool, typer.Option(help="Write report.html beside the log.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
@@ -75,6 +71,10 @@ def demo(
 
     verdict = _usable(fly_demo, plan, log, console=True, truth=truth)
     _print_table(verdict.table(), verdict.result.log, as_json)
+    if report:
+        from companion.view.report import write
+
+        _say(f"report: {_usable(write, verdict.result.log)}")
     if not verdict.succeeded:
         _say(f"failed: {verdict.outcome}")
         raise typer.Exit(FAILED)
@@ -129,6 +129,10 @@ def digest(log: Annotated[Path, typer.Argument(help="A flight.mcap.")]) -> None:
         raise typer.Exit(UNUSABLE)
     for direction, value in hashes.items():
         typer.echo(f"{direction.name.lower():3} {value}")
+
+
+cli_logs.register(app)
+cli_view.register(app)
 
 
 def main() -> None:
@@ -186,18 +190,9 @@ def _pace(text: str) -> Any:
 
 
 def _usable(function: Any, *arguments: Any, **options: Any) -> Any:
-    """Call it; what can't be used ends the program with one line and exit code 2."""
-    from companion.flight import PlanError
-    from companion.rehearsal import RehearsalError
-    from protocol.datafile import DataFileError
-    from protocol.flightlog import FlightLogError
-    from protocol.transport import TransportError
-
+    """As `shell.usable`, for what flies."""
     try:
-        return function(*arguments, **options)
-    except (DataFileError, FlightLogError, PlanError, RehearsalError, TransportError) as error:
-        _say(f"companion: {error}")
-        raise typer.Exit(UNUSABLE) from None
+        return usable(function, *arguments, **options)
     except KeyboardInterrupt:
         _say("companion: abandoned; a vehicle in the air holds and lands by itself")
         raise typer.Exit(ABANDONED) from None
@@ -215,7 +210,3 @@ def _print_table(values: dict[str, object], log: Path, as_json: bool) -> None:
         table.add_row(name.replace("_", " "), ", ".join(map(str, value)) if isinstance(value, list) else str(value))
     Console().print(table)
     typer.echo(f"log: {log}")
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)  # noqa: T201

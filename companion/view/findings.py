@@ -1,0 +1,344 @@
+"""What is to be said about a flight, in words, each with the figures that it rests on."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+
+from companion.config import Settings
+from companion.mission import Phase
+from companion.supervisor import State
+from companion.view.gather import Gathered, Worst
+from companion.view.lines import Stretch
+
+_MATTERS_FROM_S = 0.05
+"""A gap is judged in streams that come at least this often; slower ones are not flown by."""
+_GAPS = 10.0
+"""A gap is so many times the usual interval."""
+_SATURATED = 0.98
+_VIBRATION_NOTE, _VIBRATION_WARNING = 30.0, 60.0
+"""m/s2: the bounds that ArduPilot's documentation gives for VIBRATION's three values."""
+_SHAKING_FROM_HZ = 20.0
+_SHAKING_RAD_S = 0.35
+"""rms of the body rates above _SHAKING_FROM_HZ: a smooth quadrotor stays well below, 20 deg/s is felt and heard."""
+_ERROR_WARNING_M = 0.5
+_LOW_BATTERY = 20.0
+_MOST_EVENTS = 600
+
+
+class Level(Enum):
+    """How much it matters; the page shows the worst first."""
+
+    PROBLEM = "problem"
+    WARNING = "warning"
+    NOTE = "note"
+    GOOD = "good"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One sentence that stands by itself, and its evidence."""
+
+    level: Level
+    about: str
+    text: str
+    evidence: tuple[str, ...] = ()
+    at: tuple[float, ...] = ()
+    """Times (s) worth a look, most telling first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A line of the flight's story."""
+
+    time: float
+    level: int
+    source: str
+    text: str
+
+
+def findings(flight: Gathered) -> list[Finding]:
+    """All that apply, the worst first."""
+    judges: tuple[Callable[[Gathered], list[Finding]], ...] = (
+        _outcome,
+        _file,
+        _failsafes,
+        _clearance,
+        _tracking,
+        _saturation,
+        _outputs,
+        _gaps,
+        _deadlines,
+        _interventions,
+        _jumps,
+        _vibration,
+        _battery,
+    )
+    found = [finding for judge in judges for finding in judge(flight)]
+    order = list(Level)
+    return sorted(found, key=lambda finding: order.index(finding.level))
+
+
+def _at(seconds: float) -> str:
+    return f"{seconds:.2f} s"
+
+
+def _times(count: int, what: str) -> str:
+    return f"one {what}" if count == 1 else f"{count} {what}s"
+
+
+def _outcome(flight: Gathered) -> list[Finding]:
+    result = flight.log.metadata.get("result")
+    if result is None:
+        return []
+    fault = result.get("fault", "")
+    if fault:
+        at = [text.time for text in flight.texts if text.text == fault]
+        return [Finding(Level.PROBLEM, "outcome", f"The flight failed: {fault}.", at=tuple(at[:1]))]
+    landed = "landed and disarmed" if result.get("landed") == "True" else "not seen to land"
+    delivered = "delivered its parcel, " if result.get("delivered") == "True" else ""
+    level = Level.GOOD if result.get("landed") == "True" else Level.WARNING
+    return [Finding(level, "outcome", f"The flight ended as planned: {delivered}{landed}.")]
+
+
+def _file(flight: Gathered) -> list[Finding]:
+    found = []
+    if flight.log.problem is not None:
+        found.append(Finding(Level.WARNING, "log", f"The log is not whole: {flight.log.problem}."))
+    end = flight.log.metadata.get("flightlog end", {})
+    lost = {name: int(end.get(name, "0")) for name in ("dropped", "lost", "undecoded")}
+    if any(lost.values()):
+        figures = ", ".join(f"{count} {name}" for name, count in lost.items())
+        found.append(Finding(Level.WARNING, "log", "Not every record reached the log.", (figures,)))
+    return found
+
+
+def _failsafes(flight: Gathered) -> list[Finding]:
+    found = []
+    bad = {State.HOLD.value: "held", State.WITHDRAW.value: "asked the vehicle to hold", State.RELEASED.value: "let go"}
+    for stretch in flight.states.finish():
+        if stretch.value in bad:
+            text = f"The companion {bad[stretch.value]} for {stretch.seconds:.1f} s."
+            found.append(Finding(Level.WARNING, "failsafe", text, (f"from {_at(stretch.start)}",), (stretch.start,)))
+    for sender, stretches in flight.critical.items():
+        for stretch in stretches.finish():
+            if stretch.value:
+                text = f"The vehicle {sender} reported a critical state for {stretch.seconds:.1f} s."
+                found.append(
+                    Finding(Level.PROBLEM, "failsafe", text, (f"from {_at(stretch.start)}",), (stretch.start,))
+                )
+    return found[:20]
+
+
+def _clearance(flight: Gathered) -> list[Finding]:
+    if flight.least_clearance is None:
+        return []
+    least, at = flight.least_clearance
+    wanted = _settings(flight).avoidance.safe_distance
+    text = f"Nothing was seen nearer than {least:.2f} m to the hull."
+    total = int(flight.clearance_counts.sum())
+    near = int(flight.clearance_counts[: int(wanted / 0.25)].sum())
+    share = f"{100.0 * near / total:.1f} % of the control steps with something in sight were within {wanted:g} m"
+    level = Level.PROBLEM if least <= 0.1 else Level.WARNING if least < 0.5 * wanted else Level.GOOD
+    return [Finding(level, "clearance", text, (f"at {_at(at)}", share), (at,))]
+
+
+def _tracking(flight: Gathered) -> list[Finding]:
+    if not flight.tracking:
+        return []
+    worst = max(flight.tracking.values(), key=lambda errors: errors.largest)
+    rows = []
+    for number, errors in sorted(flight.tracking.items()):
+        north, east, down = 100.0 * errors.rms_ned
+        rows.append(
+            f"{phase_name(number)}: rms {north:.1f}, {east:.1f}, {down:.1f} cm (north, east, down), "
+            f"largest {100.0 * errors.largest:.1f} cm at {_at(errors.largest_at)}"
+        )
+    level = Level.WARNING if worst.largest > _ERROR_WARNING_M else Level.GOOD
+    text = f"The reference was followed to within {100.0 * worst.largest:.1f} cm."
+    return [Finding(level, "tracking", text, tuple(rows), (worst.largest_at,))]
+
+
+def _saturation(flight: Gathered) -> list[Finding]:
+    if not flight.has_trace:
+        return []
+    stretches = [stretch for stretch in flight.limited.finish() if stretch.value]
+    seconds = flight.limited.seconds.get(1, 0.0)
+    count = flight.limited.count.get(1, 0)
+    if not count:
+        return [Finding(Level.GOOD, "saturation", "No limit on thrust or tilt was reached.")]
+    longest = max(stretches, key=lambda stretch: stretch.seconds)
+    total = seconds + flight.limited.seconds.get(0, 0.0)
+    text = f"A limit on thrust or tilt was reached {_times(count, 'time')}, {seconds:.2f} s in all."
+    evidence = f"{100.0 * seconds / max(total, 1e-9):.1f} % of the flight; longest {longest.seconds:.2f} s"
+    level = Level.WARNING if longest.seconds > 0.5 else Level.NOTE
+    return [Finding(level, "saturation", text, (f"{evidence} from {_at(longest.start)}",), (longest.start,))]
+
+
+def _outputs(flight: Gathered) -> list[Finding]:
+    """Of what is commanded in fractions of the whole; the motors' own pulses depend on the make."""
+    found = []
+    for name, quantity in (("torque", "torque_command"), ("thrust", "thrust_command")):
+        for key, line in flight.lines.items():
+            if not key.startswith(f"trace:{quantity}"):
+                continue
+            times, values = line.points()
+            full = np.flatnonzero(np.abs(values) >= _SATURATED)
+            if len(full):
+                axis = {"0": "roll ", "1": "pitch ", "2": "yaw "}.get(key.rpartition(".")[2], "")
+                text = f"The {axis}{name} command reached the end of its range."
+                evidence = f"{np.abs(values).max():.2f} of the whole, first at {_at(times[full[0]])}"
+                found.append(Finding(Level.WARNING, "saturation", text, (evidence,), (float(times[full[0]]),)))
+    return found
+
+
+def _gaps(flight: Gathered) -> list[Finding]:
+    found = []
+    judged = 0
+    for topic, clock in sorted(flight.clocks.items()):
+        parts = topic.split("/")
+        if len(parts) != 5 or parts[1] != "mavlink" or f"{parts[2]}/{parts[3]}" != flight.vehicle or clock.count < 20:
+            continue
+        usual = clock.quantile(0.5)
+        if usual > _MATTERS_FROM_S:
+            continue
+        judged += 1
+        limit = max(_GAPS * usual, 0.1)
+        gaps = [gap for gap in clock.gaps if gap[0] > limit]
+        if not gaps:
+            continue
+        rows = tuple(f"{seconds * 1e3:.0f} ms from {_at(start)}" for seconds, start in gaps)
+        text = f"{parts[4]} paused for up to {gaps[0][0]:.2f} s; it usually comes every {usual * 1e3:.1f} ms."
+        level = Level.WARNING if gaps[0][0] > 0.25 else Level.NOTE
+        found.append(Finding(level, "telemetry", text, rows, tuple(start for _, start in gaps)))
+    lost = flight.log.metadata.get("result", {}).get("messages_lost", "0")
+    if lost.isdigit() and int(lost):
+        text = f"{lost} messages of the vehicle were lost on the way, by their sequence numbers."
+        found.append(Finding(Level.WARNING, "telemetry", text))
+    if judged and not found:
+        found.append(Finding(Level.GOOD, "telemetry", f"No gap in {_times(judged, 'stream')} of telemetry."))
+    return found
+
+
+def _deadlines(flight: Gathered) -> list[Finding]:
+    p50, p99 = flight.latency_quantile(0.5), flight.latency_quantile(0.99)
+    evidence = () if p50 is None or p99 is None else (f"attitude to command: median {p50:.0f} us, 99 % {p99:.0f} us",)
+    if flight.late.count:
+        worst, at = flight.late.examples[0]
+        text = f"The loop was more than 2 ms late {_times(flight.late.count, 'time')}, {worst * 1e3:.1f} ms at most."
+        rows = tuple(f"{late * 1e3:.1f} ms at {_at(when)}" for late, when in flight.late.examples)
+        level = Level.WARNING if worst > 0.02 else Level.NOTE
+        return [Finding(level, "deadlines", text, (*rows, *evidence), (at,))]
+    if flight.has_trace:
+        return [Finding(Level.GOOD, "deadlines", "No deadline of the loop was missed.", evidence)]
+    return []
+
+
+def _interventions(flight: Gathered) -> list[Finding]:
+    stretches = [stretch for stretch in flight.blocked.finish() if stretch.value]
+    if not stretches:
+        return []
+    count, seconds = flight.blocked.count[1], flight.blocked.seconds[1]
+    longest = sorted(stretches, key=lambda stretch: -stretch.seconds)[:5]
+    rows = tuple(f"{stretch.seconds:.1f} s from {_at(stretch.start)}" for stretch in longest)
+    text = f"Avoidance steered away from the route {_times(count, 'time')}, {seconds:.1f} s in all."
+    return [Finding(Level.NOTE, "avoidance", text, rows, tuple(stretch.start for stretch in longest))]
+
+
+def _jumps(flight: Gathered) -> list[Finding]:
+    found = []
+    for what, unit, scale, worsts in (
+        ("position", "m", 1.0, flight.position_jumps),
+        ("attitude", "deg", 180.0 / np.pi, flight.attitude_jumps),
+    ):
+        worst = worsts.get(flight.vehicle, Worst())
+        if not worst.count:
+            continue
+        rows = tuple(f"{size * scale:.2f} {unit} at {_at(at)}" for size, at in worst.examples)
+        source = "velocity" if what == "position" else "body rates"
+        text = f"The estimated {what} jumped {_times(worst.count, 'time')} by more than its {source} can explain."
+        found.append(Finding(Level.WARNING, "estimator", text, rows, tuple(at for _, at in worst.examples)))
+    if not found and flight.vehicle in flight.position_jumps:
+        found.append(Finding(Level.GOOD, "estimator", "The estimated position and attitude never jumped."))
+    return found
+
+
+def _vibration(flight: Gathered) -> list[Finding]:
+    found = []
+    lines = [(key, line.points()) for key, line in flight.lines.items() if "/VIBRATION:vibration" in key]
+    peaks = [(float(values.max()), float(times[values.argmax()])) for _, (times, values) in lines if len(values)]
+    if peaks and max(peaks)[0] > 0.0:
+        level_m_s2, at = max(peaks)
+        level = (
+            Level.WARNING
+            if level_m_s2 > _VIBRATION_WARNING
+            else Level.NOTE
+            if level_m_s2 > _VIBRATION_NOTE
+            else Level.GOOD
+        )
+        text = f"Vibration of the inertial sensors reached {level_m_s2:.1f} m/s2."
+        found.append(Finding(level, "vibration", text, (f"at {_at(at)}; up to {_VIBRATION_NOTE:g} is usual",), (at,)))
+    spectrum = flight.rates if flight.rates.segments else None
+    if spectrum is not None and spectrum.segments:
+        rms = spectrum.rms_above(_SHAKING_FROM_HZ)
+        level = Level.WARNING if rms.max() > _SHAKING_RAD_S else Level.GOOD
+        roll, pitch, yaw = np.degrees(rms)
+        text = f"Body rates above {_SHAKING_FROM_HZ:g} Hz: {np.degrees(rms.max()):.2f} deg/s rms on the worst axis."
+        found.append(Finding(level, "vibration", text, (f"roll {roll:.2f}, pitch {pitch:.2f}, yaw {yaw:.2f} deg/s",)))
+    return found
+
+
+def _battery(flight: Gathered) -> list[Finding]:
+    for message in ("BATTERY_STATUS", "SYS_STATUS"):
+        remaining = flight.lines.get(f"{flight.vehicle}/{message}:remaining")
+        if remaining is None:
+            continue
+        times, values = remaining.points()
+        if not len(values):
+            continue
+        lowest = float(values.min())
+        level = Level.WARNING if lowest < _LOW_BATTERY else Level.GOOD
+        text = f"The battery went from {values[0]:.0f} % to {values[-1]:.0f} %."
+        return [Finding(level, "power", text, (f"lowest {lowest:.0f} %",), (float(times[values.argmin()]),))]
+    return []
+
+
+def _settings(flight: Gathered) -> Settings:
+    """As they were flown; the defaults where the log has none that this version reads."""
+    try:
+        return msgspec.json.decode(flight.log.attachments.get("settings.json", b"{}"), type=Settings, strict=False)
+    except msgspec.MsgspecError:
+        return Settings()
+
+
+def phase_name(number: int) -> str:
+    """Of a phase in the trace, in words."""
+    known = {phase.value: phase.name.lower() for phase in Phase}
+    return known.get(number, f"phase {number}")
+
+
+def state_name(number: int) -> str:
+    """Of a state in the trace, in words."""
+    known = {state.value: state.name.lower() for state in State}
+    return known.get(number, f"state {number}")
+
+
+def events(flight: Gathered) -> list[Event]:
+    """What was said and what changed, in order of time; the first _MOST_EVENTS."""
+    said = flight.texts or flight.vehicle_texts
+    story = [Event(text.time, text.level, text.source, text.text) for text in said]
+    story += _changes(flight.phases.finish(), "phase", phase_name)
+    for sender, stretches in flight.modes.items():
+        story += _changes(stretches.finish(), f"mode of {sender}", lambda mode: flight.mode_names.get(mode, str(mode)))
+    for sender, stretches in flight.armed.items():
+        story += _changes(stretches.finish(), sender, lambda armed: "armed" if armed else "disarmed")
+    return sorted(story, key=lambda event: event.time)[:_MOST_EVENTS]
+
+
+def _changes(stretches: list[Stretch], source: str, name: Callable[[int], str]) -> list[Event]:
+    changes = [(after.start, after.value) for before, after in pairwise(stretches) if before.value != after.value]
+    first = [(stretches[0].start, stretches[0].value)] if stretches else []
+    return [Event(at, 2, source, name(value)) for at, value in (*first, *changes)]

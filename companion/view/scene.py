@@ -1,0 +1,103 @@
+"""What stands in the world, for drawing only: the log carries the world's file as it was flown."""
+
+import tomllib
+from dataclasses import dataclass
+from math import atan2, cos, hypot, pi, radians, sin
+from typing import Any
+
+Place = tuple[float, float]
+
+SIDES = 16
+"""A round thing is drawn with so many."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prism:
+    """An upright obstacle: its outline from above and how high it is from and to (m above the ground)."""
+
+    name: str
+    outline: tuple[Place, ...]
+    """North, east (m), clockwise from above."""
+    bottom: float
+    top: float
+    round: bool
+
+
+def solids(world: bytes) -> list[Prism]:
+    """The boxes, walls, cylinders and trees of a world file; what it can't make sense of is left out, all of it for a
+    file that is no TOML."""
+    try:
+        tables = tomllib.loads(world.decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return []
+    found: list[Prism] = []
+    for kind, make in (("box", _box), ("wall", _wall), ("cylinder", _cylinder), ("tree", _tree)):
+        for table in tables.get(kind, ()):
+            try:
+                found += make(table)
+            except (KeyError, TypeError, ValueError):
+                continue
+    return found
+
+
+def origin(world: bytes) -> tuple[float, float, float] | None:
+    """Latitude and longitude (rad) and altitude (m) of the take-off point, or None if the file does not say."""
+    try:
+        table = tomllib.loads(world.decode())["origin"]
+        return radians(table["latitude_deg"]), radians(table["longitude_deg"]), float(table["altitude_m"])
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, KeyError, TypeError):
+        return None
+
+
+def _span(table: dict[str, Any]) -> tuple[float, float]:
+    height = table["height"]
+    return (float(height[0]), float(height[1])) if isinstance(height, list) else (0.0, float(height))
+
+
+def _turned(center: Place, along: float, across: float, yaw: float) -> tuple[Place, ...]:
+    corners = ((along, across), (-along, across), (-along, -across), (along, -across))
+    north, east = center
+    return tuple((north + cos(yaw) * a - sin(yaw) * b, east + sin(yaw) * a + cos(yaw) * b) for a, b in corners)
+
+
+def _circle(center: Place, radius: float) -> tuple[Place, ...]:
+    turns = (2.0 * pi * side / SIDES for side in range(SIDES))
+    return tuple((center[0] + radius * cos(turn), center[1] + radius * sin(turn)) for turn in turns)
+
+
+def _box(table: dict[str, Any]) -> list[Prism]:
+    along, across = table["size"]
+    outline = _turned(table["center"], along / 2.0, across / 2.0, radians(table.get("yaw_deg", 0.0)))
+    return [Prism(str(table["name"]), outline, *_span(table), round=False)]
+
+
+def _wall(table: dict[str, Any]) -> list[Prism]:
+    (north, east), (to_north, to_east) = table["start"], table["end"]
+    length, yaw = hypot(to_north - north, to_east - east), atan2(to_east - east, to_north - north)
+    center = ((north + to_north) / 2.0, (east + to_east) / 2.0)
+    outline = _turned(center, length / 2.0, table["thickness"] / 2.0, yaw)
+    return [Prism(str(table["name"]), outline, *_span(table), round=False)]
+
+
+def _cylinder(table: dict[str, Any]) -> list[Prism]:
+    return [Prism(str(table["name"]), _circle(table["center"], table["radius"]), *_span(table), round=True)]
+
+
+def _tree(table: dict[str, Any]) -> list[Prism]:
+    bottom, top = _span(table)
+    name = str(table["name"])
+    trunk = Prism(name, _circle(table["center"], table["trunk_radius"]), 0.0, bottom, round=True)
+    return [trunk, Prism(name, _circle(table["center"], table["crown_radius"]), bottom, top, round=True)]
+
+
+def mesh(prism: Prism) -> tuple[list[tuple[float, float, float]], list[tuple[int, int, int]]]:
+    """Corners (east, north, up) and triangles, turned outwards, of a prism with a convex outline."""
+    count = len(prism.outline)
+    corners = [(east, north, height) for height in (prism.bottom, prism.top) for north, east in prism.outline]
+    faces: list[tuple[int, int, int]] = []
+    for side in range(count):
+        after = (side + 1) % count
+        faces += [(side, side + count, after), (after, side + count, after + count)]
+    for corner in range(1, count - 1):
+        faces += [(0, corner, corner + 1), (count, count + corner + 1, count + corner)]
+    return corners, faces
