@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from companion.shell import FAILED, UNUSABLE, say, usable
+from companion.shell import ABANDONED, FAILED, UNUSABLE, say, usable
 
 if TYPE_CHECKING:
     from companion.logs.info import Info
@@ -22,7 +22,7 @@ _NO_TERMINAL_WIDTH = 200
 
 def register(app: typer.Typer) -> None:
     """Put the commands onto the program's."""
-    for command in (replay, info, repair):
+    for command in (replay, play, info, repair, convert, logs):
         app.command()(command)
 
 
@@ -180,6 +180,75 @@ def repair(
     else:
         typer.echo(f"kept: {result.kept} messages up to {result.last_s:.3f} s")
         typer.echo(f"log: {result.target}")
+
+
+def play(
+    log: LogFile,
+    to: Annotated[str, typer.Option(help="Who is told: udpout:HOST:PORT, or another URL as of fly.")] = (
+        "udpout:127.0.0.1:14550"
+    ),
+    speed: Annotated[float, typer.Option(help="How many times as fast as it was.")] = 1.0,
+    start: Annotated[float, typer.Option("--from", help="Seconds of the log to leave out.", min=0.0)] = 0.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Again and again, until Ctrl-C.")] = False,
+) -> None:
+    """Send the recorded vehicle's traffic again with its own timing, so that a ground station or the viewer sees the
+    flight."""
+    from companion.logs.play import play as send_again
+    from protocol.transport import open_url
+
+    path = _file(log)
+    if not 0.0 < speed < float("inf"):
+        say(f"companion: --speed {speed:g}: not a positive number")
+        raise typer.Exit(UNUSABLE)
+    transport = usable(open_url, to)
+    try:
+        played = usable(
+            send_again,
+            path,
+            transport,
+            speed=speed,
+            start_s=start,
+            loop=loop,
+            progress=lambda time_s: typer.echo(f"\r{time_s:9.1f} s", err=True, nl=False),
+        )
+    except KeyboardInterrupt:
+        say("")
+        raise typer.Exit(ABANDONED) from None
+    finally:
+        transport.close()
+    say("")
+    typer.echo(f"{played.datagrams} datagrams ({played.bytes} bytes), {played.played_s:.1f} s of the log, to {to}")
+
+
+def convert(
+    log: LogFile,
+    to: Annotated[Path, typer.Argument(help="A new file .mcap, .tlog or .ulg; a new folder for --as csv or parquet.")],
+    form: Annotated[
+        str | None, typer.Option("--as", help="mcap, tlog, ulog, csv or parquet, where TO's name does not say it.")
+    ] = None,
+) -> None:
+    """Write a log in another form: telemetry logs (.tlog) to flight logs (.mcap) and back, a CSV or Parquet file for
+    each kind of message, ULog."""
+    from companion.logs.convert import convert as write
+
+    for line in usable(write, _file(log), to, form):
+        typer.echo(line)
+
+
+def logs(
+    folder: Annotated[Path, typer.Argument(help="Where to look, folders in it included.")] = Path("logs"),
+    as_json: AsJson = False,
+) -> None:
+    """List the logs in a folder: date, mission, result, duration, distance, least clearance, faults. What it finds is
+    kept in an index there, and looked up again only for logs that have changed."""
+    from companion.logs.index import listing
+
+    rows = usable(listing, folder)
+    if as_json:
+        typer.echo(json.dumps([row.table() for row in rows]))
+        return
+    headers = ("log", "date", "mission", "result", "duration, s", "distance, m", "clearance, m", "faults")
+    _table(headers, [row.cells() for row in rows])
 
 
 def _file(log: Path) -> Path:

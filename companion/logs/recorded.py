@@ -38,7 +38,8 @@ class _VehicleFile(msgspec.Struct, frozen=True):
 
 
 def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[str] = ()) -> Recorded:
-    """The flight in a log with its own settings, or those of a file, either with `overrides` ("table.key=value").
+    """The flight in a log with its own settings, or those of a file, either with `overrides`: "table.key=value", with
+    "mission." before it for the mission.
 
     Raises FlightLogError for a log that holds no flight of this companion, DataFileError for settings that don't fit.
     """
@@ -46,11 +47,15 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
     flight = log.metadata.get("flight")
     if flight is None:
         raise FlightLogError(f"{path}: no flight of this companion, it does not say how it was flown")
+    changes = datafile.by_first_word(overrides, ("mission",))
     if settings is not None:
-        chosen = load_settings(settings, list(overrides))
+        chosen = load_settings(settings, changes[""])
     else:
         tables = msgspec.json.decode(_attachment(log, "settings.json"), type=dict)
-        chosen = datafile.convert(tables, Settings, f"{path}, settings.json", overrides)
+        chosen = datafile.convert(tables, Settings, f"{path}, settings.json", changes[""])
+    flown_with = datafile.by_first_word(
+        msgspec.json.decode(flight.get("overrides", "[]"), type=list[str]), ("mission",)
+    )
     try:
         output = Output(flight["output"])
     except (KeyError, ValueError):
@@ -59,7 +64,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         log=log,
         settings=chosen,
         body=_table(log, "vehicle.toml", _VehicleFile).body,
-        mission=_table(log, "mission.toml", Mission),
+        mission=_table(log, "mission.toml", Mission, [*flown_with["mission"], *changes["mission"]]),
         output=output,
         lockstep=flight.get("pace") == "lockstep",
         whole_datagrams=flight.get("whole_datagrams") != "False",
@@ -85,10 +90,10 @@ def _attachment(log: LogReader, name: str) -> bytes:
         raise FlightLogError(f"{log.path}: {name} is not attached, so the flight can't be flown again") from None
 
 
-def _table(log: LogReader, name: str, record: type[T]) -> T:
+def _table(log: LogReader, name: str, record: type[T], overrides: Sequence[str] = ()) -> T:
     source = f"{log.path}, {name}"
     try:
         tables = tomllib.loads(_attachment(log, name).decode())
     except ValueError as error:
         raise FlightLogError(f"{source}: {error}") from error
-    return datafile.convert(tables, record, source)
+    return datafile.convert(tables, record, source, overrides)

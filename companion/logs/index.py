@@ -1,0 +1,163 @@
+"""Many logs: what each came to, from an index that is made anew where it is stale."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from companion.logs.info import Info, info
+from companion.logs.traffic import open_traffic
+from companion.summary import summarize
+from companion.trace import TRACE
+from protocol.flightlog import Direction, FlightLogError
+from protocol.framing import Framer
+from protocol.messages import decode, dialect
+
+INDEX_NAME = "index.json"
+_VERSION = 1
+_SUFFIXES = frozenset((".mcap", ".tlog"))
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One log; None for what it does not say."""
+
+    log: str
+    """Path from the folder that is listed."""
+    started_unix_s: float | None
+    mission: str | None
+    result: str
+    """"delivered", "landed", a fault, "unfinished", or "unreadable"; "recorded" for another system's log."""
+    duration_s: float
+    distance_m: float | None
+    clearance_m: float | None
+    """Least distance from the hull to a return of the ring, in flight."""
+    faults: tuple[str, ...]
+
+    def table(self) -> dict[str, object]:
+        """Names and values for JSON."""
+        return msgspec.structs.asdict(self)
+
+    def cells(self) -> tuple[str, ...]:
+        """For a table of text."""
+        date = "-"
+        if self.started_unix_s is not None:
+            date = datetime.fromtimestamp(self.started_unix_s).strftime("%Y-%m-%d %H:%M:%S")
+        numbers = (f"{self.duration_s:.1f}", _text(self.distance_m, 1), _text(self.clearance_m, 2))
+        return (self.log, date, self.mission or "-", self.result, *numbers, "; ".join(self.faults) or "-")
+
+
+class _Entry(msgspec.Struct, frozen=True):
+    size: int
+    changed_ns: int
+    row: Row
+
+
+class _Index(msgspec.Struct, frozen=True):
+    version: int
+    entries: dict[str, _Entry]
+
+
+def listing(folder: Path) -> list[Row]:
+    """All logs in the folder and those in it, the newest first. Raises FlightLogError if it isn't a folder."""
+    if not folder.is_dir():
+        raise FlightLogError(f"{folder}: no such folder")
+    known = _read(folder / INDEX_NAME)
+    entries: dict[str, _Entry] = {}
+    for path in _logs(folder):
+        name = str(path.relative_to(folder))
+        with contextlib.suppress(OSError):  # gone meanwhile
+            state = path.stat()
+            entry = known.get(name)
+            if entry is None or (entry.size, entry.changed_ns) != (state.st_size, state.st_mtime_ns):
+                entry = _Entry(state.st_size, state.st_mtime_ns, describe(path, name))
+            entries[name] = entry
+    if entries != known:
+        _write(folder / INDEX_NAME, entries)
+    return sorted((entry.row for entry in entries.values()), key=lambda row: (-(row.started_unix_s or 0.0), row.log))
+
+
+def _logs(folder: Path) -> Iterator[Path]:
+    return (path for path in sorted(folder.rglob("*")) if path.suffix in _SUFFIXES and path.is_file())
+
+
+def _read(path: Path) -> dict[str, _Entry]:
+    """Nothing if there is none, or one of another version, or a broken one."""
+    with contextlib.suppress(OSError, msgspec.DecodeError):
+        index = msgspec.json.decode(path.read_bytes(), type=_Index)
+        if index.version == _VERSION:
+            return index.entries
+    return {}
+
+
+def _write(path: Path, entries: dict[str, _Entry]) -> None:
+    """Whole or not at all; a folder that can't be written to is listed all the same."""
+    draft = path.with_name(f"{path.name}.{os.getpid()}")
+    with contextlib.suppress(OSError):
+        draft.write_bytes(msgspec.json.encode(_Index(_VERSION, entries)))
+        draft.replace(path)
+
+
+def describe(path: Path, name: str) -> Row:
+    """One log's row; of a log that can't be read it says so."""
+    try:
+        found = info(path)
+    except FlightLogError as error:
+        return Row(name, None, None, "unreadable", 0.0, None, None, (str(error),))
+    distance, clearance = _flown(found)
+    problem = (found.problem.removeprefix(f"{path}: "),) if found.problem else ()
+    fault = (found.result["fault"],) if found.result.get("fault") else ()
+    return Row(
+        log=name,
+        started_unix_s=found.started_unix_s,
+        mission=found.flight.get("mission"),
+        result=_result(found),
+        duration_s=round(found.duration_s, 3),
+        distance_m=distance,
+        clearance_m=clearance,
+        faults=(*fault, *problem),
+    )
+
+
+def _result(found: Info) -> str:
+    result = found.result
+    if not found.flight:
+        return "recorded"
+    if not result:
+        return "unfinished"
+    if result.get("fault"):
+        return "failed"
+    return "delivered" if result.get("delivered") == "True" else "landed" if result.get("landed") == "True" else "ended"
+
+
+def _flown(found: Info) -> tuple[float | None, float | None]:
+    """Way flown and least clearance (m): from the companion's trace, or else from what the vehicle said."""
+    if TRACE.topic in found.topics:
+        try:
+            summary = summarize(found.path)
+        except (ValueError, FlightLogError):  # a trace of another version, without what is asked of it
+            return None, None
+        return round(summary.distance_m, 2), _rounded(summary.seen_clearance_m)
+    framer = Framer()
+    positions = [
+        (message.x, message.y, message.z)
+        for sent in open_traffic(found.path).sent()
+        if sent.direction is Direction.IN
+        for frame in framer.datagram(sent.data)
+        if frame.message_id == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and (message := decode(frame)) is not None
+    ]
+    if not positions:
+        return None, None
+    steps = np.diff(np.array(positions), axis=0)
+    return round(float(np.sqrt((steps**2).sum(axis=1)).sum()), 2), None
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)
+
+
+def _text(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
