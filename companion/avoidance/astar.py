@@ -1,0 +1,230 @@
+"""A* on the map: the cheapest way where nearness to obstacles and what is unknown cost more.
+
+Hart, Nilsson and Raphael 1968, on 8 neighbours. A step costs its length times the mean of the two cells' prices: 1 in
+the open, up to 1 + `closeness` towards the inflation's edge, and `unknown` on top of it where nothing is known. A cell
+nearer to an occupied one than the inflation is forbidden; from a start within it steps may lead outward only, so that
+the vehicle can leave. A goal beyond the window is reached from any cell of its border by a straight line of price 1.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.avoidance.grid import UNKNOWN, Bytes, MapView
+from protocol.compiled import compiled
+from protocol.frames import Array
+
+Integers = NDArray[np.int64]
+
+_STEPS = 8
+_SQRT2 = math.sqrt(2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class AStarSettings:
+    """Of the search."""
+
+    inflation: float
+    """m from an occupied cell's centre that are forbidden."""
+    comfort: float
+    """m from an occupied cell's centre from which on nearness costs nothing."""
+    closeness: float
+    """What a metre at the inflation's edge costs on top of 1; it falls with the square to 0 at `comfort`."""
+    unknown: float
+    """What a metre of unknown costs on top."""
+
+
+@dataclass(frozen=True, slots=True)
+class GridPath:
+    """Cells from the start to the goal or to the window's border."""
+
+    cells: Integers
+    """(n, 2) rows and columns of the view."""
+    costs: Array
+    """(n,) cost (m) from the start to each cell."""
+    cost: float
+    """Of the whole way (m), with the straight line beyond the window."""
+
+
+class AStar:
+    """A search with its memory, taken once."""
+
+    def __init__(self, settings: AStarSettings, cells: int) -> None:
+        self.settings = settings
+        count = cells * cells
+        self._cost = np.empty(count)
+        self._parent = np.empty(count + 1, np.int64)
+        self._closed = np.empty(count + 1, np.bool_)
+        self._keys = np.empty(_STEPS * count + 2)
+        self._nodes = np.empty(_STEPS * count + 2, np.int64)
+
+    def prices(self, view: MapView) -> Array:
+        """(cells, cells) what a metre in each cell costs; the forbidden ones have one too."""
+        s = self.settings
+        return _prices(view.states, view.to_occupied, s.inflation, s.comfort, s.closeness, s.unknown)
+
+    def plan(self, view: MapView, prices: Array, start: Array, goal: Array) -> GridPath | None:
+        """From a place in the window to a place anywhere (2,) NED; None if there is no way.
+
+        A goal that is forbidden is replaced by the nearest cell that is not, as far as the comfort goes.
+        """
+        first = view.cell_of(start)
+        last = view.cell_of(goal)
+        if not view.contains(first):
+            return None
+        if view.contains(last):
+            reach = math.ceil(self.settings.comfort / view.cell) + 1
+            last = _nearest_allowed(view.to_occupied, last[0], last[1], self.settings.inflation, reach)
+        found, cost = _search(
+            prices,
+            view.to_occupied,
+            self.settings.inflation,
+            view.cell,
+            first,
+            last,
+            self._cost,
+            self._parent,
+            self._closed,
+            self._keys,
+            self._nodes,
+        )
+        if found < 0:
+            return None
+        cells, costs = _trace_back(found, self._parent, self._cost, view.states.shape[1])
+        return GridPath(cells, costs, cost)
+
+
+@compiled
+def _prices(
+    states: Bytes, to_occupied: Array, inflation: float, comfort: float, closeness: float, unknown: float
+) -> Array:
+    rows, columns = states.shape
+    prices = np.empty((rows, columns))
+    for i in range(rows):
+        for j in range(columns):
+            near = min(max((comfort - to_occupied[i, j]) / (comfort - inflation), 0.0), 1.0)
+            prices[i, j] = 1.0 + closeness * near * near + (unknown if states[i, j] == UNKNOWN else 0.0)
+    return prices
+
+
+@compiled
+def _nearest_allowed(to_occupied: Array, row: int, column: int, inflation: float, reach: int) -> tuple[int, int]:
+    """The nearest cell that is not forbidden, within `reach` cells; the cell itself if there is none."""
+    rows, columns = to_occupied.shape
+    best, best_row, best_column = reach * reach + 1, row, column
+    for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
+        for j in range(max(column - reach, 0), min(column + reach + 1, columns)):
+            square = (i - row) * (i - row) + (j - column) * (j - column)
+            if square < best and to_occupied[i, j] >= inflation:
+                best, best_row, best_column = square, i, j
+    return best_row, best_column
+
+
+@compiled
+def _push(keys: Array, nodes: Integers, size: int, key: float, node: int) -> int:
+    """Into the binary heap; its new size."""
+    at = size
+    while at > 0:
+        above = (at - 1) // 2
+        if keys[above] <= key:
+            break
+        keys[at], nodes[at] = keys[above], nodes[above]
+        at = above
+    keys[at], nodes[at] = key, node
+    return size + 1
+
+
+@compiled
+def _pop(keys: Array, nodes: Integers, size: int) -> int:
+    """Take the first out of the heap; its new size."""
+    size -= 1
+    key, node = keys[size], nodes[size]
+    at = 0
+    while True:
+        below = 2 * at + 1
+        if below >= size:
+            break
+        if below + 1 < size and keys[below + 1] < keys[below]:
+            below += 1
+        if keys[below] >= key:
+            break
+        keys[at], nodes[at] = keys[below], nodes[below]
+        at = below
+    keys[at], nodes[at] = key, node
+    return size
+
+
+@compiled
+def _search(
+    prices: Array,
+    to_occupied: Array,
+    inflation: float,
+    cell: float,
+    first: tuple[int, int],
+    last: tuple[int, int],
+    cost: Array,
+    parent: Integers,
+    closed: NDArray[np.bool_],
+    keys: Array,
+    nodes: Integers,
+) -> tuple[int, float]:
+    """The last cell of the way (row * columns + column; -1: there is none) and the whole way's cost (m)."""
+    rows, columns = prices.shape
+    beyond = rows * columns
+    inside = 0 <= last[0] < rows and 0 <= last[1] < columns
+    cost[:] = math.inf
+    closed[:] = False
+    beyond_cost = math.inf
+    start = first[0] * columns + first[1]
+    cost[start], parent[start] = 0.0, -1
+    size = _push(keys, nodes, 0, 0.0, start)
+    while size > 0:
+        node = nodes[0]
+        size = _pop(keys, nodes, size)
+        if node == beyond:
+            return parent[beyond], beyond_cost
+        if closed[node]:
+            continue
+        closed[node] = True
+        row, column = node // columns, node % columns
+        if inside and row == last[0] and column == last[1]:
+            return node, cost[node]
+        if not inside and (row == 0 or column == 0 or row == rows - 1 or column == columns - 1):
+            whole = cost[node] + cell * math.hypot(row - last[0], column - last[1])
+            if whole < beyond_cost:
+                beyond_cost, parent[beyond] = whole, node
+                size = _push(keys, nodes, size, whole, beyond)
+        least = min(inflation, to_occupied[row, column])
+        for dr in range(-1, 2):
+            for dc in range(-1, 2):
+                i, j = row + dr, column + dc
+                if (dr == 0 and dc == 0) or not (0 <= i < rows and 0 <= j < columns):
+                    continue
+                other = i * columns + j
+                if closed[other] or to_occupied[i, j] < least:
+                    continue
+                length = cell * (_SQRT2 if dr != 0 and dc != 0 else 1.0)
+                new = cost[node] + 0.5 * length * (prices[row, column] + prices[i, j])
+                if new < cost[other]:
+                    cost[other], parent[other] = new, node
+                    size = _push(keys, nodes, size, new + cell * math.hypot(i - last[0], j - last[1]), other)
+    return -1, math.inf
+
+
+@compiled
+def _trace_back(node: int, parent: Integers, cost: Array, columns: int) -> tuple[Integers, Array]:
+    count = 0
+    at = node
+    while at >= 0:
+        count += 1
+        at = parent[at]
+    cells = np.empty((count, 2), np.int64)
+    costs = np.empty(count)
+    at = node
+    for k in range(count - 1, -1, -1):
+        cells[k, 0], cells[k, 1] = at // columns, at % columns
+        costs[k] = cost[at]
+        at = parent[at]
+    return cells, costs

@@ -1,0 +1,486 @@
+"""One map of what the rings have shown: a rolling occupancy grid of log-odds around the vehicle, unknown kept apart
+from free.
+
+Cells are aligned with the world and live at their index modulo the grid's size, so nothing is copied when the vehicle
+moves: rows and columns that leave the window are cleared and become those that enter it. The map is flat: the layer
+around the height of flight. A beam counts only as far as it stays within the layer, and a tilted ring leaves it soon.
+
+A sector of 5 degrees reports the nearest return in it. So the whole wedge before that return is free, and the return
+stands somewhere on an arc, 0.2 m wide at 2.3 m and 1.3 m at 15 m. All cells of the arc are marked, for safety; but an
+arc of n cells can say no more than 1/n of what one cell can, however often it is seen from the same place, so that the
+first free wedge from nearer by wipes off what was too wide. What was hit at close range is wiped off only by beams that
+pass at the height of flight, not by those that look over it or under it.
+
+Source: Moravec and Elfes 1985; log-odds with clamping as in OctoMap (Hornung et al. 2013). The distance transform is
+Meijster, Roerdink and Hesselink 2000.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.state import BoolArray, Scan
+from protocol.compiled import compiled
+from protocol.frames import Array, rotate
+
+UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+"""States of a cell in a `MapView`."""
+
+CEILING = 4.0
+"""Log-odds of a cell that was hit alone again and again."""
+FLOOR = -1.0
+"""Log-odds of a cell that was seen free again and again; shallow, so that what appears is believed at once."""
+FREE_STEP = 0.5
+"""Log-odds that a free wedge takes off a cell."""
+OCCUPIED_ABOVE = 0.4
+FREE_BELOW = -0.3
+_STRONG = 1.5
+"""Log-odds above which only a level beam wipes off."""
+_LEVEL = 0.5
+"""m from the height of flight up to which a beam is level."""
+_STANDOFF = 1.0
+"""Cells before a return that are not seen free: noise, and the cell's own size."""
+
+Bytes = NDArray[np.uint8]
+Cell = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class GridSettings:
+    """Of the map."""
+
+    cell: float
+    """m"""
+    cells: int
+    """Along each side of the window; a power of two."""
+    layer: float
+    """m above and below the height of flight that the map stands for."""
+    memory_s: float
+    """How long a return at close range is remembered; weaker evidence fades in proportion."""
+    hull: float
+    """m around the vehicle that are free because it is there."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapView:
+    """The window at one time, in the order of north and east. Distances are from centre to centre of cells."""
+
+    states: Bytes
+    """(cells, cells) UNKNOWN, FREE or OCCUPIED."""
+    to_occupied: Array
+    """(cells, cells) m to the nearest occupied cell; beyond the window's size if there is none."""
+    to_unseen: Array
+    """(cells, cells) m to the nearest cell that is not free, unknown or occupied."""
+    corner: Cell
+    """World index of [0, 0]: that cell begins at corner * cell north and east."""
+    cell: float
+
+    def cell_of(self, place: Array) -> Cell:
+        """Row and column of a place (2,) or (3,) NED; outside of the window if it lies there."""
+        return (
+            math.floor(place[0] / self.cell) - self.corner[0],
+            math.floor(place[1] / self.cell) - self.corner[1],
+        )
+
+    def centre_of(self, cell: Cell) -> Array:
+        """(2,) north and east (m) of a cell's centre."""
+        centre: Array = (np.array(self.corner) + np.array(cell) + 0.5) * self.cell
+        return centre
+
+    def contains(self, cell: Cell) -> bool:
+        rows, columns = self.states.shape
+        return bool(0 <= cell[0] < rows and 0 <= cell[1] < columns)
+
+
+class OccupancyGrid:
+    """Takes rings in, each with the pose of its own time, and shows the window around the vehicle."""
+
+    def __init__(self, settings: GridSettings) -> None:
+        if settings.cells < 2 or settings.cells & (settings.cells - 1):
+            raise ValueError(f"cells {settings.cells}: not a power of two")
+        self._settings = settings
+        shape = (settings.cells, settings.cells)
+        self._log_odds = np.zeros(shape)
+        self._seen_s = np.zeros(shape)
+        self._corner: Cell | None = None
+        self._height = 0.0
+        """Down (m) of the layer's middle."""
+
+    def add(
+        self,
+        scan: Scan,
+        position_ned: Array,
+        attitude_ned_frd: Array,
+        ground_down: float,
+        moving: BoolArray | None = None,
+    ) -> None:
+        """A ring taken at one pose. `ground_down` is the NED height below which a return is the ground; returns that
+        are `moving` (n,) show what is free before them and leave no mark."""
+        count = scan.bearings_frd.size
+        positions = np.broadcast_to(position_ned, (count, 3)).copy()
+        attitudes = np.broadcast_to(attitude_ned_frd, (count, 4)).copy()
+        width = abs(scan.bearings_frd[1] - scan.bearings_frd[0]) if count > 1 else math.radians(5.0)
+        hit = scan.hit if moving is None else scan.hit & ~moving
+        self.add_beams(
+            scan.time_ns, scan.bearings_frd, scan.ranges_m, hit, scan.known, positions, attitudes, width, ground_down
+        )
+
+    def add_beams(
+        self,
+        time_ns: int,
+        bearings_frd: Array,
+        ranges_m: Array,
+        hit: BoolArray,
+        known: BoolArray,
+        positions_ned: Array,
+        attitudes_ned_frd: Array,
+        width: float,
+        ground_down: float,
+    ) -> None:
+        """Beams (n,) with the pose (n, 3), (n, 4) of each one's own time, `width` rad wide; see `Scan` for the rest.
+
+        The window follows the last position; a change of height by half the layer begins a new map.
+        """
+        settings = self._settings
+        here = positions_ned[-1]
+        self._follow(here)
+        assert self._corner is not None
+        _add_beams(
+            self._log_odds,
+            self._seen_s,
+            self._corner[0],
+            self._corner[1],
+            settings.cell,
+            self._height,
+            settings.layer,
+            CEILING / settings.memory_s,
+            time_ns * 1e-9,
+            bearings_frd,
+            ranges_m,
+            hit,
+            known,
+            positions_ned,
+            attitudes_ned_frd,
+            width,
+            ground_down,
+        )
+        self._mark_disc(here, settings.hull, FLOOR, time_ns)
+
+    def forget(self, place: Array, radius: float, time_ns: int) -> None:
+        """All within `radius` (m) of a place (2,) becomes unknown: what stood there has moved."""
+        if self._corner is not None:
+            self._mark_disc(place, radius, 0.0, time_ns)
+
+    def view(self, time_ns: int) -> MapView:
+        """The window as it is now; all unknown before the first ring."""
+        settings = self._settings
+        corner = self._corner or (-settings.cells // 2, -settings.cells // 2)
+        states = np.empty(self._log_odds.shape, np.uint8)
+        _classify(
+            self._log_odds, self._seen_s, corner[0], corner[1], time_ns * 1e-9, CEILING / settings.memory_s, states
+        )
+        to_occupied = distance_to(states == OCCUPIED, settings.cell)
+        to_unseen = distance_to(states != FREE, settings.cell)
+        return MapView(states, to_occupied, to_unseen, corner, settings.cell)
+
+    def _follow(self, position_ned: Array) -> None:
+        settings = self._settings
+        half = settings.cells // 2
+        corner = (
+            math.floor(position_ned[0] / settings.cell) - half,
+            math.floor(position_ned[1] / settings.cell) - half,
+        )
+        if self._corner is None or abs(position_ned[2] - self._height) > 0.5 * settings.layer:
+            self._log_odds[:] = 0.0
+            self._height = float(position_ned[2])
+        else:
+            _clear_what_enters(self._log_odds, *self._corner, *corner)
+        self._corner = corner
+
+    def _mark_disc(self, place: Array, radius: float, log_odds: float, time_ns: int) -> None:
+        assert self._corner is not None
+        settings = self._settings
+        north, east = float(place[0]), float(place[1])
+        _set_disc(
+            self._log_odds, self._seen_s, *self._corner, settings.cell, north, east, radius, log_odds, time_ns * 1e-9
+        )
+
+
+def distance_to(marked: BoolArray, cell: float) -> Array:
+    """Distance (m) from each cell's centre to the nearest marked one's, exact; 2 cells sides' length if none is."""
+    return _distances(marked, cell)
+
+
+@compiled
+def _faded(log_odds: float, age_s: float, fading: float) -> float:
+    """Log-odds go to 0, unknown, by `fading` a second."""
+    left = abs(log_odds) - fading * age_s
+    if left <= 0.0:
+        return 0.0
+    return left if log_odds > 0.0 else -left
+
+
+@compiled
+def _clear_what_enters(log_odds: Array, from_row: int, from_column: int, to_row: int, to_column: int) -> None:
+    """The window's corner moves: forget the rows and columns that were not in it before."""
+    size = log_odds.shape[0]
+    mask = size - 1
+    for row in range(to_row, to_row + size):
+        if row < from_row or row >= from_row + size:
+            log_odds[row & mask, :] = 0.0
+    for column in range(to_column, to_column + size):
+        if column < from_column or column >= from_column + size:
+            log_odds[:, column & mask] = 0.0
+
+
+@compiled
+def _set_disc(
+    log_odds: Array,
+    seen_s: Array,
+    corner_row: int,
+    corner_column: int,
+    cell: float,
+    north: float,
+    east: float,
+    radius: float,
+    value: float,
+    now_s: float,
+) -> None:
+    """Cells of the window whose centre lies in a disc get a value."""
+    size = log_odds.shape[0]
+    mask = size - 1
+    reach = math.ceil(radius / cell)
+    row, column = math.floor(north / cell), math.floor(east / cell)
+    for i in range(max(row - reach, corner_row), min(row + reach + 1, corner_row + size)):
+        for j in range(max(column - reach, corner_column), min(column + reach + 1, corner_column + size)):
+            dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
+            if dn * dn + de * de <= radius * radius:
+                log_odds[i & mask, j & mask] = value
+                seen_s[i & mask, j & mask] = now_s
+
+
+@compiled
+def _within_layer(above: float, down: float, layer: float) -> float:
+    """How far (m) a beam of slope `down` stays within the layer, from `above` (m, down positive) its middle."""
+    if abs(above) >= layer:
+        return 0.0
+    if down > 1e-9:
+        return (layer - above) / down
+    if down < -1e-9:
+        return (-layer - above) / down
+    return math.inf
+
+
+@compiled
+def _add_beams(
+    log_odds: Array,
+    seen_s: Array,
+    corner_row: int,
+    corner_column: int,
+    cell: float,
+    height: float,
+    layer: float,
+    fading: float,
+    now_s: float,
+    bearings: Array,
+    ranges: Array,
+    hit: BoolArray,
+    known: BoolArray,
+    positions: Array,
+    attitudes: Array,
+    width: float,
+    ground_down: float,
+) -> None:
+    """First every free wedge, then every return, so that no wedge wipes off what a neighbour has just seen."""
+    size = log_odds.shape[0]
+    middle_n, middle_e = (corner_row + 0.5 * size) * cell, (corner_column + 0.5 * size) * cell
+    count = bearings.shape[0]
+    sides = np.empty((count, 4))
+    arc = np.empty(count)
+    for k in range(count):
+        arc[k] = -1.0
+        if not known[k]:
+            continue
+        origin = positions[k]
+        left = rotate(attitudes[k], _beam(bearings[k] - 0.5 * width))
+        right = rotate(attitudes[k], _beam(bearings[k] + 0.5 * width))
+        down = rotate(attitudes[k], _beam(bearings[k]))[2]
+        sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3] = left[0], left[1], right[0], right[1]
+        aside = max(abs(origin[0] - middle_n), abs(origin[1] - middle_e))
+        reach = min(_within_layer(origin[2] - height, down, layer), 0.5 * size * cell - aside - 2.0 * cell)
+        free = min(ranges[k], reach)
+        if hit[k] and ranges[k] <= reach and origin[2] + ranges[k] * down < ground_down:
+            arc[k] = ranges[k]
+            free = ranges[k] - _STANDOFF * cell
+        level = _within_layer(origin[2] - height, down, _LEVEL)
+        if free > 0.0:
+            _free_wedge(log_odds, seen_s, cell, fading, now_s, origin[0], origin[1], sides[k], free, level)
+    for k in range(count):
+        if arc[k] >= 0.0:
+            _hit_arc(
+                log_odds,
+                seen_s,
+                cell,
+                fading,
+                now_s,
+                positions[k, 0],
+                positions[k, 1],
+                sides[k],
+                arc[k],
+                arc[k] * width,
+            )
+
+
+@compiled
+def _beam(bearing: float) -> Array:
+    return np.array([math.cos(bearing), math.sin(bearing), 0.0])
+
+
+@compiled
+def _free_wedge(
+    log_odds: Array,
+    seen_s: Array,
+    cell: float,
+    fading: float,
+    now_s: float,
+    north: float,
+    east: float,
+    sides: Array,
+    reach: float,
+    level: float,
+) -> None:
+    """Cells whose centre lies in the triangle from the sensor to both ends of the arc, row by row.
+
+    `sides` (4,) are north and east of the left and of the right edge's direction. Neighbouring wedges share an edge:
+    each cell belongs to one of them.
+    """
+    mask = log_odds.shape[0] - 1
+    tops = np.array([north, north + reach * sides[0], north + reach * sides[2]]) / cell
+    spans = np.array([east, east + reach * sides[1], east + reach * sides[3]]) / cell
+    level_square = (level / cell) ** 2 * (sides[0] * sides[0] + sides[1] * sides[1])
+    for i in range(math.ceil(tops.min() - 0.5), math.ceil(tops.max() - 0.5)):
+        y = i + 0.5
+        low, high = math.inf, -math.inf
+        for p in range(3):
+            q = (p + 1) % 3
+            if (tops[p] <= y) != (tops[q] <= y):
+                x = spans[p] + (y - tops[p]) * (spans[q] - spans[p]) / (tops[q] - tops[p])
+                low, high = min(low, x), max(high, x)
+        if low > high:
+            continue
+        row = i & mask
+        for j in range(math.ceil(low - 0.5), math.ceil(high - 0.5)):
+            column = j & mask
+            value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
+            if value > _STRONG:
+                dn, de = y - tops[0], j + 0.5 - spans[0]
+                if dn * dn + de * de > level_square:
+                    continue
+            log_odds[row, column] = max(value - FREE_STEP, FLOOR)
+            seen_s[row, column] = now_s
+
+
+@compiled
+def _hit_arc(
+    log_odds: Array,
+    seen_s: Array,
+    cell: float,
+    fading: float,
+    now_s: float,
+    north: float,
+    east: float,
+    sides: Array,
+    distance: float,
+    length: float,
+) -> None:
+    """Every cell along the arc, once, with its share of the evidence."""
+    mask = log_odds.shape[0] - 1
+    share = CEILING / max(1.0, length / cell)
+    samples = math.ceil(2.0 * length / cell) + 1
+    before_row, before_column = -1, -1
+    for s in range(samples):
+        right = (s + 0.5) / samples
+        dn = sides[0] + right * (sides[2] - sides[0])
+        de = sides[1] + right * (sides[3] - sides[1])
+        row = math.floor((north + distance * dn) / cell) & mask
+        column = math.floor((east + distance * de) / cell) & mask
+        if row == before_row and column == before_column:
+            continue
+        before_row, before_column = row, column
+        value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
+        log_odds[row, column] = max(value, min(value + 0.5 * share, share))
+        seen_s[row, column] = now_s
+
+
+@compiled
+def _classify(
+    log_odds: Array, seen_s: Array, corner_row: int, corner_column: int, now_s: float, fading: float, states: Bytes
+) -> None:
+    """Fill `states` in the window's order."""
+    size = log_odds.shape[0]
+    mask = size - 1
+    for i in range(size):
+        row = (corner_row + i) & mask
+        for j in range(size):
+            column = (corner_column + j) & mask
+            value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
+            if value > OCCUPIED_ABOVE:
+                states[i, j] = OCCUPIED
+            elif value < FREE_BELOW:
+                states[i, j] = FREE
+            else:
+                states[i, j] = UNKNOWN
+
+
+@compiled
+def _distances(marked: BoolArray, cell: float) -> Array:
+    rows, columns = marked.shape
+    far = rows + columns
+    up = np.empty((rows, columns), np.int64)
+    for j in range(columns):
+        up[0, j] = 0 if marked[0, j] else far
+    for i in range(1, rows):
+        for j in range(columns):
+            up[i, j] = 0 if marked[i, j] else min(up[i - 1, j] + 1, far)
+    for i in range(rows - 2, -1, -1):
+        for j in range(columns):
+            up[i, j] = min(up[i, j], up[i + 1, j] + 1)
+    result = np.empty((rows, columns))
+    sites = np.empty(columns, np.int64)
+    starts = np.empty(columns, np.int64)
+    for i in range(rows):
+        _envelope(up[i], sites, starts, far, cell, result[i])
+    return result
+
+
+@compiled
+def _envelope(
+    up: NDArray[np.int64], sites: NDArray[np.int64], starts: NDArray[np.int64], far: int, cell: float, result: Array
+) -> None:
+    """One row: the lower envelope of the parabolas (x - j)^2 + up[j]^2."""
+    columns = up.shape[0]
+    top = 0
+    sites[0], starts[0] = 0, 0
+    for j in range(1, columns):
+        square = up[j] * up[j]
+        while top >= 0:
+            s, x = sites[top], starts[top]
+            if (x - s) * (x - s) + up[s] * up[s] <= (x - j) * (x - j) + square:
+                break
+            top -= 1
+        if top < 0:
+            top = 0
+            sites[0], starts[0] = j, 0
+            continue
+        s = sites[top]
+        start = (j * j - s * s + square - up[s] * up[s]) // (2 * (j - s)) + 1
+        if start < columns:
+            top += 1
+            sites[top], starts[top] = j, start
+    for x in range(columns - 1, -1, -1):
+        s = sites[top]
+        result[x] = cell * min(math.sqrt((x - s) * (x - s) + up[s] * up[s]), float(far))
+        if x == starts[top]:
+            top -= 1
