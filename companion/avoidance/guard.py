@@ -1,0 +1,468 @@
+"""The guard: last of all, whatever the method. It lets through what leaves a way to stop, and nothing else.
+
+1. `limit`: the speed from which the vehicle stops within what was seen free, the way it flies and the way it is sent.
+2. `filter`: the acceleration command is moved, as little as possible, to where every barrier holds. The barrier of a
+   point at the distance d with the closing speed c is h = s(d - keep-out) - c, with s the highest closing speed from
+   which `braking` stops in time; h' >= -steepness h is a half-plane of accelerations (control barrier functions after
+   Ames et al. 2019, with the braking barrier of Borrmann et al. 2015), and the nearest acceleration in the
+   intersection of half-planes has a closed form in two dimensions: the command itself, its foot on one edge, or the
+   corner of two. Where the intersection is empty all are relaxed by the same, smallest amount.
+3. A stop, straight or with a swerve, from where that command leads to within a moment must lie in free space;
+   otherwise the stop that is still there is flown, and where there is none the one that stays free longest.
+
+Unknown is not free, with a smaller keep-out of its own, as it can't be hit before it was seen. An old view stops the
+vehicle. Down is left alone.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from companion.avoidance.braking import stopping_speed
+from companion.avoidance.grid import FREE, OCCUPIED, Bytes, MapView
+from protocol.compiled import compiled
+from protocol.frames import Array
+
+POINT = 5
+"""Columns of a point to keep away from: north, east, its velocity north and east, keep-out (m from its centre)."""
+_BINS = 36
+_MOST = 16
+"""Half-planes that are looked at together: the tightest."""
+_SWERVES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.1, -1.1)
+"""Angles (rad) between the deceleration of a stop and straight back; first come, first flown."""
+_STOP_SAMPLES = 12
+_TOLERANCE = 1e-9
+_HALVINGS = 24
+
+
+class Reason(IntEnum):
+    """Why the guard changed the command."""
+
+    NONE = 0
+    BARRIER = 1
+    """It came too near to something."""
+    STOP = 2
+    """It would have left no way to stop."""
+    NO_STOP = 3
+    """There is no way to stop in free space any more: the best there is."""
+    STALE = 4
+    """Nothing was seen for too long."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardSettings:
+    """Of the guard."""
+
+    keep_out: float
+    """m from the vehicle's centre to an occupied cell's."""
+    keep_out_unseen: float
+    """m from the vehicle's centre to the centre of a cell that was not seen free."""
+    braking: float
+    """m/s2 on which it counts."""
+    steepness: float
+    """1/s: how fast a barrier may be approached, and is left if it is violated."""
+    nearness: float
+    """1/s: closing speed over distance, close to the keep-out."""
+    lag_s: float
+    """From a command to the acceleration."""
+    horizon_s: float
+    """From where the command leads to within this time there must be a stop."""
+    reach: float
+    """m within which points are looked at."""
+    stale_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLimit:
+    """What may be flown."""
+
+    speed: float
+    """m/s"""
+    free: float
+    """m of seen free way, the shorter of both directions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """An acceleration that may be flown."""
+
+    acceleration_ned: Array
+    changed: float
+    """m/s2 between it and the command."""
+    reason: Reason
+
+
+class Guard:
+    """Looks at each new view, answers at each control step."""
+
+    def __init__(self, settings: GuardSettings) -> None:
+        self._settings = settings
+        self._view: MapView | None = None
+        self._seen_ns = 0
+        self._points = np.empty((0, POINT))
+
+    def look(self, view: MapView, position_ned: Array, seen_ns: int, moving: Array | None = None) -> None:
+        """Take a view in, with its ring's time of arrival. `moving` (n, 5): tracked things, a POINT each."""
+        s = self._settings
+        standing = nearest_points(
+            view.states,
+            view.cell,
+            float(position_ned[0]) - view.corner[0] * view.cell,
+            float(position_ned[1]) - view.corner[1] * view.cell,
+            s.reach,
+            s.keep_out,
+            s.keep_out_unseen,
+        )
+        standing[:, :2] += np.array(view.corner) * view.cell
+        self._points = standing if moving is None else np.vstack([standing, moving])
+        self._view, self._seen_ns = view, seen_ns
+
+    def limit(
+        self, position_ned: Array, velocity_ned: Array, way_ned: Array, delay_s: float, speed: float
+    ) -> SpeedLimit:
+        """At most `speed` (m/s); `way_ned`: where it is sent, relative to the vehicle, (2,) or (3,). `delay_s`: from a
+        thing's appearance to the first braking, scan period + age of the view + lag."""
+        s = self._settings
+        if self._view is None:
+            return SpeedLimit(0.0, 0.0)
+        free = math.inf
+        for course in (velocity_ned, way_ned):
+            length = math.hypot(course[0], course[1])
+            if length > 0.3:
+                free = min(free, self._free(position_ned, course[0] / length, course[1] / length))
+        return SpeedLimit(min(speed, stopping_speed(free, s.braking, delay_s)), free)
+
+    def filter(self, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, now_ns: int) -> Verdict:
+        """What may be commanded instead of an acceleration (3,) (m/s2, gravity left out)."""
+        s = self._settings
+        view = self._view
+        if view is None or now_ns - self._seen_ns > s.stale_s * 1e9:
+            found, reason = straight_stop(velocity_ned, s.braking), int(Reason.STALE)
+        else:
+            found, reason = guarded(
+                self._points,
+                view.to_occupied,
+                view.to_unseen,
+                view.cell,
+                view.corner[0] * view.cell,
+                view.corner[1] * view.cell,
+                position_ned,
+                velocity_ned,
+                acceleration_ned,
+                s.keep_out,
+                s.keep_out_unseen,
+                s.braking,
+                s.steepness,
+                s.nearness,
+                s.lag_s,
+                s.horizon_s,
+            )
+        north, east = float(found[0] - acceleration_ned[0]), float(found[1] - acceleration_ned[1])
+        return Verdict(np.array([found[0], found[1], acceleration_ned[2]]), math.hypot(north, east), Reason(reason))
+
+    def _free(self, position_ned: Array, dn: float, de: float) -> float:
+        s, view = self._settings, self._view
+        assert view is not None
+        north = float(position_ned[0]) - view.corner[0] * view.cell
+        east = float(position_ned[1]) - view.corner[1] * view.cell
+        return free_way(view.to_occupied, view.to_unseen, view.cell, north, east, dn, de, s.keep_out, s.keep_out_unseen)
+
+
+@compiled
+def nearest_points(
+    states: Bytes, cell: float, north: float, east: float, reach: float, occupied: float, unseen: float
+) -> Array:
+    """POINTs (n, 5) of the nearest occupied and the nearest unknown cell in each tenth of a right angle or so.
+
+    All places count from the window's corner (m); `occupied` and `unseen` are the keep-outs.
+    """
+    rows, columns = states.shape
+    nearest = np.full((2, _BINS), reach * reach)
+    points = np.zeros((2 * _BINS, POINT))
+    first_row, last_row = max(math.floor((north - reach) / cell), 0), min(math.ceil((north + reach) / cell), rows)
+    first, last = max(math.floor((east - reach) / cell), 0), min(math.ceil((east + reach) / cell), columns)
+    for i in range(first_row, last_row):
+        dn = (i + 0.5) * cell - north
+        for j in range(first, last):
+            if states[i, j] == FREE:
+                continue
+            de = (j + 0.5) * cell - east
+            square = dn * dn + de * de
+            if square >= reach * reach:
+                continue
+            kind = 0 if states[i, j] == OCCUPIED else 1
+            part = int((math.atan2(de, dn) + math.pi) * _BINS / (2.0 * math.pi)) % _BINS
+            if square < nearest[kind, part]:
+                nearest[kind, part] = square
+                at = kind * _BINS + part
+                points[at, 0], points[at, 1] = north + dn, east + de
+                points[at, 4] = occupied if kind == 0 else unseen
+    return points[points[:, 4] > 0.0]
+
+
+@compiled
+def _room(to_occupied: Array, to_unseen: Array, cell: float, north: float, east: float) -> tuple[float, float]:
+    """Distances (m) to occupied and to unseen at a place counted from the window's corner; 0, 0 outside."""
+    i, j = math.floor(north / cell), math.floor(east / cell)
+    if not (0 <= i < to_occupied.shape[0] and 0 <= j < to_occupied.shape[1]):
+        return 0.0, 0.0
+    return to_occupied[i, j], to_unseen[i, j]
+
+
+@compiled
+def free_way(
+    to_occupied: Array,
+    to_unseen: Array,
+    cell: float,
+    north: float,
+    east: float,
+    dn: float,
+    de: float,
+    occupied: float,
+    unseen: float,
+) -> float:
+    """Distance (m) along a unit vector until a keep-out is entered; from within one, until it gets nearer."""
+    at_occupied, at_unseen = _room(to_occupied, to_unseen, cell, north, east)
+    occupied, unseen = min(occupied, at_occupied), min(unseen, at_unseen)
+    along = 0.0
+    longest = cell * (to_occupied.shape[0] + to_occupied.shape[1])
+    while along < longest:
+        a, b = _room(to_occupied, to_unseen, cell, north + along * dn, east + along * de)
+        if a < occupied or b < unseen or (a == 0.0 and b == 0.0):
+            break
+        along += max(min(a - occupied, b - unseen) - cell, 0.5 * cell)
+    return along
+
+
+@compiled
+def closing_limit(distance: float, braking: float, nearness: float) -> tuple[float, float]:
+    """The highest closing speed (m/s) at a distance (m) from the keep-out and its slope (1/s).
+
+    The square root of the braking distance, continued by its tangent of slope `nearness`; negative within.
+    """
+    corner = braking / (nearness * nearness)
+    if distance <= corner:
+        return nearness * distance, nearness
+    speed = math.sqrt(2.0 * braking * (distance - 0.5 * corner))
+    return speed, braking / speed
+
+
+@compiled
+def half_planes(
+    points: Array,
+    north: float,
+    east: float,
+    velocity_n: float,
+    velocity_e: float,
+    braking: float,
+    steepness: float,
+    nearness: float,
+) -> Array:
+    """(n, 4) for points (n, 5): unit vector to the point, bound of the acceleration along it (m/s2), the barrier h."""
+    planes = np.empty((points.shape[0], 4))
+    for k in range(points.shape[0]):
+        dn, de = points[k, 0] - north, points[k, 1] - east
+        distance = max(math.hypot(dn, de), 1e-3)
+        un, ue = dn / distance, de / distance
+        vn, ve = velocity_n - points[k, 2], velocity_e - points[k, 3]
+        closing, across = vn * un + ve * ue, ve * un - vn * ue
+        limit, slope = closing_limit(distance - points[k, 4], braking, nearness)
+        barrier = limit - closing
+        planes[k, 0], planes[k, 1] = un, ue
+        planes[k, 2] = steepness * barrier - slope * closing + across * across / distance
+        planes[k, 3] = barrier
+    return planes
+
+
+@compiled
+def _feasible(planes: Array, relaxed: float, north: float, east: float) -> bool:
+    for k in range(planes.shape[0]):
+        if planes[k, 0] * north + planes[k, 1] * east > planes[k, 2] + relaxed + _TOLERANCE:
+            return False
+    return True
+
+
+@compiled
+def _project(planes: Array, relaxed: float, north: float, east: float) -> tuple[bool, float, float]:
+    """The point of the intersection of half-planes that is nearest to a point; False if it is empty."""
+    if _feasible(planes, relaxed, north, east):
+        return True, north, east
+    best, best_n, best_e = math.inf, north, east
+    count = planes.shape[0]
+    for k in range(count):
+        excess = planes[k, 0] * north + planes[k, 1] * east - planes[k, 2] - relaxed
+        if excess <= 0.0:
+            continue
+        foot_n, foot_e = north - excess * planes[k, 0], east - excess * planes[k, 1]
+        if excess < best and _feasible(planes, relaxed, foot_n, foot_e):
+            best, best_n, best_e = excess, foot_n, foot_e
+    if best < math.inf:
+        return True, best_n, best_e
+    for k in range(count):
+        for m in range(k):
+            cross = planes[k, 0] * planes[m, 1] - planes[k, 1] * planes[m, 0]
+            if abs(cross) < 1e-6:
+                continue
+            b, c = planes[k, 2] + relaxed, planes[m, 2] + relaxed
+            corner_n = (b * planes[m, 1] - c * planes[k, 1]) / cross
+            corner_e = (c * planes[k, 0] - b * planes[m, 0]) / cross
+            away = math.hypot(corner_n - north, corner_e - east)
+            if away < best and _feasible(planes, relaxed, corner_n, corner_e):
+                best, best_n, best_e = away, corner_n, corner_e
+    return best < math.inf, best_n, best_e
+
+
+@compiled
+def nearest_allowed(planes: Array, north: float, east: float) -> tuple[float, float]:
+    """The acceleration nearest to a command that all half-planes (n, 4) allow; where none is, they are relaxed by the
+    smallest amount that serves them all."""
+    found, n, e = _project(planes, 0.0, north, east)
+    if found:
+        return n, e
+    low, high = 0.0, 0.0
+    for k in range(planes.shape[0]):
+        high = max(high, planes[k, 0] * north + planes[k, 1] * east - planes[k, 2])
+    n, e = north, east
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        found, middle_n, middle_e = _project(planes, middle, north, east)
+        if found:
+            high, n, e = middle, middle_n, middle_e
+        else:
+            low = middle
+    return n, e
+
+
+@compiled
+def _tightest(planes: Array) -> Array:
+    """The half-planes with the smallest bounds, at most _MOST."""
+    if planes.shape[0] <= _MOST:
+        return planes
+    order = np.argsort(planes[:, 2], kind="mergesort")
+    return planes[order[:_MOST]]
+
+
+@compiled
+def _stop_free(
+    to_occupied: Array,
+    to_unseen: Array,
+    cell: float,
+    north: float,
+    east: float,
+    velocity_n: float,
+    velocity_e: float,
+    swerve: float,
+    occupied: float,
+    unseen: float,
+    braking: float,
+    lag: float,
+) -> float:
+    """Share of a stop that lies outside of the keep-outs, 1 if all of it does.
+
+    It goes on for `lag`, then decelerates at `braking`, turned by `swerve` from straight back for the first half of the
+    time and to the other side for the second, so that it ends at rest beside the straight stop.
+    """
+    speed = math.hypot(velocity_n, velocity_e)
+    un, ue = (velocity_n / speed, velocity_e / speed) if speed > 1e-6 else (1.0, 0.0)
+    back, side = braking * math.cos(swerve), braking * math.sin(swerve)
+    duration = speed / back
+    a, b = _room(to_occupied, to_unseen, cell, north, east)
+    occupied, unseen = min(occupied, a), min(unseen, b)
+    for k in range(1, _STOP_SAMPLES + 1):
+        t = k / _STOP_SAMPLES * (duration + lag) - lag
+        along = speed * (t + lag)
+        across = 0.0
+        if t > 0.0:
+            along -= 0.5 * back * t * t
+            late = max(t - 0.5 * duration, 0.0)
+            across = side * (0.5 * t * t - late * late)
+        a, b = _room(to_occupied, to_unseen, cell, north + along * un - across * ue, east + along * ue + across * un)
+        if a < occupied or b < unseen or (a == 0.0 and b == 0.0):
+            return (k - 1) / _STOP_SAMPLES
+    return 1.0
+
+
+@compiled
+def best_stop(
+    to_occupied: Array,
+    to_unseen: Array,
+    cell: float,
+    north: float,
+    east: float,
+    velocity_n: float,
+    velocity_e: float,
+    occupied: float,
+    unseen: float,
+    braking: float,
+    lag: float,
+) -> tuple[float, float]:
+    """Swerve (rad) of the first stop that stays free, or of the one that does so longest, and its free share."""
+    best, best_share = 0.0, -1.0
+    for swerve in _SWERVES:
+        share = _stop_free(
+            to_occupied, to_unseen, cell, north, east, velocity_n, velocity_e, swerve, occupied, unseen, braking, lag
+        )
+        if share > best_share:
+            best, best_share = swerve, share
+        if share == 1.0:
+            break
+    return best, best_share
+
+
+@compiled
+def straight_stop(velocity: Array, braking: float) -> Array:
+    """Acceleration (2,) that brakes, gently at the end."""
+    speed = math.hypot(velocity[0], velocity[1])
+    share = -braking / max(speed, 0.5)
+    return np.array([share * velocity[0], share * velocity[1]])
+
+
+@compiled
+def guarded(
+    points: Array,
+    to_occupied: Array,
+    to_unseen: Array,
+    cell: float,
+    corner_n: float,
+    corner_e: float,
+    position: Array,
+    velocity: Array,
+    command: Array,
+    occupied: float,
+    unseen: float,
+    braking: float,
+    steepness: float,
+    nearness: float,
+    lag: float,
+    horizon: float,
+) -> tuple[Array, int]:
+    """Acceleration (2,) and the Reason's number; `corner_n`, `corner_e` (m): the window's corner."""
+    vn, ve = velocity[0], velocity[1]
+    planes = half_planes(points, position[0] + lag * vn, position[1] + lag * ve, vn, ve, braking, steepness, nearness)
+    n, e = nearest_allowed(_tightest(planes), command[0], command[1])
+    reason = 0 if n == command[0] and e == command[1] else 1
+    north, east = position[0] - corner_n, position[1] - corner_e
+    soon_n, soon_e = vn + horizon * n, ve + horizon * e
+    ahead = 0.5 * horizon
+    _, share = best_stop(
+        to_occupied,
+        to_unseen,
+        cell,
+        north + ahead * (vn + soon_n),
+        east + ahead * (ve + soon_e),
+        soon_n,
+        soon_e,
+        occupied,
+        unseen,
+        braking,
+        lag,
+    )
+    if share == 1.0:
+        return np.array([n, e]), reason
+    swerve, share = best_stop(to_occupied, to_unseen, cell, north, east, vn, ve, occupied, unseen, braking, lag)
+    stop = straight_stop(velocity, braking)
+    c, s = math.cos(swerve), math.sin(swerve)
+    turned = np.array([c * stop[0] + s * stop[1], c * stop[1] - s * stop[0]])
+    return turned, 2 if share == 1.0 else 3
