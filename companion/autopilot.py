@@ -605,8 +605,11 @@ class Autopilot:
             return self._release(now)
         if step.target_ned is None:
             return False
-        if step.curve is not None and self._reference.following:
-            return self._reference.rests(now)
+        if self._reference.following:
+            if self._reference.rests(now):
+                self._reference.leave(now)
+                return True
+            return False
         track = self._track_to_join(step)
         target = step.target_ned if track is None else track.start_ned
         distance = math.dist(target.tolist(), state.position_ned.tolist())

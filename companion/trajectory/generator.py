@@ -137,6 +137,13 @@ class ReferenceGenerator:
         """Fly a track from its beginning, which is where the reference should be at rest."""
         self._track = track
         self._track_ns = time_ns
+        self._goal = None
+
+    def leave(self, time_ns: int) -> None:
+        """Rest at the end of the track that has been followed."""
+        end = self.at(time_ns)
+        along = self._track is not None and self._track.along
+        self.place(end.position_ned, end.yaw if along else None)
 
     @property
     def following(self) -> bool:

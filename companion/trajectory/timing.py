@@ -84,7 +84,7 @@ class TimeLaw:
 
     @property
     def duration_s(self) -> float:
-        return (self.end - self.start) / self.rate + 0.5 * (self.up_s + self.down_s)
+        return sum(self.phases[2:])
 
     @property
     def phases(self) -> tuple[float, float, float, float, float]:

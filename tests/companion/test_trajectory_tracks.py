@@ -1,0 +1,220 @@
+"""Tracks: every derivative belongs to the one before, the joints are smooth, and the shapes are what they say."""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from companion.config import Trajectory
+from companion.curves import Shape
+from companion.trajectory import ReferenceGenerator, Track, track_of
+from companion.trajectory.shapes import shape_of
+from companion.trajectory.timing import TimeLaw
+from protocol.frames import Array, wrap
+
+SETTINGS = Trajectory()
+CIRCLE = Shape("circle", speed=4.0, radius=3.0, laps=3.0)
+SHAPES = [
+    CIRCLE,
+    Shape("helix", speed=2.0, radius=1.5, pitch=3.0, laps=2.0, heading="along"),
+    Shape("ellipse", speed=10.0, acceleration=20.0, minor_radius=2.0, laps=2.5, heading="along"),
+    Shape("lemniscate", speed=4.0, radius=3.0, laps=2.0, heading="along"),
+]
+SQUARE = Shape("square", speed=2.0, radius=1.5, laps=2.0, heading="along")
+START = np.array([10.0, -20.0, -3.0])
+
+
+def slope(function: Callable[[float], Array], at: float, step: float = 1e-3) -> Array:
+    """By six points; its error is of the sixth order in the step."""
+    weights = {-3: -1.0, -2: 9.0, -1: -45.0, 1: 45.0, 2: -9.0, 3: 1.0}
+    total: Array = np.sum([weight * function(at + k * step) for k, weight in weights.items()], axis=0)
+    return total / (60.0 * step)
+
+
+def path_of(shape: Shape) -> Callable[[float], Array]:
+    return shape_of(shape).at
+
+
+def track(shape: Shape) -> Track:
+    return track_of(shape).moved(START)
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, SQUARE], ids=lambda shape: shape.shape)
+def test_derivatives_of_a_shape_by_its_parameter(shape: Shape) -> None:
+    path = path_of(shape)
+    assert not path(0.0)[0].any()
+    for parameter in (0.3, 1.4, 2.9, 3.3, 5.7, 9.4):
+        derivative, value = slope(path, parameter), path(parameter)
+        assert np.allclose(derivative[:4], value[1:], atol=1e-8)
+        assert np.abs(value[1]).max() > 0.5
+
+
+def test_shapes_are_what_they_are_called() -> None:
+    for angle in np.linspace(0.0, 7.0, 30).tolist():
+        north, east, down = path_of(CIRCLE)(angle)[0]
+        assert math.hypot(north, east - 3.0) == pytest.approx(3.0) and down == 0.0
+        north, east, down = path_of(SHAPES[1])(angle)[0]
+        assert math.hypot(north, east - 1.5) == pytest.approx(1.5)
+        assert down == pytest.approx(-3.0 * angle / (2.0 * math.pi))
+        north, east, _ = path_of(SHAPES[2])(angle)[0]
+        assert (north / 5.0) ** 2 + ((east - 2.0) / 2.0) ** 2 == pytest.approx(1.0)
+        north, east, _ = path_of(SHAPES[3])(angle)[0]  # Gerono's: x^4 = a^2 (x^2 - y^2)
+        assert north**4 == pytest.approx(9.0 * (north**2 - east**2), abs=1e-9)
+    corners = [path_of(SQUARE)(float(k))[0].tolist() for k in range(5)]
+    assert corners == [[0, 0, 0], [3, 0, 0], [3, 3, 0], [0, 3, 0], [0, 0, 0]]
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, SQUARE], ids=lambda shape: shape.shape)
+def test_a_track_goes_from_rest_to_its_speed_and_to_rest(shape: Shape) -> None:
+    flown = track(shape)
+    motion = np.array([flown.at(t) for t in np.linspace(0.0, flown.duration_s, 4001).tolist()])
+    speed = np.linalg.norm(motion[:, 1], axis=1)
+    assert speed.max() == pytest.approx(shape.speed, rel=1e-3) and speed.max() <= shape.speed * (1.0 + 1e-12)
+    for time in (-1.0, 0.0, flown.duration_s, flown.duration_s + 5.0):
+        assert np.abs(flown.at(time)[1:5]).max() < 1e-9
+        assert not flown.at(time)[5, 1:].any()
+    assert np.array_equal(flown.at(0.0)[0], START)
+    way = flown.at(1e9)[0] - START
+    assert np.allclose(way, shape_of(shape).at(shape.laps * shape_of(shape).lap)[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.shape)
+def test_derivatives_of_a_track_by_time(shape: Shape) -> None:
+    """The chain rule, on the ramps and between them, for position and heading."""
+    flown = track(shape)
+    for time in (0.4, 1.5, 2.9, 0.5 * flown.duration_s, flown.duration_s - 2.0, flown.duration_s - 0.4):
+        value, derivative = flown.at(time), slope(flown.at, time)
+        assert np.allclose(derivative[:4], value[1:5], atol=1e-7, rtol=1e-7)
+        assert derivative[5, 1] == pytest.approx(value[5, 2], abs=1e-7)
+        north, east, rate = math.cos(value[5, 0]), math.sin(value[5, 0]), value[5, 1]
+        assert np.allclose([north, east], value[1, :2] / np.linalg.norm(value[1, :2]))
+        turning = slope(lambda t: np.array([np.cos(flown.at(t)[5, 0]), np.sin(flown.at(t)[5, 0])]), time)
+        assert np.allclose(turning, [-east * rate, north * rate], atol=1e-7)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.shape)
+def test_joints_are_continuous_up_to_snap(shape: Shape) -> None:
+    flown = track(shape)
+    joints = (0.0, shape.ramp_s, flown.duration_s - shape.ramp_s, flown.duration_s)
+    scale = np.abs([flown.at(t) for t in np.linspace(0.0, flown.duration_s, 500).tolist()]).max(axis=(0, 2))
+    for joint in joints:
+        before, after = flown.at(joint - 1e-6), flown.at(joint + 1e-6)
+        assert (np.abs(after - before).max(axis=1)[:5] < 1e-4 * scale[:5]).all()
+
+
+def test_a_circle_at_speed_is_the_analytic_one() -> None:
+    flown = track(Shape("circle", speed=4.0, radius=3.0, laps=3.0, heading="along"))
+    centre = START + np.array([0.0, 3.0, 0.0])
+    for time in (4.0, 6.5, 9.0):
+        position, velocity, acceleration, jerk, snap, heading = flown.at(time)
+        out, rate = (position - centre) / 3.0, 4.0 / 3.0
+        forward = np.array([-out[1], out[0], 0.0])  # clockwise from above: north, then east
+        assert np.allclose(velocity, 4.0 * forward)
+        assert np.allclose(acceleration, -3.0 * rate**2 * out)
+        assert np.allclose(jerk, -3.0 * rate**3 * forward)
+        assert np.allclose(snap, 3.0 * rate**4 * out)
+        assert wrap(heading[0] - math.atan2(forward[1], forward[0])) == pytest.approx(0.0, abs=1e-12)
+        assert heading[1] == pytest.approx(rate) and heading[2] == pytest.approx(0.0)
+
+
+def test_a_square_jumps_at_its_corners_alone() -> None:
+    flown = track(SQUARE)
+    motion = np.array([flown.at(t) for t in np.linspace(3.01, flown.duration_s - 3.01, 3000).tolist()])
+    assert np.allclose(np.linalg.norm(motion[:, 1], axis=1), 2.0)
+    assert not motion[:, 2:5].any()
+    assert (np.abs(np.diff(motion[:, 1], axis=0)).max(axis=1) > 1.0).sum() == 5
+
+
+def test_without_ramps_it_is_at_speed_at_once() -> None:
+    flown = track(Shape("circle", speed=4.0, radius=3.0, ramp_s=0.0))
+    assert np.linalg.norm(flown.at(0.0)[1]) == pytest.approx(4.0)
+    assert flown.duration_s == pytest.approx(2.0 * math.pi * 3.0 / 4.0)
+    assert not flown.at(flown.duration_s)[1].any()
+
+
+def test_a_way_too_short_for_its_ramps_is_flown_more_slowly() -> None:
+    law = TimeLaw(1.0, 2.0, 4.0, 3.0, 1.0)
+    path = np.array([law.at(t) for t in np.linspace(0.0, law.duration_s, 1001).tolist()])
+    assert law.duration_s == 4.0
+    assert path[0].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
+    assert path[-1, 0] == pytest.approx(2.0) and path[:, 1].max() == pytest.approx(0.5, rel=1e-4)
+
+
+def test_what_is_left_of_a_track_begins_at_rest_where_it_was_left() -> None:
+    whole = track(CIRCLE)
+    left = whole.after(5.0)
+    assert np.allclose(left.start_ned, whole.at(5.0)[0])
+    assert not left.at(0.0)[1:5].any()
+    assert np.allclose(left.at(1e9)[0], whole.at(1e9)[0])
+    assert np.linalg.norm(left.at(4.0)[1]) == pytest.approx(4.0)
+    again = left.after(3.5)
+    assert np.allclose(again.start_ned, left.at(3.5)[0])
+
+
+def following(shape: Shape) -> ReferenceGenerator:
+    generator = ReferenceGenerator(SETTINGS)
+    flown = track(shape)
+    generator.place(START, flown.start_yaw or 0.0)
+    generator.follow(0, flown)
+    return generator
+
+
+@pytest.mark.parametrize("heading", ["fixed", "along"])
+def test_a_stop_on_a_circle_brakes_without_a_jump(heading: str) -> None:
+    shape = Shape("circle", speed=4.0, radius=3.0, laps=3.0, heading="along" if heading == "along" else "fixed")
+    generator = following(shape)
+    now, tick = 6_000_000_000, 4_000_000
+    before = generator.at(now)
+    assert np.linalg.norm(before.acceleration_ned) == pytest.approx(16.0 / 3.0)
+    generator.stop(now)
+    assert not generator.following
+    path = [generator.at(now + i * tick) for i in range(1000)]
+    assert np.array_equal(path[0].position_ned, before.position_ned)
+    assert np.array_equal(path[0].velocity_ned, before.velocity_ned)
+    assert np.allclose(path[0].acceleration_ned, before.acceleration_ned)
+    assert (path[0].yaw, path[0].yaw_rate) == (before.yaw, before.yaw_rate)
+    for a, b in pairwise(path):
+        assert np.abs(b.acceleration_ned - a.acceleration_ned).max() <= 2.0 * SETTINGS.jerk * tick * 1e-9 + 1e-9
+        assert np.abs(b.velocity_ned - a.velocity_ned).max() < 0.025
+        assert abs(b.yaw - a.yaw) < 0.006
+    assert generator.rests(now + 4 * 10**9)
+    assert np.abs(path[-1].velocity_ned).max() < 1e-9 and abs(path[-1].yaw_rate) < 1e-9
+
+
+def test_from_a_track_to_a_target_and_a_heading() -> None:
+    generator = following(SHAPES[1])
+    now = 5_000_000_000
+    before = generator.at(now)
+    generator.go(now, START, 3.0, 1.0)
+    generator.turn(now, 1.0)
+    after = generator.at(now)
+    assert np.array_equal(after.velocity_ned, before.velocity_ned)
+    assert after.yaw_rate == pytest.approx(before.yaw_rate)
+    end = generator.at(now + 20 * 10**9)
+    assert np.allclose(end.position_ned, START) and wrap(end.yaw - 1.0) == pytest.approx(0.0, abs=1e-9)
+    assert generator.rests(now + 20 * 10**9) and not generator.rests(now + 10**9)
+
+
+def test_a_track_rests_at_its_end_and_goes_on_from_there() -> None:
+    generator = following(CIRCLE)
+    end = round(track(CIRCLE).duration_s * 1e9)
+    assert not generator.rests(end - 10**9) and generator.rests(end + 1000)
+    for later in (10**6, 10**10):
+        assert np.allclose(generator.at(end + later).position_ned, START, atol=1e-9)
+        assert not generator.at(end + later).velocity_ned.any()
+    beside = START + np.array([1.0, 0.0, 0.0])
+    generator.go(end + 10**7, beside, 1.0, 1.0)
+    assert np.allclose(generator.at(end + 10**10).position_ned, beside)
+
+
+def test_back_to_the_target_that_it_came_from() -> None:
+    helix = track(SHAPES[1])
+    generator = ReferenceGenerator(SETTINGS)
+    generator.place(START)
+    generator.go(0, START, 1.0, 1.0)
+    generator.follow(0, helix)
+    end = round(helix.duration_s * 1e9) + 1000
+    generator.go(end, START, 1.0, 1.0)
+    assert np.allclose(generator.at(end + 30 * 10**9).position_ned, START)
