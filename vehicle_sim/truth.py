@@ -55,4 +55,4 @@ class Truth:
             with self._file:
                 np.save(self._file, np.concatenate([*self._full, self._block[: self._rows]]))
         except OSError as error:
-            raise DataFileError(f"{self._path}: {error.strerror}") from error
+            raise DataFileError(f"{self._path}: {error.strerror or error}") from error

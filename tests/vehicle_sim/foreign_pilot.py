@@ -40,8 +40,9 @@ class ForeignPilot:
         lockstep: bool = False,
         component: int = 191,
         all_streams: bool = False,
+        airframe: Airframe = AIRFRAME,
     ) -> None:
-        self.vehicle = Vehicle(AIRFRAME, world, seed=seed, lockstep=lockstep)
+        self.vehicle = Vehicle(airframe, world, seed=seed, lockstep=lockstep)
         if not all_streams:  # fewer to decode: these tests are many
             for message_id in self.vehicle.telemetry.message_ids:
                 if message_id not in (mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE):
@@ -136,12 +137,12 @@ class ForeignPilot:
 
     def attitude(self, q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0), thrust: float | None = None, mask: int = 7) -> None:
         """SET_ATTITUDE_TARGET; by default level, at the thrust that hovers."""
-        hover = self.vehicle.flight.mass_kg * GRAVITY / AIRFRAME.body.max_thrust_n
+        hover = self.vehicle.flight.mass_kg * GRAVITY / self.vehicle.airframe.body.max_thrust_n
         thrust = hover if thrust is None else thrust
         self.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, list(q), 0.0, 0.0, 0.0, thrust))
 
     def rates(self, rates_frd: tuple[float, float, float], thrust: float | None = None) -> None:
-        hover = self.vehicle.flight.mass_kg * GRAVITY / AIRFRAME.body.max_thrust_n
+        hover = self.vehicle.flight.mass_kg * GRAVITY / self.vehicle.airframe.body.max_thrust_n
         thrust = hover if thrust is None else thrust
         unit = [1.0, 0.0, 0.0, 0.0]
         self.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 128, unit, *rates_frd, thrust))
