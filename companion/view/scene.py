@@ -32,7 +32,8 @@ def solids(world: bytes) -> list[Prism]:
         return []
     found: list[Prism] = []
     for kind, make in (("box", _box), ("wall", _wall), ("cylinder", _cylinder), ("tree", _tree)):
-        for table in tables.get(kind, ()):
+        listed = tables.get(kind, ())
+        for table in listed if isinstance(listed, list) else ():
             try:
                 found += make(table)
             except (KeyError, TypeError, ValueError):

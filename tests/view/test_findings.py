@@ -1,0 +1,118 @@
+"""What is said about a flight whose faults are known, and that nothing is said of one without."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_logs import Values, make
+
+from companion.mission import Phase
+from companion.view.findings import Finding, Level, events, findings
+from companion.view.gather import Gathered
+
+
+def about(found: list[Finding], subject: str) -> Finding:
+    (finding,) = [finding for finding in found if finding.about == subject]
+    return finding
+
+
+def test_a_clean_flight_has_no_warning(tmp_path: Path) -> None:
+    flight = Gathered(make(tmp_path))
+    found = findings(flight)
+    assert {finding.level for finding in found} == {Level.GOOD}
+    assert flight.distance_m == pytest.approx(2.0 * 19.996)
+    assert flight.vehicle == "1/1"
+    tracking = about(found, "tracking")
+    assert "10.0 cm" in tracking.text
+    assert [row.partition(":")[0] for row in tracking.evidence] == ["route", "return"]
+    assert all("rms 10.0, 0.0, 0.0 cm" in row for row in tracking.evidence)
+    assert "no gap in 2 streams" in about(found, "telemetry").text.lower()
+    assert [event.text for event in events(flight)] == [
+        "armed, taking off",
+        "route",
+        "external control",
+        "armed",
+        "return",
+    ]
+
+
+def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        values["limited"] = 5.0 <= time < 6.0
+        values["blocked"] = 8.0 <= time < 10.0 or 12.0 <= time < 12.5
+        values["clearance"] = math.hypot(0.5, time - 9.0) if time < 15.0 else math.inf
+
+    flight = Gathered(make(tmp_path, change=change))
+    found = findings(flight)
+    saturation = about(found, "saturation")
+    assert saturation.level is Level.WARNING
+    assert "one time, 1.00 s in all" in saturation.text
+    assert saturation.at == pytest.approx((5.0,))
+    avoidance = about(found, "avoidance")
+    assert "2 times, 2.5 s in all" in avoidance.text
+    assert avoidance.at == pytest.approx((8.0, 12.0))
+    clearance = about(found, "clearance")
+    assert (clearance.level, clearance.at) == (Level.WARNING, (9.0,))
+    assert "0.50 m" in clearance.text
+    assert flight.clearance_counts.sum() == 15 * 250
+
+
+def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) -> None:
+    flight = Gathered(make(tmp_path, silent=(12.0, 12.6), late_ms={750: 7.0, 1000: 1.9}))
+    found = findings(flight)
+    gaps = {finding.text.split()[0]: finding for finding in found if finding.about == "telemetry"}
+    assert set(gaps) == {"LOCAL_POSITION_NED", "ATTITUDE_QUATERNION"}, "the ring is not flown by at each step"
+    for gap in gaps.values():
+        assert gap.level is Level.WARNING
+        assert gap.at[0] == pytest.approx(11.98)
+        assert gap.evidence[0].startswith("620 ms from 11.98 s")
+    deadlines = about(found, "deadlines")
+    assert deadlines.at == (3.0,)
+    assert "one time, 7.0 ms" in deadlines.text
+
+
+def test_a_position_that_jumps_is_told_from_one_that_moves(tmp_path: Path) -> None:
+    flight = Gathered(make(tmp_path, jump_at=15.0, silent=(4.0, 4.5)))
+    jump = about(findings(flight), "estimator")
+    assert jump.level is Level.WARNING
+    assert "position jumped one time" in jump.text
+    assert jump.at == pytest.approx((15.0,))
+    assert jump.evidence == ("1.50 m at 15.00 s",)
+
+
+def test_shaking_is_measured_above_its_frequency(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        values["rates_frd"] = (0.0, 0.6 * math.sin(2.0 * math.pi * 40.0 * time), 2.0 * math.sin(2.0 * math.pi * time))
+
+    shaking = about(findings(Gathered(make(tmp_path, change=change))), "vibration")
+    assert shaking.level is Level.WARNING
+    assert f"{np.degrees(0.6 / math.sqrt(2.0)):.2f} deg/s rms" in shaking.text
+
+
+def test_a_failed_flight_says_so_first(tmp_path: Path) -> None:
+    result = {"delivered": "False", "landed": "False", "fault": "no ring for 0.52 s", "messages_lost": "3"}
+    found = findings(Gathered(make(tmp_path, 2.0, result=result)))
+    assert (found[0].level, found[0].about) == (Level.PROBLEM, "outcome")
+    assert "no ring for 0.52 s" in found[0].text
+    assert any(finding.text.startswith("3 messages of the vehicle were lost") for finding in found)
+
+
+def test_an_error_in_one_phase_is_said_of_that_phase(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        if values["phase"] == Phase.RETURN.value:
+            values["reference_position_ned"] = (2.0 * time, 0.8, -3.0)
+
+    tracking = about(findings(Gathered(make(tmp_path, change=change))), "tracking")
+    assert tracking.level is Level.WARNING
+    assert "rms 10.0, 0.0, 0.0 cm" in tracking.evidence[0]
+    assert "rms 0.0, 80.0, 0.0 cm" in tracking.evidence[1]
+    assert tracking.at[0] >= 10.0
+
+
+def test_a_log_cut_short_is_reported_on_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = make(tmp_path, 4.0)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    found = findings(Gathered(path))
+    assert any(finding.about == "log" and "cut off" in finding.text for finding in found)

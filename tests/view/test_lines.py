@@ -1,0 +1,124 @@
+"""Lines, spectra, stretches and gaps of streams, against what numpy says of the whole."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.view.lines import BUCKETS, SEGMENT, Line, Regularity, Rings, Spectrum, Stretches, Track, thin
+
+
+@given(st.integers(1, 400), st.integers(1, 60), st.integers(0, 2**32 - 1))
+def test_thinning_keeps_the_extremes_of_every_stretch(count: int, buckets: int, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    times = np.sort(generator.uniform(-5.0, 5.0, count))
+    values = generator.normal(size=count)
+    kept_times, kept = thin(times, values, buckets)
+    assert len(kept) <= max(2 * buckets, 1)
+    assert (kept.min(), kept.max()) == (values.min(), values.max())
+    assert set(zip(kept_times, kept, strict=True)) <= set(zip(times, values, strict=True))
+    assert (np.diff(kept_times) >= 0.0).all()
+
+
+def test_a_long_line_stays_small_and_keeps_a_single_spike() -> None:
+    line = Line()
+    spike = 777_777
+    for start in range(0, 2_000_000, 5000):
+        index = np.arange(start, start + 5000)
+        line.add(index * 1e-3, np.where(index == spike, 9.0, np.sin(index * 1e-4)))
+    times, values = line.points()
+    assert len(values) <= 2 * BUCKETS
+    assert values.max() == 9.0
+    assert times[values.argmax()] == spike * 1e-3
+    assert values.min() == pytest.approx(-1.0, abs=1e-6)
+    quiet = values != 9.0
+    assert np.abs(values[quiet] - np.sin(times[quiet] * 0.1)).max() < 1e-9
+    assert np.diff(times).max() < 2.5 * 2000.0 / BUCKETS
+
+
+def test_what_is_not_finite_is_left_out() -> None:
+    line = Line()
+    line.add(np.arange(4.0), np.array([1.0, math.inf, math.nan, 2.0]))
+    assert line.points()[1].tolist() == [1.0, 2.0]
+
+
+def test_a_track_is_thinned_evenly_over_all_of_its_time() -> None:
+    track = Track(2, most=100)
+    for start in range(0, 100_000, 1000):
+        times = np.arange(start, start + 1000) * 0.01
+        track.add(times, 3.0 * times[:, None])
+    rows = track.rows()
+    assert 50 <= len(rows) <= 200
+    assert rows[0, 0] == 0.0 and rows[-1, 0] > 980.0
+    assert np.allclose(rows[:, 1], 3.0 * rows[:, 0])
+    assert np.diff(rows[:, 0]).max() < 2.1 * np.diff(rows[:, 0]).min()
+
+
+@given(st.lists(st.integers(0, 2), min_size=1, max_size=60), st.integers(1, 20))
+def test_stretches_do_not_depend_on_how_the_stream_is_cut(values: list[int], cut: int) -> None:
+    whole, parts = Stretches(), Stretches()
+    times = np.arange(len(values)) * 0.5
+    whole.add(times, np.array(values))
+    for start in range(0, len(values), cut):
+        parts.add(times[start : start + cut], np.array(values[start : start + cut]))
+    found = parts.finish()
+    assert found == whole.finish()
+    assert [stretch.value for stretch in found] == [
+        value for index, value in enumerate(values) if index == 0 or values[index - 1] != value
+    ]
+    assert sum(stretch.seconds for stretch in found) == pytest.approx(times[-1])
+    assert sum(parts.seconds.values()) == pytest.approx(times[-1])
+
+
+def test_the_longest_silences_are_found_across_batches() -> None:
+    times = np.cumsum(np.full(10_000, 0.02))
+    times[5000:] += 1.0
+    times[8192:] += 0.5
+    clock = Regularity()
+    for start in range(0, len(times), 4096):
+        clock.add(times[start : start + 4096])
+    (longest, at), (second, after), *_ = clock.gaps
+    assert [longest, at] == pytest.approx([1.02, times[4999]])
+    assert [second, after] == pytest.approx([0.52, times[8191]])
+    assert clock.quantile(0.5) == pytest.approx(0.02, rel=0.13)
+    assert clock.longer_than(0.1) == 2
+    assert clock.rate == pytest.approx(9999 / (times[-1] - times[0]))
+
+
+def test_a_spectrum_holds_the_power_of_a_sine_where_it_is() -> None:
+    """Parseval: the density's integral is the mean square."""
+    spectrum = Spectrum(2)
+    times = np.arange(20_000) * 0.004
+    values = np.column_stack((0.6 * np.sin(2.0 * np.pi * 40.0 * times), 0.2 * np.sin(2.0 * np.pi * 5.0 * times)))
+    for start in range(0, len(times), 777):
+        spectrum.add(times[start : start + 777], values[start : start + 777])
+    frequencies, density = spectrum.density()
+    assert frequencies[density[:, 0].argmax()] == pytest.approx(40.0, abs=0.25)
+    assert spectrum.rms_above(20.0)[0] == pytest.approx(0.6 / math.sqrt(2.0), rel=1e-3)
+    assert spectrum.rms_above(20.0)[1] < 1e-4
+    assert spectrum.rms_above(1.0)[1] == pytest.approx(0.2 / math.sqrt(2.0), rel=1e-3)
+
+
+def test_a_spectrum_leaves_out_what_spans_a_gap() -> None:
+    spectrum = Spectrum(1)
+    times = np.arange(SEGMENT) * 0.004
+    times[SEGMENT // 2 :] += 3.0
+    spectrum.add(times, np.ones((SEGMENT, 1)))
+    assert spectrum.segments == 0
+
+
+def test_rings_keep_the_nearest_return_of_each_bearing() -> None:
+    rings = Rings(most=4)
+    for index in range(64):
+        ranges = np.full(3, np.nan)
+        ranges[1] = 10.0 - (index == 37) * 9.0
+        rings.add(float(index), ranges)
+    rows = list(rings.rows())
+    assert len(rows) <= 8
+    nearest = np.array([row for _, row in rows])
+    assert np.isnan(nearest[:, [0, 2]]).all()
+    hit = int(nearest[:, 1].argmin())
+    assert nearest[hit, 1] == 1.0
+    assert rows[hit][0] <= 37.0 < (rows[hit + 1][0] if hit + 1 < len(rows) else math.inf)
