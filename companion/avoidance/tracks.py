@@ -1,0 +1,263 @@
+"""What moves: a track for each small thing that the rings show, with a constant-velocity Kalman filter.
+
+A return belongs to its neighbour's cluster if the two are nearer to each other than `gap`. A cluster that is small and
+in full view is measured by its middle, with the sensor's own shape of error: a few centimetres along the beam, and
+across it as wide as the sector. Tracks and clusters are paired in the order of their distance in standard deviations
+(nearest pair first, gated). A track is believed after some hits, dropped after some misses, and moves if its velocity
+is well above its own uncertainty for some scans in a row. What moves is left out of the map, and the guard gets it with
+its velocity.
+
+The filter is the textbook's (Bar-Shalom, Li and Kirubarajan 2001, white-noise acceleration). A wide thing, a wall, has
+no middle that could be followed: its visible part travels with the vehicle.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.avoidance.guard import POINT
+from companion.state import BoolArray, Scan
+from protocol.compiled import compiled
+from protocol.frames import Array, rotate
+
+_GATE = 11.8
+"""Squared distance in standard deviations, two dimensions: 99.7 %."""
+_LONGEST_STEP_S = 0.5
+_RANGE_SIGMA = 0.08
+"""m along the beam: the sensor's noise and the round front of what it sees."""
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSettings:
+    """Of the tracks."""
+
+    gap: float
+    """m between neighbouring returns from which on they are two things."""
+    widest: float
+    """m; what is wider is not followed."""
+    acceleration: float
+    """m/s2, standard deviation of what is followed: a person's change of mind."""
+    hits: int
+    """After so many a track is believed."""
+    misses: int
+    """After so many in a row it is dropped."""
+    slowest: float
+    """m/s; what is slower stands still."""
+    certainty: float
+    """Standard deviations by which a velocity must differ from 0."""
+    steady: int
+    """Scans in a row for which it must."""
+
+
+@dataclass(slots=True)
+class Track:
+    """One thing. Mean (4,): north, east (m) and their rates; `covariance` (4, 4)."""
+
+    number: int
+    mean: Array
+    covariance: Array
+    radius: float
+    """m around the middle that hold all of it."""
+    hits: int = 1
+    misses: int = 0
+    steady: int = 0
+    moving: bool = False
+
+    def at(self, seconds: float) -> Array:
+        """(2,) where it will be."""
+        place: Array = self.mean[:2] + seconds * self.mean[2:]
+        return place
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """One thing in one scan."""
+
+    middle: Array
+    """(2,) NED."""
+    noise: Array
+    """(2, 2) covariance of `middle`."""
+    radius: float
+    members: Integers
+    """Indices of its beams."""
+
+
+class Tracker:
+    """Follows what the rings show, scan by scan."""
+
+    def __init__(self, settings: TrackSettings) -> None:
+        self._settings = settings
+        self._tracks: list[Track] = []
+        self._born = 0
+        self._time_ns: int | None = None
+
+    @property
+    def tracks(self) -> tuple[Track, ...]:
+        """All of them, the oldest first."""
+        return tuple(self._tracks)
+
+    @property
+    def moving(self) -> tuple[Track, ...]:
+        """Those that are believed and move."""
+        return tuple(track for track in self._tracks if track.moving)
+
+    def points(self, seconds: float, keep_out: float) -> Array:
+        """(n, 5) what moves, `seconds` after the last scan, as the guard's POINTs; `keep_out` widens each radius."""
+        rows = [[*track.at(seconds), *track.mean[2:], track.radius + keep_out] for track in self.moving]
+        return np.array(rows).reshape(-1, POINT)
+
+    def add(self, scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float) -> BoolArray:
+        """Take a scan in; which of its returns (n,) belong to something that moves. See `OccupancyGrid.add`."""
+        count = scan.bearings_frd.size
+        points = place(scan.bearings_frd, scan.ranges_m, position_ned, attitude_ned_frd)
+        usable = scan.hit & (points[:, 2] < ground_down)
+        width = abs(scan.bearings_frd[1] - scan.bearings_frd[0]) if count > 1 else math.radians(5.0)
+        found = clusters(points, scan.ranges_m, usable, position_ned, self._settings, width)
+        elapsed = 0.0 if self._time_ns is None else (scan.time_ns - self._time_ns) * 1e-9
+        self._time_ns = scan.time_ns
+        for track in self._tracks:
+            predict(track, min(elapsed, _LONGEST_STEP_S), self._settings.acceleration)
+        moving = np.zeros(count, np.bool_)
+        for track, cluster in self._pairs(found):
+            if track.moving:
+                moving[cluster.members] = True
+        return moving
+
+    def _pairs(self, found: list[Cluster]) -> list[tuple[Track, Cluster]]:
+        """Pair tracks and clusters, update, bear and drop tracks; the pairs."""
+        costs = sorted(
+            (distance, t, c)
+            for t, track in enumerate(self._tracks)
+            for c, cluster in enumerate(found)
+            if (distance := mahalanobis(track, cluster)) < _GATE
+        )
+        of_track: dict[int, int] = {}
+        taken: set[int] = set()
+        for _, t, c in costs:
+            if t not in of_track and c not in taken:
+                of_track[t] = c
+                taken.add(c)
+        pairs = []
+        for t, track in enumerate(self._tracks):
+            if t in of_track:
+                cluster = found[of_track[t]]
+                correct(track, cluster)
+                self._judge(track)
+                pairs.append((track, cluster))
+            else:
+                track.misses += 1
+        s = self._settings
+        self._tracks = [each for each in self._tracks if each.misses < (s.misses if each.hits >= s.hits else 1)]
+        for c, cluster in enumerate(found):
+            if c not in taken:
+                self._tracks.append(born(self._born, cluster))
+                self._born += 1
+        return pairs
+
+    def _judge(self, track: Track) -> None:
+        s = self._settings
+        velocity = track.mean[2:]
+        square = float(velocity @ np.linalg.solve(track.covariance[2:, 2:], velocity))
+        fast = math.hypot(*velocity) > s.slowest and square > s.certainty**2
+        track.steady = track.steady + 1 if fast else 0
+        track.moving = track.hits >= s.hits and track.steady >= s.steady
+
+
+def born(number: int, cluster: Cluster) -> Track:
+    """At rest as far as is known, within a walker's speeds."""
+    covariance = np.zeros((4, 4))
+    covariance[:2, :2] = cluster.noise
+    covariance[2, 2] = covariance[3, 3] = 1.5**2
+    return Track(number, np.array([*cluster.middle, 0.0, 0.0]), covariance, cluster.radius)
+
+
+def predict(track: Track, dt: float, acceleration: float) -> None:
+    """The track `dt` s later; `acceleration` (m/s2) is the white noise's standard deviation, held over the step."""
+    step = np.eye(4)
+    step[0, 2] = step[1, 3] = dt
+    gain = np.array([[0.5 * dt * dt, 0.0], [0.0, 0.5 * dt * dt], [dt, 0.0], [0.0, dt]])
+    track.mean = step @ track.mean
+    track.covariance = step @ track.covariance @ step.T + acceleration**2 * gain @ gain.T
+
+
+def mahalanobis(track: Track, cluster: Cluster) -> float:
+    """Squared distance in standard deviations."""
+    offset = cluster.middle - track.mean[:2]
+    return float(offset @ np.linalg.solve(track.covariance[:2, :2] + cluster.noise, offset))
+
+
+def correct(track: Track, cluster: Cluster) -> None:
+    """Take a measurement in; Joseph's form, which stays symmetric and positive."""
+    innovation = track.covariance[:2, :2] + cluster.noise
+    gain = np.linalg.solve(innovation, track.covariance[:2, :]).T
+    left = np.eye(4)
+    left[:, :2] -= gain
+    track.mean = track.mean + gain @ (cluster.middle - track.mean[:2])
+    track.covariance = left @ track.covariance @ left.T + gain @ cluster.noise @ gain.T
+    track.radius += 0.2 * (cluster.radius - track.radius)
+    track.hits += 1
+    track.misses = 0
+
+
+def clusters(
+    points: Array, ranges: Array, usable: BoolArray, position_ned: Array, settings: TrackSettings, width: float
+) -> list[Cluster]:
+    """The small things of a ring: runs of neighbouring returns (n, 3) NED, with what is behind or nothing on both
+    sides. What another thing hides a part of has no known middle and is left out."""
+    found = []
+    for first, length in runs(points, usable, settings.gap):
+        members = (first + np.arange(length)) % ranges.size
+        before, after = (first - 1) % ranges.size, (first + length) % ranges.size
+        hidden = any(
+            usable[side] and ranges[side] < ranges[edge] for side, edge in ((before, members[0]), (after, members[-1]))
+        )
+        ends = points[members[-1], :2] - points[members[0], :2]
+        extent = math.hypot(ends[0], ends[1])
+        if hidden or extent > settings.widest:
+            continue
+        middle = points[members, :2].mean(axis=0)
+        away = middle - position_ned[:2]
+        distance = max(math.hypot(away[0], away[1]), 1e-6)
+        along = away / distance
+        across = np.array([-along[1], along[0]])
+        sideways = (distance * width) ** 2 / 12.0
+        noise = _RANGE_SIGMA**2 * np.outer(along, along) + (sideways + _RANGE_SIGMA**2) * np.outer(across, across)
+        found.append(Cluster(middle, noise, max(0.5 * extent, 0.2), members))
+    return found
+
+
+@compiled
+def place(bearings: Array, ranges: Array, position: Array, attitude: Array) -> Array:
+    """(n, 3) NED of each return."""
+    points = np.empty((bearings.size, 3))
+    for k in range(bearings.size):
+        beam = np.array([ranges[k] * math.cos(bearings[k]), ranges[k] * math.sin(bearings[k]), 0.0])
+        points[k] = position + rotate(attitude, beam)
+    return points
+
+
+@compiled
+def _joined(points: Array, usable: BoolArray, a: int, b: int, gap: float) -> bool:
+    return usable[a] and usable[b] and math.hypot(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1]) < gap
+
+
+@compiled
+def runs(points: Array, usable: BoolArray, gap: float) -> Integers:
+    """(n, 2) first beam and length of each run of neighbours around the ring that belong together; a ring that closes
+    has none."""
+    count = usable.size
+    found = np.empty((count, 2), np.int64)
+    number = 0
+    for k in range(count):
+        if not usable[k] or _joined(points, usable, (k - 1) % count, k, gap):
+            continue
+        length = 1
+        while length < count and _joined(points, usable, (k + length - 1) % count, (k + length) % count, gap):
+            length += 1
+        found[number, 0], found[number, 1] = k, length
+        number += 1
+    return found[:number]
