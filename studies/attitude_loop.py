@@ -208,7 +208,9 @@ def _picture(report: Report, columns: tuple[Responses, ...]) -> None:
                 shown = slice(0, int(np.searchsorted(time, SHOWN)) + 1, len(time) // 250)
                 axes.plot(time[shown], angle[shown], color=colour, label=f"Q = {weight:g}")
                 if column == 0:
-                    axes.plot(*_marks(PRINTED[AXES[axis], weight], time, angle), **{**style.PUBLISHED, "color": colour})
+                    printed = PRINTED[AXES[axis], weight]
+                    marks = style.step_marks(time, angle, printed.rise, printed.settling)
+                    axes.plot(*marks, **{**style.PUBLISHED, "color": colour})
             if axis == 0:
                 axes.set_title(title)
             if axis == 2:
@@ -223,13 +225,6 @@ def _picture(report: Report, columns: tuple[Responses, ...]) -> None:
         "Steps of roll, pitch and yaw. Crosses: where 90 % and 98 % of the final value would be reached by the rise "
         "and settling times that the paper prints; those off the curves are the misprints.",
     )
-
-
-def _marks(printed: Figures, time: Array, angle: Array) -> tuple[list[float], list[float]]:
-    """90 % of the final value at the printed rise time after 10 %, and 98 % at the printed settling time."""
-    final = float(angle[-1])
-    start = float(time[np.argmax(angle >= 0.1 * final)])
-    return [start + printed.rise, printed.settling], [0.9 * final, 0.98 * final]
 
 
 INTRODUCTION = """

@@ -26,6 +26,8 @@ class Joined:
     output: Output = Output.RATES
     overrides: tuple[str, ...] = ()
     seed: int = 1
+    airframe: Airframe | None = None
+    """Another one than the mission's; the companion knows its body."""
     meddle: Callable[[int, bytes], bytes] = lambda time_ns, data: data
     said: list[str] = field(default_factory=list)
     events: list[Datagram | Tick] = field(default_factory=list)
@@ -35,8 +37,9 @@ class Joined:
 
     def __post_init__(self) -> None:
         settings = load_settings(None, list(self.overrides))
-        self.autopilot = Autopilot(settings, load_body(self.mission.vehicle), self.mission, self.output)
-        frame = Airframe.load(datafile.find("vehicles", self.mission.vehicle))
+        body = load_body(self.mission.vehicle) if self.airframe is None else self.airframe.body
+        self.autopilot = Autopilot(settings, body, self.mission, self.output)
+        frame = self.airframe or Airframe.load(datafile.find("vehicles", self.mission.vehicle))
         world = World.load(datafile.find("worlds", self.mission.world))
         self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=True)
 

@@ -4,6 +4,10 @@ import io
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from protocol.frames import Array
+
 INK, GREY = "#222222", "#8a8a8a"
 PALETTE = ("#1f5fbf", "#d1495b", "#2f8f5b", "#e09f3e", "#6d4c9f", "#3aa6b9")
 """Lines in order; all of them differ in lightness too, for print without colour."""
@@ -38,7 +42,7 @@ _RC = {
     "path.simplify_threshold": 0.5,
 }
 _DPI = 130
-_COLOURS = 96
+_COLOURS = 256
 
 
 def sheet(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = WIDTH, **options: Any) -> Any:
@@ -63,3 +67,13 @@ def save(figure: Any, stem: Path, command: str) -> None:
     picture = Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
     picture.save(stem.with_suffix(".png"), optimize=True)
     figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None, "Creator": None})
+
+
+def step_marks(time: Array, path: Array, rise: float, settling: float) -> tuple[list[float], list[float]]:
+    """Where a step response (n,) over time (n,) would be 90 % up and settled by a rise (10-90 %) and settling time (s):
+    at the rise time after its own 10 %, and at the edge of the 2 % band through which it last came in."""
+    final = float(path[-1])
+    start = float(time[np.argmax(path >= 0.1 * final)])
+    outside = np.flatnonzero(np.abs(path - final) > 0.02 * abs(final))
+    edge = 1.02 if path[outside[-1]] > final else 0.98
+    return [start + rise, settling], [0.9 * final, edge * final]
