@@ -120,8 +120,10 @@ class Autopilot:
         self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
         self._estimator = Estimator()
         self._reference = ReferenceGenerator(settings.trajectory)
-        curves = (step.curve for step in steps(mission, np.zeros(3)))
-        self._tracks = tuple(None if curve is None else track_of(curve) for curve in curves)
+        self._tracks = tuple(
+            None if step.curve is None else track_of(step.curve, settings.trajectory, settings.limits.tilt)
+            for step in steps(mission, np.zeros(3))
+        )
         self._track: Track | None = None
         self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.grain)
         self._avoidance = method.choose(settings.avoidance)
@@ -134,7 +136,7 @@ class Autopilot:
         needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
         self._rates = TelemetryRates(needed, rates.least_share)
 
-        self._law = cascade.parameters(settings, body)
+        self._cascade = cascade.Cascade(settings, body, output)
 
         self._firmware: Firmware | None = None
         self._version: int | None = None
@@ -514,25 +516,21 @@ class Autopilot:
             return
         if supervised is State.FLY:
             self._fly(state, now)
-        reference = self._reference.at(now)
+        effective_ns, followed_ns = self._cascade.reference_times(now)
+        reference = self._reference.at(effective_ns)
         mass = self.body.mass_kg + (0.0 if self.released else self.body.parcel_mass_kg)
-        control, limited = cascade.step(
-            state.position_ned,
-            state.velocity_ned,
-            state.attitude_ned_frd,
-            state.rates_frd,
-            reference.position_ned,
-            reference.velocity_ned,
-            reference.acceleration_ned,
-            reference.yaw,
-            reference.yaw_rate,
+        control, limited = self._cascade.step(
+            state,
+            now,
+            self._measured_ns(now),
+            reference,
+            self._reference.at(followed_ns),
             mass,
-            self._law,
+            supervised in FLYING and self._landed != dialect.MAV_LANDED_STATE_ON_GROUND,
         )
-        if supervised not in FLYING:
-            control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = (
-                0.0  # a stream that does nothing
-            )
+        if supervised not in FLYING:  # a stream that does nothing
+            control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = 0.0
+            self._cascade.reset()
         setpoint = Setpoint(
             control[cascade.ATTITUDE], control[cascade.RATES], control[cascade.TORQUE], float(control[cascade.THRUST])
         )
@@ -540,6 +538,14 @@ class Autopilot:
         self._trace = trace.pack(
             supervised, self.phase, self.step_index, state, reference, control, limited, self.decision
         )
+
+    def _measured_ns(self, now: int) -> int:
+        """When the present state was measured, on our clock: now, as long as the vehicle's clock is not known."""
+        assert self.peer is not None
+        if self.peer.offset_ns is None:
+            return now
+        longest = round(self.settings.control.prediction.longest * 1e9)
+        return min(max(self._estimator.boot_time_ms * 1_000_000 - self.peer.offset_ns, now - longest), now)
 
     def _emit(self, setpoint: Setpoint, now: int) -> None:
         """The last gate: an unsound setpoint stays here, and the supervisor hears of it."""

@@ -13,6 +13,12 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Vector = tuple[Positive, Positive, Positive]
+NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
+
+
+def _one_of(key: str, value: str, *known: str) -> None:
+    if value not in known:
+        raise ValueError(f"{key} {value!r}: there are " + ", ".join(f'"{each}"' for each in known))
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -23,10 +29,22 @@ class PositionControl(Table, frozen=True):
     """Backstepping constants; the paper's c7, c9, c11 are `c1`, its c8, c10, c12 (all 1 there) are `c2`. North, east,
     down."""
 
+    law: str = "backstepping"
+    """Or, to compare with, "se3", "sliding_mode", "pid"."""
     c1: Vector = (2.5, 2.5, 2.5)
     c2: Vector = (2.5, 2.5, 2.5)
+    feedforward: str = "acceleration"
+    """What of the reference is fed forward: "none", "velocity" or "acceleration" (with the velocity)."""
+    adaptation: NonNegativeVector = (0.3, 0.3, 0.3)
+    """gamma of the adaptive (integral) law; 0: the paper's."""
+    adaptation_bound: Positive = 3.0
+    """m/s2 at the most on each axis."""
     drag_compensation: bool = True
     """Make up for the drag of the `[body]` table, which the paper's model lacks."""
+
+    def __post_init__(self) -> None:
+        _one_of("law", self.law, "backstepping", "se3", "sliding_mode", "pid")
+        _one_of("feedforward", self.feedforward, "none", "velocity", "acceleration")
 
 
 class AttitudeControl(Table, frozen=True):
@@ -35,12 +53,76 @@ class AttitudeControl(Table, frozen=True):
     angle_weight: Vector = (400.0, 400.0, 50.0)
     rate_weight: Vector = (1.0, 1.0, 1.0)
     input_weight: Vector = (1.0, 1.0, 1.0)
+    bandwidth: Vector | None = None
+    """rad/s; takes the place of angle and rate weights by the rule of `control.lqr.weights_for`."""
+    damping: Annotated[float, msgspec.Meta(ge=0.7072, le=2)] = 0.8
+    """Of that rule."""
+    design: str = "continuous"
+    """"continuous": the paper's; "sampled": in discrete time, with the rotors' lag in the plant."""
+    feedforward: bool = True
+    """Rates and angular acceleration of the reference, from its jerk and snap."""
+
+    def __post_init__(self) -> None:
+        _one_of("design", self.design, "continuous", "sampled")
+
+
+class Prediction(Table, frozen=True):
+    """Of the state, from the measurement to when the command takes effect."""
+
+    enabled: bool = True
+    command_delay: NotNegative = 0.0
+    """s from sending a command to its effect, beyond the half of a period that it is held."""
+    longest: Positive = 0.15
+    """s; telemetry that is older is taken to be so old."""
+
+
+class Estimation(Table, frozen=True):
+    """Of what the model lacks, from the velocity (see `control.estimation`); walks are per square root of a second."""
+
+    thrust_scale: bool = True
+    """The hover thrust: mass, battery, propellers."""
+    drag_scale: bool = True
+    disturbance: bool = True
+    velocity_noise: Positive = 0.02
+    """m/s"""
+    acceleration_noise: Positive = 0.1
+    """m/s2"""
+    thrust_scale_walk: NotNegative = 0.05
+    drag_scale_walk: NotNegative = 0.1
+    disturbance_walk: NotNegative = 1.0
+    """m/s2"""
+
+
+class GeometricControl(Table, frozen=True):
+    """Gains by mass of `law = "se3"` (1/s2, 1/s); north, east, down."""
+
+    position_gain: Vector = (7.25, 7.25, 7.25)
+    velocity_gain: Vector = (5.0, 5.0, 5.0)
+
+
+class SlidingModeControl(Table, frozen=True):
+    """Of `law = "sliding_mode"`."""
+
+    slope: Vector = (2.5, 2.5, 2.5)
+    """1/s"""
+    gain: Vector = (4.0, 4.0, 4.0)
+    """m/s2"""
+    boundary: Positive = 1.0
+    """m/s"""
+
+
+class PidControl(Table, frozen=True):
+    """Of `law = "pid"` (1/s2, 1/s3, 1/s)."""
+
+    proportional: Vector = (7.25, 7.25, 7.25)
+    integral: NonNegativeVector = (2.0, 2.0, 2.0)
+    derivative: Vector = (5.0, 5.0, 5.0)
 
 
 class Limits(Table, frozen=True):
     """What may be asked of the vehicle; thrust as fractions of the whole."""
 
-    tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=60)] = 35.0
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=85)] = 35.0
     lowest_thrust: Fraction = 0.1
     highest_thrust: Fraction = 0.9
     roll_pitch_rate_deg: Positive = 220.0
@@ -96,8 +178,7 @@ class Avoidance(Table, frozen=True):
     """m/s that is always left, to move away from what is near."""
 
     def __post_init__(self) -> None:
-        if self.method not in ("paper", "paper-literal", "none"):
-            raise ValueError(f'method {self.method!r}: there are "paper", "paper-literal" and "none"')
+        _one_of("method", self.method, "paper", "paper-literal", "none")
 
 
 class Supervision(Table, frozen=True):
@@ -143,6 +224,11 @@ class Identity(Table, frozen=True):
 class Control(Table, frozen=True):
     position: PositionControl = PositionControl()
     attitude: AttitudeControl = AttitudeControl()
+    prediction: Prediction = Prediction()
+    estimation: Estimation = Estimation()
+    se3: GeometricControl = GeometricControl()
+    sliding_mode: SlidingModeControl = SlidingModeControl()
+    pid: PidControl = PidControl()
 
 
 class Settings(Table, frozen=True):

@@ -26,6 +26,8 @@ class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Of a rotor's thrust, up and down on average; 0: not known."""
     rate_loop_gain_1_s: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     """Angular acceleration that the vehicle's own rate loop gives for an error of 1 rad/s; 0: not known."""
+    attitude_loop_gain_1_s: NotNegative = 0.0
+    """Rate that the vehicle's own attitude loop gives for a tilt's error of 1 rad; 0: not known."""
     parcel_mass_kg: NotNegative = 0.0
     """What it carries at take-off, on top of `mass_kg`."""
 

@@ -1,5 +1,15 @@
 """The paper's controller as settings of ours, in one place."""
 
+NOTHING_ADDED = (
+    "control.position.adaptation=[0.0, 0.0, 0.0]",
+    "control.attitude.feedforward=false",
+    "control.prediction.enabled=false",
+    "control.estimation.disturbance=false",
+    "control.estimation.thrust_scale=false",
+    "control.estimation.drag_scale=false",
+)
+"""Of what Courier's controller has beyond the paper's; drag stays made up for, which the paper's vehicle lacks."""
+
 
 def paper_settings(c: float, angle_weight: float = 400.0, yaw_weight: float = 50.0) -> tuple[str, ...]:
     """Overrides for the laws (7)-(25) alone: c7 = c9 = c11 = `c`, c8 = c10 = c12 = 1, no avoidance.
@@ -11,4 +21,5 @@ def paper_settings(c: float, angle_weight: float = 400.0, yaw_weight: float = 50
         "control.position.c2=[1.0, 1.0, 1.0]",
         f"control.attitude.angle_weight=[{angle_weight}, {angle_weight}, {yaw_weight}]",
         'avoidance.method="none"',
+        *NOTHING_ADDED,
     )

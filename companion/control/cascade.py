@@ -1,25 +1,55 @@
-"""The laws of this folder one after the other, as one compiled step."""
+"""The laws of this folder one after the other, as one compiled step:
+
+estimation -> prediction -> position law -> thrust -> attitude -> rates or torque.
+"""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
-from companion.control import backstepping, flatness, lqr, thrust
+from companion.control import backstepping, estimation, flatness, lqr, pid, prediction, se3, sliding_mode, thrust
+from companion.state import Output, Reference, VehicleState
 from protocol.body import Body
 from protocol.compiled import compiled
-from protocol.frames import Array
+from protocol.frames import Array, from_rotation_vector, multiply, rotate, rotate_inverse
+
+LAWS = ("backstepping", "se3", "sliding_mode", "pid")
+_BACKSTEPPING, _SE3, _SLIDING_MODE, _PID = range(4)
 
 PARAMETERS = np.dtype(
     [
+        ("law", "i8"),
         ("c1", "f8", 3),
         ("c2", "f8", 3),
-        ("drag_kg_s", "f8", 3),
-        ("K", "f8", (3, 6)),
-        ("rate_gain", "f8", 3),
+        ("gamma", "f8", 3),
+        ("adaptation_bound", "f8"),
+        ("gain_1", "f8", 3),  # of the laws that are compared: position, slope, proportional
+        ("gain_2", "f8", 3),  # velocity, reaching, derivative
+        ("gain_3", "f8", 3),  # integral
+        ("boundary", "f8"),
+        ("feed_velocity", "f8"),
+        ("feed_acceleration", "f8"),
+        ("feed_attitude", "b1"),
+        ("drag_kg_s", "f8", 3),  # as compensated
+        ("model_drag_kg_s", "f8", 3),
+        ("estimates", "b1"),
+        ("noise", "f8"),
+        ("spread", "f8", 8),
+        ("walk", "f8", 8),
+        ("predicts", "b1"),
+        ("input_kind", "i8"),
+        ("rotor_lag", "f8"),
+        ("rate_loop", "f8", 3),
+        ("attitude_lead", "f8"),
+        ("torque_gain", "f8", (3, 3)),
+        ("rates_gain", "f8", (3, 3)),
         ("rate_limit", "f8", 3),
         ("torque_scale", "f8", 3),
+        ("full_torque", "f8", 3),
+        ("inertia", "f8", 3),
         ("lowest_n", "f8"),
         ("highest_n", "f8"),
         ("full_n", "f8"),
@@ -28,6 +58,23 @@ PARAMETERS = np.dtype(
     align=True,
 )
 """What the laws need of settings and body; `torque_scale`: fractions of full torque for one unit of U2, U3, U4."""
+
+MEMORY = np.dtype(
+    [
+        ("estimate", estimation.ESTIMATE),
+        ("sent", prediction.SENT, prediction.KEPT),
+        ("count", "i8"),
+        ("time_ns", "i8"),
+        ("adapted", "f8", 3),
+        ("integral", "f8", 3),
+        ("reference_rates", "f8", 3),
+        ("reference_turning", "f8", 3),
+        ("jump", "f8", 3),
+        ("limited", "b1"),
+    ],
+    align=True,
+)
+"""What the laws remember from step to step."""
 
 FIELDS = (
     ("e1", 3),
@@ -39,32 +86,172 @@ FIELDS = (
     ("rates_command_frd", 3),
     ("torque_command", 3),
     ("thrust_command", 1),
+    ("predicted_position_ned", 3),
+    ("disturbance_ned", 3),
+    ("thrust_scale", 1),
+    ("drag_scale", 1),
 )
 """What `step` returns, in this order. `lyapunov` is V (19) of each axis and `lyapunov_rate` the V' (22) that the law
-promises; torque and thrust are fractions of the whole."""
+promises, both of backstepping, whichever law flies; torque and thrust are fractions of the whole."""
 
 SIZE = sum(size for _, size in FIELDS)
 ATTITUDE, RATES, TORQUE, THRUST = slice(15, 19), slice(19, 22), slice(22, 25), 25
 
+_LONGEST_S = 0.1
+_FADING_S = 0.1
 
-def parameters(settings: Settings, body: Body) -> NDArray[np.void]:
-    """One record of PARAMETERS; the LQR's gain is computed here."""
-    attitude, limits = settings.control.attitude, settings.limits
-    K = lqr.attitude_gain(body, attitude.angle_weight, attitude.rate_weight, attitude.input_weight)
+
+class Cascade:
+    """The controller of one flight."""
+
+    def __init__(self, settings: Settings, body: Body, output: Output) -> None:
+        self._parameters = _parameters(settings, body, output)
+        self._memory = np.zeros(1, MEMORY)
+        self._ahead_ns = 0
+        self._half_period_ns = 0
+        if settings.control.prediction.enabled:
+            self._half_period_ns = round(0.5e9 / settings.rates.attitude)
+            self._half_period_ns += round(settings.control.prediction.command_delay * 1e9)
+            self._ahead_ns = round(body.rotor_time_constant_s * 1e9)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: nothing is flown."""
+        self._memory[:] = np.zeros(1, MEMORY)
+        estimation.start(self._memory["estimate"], self._parameters["spread"][0])
+
+    def reference_times(self, now_ns: int) -> tuple[int, int]:
+        """When the command takes effect, and when the rotors will have followed it: the times of the two references
+        that `step` takes."""
+        return now_ns + self._half_period_ns, now_ns + self._half_period_ns + self._ahead_ns
+
+    def step(
+        self,
+        state: VehicleState,
+        now_ns: int,
+        measured_ns: int,
+        reference: Reference,
+        ahead: Reference,
+        mass: float,
+        airborne: bool,
+    ) -> tuple[Array, bool]:
+        """FIELDS (SIZE,) and whether a limit on thrust or tilt bit. The state was measured at `measured_ns`; `mass`
+        in kg; what a flight teaches is learnt while `airborne`."""
+        return step(
+            state.position_ned,
+            state.velocity_ned,
+            state.attitude_ned_frd,
+            state.rates_frd,
+            measured_ns,
+            now_ns,
+            now_ns + self._half_period_ns,
+            _flat(reference),
+            _flat(ahead),
+            mass,
+            airborne,
+            self._parameters,
+            self._memory,
+        )
+
+
+def _flat(reference: Reference) -> Array:
+    return np.concatenate(
+        (
+            reference.position_ned,
+            reference.velocity_ned,
+            reference.acceleration_ned,
+            reference.jerk_ned,
+            reference.snap_ned,
+            (reference.yaw, reference.yaw_rate, reference.yaw_acceleration),
+        )
+    )
+
+
+def _parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.void]:
+    """One record of PARAMETERS; the LQR's gains are computed here."""
+    control, limits = settings.control, settings.limits
+    position, attitude, estimates = control.position, control.attitude, control.estimation
+    angle_weight, rate_weight = list(attitude.angle_weight), list(attitude.rate_weight)
+    if attitude.bandwidth is not None:
+        angle_weight, rate_weight = lqr.weights_for(body, attitude.bandwidth, attitude.damping)
+    K = lqr.attitude_gain(body, angle_weight, rate_weight, attitude.input_weight)
     tilt_rate, yaw_rate = math.radians(limits.roll_pitch_rate_deg), math.radians(limits.yaw_rate_deg)
+    lag, known_loop = body.rotor_time_constant_s, min(body.rate_loop_gain_1_s) > 0.0
     record = np.zeros(1, PARAMETERS)
-    record["c1"] = settings.control.position.c1
-    record["c2"] = settings.control.position.c2
-    record["drag_kg_s"] = body.drag_kg_s if settings.control.position.drag_compensation else (0.0, 0.0, 0.0)
-    record["K"] = K
-    record["rate_gain"] = lqr.rate_gain(K)
-    record["rate_limit"] = (tilt_rate, tilt_rate, yaw_rate)
-    record["torque_scale"] = lqr.to_torque(body) / np.array(body.full_torque_nm)
-    record["lowest_n"] = limits.lowest_thrust * body.max_thrust_n
-    record["highest_n"] = limits.highest_thrust * body.max_thrust_n
-    record["full_n"] = body.max_thrust_n
-    record["tilt"] = limits.tilt
+    values = {
+        "law": LAWS.index(position.law),
+        "c1": position.c1,
+        "c2": position.c2,
+        "gamma": position.adaptation,
+        "adaptation_bound": position.adaptation_bound,
+        "boundary": control.sliding_mode.boundary,
+        "feed_velocity": position.feedforward != "none",
+        "feed_acceleration": position.feedforward == "acceleration",
+        "feed_attitude": attitude.feedforward,
+        "drag_kg_s": body.drag_kg_s if position.drag_compensation else (0.0, 0.0, 0.0),
+        "model_drag_kg_s": body.drag_kg_s,
+        "estimates": estimates.disturbance or estimates.thrust_scale or estimates.drag_scale,
+        "noise": estimates.velocity_noise,
+        "predicts": control.prediction.enabled,
+        "input_kind": {
+            Output.ATTITUDE: prediction.UNKNOWN,
+            Output.RATES: prediction.RATES,
+            Output.ACTUATORS: prediction.ANGULAR_ACCELERATION,
+        }[output],
+        "rotor_lag": lag,
+        "rate_loop": body.rate_loop_gain_1_s,
+        "attitude_lead": 1.0 / body.attitude_loop_gain_1_s if body.attitude_loop_gain_1_s > 0.0 else 0.0,
+        "torque_gain": lqr.axis_gain(K),
+        "rates_gain": lqr.rate_gain(K),
+        "rate_limit": (tilt_rate, tilt_rate, yaw_rate),
+        "torque_scale": lqr.to_torque(body) / np.array(body.full_torque_nm),
+        "full_torque": body.full_torque_nm,
+        "inertia": body.inertia_kgm2,
+        "lowest_n": limits.lowest_thrust * body.max_thrust_n,
+        "highest_n": limits.highest_thrust * body.max_thrust_n,
+        "full_n": body.max_thrust_n,
+        "tilt": limits.tilt,
+    }
+    for name, value in values.items():
+        record[name] = value
+    parts = (
+        (slice(3, 6), estimates.disturbance, 0.0, estimates.disturbance_walk),
+        (estimation.THRUST_SCALE, estimates.thrust_scale, 0.3, estimates.thrust_scale_walk),
+        (estimation.DRAG_SCALE, estimates.drag_scale and max(body.drag_kg_s) > 0.0, 0.3, estimates.drag_scale_walk),
+    )
+    record["spread"][0, :3] = 1.0
+    record["walk"][0, :3] = estimates.acceleration_noise
+    for part, wanted, spread, walk in parts:
+        if wanted:
+            record["spread"][0, part], record["walk"][0, part] = spread, walk
+    if attitude.design == "sampled" and lag > 0.0:
+        weights = (angle_weight, rate_weight, attitude.input_weight)
+        entries = [float(b) for b in np.array(lqr.to_torque(body)) / np.array(body.inertia_kgm2)]
+        period = 1.0 / settings.rates.attitude
+        record["torque_gain"] = lqr.sampled_gain(None, entries, lag, period, *weights)
+        if known_loop:
+            record["rates_gain"] = lqr.sampled_gain(body.rate_loop_gain_1_s, entries, lag, period, *weights)
+    others = {
+        "se3": (control.se3.position_gain, control.se3.velocity_gain, (0.0, 0.0, 0.0)),
+        "sliding_mode": (control.sliding_mode.slope, control.sliding_mode.gain, (0.0, 0.0, 0.0)),
+        "pid": (control.pid.proportional, control.pid.derivative, control.pid.integral),
+    }
+    if position.law in others:
+        record["gain_1"], record["gain_2"], record["gain_3"] = others[position.law]
     return record
+
+
+@compiled
+def _fade_jumps(reference_rates: Array, reference_turning: Array, dt: float, memory: Any) -> Array:
+    """What the reference's rates jumped by, where the jerk does, is held back in `memory.jump` and let through within
+    _FADING_S; returns the angular acceleration (3,) of that. Rates that their own derivative explains pass untouched.
+    """
+    if dt > 0.0:
+        expected = memory.reference_rates + 0.5 * dt * (memory.reference_turning + reference_turning)
+        memory.jump[:] = (memory.jump + reference_rates - expected) * math.exp(-dt / _FADING_S)
+    memory.reference_rates[:] = reference_rates
+    memory.reference_turning[:] = reference_turning
+    return memory.jump / _FADING_S
 
 
 @compiled
@@ -73,34 +260,144 @@ def step(
     velocity: Array,
     attitude: Array,
     rates: Array,
-    reference_position: Array,
-    reference_velocity: Array,
-    reference_acceleration: Array,
-    yaw: float,
-    yaw_rate: float,
+    measured_ns: int,
+    now_ns: int,
+    until_ns: int,
+    reference: Array,
+    ahead: Array,
     mass: float,
+    airborne: bool,
     parameters: NDArray[np.void],
+    memory: NDArray[np.void],
 ) -> tuple[Array, bool]:
-    """FIELDS (26,) and whether a limit on thrust or tilt bit. World vectors NED, body vectors FRD, `mass` in kg."""
-    p = parameters[0]
+    """FIELDS (SIZE,) and whether a limit bit. World vectors NED, body vectors FRD, `mass` in kg; the references (18,)
+    are position to snap, yaw, its rate and acceleration, for `until_ns` and for a rotor's lag later."""
+    p, m = parameters[0], memory[0]
+    dt = min(max((now_ns - m.time_ns) * 1e-9, 0.0), _LONGEST_S)
+    m.time_ns = now_ns
+    estimate = memory["estimate"]
+    mean = estimate[0].mean
+    scale, drag_scale = mean[estimation.THRUST_SCALE], mean[estimation.DRAG_SCALE]
+    disturbance = mean[estimation.DISTURBANCE].copy()
+
+    # where it is, and what the last commands do to it
+    turning = np.zeros(3)
+    thrust_then = 0.0
+    at, moving, turned, turns = position, velocity, attitude, rates
+    if airborne and m.count > 0 and (p.predicts or p.estimates):
+        at, moving, turned, turns, turning, _, thrust_then = prediction.predict(
+            position,
+            velocity,
+            attitude,
+            rates,
+            measured_ns,
+            until_ns if p.predicts else measured_ns,
+            m.sent,
+            m.count,
+            p.input_kind,
+            p.rotor_lag,
+            p.rate_loop,
+            mass / scale,
+            p.model_drag_kg_s * drag_scale / scale,
+            disturbance,
+        )
+        if p.estimates:
+            estimation.update(
+                estimate,
+                measured_ns,
+                velocity,
+                rotate(attitude, np.array([0.0, 0.0, -thrust_then / mass])),
+                -rotate(attitude, p.model_drag_kg_s * rotate_inverse(attitude, velocity)) / mass,
+                p.noise,
+                p.walk,
+            )
+
+    # position
+    reference_velocity = p.feed_velocity * reference[3:6]
+    reference_acceleration = p.feed_acceleration * reference[6:9]
     acceleration, e1, e2 = backstepping.acceleration_command(
-        position, velocity, reference_position, reference_velocity, reference_acceleration, p.c1, p.c2
+        at, moving, reference[0:3], reference_velocity, reference_acceleration, p.c1, p.c2
     )
     v, v_rate = backstepping.lyapunov(e1, e2, p.c1, p.c2)
-    against_drag = thrust.drag_compensation(velocity, attitude, p.drag_kg_s, mass)
-    thrust_ned, limited = thrust.thrust_vector(acceleration + against_drag, mass, p.lowest_n, p.highest_n, p.tilt)
-    command = flatness.attitude_command(thrust_ned, yaw)
-    error = lqr.attitude_error(attitude, command)
-    reference_rates = np.array([0.0, 0.0, yaw_rate])
-    out = np.empty(26)
+    error_rate = reference_velocity - moving
+    if airborne and not m.limited:
+        m.adapted[:] = backstepping.adapted(m.adapted, e2, p.gamma, dt, p.adaptation_bound)
+        m.integral[:] = backstepping.adapted(m.integral, e1, np.ones(3), dt, p.adaptation_bound)
+    if p.law == _BACKSTEPPING:
+        disturbance += m.adapted
+    elif p.law == _SE3:
+        acceleration = se3.acceleration_command(e1, error_rate, reference_acceleration, p.gain_1, p.gain_2)
+    elif p.law == _SLIDING_MODE:
+        acceleration = sliding_mode.acceleration_command(
+            e1, error_rate, reference_acceleration, p.gain_1, p.gain_2, p.boundary
+        )
+    elif p.law == _PID:
+        acceleration = pid.acceleration_command(e1, error_rate, m.integral, p.gain_1, p.gain_3, p.gain_2)
+
+    # thrust and attitude; a rotor that gives `scale` times its thrust lifts as if all else were so much less
+    seen_mass = mass / scale
+    seen_drag = p.drag_kg_s * drag_scale / scale
+    against_drag = thrust.drag_compensation(moving, turned, seen_drag, seen_mass)
+    thrust_ned, limited = thrust.thrust_vector(
+        acceleration - disturbance + against_drag, seen_mass, p.lowest_n, p.highest_n, p.tilt
+    )
+    command = flatness.attitude_command(thrust_ned, reference[15])
+    collective = thrust.collective(thrust_ned, turned)
+    reference_attitude = command
+    reference_rates = np.array([0.0, 0.0, reference[16]])
+    reference_turning = np.zeros(3)
+    turning_ahead = np.zeros(3)
+    if p.feed_attitude:
+        wanted, wanted_ahead = reference[6:9] - disturbance, ahead[6:9] - disturbance
+        reference_attitude, reference_rates, reference_turning, thrust_now = flatness.inverse(
+            reference[3:6], wanted, reference[9:12], reference[12:15], reference[15:18], seen_mass, seen_drag
+        )
+        _, _, turning_ahead, thrust_ahead = flatness.inverse(
+            ahead[3:6], wanted_ahead, ahead[9:12], ahead[12:15], ahead[15:18], seen_mass, seen_drag
+        )
+        if p.predicts:
+            collective += thrust_ahead - thrust_now
+    fading = _fade_jumps(reference_rates, reference_turning, dt, m)
+    reference_rates = rotate_inverse(turned, rotate(reference_attitude, reference_rates - m.jump))
+    reference_turning = rotate_inverse(turned, rotate(reference_attitude, reference_turning + fading))
+    turning_ahead = rotate_inverse(turned, rotate(reference_attitude, turning_ahead + fading))
+    collective = min(max(collective, p.lowest_n), p.highest_n)
+
+    # rates, torque
+    error = lqr.attitude_error(turned, command)
+    if p.law == _SE3:
+        error = se3.attitude_error(turned, command)
+    rates_command = reference_rates + lqr.feedback(
+        error, reference_rates - turns, reference_turning - turning, p.rates_gain
+    )
+    for i in range(3):
+        if p.rate_loop[i] > 0.0:
+            rates_command[i] += turning_ahead[i] / p.rate_loop[i]
+    rates_command = np.minimum(np.maximum(rates_command, -p.rate_limit), p.rate_limit)
+    torque = lqr.feedback(error, reference_rates - turns, reference_turning - turning, p.torque_gain) * p.torque_scale
+    torque += (p.inertia * turning_ahead + np.cross(turns, p.inertia * turns)) / p.full_torque
+    torque = np.minimum(np.maximum(torque, -1.0), 1.0)
+    if p.attitude_lead > 0.0 and p.feed_attitude and p.input_kind == prediction.UNKNOWN:
+        command = multiply(command, from_rotation_vector(p.attitude_lead * reference_rates))
+
+    m.limited = limited
+    sent_input = rates_command
+    if p.input_kind == prediction.ANGULAR_ACCELERATION:
+        sent_input = (torque * p.full_torque - np.cross(turns, p.inertia * turns)) / p.inertia
+    m.count = prediction.remember(m.sent, m.count, now_ns, collective, sent_input)
+
+    out = np.empty(SIZE)
     out[0:3] = e1
     out[3:6] = e2
     out[6:9] = v
     out[9:12] = v_rate
     out[12:15] = acceleration
     out[15:19] = command
-    out[19:22] = lqr.rates_command(error, reference_rates, p.rate_gain, p.rate_limit)
-    torque = lqr.inputs(error, reference_rates - rates, p.K) * p.torque_scale
-    out[22:25] = np.minimum(np.maximum(torque, -1.0), 1.0)
-    out[25] = thrust.collective(thrust_ned, attitude, p.highest_n) / p.full_n
+    out[19:22] = rates_command
+    out[22:25] = torque
+    out[25] = collective / p.full_n
+    out[26:29] = at
+    out[29:32] = disturbance
+    out[32] = scale
+    out[33] = drag_scale
     return out, limited

@@ -49,9 +49,60 @@ def attitude_gain(
     return np.asarray(K, dtype=np.float64)
 
 
+def weights_for(body: Body, bandwidth: Sequence[float], damping: float) -> tuple[list[float], list[float]]:
+    """Angle and rate weights (three each, R = 1) whose LQR has the closed loop s^2 + 2 damping w s + w^2 on each axis.
+
+    With b the axis's entry of B the LQR gives k1 = sqrt(q_angle) and k2 = sqrt(q_rate + 2 k1 / b), and the closed loop
+    is s^2 + b k2 s + b k1; so q_angle = (w^2 / b)^2 and q_rate = (4 damping^2 - 2) (w / b)^2. `bandwidth` in rad/s;
+    `damping` at least sqrt(1/2), below which no weight leads.
+    """
+    _, B = attitude_model(body)
+    entries = [B[2 * axis + 1, axis] for axis in range(3)]
+    angle = [(w * w / b) ** 2 for w, b in zip(bandwidth, entries, strict=True)]
+    rate = [(4.0 * damping * damping - 2.0) * (w / b) ** 2 for w, b in zip(bandwidth, entries, strict=True)]
+    return angle, rate
+
+
+def axis_gain(K: Array) -> Array:
+    """(3, 3): what each axis's own input takes from its errors of angle, rate and (nothing here) angular
+    acceleration."""
+    return np.array([[K[axis, 2 * axis], K[axis, 2 * axis + 1], 0.0] for axis in range(3)])
+
+
 def rate_gain(K: Array) -> Array:
-    """k1 / k2 (1/s), (3,): the rate command for an angle's error."""
-    return np.array([K[axis, 2 * axis] / K[axis, 2 * axis + 1] for axis in range(3)])
+    """(3, 3) as `axis_gain`, for a rate command: k1 / k2 (1/s) of the angle's error, nothing of the others."""
+    return np.array([[K[axis, 2 * axis] / K[axis, 2 * axis + 1], 0.0, 0.0] for axis in range(3)])
+
+
+def sampled_gain(
+    rate_loop: Sequence[float] | None,
+    entries: Sequence[float],
+    lag_s: float,
+    period_s: float,
+    angle_weight: Sequence[float],
+    rate_weight: Sequence[float],
+    input_weight: Sequence[float],
+) -> Array:
+    """(3, 3) as `axis_gain`: the discrete-time LQR of each axis with the rotors' lag in the plant,
+
+        angle' = rate, rate' = acceleration, lag acceleration' = b u - acceleration   (u an input of (7)), or
+        lag acceleration' = k (u - rate) - acceleration   (u a rate command, k the gain of the vehicle's `rate_loop`),
+
+    under a zero-order hold of `period_s` and the same weights per second. The delay of telemetry and link is not in it:
+    the state that it is given is predicted over them (`control.prediction`).
+    """
+    import control  # takes seconds to import
+
+    gains = np.zeros((3, 3))
+    for axis in range(3):
+        k = 0.0 if rate_loop is None else rate_loop[axis]
+        b = entries[axis] if rate_loop is None else k
+        A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, -k / lag_s, -1.0 / lag_s]])
+        plant = control.c2d(control.ss(A, [[0.0], [0.0], [b / lag_s]], np.eye(3), np.zeros((3, 1))), period_s)
+        Q = np.diag([angle_weight[axis], rate_weight[axis], 0.0])
+        K, _, _ = control.dlqr(plant.A, plant.B, Q, [[input_weight[axis]]])
+        gains[axis] = K[0]
+    return gains
 
 
 def to_torque(body: Body) -> Array:
@@ -66,16 +117,7 @@ def attitude_error(attitude_ned_frd: Array, command_ned_frd: Array) -> Array:
 
 
 @compiled
-def inputs(error: Array, rate_error: Array, K: Array) -> Array:
-    """U2, U3 (N), U4 (N m) = K (x_ref - x), from the errors (3,) of angle (rad) and rate (rad/s)."""
-    u = np.zeros(3)
-    for i in range(3):
-        for axis in range(3):
-            u[i] += K[i, 2 * axis] * error[axis] + K[i, 2 * axis + 1] * rate_error[axis]
-    return u
-
-
-@compiled
-def rates_command(error: Array, reference_rates: Array, gain: Array, limit: Array) -> Array:
-    """Body rates (rad/s) = reference + (k1 / k2) error, each axis within +-limit."""
-    return np.minimum(np.maximum(reference_rates + gain * error, -limit), limit)
+def feedback(angle_error: Array, rate_error: Array, acceleration_error: Array, gain: Array) -> Array:
+    """(3,): gain (3, 3) times the errors (3,) of angle (rad), rate (rad/s) and angular acceleration (rad/s2): of
+    `axis_gain` U2, U3 (N) and U4 (N m), of `rate_gain` rates (rad/s)."""
+    return gain[:, 0] * angle_error + gain[:, 1] * rate_error + gain[:, 2] * acceleration_error

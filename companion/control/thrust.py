@@ -36,12 +36,6 @@ def thrust_vector(
 
 
 @compiled
-def collective(thrust_ned: Array, attitude_ned_frd: Array, highest: float) -> float:
-    """Thrust (N) along the body's axis whose vertical part is that of `thrust_ned` at the present attitude.
-
-    While the attitude still turns towards its command the altitude is kept and only the horizontal part lags. Tilts
-    above 60 degrees are treated as 60.
-    """
-    q = attitude_ned_frd
-    cosine = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
-    return float(min(-thrust_ned[2] / max(cosine, 0.5), highest))
+def collective(thrust_ned: Array, attitude_ned_frd: Array) -> float:
+    """Thrust (N) along the body's axis that comes nearest to `thrust_ned` at the present attitude."""
+    return float(-np.sum(rotate_inverse(attitude_ned_frd, thrust_ned) * np.array([0.0, 0.0, 1.0])))

@@ -12,6 +12,7 @@ from protocol.frames import Array, from_rotation_vector, multiply
 
 BODY = load_body("paper_quad")
 ONE = (1.0, 1.0, 1.0)
+NONE = np.zeros(3)
 ROLL, PITCH, YAW = range(3)
 
 # Reading of the paper's Table 2, the column "checked": rise 10-90 % (s), settling 2 % (s), final error (rad).
@@ -82,11 +83,11 @@ def test_rate_command_is_the_same_loop_factored() -> None:
     K = lqr.attitude_gain(BODY, (400.0, 300.0, 50.0), (1.0, 2.0, 3.0), ONE)
     k2 = np.array([K[axis, 2 * axis + 1] for axis in range(3)])
     rng = np.random.default_rng(1)
-    no_limit = np.full(3, 1e9)
     for _ in range(50):
         error, rates, reference = rng.normal(size=(3, 3))
-        command = lqr.rates_command(error, reference, lqr.rate_gain(K), no_limit)
-        assert np.allclose(lqr.inputs(error, reference - rates, K), k2 * (command - rates))
+        command = reference + lqr.feedback(error, reference - rates, NONE, lqr.rate_gain(K))
+        inputs = lqr.feedback(error, reference - rates, NONE, lqr.axis_gain(K))
+        assert np.allclose(inputs, k2 * (command - rates))
 
 
 def test_error_is_the_rotation_to_the_command_and_blind_to_the_sign() -> None:
@@ -103,7 +104,7 @@ def test_error_is_the_rotation_to_the_command_and_blind_to_the_sign() -> None:
 
 def test_every_attitude_converges() -> None:
     """The torque law on the rigid body (no lag) from random attitudes and rates, up to upside down."""
-    K = lqr.attitude_gain(BODY, (400.0, 400.0, 50.0), ONE, ONE)
+    gain = lqr.axis_gain(lqr.attitude_gain(BODY, (400.0, 400.0, 50.0), ONE, ONE))
     inertia, scale = np.array(BODY.inertia_kgm2), lqr.to_torque(BODY)
     rng = np.random.default_rng(3)
     command = np.array([1.0, 0.0, 0.0, 0.0])
@@ -113,7 +114,7 @@ def test_every_attitude_converges() -> None:
         q /= np.linalg.norm(q)
         rates = rng.normal(size=3) * 2.0
         for _ in range(2500):
-            torque = scale * lqr.inputs(lqr.attitude_error(q, command), -rates, K)
+            torque = scale * lqr.feedback(lqr.attitude_error(q, command), -rates, NONE, gain)
             rates = rates + step * (torque - np.cross(rates, inertia * rates)) / inertia
             q = multiply(q, from_rotation_vector(step * rates))
         assert np.linalg.norm(lqr.attitude_error(q, command)) < 1e-3

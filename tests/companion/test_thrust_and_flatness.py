@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from companion.control.flatness import attitude_command
+from companion.control.flatness import attitude_command, inverse
 from companion.control.thrust import collective, thrust_vector
-from protocol.frames import GRAVITY, Array, conjugate, multiply, rotate, to_rotation_vector, yaw_of
+from protocol.frames import GRAVITY, Array, conjugate, multiply, rotate, rotate_inverse, to_rotation_vector, yaw_of
 
 MASS = 1.3
 FULL = 32.0
@@ -70,14 +70,53 @@ def test_altitude_comes_first() -> None:
         assert limited == (not np.allclose(free, thrust, atol=1e-6))
 
 
-def test_collective_holds_the_altitude_at_any_tilt_below_the_limit() -> None:
-    thrust = np.array([2.0, -3.0, -MASS * GRAVITY])
+def test_collective_is_the_nearest_thrust_along_the_body() -> None:
+    """What is left of the wanted force is across the body's axis; all of it is given where the attitude is right."""
     rng = np.random.default_rng(3)
     for _ in range(100):
+        thrust = np.array([*rng.uniform(-20.0, 20.0, 2), -rng.uniform(5.0, 20.0)])
         tilted = attitude_command(np.array([*rng.uniform(-6.0, 6.0, 2), -12.0]), rng.uniform(-3.0, 3.0))
-        force = collective(thrust, tilted, 100.0)
-        assert accelerated(tilted, force)[2] == pytest.approx(0.0, abs=1e-9)
-    assert collective(thrust, attitude_command(thrust, 0.0), 5.0) == 5.0
+        force = collective(thrust, tilted)
+        assert (thrust - rotate(tilted, force * UP)) @ rotate(tilted, UP) == pytest.approx(0.0, abs=1e-9)
+        assert collective(thrust, attitude_command(thrust, 0.3)) == pytest.approx(np.linalg.norm(thrust))
+
+
+def lissajous(time: float) -> tuple[list[Array], Array]:
+    """Velocity, acceleration, jerk, snap, and the heading with two derivatives, of a smooth motion in all axes."""
+    amplitude, rate, phase = np.array([[4.0, 3.0, 1.0], [1.3, 2.1, 1.7], [0.2, 1.0, 2.0]])
+    motion = [amplitude * rate**n * np.sin(rate * time + phase + n * math.pi / 2) for n in range(1, 5)]
+    return motion, np.array([0.7 * 0.9**n * math.sin(0.9 * time + n * math.pi / 2) for n in range(3)])
+
+
+DRAG = np.array([0.45, 0.6, 0.9])
+
+
+def test_flatness_obeys_newton() -> None:
+    """Thrust, weight and drag at the attitude that it gives are the mass times the acceleration."""
+    for time in np.linspace(0.0, 6.0, 40):
+        motion, heading = lissajous(time)
+        attitude, _, _, thrust = inverse(*motion, heading, MASS, DRAG)
+        drag = rotate(attitude, DRAG * rotate_inverse(attitude, motion[0]))
+        assert accelerated(attitude, thrust) - drag / MASS == pytest.approx(motion[1], abs=1e-3)
+        assert yaw_of(attitude) == pytest.approx(heading[0], abs=0.5)
+
+
+def test_rates_and_angular_acceleration_are_the_attitudes_derivatives() -> None:
+    h = 1e-4
+    for time in np.linspace(0.0, 6.0, 40):
+        (before, rates_before, _, _), (_, rates, turning, _), (after, rates_after, _, _) = (
+            inverse(*lissajous(at)[0], lissajous(at)[1], MASS, DRAG) for at in (time - h, time, time + h)
+        )
+        turned = to_rotation_vector(multiply(conjugate(before), after)) / (2.0 * h)
+        assert rates == pytest.approx(turned, abs=2e-3)
+        assert turning == pytest.approx((rates_after - rates_before) / (2.0 * h), abs=2e-2)
+
+
+def test_free_fall_has_an_attitude_all_the_same() -> None:
+    fall = np.array([0.0, 0.0, GRAVITY])
+    attitude, rates, turning, _ = inverse(np.zeros(3), fall, np.zeros(3), np.zeros(3), np.zeros(3), MASS, DRAG)
+    assert np.linalg.norm(attitude) == pytest.approx(1.0)
+    assert np.isfinite([*rates, *turning]).all()
 
 
 def test_attitude_is_smooth_in_the_command() -> None:

@@ -19,6 +19,7 @@ from protocol.frames import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
+from studies.paper_settings import paper_settings
 from vehicle_sim.world import World
 
 COURIER = mission_of("courier")
@@ -79,8 +80,7 @@ def test_hover_on_each_output(output: Output) -> None:
 @pytest.mark.parametrize("c", TABLE_3)
 def test_step_of_one_metre_is_table_3(c: float, output: Output) -> None:
     """The nonlinear vehicle with motor lag and drag, each axis: rise within 20 %, overshoot within a point."""
-    gains = (f"control.position.c1=[{c}, {c}, {c}]", "control.position.c2=[1.0, 1.0, 1.0]")
-    joined = Joined(mission_of("step"), output=output, overrides=(*gains, 'avoidance.method="none"')).fly()
+    joined = Joined(mission_of("step"), output=output, overrides=paper_settings(c)).fly()
     assert joined.autopilot.supervisor.fault is None
     trace = joined.trace()
     rise, overshoot = TABLE_3[c]
@@ -118,7 +118,7 @@ def test_only_sound_setpoints_leave() -> None:
 
 def test_lyapunov_function_falls_on_the_way() -> None:
     """V of the trace falls where the law promises it, on the ideal part of a step (after the attitude's lag)."""
-    joined = Joined(mission_of("step"), overrides=('avoidance.method="none"',)).fly()
+    joined = Joined(mission_of("step"), overrides=paper_settings(2.5)).fly()
     trace = joined.trace()
     step = trace[(trace["step"] == 2) & (trace["state"] == State.FLY.value)]
     total = step["lyapunov"].sum(axis=1)[1:]
