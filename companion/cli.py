@@ -135,6 +135,14 @@ cli_logs.register(app)
 cli_view.register(app)
 
 
+@app.command()
+def settings() -> None:
+    """Print every setting with its default and its meaning (Markdown)."""
+    from companion.settings_page import page
+
+    typer.echo(page(), nl=False)
+
+
 def main() -> None:
     """The program `companion`."""
     app()
