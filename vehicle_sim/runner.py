@@ -46,6 +46,12 @@ class Runner:
         self._locked = False
         self._finished_ns: int | None = None
 
+    def _begin(self) -> None:
+        """What start-up left behind is not looked at again by the garbage collector, and its time was no silence."""
+        gc.collect()
+        gc.freeze()
+        self._heard_at = time.monotonic()
+
     def _over(self) -> bool:
         """With `once`: is it time to leave?"""
         vehicle = self._vehicle
@@ -76,7 +82,7 @@ class Runner:
     def run_timed(self, factor: float) -> None:
         """Ticks at absolute deadlines of a clock `factor` times as fast as the wall's; late ones are caught up."""
         vehicle = self._vehicle
-        _settle()
+        self._begin()
         clock = RealClock(factor)
         while not self._over():
             deadline_ns = vehicle.time_ns + TICK_NS
@@ -91,7 +97,7 @@ class Runner:
 
     def run_lockstep(self) -> None:
         """Each tick waits for the answer to the one before, so that runs repeat; `Link` says when it does not wait."""
-        _settle()
+        self._begin()
         if isinstance(self._transport, Udp):
             self._transport.spin_s = LOCKSTEP_SPIN_S
         link = Link.SOUGHT
@@ -134,9 +140,3 @@ class Runner:
             if now - sent_at >= resend_s:
                 sent_at = now
                 self._send(datagrams)
-
-
-def _settle() -> None:
-    """What start-up left behind is not looked at again by the garbage collector."""
-    gc.collect()
-    gc.freeze()

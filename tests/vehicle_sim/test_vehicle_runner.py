@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -219,6 +220,19 @@ def test_nobody_there_is_no_flight(monkeypatch: pytest.MonkeyPatch) -> None:
             flight.run_lockstep() if lockstep else flight.run_timed(1.0)
             transport.close()
             assert vehicle.summary().outcome == "stopped"
+
+
+def test_compiling_before_the_start_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    with started(Companion(hop)) as companion:
+        vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=True)
+        transport = Udp("127.0.0.1", companion.port, bind=False)
+        long_ago = time.monotonic() - 10.0 * runner.UNHEARD_S
+        with monkeypatch.context() as then:
+            then.setattr(time, "monotonic", lambda: long_ago)
+            flight = Runner(vehicle, transport, once=True)
+        flight.run_lockstep()
+        transport.close()
+    assert vehicle.summary().outcome == "landed"
 
 
 # --- command line ---
