@@ -359,26 +359,37 @@ def _free_wedge(
     mask = log_odds.shape[0] - 1
     tops = np.array([north, north + reach * sides[0], north + reach * sides[2]]) / cell
     spans = np.array([east, east + reach * sides[1], east + reach * sides[3]]) / cell
+    slopes = np.empty(3)
+    for p in range(3):
+        q = (p + 1) % 3
+        rise = tops[q] - tops[p]
+        slopes[p] = (spans[q] - spans[p]) / rise if rise != 0.0 else 0.0  # not used: no row lies between
     level_square = (level / cell) ** 2 * (sides[0] * sides[0] + sides[1] * sides[1])
     for i in range(math.ceil(tops.min() - 0.5), math.ceil(tops.max() - 0.5)):
         y = i + 0.5
         low, high = math.inf, -math.inf
         for p in range(3):
-            q = (p + 1) % 3
+            q = p + 1 if p < 2 else 0
             if (tops[p] <= y) != (tops[q] <= y):
-                x = spans[p] + (y - tops[p]) * (spans[q] - spans[p]) / (tops[q] - tops[p])
+                x = spans[p] + (y - tops[p]) * slopes[p]
                 low, high = min(low, x), max(high, x)
         if low > high:
             continue
         row = i & mask
         for j in range(math.ceil(low - 0.5), math.ceil(high - 0.5)):
             column = j & mask
-            value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
-            if value > _STRONG:
+            before = log_odds[row, column]
+            if before > _STRONG:
                 dn, de = y - tops[0], j + 0.5 - spans[0]
-                if dn * dn + de * de > level_square:
+                faded = _faded(before, now_s - seen_s[row, column], fading)
+                if faded > _STRONG and dn * dn + de * de > level_square:
                     continue
-            log_odds[row, column] = max(value - FREE_STEP, FLOOR)
+                before = faded
+            elif before > 0.0:
+                before = max(before - fading * (now_s - seen_s[row, column]), 0.0)
+            else:
+                before = min(before + fading * (now_s - seen_s[row, column]), 0.0)
+            log_odds[row, column] = max(before - FREE_STEP, FLOOR)
             seen_s[row, column] = now_s
 
 
@@ -475,7 +486,8 @@ def _envelope(
             sites[0], starts[0] = j, 0
             continue
         s = sites[top]
-        start = (j * j - s * s + square - up[s] * up[s]) // (2 * (j - s)) + 1
+        # All integers are small: the quotient of two floats is exact enough for the floor, and much faster.
+        start = math.floor((j * j - s * s + square - up[s] * up[s]) / (2.0 * (j - s))) + 1
         if start < columns:
             top += 1
             sites[top], starts[top] = j, start

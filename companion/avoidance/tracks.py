@@ -28,6 +28,9 @@ _LONGEST_STEP_S = 0.5
 _RANGE_SIGMA = 0.08
 """m along the beam: the sensor's noise and the round front of what it sees."""
 
+_LEAST_RADIUS = 0.2
+"""m; a single beam has no width."""
+
 Integers = NDArray[np.int64]
 
 
@@ -129,12 +132,13 @@ class Tracker:
 
     def _pairs(self, found: list[Cluster]) -> list[tuple[Track, Cluster]]:
         """Pair tracks and clusters, update, bear and drop tracks; the pairs."""
-        costs = sorted(
-            (distance, t, c)
-            for t, track in enumerate(self._tracks)
-            for c, cluster in enumerate(found)
-            if (distance := mahalanobis(track, cluster)) < _GATE
+        squares = squared_distances(
+            np.array([track.mean for track in self._tracks]).reshape(-1, 4),
+            np.array([track.covariance for track in self._tracks]).reshape(-1, 4, 4),
+            np.array([cluster.middle for cluster in found]).reshape(-1, 2),
+            np.array([cluster.noise for cluster in found]).reshape(-1, 2, 2),
         )
+        costs = sorted((squares[t, c], t, c) for t, c in np.argwhere(squares < _GATE).tolist())
         of_track: dict[int, int] = {}
         taken: set[int] = set()
         for _, t, c in costs:
@@ -160,9 +164,8 @@ class Tracker:
 
     def _judge(self, track: Track) -> None:
         s = self._settings
-        velocity = track.mean[2:]
-        square = float(velocity @ np.linalg.solve(track.covariance[2:, 2:], velocity))
-        fast = math.hypot(*velocity) > s.slowest and square > s.certainty**2
+        fast = math.hypot(track.mean[2], track.mean[3]) > s.slowest
+        fast = fast and square_in_sigmas(track.covariance[2:, 2:], track.mean[2:]) > s.certainty**2
         track.steady = track.steady + 1 if fast else 0
         track.moving = track.hits >= s.hits and track.steady >= s.steady
 
@@ -177,30 +180,81 @@ def born(number: int, cluster: Cluster) -> Track:
 
 def predict(track: Track, dt: float, acceleration: float) -> None:
     """The track `dt` s later; `acceleration` (m/s2) is the white noise's standard deviation, held over the step."""
-    step = np.eye(4)
-    step[0, 2] = step[1, 3] = dt
-    gain = np.array([[0.5 * dt * dt, 0.0], [0.0, 0.5 * dt * dt], [dt, 0.0], [0.0, dt]])
-    track.mean = step @ track.mean
-    track.covariance = step @ track.covariance @ step.T + acceleration**2 * gain @ gain.T
-
-
-def mahalanobis(track: Track, cluster: Cluster) -> float:
-    """Squared distance in standard deviations."""
-    offset = cluster.middle - track.mean[:2]
-    return float(offset @ np.linalg.solve(track.covariance[:2, :2] + cluster.noise, offset))
+    track.mean, track.covariance = _predicted(track.mean, track.covariance, dt, acceleration)
 
 
 def correct(track: Track, cluster: Cluster) -> None:
-    """Take a measurement in; Joseph's form, which stays symmetric and positive."""
-    innovation = track.covariance[:2, :2] + cluster.noise
-    gain = np.linalg.solve(innovation, track.covariance[:2, :]).T
-    left = np.eye(4)
-    left[:, :2] -= gain
-    track.mean = track.mean + gain @ (cluster.middle - track.mean[:2])
-    track.covariance = left @ track.covariance @ left.T + gain @ cluster.noise @ gain.T
+    """Take a measurement in."""
+    track.mean, track.covariance = _corrected(track.mean, track.covariance, cluster.middle, cluster.noise)
     track.radius += 0.2 * (cluster.radius - track.radius)
     track.hits += 1
     track.misses = 0
+
+
+@compiled
+def square_in_sigmas(covariance: Array, offset: Array) -> float:
+    """offset' covariance^-1 offset, two dimensions."""
+    a, b, d = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    x, y = offset[0], offset[1]
+    square: float = (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
+    return square
+
+
+@compiled
+def squared_distances(means: Array, covariances: Array, middles: Array, noises: Array) -> Array:
+    """(tracks, clusters) squared distances in standard deviations; means (t, 4), covariances (t, 4, 4), middles (c, 2),
+    noises (c, 2, 2)."""
+    result = np.empty((means.shape[0], middles.shape[0]))
+    for t in range(means.shape[0]):
+        for c in range(middles.shape[0]):
+            spread = covariances[t, :2, :2] + noises[c]
+            result[t, c] = square_in_sigmas(spread, middles[c] - means[t, :2])
+    return result
+
+
+@compiled
+def _predicted(mean: Array, covariance: Array, dt: float, acceleration: float) -> tuple[Array, Array]:
+    step = np.eye(4)
+    step[0, 2] = step[1, 3] = dt
+    result = _sandwich(step, covariance)
+    place, speed = 0.5 * dt * dt * acceleration, dt * acceleration
+    for k in range(2):
+        result[k, k] += place * place
+        result[k + 2, k + 2] += speed * speed
+        result[k, k + 2] += place * speed
+        result[k + 2, k] += place * speed
+    moved = mean.copy()
+    moved[0] += dt * mean[2]
+    moved[1] += dt * mean[3]
+    return moved, result
+
+
+@compiled
+def _corrected(mean: Array, covariance: Array, middle: Array, noise: Array) -> tuple[Array, Array]:
+    """Joseph's form, which stays symmetric and positive."""
+    spread = covariance[:2, :2] + noise
+    determinant = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
+    gain = np.empty((4, 2))
+    for i in range(4):
+        gain[i, 0] = (covariance[i, 0] * spread[1, 1] - covariance[i, 1] * spread[1, 0]) / determinant
+        gain[i, 1] = (covariance[i, 1] * spread[0, 0] - covariance[i, 0] * spread[0, 1]) / determinant
+    left = np.eye(4)
+    left[:, :2] -= gain
+    north, east = middle[0] - mean[0], middle[1] - mean[1]
+    return mean + gain[:, 0] * north + gain[:, 1] * east, _sandwich(left, covariance) + _sandwich(gain, noise)
+
+
+@compiled
+def _sandwich(left: Array, middle: Array) -> Array:
+    """left middle left'."""
+    rows, inner = left.shape
+    result = np.zeros((rows, rows))
+    for i in range(rows):
+        for j in range(rows):
+            for k in range(inner):
+                for m in range(inner):
+                    result[i, j] += left[i, k] * middle[k, m] * left[j, m]
+    return result
 
 
 def clusters(
@@ -209,25 +263,35 @@ def clusters(
     """The small things of a ring: runs of neighbouring returns (n, 3) NED, with what is behind or nothing on both
     sides. What another thing hides a part of has no known middle and is left out."""
     found = []
-    for first, length in runs(points, usable, settings.gap):
-        members = (first + np.arange(length)) % ranges.size
-        before, after = (first - 1) % ranges.size, (first + length) % ranges.size
-        hidden = any(
-            usable[side] and ranges[side] < ranges[edge] for side, edge in ((before, members[0]), (after, members[-1]))
-        )
-        ends = points[members[-1], :2] - points[members[0], :2]
-        extent = math.hypot(ends[0], ends[1])
-        if hidden or extent > settings.widest:
-            continue
-        middle = points[members, :2].mean(axis=0)
-        away = middle - position_ned[:2]
-        distance = max(math.hypot(away[0], away[1]), 1e-6)
-        along = away / distance
-        across = np.array([-along[1], along[0]])
-        sideways = (distance * width) ** 2 / 12.0
-        noise = _RANGE_SIGMA**2 * np.outer(along, along) + (sideways + _RANGE_SIGMA**2) * np.outer(across, across)
-        found.append(Cluster(middle, noise, max(0.5 * extent, 0.2), members))
+    for first, length in runs(points, usable, settings.gap).tolist():
+        middle, noise, extent, hidden = _measured(points, ranges, usable, position_ned, first, length, width)
+        if not hidden and extent <= settings.widest:
+            members = (first + np.arange(length)) % ranges.size
+            found.append(Cluster(middle, noise, max(0.5 * extent, _LEAST_RADIUS), members))
     return found
+
+
+@compiled
+def _measured(
+    points: Array, ranges: Array, usable: BoolArray, position: Array, first: int, length: int, width: float
+) -> tuple[Array, Array, float, bool]:
+    """Middle (2,), its covariance (2, 2), extent (m) of a run of beams, and whether a neighbour stands before it."""
+    count = ranges.size
+    last = (first + length - 1) % count
+    before, after = (first - 1) % count, (last + 1) % count
+    hidden = (usable[before] and ranges[before] < ranges[first]) or (usable[after] and ranges[after] < ranges[last])
+    middle = np.zeros(2)
+    for k in range(first, first + length):
+        middle += points[k % count, :2] / length
+    north, east = middle[0] - position[0], middle[1] - position[1]
+    distance = max(math.hypot(north, east), 1e-6)
+    along = _RANGE_SIGMA * _RANGE_SIGMA
+    across = along + (distance * width) ** 2 / 12.0
+    un, ue = north / distance, east / distance
+    cross = (along - across) * un * ue
+    noise = np.array([[along * un * un + across * ue * ue, cross], [cross, along * ue * ue + across * un * un]])
+    extent = math.hypot(points[last, 0] - points[first, 0], points[last, 1] - points[first, 1])
+    return middle, noise, extent, hidden
 
 
 @compiled

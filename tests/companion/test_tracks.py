@@ -5,7 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from companion.avoidance.tracks import Cluster, Track, Tracker, TrackSettings, born, correct, mahalanobis, predict, runs
+from companion.avoidance.tracks import (
+    Cluster,
+    Track,
+    Tracker,
+    TrackSettings,
+    born,
+    correct,
+    predict,
+    runs,
+    squared_distances,
+)
 from companion.state import Scan
 from protocol.frames import Array, from_euler
 from vehicle_sim.lidar import Lidar, LidarSettings
@@ -56,8 +66,8 @@ def test_filter_against_the_information_form() -> None:
     assert np.allclose(track.mean, step @ mean)
     assert np.allclose(track.covariance, step @ covariance @ step.T + 1.5**2 * shape @ shape.T)
     mean, covariance = track.mean, track.covariance
-    distance = mahalanobis(track, cluster)
-    assert distance == pytest.approx(
+    distances = squared_distances(mean[None], covariance[None], cluster.middle[None], cluster.noise[None])
+    assert distances[0, 0] == pytest.approx(
         (cluster.middle - mean[:2]) @ np.linalg.inv(covariance[:2, :2] + cluster.noise) @ (cluster.middle - mean[:2])
     )
     correct(track, cluster)
