@@ -286,7 +286,8 @@ def _shapes_picture(report: Report, shapes: dict[float, Response]) -> None:
     for axes, span in ((whole, HOLD_S), (near, SHOWN)):
         axes.plot(time[::50], path[::50], color=style.INK, ls="--", lw=1.0, label="ideal")
         axes.set(xlabel="time / s", ylabel="x / m", xlim=(0.0, span))
-        axes.legend(loc="lower left" if axes is whole else "lower right", ncols=2 if axes is whole else 1)
+        axes.legend(loc="lower left" if axes is whole else "lower right", ncols=3 if axes is whole else 1)
+    whole.set_ylim(-3.8, 3.8)
     report.figure(figure, "position-loop-weights", "A step of 1 m at c = 1, flown without drag: the angle weight Q.")
 
 
