@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from companion.config import NotNegative, Positive, Table
-from companion.curves import Curve, Shape
+from companion.curves import Curve, Route, Shape
 from protocol import datafile
 from protocol.frames import Array
 
@@ -50,11 +50,13 @@ class Mission(Table, frozen=True):
     return_home: bool = True
     """Back along the route after the last waypoint; otherwise land there."""
     profile: str = "smooth"
-    """"smooth": jerk-limited references; "step": the reference jumps, as in the paper's closed-loop tests."""
+    """"smooth": jerk-limited references; "step": the reference jumps, as in the paper's closed-loop tests;
+    "minimum_snap": one curve through the waypoints up to each hold, at up to `speed` and within the settings' limits of
+    acceleration and tilt. It goes nowhere else: obstacles are not avoided on it."""
 
     def __post_init__(self) -> None:
-        if self.profile not in ("smooth", "step"):
-            raise ValueError(f'profile {self.profile!r}: there are "smooth" and "step"')
+        if self.profile not in ("smooth", "step", "minimum_snap"):
+            raise ValueError(f'profile {self.profile!r}: there are "smooth", "step" and "minimum_snap"')
         if bool(self.waypoints) == (self.trajectory is not None):
             raise ValueError("waypoints: a mission has either these or a [trajectory]")
         if self.trajectory is not None and self.profile != "smooth":
@@ -111,19 +113,41 @@ def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
     if shape is not None:
         height = mission.takeoff_height if shape.height is None else shape.height
         plan.append(Step(Phase.TRACK, point(shape.north, shape.east, height), curve=shape))
-    for waypoint in mission.waypoints:
-        passes = waypoint.hold_s == 0.0 and waypoint is not mission.waypoints[-1]
-        target = point(waypoint.north, waypoint.east, waypoint.height)
-        plan.append(Step(Phase.ROUTE, target, waypoint.hold_s, passes, avoids=True))
+    targets = [point(waypoint.north, waypoint.east, waypoint.height) for waypoint in mission.waypoints]
+    holds = [waypoint.hold_s for waypoint in mission.waypoints]
+    curved = mission.profile == "minimum_snap"
+    if curved:
+        plan += _curves(Phase.TRACK, [over_home, *targets], holds, mission.speed)
+    else:
+        for target, hold_s in zip(targets, holds, strict=True):
+            passes = hold_s == 0.0 and target is not targets[-1]
+            plan.append(Step(Phase.ROUTE, target, hold_s, passes, avoids=True))
     if mission.delivery is not None:
-        last = mission.waypoints[-1]
-        plan.append(Step(Phase.DESCEND, point(last.north, last.east, mission.delivery.release_height)))
+        plan.append(Step(Phase.DESCEND, np.array([*targets[-1][:2], start_ned[2] - mission.delivery.release_height])))
         plan.append(Step(Phase.RELEASE))
-        plan.append(Step(Phase.CLIMB, point(last.north, last.east, last.height)))
+        plan.append(Step(Phase.CLIMB, targets[-1]))
     if mission.return_home:
-        for waypoint in reversed(mission.waypoints[:-1]):
-            target = point(waypoint.north, waypoint.east, waypoint.height)
-            plan.append(Step(Phase.RETURN, target, passes=True, avoids=True))
-        plan.append(Step(Phase.RETURN, over_home, avoids=True))
+        if curved:
+            plan += _curves(Phase.RETURN, [*reversed(targets), over_home], [0.0] * len(targets), mission.speed)
+        else:
+            plan += [Step(Phase.RETURN, target, passes=True, avoids=True) for target in reversed(targets[:-1])]
+        plan.append(Step(Phase.RETURN, over_home, avoids=not curved))
     plan.append(Step(Phase.LAND))
     return tuple(plan)
+
+
+def _curves(phase: Phase, places: list[Array], holds: list[float], speed: float) -> list[Step]:
+    """From the first place through the others, as one curve up to each hold."""
+    plan: list[Step] = []
+    points = places[:1]
+    for place, hold_s in zip(places[1:], holds, strict=True):
+        if not np.array_equal(place, points[-1]):
+            points.append(place)
+        if hold_s == 0.0 and place is not places[-1]:
+            continue
+        if len(points) > 1:
+            plan.append(Step(phase, points[0], curve=Route(np.array(points) - points[0], speed)))
+        if hold_s > 0.0:
+            plan.append(Step(Phase.ROUTE, place, hold_s))
+        points = [place]
+    return plan

@@ -19,6 +19,7 @@ _ON_THE_WAY_TICKS = 50
 """So long it is still short of each waypoint, with obstacles before it; then it is there."""
 _REHEARSED_LAPS = 0.1
 _REHEARSED_RAMP_S = 0.2
+_REHEARSED_REACH = 3.0
 _OFFBOARD = 6 << 16
 _LANDING = 4 << 16 | 6 << 24
 
@@ -96,6 +97,13 @@ def _hurried(mission: Mission) -> Mission:
     if shape is not None:
         laps, ramp_s = min(shape.laps, _REHEARSED_LAPS), min(shape.ramp_s, _REHEARSED_RAMP_S)
         shape = msgspec.structs.replace(shape, laps=laps, ramp_s=ramp_s)
+    if mission.profile == "minimum_snap":
+        reach = max(math.hypot(waypoint.north, waypoint.east) for waypoint in waypoints)
+        scale = _REHEARSED_REACH / max(reach, _REHEARSED_REACH)
+        waypoints = [
+            msgspec.structs.replace(waypoint, north=scale * waypoint.north, east=scale * waypoint.east)
+            for waypoint in waypoints
+        ]
     return msgspec.structs.replace(mission, waypoints=waypoints, trajectory=shape)
 
 

@@ -6,11 +6,16 @@ from typing import Protocol
 
 import numpy as np
 
+from companion.config import Trajectory as TrajectorySettings
 from companion.curves import Curve, Shape
+from companion.trajectory.minimum_snap import Limits, plan
 from companion.trajectory.shapes import shape_of
 from companion.trajectory.timing import TimeLaw, compose, law_at
 from protocol.compiled import compiled
 from protocol.frames import Array
+
+_STEEPEST = 35.0 / 16.0
+"""Of the step from rest to the full rate, times its length."""
 
 
 class Path(Protocol):
@@ -86,9 +91,14 @@ class Track:
         return replace(self, law=self.law.resumed(reached, self.resume_s))
 
 
-def track_of(curve: Curve) -> Track:
-    """The track for what a mission asks for, beginning at 0, 0, 0."""
-    assert isinstance(curve, Shape)
-    path = shape_of(curve)
-    law = TimeLaw(0.0, curve.laps * path.lap, curve.speed / path.peak_speed, curve.ramp_s, curve.ramp_s)
-    return Track(path, law, np.zeros(3), curve.heading == "along", curve.ramp_s)
+def track_of(curve: Curve, settings: TrajectorySettings, tilt: float) -> Track:
+    """The track for what a mission asks for, beginning at 0, 0, 0; `tilt` (rad) is the vehicle's limit.
+
+    Shapes are flown as they are asked for; the limits hold for routes."""
+    if isinstance(curve, Shape):
+        shape = shape_of(curve)
+        law = TimeLaw(0.0, curve.laps * shape.lap, curve.speed / shape.peak_speed, curve.ramp_s, curve.ramp_s)
+        return Track(shape, law, np.zeros(3), curve.heading == "along", curve.ramp_s)
+    path = plan(curve.points_ned, Limits(curve.speed, settings.acceleration, tilt))
+    ramp_s = _STEEPEST * curve.speed / settings.acceleration
+    return Track(path, TimeLaw(0.0, path.duration_s, 1.0, 0.0, 0.0), np.zeros(3), False, ramp_s)

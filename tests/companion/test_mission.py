@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.curves import Shape
+from companion.curves import Route, Shape
 from companion.mission import Phase, load, steps
 from protocol.datafile import ROOT, DataFileError
 
@@ -46,6 +46,32 @@ def test_a_shape_begins_over_the_place_of_take_off_or_where_it_is_put(tmp_path: 
     elsewhere, _ = load(str(path), ["trajectory.north=10.0", "trajectory.east=-1.0", "trajectory.height=7.0"])
     track = steps(elsewhere, START)[1]
     assert track.target_ned is not None and track.target_ned.tolist() == [15.0, 5.0, -6.5]
+
+
+def test_one_curve_up_to_each_hold(tmp_path: Path) -> None:
+    """And none where there is no way; the return is one curve, whatever was held before."""
+    path = tmp_path / "mine.toml"
+    places = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
+    holds = (1.0, 0.0, 2.0, 0.0)
+    waypoints = "".join(
+        f"[[waypoints]]\nnorth = {north}\neast = {east}\nheight = 3.0\nhold_s = {hold_s}\n"
+        for (north, east), hold_s in zip(places, holds, strict=True)
+    )
+    path.write_text(HEAD + 'profile = "minimum_snap"\nspeed = 7.0\n' + waypoints)
+    plan = steps(load(str(path))[0], START)
+    phases = ["TAKEOFF", "ROUTE", "TRACK", "ROUTE", "TRACK", "RETURN", "RETURN", "LAND"]
+    assert [step.phase.name for step in plan] == phases
+    assert [step.hold_s for step in plan] == [0.0, 1.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0]
+    assert not any(step.avoids for step in plan)
+    out, further, back = (step for step in plan if step.curve is not None)
+    for step, expected in (
+        (out, [[0, 0], [10, 0], [10, 10]]),
+        (further, [[10, 10], [0, 10]]),
+        (back, [[0, 10], [10, 10], [10, 0], [0, 0]]),
+    ):
+        assert isinstance(step.curve, Route) and step.curve.speed == 7.0 and step.target_ned is not None
+        places_ned = step.target_ned + step.curve.points_ned - START
+        assert np.allclose(places_ned, [[*place, -3.0] for place in expected])
 
 
 def test_the_numbers_of_the_phases_stay() -> None:

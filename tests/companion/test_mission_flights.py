@@ -37,6 +37,22 @@ def test_a_shape_is_flown_to_its_end(mission: str, within: float) -> None:
     assert np.hypot(*landed[:2]) < 0.3
 
 
+def test_a_curve_of_least_snap_passes_its_points_and_comes_back() -> None:
+    joined = flown("curve")
+    trace = joined.trace()
+    curved = trace[np.isin(trace["step"], [1, 2])]
+    assert set(curved["phase"]) == {Phase.TRACK.value, Phase.RETURN.value}
+    error = np.linalg.norm(curved["position_ned"] - curved["reference_position_ned"], axis=1)
+    assert error.max() < 0.05
+    assert np.linalg.norm(curved["reference_velocity_ned"], axis=1).max() <= joined.mission.speed
+    start = trace["position_ned"][0]
+    for step in (1, 2):
+        path = trace[trace["step"] == step]["position_ned"] - start
+        for waypoint in joined.mission.waypoints:
+            place = np.array([waypoint.north, waypoint.east, -waypoint.height])
+            assert np.linalg.norm(path - place, axis=1).min() < 0.05
+
+
 def test_a_hold_on_the_circle_brakes_smoothly_and_the_rest_is_flown_afterwards() -> None:
     """No ring for a second at 4 m/s; the circle is taken up where it was left, and ends where it began."""
     joined = Joined(mission_of("circle"))
@@ -68,6 +84,6 @@ def without_ring(data: bytes) -> bytes:
     return b"".join(frame.raw for frame in Framer().datagram(data) if frame.message_id != ring)
 
 
-@pytest.mark.parametrize("mission", ["circle", "helix", "square"])
+@pytest.mark.parametrize("mission", ["circle", "helix", "square", "curve"])
 def test_a_curve_gets_through_its_rehearsal(mission: str) -> None:
     rehearse(load_settings(None, []), load_body("paper_quad"), mission_of(mission), Output.RATES)

@@ -38,7 +38,7 @@ def path_of(shape: Shape) -> Callable[[float], Array]:
 
 
 def track(shape: Shape) -> Track:
-    return track_of(shape).moved(START)
+    return track_of(shape, SETTINGS, 0.6).moved(START)
 
 
 @pytest.mark.parametrize("shape", [*SHAPES, SQUARE], ids=lambda shape: shape.shape)
