@@ -1,0 +1,76 @@
+"""What is said of a log, at once and after reading all of it."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from companion.logs.info import info
+from protocol.flightlog import FlightLogError, LogReader
+from protocol.tlog import TlogReader
+from tests.flights.processes import run
+from tests.logs.helpers import Flyer
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+
+
+def test_the_summary_says_what_reading_finds(fly: Flyer) -> None:
+    path = fly()
+    quick, thorough = info(path), info(path, check=True)
+    counts = Counter(record.topic for record in LogReader(path).records())
+    assert quick == thorough
+    assert quick.topics == dict(counts) and quick.complete and quick.problem is None
+    assert quick.duration_s == pytest.approx(quick.topics["/companion/ticks"] * 0.004, abs=0.02)
+    assert quick.flight["mission"] == "hover" and quick.result["landed"] == "True"
+    assert quick.started_unix_s == pytest.approx(float(quick.flight["started_unix_s"]))
+    assert quick.attachments.keys() == LogReader(path).attachments.keys()
+
+
+def test_a_finished_log_is_not_read_to_describe_it(many_chunks: Path, tmp_path: Path) -> None:
+    """With every message overwritten it is still described, until it is checked."""
+    content = bytearray(many_chunks.read_bytes())
+    start = int.from_bytes(content[-28:-20], "little")
+    content[2_000 : start - 200] = bytes(start - 2_200)
+    path = tmp_path / "flight.mcap"
+    path.write_bytes(content)
+    assert info(path).topics == info(many_chunks).topics == {"/courier/datagrams": 2000}
+    assert info(path).duration_s == pytest.approx(1999 * 0.004)
+    assert info(path, check=True).problem is not None
+
+
+def test_a_cut_log_is_described_by_what_is_there(fly: Flyer, tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    path.write_bytes(fly().read_bytes()[:300_000])
+    found = info(path)
+    assert not found.complete and found.problem is not None and "cut off" in found.problem
+    assert found.flight["mission"] == "hover" and found.result == {}
+    assert found.topics == Counter(record.topic for record in LogReader(path).records())
+    done = run("companion", "info", str(path), "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["topics"] == found.topics
+
+
+def test_other_systems(tmp_path: Path) -> None:
+    source = DATA / "ardupilot_guided.tlog"
+    found = info(source)
+    times = [entry.time_us for entry in TlogReader(source).entries()]
+    assert found.kind == "telemetry log" and found.complete
+    assert sum(found.topics.values()) == len(times)
+    assert found.duration_s == pytest.approx((times[-1] - times[0]) * 1e-6)
+    assert found.topics["/mavlink/1/1/HEARTBEAT"] > 30
+    path = tmp_path / "flipped.tlog"
+    content = bytearray(source.read_bytes())
+    content[100_020] ^= 1
+    path.write_bytes(content)
+    problem = info(path).problem
+    assert problem is not None and path.name in problem
+
+
+def test_what_is_no_log_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"hello" * 100)
+    for path in (tmp_path / "a.mcap", tmp_path / "none.mcap", tmp_path):
+        done = run("companion", "info", str(path))
+        assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and str(path) in done.stderr
+    with pytest.raises(FlightLogError):
+        info(tmp_path / "a.mcap")

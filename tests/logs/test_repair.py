@@ -1,0 +1,128 @@
+"""Logs cut and damaged anywhere: nothing escapes, everything whole is kept, the rest is said."""
+
+import random
+import shutil
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from companion.logs.info import info
+from companion.logs.repair import repair
+from protocol.flightlog import FlightLogError, LogReader
+from protocol.tlog import TlogReader
+from tests.flights.processes import run
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+DAMAGES = 200
+A_CHUNK = 50
+
+
+def read_by_mcap(path: Path) -> int:
+    """Messages, by the mcap package with all CRCs checked."""
+    with path.open("rb") as file:
+        return sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False))
+
+
+def test_a_log_cut_anywhere_becomes_whole(many_chunks: Path, tmp_path: Path) -> None:
+    content = many_chunks.read_bytes()
+    whole = list(LogReader(many_chunks).records())
+    generator = random.Random(2)
+    kept = []
+    for number in range(DAMAGES):
+        cut = generator.randrange(8, len(content))
+        source, target = tmp_path / "cut.mcap", tmp_path / f"{number}.mcap"
+        source.write_bytes(content[:cut])
+        assert info(source).problem is not None
+        result = repair(source, target)
+        assert result.target == target and result.lost
+        again = LogReader(target)
+        records = list(again.records())
+        assert again.complete and again.problem is None
+        assert records == whole[: len(records)] and len(records) == result.kept
+        assert len(records) >= len(whole) * cut / len(content) - 2 * A_CHUNK
+        assert read_by_mcap(target) == len(records)
+        assert again.attachments == LogReader(source).attachments
+        assert again.metadata["repair"]["source"] == "cut.mcap"
+        kept.append(len(records))
+        target.unlink()
+    assert len(Counter(kept)) > 20
+
+
+def test_a_flipped_bit_anywhere_is_found_and_costs_its_chunk(many_chunks: Path, tmp_path: Path) -> None:
+    content = many_chunks.read_bytes()
+    whole = {record.sequence: record for record in LogReader(many_chunks).records()}
+    generator = random.Random(3)
+    for number in range(DAMAGES):
+        damaged = bytearray(content)
+        damaged[generator.randrange(8, len(content))] ^= 1 << generator.randrange(8)
+        source, target = tmp_path / "flipped.mcap", tmp_path / f"{number}.mcap"
+        source.write_bytes(damaged)
+        info(source)
+        assert info(source, check=True).problem is not None
+        result = repair(source, target)
+        assert result.target is not None and result.lost
+        again = LogReader(target)
+        records = [record.sequence for record in again.records()]
+        assert again.complete and again.problem is None
+        assert set(records) <= set(whole) and len(records) >= len(whole) - 2 * A_CHUNK
+        assert all(record.data == whole[record.sequence].data for record in again.records())
+        if len(records) < len(whole) - A_CHUNK // 2 and 0 in records and 1999 in records:
+            assert any("records between" in line for line in result.lost)
+        target.unlink()
+
+
+def test_many_bytes_of_noise(many_chunks: Path, tmp_path: Path) -> None:
+    """Whole stretches overwritten: what is read is from the flight, or the file is refused in one sentence."""
+    content = many_chunks.read_bytes()
+    whole = {record.data for record in LogReader(many_chunks).records()}
+    generator = random.Random(4)
+    for number in range(60):
+        damaged = bytearray(content)
+        for _ in range(generator.randrange(1, 6)):
+            place = generator.randrange(len(content))
+            damaged[place : place + 400] = generator.randbytes(len(damaged[place : place + 400]))
+        source, target = tmp_path / "noise.mcap", tmp_path / f"{number}.mcap"
+        source.write_bytes(damaged)
+        try:
+            repair(source, target)
+        except FlightLogError:
+            continue
+        assert {record.data for record in LogReader(target).records()} <= whole
+        assert LogReader(target).problem is None
+
+
+def test_nothing_to_repair(many_chunks: Path, tmp_path: Path) -> None:
+    source = tmp_path / "flight.mcap"
+    shutil.copy(many_chunks, source)
+    result = repair(source)
+    assert result.target is None and result.lost == [] and result.kept == 2000
+    assert list(tmp_path.iterdir()) == [source]
+
+
+def test_never_in_place(many_chunks: Path, tmp_path: Path) -> None:
+    source = tmp_path / "flight.mcap"
+    cut = many_chunks.read_bytes()[:20_000]
+    source.write_bytes(cut)
+    with pytest.raises(FlightLogError, match="exists"):
+        repair(source, source)
+    assert source.read_bytes() == cut
+    done = run("companion", "repair", str(source))
+    assert done.returncode == 0 and "lost: " in done.stdout and "cut off" in done.stdout
+    assert source.read_bytes() == cut and LogReader(tmp_path / "flight_repaired.mcap").complete
+    again = run("companion", "repair", str(source))
+    assert again.returncode == 2 and len(again.stderr.splitlines()) == 1
+
+
+def test_telemetry_logs_too(tmp_path: Path) -> None:
+    content = bytearray((DATA / "px4_offboard.tlog").read_bytes())
+    content[40_000] ^= 0x40
+    source = tmp_path / "a.tlog"
+    source.write_bytes(content[:-5])
+    result = repair(source)
+    assert result.target == tmp_path / "a_repaired.tlog" and result.lost
+    good = {entry.data for entry in TlogReader(DATA / "px4_offboard.tlog").entries()}
+    entries = list(TlogReader(result.target).entries())
+    assert {entry.data for entry in entries} <= good and len(entries) == 8760 == result.kept
+    assert repair(result.target).target is None

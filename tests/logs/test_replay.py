@@ -1,0 +1,178 @@
+"""Flights flown again from their logs, and what is said of logs in which something was changed."""
+
+import json
+import signal
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from companion.logs.difference import EXTRA, MISSING, Differ
+from companion.logs.replay import replay
+from companion.runner import REQUEST
+from protocol.datafile import DataFileError
+from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
+from protocol.framing import Framer
+from protocol.messages import Encoder, decode, dialect
+from tests.flights.processes import Process, run
+from tests.logs.helpers import Flyer, rewritten, sent
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+AT_S = 6.0
+
+
+@pytest.mark.parametrize("pace", ["lockstep", "4"])
+@pytest.mark.parametrize("output", ["attitude", "rates", "actuators"])
+def test_every_byte_is_the_same(fly: Flyer, output: str, pace: str) -> None:
+    path = fly("--output", output, "--pace", pace)
+    result = replay(path)
+    assert result.differences == [] and result.notes == []
+    out = [data for record in LogReader(path).records() if (data := sent(record)) is not None]
+    assert (result.datagrams, result.bytes) == (len(out), sum(map(len, out)))
+    assert result.traces == len(LogReader(path).array("/companion/trace")) > 500
+
+
+def test_real_time_and_a_request_to_land(tmp_path: Path) -> None:
+    """Ctrl-C in flight is an event, too."""
+    arguments = ("demo", "hover", "--no-report", "--pace", "2", "--log", str(tmp_path))
+    with Process("companion", arguments) as companion:
+        companion.wait_for("armed, taking off")
+        companion.process.send_signal(signal.SIGINT)
+        companion.end()
+    (path,) = tmp_path.glob("*/flight.mcap")
+    assert [REQUEST.unpack(record.data)["what"] for record in LogReader(path).records((REQUEST.topic,))] == ["land"]
+    assert replay(path).differences == []
+
+
+def change_thrust(record: Record, by: float) -> Record:
+    """The first frame in it that sets an attitude with `by` more thrust."""
+    values = DATAGRAM.unpack(record.data)
+    frames = Framer().datagram(values["data"])
+    place = next(i for i, frame in enumerate(frames) if frame.message_id == dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET)
+    message = decode(frames[place])
+    assert message is not None
+    message.thrust += by
+    encoder = Encoder(frames[place].system, frames[place].component)
+    encoder.sequence = frames[place].sequence
+    raw = [frame.raw for frame in frames]
+    raw[place] = encoder.encode(message)
+    return record._replace(data=DATAGRAM.pack(values["direction"], values["address"], b"".join(raw)))
+
+
+def is_setpoint_after(record: Record, time_s: float) -> bool:
+    data = sent(record)
+    return (
+        data is not None
+        and record.time_ns > time_s * 1e9
+        and any(frame.message_id == dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET for frame in Framer().datagram(data))
+    )
+
+
+@pytest.fixture(scope="module")
+def victim(fly: Flyer) -> Record:
+    """A datagram in the middle of the flight with a setpoint in it."""
+    return next(record for record in LogReader(fly()).records() if is_setpoint_after(record, AT_S))
+
+
+def test_a_changed_field_is_named(fly: Flyer, victim: Record, tmp_path: Path) -> None:
+    """The log says 0.125 more thrust than was sent, three times."""
+    left = [3]
+
+    def change(record: Record) -> list[Record]:
+        if left[0] and is_setpoint_after(record, AT_S):
+            left[0] -= 1
+            return [change_thrust(record, 0.125)]
+        return [record]
+
+    result = replay(rewritten(fly(), tmp_path / "changed.mcap", change))
+    (difference,) = result.differences
+    assert (difference.message, difference.field) == ("SET_ATTITUDE_TARGET", "thrust")
+    assert (difference.first_ns, difference.count) == (victim.time_ns, 3)
+    assert difference.largest == pytest.approx(0.125, rel=1e-6)
+
+
+@pytest.mark.parametrize("where", [MISSING, EXTRA])
+def test_a_datagram_too_many_or_too_few_is_named(fly: Flyer, victim: Record, tmp_path: Path, where: str) -> None:
+    def change(record: Record) -> list[Record]:
+        if record != victim:
+            return [record]
+        return [record, record] if where == MISSING else []
+
+    result = replay(rewritten(fly(), tmp_path / "changed.mcap", change))
+    assert {(each.field, each.first_ns) for each in result.differences} == {(where, victim.time_ns)}
+    frames = Framer().datagram(sent(victim) or b"")
+    names = Counter(type(decode(frame)).msgname for frame in frames)
+    assert {each.message: each.count for each in result.differences} == names
+
+
+def test_bytes_that_are_no_frame_are_compared_too() -> None:
+    differ = Differ()
+    differ.datagram(5, b"\x01\x02", b"\x01\x03")
+    differ.datagram(6, b"\x01\x02", b"\x01\x02")
+    (difference,) = differ.differences
+    assert (difference.message, difference.first_ns, difference.count) == ("datagram", 5, 1)
+
+
+def test_what_if(fly: Flyer, tmp_path: Path) -> None:
+    """Less is allowed: no thrust above the limit is sent, and where it was below before nothing else changes."""
+    before = replay(fly(), keeps_series=True).series["SET_ATTITUDE_TARGET", "thrust"].recorded
+    limit = 0.5 * (max(before) + sorted(before)[len(before) // 2])
+    picture = tmp_path / "difference.png"
+    done = run(
+        "companion", "replay", str(fly()), "--set", f"limits.highest_thrust={limit}", "--plot", str(picture), "--json"
+    )
+    assert done.returncode == 1
+    found = {(each["message"], each["field"]): each for each in json.loads(done.stdout)["differences"]}
+    assert found["SET_ATTITUDE_TARGET", "thrust"]["largest"] >= max(before) - limit - 1e-6
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    series = replay(fly(), None, [f"limits.highest_thrust={limit}"], keeps_series=True).series
+    assert max(series["SET_ATTITUDE_TARGET", "thrust"].replayed) <= limit + 1e-6
+
+
+def test_settings_that_can_not_be_used(fly: Flyer) -> None:
+    with pytest.raises(DataFileError, match=r"limits\.nothing|nothing"):
+        replay(fly(), None, ["limits.nothing=1"])
+    done = run("companion", "replay", str(fly()), "--set", "limits.nothing=1")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+
+
+def test_a_cut_log_is_the_same_up_to_there(fly: Flyer, tmp_path: Path) -> None:
+    content = fly().read_bytes()
+    for part in (0.3, 0.7, 0.999):
+        cut = tmp_path / f"{part}.mcap"
+        cut.write_bytes(content[: int(len(content) * part)])
+        result = replay(cut)
+        assert result.differences == [] and result.datagrams > 100
+        assert len(result.notes) == 1 and "cut off" in result.notes[0]
+
+
+def test_it_ends_where_records_are_missing(fly: Flyer, tmp_path: Path) -> None:
+    """A tenth of a second of the middle is lost with a damaged chunk."""
+
+    def change(record: Record) -> list[Record]:
+        return [] if 6.0e9 < record.time_ns < 6.1e9 else [record]
+
+    result = replay(rewritten(fly(), tmp_path / "gap.mcap", change))
+    assert result.differences == []
+    assert result.flown_s == pytest.approx(6.0, abs=0.3)
+    assert any("records are missing after 6.000 s" in note for note in result.notes)
+
+
+def test_another_version_is_said(fly: Flyer, tmp_path: Path) -> None:
+    path = rewritten(fly(), tmp_path / "old.mcap", flight={"courier": "0.0.9", "numpy": "1.0"})
+    notes = replay(path).notes
+    assert len(notes) == 2
+    assert any("courier 0.0.9" in note for note in notes) and any("numpy 1.0" in note for note in notes)
+
+
+def test_what_is_no_flight_is_refused(many_chunks: Path, tmp_path: Path) -> None:
+    for path in (many_chunks, DATA / "px4_offboard.tlog", tmp_path / "none.mcap"):
+        with pytest.raises(FlightLogError, match=path.name):
+            replay(path)
+    done = run("companion", "replay", str(DATA / "px4_offboard.tlog"))
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+
+
+def test_the_command_says_so(fly: Flyer) -> None:
+    done = run("companion", "replay", str(fly().parent))
+    assert done.returncode == 0 and done.stdout.startswith("the same to the bit")
