@@ -280,6 +280,7 @@ def test_what_a_companion_may_know_agrees_with_what_flies(path: Path) -> None:
     mean = 0.5 * (rotors.time_constant_up_s + rotors.time_constant_down_s)
     assert airframe.body.rotor_time_constant_s == pytest.approx(mean)
     assert airframe.body.rate_loop_gain_1_s == inner.rate_gain_1_s
+    assert inner.attitude_gain_1_s[:2] == (airframe.body.attitude_loop_gain_1_s,) * 2
 
 
 @pytest.mark.parametrize("path", VEHICLES, ids=lambda path: path.stem)
