@@ -14,6 +14,9 @@ from protocol.frames import Array, wrap
 
 _SLOWEST = 0.05
 _INSTANT_S = 1e-5
+_CLOSE = 1e-6
+_UNWINDING_S = 0.25
+"""In which braking may take back the present acceleration."""
 _LEAST_SHARE = 0.35
 """Of the speed that each horizontal axis keeps when the way is along the other: room to turn."""
 
@@ -55,7 +58,10 @@ class _Motion:
     def follow(self, inputs: InputParameter, time_ns: int) -> bool:
         """Replace the motion; where there is no solution the old one goes on to its own end, a standstill."""
         profile = Profile(self._axes)
-        if self._generator.calculate(inputs, profile) not in (Result.Working, Result.Finished):
+        try:
+            if self._generator.calculate(inputs, profile) not in (Result.Working, Result.Finished):
+                return False
+        except ValueError:  # of the errors that ruckig has, its Python binding does not know all
             return False
         self._profile = profile
         self._start_ns = time_ns
@@ -63,8 +69,10 @@ class _Motion:
 
 
 def _braking(inputs: InputParameter, acceleration: float, jerk: float) -> InputParameter:
-    """To a standstill, wherever that is."""
+    """To a standstill, wherever that is; within these limits or those of the present motion."""
     axes = len(inputs.current_position)
+    present = math.hypot(*inputs.current_acceleration)
+    acceleration, jerk = max(acceleration, present), max(jerk, present / _UNWINDING_S)
     inputs.control_interface = ControlInterface.Velocity
     inputs.target_velocity = [0.0] * axes
     inputs.max_acceleration = [acceleration] * axes
@@ -100,6 +108,9 @@ class ReferenceGenerator:
         if goal == self._goal:
             return
         inputs = self._present(time_ns)
+        if max(map(abs, inputs.current_acceleration)) > self._settings.acceleration + _CLOSE:
+            self.stop(time_ns)  # out of a track that is harder than this motion may be; until it is not any more
+            return
         offset = target_ned - np.array(inputs.current_position)
         distance = math.hypot(*offset.tolist())
         # Each axis has its share of the speed, so that the velocity as a whole keeps to the limit; all may brake fully.
@@ -111,10 +122,12 @@ class ReferenceGenerator:
         inputs.max_acceleration = [self._settings.acceleration] * 3
         inputs.max_jerk = [self._settings.jerk] * 3
         inputs.synchronization = Synchronization.Phase
-        self._change(inputs, time_ns, goal)
+        if not self._change(inputs, time_ns, goal):
+            inputs.synchronization = Synchronization.Time
+            self._change(inputs, time_ns, goal)
 
     def stop(self, time_ns: int) -> None:
-        """Brake to a standstill, wherever that is."""
+        """Brake to a standstill, wherever that is. What a track asks of the vehicle, braking may ask as well."""
         if self._track is None and (self._goal is None or self._goal == ()):
             return
         inputs = _braking(self._present(time_ns), self._settings.acceleration, 2.0 * self._settings.jerk)
@@ -122,6 +135,8 @@ class ReferenceGenerator:
 
     def turn(self, time_ns: int, yaw: float) -> None:
         """Turn to a heading (rad) the shorter way."""
+        if self._yaw_goal is None and not self._heading.ended(time_ns):
+            return  # it still brakes
         if self._yaw_goal is not None and abs(wrap(yaw - self._yaw_goal)) < 1e-3:
             return
         inputs = self._present_heading(time_ns)
@@ -198,14 +213,15 @@ class ReferenceGenerator:
         inputs.current_acceleration = [present.yaw_acceleration]
         return inputs
 
-    def _change(self, inputs: InputParameter, time_ns: int, goal: tuple[float, ...]) -> None:
+    def _change(self, inputs: InputParameter, time_ns: int, goal: tuple[float, ...]) -> bool:
         """Take up another motion if there is one, and leave the track if there was one."""
         heading = self._present_heading(time_ns)
         if not self._translation.follow(inputs, time_ns):
-            return
+            return False
         self._goal = goal
         track, self._track = self._track, None
         if track is not None and track.along:
             acceleration = math.radians(self._settings.yaw_acceleration_deg)
             self._heading.follow(_braking(heading, acceleration, 10.0 * acceleration), time_ns)
             self._yaw_goal = None
+        return True

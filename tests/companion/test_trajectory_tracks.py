@@ -183,15 +183,34 @@ def test_a_stop_on_a_circle_brakes_without_a_jump(heading: str) -> None:
     assert np.abs(path[-1].velocity_ned).max() < 1e-9 and abs(path[-1].yaw_rate) < 1e-9
 
 
+@pytest.mark.parametrize("shape", [Shape("ellipse", speed=10.0, acceleration=40.0, laps=9.0, heading="along"), SQUARE])
+def test_a_hard_track_is_left_by_braking_as_hard(shape: Shape) -> None:
+    """With the limits of other motion, the turn that is under way would carry it off at ten times its speed."""
+    generator = following(shape)
+    now, tick = 5_000_000_000, 20_000_000
+    places, speeds = [], []
+    for i in range(1000):
+        generator.go(now + i * tick, START, 4.0, 1.5)
+        generator.turn(now + i * tick, 1.0)
+        reference = generator.at(now + i * tick)
+        places.append(reference.position_ned)
+        speeds.append(float(np.linalg.norm(reference.velocity_ned)))
+    assert max(speeds) < 1.6 * shape.speed
+    assert np.linalg.norm(np.array(places) - START, axis=1).max() < 30.0
+    assert np.allclose(places[-1], START, atol=1e-6)
+    assert wrap(reference.yaw - 1.0) == pytest.approx(0.0, abs=1e-6)
+
+
 def test_from_a_track_to_a_target_and_a_heading() -> None:
     generator = following(SHAPES[1])
     now = 5_000_000_000
     before = generator.at(now)
     generator.go(now, START, 3.0, 1.0)
-    generator.turn(now, 1.0)
     after = generator.at(now)
     assert np.array_equal(after.velocity_ned, before.velocity_ned)
     assert after.yaw_rate == pytest.approx(before.yaw_rate)
+    for later in range(100):  # once the heading has come to rest
+        generator.turn(now + later * 50_000_000, 1.0)
     end = generator.at(now + 20 * 10**9)
     assert np.allclose(end.position_ned, START) and wrap(end.yaw - 1.0) == pytest.approx(0.0, abs=1e-9)
     assert generator.rests(now + 20 * 10**9) and not generator.rests(now + 10**9)
