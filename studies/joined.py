@@ -12,6 +12,7 @@ from companion.mission import Mission
 from companion.state import Output
 from companion.trace import TRACE
 from protocol import datafile
+from protocol.frames import Array
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.integrate import TICK_NS
 from vehicle_sim.vehicle import Vehicle
@@ -28,23 +29,31 @@ class Joined:
     seed: int = 1
     airframe: Airframe | None = None
     """Another one than the mission's; the companion knows its body."""
+    vehicle_overrides: tuple[str, ...] = ()
+    """As "body.mass_kg=0.9", of the simulated vehicle alone: what the companion does not know."""
+    world_overrides: tuple[str, ...] = ()
+    """As "wind.mean_ned=[0.0, 5.0, 0.0]"."""
     meddle: Callable[[int, bytes], bytes] = lambda time_ns, data: data
     said: list[str] = field(default_factory=list)
     events: list[Datagram | Tick] = field(default_factory=list)
     sent: list[bytes] = field(default_factory=list)
     traces: list[bytes] = field(default_factory=list)
-    clearances: list[float] = field(default_factory=list)
+    trace_ticks: list[int] = field(default_factory=list)
+    """At which of the vehicle's ticks each of `traces` was made."""
+    truths: list[Array] = field(default_factory=list)
+    """(17,) of rigid_body at each tick, from 0 on."""
 
     def __post_init__(self) -> None:
         settings = load_settings(None, list(self.overrides))
         body = load_body(self.mission.vehicle) if self.airframe is None else self.airframe.body
         self.autopilot = Autopilot(settings, body, self.mission, self.output)
-        frame = self.airframe or Airframe.load(datafile.find("vehicles", self.mission.vehicle))
-        world = World.load(datafile.find("worlds", self.mission.world))
+        frame = self.airframe or Airframe.load(datafile.find("vehicles", self.mission.vehicle), self.vehicle_overrides)
+        world = World.load(datafile.find("worlds", self.mission.world), self.world_overrides)
         self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=True)
 
     def tick(self) -> None:
         """4 ms."""
+        self.truths.append(self.vehicle.state.copy())
         datagrams = self.vehicle.advance()
         now = self.vehicle.time_ns
         answer = b""
@@ -62,6 +71,7 @@ class Joined:
         self.said += [f"{event.time_ns * 1e-9:.2f} {each.text}" for each in reaction.announcements]
         if reaction.trace is not None:
             self.traces.append(reaction.trace)
+            self.trace_ticks.append(self.vehicle.tick)
         return reaction.datagram
 
     def fly(self, limit_s: float = 400.0, until: Callable[["Joined"], bool] = lambda joined: False) -> "Joined":
@@ -70,6 +80,14 @@ class Joined:
         while not self.autopilot.ended and self.vehicle.time_ns < end_ns and not until(self):
             self.tick()
         return self
+
+    def tracking_error(self) -> Array:
+        """(n, 3) true position minus reference (m, NED), one row a trace but the last. A reference is meant for the
+        middle of the tick that its command is held over."""
+        truth = np.array([*self.truths, self.vehicle.state])[:, :3]
+        now = np.array(self.trace_ticks[:-1], int)
+        error: Array = 0.5 * (truth[now] + truth[now + 1]) - self.trace()["reference_position_ned"][:-1]
+        return error
 
     def drift(self, seconds: float) -> None:
         """The vehicle alone: the companion is gone."""

@@ -11,5 +11,5 @@ PAPER = Page(
 each of its experiments, its numbers beside ours. `make paper` runs all of it and writes this page;
 `python -m studies NAME` runs one. Crosses in the figures are values that the paper prints.
 """,
-    studies=("studies.open_loop", "studies.attitude_loop", "studies.position_loop"),
+    studies=("studies.open_loop", "studies.attitude_loop", "studies.position_loop", "studies.lyapunov"),
 )
