@@ -5,14 +5,15 @@ from typing import Annotated
 
 import typer
 
-from companion.shell import usable
+from companion.shell import UNUSABLE, say, usable
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap) or a folder with one.")]
 
 
 def register(app: typer.Typer) -> None:
     """Put the commands onto the program's."""
-    app.command()(report)
+    for command in (report, view):
+        app.command()(command)
 
 
 def report(
@@ -23,6 +24,45 @@ def report(
     from companion.view.report import write
 
     typer.echo(f"report: {usable(write, file_of(log), to)}")
+
+
+def view(
+    source: Annotated[
+        str | None,
+        typer.Argument(metavar="[LOG|URL]", help="A log, finished or being written, or udpin:HOST:PORT; none: newest."),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Of the page, on 127.0.0.1.", min=0, max=65535)] = 8080,
+    world: Annotated[str | None, typer.Option(help="What to draw around a link's vehicle: a file in worlds/.")] = None,
+    control: Annotated[
+        bool, typer.Option("--control", help="Offer hold, land and return, which are sent to the vehicle at URL.")
+    ] = False,
+    logs: Annotated[Path, typer.Option("--log", help="The folder in which the newest flight is looked for.")] = Path(
+        "logs"
+    ),
+) -> None:
+    """Show a flight in the browser, in the air or from its log. It only looks, unless --control is given."""
+    from companion.view.live import Page, serve
+    from companion.view.sources import Link, Source, newest, open_log
+    from protocol.clock import RealClock
+    from protocol.datafile import find
+    from protocol.transport import open_url
+
+    chosen: Source
+    asked = None
+    if source is not None and ":" in source and not Path(source).exists():
+        drawn = usable(find, "worlds", world).read_bytes() if world is not None else b""
+        transport = usable(open_url, source)
+        chosen = Link(source, transport, drawn)
+        if control:
+            from companion.view.control import Control
+
+            asked = Control(transport.send, RealClock())
+    else:
+        if control:
+            say("companion: --control needs the URL of a vehicle")
+            raise typer.Exit(UNUSABLE)
+        chosen = usable(open_log, file_of(Path(source)) if source is not None else usable(newest, logs))
+    serve(usable(Page, chosen, port, asked), typer.echo)
 
 
 def file_of(log: Path) -> Path:

@@ -18,6 +18,8 @@ from companion.view.lines import Floats, Line, Regularity, Rings, Spectrum, Stre
 from protocol.flightlog import DATAGRAM, TEXT, LogReader, RecordType
 
 Table = NDArray[np.void]
+Batch = tuple[str, RecordType, NDArray[np.int64], Any]
+"""Topic, type, times (n,) ns and the records: a structured array of (n,), or n dicts if they vary in size."""
 Columns = dict[str, Floats]
 
 BATCH = 4096
@@ -352,12 +354,8 @@ class Gathered:
         return float(10 ** ((int(np.searchsorted(np.cumsum(self.latency_counts), share * total)) + 0.5) / 20.0))
 
 
-def batches(log: LogReader) -> Iterator[tuple[str, RecordType, NDArray[np.int64], Any]]:
-    """All topics but the raw datagrams: topic, type, times (n,) ns and the records.
-
-    These are a structured array of (n,) or, if they vary in size, a list of n dicts. What is not as its schema says is
-    left out.
-    """
+def batches(log: LogReader) -> Iterator[Batch]:
+    """All topics but the raw datagrams; what is not as its schema says is left out."""
     times: dict[str, list[int]] = {}
     parts: dict[str, list[bytes]] = {}
     kinds = log.topics
@@ -371,13 +369,14 @@ def batches(log: LogReader) -> Iterator[tuple[str, RecordType, NDArray[np.int64]
         held.append(record.data)
         times[topic].append(record.time_ns)
         if len(held) >= BATCH:
-            yield from _batch(kinds[topic], times[topic], held)
+            yield from batch(kinds[topic], times[topic], held)
             parts[topic], times[topic] = [], []
     for topic, held in parts.items():
-        yield from _batch(kinds[topic], times[topic], held)
+        yield from batch(kinds[topic], times[topic], held)
 
 
-def _batch(kind: RecordType, times: list[int], held: list[bytes]) -> Iterator[tuple[str, RecordType, Any, Any]]:
+def batch(kind: RecordType, times: list[int], held: list[bytes]) -> Iterator[Batch]:
+    """Records of one topic as one batch, or none if none of them is as the schema says."""
     size = kind.size
     if size is None:
         values = [_unpacked(kind, data) for data in held]

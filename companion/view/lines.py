@@ -29,7 +29,8 @@ def thin(times: Floats, values: Floats, buckets: int) -> tuple[Floats, Floats]:
     order = np.lexsort((values, bucket))
     ends = np.flatnonzero(np.diff(bucket[order], append=buckets))
     starts = np.concatenate(([0], ends[:-1] + 1))
-    kept = np.unique(order[np.concatenate((starts, ends))])
+    kept = np.zeros(len(times), np.bool_)
+    kept[order[starts]] = kept[order[ends]] = True
     return times[kept], values[kept]
 
 
@@ -72,12 +73,13 @@ class Line:
 class Track:
     """A path in space with whatever belongs to it, thinned evenly: at most 2 * `most` rows of `columns` numbers."""
 
-    __slots__ = ("_columns", "_held", "_most", "_parts", "_since", "_step")
+    __slots__ = ("_columns", "_held", "_last", "_most", "_parts", "_since", "_step")
 
     def __init__(self, columns: int, most: int = 4000) -> None:
         self._columns = columns
         self._most = most
         self._step = 0.0
+        self._last = -1.0
         self._parts: list[Floats] = []
         self._held = 0
         self._since: float | None = None
@@ -95,20 +97,26 @@ class Track:
             whole = np.concatenate(self._parts)
             span = float(whole[-1, 0] - whole[0, 0])
             self._step = max(2.0 * self._step, span / self._most, 1e-3)
+            self._last = -1.0
             self._parts = [self._every(whole)]
             self._held = len(self._parts[0])
 
     def _every(self, table: Floats) -> Floats:
-        """The first row of each stretch of `_step`."""
+        """The first row of each stretch of `_step` after the last one."""
         if not self._step:
             return table
         stretch = np.floor((table[:, 0] - (self._since or 0.0)) / self._step)
-        kept: Floats = table[np.diff(stretch, prepend=stretch[0] - 1) != 0]
+        kept: Floats = table[np.diff(stretch, prepend=self._last) != 0]
+        self._last = float(stretch[-1])
         return kept
 
     def rows(self) -> Floats:
         """(m, columns), the time first."""
-        return np.concatenate(self._parts) if self._parts else np.empty((0, self._columns))
+        if not self._parts:
+            return np.empty((0, self._columns))
+        if len(self._parts) > 1:
+            self._parts = [np.concatenate(self._parts)]
+        return self._parts[0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,368 @@
+"""`companion view`: a flight in the browser while it is flown, or again from its log, drawn by viser (three.js).
+
+A process of its own that only reads: the log, as it grows, or a link of its own. The world of the page is east, north,
+up; the vehicle's body forward, left, up.
+"""
+
+import math
+import threading
+from collections.abc import Callable
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from companion.view.history import History, Moment
+from companion.view.lines import Floats
+from companion.view.scene import Prism, mesh, solids
+from companion.view.sources import Source
+from protocol.clock import RealClock
+from protocol.flightlog import FlightLogError
+from protocol.frames import Array, enu_to_ned, multiply
+
+if TYPE_CHECKING:
+    import viser
+
+    from companion.view.control import Control
+
+FRAME_S = 0.05
+"""Between two pictures of the vehicle; words and plots take every fifth."""
+PLOT_S = 30.0
+"""What the plots show, up to the moment that is shown."""
+_PATH_POINTS = 1500
+_PLOT_POINTS = 400
+_BEHIND = np.array([-4.0, -9.0, 5.0])
+"""Where a camera starts, from the vehicle (east, north, up)."""
+_ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
+_FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+_STONE, _LEAF, _BLUE, _RED, _AMBER, _INK, _RETURN = (
+    (176, 168, 156),
+    (122, 158, 104),
+    (59, 125, 221),
+    (214, 69, 96),
+    (232, 160, 40),
+    (46, 48, 54),
+    (255, 70, 0),
+)
+
+
+class Page:
+    """The server, on this machine alone, and what it shows. `control`: None for a page that only looks."""
+
+    def __init__(self, source: Source, port: int, control: "Control | None" = None) -> None:
+        import viser
+
+        self._source = source
+        self._control = control
+        self.history = History()
+        self._clock = RealClock()
+        self._stop = threading.Event()
+        self._time = 0.0
+        self._frame = 0
+        self._drawn_world = b""
+        self._following = True
+        self._problem: str | None = None
+        self._server = viser.ViserServer(host="127.0.0.1", port=port, label=f"Courier · {source.name}", verbose=False)
+        self.port = self._server.get_port()
+        self._set_the_stage()
+        self._make_panel()
+
+    # ------------------------------------------------------------------------------------------------------- its loop
+
+    def run(self) -> None:
+        """Serve until `stop`, or an interrupt."""
+        before_ns = self._clock.now_ns()
+        while not self._stop.wait(FRAME_S):
+            now_ns = self._clock.now_ns()
+            self.step((now_ns - before_ns) * 1e-9)
+            before_ns = now_ns
+
+    def stop(self) -> None:
+        """Ends `run` and the server."""
+        self._stop.set()
+        self._server.stop()
+
+    def step(self, seconds: float) -> None:
+        """Take in what is new and draw the moment that is due `seconds` after the last one."""
+        self._read()
+        if self._control is not None:
+            self._control.step()
+        self._advance(seconds)
+        moment = self.history.at(self._time)
+        with self._server.atomic():
+            self._draw_vehicle(moment)
+            if self._frame % 5 == 0:
+                self._draw_words(moment)
+                self._draw_plots()
+            if self._frame % 20 == 0:
+                self._draw_world()
+                self._draw_paths()
+        self._frame += 1
+
+    def _read(self) -> None:
+        try:
+            for batch in self._source.poll():
+                self.history.take(batch)
+                if self._control is not None:
+                    self._control.take(batch)
+        except FlightLogError as error:
+            self._problem = str(error)
+
+    def _advance(self, seconds: float) -> None:
+        start, end = self.history.start, max(self.history.end, self.history.start + 0.1)
+        if self._slider.max != end or self._slider.min != start:
+            self._slider.min, self._slider.max = start, end
+        if self._following and not self._source.ended:
+            self._time = end
+        elif self._play.value:
+            self._time = min(self._time + seconds * float(self._speed.value.removesuffix("x")), end)
+        self._now.visible = not (self._source.ended or self._following)
+        self._time = min(max(self._time, start), end)
+        self._slider.value = min(round(self._time, 2), end)
+
+    # ---------------------------------------------------------------------------------------------------- the panel
+
+    def _make_panel(self) -> None:
+        from viser import uplot
+
+        gui = self._server.gui
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
+        gui.set_panel_label("Courier")
+        self._words = gui.add_html("")
+        with gui.add_folder("Time"):
+            self._slider: Any = gui.add_slider("s", 0.0, 1.0, 0.01, 0.0)
+            self._play = gui.add_checkbox("play", True)
+            self._speed = gui.add_dropdown("speed", ("0.25x", "1x", "4x", "16x"), initial_value="1x")
+            self._now = gui.add_button("now")
+            self._chase = gui.add_checkbox("camera follows", True)
+        self._slider.on_update(self._slid)
+        self._now.on_click(lambda _: self._follow())
+        x, axis = uplot.Series(label="s"), uplot.Axis(size=44)
+        empty = np.zeros(1)
+
+        def series(*parts: tuple[str, str]) -> "tuple[uplot.Series, ...]":
+            return (x, *(uplot.Series(label=label, stroke=color, width=1.5) for label, color in parts))
+
+        still = {"x": uplot.Scale(time=False)}
+        with gui.add_folder("Attitude, deg"):
+            self._attitude = gui.add_uplot(
+                (empty,) * 4,
+                series(("roll", "#3b7ddd"), ("pitch", "#4c9f50"), ("yaw", "#8a5cc9")),
+                scales=still,
+                axes=(uplot.Axis(), axis),
+                height=170,
+            )
+        with gui.add_folder("Clearance, m, and speed, m/s"):
+            self._clearance = gui.add_uplot(
+                (empty,) * 2, series(("clearance", "#4c9f50")), scales=still, axes=(uplot.Axis(), axis), height=150
+            )
+            self._speeds = gui.add_uplot(
+                (empty,) * 2, series(("speed", "#d08a1d")), scales=still, axes=(uplot.Axis(), axis), height=150
+            )
+        self._show_answer = self._control.put_onto(self._server) if self._control is not None else lambda: None
+
+    def _slid(self, event: Any) -> None:
+        """By a person (the page itself moves the slider too, without a client)."""
+        if event.client is None:
+            return
+        self._time = float(self._slider.value)
+        self._following = False
+
+    def _follow(self) -> None:
+        self._following = True
+
+    def _draw_words(self, moment: Moment) -> None:
+        self._words.content = words(moment, self._source.ended, self._problem)
+        self._show_answer()
+
+    def _draw_plots(self) -> None:
+        start, stop = self._time - PLOT_S, self._time
+        times, attitude = self.history.attitude_deg(start, stop)
+        pick = _every(len(times), _PLOT_POINTS)
+        if len(pick) > 1:
+            self._attitude.data = (times[pick], *attitude[pick].T.copy())
+        for plot, (when, values) in (
+            (self._clearance, self.history.clearance(start, stop)),
+            (self._speeds, self.history.speed(start, stop)),
+        ):
+            pick = _every(len(when), _PLOT_POINTS)
+            if len(pick) > 1:
+                plot.data = (when[pick], values[pick])
+
+    # ----------------------------------------------------------------------------------------------------- the scene
+
+    def _set_the_stage(self) -> None:
+        scene = self._server.scene
+        scene.set_up_direction("+z")
+        scene.add_grid(
+            "/ground", 400.0, 400.0, cell_size=2.0, section_size=10.0, infinite_grid=True, fade_distance=250.0
+        )
+        self._server.initial_camera.position = tuple(_BEHIND)
+        self._server.initial_camera.look_at = (0.0, 0.0, 0.0)
+        self._server.on_client_connect(self._show_around)
+        self._vehicle = scene.add_frame("/vehicle", axes_length=0.6, axes_radius=0.015, visible=False)
+        corners, faces = _airframe()
+        scene.add_mesh_simple("/vehicle/frame", corners, faces, color=_INK, flat_shading=True, side="double")
+        nose = [Prism("nose", ((0.30, -0.06), (0.44, 0.0), (0.30, 0.06)), -0.02, 0.03, round=False)]
+        corners, faces = _meshes(nose, enu=False)
+        scene.add_mesh_simple("/vehicle/nose", corners, faces, color=_RED, flat_shading=True, side="double")
+        self._returns: Any = scene.add_point_cloud(
+            "/ring",
+            np.zeros((1, 3)),
+            _RETURN,
+            point_size=0.16,
+            point_shape="circle",
+            precision="float32",
+            visible=False,
+        )
+        self._rays = scene.add_line_segments("/rays", np.zeros((1, 2, 3)), _AMBER, thickness=0.03, visible=False)
+        self._reference = scene.add_icosphere("/reference", 0.07, color=_BLUE, visible=False)
+        self._target = scene.add_icosphere("/target", 0.35, color=_AMBER, opacity=0.75, visible=False)
+        self._seen_at: Floats | None = None
+
+    def _draw_world(self) -> None:
+        if self._source.world == self._drawn_world:
+            return
+        self._drawn_world = self._source.world
+        for name, color, is_round in (("houses", _STONE, False), ("trees", _LEAF, True)):
+            chosen = [prism for prism in solids(self._source.world) if prism.round is is_round]
+            if chosen:
+                corners, faces = _meshes(chosen, enu=True)
+                self._server.scene.add_mesh_simple(f"/world/{name}", corners, faces, color=color, flat_shading=True)
+
+    def _draw_paths(self) -> None:
+        add = self._server.scene.add_line_segments
+        flown, wanted = self.history.path_ned(), self.history.reference_ned()
+        for name, path, color, width in (("/flown", flown, _BLUE, 3.0), ("/wanted", wanted, _RED, 1.5)):
+            picked = _enu(path[_every(len(path), _PATH_POINTS)])
+            if len(picked) > 1:
+                segments = np.stack((picked[:-1], picked[1:]), axis=1)
+                add(name, segments, color, thickness=width, thickness_units="screen")
+
+    def _draw_vehicle(self, moment: Moment) -> None:
+        place, attitude, plan = moment.position_ned, moment.attitude_ned_frd, moment.plan
+        self._vehicle.visible = place is not None
+        if place is not None:
+            self._vehicle.position = _enu(place)
+            if attitude is not None:
+                self._vehicle.wxyz = multiply(_ENU_NED, multiply(attitude.astype(np.float64), _FRD_FLU))
+            self._move_cameras(_enu(place))
+        self._draw_ring(moment)
+        self._reference.visible = self._target.visible = plan is not None
+        if plan is not None:
+            self._reference.position = _enu(plan.reference_ned)
+            self._target.position = _enu(plan.target_ned)
+
+    def _show_around(self, client: "viser.ClientHandle") -> None:
+        """Who comes later starts behind the vehicle too."""
+        if self._seen_at is not None:
+            client.camera.position = self._seen_at + _BEHIND
+            client.camera.look_at = self._seen_at
+
+    def _move_cameras(self, place_enu: Floats) -> None:
+        """Each person's own camera goes along with the vehicle, from where it was put."""
+        before, self._seen_at = self._seen_at, place_enu
+        if before is None or not self._chase.value:
+            return
+        for client in self._server.get_clients().values():
+            gone = place_enu - before
+            client.camera.position = client.camera.position + gone
+            client.camera.look_at = client.camera.look_at + gone
+
+    def _draw_ring(self, moment: Moment) -> None:
+        place, attitude = moment.position_ned, moment.attitude_ned_frd
+        shown = place is not None and attitude is not None and len(moment.returns_frd) > 0
+        self._returns.visible = self._rays.visible = shown
+        if place is None or attitude is None or not shown:
+            return
+        points = _enu(place + turned(attitude, moment.returns_frd))
+        self._returns.points = points
+        nearest = int((moment.returns_frd**2).sum(axis=1).argmin())
+        self._rays.points = np.stack((_enu(place), points[nearest]))[None]
+
+
+def _enu(vectors_ned: Floats) -> Array:
+    """(..., 3)"""
+    return enu_to_ned(vectors_ned.astype(np.float64))
+
+
+def turned(attitude: Floats, vectors: Floats) -> Floats:
+    """(n, 3) body vectors into the world; `protocol.frames.rotate` for many."""
+    axis, w = attitude[1:], attitude[0]
+    t = 2.0 * np.cross(axis, vectors)
+    result: Floats = vectors + w * t + np.cross(axis, t)
+    return result
+
+
+def _every(count: int, most: int) -> Any:
+    """Indices of at most so many, evenly, the last with them."""
+    if count <= most:
+        return np.arange(count)
+    return np.linspace(0, count - 1, most).astype(np.int64)
+
+
+def _meshes(prisms: list[Prism], *, enu: bool) -> tuple[Floats, Any]:
+    """All as one mesh; `enu`: of the world's axes, otherwise outlines are forward and left in the body's."""
+    corners: list[tuple[float, float, float]] = []
+    faces: list[tuple[int, ...]] = []
+    for prism in prisms:
+        own, triangles = mesh(prism)
+        base = len(corners)
+        corners += own if enu else [(forward, left, up) for left, forward, up in own]
+        faces += [tuple(base + index for index in triangle) for triangle in triangles]
+    return np.array(corners), np.array(faces)
+
+
+def _airframe() -> tuple[Floats, Any]:
+    """A quadrotor in "+": body, arms and rotors, forward, left, up (m)."""
+    parts = [Prism("body", ((0.09, 0.09), (0.09, -0.09), (-0.09, -0.09), (-0.09, 0.09)), -0.05, 0.04, round=False)]
+    for along, across in ((0.27, 0.015), (0.015, 0.27)):
+        outline = ((along, across), (along, -across), (-along, -across), (-along, across))
+        parts.append(Prism("arm", outline, -0.01, 0.01, round=False))
+    for north, east in ((0.23, 0.0), (-0.23, 0.0), (0.0, 0.23), (0.0, -0.23)):
+        turns = [2.0 * math.pi * side / 20 for side in range(20)]
+        circle = tuple((north + 0.13 * math.cos(turn), east + 0.13 * math.sin(turn)) for turn in turns)
+        parts.append(Prism("rotor", circle, 0.03, 0.04, round=True))
+    return _meshes(parts, enu=False)
+
+
+def words(moment: Moment, ended: bool, problem: str | None) -> str:
+    """The panel's table, as HTML; what comes from outside is escaped."""
+    plan = moment.plan
+    rows = [("time", f"{moment.time:.2f} s" + (" of a log" if ended else ", live"))]
+    if plan is not None:
+        rows += [("phase", plan.phase), ("companion", plan.state)]
+    rows.append(("mode", moment.mode + (", armed" if moment.armed else ", disarmed")))
+    rows.append(("failsafe", "YES" if moment.failsafe else "no"))
+    rows.append(("link", "silent" if moment.link_age is None else f"heard {1e3 * moment.link_age:.0f} ms ago"))
+    if moment.position_ned is not None and moment.velocity_ned is not None:
+        north, east, down = moment.position_ned
+        rows.append(("place", f"north {north:.1f}, east {east:.1f}, height {-down:.1f} m"))
+        rows.append(("speed", f"{np.linalg.norm(moment.velocity_ned):.1f} m/s"))
+    if plan is not None:
+        clear = f"{plan.clearance:.2f} m" if math.isfinite(plan.clearance) else "nothing in sight"
+        notes = [note for note, holds in (("avoiding", plan.blocked), ("at a limit", plan.limited)) if holds]
+        rows.append(("clearance", ", ".join([clear, *notes])))
+    elif moment.nearest is not None:
+        rows.append(("nearest return", f"{moment.nearest:.2f} m"))
+    if moment.battery is not None:
+        rows.append(("battery", f"{moment.battery:.0f} %"))
+    cells = "".join(
+        f'<tr><td style="opacity:.65;padding-right:12px">{name}</td><td id="{name}">{escape(value)}</td></tr>'
+        for name, value in rows
+    )
+    said = "".join(f"<div>{text.time:.1f} {escape(text.text)}</div>" for text in moment.texts)
+    trouble = f'<div style="color:#d64560">{escape(problem)}</div>' if problem else ""
+    style = "font-size:13px;padding:4px 14px;font-variant-numeric:tabular-nums"
+    said_style = "margin-top:6px;opacity:.75;font-size:12px"
+    return f'<div style="{style}">{trouble}<table>{cells}</table><div style="{said_style}">{said}</div></div>'
+
+
+def serve(page: Page, say: Callable[[str], None]) -> None:
+    """Say where the page is, and serve it until an interrupt."""
+    say(f"view: http://127.0.0.1:{page.port}")
+    try:
+        page.run()
+    except KeyboardInterrupt:
+        page.stop()
