@@ -107,7 +107,7 @@ def fly(scans: list[tuple[Scan, Array, Array]], watch: Stopwatch) -> None:
             corners = watch.call("astar: shortening", shorten, path, view, prices, ASTAR.inflation)
             watch.call("astar: corner speeds", corner_speeds, corners, np.full(len(corners), 0.5), SPEED, 4.0, 3.5)
         watch.call("guard: a view taken in", guard.look, view, position, scan.time_ns)
-        watch.call("guard: speed limit", guard.limit, position, velocity, GOAL - position, 0.25, SPEED)
+        watch.call("guard: speed limit", guard.limit, position, velocity, GOAL[None, :2], 0.25, SPEED)
         watch.times.setdefault("scan to reference", []).append((time.perf_counter_ns() - began) / 1e3)
         watch.call("vfh", vfh.choose, view, position, velocity, GOAL)
         for _ in range(16):

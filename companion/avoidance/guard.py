@@ -1,12 +1,16 @@
 """The guard: last of all, whatever the method. It lets through what leaves a way to stop, and nothing else.
 
-1. `limit`: the speed from which the vehicle stops within what was seen free, the way it flies and the way it is sent.
-2. `filter`: the acceleration command is moved, as little as possible, to where every barrier holds. The barrier of a
-   point at the distance d with the closing speed c is h = s(d - keep-out) - c, with s the highest closing speed from
-   which `braking` stops in time; h' >= -steepness h is a half-plane of accelerations (control barrier functions after
-   Ames et al. 2019, with the braking barrier of Borrmann et al. 2015), and the nearest acceleration in the
-   intersection of half-planes has a closed form in two dimensions: the command itself, its foot on one edge, or the
-   corner of two. Where the intersection is empty all are relaxed by the same, smallest amount.
+1. `limit`: the speed from which the vehicle stops within what was seen free, straight on and the way it is sent.
+2. `filter`: the acceleration command is moved, as little as possible, to where a barrier holds for every point. A
+   point is no danger while the vehicle can stop before it, h = s(d - keep-out) - c (d the distance, c the closing
+   speed, s the highest one from which `braking` stops in time), or while it flies past, h = y - keep-out (y how far a
+   straight flight misses the point). h' >= -steepness h is a half-plane of accelerations (control barrier functions
+   after Ames et al. 2019; the braking barrier of Borrmann et al. 2015; the other bounds the collision cone of
+   Thontepu et al. 2022 by its miss distance). One of the two must hold: the one that the command comes nearer to
+   (the second only if it holds already or nearly so, or a wall would be steered past instead of stopped at).
+   The nearest acceleration in the intersection of half-planes has a closed form in two dimensions: the command
+   itself, its foot on one edge, or the corner of two. Where the intersection is empty all are relaxed by the same,
+   smallest amount.
 3. A stop, straight or with a swerve, from where that command leads to within a moment must lie in free space;
    otherwise the stop that is still there is flown, and where there is none the one that stays free longest.
 
@@ -34,6 +38,12 @@ _SWERVES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.1, -1.1)
 """Angles (rad) between the deceleration of a stop and straight back; first come, first flown."""
 _STOP_SAMPLES = 12
 _TOLERANCE = 1e-9
+_MOVES = 0.3
+"""m/s; slower has no course."""
+_GRAZE = 0.1
+"""m of keep-out that a flight past may lack to be steered further out instead of braked."""
+_FAR = 100.0
+"""m, beyond every window."""
 _HALVINGS = 24
 
 
@@ -119,19 +129,16 @@ class Guard:
         self._points = standing if moving is None else np.vstack([standing, moving])
         self._view, self._seen_ns = view, seen_ns
 
-    def limit(
-        self, position_ned: Array, velocity_ned: Array, way_ned: Array, delay_s: float, speed: float
-    ) -> SpeedLimit:
-        """At most `speed` (m/s); `way_ned`: where it is sent, relative to the vehicle, (2,) or (3,). `delay_s`: from a
-        thing's appearance to the first braking, scan period + age of the view + lag."""
+    def limit(self, position_ned: Array, velocity_ned: Array, way: Array, delay_s: float, speed: float) -> SpeedLimit:
+        """At most `speed` (m/s). `way` (k, 2): the places, NED, that the vehicle is sent to one after the other.
+        `delay_s`: from a thing's appearance to the first braking, scan period + age of the view + lag."""
         s = self._settings
         if self._view is None:
             return SpeedLimit(0.0, 0.0)
-        free = math.inf
-        for course in (velocity_ned, way_ned):
-            length = math.hypot(course[0], course[1])
-            if length > 0.3:
-                free = min(free, self._free(position_ned, course[0] / length, course[1] / length))
+        free = self._free(np.vstack([position_ned[:2], way]))
+        if math.hypot(velocity_ned[0], velocity_ned[1]) > _MOVES:
+            far = position_ned[:2] + _FAR / math.hypot(velocity_ned[0], velocity_ned[1]) * velocity_ned[:2]
+            free = min(free, self._free(np.vstack([position_ned[:2], far])))
         return SpeedLimit(min(speed, stopping_speed(free, s.braking, delay_s)), free)
 
     def filter(self, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, now_ns: int) -> Verdict:
@@ -162,12 +169,11 @@ class Guard:
         north, east = float(found[0] - acceleration_ned[0]), float(found[1] - acceleration_ned[1])
         return Verdict(np.array([found[0], found[1], acceleration_ned[2]]), math.hypot(north, east), Reason(reason))
 
-    def _free(self, position_ned: Array, dn: float, de: float) -> float:
+    def _free(self, places: Array) -> float:
         s, view = self._settings, self._view
         assert view is not None
-        north = float(position_ned[0]) - view.corner[0] * view.cell
-        east = float(position_ned[1]) - view.corner[1] * view.cell
-        return free_way(view.to_occupied, view.to_unseen, view.cell, north, east, dn, de, s.keep_out, s.keep_out_unseen)
+        local = places - np.array(view.corner) * view.cell
+        return free_way(view.to_occupied, view.to_unseen, view.cell, local, s.keep_out, s.keep_out_unseen)
 
 
 @compiled
@@ -212,28 +218,24 @@ def _room(to_occupied: Array, to_unseen: Array, cell: float, north: float, east:
 
 
 @compiled
-def free_way(
-    to_occupied: Array,
-    to_unseen: Array,
-    cell: float,
-    north: float,
-    east: float,
-    dn: float,
-    de: float,
-    occupied: float,
-    unseen: float,
-) -> float:
-    """Distance (m) along a unit vector until a keep-out is entered; from within one, until it gets nearer."""
-    at_occupied, at_unseen = _room(to_occupied, to_unseen, cell, north, east)
+def free_way(to_occupied: Array, to_unseen: Array, cell: float, places: Array, occupied: float, unseen: float) -> float:
+    """Distance (m) along the straight lines between places (k, 2), counted from the window's corner, until a keep-out
+    is entered; from within one, until it gets nearer. inf if the way's end is reached."""
+    at_occupied, at_unseen = _room(to_occupied, to_unseen, cell, places[0, 0], places[0, 1])
     occupied, unseen = min(occupied, at_occupied), min(unseen, at_unseen)
-    along = 0.0
-    longest = cell * (to_occupied.shape[0] + to_occupied.shape[1])
-    while along < longest:
-        a, b = _room(to_occupied, to_unseen, cell, north + along * dn, east + along * de)
-        if a < occupied or b < unseen or (a == 0.0 and b == 0.0):
-            break
-        along += max(min(a - occupied, b - unseen) - cell, 0.5 * cell)
-    return along
+    flown = 0.0
+    for k in range(places.shape[0] - 1):
+        dn, de = places[k + 1, 0] - places[k, 0], places[k + 1, 1] - places[k, 1]
+        length = math.hypot(dn, de)
+        along = 0.0
+        while along < length:
+            share = along / length
+            a, b = _room(to_occupied, to_unseen, cell, places[k, 0] + share * dn, places[k, 1] + share * de)
+            if a < occupied or b < unseen or (a == 0.0 and b == 0.0):
+                return flown + along
+            along += max(min(a - occupied, b - unseen) - cell, 0.5 * cell)
+        flown += length
+    return math.inf
 
 
 @compiled
@@ -256,12 +258,15 @@ def half_planes(
     east: float,
     velocity_n: float,
     velocity_e: float,
+    command_n: float,
+    command_e: float,
     braking: float,
     steepness: float,
     nearness: float,
 ) -> Array:
-    """(n, 4) for points (n, 5): unit vector to the point, bound of the acceleration along it (m/s2), the barrier h."""
-    planes = np.empty((points.shape[0], 4))
+    """(n, 5) for points (n, 5): a unit vector, the bound of the acceleration along it (m/s2), the barrier h and the
+    scale of its rate: h' + steepness h = scale (bound - acceleration along the vector)."""
+    planes = np.empty((points.shape[0], 5))
     for k in range(points.shape[0]):
         dn, de = points[k, 0] - north, points[k, 1] - east
         distance = max(math.hypot(dn, de), 1e-3)
@@ -270,9 +275,21 @@ def half_planes(
         closing, across = vn * un + ve * ue, ve * un - vn * ue
         limit, slope = closing_limit(distance - points[k, 4], braking, nearness)
         barrier = limit - closing
-        planes[k, 0], planes[k, 1] = un, ue
-        planes[k, 2] = steepness * barrier - slope * closing + across * across / distance
-        planes[k, 3] = barrier
+        bound = steepness * barrier - slope * closing + across * across / distance
+        planes[k] = un, ue, bound, barrier, 1.0
+        speed = math.hypot(vn, ve)
+        if closing <= 0.0 or speed < _MOVES or distance <= points[k, 4]:
+            continue
+        miss = distance * abs(across) / speed
+        if miss < points[k, 4] - _GRAZE:
+            continue
+        side = 1.0 if across > 0.0 else -1.0
+        gn = (-side * de - miss * vn / speed) / speed
+        ge = (side * dn - miss * ve / speed) / speed
+        scale = math.hypot(gn, ge)
+        past = steepness * (miss - points[k, 4]) / scale
+        if past + (gn * command_n + ge * command_e) / scale > bound - un * command_n - ue * command_e:
+            planes[k] = -gn / scale, -ge / scale, past, miss - points[k, 4], scale
     return planes
 
 
@@ -316,7 +333,7 @@ def _project(planes: Array, relaxed: float, north: float, east: float) -> tuple[
 
 @compiled
 def nearest_allowed(planes: Array, north: float, east: float) -> tuple[float, float]:
-    """The acceleration nearest to a command that all half-planes (n, 4) allow; where none is, they are relaxed by the
+    """The acceleration nearest to a command that all half-planes (n, 5) allow; where none is, they are relaxed by the
     smallest amount that serves them all."""
     found, n, e = _project(planes, 0.0, north, east)
     if found:
@@ -440,7 +457,18 @@ def guarded(
 ) -> tuple[Array, int]:
     """Acceleration (2,) and the Reason's number; `corner_n`, `corner_e` (m): the window's corner."""
     vn, ve = velocity[0], velocity[1]
-    planes = half_planes(points, position[0] + lag * vn, position[1] + lag * ve, vn, ve, braking, steepness, nearness)
+    planes = half_planes(
+        points,
+        position[0] + lag * vn,
+        position[1] + lag * ve,
+        vn,
+        ve,
+        command[0],
+        command[1],
+        braking,
+        steepness,
+        nearness,
+    )
     n, e = nearest_allowed(_tightest(planes), command[0], command[1])
     reason = 0 if n == command[0] and e == command[1] else 1
     north, east = position[0] - corner_n, position[1] - corner_e

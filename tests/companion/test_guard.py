@@ -66,21 +66,28 @@ def wall(states: Bytes, north: float, what: int = OCCUPIED) -> Bytes:
     return changed
 
 
+def planes_of(points: Array, position: Array, velocity: Array, command: Array) -> Array:
+    return half_planes(
+        points, position[0], position[1], velocity[0], velocity[1], command[0], command[1], 4.5, 4.0, 2.0
+    )
+
+
 def random_planes(rng: np.random.Generator, count: int = 10, reach: float = 6.0) -> Array:
     points = np.column_stack(
         [rng.uniform(-reach, reach, (count, 2)), rng.uniform(-1.0, 1.0, (count, 2)), np.full(count, 0.7)]
     )
     velocity = rng.uniform(-4.0, 4.0, 2)
-    return half_planes(points, 0.0, 0.0, velocity[0], velocity[1], 4.5, 4.0, 2.0)
+    return planes_of(points, STILL, velocity, rng.uniform(-4.0, 4.0, 2))
 
 
 def test_the_barrier_rate_is_the_rate_of_the_barrier() -> None:
-    """h of a moving point seen from an accelerated vehicle, differenced, against the half-plane's bound."""
+    """h of a moving point seen from an accelerated vehicle, differenced, against the half-plane: both kinds."""
     rng = np.random.default_rng(1)
-    for _ in range(200):
+    braked = passed = 0
+    for _ in range(400):
         point = np.array([[*rng.uniform(-6.0, 6.0, 2), *rng.uniform(-2.0, 2.0, 2), 0.7]])
         position, velocity, acceleration = rng.uniform(-3.0, 3.0, (3, 2))
-        if np.hypot(*(point[0, :2] - position)) < 0.5:
+        if np.hypot(*(point[0, :2] - position)) < 0.8:
             continue
 
         def plane_at(
@@ -88,13 +95,31 @@ def test_the_barrier_rate_is_the_rate_of_the_barrier() -> None:
         ) -> Array:
             moved = point.copy()
             moved[0, :2] += t * point[0, 2:4]
-            now, speed = p + t * v + 0.5 * t * t * a, v + t * a
-            return np.asarray(half_planes(moved, now[0], now[1], speed[0], speed[1], 4.5, 4.0, 2.0)[0])
+            return np.asarray(planes_of(moved, p + t * v + 0.5 * t * t * a, v + t * a, a)[0])
 
         rate = (plane_at(1e-6)[3] - plane_at(-1e-6)[3]) / 2e-6
         plane = plane_at(0.0)
-        # bound - a n = h' + steepness h
-        assert rate + 4.0 * plane[3] == pytest.approx(plane[2] - acceleration @ plane[:2], abs=2e-4)
+        assert np.hypot(plane[0], plane[1]) == pytest.approx(1.0)
+        assert rate + 4.0 * plane[3] == pytest.approx(
+            plane[4] * (plane[2] - acceleration @ plane[:2]), rel=1e-4, abs=1e-3
+        )
+        braked, passed = braked + (plane[4] == 1.0), passed + (plane[4] != 1.0)
+    assert braked > 50 and passed > 20
+
+
+def test_who_flies_past_is_not_slowed_down() -> None:
+    """At 6 m/s between two pillars 3 m apart nothing is changed; towards either of them it is."""
+    pillars = np.array([[4.0, -1.5, 0.0, 0.0, 0.7], [4.0, 1.5, 0.0, 0.0, 0.7]])
+    ahead = planes_of(pillars, STILL, np.array([6.0, 0.0]), np.array([2.0, 0.0]))
+    assert (ahead[:, :2] @ np.array([2.0, 0.0]) <= ahead[:, 2]).all() and (ahead[:, 3] > 0.0).all()
+    for east in (-1.5, 1.5):
+        velocity = 6.0 * np.array([4.0, east]) / math.hypot(4.0, east)
+        planes = planes_of(pillars, STILL, velocity, np.zeros(2))
+        assert (planes[:, 2] < 0.0).any()
+    sideways = planes_of(pillars, STILL, np.array([6.0, 0.0]), np.array([0.0, 9.0]))
+    assert (
+        sideways[:, :2] @ np.array([0.0, 9.0]) > sideways[:, 2]
+    ).any()  # the right one is in the way of a right turn
 
 
 def test_closing_limit_brakes_in_time_and_is_smooth() -> None:
@@ -176,9 +201,9 @@ def test_a_wall_on_the_right_only() -> None:
     for command in ([0.0, -4.0, 0.0], [2.0, -1.0, 0.0]):
         verdict = guard.filter(STILL, velocity, np.array(command), 0)
         assert verdict.reason is Reason.NONE and np.array_equal(verdict.acceleration_ned, command)
-    assert guard.limit(STILL, STILL, np.array([0.0, 5.0]), 0.2, 8.0).speed < 3.0
-    assert guard.limit(STILL, STILL, np.array([0.0, -5.0]), 0.2, 8.0).speed == 8.0
-    assert guard.limit(STILL, STILL, np.array([5.0, 0.0]), 0.2, 8.0).speed == 8.0
+    assert guard.limit(STILL, STILL, np.array([[0.0, 5.0]]), 0.2, 8.0).speed < 3.0
+    assert guard.limit(STILL, STILL, np.array([[0.0, -5.0]]), 0.2, 8.0).speed == 8.0
+    assert guard.limit(STILL, STILL, np.array([[5.0, 0.0]]), 0.2, 8.0).speed == 8.0
 
 
 @pytest.mark.parametrize("what", [OCCUPIED, UNKNOWN])
@@ -186,21 +211,25 @@ def test_speed_limit_is_the_braking_distance_to_what_is_not_seen_free(what: int)
     guard = guard_on(wall(free_field(), 8.1, what))
     keep_out = SETTINGS.keep_out if what == OCCUPIED else SETTINGS.keep_out_unseen
     for velocity, way in (
-        (np.array([3.0, 0.0, 0.0]), np.array([0.0, 9.0])),
-        (STILL, np.array([9.0, 0.0])),
+        (np.array([3.0, 0.0, 0.0]), np.array([[0.0, 9.0]])),
+        (STILL, np.array([[9.0, 0.0]])),
     ):
         limit = guard.limit(STILL, velocity, way, 0.25, 20.0)
         assert limit.free == pytest.approx(8.1 - keep_out, abs=2.0 * CELL)
         assert limit.speed == pytest.approx(stopping_speed(limit.free, SETTINGS.braking, 0.25))
-    assert guard.limit(STILL, STILL, np.array([9.0, 0.0]), 0.25, 1.0).speed == 1.0
-    diagonal = guard.limit(STILL, STILL, np.array([6.0, 6.0]), 0.25, 20.0)
+    assert guard.limit(STILL, STILL, np.array([[9.0, 0.0]]), 0.25, 1.0).speed == 1.0
+    diagonal = guard.limit(STILL, STILL, np.array([[11.0, 11.0]]), 0.25, 20.0)
     assert diagonal.free == pytest.approx(math.sqrt(2.0) * (8.1 - keep_out), abs=2.0 * CELL)
+    around = guard.limit(STILL, STILL, np.array([[0.0, -6.0], [12.0, -6.0]]), 0.25, 20.0)
+    assert around.free == pytest.approx(6.0 + 8.1 - keep_out, abs=2.0 * CELL)
+    before = guard.limit(STILL, STILL, np.array([[0.0, -6.0], [5.0, -6.0]]), 0.25, 20.0)
+    assert before.free == math.inf and before.speed == 20.0
 
 
 def test_without_a_view_or_with_an_old_one_it_stops() -> None:
     guard = Guard(SETTINGS)
     velocity, command = np.array([3.0, -2.0, 0.1]), np.array([2.0, 0.0, 0.5])
-    assert guard.limit(STILL, velocity, velocity, 0.2, 5.0).speed == 0.0
+    assert guard.limit(STILL, velocity, np.array([[3.0, -2.0]]), 0.2, 5.0).speed == 0.0
     aged = guard_on(free_field())
     assert aged.filter(STILL, velocity, command, 299_000_000).reason is Reason.NONE
     for verdict in (guard.filter(STILL, velocity, command, 0), aged.filter(STILL, velocity, command, 301_000_000)):
