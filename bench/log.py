@@ -1,4 +1,10 @@
-"""The flight log: what a record costs the flying thread and the recorder, the file's size, reading, loss on a kill."""
+"""The flight log: what a record costs the flying thread and the recorder, the file's size, reading, loss on a kill.
+
+    python bench/log.py [--ticks 20000] [--kills 8] [--hours 8] [--json]
+
+Sizes and reading are beside a telemetry log of the same traffic and pymavlink's reader of it. --hours N also writes a
+log of N hours with 1000 messages a second (for 8: minutes, and 0.9 GB) and lets `companion info` describe it.
+"""
 
 import argparse
 import json
@@ -7,6 +13,8 @@ import os
 import resource
 import signal
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -15,9 +23,21 @@ from typing import NamedTuple
 
 import numpy as np
 from mcap.reader import make_reader
+from pymavlink import mavutil
 
-from protocol.flightlog import Direction, FlightLog, RecordType, read, record_type
+from protocol.flightlog import (
+    HEADER,
+    LENGTH_OF_EMPTY,
+    Direction,
+    FlightLog,
+    LogReader,
+    RecordType,
+    read,
+    record_type,
+)
+from protocol.framing import Framer
 from protocol.messages import Encoder, dialect
+from protocol.recorder import McapFile, message_type
 
 TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
 TRACE = record_type("/companion/trace", "courier/Trace", [(f"value_{index}", "float64[3]") for index in range(20)])
@@ -136,10 +156,13 @@ def sizes(folder: Path, ticks: list[Tick], everything: Path) -> dict[str, float]
         log.datagram(tick.time_ns, Direction.OUT, "127.0.0.1:14540", tick.sent)
         tlog += len(tick.received) + len(tick.sent) + 8 * MESSAGES_A_TICK
     log.close()
+    ours, whole = log.path.stat().st_size, everything.stat().st_size
     return {
         "tlog, bytes a tick": tlog / len(ticks),
-        "datagrams and messages, bytes a tick": log.path.stat().st_size / len(ticks),
-        "with ticks and trace, bytes a tick": everything.stat().st_size / len(ticks),
+        "datagrams and messages, bytes a tick": ours / len(ticks),
+        "with ticks and trace, bytes a tick": whole / len(ticks),
+        "datagrams and messages, times the tlog": ours / tlog,
+        "with ticks and trace, times the tlog": whole / tlog,
     }
 
 
@@ -152,6 +175,92 @@ def reading(path: Path) -> dict[str, float]:
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)) == records
     theirs = records / (time.perf_counter() - began)
     return {"read, records a second": ours, "mcap's make_reader": theirs, "ratio": ours / theirs}
+
+
+def decoding(folder: Path, ticks: list[Tick]) -> dict[str, float]:
+    """Every value of every message: our log as arrays and one by one, the tlog by pymavlink."""
+    log = open_log(folder, ())
+    framer = Framer()
+    tlog = folder / "same.tlog"
+    with tlog.open("wb") as file:
+        for tick in ticks:
+            log.datagram(tick.time_ns, Direction.IN, "127.0.0.1:14540", tick.received)
+            log.datagram(tick.time_ns, Direction.OUT, "127.0.0.1:14540", tick.sent)
+            for frame in framer.datagram(tick.received + tick.sent):
+                file.write((tick.time_ns // 1000 + 1_790_000_000_000_000).to_bytes(8, "big") + frame.raw)
+    log.close()
+    messages = len(ticks) * MESSAGES_A_TICK
+
+    began = time.perf_counter()
+    reader = LogReader(log.path)
+    topics = [topic for topic in reader.topics if topic.startswith("/mavlink/")]
+    assert sum(len(reader.array(topic)) for topic in topics) == messages
+    arrays = messages / (time.perf_counter() - began)
+
+    began = time.perf_counter()
+    kinds = reader.topics
+    assert sum(1 for record in reader.records(topics) if kinds[record.topic].unpack(record.data)) == messages
+    singly = messages / (time.perf_counter() - began)
+
+    began = time.perf_counter()
+    theirs = mavutil.mavlogfile(str(tlog))
+    count = 0
+    while theirs.recv_msg() is not None:
+        count += 1
+    assert count == messages
+    pymavlink = messages / (time.perf_counter() - began)
+    return {
+        "messages read into arrays a second": arrays,
+        "messages read one by one a second": singly,
+        "messages by pymavlink's mavlogfile a second": pymavlink,
+        "arrays, times pymavlink's": arrays / pymavlink,
+        "one by one, times pymavlink's": singly / pymavlink,
+    }
+
+
+def long_log(path: Path, hours: float) -> int:
+    """Four topics at 250 Hz each, in chunks of 80 ms; how many messages."""
+    file = McapFile(path)
+    file.add_metadata("flightlog", {"version": "1", "epoch_ns": "0"})
+    number = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
+    channels = [file.add_channel(message_type(number, f"/mavlink/{system}/1/X")[0]) for system in range(1, 5)]
+    payloads = [
+        channel.to_bytes(4, "little") + np.random.default_rng(channel).normal(0, 1, 11).astype("<f4").tobytes()
+        for channel in channels
+    ]
+    messages = round(hours * 3600e3)
+    for index in range(messages):
+        channel = channels[index & 3]
+        payload = payloads[index & 3]
+        time_ns = index * 1_000_000
+        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(payload), channel, index & 0xFFFF_FFFF, time_ns, time_ns)
+        file.add_message(channel, time_ns, header + payload)
+        if index % 80 == 79:
+            file.end_chunk()
+    file.end_chunk()
+    file.finish()
+    return messages
+
+
+def describing(path: Path, hours: float) -> dict[str, float]:
+    """`companion info` of a long log, a process of its own."""
+    messages = long_log(path, hours)
+    code = (
+        "import resource, sys; sys.argv = ['companion', 'info', sys.argv[1], '--json']\n"
+        "from companion.cli import app; app(standalone_mode=False)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    began = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+    took_s = time.perf_counter() - began
+    table, most_kb = done.stdout.strip().splitlines()
+    assert sum(json.loads(table)["topics"].values()) == messages
+    return {
+        f"log of {hours:g} h, MB": path.stat().st_size / 1e6,
+        "its messages": messages,
+        "companion info of it, s": took_s,
+        "companion info of it, MB of memory": int(most_kb) / 1e3,
+    }
 
 
 def lost_on_kill(folder: Path, ticks: list[Tick], kills: int) -> dict[str, float]:
@@ -172,10 +281,11 @@ def lost_on_kill(folder: Path, ticks: list[Tick], kills: int) -> dict[str, float
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--ticks", type=int, default=20_000)
     parser.add_argument("--kills", type=int, default=8)
+    parser.add_argument("--hours", type=float, default=0.0)
     arguments = parser.parse_args()
     ticks = list(traffic(arguments.ticks))
     with tempfile.TemporaryDirectory() as name:
@@ -185,6 +295,9 @@ def main() -> None:
         result |= recorder
         result |= sizes(folder / "sizes", ticks, path)
         result |= reading(path)
+        result |= decoding(folder / "decoding", ticks)
+        if arguments.hours:
+            result |= describing(folder / "long.mcap", arguments.hours)
         result |= lost_on_kill(folder / "kills", ticks, arguments.kills)
     if arguments.json:
         print(json.dumps(result))

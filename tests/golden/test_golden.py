@@ -1,0 +1,29 @@
+"""The golden flights come out as they were recorded. After a change that is meant: `python -m tests.golden update`."""
+
+import pytest
+
+from companion.logs.info import info
+from companion.logs.replay import replay
+from tests.golden.__main__ import FLIGHTS, difference, path_of
+
+each_flight = pytest.mark.parametrize("name", FLIGHTS)
+
+
+@each_flight
+def test_the_same_bytes_are_sent(name: str) -> None:
+    result = replay(path_of(name))
+    assert not result.differences, f"run `python -m tests.golden update` if this is meant:\n{difference(result)}"
+    assert result.datagrams > 500 and result.flown_s > 5.0
+
+
+@each_flight
+def test_another_controller_is_noticed(name: str) -> None:
+    result = replay(path_of(name), None, ["control.position.c1=[2.6, 2.5, 2.5]"])
+    assert {each.message for each in result.differences} == {"SET_ATTITUDE_TARGET"}
+
+
+@each_flight
+def test_they_are_small_and_whole_flights(name: str) -> None:
+    found = info(path_of(name), check=True)
+    assert found.size_bytes < 500_000 and found.problem is None
+    assert found.result["landed"] == "True" and found.flight["mission"] == "short"
