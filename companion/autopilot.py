@@ -326,6 +326,7 @@ class Autopilot:
     def _on_timesync(self, message: Any, now: int) -> None:
         assert self.peer is not None
         if message.tc1 == 0:
+            self.peer.timesync_asked(message.ts1, now)
             self._send(dialect.MAVLink_timesync_message, max(now, 1), message.ts1)
         else:
             self.peer.timesync_reply(message.tc1, message.ts1, now)

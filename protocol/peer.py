@@ -125,3 +125,9 @@ class Peer:
         else:
             self.offset_ns += round((sample_ns - self.offset_ns) * _OFFSET_GAIN)
         return True
+
+    def timesync_asked(self, ts1: int, now_ns: int) -> None:
+        """Its own question arrived: it was sent at `ts1` of its clock, and not after it arrived. That bounds the offset
+        from below, where half a round trip errs by as much as the two ways differ."""
+        if self.offset_ns is not None and 0 < ts1 - now_ns - self.offset_ns <= _CLOCK_JUMP_NS:
+            self.offset_ns = ts1 - now_ns

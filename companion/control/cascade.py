@@ -251,7 +251,8 @@ def _fade_jumps(reference_rates: Array, reference_turning: Array, dt: float, mem
         memory.jump[:] = (memory.jump + reference_rates - expected) * math.exp(-dt / _FADING_S)
     memory.reference_rates[:] = reference_rates
     memory.reference_turning[:] = reference_turning
-    return memory.jump / _FADING_S
+    fading: Array = memory.jump / _FADING_S
+    return fading
 
 
 @compiled

@@ -199,3 +199,17 @@ def test_a_clock_that_was_set_is_followed_at_once() -> None:
         answered(peer, (i + 1) * S, 77 * S, MS, MS)
     assert answered(peer, 60 * S, 5 * S, MS, MS)
     assert peer.offset_ns == 5 * S
+
+
+def test_its_own_questions_bound_the_offset_from_below() -> None:
+    """A way back of 8 ms and none out: half the round trip errs by 4 ms, a question that arrives at once shows it."""
+    peer = Peer(1, 1)
+    peer.timesync_asked(78 * S, S)
+    assert peer.offset_ns is None  # a bound is not a value
+    assert answered(peer, 2 * S, 77 * S, 0, 8 * MS)
+    assert peer.offset_ns == 77 * S - 4 * MS
+    peer.timesync_asked(80 * S - MS, 3 * S)  # 1 ms on its way
+    assert peer.offset_ns == 77 * S - MS
+    peer.timesync_asked(80 * S - 3 * MS, 3 * S)  # a slower one says nothing new
+    peer.timesync_asked(99 * S, 3 * S)  # nor does one of another clock
+    assert peer.offset_ns == 77 * S - MS

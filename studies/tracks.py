@@ -1,0 +1,95 @@
+"""A shape flown by both sides joined in memory, and how far the vehicle truly was from it."""
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from companion.curves import Shape
+from companion.mission import Mission, Phase
+from companion.state import Output
+from companion.supervisor import State
+from protocol.frames import Array
+from studies.joined import Joined
+
+AGILE = (
+    "limits.tilt_deg=85.0",
+    "limits.lowest_thrust=0.02",
+    "limits.highest_thrust=1.0",
+    "limits.roll_pitch_rate_deg=1200.0",
+    "limits.yaw_rate_deg=400.0",
+    "trajectory.climb_speed=6.0",
+    'avoidance.method="none"',
+)
+"""Limits out of the way of what the vehicle itself can do."""
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What to fly; the vehicle and the world as the simulator has them, the companion knows the nominal vehicle."""
+
+    shape: Shape
+    vehicle: str = "paper_quad"
+    output: Output = Output.RATES
+    overrides: tuple[str, ...] = ()
+    vehicle_overrides: tuple[str, ...] = ()
+    world_overrides: tuple[str, ...] = ()
+    height: float = 20.0
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """From one second after the shape's start to its end."""
+
+    rmse_m: float
+    """NaN where the flight failed."""
+    peak_m: float
+    limited: float
+    """Share of the control steps at which a limit on thrust or tilt bit."""
+    fault: str | None
+    time_s: Array = field(repr=False)
+    error_ned: Array = field(repr=False)
+    """(n, 3)"""
+
+
+def fly(flight: Flight) -> Tracked:
+    """Take off, fly the shape, land."""
+    mission = Mission("track", trajectory=flight.shape, vehicle=flight.vehicle, takeoff_height=flight.height)
+    joined = Joined(
+        mission,
+        flight.output,
+        (*AGILE, *flight.overrides),
+        vehicle_overrides=flight.vehicle_overrides,
+        world_overrides=flight.world_overrides,
+    )
+    began: list[int] = []
+
+    def over(joined: Joined) -> bool:
+        on_track = joined.autopilot.phase is Phase.TRACK and joined.autopilot.supervisor.state is State.FLY
+        if on_track and not began:
+            began.append(joined.vehicle.tick)
+        return bool(began) and not on_track
+
+    joined.fly(until=over, limit_s=200.0)
+    fault = joined.autopilot.supervisor.fault or joined.vehicle.flight.crash
+    trace, error = joined.trace()[:-1], joined.tracking_error()
+    chosen = (trace["phase"] == Phase.TRACK.value) & (trace["state"] == State.FLY.value)
+    error, limited = error[chosen][250:], trace["limited"][chosen][250:]
+    if fault is not None or not len(error):
+        return Tracked(np.nan, np.nan, np.nan, fault or "it never came to the shape", np.empty(0), np.empty((0, 3)))
+    size = np.linalg.norm(error, axis=1)
+    rmse = float(np.sqrt((size**2).mean()))
+    time = 1.0 + 0.004 * np.arange(len(error), dtype=np.float64)
+    return Tracked(rmse, float(size.max()), float(limited.mean()), None, time, error)
+
+
+def on_all_cores(function: Callable[[Job], Result], jobs: Iterable[Job]) -> Iterator[Result]:
+    """The results in the order of the jobs."""
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        yield from pool.map(function, jobs)
