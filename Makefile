@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test check clean
+.PHONY: demo test check paper clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
@@ -13,6 +13,10 @@ demo: .venv/installed
 test: check
 	$(BIN)/companion demo hover --log .cache/warm-up
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+# The paper's experiments, into docs/paper.md.
+paper: .venv/tested
+	$(BIN)/python -m studies paper
 
 # Formatting, lint, types, rules of import.
 check: .venv/tested

@@ -6,28 +6,26 @@ python -m studies.route logs/<flight>/flight.mcap docs/route.png
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from companion.mission import Phase
 from companion.trace import TRACE
-from protocol.flightlog import LogReader
+from protocol.flightlog import FlightLogError, LogReader
+from studies.style import GREEN, INK, PALETTE, STONE, blank, save
 from vehicle_sim.world import World
 
-INK, PATH, SETPOINT, GREEN, STONE = "#2b2b2b", "#1f5fbf", "#d1495b", "#7fb069", "#b8aca0"
+PATH, SETPOINT = PALETTE[:2]
 PAGE = (10.0, 6.2)
 COMMAND = "make demo; python -m studies.route logs/<flight>/flight.mcap docs/route.png"
 
 
-def draw_world(axes: Axes, world: World, height_m: float) -> None:
+def draw_world(axes: Any, world: World, height_m: float) -> None:
     """Obstacles as outlines, faint where they are lower or higher than the flight."""
+    from matplotlib.patches import Circle, Polygon
+
     for (north, east, along, across, cos, sin, top, bottom), name in zip(world.boxes, world.names, strict=False):
         corners = [(along, across), (along, -across), (-along, -across), (-along, across)]
         outline = [(east + sin * a + cos * b, north + cos * a - sin * b) for a, b in corners]
@@ -41,13 +39,13 @@ def draw_world(axes: Axes, world: World, height_m: float) -> None:
 
 
 def draw(log: LogReader, target: Path, command: str) -> None:
-    """Write the picture; the command that made it stands in its corner."""
+    """Write the picture, as .png and .svg; the command that made it stands in its corner."""
     trace = log.array(TRACE.topic)
     trace = trace[trace["phase"] > Phase.PREPARE.value]
     world = World.from_tables(tomllib.loads(log.attachments["world.toml"].decode()), "world.toml")
     position: NDArray[np.float64] = trace["position_ned"]
     time = (trace["time_ns"] - trace["time_ns"][0]) * 1e-9
-    figure = plt.figure(figsize=PAGE, layout="constrained")
+    figure = blank(*PAGE)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.7))
     above = figure.add_subplot(grid[:, 0])
     draw_world(above, world, 3.0)
@@ -72,21 +70,22 @@ def draw(log: LogReader, target: Path, command: str) -> None:
         axes = figure.add_subplot(grid[index, 1])
         for values, label, color in lines:
             axes.plot(time, values, color=color, lw=1.0, label=label)
-        axes.set_ylabel(title, fontsize=8)
+        axes.set_ylabel(title)
         axes.set_xlim(0.0, float(time[-1]))
         axes.set_ylim(bottom=0.0)
-        axes.grid(alpha=0.25)
         if len(lines) > 1:
-            axes.legend(fontsize=7, loc="lower right")
+            axes.legend(loc="lower right")
     axes.set_xlabel("time since arming / s")
-    axes.annotate(command, (1.0, -0.42), xycoords="axes fraction", ha="right", fontsize=5.5, color="#888888")
-    figure.savefig(target, dpi=130)
+    save(figure, target.with_suffix(""), command)
 
 
 def main() -> None:
     if len(sys.argv) != 3:
         raise SystemExit(__doc__)
-    draw(LogReader(sys.argv[1]), Path(sys.argv[2]), COMMAND)
+    try:
+        draw(LogReader(sys.argv[1]), Path(sys.argv[2]), COMMAND)
+    except FlightLogError as error:
+        raise SystemExit(f"studies.route: {error}") from None
 
 
 if __name__ == "__main__":

@@ -45,14 +45,19 @@ _DPI = 130
 _COLOURS = 256
 
 
-def sheet(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = WIDTH, **options: Any) -> Any:
-    """A figure (inches) and its axes, as matplotlib's `Figure.subplots` gives them; `options` go there."""
+def blank(width: float = WIDTH, height: float = 3.2) -> Any:
+    """An empty figure (inches) in the house style."""
     import matplotlib
     from matplotlib.figure import Figure
     from matplotlib.rcsetup import cycler
 
     matplotlib.rcParams.update({**_RC, "axes.prop_cycle": cycler(color=PALETTE)})
-    figure = Figure(figsize=(width, height), layout="constrained")
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def sheet(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = WIDTH, **options: Any) -> Any:
+    """A figure (inches) and its axes, as matplotlib's `Figure.subplots` gives them; `options` go there."""
+    figure = blank(width, height)
     return figure, figure.subplots(rows, columns, **options)
 
 
