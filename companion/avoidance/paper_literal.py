@@ -10,6 +10,8 @@ paper leaves out, and what differs:
 - `x_abs` in (30), (31) is read as `x_obs`, and (31) sets y_av from y.
 - (30) holds for the axis across the course and (31) for the one along it, whichever these are: the course is along the
   axis on which there is more way to the goal. Past the goal nothing is flown to.
+- Along the course it is the edge towards the goal, which is the farther one until the vehicle is beside the obstacle's
+  middle; from there on (31) would turn it back.
 - Both branches of the print hold at a tie; here the least edge (south or west) counts as the nearer one.
 - When to move is in Fig. 1, which the text does not carry: here while the box meets the rectangle between vehicle and
   goal, widened by the vehicle's radius and the safe distance.
@@ -31,9 +33,9 @@ def outside_nearer_edge(position: float, least: float, most: float, margin: floa
     return least - margin if position - least <= most - position else most + margin
 
 
-def outside_farther_edge(position: float, least: float, most: float, margin: float) -> float:
-    """(31): the same for the edge that is farther from `position`."""
-    return most + margin if position - least <= most - position else least - margin
+def past_edge_towards(goal: float, position: float, least: float, most: float, margin: float) -> float:
+    """(31): `margin` outside the edge that is farther on the way from `position` to `goal`, but not past the goal."""
+    return min(most + margin, goal) if goal >= position else max(least - margin, goal)
 
 
 class LiteralPaperRule:
@@ -58,9 +60,9 @@ class LiteralPaperRule:
             return AvoidanceDecision(goal_ned, speed, clearance, False)
         way = np.abs(goal - here)
         along, across = (0, 1) if way[0] >= way[1] else (1, 0)
-        margin = settings.lateral_margin
-        past = outside_farther_edge(float(here[along]), float(least[along]), float(most[along]), margin)
         target = goal_ned.copy()
-        target[along] = min(max(past, nearest[along]), farthest[along])
-        target[across] = outside_nearer_edge(float(here[across]), float(least[across]), float(most[across]), margin)
+        at, to, low, high = (values.tolist() for values in (here, goal, least, most))
+        margin = settings.lateral_margin
+        target[across] = outside_nearer_edge(at[across], low[across], high[across], margin)
+        target[along] = past_edge_towards(to[along], at[along], low[along], high[along], margin)
         return AvoidanceDecision(target, speed, clearance, True)

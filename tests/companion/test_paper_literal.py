@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.avoidance import method
-from companion.avoidance.paper_literal import LiteralPaperRule, outside_farther_edge, outside_nearer_edge
+from companion.avoidance.paper_literal import LiteralPaperRule, outside_nearer_edge, past_edge_towards
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
 from protocol.frames import Array
@@ -59,16 +59,23 @@ def test_a_tie_belongs_to_the_least_edge_alone() -> None:
     """Both branches of the print hold there."""
     assert decide(box(8.0, 10.0, -1.0, 1.0)).target_ned[1] == pytest.approx(-4.0)
     assert outside_nearer_edge(0.0, -1.0, 1.0, 3.0) == -4.0
-    assert outside_farther_edge(0.0, -1.0, 1.0, 3.0) == 4.0
 
 
 @given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(0.0, 20.0))
-def test_the_two_edges_are_the_two_sides(position: float, least: float, width: float) -> None:
-    """(30) and (31) give the two places outside the box, and that of (30) is not farther."""
+def test_the_place_is_outside_and_the_other_side_is_farther(position: float, least: float, width: float) -> None:
     most = least + width
-    near, far = (edge(position, least, most, 3.0) for edge in (outside_nearer_edge, outside_farther_edge))
-    assert {near, far} == {least - 3.0, most + 3.0}
-    assert abs(near - position) <= abs(far - position) + 1e-9
+    place = outside_nearer_edge(position, least, most, 3.0)
+    (other,) = {least - 3.0, most + 3.0} - {place}
+    assert abs(place - position) <= abs(other - position) + 1e-9
+
+
+def test_along_the_course_it_is_the_edge_towards_the_goal() -> None:
+    """As (31) prints it before the obstacle's middle; beside the far end it still leads on, and never past the goal."""
+    for position in (0.0, 9.9):
+        assert past_edge_towards(20.0, position, 8.0, 10.0, 3.0) == 13.0
+        assert past_edge_towards(11.0, position, 8.0, 10.0, 3.0) == 11.0
+    assert past_edge_towards(-20.0, 0.0, -10.0, -8.0, 3.0) == -13.0
+    assert past_edge_towards(-11.0, 0.0, -10.0, -8.0, 3.0) == -11.0
 
 
 def test_one_box_stands_around_all_returns() -> None:
@@ -93,8 +100,8 @@ def test_what_is_beside_behind_or_past_the_goal_changes_nothing() -> None:
 def test_the_obstacle_counts_until_it_is_passed() -> None:
     """On the way past, beside it: still its side; behind it by the room that is kept: the goal."""
     points = box(8.0, 10.0, -1.0, 2.0)
-    beside = decide(points, here=np.array([9.0, -3.5, -3.0]))
-    assert beside.target_ned[1] == pytest.approx(-4.0)
+    beside = decide(points, here=np.array([9.9, -3.5, -3.0]))
+    assert np.allclose(beside.target_ned, [13.0, -4.0, -3.0])
     assert not decide(points, here=np.array([10.0 + ROOM + 0.01, -3.5, -3.0])).blocked
 
 
