@@ -6,10 +6,11 @@ from typing import Annotated, Any, cast
 import typer
 
 from protocol.datafile import DataFileError
+from studies.beyond import CONTROL
 from studies.paper import PAPER
 from studies.report import DOCS, Page, Report, Study, keep, markdown, write_page
 
-PAGES = (PAPER,)
+PAGES = (PAPER, CONTROL)
 
 MISSED = 1
 """Exit code: a check was not met."""
