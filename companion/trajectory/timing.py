@@ -31,7 +31,7 @@ def law_at(start: float, rate: float, up: float, cruise: float, down: float, tim
     """(5,) parameter and its derivatives by time up to the fourth, at rest before 0 and after the end."""
     law = np.zeros(5)
     law[0] = start
-    if time <= 0.0 and up > 0.0:
+    if time < 0.0:
         return law
     if time >= up + cruise + down:
         law[0] += rate * (0.5 * up + cruise + 0.5 * down)

@@ -63,7 +63,7 @@ class Track:
     def at(self, time_s: float) -> Array:
         """(6, 3) position, velocity, acceleration, jerk, snap; and yaw, its rate and its acceleration (rad). At rest
         after the end."""
-        law = law_at(*self.law.phases, max(time_s, 0.0))
+        law = law_at(*self.law.phases, time_s)
         return _motion(self.path.at(law[0]), law, self.origin_ned)
 
     @property

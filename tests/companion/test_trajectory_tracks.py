@@ -131,7 +131,7 @@ def test_without_ramps_it_is_at_speed_at_once() -> None:
     flown = track(Shape("circle", speed=4.0, radius=3.0, ramp_s=0.0))
     assert np.linalg.norm(flown.at(0.0)[1]) == pytest.approx(4.0)
     assert flown.duration_s == pytest.approx(2.0 * math.pi * 3.0 / 4.0)
-    assert not flown.at(flown.duration_s)[1].any()
+    assert not flown.at(flown.duration_s)[1].any() and not flown.at(-1e-9)[1].any()
 
 
 def test_a_way_too_short_for_its_ramps_is_flown_more_slowly() -> None:
