@@ -56,7 +56,7 @@ def view(
         if control:
             from companion.view.control import Control
 
-            asked = Control(transport.send, RealClock())
+            asked = Control(transport.send, RealClock().now_ns)
     else:
         if control:
             say("companion: --control needs the URL of a vehicle")

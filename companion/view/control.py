@@ -11,7 +11,6 @@ from companion.state import FlightMode
 from companion.vehicles import firmware_of
 from companion.vehicles.firmware import Firmware
 from companion.view.gather import Batch
-from protocol.clock import RealClock
 from protocol.messages import Encoder, dialect
 
 SYSTEM, COMPONENT = 255, 190
@@ -32,11 +31,11 @@ _RESULTS = {
 
 
 class Control:
-    """One vehicle's ground station; `send` takes a datagram to where the vehicle is."""
+    """One vehicle's ground station; `send` takes a datagram to where the vehicle is, `now_ns` is any clock."""
 
-    def __init__(self, send: Callable[[bytes], None], clock: RealClock) -> None:
+    def __init__(self, send: Callable[[bytes], None], now_ns: Callable[[], int]) -> None:
         self._send = send
-        self._clock = clock
+        self._now_ns = now_ns
         self._encoder = Encoder(SYSTEM, COMPONENT)
         self._vehicle: tuple[int, int, Firmware] | None = None
         self._beat_due_ns = 0
@@ -76,7 +75,7 @@ class Control:
 
     def step(self) -> None:
         """Send what is due: a heartbeat each second, and a command until it is answered."""
-        now = self._clock.now_ns()
+        now = self._now_ns()
         if now >= self._beat_due_ns:
             self._beat_due_ns = now + _BEAT_NS
             beat = (dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3)

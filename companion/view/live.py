@@ -195,6 +195,7 @@ class Page:
     def _set_the_stage(self) -> None:
         scene = self._server.scene
         scene.set_up_direction("+z")
+        scene.configure_default_lights(cast_shadow=False)  # half the work where the browser draws in software
         scene.add_grid(
             "/ground", 400.0, 400.0, cell_size=2.0, section_size=10.0, infinite_grid=True, fade_distance=250.0
         )

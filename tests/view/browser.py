@@ -10,7 +10,7 @@ from playwright.sync_api import Page, sync_playwright
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
-PATIENCE_MS = 120_000
+PATIENCE_MS = 60_000
 """A browser that draws in software beside other work is slow; nothing here is about how fast it is."""
 
 
@@ -23,7 +23,7 @@ def opened(url: str) -> Iterator[tuple[Page, list[str]]]:
         arguments += ["--no-sandbox"] if os.geteuid() == 0 else []
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
         try:
-            page = browser.new_page(viewport={"width": 1300, "height": 900})
+            page = browser.new_page(viewport={"width": 1000, "height": 640})
             page.set_default_timeout(PATIENCE_MS)
             page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
             page.on("pageerror", lambda error: errors.append(str(error)))

@@ -1,0 +1,213 @@
+"""The live page: what it knows of a moment, that all sources tell it the same, and what a browser shows of it."""
+
+import io
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pytest
+from browser import needs_chromium, opened
+from made_logs import SPEED, STEP_NS, make, telemetry
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Locator
+
+from companion.view.history import History, quaternions
+from companion.view.live import Page, turned, words
+from companion.view.sources import GrowingLog, Link, Source, newest, open_log
+from protocol.flightlog import MAGIC, FlightLogError
+from protocol.frames import from_euler, rotate
+from protocol.messages import Encoder
+from protocol.transport import Memory
+
+
+def filled(source: Source) -> History:
+    history = History()
+    for batch in source.poll():
+        history.take(batch)
+    return history
+
+
+def test_a_moment_is_what_was_logged_at_that_time(tmp_path: Path) -> None:
+    history = filled(open_log(make(tmp_path)))
+    assert [history.start, history.end] == pytest.approx([0.0, 19.996])
+    moment = history.at(7.5)
+    assert moment.position_ned == pytest.approx([SPEED * 7.5, 0.0, -3.0], abs=0.05)
+    assert moment.velocity_ned == pytest.approx([SPEED, 0.0, 0.0])
+    assert moment.returns_frd == pytest.approx(np.array([[3.0 / math.sqrt(2.0), 3.0 / math.sqrt(2.0), 0.0]]))
+    assert (moment.mode, moment.armed, moment.failsafe) == ("external control", True, False)
+    plan = moment.plan
+    assert plan is not None
+    assert plan.reference_ned == pytest.approx([SPEED * 7.5 + 0.1, 0.0, -3.0], abs=0.01)
+    assert (plan.phase, plan.state, plan.clearance) == ("route", "fly", 5.0)
+    later = history.at(12.0).plan
+    assert later is not None and later.phase == "return"
+
+
+def test_what_has_become_too_old_is_not_shown(tmp_path: Path) -> None:
+    history = filled(open_log(make(tmp_path, silent=(5.0, 12.0))))
+    assert history.at(5.5).position_ned is not None
+    silent = history.at(9.0)
+    assert silent.position_ned is None and len(silent.returns_frd) == 0
+    assert silent.link_age == pytest.approx(4.02)
+    assert "heard 4020 ms ago" in words(silent, ended=True, problem=None)
+    assert history.at(12.5).position_ned is not None
+
+
+def test_a_growing_log_gives_each_record_once_wherever_it_is_cut(tmp_path: Path) -> None:
+    whole = make(tmp_path / "whole", 4.0)
+    wanted = filled(open_log(whole))
+    data = whole.read_bytes()
+    growing = tmp_path / "growing.mcap"
+    growing.write_bytes(data[: len(MAGIC)])
+    source = GrowingLog(growing)
+    history = History()
+    for size in range(len(MAGIC), len(data) + 997, 997):
+        growing.write_bytes(data[:size])
+        for batch in source.poll():
+            history.take(batch)
+    assert source.ended
+    assert source.world.startswith(b"# A street")
+    assert (history.start, history.end) == (wanted.start, wanted.end)
+    assert np.array_equal(history.path_ned(), wanted.path_ned())
+    assert np.array_equal(history.reference_ned(), wanted.reference_ned())
+
+
+def test_a_log_that_was_cut_off_is_shown_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = make(tmp_path, 4.0)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    source = open_log(path)
+    assert isinstance(source, GrowingLog)
+    history = filled(source)
+    assert 0.5 < history.end < 4.0
+    assert not source.ended
+
+
+def test_a_damaged_log_is_said_to_be_damaged(tmp_path: Path) -> None:
+    path = make(tmp_path, 4.0)
+    data = bytearray(path.read_bytes()[:-8])
+    mark = data.index(b"\x04\x00\x00\x00zstd")
+    data[mark + 40 : mark + 60] = bytes(20)
+    path.write_bytes(data)
+    with pytest.raises(FlightLogError, match="damaged at byte"):
+        list(GrowingLog(path).poll())
+
+
+def test_a_link_shows_what_its_vehicle_says_and_says_nothing_itself() -> None:
+    ours, theirs = Memory.pair()
+    source = Link("memory", ours, b"")
+    vehicle = Encoder(1, 1)
+    history = History()
+    for step in range(500):
+        data = telemetry(vehicle, step, SPEED * step * STEP_NS * 1e-9)
+        if data:
+            theirs.send(data)
+    for batch in source.poll():
+        history.take(batch)
+    moment = history.at(history.end)
+    assert moment.position_ned == pytest.approx([SPEED * 1.98, 0.0, -3.0], abs=1e-5)
+    assert moment.nearest == pytest.approx(3.0)
+    assert moment.mode == "external control"
+    assert theirs.receive(0.0) is None
+
+
+def test_many_vectors_are_turned_as_one_is() -> None:
+    generator = np.random.default_rng(3)
+    angles = generator.uniform(-1.5, 1.5, (50, 3))
+    attitudes = quaternions(angles)
+    vectors = generator.normal(size=(4, 3))
+    for angle, attitude in zip(angles, attitudes, strict=True):
+        assert attitude == pytest.approx(from_euler(*angle))
+        for vector, result in zip(vectors, turned(attitude, vectors), strict=True):
+            assert result == pytest.approx(rotate(attitude, vector))
+
+
+def test_the_newest_flight_is_found(tmp_path: Path) -> None:
+    with pytest.raises(FlightLogError, match="no flight"):
+        newest(tmp_path)
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "flight.mcap").write_bytes(MAGIC)
+    os.utime(tmp_path / "a" / "flight.mcap", (2e9, 2e9))
+    assert newest(tmp_path).parent.name == "a"
+    os.utime(tmp_path / "b" / "flight.mcap", (2.1e9, 2.1e9))
+    assert newest(tmp_path).parent.name == "b"
+
+
+def test_what_a_vehicle_says_can_t_become_part_of_the_page(tmp_path: Path) -> None:
+    history = filled(open_log(make(tmp_path, 1.0)))
+    text = words(history.at(0.5), ended=True, problem="<script>")
+    assert "<script>" not in text and "&lt;script&gt;" in text
+
+
+T = TypeVar("T")
+
+
+def wait_for(look: Callable[[], T], is_right: Callable[[T], bool]) -> T:
+    """What is seen, once it is right; each look takes its time."""
+    for _ in range(60):
+        seen = look()
+        if is_right(seen):
+            return seen
+    raise AssertionError("never seen")
+
+
+def returns_on(picture: bytes) -> NDArray[np.int64]:
+    """Columns of the pixels that have the colour of the ring's returns and nothing else's."""
+    red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), np.int64), 2, 0)
+    return np.nonzero((red > 200) & (green < 120) & (blue < 40))[1]
+
+
+@needs_chromium
+def test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider(tmp_path: Path) -> None:
+    """The page is stepped by hand: a browser that draws in software can't keep up with 20 pictures a second."""
+    live = Page(open_log(make(tmp_path, silent=(12.0, 16.0))), 0)
+
+    def drawn(seconds: float = 0.0) -> None:
+        live.step(seconds)
+        for _ in range(20):  # the words and the paths take turns
+            live.step(0.0)
+
+    try:
+        drawn(2.0)
+        with opened(f"http://127.0.0.1:{live.port}") as (page, errors):
+
+            def read(words: Locator) -> str:
+                drawn()
+                return words.inner_text()
+
+            place = page.locator("#place")
+            wait_for(lambda: read(place), lambda text: text.startswith("north 4.0"))
+            drawn(1.0)
+            wait_for(lambda: read(place), lambda text: text.startswith("north 6.0"))
+            for label in ("camera follows", "play"):
+                page.get_by_label(label, exact=True).evaluate("box => box.click()")
+
+            def go_to(time: str) -> None:
+                slider = page.locator("input[inputmode=decimal]").first
+                slider.fill(time)
+                slider.press("Enter")
+                shown = page.locator("#time")
+                wait_for(lambda: read(shown), lambda text: text.startswith(f"{time}.00 s"))
+
+            go_to("5")
+            assert place.inner_text() == "north 10.0, east 0.0, height 3.0 m"
+            assert page.locator("#phase").inner_text() == "route"
+            first = wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) > 10)
+            go_to("6")
+            assert place.inner_text() == "north 12.0, east 0.0, height 3.0 m"
+            wait_for(
+                lambda: returns_on(page.screenshot()),
+                lambda found: len(found) > 5 and abs(found.mean() - first.mean()) > 3.0,
+            )
+            go_to("15")
+            assert place.count() == 0
+            assert page.locator("#phase").inner_text() == "return"
+            wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) == 0)
+            assert page.locator(".uplot").count() == 3
+            assert errors == []
+    finally:
+        live.stop()
