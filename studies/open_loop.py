@@ -80,28 +80,33 @@ def rigid_body(airframe: Airframe, inputs: Array, seconds: float) -> Motion:
     return Motion(_times(seconds), angles, flown[:, POSITION] - flown[0, POSITION], flown[:, VELOCITY])
 
 
+def coupling(airframe: Airframe, spin: float, rates: Array, *, printed: bool = False) -> Array:
+    """(3,) N m: the gyroscopic and inertial terms of (4), corrected or as `printed`, at body rates (3,), the rotors'
+    angular momentum along z being `spin` (N m s)."""
+    ix, iy, iz = airframe.body.inertia_kgm2
+    p, q, r = rates
+    pitch = -p * spin + r * q * (iz - ix) if printed else p * spin + r * p * (iz - ix)
+    return np.array([-q * spin + q * r * (iy - iz), pitch, p * q * (ix - iy)])
+
+
 def equation_4(airframe: Airframe, inputs: Array, seconds: float) -> Motion:
     """(4) with its misprints corrected, as it stands: the angles' second derivatives are those of the body rates."""
     from scipy.integrate import solve_ivp
 
     body = airframe.body
-    ix, iy, iz = body.inertia_kgm2
+    inertia = np.array(body.inertia_kgm2)
     front, right, back, left = np.sqrt(thrusts(airframe, inputs) / airframe.rotors.thrust_constant_ns2)
     spin = airframe.rotors.inertia_kgm2 * (right + left - front - back)
     lift = inputs[0] / body.mass_kg
     torque = np.array([body.arm_length_m, body.arm_length_m, 1.0]) * inputs[1:]
 
     def rate(_: float, state: Array) -> Array:
-        phi, theta, psi, p, q, r = state[:6]
-        turning = (
-            (torque[0] - q * spin + q * r * (iy - iz)) / ix,
-            (torque[1] + p * spin + r * p * (iz - ix)) / iy,
-            (torque[2] + p * q * (ix - iy)) / iz,
-        )
+        phi, theta, psi = state[:3]
+        turning = (torque + coupling(airframe, spin, state[3:6])) / inertia
         ux = math.cos(phi) * math.sin(theta) * math.cos(psi) + math.sin(phi) * math.sin(psi)
         uy = math.cos(phi) * math.sin(theta) * math.sin(psi) - math.sin(phi) * math.cos(psi)
         moving = (-lift * ux, -lift * uy, GRAVITY - lift * math.cos(phi) * math.cos(theta))
-        return np.array([p, q, r, *turning, *state[9:], *moving])
+        return np.array([*state[3:6], *turning, *state[9:], *moving])
 
     time = _times(seconds)
     states = solve_ivp(rate, (0.0, seconds), np.zeros(12), t_eval=time, rtol=1e-10, atol=1e-12).y.T
@@ -147,16 +152,6 @@ def parted(model: Motion, truth: Motion) -> tuple[int | None, ...]:
         off = np.flatnonzero(np.linalg.norm(difference, axis=1) > PART * scale + 1e-6)
         firsts.append(int(off[0]) if len(off) else None)
     return tuple(firsts)
-
-
-def coupling_power(airframe: Airframe, spin: float, rates: Array, *, printed: bool) -> float:
-    """W that the gyroscopic and inertial terms of (4) do at body rates (3,), the rotors' momentum being `spin`."""
-    ix, iy, iz = airframe.body.inertia_kgm2
-    p, q, r = rates
-    roll = -q * spin + r * q * (iy - iz)
-    pitch = -p * spin + r * q * (iz - ix) if printed else p * spin + r * p * (iz - ix)
-    yaw = p * q * (ix - iy)
-    return float(p * roll + q * pitch + r * yaw)
 
 
 def run(report: Report) -> None:
@@ -214,7 +209,7 @@ def _checks(report: Report, airframe: Airframe, motions: Motions) -> None:
             f"roll: (6) parts {what} at", f"{exact:.1f} +- 0.2 deg", f"{tilt:.1f} deg", abs(tilt - exact) < 0.2
         )
     rates = np.array([1.0, 2.0, 0.5])
-    power, printed = (coupling_power(airframe, 0.01, rates, printed=wrong) for wrong in (False, True))
+    power, printed = (float(rates @ coupling(airframe, 0.01, rates, printed=wrong)) for wrong in (False, True))
     what = f"work of the gyroscopic and inertial terms of (4) as corrected (as printed {1000.0 * printed:.0f} mW)"
     report.check(what, "0", f"{1000.0 * power:.1e} mW", abs(power) < 1e-15)
 

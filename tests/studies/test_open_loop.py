@@ -8,8 +8,9 @@ import pytest
 
 from protocol import datafile
 from protocol.frames import GRAVITY, Array
-from studies.open_loop import Motion, coupling_power, equation_4, equation_6, parted, rigid_body, thrusts
-from vehicle_sim.airframe import Airframe
+from studies.open_loop import Motion, coupling, equation_4, equation_6, parted, rigid_body, thrusts
+from vehicle_sim.airframe import Airframe, parameters
+from vehicle_sim.rigid_body import ATTITUDE, RATES, ROTORS, STATES, derivative
 
 FRAME = Airframe.load(datafile.find("vehicles", "paper_quad"))
 WEIGHT = FRAME.body.mass_kg * GRAVITY
@@ -61,5 +62,20 @@ def test_the_linear_model_parts_where_sine_and_cosine_say() -> None:
 def test_coupling_does_no_work_but_as_printed_it_does() -> None:
     rng = np.random.default_rng(1)
     for rates in rng.normal(size=(20, 3)):
-        assert abs(coupling_power(FRAME, 0.01, rates, printed=False)) < 1e-15
-    assert abs(coupling_power(FRAME, 0.01, np.array([1.0, 2.0, 0.5]), printed=True)) > 0.01
+        assert abs(rates @ coupling(FRAME, 0.01, rates)) < 1e-15
+    rates = np.array([1.0, 2.0, 0.5])
+    assert abs(rates @ coupling(FRAME, 0.01, rates, printed=True)) > 0.01
+
+
+def test_coupling_is_that_of_the_rigid_body() -> None:
+    """From its compiled derivative, rotors turning unevenly."""
+    vehicle = parameters(FRAME)
+    vehicle["drag_kg_s"] = 0.0
+    state, rate = np.zeros(STATES), np.zeros(STATES)
+    state[2], state[ATTITUDE], state[RATES] = -100.0, (1.0, 0.0, 0.0, 0.0), (1.0, -2.0, 0.7)
+    state[ROTORS] = (300.0, 350.0, 300.0, 350.0)
+    derivative(state, state[ROTORS], vehicle, rate)
+    inertia = np.array(FRAME.body.inertia_kgm2)
+    yaw = FRAME.body.torque_per_thrust_m * FRAME.rotors.thrust_constant_ns2 * 2.0 * (300.0**2 - 350.0**2)
+    spin = FRAME.rotors.inertia_kgm2 * 100.0
+    assert rate[RATES] * inertia == pytest.approx(np.add(coupling(FRAME, spin, state[RATES]), (0.0, 0.0, yaw)))
