@@ -30,7 +30,7 @@ its section.
 | (4) | theta'': - phi' Jr w_r / Iyy, psi' theta' (Izz - Ixx) / Iyy | + phi' Jr w_r / Iyy, psi' phi' (Izz - Ixx) / Iyy |
 | (20), (21) | last bracket times e11, c11 e11 in it | times e12, c11 (x_d' - x12) |
 | (23) to (25) | + c12 e12 + c12 (...), + c8 e8, + c10 e10 | - c12 e12 + c11 (...), - c8 e8, - c10 e10; else unstable |
-| (30), (31) | x_abs, x_av twice, inequalities that pick the far edge | x_obs, y_av in (31), the nearer edge |
+| (30), (31) | x_abs, x_av twice | x_obs, y_av in (31), whose farther edge is the one to get past: see Figs. 6-9 |
 | Table 2 | phi, Q = 1: rise 2 s | 2.31 s |
 | Table 2 | phi, theta, Q = 5: settling 4.56 s, error -0.45 rad | 1.96 s, -0.55 rad (0.45 rad is the angle reached) |
 | Table 3 | x, y, c = 2.5: rise 2 s | 1.63 s, as z |
@@ -42,5 +42,12 @@ speeds and field of view of Figs. 6 to 9; Jr, kf and km (here those of OS4, see 
 weights under which the trajectory and the avoidance were flown; whether the simulated vehicle had motors with lag; when
 the 0.000024 rad of the conclusion were read (Table 2's 0.00007 rad are those after 10 s).
 """,
-    studies=("studies.open_loop", "studies.attitude_loop", "studies.position_loop", "studies.lyapunov"),
+    studies=(
+        "studies.open_loop",
+        "studies.attitude_loop",
+        "studies.position_loop",
+        "studies.tracking",
+        "studies.waypoints",
+        "studies.lyapunov",
+    ),
 )

@@ -100,6 +100,12 @@ def lidar_overrides(field_of_view_deg: float = FIELD_OF_VIEW_DEG) -> tuple[str, 
     return f"lidar.field_of_view_deg={field_of_view_deg}", f"lidar.max_range_m={RANGE_M}"
 
 
+def command(c: float, yaw_weight: float) -> str:
+    """The same flight in two processes."""
+    changes = (*overrides(c, yaw_weight), *(f"vehicle.{each}" for each in lidar_overrides()))
+    return " ".join(("companion demo", MISSION, "--output actuators", *(f"--set '{each}'" for each in changes)))
+
+
 def fly(
     c: float, yaw_weight: float, *, field_of_view_deg: float = FIELD_OF_VIEW_DEG, speed: float = SPEED, seed: int = 1
 ) -> Flight:
@@ -188,6 +194,8 @@ The vehicle sets off at once and turns meanwhile. Under Q(5,5) = 1 the yaw error
 1/s: the obstacle comes into view when the vehicle has its speed and a part of the way is gone, and then by one edge
 alone. The rule takes what it sees for all that there is, and may go to the wrong side first. Under 50 and 125 the nose
 is there before the vehicle has moved much. The torque that the rotors can give bounds these two: they are nearly alike.
+
+One of them in two processes, with its log and report: `{command(2.5, 50.0)}`
 """
     )
     flights = [fly(c, q) for q, c in report.progress(list(product(YAW_WEIGHTS, CONSTANTS)), "flights")]
