@@ -5,6 +5,7 @@ shorter way past an obstacle that the search went around with room) and keeps th
 Theta* (Nash et al. 2007), in one pass behind the search.
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -31,12 +32,24 @@ def shorten(path: GridPath, view: MapView, prices: Array, inflation: float) -> A
     return corners
 
 
+def way_cost(way: Array, view: MapView, prices: Array, inflation: float) -> float:
+    """Cost (m) of the straight lines between places (k, 2) NED, as `AStar` counts it; inf if one is blocked. To see
+    whether a way that was chosen before is still about as good as the best one."""
+    cells = way / view.cell - np.array(view.corner) - 0.5
+    legs = itertools.pairwise(cells)
+    return sum(line_cost(prices, view.to_occupied, inflation, view.cell, a[0], a[1], b) for a, b in legs)
+
+
 @compiled
 def line_cost(
     prices: Array, to_occupied: Array, inflation: float, cell: float, row: float, column: float, to: Array
 ) -> float:
-    """Cost (m) of the straight line between two centres of cells; inf where it is nearer to an occupied cell than the
-    inflation (or than its start, if that is nearer)."""
+    """Cost (m) of the straight line between two places in cells, whole numbers at their centres.
+
+    inf where it is nearer to an occupied cell than the inflation (or than its start, if that is nearer); beyond the
+    window a metre costs 1.
+    """
+    rows, columns = prices.shape
     dr, dc = to[0] - row, to[1] - column
     length = math.hypot(dr, dc)
     samples = max(math.ceil(length / _SAMPLE), 1)
@@ -45,11 +58,14 @@ def line_cost(
     for s in range(samples + 1):
         share = s / samples
         i, j = math.floor(row + share * dr + 0.5), math.floor(column + share * dc + 0.5)
-        if s == 0:
-            least = min(inflation, to_occupied[i, j])
-        if to_occupied[i, j] < least:
-            return math.inf
-        total += prices[i, j] * (0.5 if s in (0, samples) else 1.0)
+        price = 1.0
+        if 0 <= i < rows and 0 <= j < columns:
+            if s == 0:
+                least = min(inflation, to_occupied[i, j])
+            if to_occupied[i, j] < least:
+                return math.inf
+            price = prices[i, j]
+        total += price * (0.5 if s in (0, samples) else 1.0)
     return cell * length * total / samples
 
 

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from companion.avoidance.astar import AStar, AStarSettings, GridPath
 from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, Bytes, MapView, distance_to
-from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
+from companion.avoidance.shortcut import corner_speeds, line_cost, shorten, way_cost
 from protocol.frames import Array
 
 SETTINGS = AStarSettings(inflation=0.6, comfort=1.4, closeness=2.0, unknown=1.0)
@@ -191,7 +191,23 @@ def test_shortening_straightens_and_never_costs_more() -> None:
             line_cost(prices, view.to_occupied, SETTINGS.inflation, CELL, a[0], a[1], b)
             for a, b in itertools.pairwise(inside)
         ]
+        assert way_cost(corners, view, prices, SETTINGS.inflation) == pytest.approx(sum(costs), rel=0.01)
         assert sum(costs) <= 1.03 * path.cost + 1e-9 and len(corners) <= len(path.cells)
+
+
+def test_cost_of_a_way_that_was_chosen_before() -> None:
+    """In the open it is its length, also beyond the window (8 m); through a pillar it is infinite, past it more than
+    the length."""
+    states = np.full((40, 40), FREE, np.uint8)
+    view = view_of(states, (10, -20))
+    prices = AStar(SETTINGS, 40).prices(view)
+    way = np.array([[3.0, 0.1], [6.0, 4.1], [30.0, 4.1]])
+    assert way_cost(way, view, prices, SETTINGS.inflation) == pytest.approx(5.0 + 24.0)
+    states[25, 30] = OCCUPIED  # 7.1 north, 2.1 east
+    view = view_of(states, (10, -20))
+    prices = AStar(SETTINGS, 40).prices(view)
+    assert way_cost(np.array([[3.0, 2.1], [9.0, 2.1]]), view, prices, SETTINGS.inflation) == math.inf
+    assert 6.1 < way_cost(np.array([[3.0, 1.2], [9.0, 1.2]]), view, prices, SETTINGS.inflation) < 12.0
 
 
 def test_corner_speeds() -> None:
