@@ -87,8 +87,10 @@ class Ours:
 
     def _reference(self, time: float) -> Reference:
         flat = self._trajectory.update(time)
-        motion = [flu_to_frd(flat[key]) for key in ("x", "x_dot", "x_ddot", "x_dddot", "x_ddddot")]
-        return Reference(*motion, yaw=0.0, yaw_rate=0.0, yaw_acceleration=0.0)
+        position, velocity, acceleration, jerk, snap = (
+            flu_to_frd(flat[key]) for key in ("x", "x_dot", "x_ddot", "x_dddot", "x_ddddot")
+        )
+        return Reference(position, velocity, acceleration, jerk, snap, 0.0, 0.0, 0.0)
 
 
 def rmse(controller: Any, abstraction: str, parameters: dict[str, Any], trajectory: Any) -> float:
