@@ -12,7 +12,7 @@ LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mca
 
 def register(app: typer.Typer) -> None:
     """Put the commands onto the program's."""
-    for command in (report, view):
+    for command in (report, view, foxglove):
         app.command()(command)
 
 
@@ -63,6 +63,18 @@ def view(
             raise typer.Exit(UNUSABLE)
         chosen = usable(open_log, file_of(Path(source)) if source is not None else usable(newest, logs))
     serve(usable(Page, chosen, port, asked), typer.echo)
+
+
+def foxglove(
+    log: LogFile,
+    to: Annotated[Path | None, typer.Option(help="The file; otherwise NAME_foxglove.mcap beside LOG.")] = None,
+) -> None:
+    """Write a log that Foxglove draws as it is: poses, path, ring, world, places on earth, texts, beside all that was
+    recorded. docs/foxglove_layout.json is a layout for it."""
+    from companion.view.foxglove import convert
+
+    target, added = usable(convert, file_of(log), to)
+    typer.echo(f"foxglove: {target}, {added} messages added")
 
 
 def file_of(log: Path) -> Path:

@@ -1,0 +1,304 @@
+"""`companion foxglove`: a log with what Foxglove draws without an extension beside what was recorded.
+
+Made after the flight, so that it costs the flight nothing. Frames as in Foxglove's own converter for PX4:
+`local_origin` (east, north, up) and `base_link` (forward, left, up). Schemas are Foxglove's, encoded as protobuf.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
+
+from companion.trace import TRACE
+from companion.view.history import quaternions
+from companion.view.lines import Floats, Track
+from companion.view.scene import mesh, solids
+from protocol.flightlog import DATAGRAM, TEXT, FlightLogError, LogReader, Record
+from protocol.frames import Array, enu_to_ned, multiply
+
+WORLD_FRAME, BODY_FRAME = "local_origin", "base_link"
+_POSE_EVERY_S = 0.02
+_PLAN_EVERY_S = 0.1
+_PATH_POINTS = 300
+_ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
+_FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+_LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)
+"""MAV_SEVERITY -> foxglove.Log's level."""
+
+
+class Converter:
+    """Copies a log's records into another file and adds topics under /foxglove as they come by."""
+
+    def __init__(self, log: LogReader, writer: Writer) -> None:
+        self._log = log
+        self._writer = writer
+        self._copied: dict[str, int] = {}
+        self._added: dict[str, tuple[int, int]] = {}
+        self._due: dict[str, float] = {}
+        self._place: Array | None = None
+        self._path = Track(8, _PATH_POINTS)
+        self._started = False
+        self._unpacks = {topic: kind.unpack for topic, kind in log.topics.items()}
+
+    def run(self) -> int:
+        """Convert all of it; how many messages were added."""
+        topics = frozenset(self._log.topics) - {DATAGRAM.topic}
+        for record in self._log.records(topics):
+            if not self._started:
+                self._started = True
+                self._set_the_stage(record.time_ns)
+            self._copy(record)
+            self._convert(record)
+        return sum(sequence for _, sequence in self._added.values())
+
+    # ------------------------------------------------------------------------------------------------------- the file
+
+    def _copy(self, record: Record) -> None:
+        channel = self._copied.get(record.topic)
+        if channel is None:
+            kind = self._log.topics[record.topic]
+            schema = self._writer.register_schema(kind.schema_name, "ros1msg", kind.definition.encode())
+            channel = self._copied[record.topic] = self._writer.register_channel(record.topic, "ros1", schema)
+        time_ns = self._log.epoch_ns + record.time_ns
+        self._writer.add_message(channel, time_ns, record.data, time_ns, record.sequence)
+
+    def _add(self, name: str, time_ns: int, message: Any) -> None:
+        """Write a message to /foxglove/`name`, at a time of the log's clock."""
+        known = self._added.get(name)
+        if known is None:
+            schema = register_schema(self._writer, type(message))
+            known = self._writer.register_channel(f"/foxglove/{name}", "protobuf", schema), 0
+        channel, sequence = known
+        at = self._log.epoch_ns + time_ns
+        self._writer.add_message(channel, at, message.SerializeToString(), at, sequence)
+        self._added[name] = channel, sequence + 1
+
+    def _stamp(self, time_ns: int) -> Timestamp:
+        seconds, nanos = divmod(self._log.epoch_ns + time_ns, 1_000_000_000)
+        return Timestamp(seconds=seconds, nanos=nanos)
+
+    def _is_due(self, name: str, time_ns: int, every_s: float) -> bool:
+        time = time_ns * 1e-9
+        if time < self._due.get(name, -math.inf):
+            return False
+        self._due[name] = time + every_s - 1e-9
+        return True
+
+    # ---------------------------------------------------------------------------------------------------- the messages
+
+    def _convert(self, record: Record) -> None:
+        name = record.topic.rpartition("/")[2]
+        if record.topic == TRACE.topic:
+            if self._is_due("plan", record.time_ns, _PLAN_EVERY_S):
+                self._plan(record.time_ns, self._fields(record))
+        elif record.topic == TEXT.topic:
+            said = self._fields(record)
+            self._say(record.time_ns, said["level"], said["name"], said["message"])
+        elif not record.topic.startswith("/mavlink/"):
+            return
+        elif name == "LOCAL_POSITION_NED":
+            place = self._fields(record)
+            self._place = np.array([place["x"], place["y"], place["z"]])
+        elif name in ("ATTITUDE_QUATERNION", "ATTITUDE"):
+            if self._place is not None and self._is_due("pose", record.time_ns, _POSE_EVERY_S):
+                self._pose(record.time_ns, _attitude(self._fields(record)))
+        elif name == "OBSTACLE_DISTANCE":
+            self._ring(record.time_ns, self._fields(record))
+        elif name == "GLOBAL_POSITION_INT":
+            self._fix(record.time_ns, self._fields(record))
+        elif name == "STATUSTEXT":
+            said = self._fields(record)
+            level = _LEVELS[min(said["severity"], len(_LEVELS) - 1)]
+            self._say(record.time_ns, level, "vehicle", said["text"])
+
+    def _fields(self, record: Record) -> dict[str, Any]:
+        return self._unpacks[record.topic](record.data)
+
+    def _pose(self, time_ns: int, attitude_ned_frd: Array) -> None:
+        assert self._place is not None
+        stamp, place = self._stamp(time_ns), enu_to_ned(self._place)
+        turn = multiply(_ENU_NED, multiply(attitude_ned_frd, _FRD_FLU))
+        pose = Pose(position=_vector(place), orientation=_quaternion(turn))
+        transform = FrameTransform(
+            timestamp=stamp,
+            parent_frame_id=WORLD_FRAME,
+            child_frame_id=BODY_FRAME,
+            translation=_vector(place),
+            rotation=_quaternion(turn),
+        )
+        self._add("transforms", time_ns, FrameTransforms(transforms=[transform]))
+        self._add("pose", time_ns, PoseInFrame(timestamp=stamp, frame_id=WORLD_FRAME, pose=pose))
+        self._path.add(np.array([time_ns * 1e-9]), np.concatenate((place, turn))[None])
+        # A path is as long as the flight; written each second at first and ever more rarely, it stays a small part.
+        if self._is_due("path", time_ns, max(1.0, 0.02 * time_ns * 1e-9)):
+            poses = [Pose(position=_vector(row[1:4]), orientation=_quaternion(row[4:])) for row in self._path.rows()]
+            self._add("path", time_ns, PosesInFrame(timestamp=stamp, frame_id=WORLD_FRAME, poses=poses))
+
+    def _plan(self, time_ns: int, trace: dict[str, Any]) -> None:
+        stamp = self._stamp(time_ns)
+        wanted, target, place = (
+            enu_to_ned(np.array(trace[name])) for name in ("reference_position_ned", "target_ned", "position_ned")
+        )
+        yaw = math.pi / 2.0 - trace["reference_yaw"]
+        turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
+        pose = Pose(position=_vector(wanted), orientation=_quaternion(turn))
+        self._add("reference", time_ns, PoseInFrame(timestamp=stamp, frame_id=WORLD_FRAME, pose=pose))
+        color = _color(0.91, 0.63, 0.16) if trace["blocked"] else _color(0.23, 0.49, 0.87)
+        entity = SceneEntity(timestamp=stamp, frame_id=WORLD_FRAME, id="plan")
+        size = Vector3(x=0.5, y=0.5, z=0.5)
+        entity.spheres.append(SpherePrimitive(pose=_at(target), size=size, color=color))
+        entity.lines.append(
+            LinePrimitive(
+                type=LinePrimitive.LINE_STRIP,
+                pose=_at(np.zeros(3)),
+                thickness=2.0,
+                scale_invariant=True,
+                points=[_point(place), _point(target)],
+                color=color,
+            )
+        )
+        entity.metadata.add(key="clearance, m", value=f"{trace['clearance']:.2f}")
+        self._add("plan", time_ns, SceneUpdate(entities=[entity]))
+
+    def _ring(self, time_ns: int, ring: dict[str, Any]) -> None:
+        step = math.radians(ring["increment_f"] or ring["increment"])
+        offset = math.radians(ring["angle_offset"])
+        reach = ring["max_distance"]
+        # Clockwise in the message, counter-clockwise here: the last sector comes first.
+        ranges = [0.01 * cm if cm <= reach else math.inf for cm in reversed(ring["distances"])]
+        scan = LaserScan(
+            timestamp=self._stamp(time_ns),
+            frame_id=BODY_FRAME,
+            pose=_at(np.zeros(3)),
+            start_angle=-(offset + step * (len(ranges) - 1)),
+            end_angle=-offset,
+            ranges=ranges,
+        )
+        self._add("ring", time_ns, scan)
+
+    def _fix(self, time_ns: int, place: dict[str, Any]) -> None:
+        fix = LocationFix(
+            timestamp=self._stamp(time_ns),
+            frame_id=WORLD_FRAME,
+            latitude=place["lat"] * 1e-7,
+            longitude=place["lon"] * 1e-7,
+            altitude=place["alt"] * 1e-3,
+        )
+        self._add("fix", time_ns, fix)
+
+    def _say(self, time_ns: int, level: Any, name: str, text: str) -> None:
+        said = Log(timestamp=self._stamp(time_ns), level=level, name=name, message=text)
+        self._add("log", time_ns, said)
+
+    # ------------------------------------------------------------------------------------------------------ the stage
+
+    def _set_the_stage(self, time_ns: int) -> None:
+        stamp = self._stamp(time_ns)
+        entities = []
+        for number, prism in enumerate(solids(self._log.attachments.get("world.toml", b""))):
+            entity = SceneEntity(timestamp=stamp, frame_id=WORLD_FRAME, id=f"{number} {prism.name}")
+            entity.metadata.add(key="name", value=prism.name)
+            corners, faces = mesh(prism)
+            entity.triangles.append(
+                TriangleListPrimitive(
+                    pose=_at(np.zeros(3)),
+                    points=[Point3(x=x, y=y, z=z) for x, y, z in corners],
+                    indices=[index for face in faces for index in face],
+                    color=_color(0.48, 0.62, 0.41) if prism.round else _color(0.69, 0.66, 0.61),
+                )
+            )
+            entities.append(entity)
+        if entities:
+            self._add("world", time_ns, SceneUpdate(entities=entities))
+        self._add("vehicle", time_ns, SceneUpdate(entities=[_airframe(stamp)]))
+
+
+def _airframe(stamp: Timestamp) -> SceneEntity:
+    """Body, arms and rotors, carried by base_link."""
+    ink, red = _color(0.18, 0.19, 0.21), _color(0.84, 0.27, 0.38)
+    entity = SceneEntity(timestamp=stamp, frame_id=BODY_FRAME, id="vehicle", frame_locked=True)
+    for x, y, z, color in ((0.18, 0.18, 0.09, ink), (0.54, 0.03, 0.02, ink), (0.03, 0.54, 0.02, ink)):
+        entity.cubes.append(CubePrimitive(pose=_at(np.zeros(3)), size=Vector3(x=x, y=y, z=z), color=color))
+    nose = _at(np.array([0.38, 0.0, 0.0]))
+    entity.cubes.append(CubePrimitive(pose=nose, size=Vector3(x=0.1, y=0.05, z=0.04), color=red))
+    for forward, left in ((0.23, 0.0), (-0.23, 0.0), (0.0, 0.23), (0.0, -0.23)):
+        disc = CylinderPrimitive(pose=_at(np.array([forward, left, 0.03])), color=ink, bottom_scale=1.0, top_scale=1.0)
+        disc.size.CopyFrom(Vector3(x=0.26, y=0.26, z=0.01))
+        entity.cylinders.append(disc)
+    return entity
+
+
+def _attitude(fields: dict[str, Any]) -> Array:
+    if "q1" in fields:
+        return np.array([fields["q1"], fields["q2"], fields["q3"], fields["q4"]])
+    angles = np.array([[fields["roll"], fields["pitch"], fields["yaw"]]])
+    turn: Array = quaternions(angles)[0].astype(np.float64)
+    return turn
+
+
+def _vector(place: Floats) -> Vector3:
+    return Vector3(x=float(place[0]), y=float(place[1]), z=float(place[2]))
+
+
+def _point(place: Floats) -> Point3:
+    return Point3(x=float(place[0]), y=float(place[1]), z=float(place[2]))
+
+
+def _quaternion(turn: Floats) -> Quaternion:
+    w, x, y, z = turn.tolist()
+    return Quaternion(w=w, x=x, y=y, z=z)
+
+
+def _at(place: Floats) -> Pose:
+    return Pose(position=_vector(place), orientation=Quaternion(w=1.0))
+
+
+def _color(red: float, green: float, blue: float) -> Color:
+    return Color(r=red, g=green, b=blue, a=1.0)
+
+
+def convert(log: Path, target: Path | None = None) -> tuple[Path, int]:
+    """Write the log that Foxglove draws, by default NAME_foxglove.mcap beside it: where, and how many messages more.
+
+    Raises FlightLogError if the log can't be read, the file can't be written or would be the log itself.
+    """
+    reader = LogReader(log)
+    target = log.with_name(f"{log.stem}_foxglove.mcap") if target is None else target
+    if target.exists() and target.samefile(log):
+        raise FlightLogError(f"{target}: a log is never written over")
+    try:
+        with target.open("wb") as file:
+            writer = Writer(file)
+            writer.start("", "courier")
+            for name, table in reader.metadata.items():
+                writer.add_metadata(name, table)
+            for name, content in reader.attachments.items():
+                writer.add_attachment(reader.epoch_ns, reader.epoch_ns, name, "application/octet-stream", content)
+            added = Converter(reader, writer).run()
+            writer.finish()  # type: ignore[no-untyped-call]
+    except OSError as error:
+        raise FlightLogError(f"{target}: can't be written: {error.strerror}") from error
+    return target, added

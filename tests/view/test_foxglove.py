@@ -1,0 +1,157 @@
+"""What Foxglove is given, read back by the libraries that its makers publish."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_logs import SPEED, Values, from_tlog, make
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from mcap_ros1.decoder import DecoderFactory as Ros1DecoderFactory
+
+from companion.view.foxglove import convert
+from protocol.datafile import ROOT
+from protocol.flightlog import DATAGRAM, FlightLogError, LogReader
+from protocol.frames import from_euler
+
+DATA = Path(__file__).resolve().parent.parent / "data"
+SCHEMAS = {
+    "transforms": "foxglove.FrameTransforms",
+    "pose": "foxglove.PoseInFrame",
+    "path": "foxglove.PosesInFrame",
+    "reference": "foxglove.PoseInFrame",
+    "ring": "foxglove.LaserScan",
+    "plan": "foxglove.SceneUpdate",
+    "world": "foxglove.SceneUpdate",
+    "vehicle": "foxglove.SceneUpdate",
+    "log": "foxglove.Log",
+}
+
+
+def decoded(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory(), Ros1DecoderFactory()])
+        for schema, channel, message, content in reader.iter_decoded_messages():
+            name = channel.topic.removeprefix("/foxglove/")
+            if name != channel.topic and schema is not None:
+                assert schema.name == SCHEMAS.get(name, "foxglove.LocationFix")
+            found.setdefault(channel.topic, []).append((message.log_time, content))
+    return found
+
+
+def turned(orientation: Any, x: float, y: float, z: float) -> list[float]:
+    """A vector by a quaternion, by the definition q v q*."""
+    w, i, j, k = orientation.w, orientation.x, orientation.y, orientation.z
+    matrix = [
+        [1 - 2 * (j * j + k * k), 2 * (i * j - w * k), 2 * (i * k + w * j)],
+        [2 * (i * j + w * k), 1 - 2 * (i * i + k * k), 2 * (j * k - w * i)],
+        [2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)],
+    ]
+    return [float(value) for value in np.array(matrix) @ (x, y, z)]
+
+
+def test_every_topic_is_there_with_foxgloves_own_schema_and_all_that_was_recorded(tmp_path: Path) -> None:
+    log = make(tmp_path, 4.0)
+    before = log.read_bytes()
+    target, added = convert(log)
+    assert target == tmp_path / "flight_foxglove.mcap"
+    found = decoded(target)
+    mine = {topic for topic in found if topic.startswith("/foxglove/")}
+    assert {topic.removeprefix("/foxglove/") for topic in mine} == set(SCHEMAS)
+    assert added == sum(len(found[topic]) for topic in mine)
+    source = LogReader(log)
+    for topic in source.topics:
+        if topic != DATAGRAM.topic:
+            recorded = [record.time_ns for record in source.records((topic,))]
+            assert [time for time, _ in found.get(topic, [])] == recorded
+    with target.open("rb") as file:
+        attachments = {each.name: each.data for each in make_reader(file, validate_crcs=True).iter_attachments()}
+    assert attachments == source.attachments
+    assert log.read_bytes() == before
+
+
+def test_poses_are_east_north_up_and_the_nose_points_north(tmp_path: Path) -> None:
+    found = decoded(convert(make(tmp_path, 4.0))[0])
+    time, transforms = found["/foxglove/transforms"][50]
+    (transform,) = transforms.transforms
+    assert (transform.parent_frame_id, transform.child_frame_id) == ("local_origin", "base_link")
+    place = transform.translation
+    assert [place.x, place.y, place.z] == pytest.approx([0.0, SPEED * time * 1e-9, 3.0], abs=1e-5)
+    assert turned(transform.rotation, 1.0, 0.0, 0.0) == pytest.approx([0.0, 1.0, 0.0]), "forward is north"
+    assert turned(transform.rotation, 0.0, 1.0, 0.0) == pytest.approx([-1.0, 0.0, 0.0]), "left is west"
+    assert turned(transform.rotation, 0.0, 0.0, 1.0) == pytest.approx([0.0, 0.0, 1.0]), "up is up"
+    assert transform.timestamp.seconds * 1_000_000_000 + transform.timestamp.nanos == time
+    path = found["/foxglove/path"][-1][1].poses
+    assert [pose.position.y for pose in path] == sorted(pose.position.y for pose in path)
+    assert path[-1].position.y == pytest.approx(SPEED * 3.0, abs=0.1)
+
+
+def test_the_reference_looks_where_its_yaw_says(tmp_path: Path) -> None:
+    def change(_: float, values: Values) -> None:
+        values["reference_yaw"] = math.radians(30.0)
+
+    reference = decoded(convert(make(tmp_path, 1.0, change=change))[0])["/foxglove/reference"][3][1]
+    wanted = [math.sin(math.radians(30.0)), math.cos(math.radians(30.0)), 0.0]
+    assert turned(reference.pose.orientation, 1.0, 0.0, 0.0) == pytest.approx(wanted)
+    assert from_euler(0.0, 0.0, math.radians(30.0))[3] > 0.0, "a positive yaw is to the right, as east is of north"
+
+
+def test_the_ring_s_return_is_ahead_and_to_the_right(tmp_path: Path) -> None:
+    scan = decoded(convert(make(tmp_path, 1.0))[0])["/foxglove/ring"][0][1]
+    ranges = np.array(scan.ranges)
+    angles = np.linspace(scan.start_angle, scan.end_angle, len(ranges))
+    (hit,) = np.flatnonzero(np.isfinite(ranges))
+    x, y = ranges[hit] * math.cos(angles[hit]), ranges[hit] * math.sin(angles[hit])
+    assert [x, y] == pytest.approx([3.0 / math.sqrt(2.0), -3.0 / math.sqrt(2.0)]), "left is positive"
+    assert scan.frame_id == "base_link"
+
+
+@pytest.mark.parametrize("name", ["px4_offboard", "ardupilot_guided"])
+def test_flights_of_other_systems_are_drawn_too(tmp_path: Path, name: str) -> None:
+    log = from_tlog(DATA / f"{name}.tlog", tmp_path)
+    found = decoded(convert(log)[0])
+    poses = found["/foxglove/pose"]
+    recorded = list(LogReader(log).records(("/mavlink/1/1/LOCAL_POSITION_NED",)))
+    kind = LogReader(log).topics["/mavlink/1/1/LOCAL_POSITION_NED"]
+    highest = max(-kind.unpack(record.data)["z"] for record in recorded)
+    assert max(pose.pose.position.z for _, pose in poses) == pytest.approx(highest, abs=0.1)
+    fix = found["/foxglove/fix"][-1][1]
+    assert abs(fix.latitude) > 1.0 and abs(fix.longitude) > 1.0
+    texts = found.get("/foxglove/log", [])
+    assert [said.message for _, said in texts] == [
+        kinds.unpack(record.data)["text"]
+        for topic, kinds in LogReader(log).topics.items()
+        if topic.endswith("/STATUSTEXT")
+        for record in LogReader(log).records((topic,))
+    ]
+
+
+def test_a_log_is_never_written_over(tmp_path: Path) -> None:
+    log = make(tmp_path, 1.0)
+    before = log.read_bytes()
+    with pytest.raises(FlightLogError, match="never written over"):
+        convert(log, log)
+    assert log.read_bytes() == before
+
+
+def test_the_layout_shows_only_what_there_is(tmp_path: Path) -> None:
+    """Topics and fields that the layout names are in a converted flight of our own."""
+    layout = json.loads((ROOT / "docs" / "foxglove_layout.json").read_text(encoding="utf-8"))
+    topics = LogReader(make(tmp_path, 0.1)).topics
+    fields = {topic: {field.name for field in kind.fields} for topic, kind in topics.items()}
+    plotted = [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())]
+    assert plotted
+    for path in plotted:
+        topic, _, field = path.partition(".")
+        assert field.partition("[")[0].partition(".")[0] in fields[topic], path
+    drawn = {topic for panel in layout["configById"].values() for topic in panel.get("topics", ())}
+    assert {topic.removeprefix("/foxglove/") for topic in drawn} <= set(SCHEMAS)
+
+    def panels(node: Any) -> list[str]:
+        return [node] if isinstance(node, str) else [*panels(node["first"]), *panels(node["second"])]
+
+    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
