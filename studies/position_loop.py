@@ -142,9 +142,9 @@ def _times(count: int) -> Array:
 
 
 def sizes(time: Array, path: Array) -> tuple[float, float]:
-    """The largest error (m) from 5 to 10 s after the step, and in the last 5 s; (0, inf) if the flight ended early."""
+    """The largest error (m) from 5 to 10 s after the step, and in the last 5 s; (1, inf) if the flight ended early."""
     if time[-1] < HOLD_S - 1.0:
-        return 0.0, float("inf")
+        return 1.0, float("inf")
     error = np.abs(path - 1.0)
     early, late = error[(time >= 5.0) & (time < 10.0)], error[time >= time[-1] - 5.0]
     return float(early.max()), float(late.max())
@@ -261,9 +261,9 @@ def _stability(report: Report, airframe: Airframe) -> None:
         if weight == 1.0:
             early, late = sizes(*response)
             flown_growth = np.log(late / early) / (HOLD_S - 10.0)
+            predicted, least = growth(body, c, 1.0, drag=drag), stable_from(body, c, drag=drag)
             word = "diverges" if diverges(*response) else "fades"
-            rows.append((("with" if drag else "without"), c, growth(body, c, 1.0, drag=drag), flown_growth, word))
-            rows[-1] += (stable_from(body, c, drag=drag),)
+            rows.append(("with" if drag else "without", c, predicted, flown_growth, word, least))
     headers = ["drag", "c", "growth at Q = 1, linear / (1/s)", "flown / (1/s)", "flown, it", "stable from Q ="]
     report.table(headers, rows, "The angle weight Q under the position loop.")
     lost = sum(diverges(*flights[False, c, 1.0]) for c in CONSTANTS)
