@@ -36,7 +36,8 @@ _MOST = 16
 """Half-planes that are looked at together: the tightest."""
 _SWERVES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.1, -1.1)
 """Angles (rad) between the deceleration of a stop and straight back; first come, first flown."""
-_STOP_SAMPLES = 12
+_STOP_SAMPLE = 0.4
+"""m of a stop between two samples at its fastest: less than any keep-out."""
 _TOLERANCE = 1e-9
 _MOVES = 0.3
 """m/s; slower has no course."""
@@ -387,8 +388,9 @@ def _stop_free(
     duration = speed / back
     a, b = _room(to_occupied, to_unseen, cell, north, east)
     occupied, unseen = min(occupied, a), min(unseen, b)
-    for k in range(1, _STOP_SAMPLES + 1):
-        t = k / _STOP_SAMPLES * (duration + lag) - lag
+    samples = math.ceil(speed * (duration + lag) / _STOP_SAMPLE) + 1
+    for k in range(1, samples + 1):
+        t = k / samples * (duration + lag) - lag
         along = speed * (t + lag)
         across = 0.0
         if t > 0.0:
@@ -397,7 +399,7 @@ def _stop_free(
             across = side * (0.5 * t * t - late * late)
         a, b = _room(to_occupied, to_unseen, cell, north + along * un - across * ue, east + along * ue + across * un)
         if a < occupied or b < unseen or (a == 0.0 and b == 0.0):
-            return (k - 1) / _STOP_SAMPLES
+            return (k - 1) / samples
     return 1.0
 
 

@@ -2,6 +2,7 @@
 right."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -224,6 +225,32 @@ def test_speed_limit_is_the_braking_distance_to_what_is_not_seen_free(what: int)
     assert around.free == pytest.approx(6.0 + 8.1 - keep_out, abs=2.0 * CELL)
     before = guard.limit(STILL, STILL, np.array([[0.0, -6.0], [5.0, -6.0]]), 0.25, 20.0)
     assert before.free == math.inf and before.speed == 20.0
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_stop_is_straight_or_swerves_to_the_free_side(side: int) -> None:
+    """6 m/s, a straight stop takes 4.9 m: before a block that covers the course and all to the left (or right) of it.
+
+    Only what stops is looked at: no barriers."""
+    here, velocity, command = np.array([0.0, 0.1, 0.0]), np.array([6.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0])
+
+    def verdict_before(north: float, beyond: int) -> tuple[Reason, Array]:
+        states = free_field()
+        row, middle = math.floor((north + MIDDLE) / CELL), CELLS // 2
+        if side > 0:
+            states[row:, : middle + beyond] = OCCUPIED
+        else:
+            states[row:, middle + 1 - beyond :] = OCCUPIED
+        verdict = guard_on(states, here, replace(SETTINGS, reach=0.5)).filter(here, velocity, command, 0)
+        return verdict.reason, verdict.acceleration_ned[:2]
+
+    reason, found = verdict_before(5.3, 3)
+    assert reason is Reason.STOP and found[0] < -1.0 and found[1] * side > 1.0
+    assert math.hypot(found[0], found[1]) == pytest.approx(SETTINGS.braking)
+    for north, expected in ((5.9, Reason.STOP), (3.3, Reason.NO_STOP)):
+        reason, found = verdict_before(north, 9)
+        assert reason is expected and np.allclose(found, [-SETTINGS.braking, 0.0])
+    assert verdict_before(9.0, 9)[0] is Reason.NONE
 
 
 def test_without_a_view_or_with_an_old_one_it_stops() -> None:
