@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test check paper clean
+.PHONY: demo test check paper control clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
@@ -17,6 +17,10 @@ test: check
 # The paper's experiments, into docs/paper.md.
 paper: .venv/tested
 	$(BIN)/python -m studies paper
+
+# What the default controller adds to it, into docs/control.md.
+control: .venv/tested
+	$(BIN)/python -m studies control
 
 # Formatting, lint, types, rules of import.
 check: .venv/tested

@@ -119,3 +119,36 @@ def test_every_attitude_converges() -> None:
             q = multiply(q, from_rotation_vector(step * rates))
         assert np.linalg.norm(lqr.attitude_error(q, command)) < 1e-3
         assert np.linalg.norm(rates) < 1e-3
+
+
+def test_weights_by_bandwidth_and_damping() -> None:
+    """The LQR of the rule's weights has the poles that the rule was asked for, on each axis."""
+    bandwidth, damping = (12.0, 9.0, 4.0), 0.9
+    K = lqr.attitude_gain(BODY, *lqr.weights_for(BODY, bandwidth, damping), ONE)
+    A, B = lqr.attitude_model(BODY)
+    for axis, w in enumerate(bandwidth):
+        rows = slice(2 * axis, 2 * axis + 2)
+        closed = A[rows, rows] - B[rows, axis : axis + 1] @ K[axis : axis + 1, rows]
+        assert np.poly(closed) == pytest.approx([1.0, 2.0 * damping * w, w * w], rel=1e-6)
+
+
+def test_sampled_gain_goes_over_into_the_continuous_one() -> None:
+    """As lag and period go to zero; the angular acceleration then says nothing."""
+    entries = [lqr.attitude_model(BODY)[1][2 * axis + 1, axis] for axis in range(3)]
+    weights = ((400.0, 400.0, 50.0), ONE, ONE)
+    continuous = lqr.axis_gain(lqr.attitude_gain(BODY, *weights))
+    sampled = lqr.sampled_gain(None, entries, 1e-3, 1e-4, *weights)
+    assert sampled[:, :2] == pytest.approx(continuous[:, :2], rel=0.05)
+    assert np.abs(sampled[:, 2]).max() < 0.01
+
+
+@pytest.mark.parametrize("rate_loop", [None, (20.0, 20.0, 10.0)])
+def test_sampled_gain_is_stable_on_the_lagging_plant(rate_loop: tuple[float, float, float] | None) -> None:
+    entries = [lqr.attitude_model(BODY)[1][2 * axis + 1, axis] for axis in range(3)]
+    gain = lqr.sampled_gain(rate_loop, entries, 0.03, 0.004, (400.0, 400.0, 50.0), ONE, ONE)
+    for axis in range(3):
+        k = 0.0 if rate_loop is None else rate_loop[axis]
+        b = entries[axis] if rate_loop is None else k
+        A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, -k / 0.03, -1.0 / 0.03]])
+        plant = control.c2d(control.ss(A, [[0.0], [0.0], [b / 0.03]], np.eye(3), np.zeros((3, 1))), 0.004)
+        assert np.abs(np.linalg.eigvals(plant.A - plant.B @ gain[axis : axis + 1])).max() < 1.0

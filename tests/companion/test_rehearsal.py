@@ -69,7 +69,7 @@ def test_nothing_is_compiled_or_imported_in_flight(tmp_path: Path, output: Outpu
 
 
 @pytest.mark.parametrize("output", Output)
-@pytest.mark.parametrize("mission", ["courier", "hover", "step"])
+@pytest.mark.parametrize("mission", sorted(path.stem for path in (ROOT / "missions").glob("*.toml")))
 def test_every_mission_gets_through_its_rehearsal(mission: str, output: Output) -> None:
     rehearse(load_settings(None, []), load_body("paper_quad"), load(mission)[0], output)
 
