@@ -247,10 +247,10 @@ def describing(path: Path, hours: float) -> dict[str, float]:
     """`companion info` of a long log, a process of its own."""
     messages = long_log(path, hours)
     code = (
-        "import resource, sys; sys.argv = ['companion', 'info', sys.argv[1], '--json']\n"
+        "import sys; sys.argv = ['companion', 'info', sys.argv[1], '--json']\n"
         "from companion.cli import app; app(standalone_mode=False)\n"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
-    )
+        "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
+    )  # (getrusage would count what this process had when it forked)
     began = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
     took_s = time.perf_counter() - began
