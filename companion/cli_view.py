@@ -1,13 +1,16 @@
 """The commands that show flights: report, view, foxglove."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
 
 from companion.shell import UNUSABLE, say, usable
 
-LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap) or a folder with one.")]
+LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap), a folder with one, or a .tlog.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -18,12 +21,15 @@ def register(app: typer.Typer) -> None:
 
 def report(
     log: LogFile,
-    to: Annotated[Path | None, typer.Option(help="The page; otherwise report.html beside LOG.")] = None,
+    to: Annotated[
+        Path | None, typer.Option(help="The page; otherwise report.html or NAME_report.html beside LOG.")
+    ] = None,
 ) -> None:
     """Write one HTML file that shows a flight: findings, path, plots, events. It needs no network and no other file."""
-    from companion.view.report import write
+    from companion.view.report import beside, write
 
-    typer.echo(f"report: {usable(write, file_of(log), to)}")
+    with flight_log(log) as readable:
+        typer.echo(f"report: {usable(write, readable, to or beside(file_of(log)))}")
 
 
 def view(
@@ -61,7 +67,10 @@ def view(
         if control:
             say("companion: --control needs the URL of a vehicle")
             raise typer.Exit(UNUSABLE)
-        chosen = usable(open_log, file_of(Path(source)) if source is not None else usable(newest, logs))
+        log = Path(source) if source is not None else usable(newest, logs)
+        with flight_log(log) as readable:
+            serve(usable(Page, usable(open_log, readable), port, asked), typer.echo)
+        return
     serve(usable(Page, chosen, port, asked), typer.echo)
 
 
@@ -71,10 +80,27 @@ def foxglove(
 ) -> None:
     """Write a log that Foxglove draws as it is: poses, path, ring, world, places on earth, texts, beside all that was
     recorded. docs/foxglove_layout.json is a layout for it."""
-    from companion.view.foxglove import convert
+    from companion.view.foxglove import beside, convert
 
-    target, added = usable(convert, file_of(log), to)
+    with flight_log(log) as readable:
+        target, added = usable(convert, readable, to or beside(file_of(log)))
     typer.echo(f"foxglove: {target}, {added} messages added")
+
+
+@contextmanager
+def flight_log(log: Path) -> Iterator[Path]:
+    """The flight log that is meant; a telemetry log becomes one for as long as it is needed."""
+    from companion.logs.convert.telemetry import to_flight_log
+    from protocol.tlog import is_tlog
+
+    path = file_of(log)
+    if not path.is_file() or not is_tlog(path):
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        converted = Path(folder) / f"{path.stem}.mcap"
+        usable(to_flight_log, path, converted)
+        yield converted
 
 
 def file_of(log: Path) -> Path:

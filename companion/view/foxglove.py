@@ -280,13 +280,18 @@ def _color(red: float, green: float, blue: float) -> Color:
     return Color(r=red, g=green, b=blue, a=1.0)
 
 
+def beside(log: Path) -> Path:
+    """Where the converted log goes."""
+    return log.with_name(f"{log.stem}_foxglove.mcap")
+
+
 def convert(log: Path, target: Path | None = None) -> tuple[Path, int]:
     """Write the log that Foxglove draws, by default NAME_foxglove.mcap beside it: where, and how many messages more.
 
     Raises FlightLogError if the log can't be read, the file can't be written or would be the log itself.
     """
     reader = LogReader(log)
-    target = log.with_name(f"{log.stem}_foxglove.mcap") if target is None else target
+    target = beside(log) if target is None else target
     if target.exists() and target.samefile(log):
         raise FlightLogError(f"{target}: a log is never written over")
     try:

@@ -15,6 +15,7 @@ from companion.view.findings import Event, Finding, events, findings, phase_name
 from companion.view.gather import CLEARANCE_BIN_M, Gathered
 from companion.view.lines import Floats, Line, Stretch
 from companion.view.scene import mesh, solids
+from protocol.flightlog import FILE_NAME as LOG_NAME
 from protocol.flightlog import FlightLogError
 
 FILE_NAME = "report.html"
@@ -123,12 +124,12 @@ class Page(msgspec.Struct, frozen=True):
 
 
 def write(log: Path, target: Path | None = None) -> Path:
-    """Write the report of a log, by default beside it, and return where.
+    """Write the report of a log, by default beside it (`beside`), and return where.
 
     Raises FlightLogError if the log can't be read or the file can't be written.
     """
     flight = Gathered(log)
-    target = log.with_name(FILE_NAME) if target is None else target
+    target = beside(log) if target is None else target
     page = compose(flight)
     # Nothing in the text may end the script that it stands in.
     data = msgspec.json.encode(page).decode().replace("</", "<\\/").replace("<!--", "<\\!--")
@@ -141,6 +142,11 @@ def write(log: Path, target: Path | None = None) -> Path:
     except OSError as error:
         raise FlightLogError(f"{target}: the report can't be written: {error.strerror}") from error
     return target
+
+
+def beside(log: Path) -> Path:
+    """Where a log's report goes: FILE_NAME for a flight in its own folder, under the log's name for any other."""
+    return log.with_name(FILE_NAME if log.name == LOG_NAME else f"{log.stem}_{FILE_NAME}")
 
 
 def _plotly() -> str:
