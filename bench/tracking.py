@@ -81,7 +81,8 @@ class Ours:
             now, flu_to_frd(state["x"]), flu_to_frd(state["v"]), np.array([w, i, -j, -k]), flu_to_frd(state["w"]), 0
         )
         reference, ahead = (self._reference(at * 1e-9 - 10.0) for at in self._cascade.reference_times(now))
-        out, _ = self._cascade.step(measured, now, now, reference, ahead, self._body.mass_kg, True)
+        wanted = self._cascade.wish(measured, now, now, reference, self._body.mass_kg, True)
+        out, _ = self._cascade.obey(wanted, now, reference, ahead, self._body.mass_kg)
         torque = out[cascade.TORQUE] * np.array(self._body.full_torque_nm)
         return {"cmd_thrust": out[cascade.THRUST] * self._body.max_thrust_n, "cmd_moment": flu_to_frd(torque)}
 

@@ -520,15 +520,9 @@ class Autopilot:
         effective_ns, followed_ns = self._cascade.reference_times(now)
         reference = self._reference.at(effective_ns)
         mass = self.body.mass_kg + (0.0 if self.released else self.body.parcel_mass_kg)
-        control, limited = self._cascade.step(
-            state,
-            now,
-            self._measured_ns(now),
-            reference,
-            self._reference.at(followed_ns),
-            mass,
-            supervised in FLYING and self._landed != dialect.MAV_LANDED_STATE_ON_GROUND,
-        )
+        airborne = supervised in FLYING and self._landed != dialect.MAV_LANDED_STATE_ON_GROUND
+        acceleration = self._cascade.wish(state, now, self._measured_ns(now), reference, mass, airborne)
+        control, limited = self._cascade.obey(acceleration, now, reference, self._reference.at(followed_ns), mass)
         if supervised not in FLYING:  # a stream that does nothing
             control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = 0.0
             self._cascade.reset()

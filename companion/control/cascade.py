@@ -1,6 +1,7 @@
-"""The laws of this folder one after the other, as one compiled step:
+"""The laws of this folder one after the other, in two compiled steps:
 
-estimation -> prediction -> position law -> thrust -> attitude -> rates or torque.
+`wish`: estimation -> prediction -> position law -> acceleration
+`obey`: acceleration -> thrust -> attitude -> rates or torque
 """
 
 import math
@@ -71,6 +72,17 @@ MEMORY = np.dtype(
         ("reference_turning", "f8", 3),
         ("jump", "f8", 3),
         ("limited", "b1"),
+        ("dt", "f8"),  # of the present step, from `wish` to `obey`: what follows, too
+        ("at", "f8", 3),
+        ("moving", "f8", 3),
+        ("turned", "f8", 4),
+        ("turns", "f8", 3),
+        ("turning", "f8", 3),
+        ("e1", "f8", 3),
+        ("e2", "f8", 3),
+        ("disturbance", "f8", 3),
+        ("scale", "f8"),
+        ("drag_scale", "f8"),
     ],
     align=True,
 )
@@ -91,7 +103,7 @@ FIELDS = (
     ("thrust_scale", 1),
     ("drag_scale", 1),
 )
-"""What `step` returns, in this order. `lyapunov` is V (19) of each axis and `lyapunov_rate` the V' (22) that the law
+"""What `obey` returns, in this order. `lyapunov` is V (19) of each axis and `lyapunov_rate` the V' (22) that the law
 promises, both of backstepping, whichever law flies; torque and thrust are fractions of the whole."""
 
 SIZE = sum(size for _, size in FIELDS)
@@ -121,23 +133,18 @@ class Cascade:
         estimation.start(self._memory["estimate"], self._parameters["spread"][0])
 
     def reference_times(self, now_ns: int) -> tuple[int, int]:
-        """When the command takes effect, and when the rotors will have followed it: the times of the two references
-        that `step` takes."""
+        """When the command takes effect, and when the rotors will have followed it: the times of the reference and
+        of the one `ahead`."""
         return now_ns + self._half_period_ns, now_ns + self._half_period_ns + self._ahead_ns
 
-    def step(
-        self,
-        state: VehicleState,
-        now_ns: int,
-        measured_ns: int,
-        reference: Reference,
-        ahead: Reference,
-        mass: float,
-        airborne: bool,
-    ) -> tuple[Array, bool]:
-        """FIELDS (SIZE,) and whether a limit on thrust or tilt bit. The state was measured at `measured_ns`; `mass`
-        in kg; what a flight teaches is learnt while `airborne`."""
-        return step(
+    def wish(
+        self, state: VehicleState, now_ns: int, measured_ns: int, reference: Reference, mass: float, airborne: bool
+    ) -> Array:
+        """The acceleration (3,) in m/s2, NED, that the position law asks for.
+
+        The state was measured at `measured_ns`; `mass` in kg; what a flight teaches is learnt while `airborne`.
+        """
+        return wish(
             state.position_ned,
             state.velocity_ned,
             state.attitude_ned_frd,
@@ -146,12 +153,17 @@ class Cascade:
             now_ns,
             now_ns + self._half_period_ns,
             _flat(reference),
-            _flat(ahead),
             mass,
             airborne,
             self._parameters,
             self._memory,
         )
+
+    def obey(
+        self, acceleration_ned: Array, now_ns: int, reference: Reference, ahead: Reference, mass: float
+    ) -> tuple[Array, bool]:
+        """FIELDS (SIZE,) for an acceleration, that of `wish` or what came out of it, and whether a limit bit."""
+        return obey(acceleration_ned, now_ns, _flat(reference), _flat(ahead), mass, self._parameters, self._memory)
 
 
 def _flat(reference: Reference) -> Array:
@@ -256,7 +268,7 @@ def _fade_jumps(reference_rates: Array, reference_turning: Array, dt: float, mem
 
 
 @compiled
-def step(
+def wish(
     position: Array,
     velocity: Array,
     attitude: Array,
@@ -265,28 +277,25 @@ def step(
     now_ns: int,
     until_ns: int,
     reference: Array,
-    ahead: Array,
     mass: float,
     airborne: bool,
     parameters: NDArray[np.void],
     memory: NDArray[np.void],
-) -> tuple[Array, bool]:
-    """FIELDS (SIZE,) and whether a limit bit. World vectors NED, body vectors FRD, `mass` in kg; the references (18,)
-    are position to snap, yaw, its rate and acceleration, for `until_ns` and for a rotor's lag later."""
+) -> Array:
+    """Estimation, prediction and the position law: the acceleration (3,) in m/s2, NED, that it asks for.
+
+    `mass` in kg; the reference (18,) is position to snap, yaw, its rate and acceleration, for `until_ns`.
+    """
     p, m = parameters[0], memory[0]
-    dt = min(max((now_ns - m.time_ns) * 1e-9, 0.0), _LONGEST_S)
+    m.dt = min(max((now_ns - m.time_ns) * 1e-9, 0.0), _LONGEST_S)
     m.time_ns = now_ns
     estimate = memory["estimate"]
     mean = estimate[0].mean
-    scale, drag_scale = mean[estimation.THRUST_SCALE], mean[estimation.DRAG_SCALE]
-    disturbance = mean[estimation.DISTURBANCE].copy()
-
-    # where it is, and what the last commands do to it
-    turning = np.zeros(3)
-    thrust_then = 0.0
-    at, moving, turned, turns = position, velocity, attitude, rates
+    m.scale, m.drag_scale = mean[estimation.THRUST_SCALE], mean[estimation.DRAG_SCALE]
+    m.disturbance[:] = mean[estimation.DISTURBANCE]
+    m.at[:], m.moving[:], m.turned[:], m.turns[:], m.turning[:] = position, velocity, attitude, rates, 0.0
     if airborne and m.count > 0 and (p.predicts or p.estimates):
-        at, moving, turned, turns, turning, _, thrust_then = prediction.predict(
+        m.at[:], m.moving[:], m.turned[:], m.turns[:], m.turning[:], _, thrust_then = prediction.predict(
             position,
             velocity,
             attitude,
@@ -298,9 +307,9 @@ def step(
             p.input_kind,
             p.rotor_lag,
             p.rate_loop,
-            mass / scale,
-            p.model_drag_kg_s * drag_scale / scale,
-            disturbance,
+            mass / m.scale,
+            p.model_drag_kg_s * m.drag_scale / m.scale,
+            m.disturbance,
         )
         if p.estimates:
             estimation.update(
@@ -312,20 +321,18 @@ def step(
                 p.noise,
                 p.walk,
             )
-
-    # position
     reference_velocity = p.feed_velocity * reference[3:6]
     reference_acceleration = p.feed_acceleration * reference[6:9]
     acceleration, e1, e2 = backstepping.acceleration_command(
-        at, moving, reference[0:3], reference_velocity, reference_acceleration, p.c1, p.c2
+        m.at, m.moving, reference[0:3], reference_velocity, reference_acceleration, p.c1, p.c2
     )
-    v, v_rate = backstepping.lyapunov(e1, e2, p.c1, p.c2)
-    error_rate = reference_velocity - moving
+    m.e1[:], m.e2[:] = e1, e2
     if airborne and not m.limited:
-        m.adapted[:] = backstepping.adapted(m.adapted, e2, p.gamma, dt, p.adaptation_bound)
-        m.integral[:] = backstepping.adapted(m.integral, e1, np.ones(3), dt, p.adaptation_bound)
+        m.adapted[:] = backstepping.adapted(m.adapted, e2, p.gamma, m.dt, p.adaptation_bound)
+        m.integral[:] = backstepping.adapted(m.integral, e1, np.ones(3), m.dt, p.adaptation_bound)
+    error_rate = reference_velocity - m.moving
     if p.law == _BACKSTEPPING:
-        disturbance += m.adapted
+        m.disturbance += m.adapted
     elif p.law == _SE3:
         acceleration = se3.acceleration_command(e1, error_rate, reference_acceleration, p.gain_1, p.gain_2)
     elif p.law == _SLIDING_MODE:
@@ -334,22 +341,38 @@ def step(
         )
     elif p.law == _PID:
         acceleration = pid.acceleration_command(e1, error_rate, m.integral, p.gain_1, p.gain_3, p.gain_2)
+    return acceleration
 
-    # thrust and attitude; a rotor that gives `scale` times its thrust lifts as if all else were so much less
-    seen_mass = mass / scale
-    seen_drag = p.drag_kg_s * drag_scale / scale
-    against_drag = thrust.drag_compensation(moving, turned, seen_drag, seen_mass)
+
+@compiled
+def obey(
+    acceleration: Array,
+    now_ns: int,
+    reference: Array,
+    ahead: Array,
+    mass: float,
+    parameters: NDArray[np.void],
+    memory: NDArray[np.void],
+) -> tuple[Array, bool]:
+    """Thrust, attitude, and rates or torque for an acceleration (3,): FIELDS (SIZE,) and whether a limit bit.
+
+    The state is that of the last `wish`; `ahead` is the reference a rotor's lag later.
+    """
+    p, m = parameters[0], memory[0]
+    # A rotor that gives `scale` times its thrust lifts as if all else were so much less.
+    seen_mass, seen_drag = mass / m.scale, p.drag_kg_s * m.drag_scale / m.scale
+    against_drag = thrust.drag_compensation(m.moving, m.turned, seen_drag, seen_mass)
     thrust_ned, limited = thrust.thrust_vector(
-        acceleration - disturbance + against_drag, seen_mass, p.lowest_n, p.highest_n, p.tilt
+        acceleration - m.disturbance + against_drag, seen_mass, p.lowest_n, p.highest_n, p.tilt
     )
     command = flatness.attitude_command(thrust_ned, reference[15])
-    collective = thrust.collective(thrust_ned, turned)
+    collective = thrust.collective(thrust_ned, m.turned)
     reference_attitude = command
     reference_rates = np.array([0.0, 0.0, reference[16]])
     reference_turning = np.zeros(3)
     turning_ahead = np.zeros(3)
     if p.feed_attitude:
-        wanted, wanted_ahead = reference[6:9] - disturbance, ahead[6:9] - disturbance
+        wanted, wanted_ahead = reference[6:9] - m.disturbance, ahead[6:9] - m.disturbance
         reference_attitude, reference_rates, reference_turning, thrust_now = flatness.inverse(
             reference[3:6], wanted, reference[9:12], reference[12:15], reference[15:18], seen_mass, seen_drag
         )
@@ -358,25 +381,22 @@ def step(
         )
         if p.predicts:
             collective += thrust_ahead - thrust_now
-    fading = _fade_jumps(reference_rates, reference_turning, dt, m)
-    reference_rates = rotate_inverse(turned, rotate(reference_attitude, reference_rates - m.jump))
-    reference_turning = rotate_inverse(turned, rotate(reference_attitude, reference_turning + fading))
-    turning_ahead = rotate_inverse(turned, rotate(reference_attitude, turning_ahead + fading))
+    fading = _fade_jumps(reference_rates, reference_turning, m.dt, m)
+    reference_rates = rotate_inverse(m.turned, rotate(reference_attitude, reference_rates - m.jump))
+    reference_turning = rotate_inverse(m.turned, rotate(reference_attitude, reference_turning + fading))
+    turning_ahead = rotate_inverse(m.turned, rotate(reference_attitude, turning_ahead + fading))
     collective = min(max(collective, p.lowest_n), p.highest_n)
 
-    # rates, torque
-    error = lqr.attitude_error(turned, command)
-    if p.law == _SE3:
-        error = se3.attitude_error(turned, command)
-    rates_command = reference_rates + lqr.feedback(
-        error, reference_rates - turns, reference_turning - turning, p.rates_gain
-    )
+    error = se3.attitude_error(m.turned, command) if p.law == _SE3 else lqr.attitude_error(m.turned, command)
+    rate_error, turning_error = reference_rates - m.turns, reference_turning - m.turning
+    rates_command = reference_rates + lqr.feedback(error, rate_error, turning_error, p.rates_gain)
     for i in range(3):
         if p.rate_loop[i] > 0.0:
             rates_command[i] += turning_ahead[i] / p.rate_loop[i]
     rates_command = np.minimum(np.maximum(rates_command, -p.rate_limit), p.rate_limit)
-    torque = lqr.feedback(error, reference_rates - turns, reference_turning - turning, p.torque_gain) * p.torque_scale
-    torque += (p.inertia * turning_ahead + np.cross(turns, p.inertia * turns)) / p.full_torque
+    gyroscopic = np.cross(m.turns, p.inertia * m.turns)
+    torque = lqr.feedback(error, rate_error, turning_error, p.torque_gain) * p.torque_scale
+    torque += (p.inertia * turning_ahead + gyroscopic) / p.full_torque
     torque = np.minimum(np.maximum(torque, -1.0), 1.0)
     if p.attitude_lead > 0.0 and p.feed_attitude and p.input_kind == prediction.UNKNOWN:
         command = multiply(command, from_rotation_vector(p.attitude_lead * reference_rates))
@@ -384,12 +404,13 @@ def step(
     m.limited = limited
     sent_input = rates_command
     if p.input_kind == prediction.ANGULAR_ACCELERATION:
-        sent_input = (torque * p.full_torque - np.cross(turns, p.inertia * turns)) / p.inertia
+        sent_input = (torque * p.full_torque - gyroscopic) / p.inertia
     m.count = prediction.remember(m.sent, m.count, now_ns, collective, sent_input)
 
+    v, v_rate = backstepping.lyapunov(m.e1, m.e2, p.c1, p.c2)
     out = np.empty(SIZE)
-    out[0:3] = e1
-    out[3:6] = e2
+    out[0:3] = m.e1
+    out[3:6] = m.e2
     out[6:9] = v
     out[9:12] = v_rate
     out[12:15] = acceleration
@@ -397,8 +418,8 @@ def step(
     out[19:22] = rates_command
     out[22:25] = torque
     out[25] = collective / p.full_n
-    out[26:29] = at
-    out[29:32] = disturbance
-    out[32] = scale
-    out[33] = drag_scale
+    out[26:29] = m.at
+    out[29:32] = m.disturbance
+    out[32] = m.scale
+    out[33] = m.drag_scale
     return out, limited
