@@ -222,5 +222,7 @@ def test_corner_speeds() -> None:
     near = corner_speeds(corners * 0.05, room, 10.0, 4.0, 4.0)
     assert near[2] == pytest.approx(math.sqrt(4.0 * 0.5))  # half of the shorter leg, 0.5 m, on the arc
     assert near[1] == pytest.approx(math.sqrt(near[2] ** 2 + 8.0))
+    sharp = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, math.sqrt(3.0)]])  # a turn by 120 degrees, legs of 2 m
+    assert corner_speeds(sharp, np.full(3, 99.0), 10.0, 4.0, 4.0)[1] == pytest.approx(math.sqrt(4.0 / math.sqrt(3.0)))
     back = corner_speeds(np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 0.0]]), np.full(3, 0.5), 10.0, 4.0, 4.0)
     assert back[1] == 0.0
