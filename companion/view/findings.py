@@ -181,6 +181,7 @@ def _saturation(flight: Gathered) -> list[Finding]:
 def _outputs(flight: Gathered) -> list[Finding]:
     """Of what is commanded in fractions of the whole; the motors' own pulses depend on the make."""
     found = []
+    sent = flight.log.metadata.get("flight", {}).get("output", "actuators")
     for name, quantity in (("torque", "torque_command"), ("thrust", "thrust_command")):
         for key, line in flight.lines.items():
             if not key.startswith(f"trace:{quantity}"):
@@ -190,8 +191,12 @@ def _outputs(flight: Gathered) -> list[Finding]:
             if len(full):
                 axis = {"0": "roll ", "1": "pitch ", "2": "yaw "}.get(key.rpartition(".")[2], "")
                 text = f"The {axis}{name} command reached the end of its range."
-                evidence = f"{np.abs(values).max():.2f} of the whole, first at {_at(times[full[0]])}"
-                found.append(Finding(Level.WARNING, "saturation", text, (evidence,), (float(times[full[0]]),)))
+                evidence = [f"{np.abs(values).max():.2f} of the whole, first at {_at(times[full[0]])}"]
+                level = Level.WARNING
+                if name == "torque" and sent != "actuators":
+                    level = Level.NOTE
+                    evidence.append(f"not sent: the output was {sent}, from which the vehicle makes its own torque")
+                found.append(Finding(level, "saturation", text, tuple(evidence), (float(times[full[0]]),)))
     return found
 
 
@@ -202,7 +207,7 @@ def _gaps(flight: Gathered) -> list[Finding]:
         parts = topic.split("/")
         if len(parts) != 5 or parts[1] != "mavlink" or f"{parts[2]}/{parts[3]}" != flight.vehicle or clock.count < 20:
             continue
-        usual = clock.quantile(0.5)
+        usual = max(clock.quantile(0.5), 1.0 / clock.rate)  # several may come at once
         if usual > _MATTERS_FROM_S:
             continue
         judged += 1

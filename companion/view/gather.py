@@ -14,7 +14,7 @@ from companion.runner import LOOP, TICK
 from companion.supervisor import State
 from companion.trace import TRACE
 from companion.vehicles import firmware_of
-from companion.view.lines import Floats, Line, Regularity, Rings, Spectrum, Stretches, Track
+from companion.view.lines import Floats, Line, Regularity, Response, Rings, Spectrum, Stretches, Track
 from protocol.flightlog import DATAGRAM, TEXT, LogReader, RecordType
 
 Table = NDArray[np.void]
@@ -128,6 +128,8 @@ class Gathered:
         """Position NED by sender, for logs without a trace."""
         self.rates = Spectrum(3)
         self.torques = Spectrum(3)
+        self.response = Response(3)
+        """Of the body rates to the rate commands."""
         self.vehicle_rates: dict[str, Spectrum] = {}
         self.rings: dict[str, Ring] = {}
         self.position_jumps: dict[str, Worst] = {}
@@ -216,6 +218,7 @@ class Gathered:
         self.limited.add(times, table["limited"].astype(np.int64))
         self.blocked.add(times, table["blocked"].astype(np.int64))
         flown = table["state"] == State.FLY.value
+        self.response.add_pairs(times[flown], table["rates_command_frd"][flown], table["rates_frd"][flown])
         for phase in np.unique(table["phase"][flown]):
             chosen = flown & (table["phase"] == phase)
             self.tracking.setdefault(int(phase), Errors()).add(times[chosen], error[chosen])

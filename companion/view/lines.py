@@ -4,6 +4,7 @@ Times are float seconds since the log's start, in batches that come in order; ev
 times and keeps no more than its class says.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -234,19 +235,17 @@ class Regularity:
 
 
 SEGMENT = 1024
+_WIENER = 1e-3
+"""Of the strongest frequency's power: below it a frequency counts less and less."""
 
 
-class Spectrum:
-    """Welch's averaged power spectral density (Hann window, half overlap) of evenly sampled columns.
-
-    P. Welch, IEEE Trans. Audio Electroacoust. 15 (1967). Segments across a gap in time are left out.
-    """
+class _Segments(ABC):
+    """Evenly sampled columns, handed on in segments that overlap by half; those across a gap in time are left out."""
 
     def __init__(self, columns: int) -> None:
         self._times = np.empty(0)
         self._values = np.empty((0, columns))
         self._window = np.hanning(SEGMENT + 1)[:-1]
-        self._sum = np.zeros((SEGMENT // 2 + 1, columns))
         self._seconds = 0.0
         self.segments = 0
 
@@ -256,27 +255,48 @@ class Spectrum:
         self._values = np.concatenate((self._values, values))
         start = 0
         while start + SEGMENT <= len(self._times):
-            self._take(self._times[start : start + SEGMENT], self._values[start : start + SEGMENT])
+            self._look(self._times[start : start + SEGMENT], self._values[start : start + SEGMENT])
             start += SEGMENT // 2
         self._times, self._values = self._times[start:], self._values[start:]
 
-    def _take(self, times: Floats, values: Floats) -> None:
-        step = (times[-1] - times[0]) / (SEGMENT - 1)
+    def _look(self, times: Floats, values: Floats) -> None:
+        step = float((times[-1] - times[0]) / (SEGMENT - 1))
         if step <= 0.0 or np.diff(times).max() > 5.0 * step or not np.isfinite(values).all():
             return
-        spectrum = np.fft.rfft((values - values.mean(axis=0)) * self._window[:, None], axis=0)
+        self._take(np.fft.rfft((values - values.mean(axis=0)) * self._window[:, None], axis=0), step)
+        self._seconds += step
+        self.segments += 1
+
+    @abstractmethod
+    def _take(self, spectrum: Any, step: float) -> None:
+        """A segment's spectrum (SEGMENT // 2 + 1, columns), sampled each `step` s."""
+
+    @property
+    def _step(self) -> float:
+        """s between samples, on average."""
+        return self._seconds / max(self.segments, 1)
+
+
+class Spectrum(_Segments):
+    """Welch's averaged power spectral density (Hann window, half overlap).
+
+    P. Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
+    """
+
+    def __init__(self, columns: int) -> None:
+        super().__init__(columns)
+        self._sum = np.zeros((SEGMENT // 2 + 1, columns))
+
+    def _take(self, spectrum: Any, step: float) -> None:
         power = np.abs(spectrum) ** 2 * step / (self._window**2).sum()
         power[1:-1] *= 2.0
         self._sum += power
-        self._seconds += step
-        self.segments += 1
 
     def density(self) -> tuple[Floats, Floats]:
         """Frequencies (m,) in Hz and power per Hz (m, columns); empty before a whole segment came."""
         if not self.segments:
             return np.empty(0), np.empty((0, self._sum.shape[1]))
-        step = self._seconds / self.segments
-        return np.fft.rfftfreq(SEGMENT, step), self._sum / self.segments
+        return np.fft.rfftfreq(SEGMENT, self._step), self._sum / self.segments
 
     def rms_above(self, frequency: float) -> Floats:
         """(columns,): root mean square of what is above so many Hz."""
@@ -285,6 +305,38 @@ class Spectrum:
             return np.zeros(self._sum.shape[1])
         kept: Floats = np.sqrt(density[frequencies > frequency].sum(axis=0) * (frequencies[1] - frequencies[0]))
         return kept
+
+
+class Response(_Segments):
+    """The step response that commands and answers imply, by deconvolution (Wiener's): cross spectrum over spectrum.
+
+    Frequencies that the commands hardly hold count little, so that the answer is smooth where nothing is known.
+    """
+
+    def __init__(self, axes: int) -> None:
+        super().__init__(2 * axes)
+        self._axes = axes
+        self._cross = np.zeros((SEGMENT // 2 + 1, axes), np.complex128)
+        self._power = np.zeros((SEGMENT // 2 + 1, axes))
+
+    def add_pairs(self, times: Floats, commands: Floats, answers: Floats) -> None:
+        """(n,), (n, axes) and (n, axes)."""
+        self.add(times, np.column_stack((commands, answers)))
+
+    def _take(self, spectrum: Any, step: float) -> None:
+        command, answer = spectrum[:, : self._axes], spectrum[:, self._axes :]
+        self._cross += command.conj() * answer
+        self._power += np.abs(command) ** 2
+
+    def step_response(self, seconds: float) -> tuple[Floats, Floats]:
+        """Times (m,) after a step of 1 and what follows (m, axes); empty if nothing was commanded."""
+        if not self.segments or not self._power.max(axis=0).all():
+            return np.empty(0), np.empty((0, self._axes))
+        transfer = self._cross / (self._power + _WIENER * self._power.max(axis=0))
+        transfer[0] = transfer[1].real  # the means were taken off
+        impulse = np.fft.irfft(transfer, SEGMENT, axis=0)
+        count = min(round(seconds / self._step), SEGMENT // 2)
+        return np.arange(count) * self._step, np.cumsum(impulse[:count], axis=0)
 
 
 class Rings:

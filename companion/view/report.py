@@ -34,6 +34,7 @@ _NED = ("north", "east", "down")
 _EULER = ("roll", "pitch", "yaw")
 _BAND_COLORS = (BLUE, AMBER, GREEN, VIOLET, TEAL)
 _MOST_BANDS = 60
+_RESPONSE_S = 0.6
 
 
 class Curve(msgspec.Struct, frozen=True):
@@ -406,12 +407,18 @@ def _guard(flight: Gathered) -> list[Chart]:
         curves = [
             curve
             for index, key in enumerate(keys)
-            for curve in _curve(flight.lines[key], key.partition(".")[2], AXES[index % 3])
+            for curve in _curve(flight.lines[key], _axis_name(key), AXES[index % 3])
         ]
         charts.append(
             Chart("Surroundings", group.removeprefix("trace:").replace("_", " ").capitalize(), "", tuple(curves))
         )
     return charts
+
+
+def _axis_name(key: str) -> str:
+    """Of a line with a number behind its key."""
+    name, _, column = key.partition(".")
+    return _NED[int(column)] if name.endswith("_ned") and column else column
 
 
 def _timing(flight: Gathered) -> list[Chart]:
@@ -431,7 +438,7 @@ def _timing(flight: Gathered) -> list[Chart]:
 
 
 def _spectra(flight: Gathered) -> list[Chart]:
-    section = "Spectra"
+    section = "Spectra and step response"
     charts = []
     own = [flight.vehicle_rates.get(f"{flight.vehicle}/{name}") for name in ("ATTITUDE_QUATERNION", "ATTITUDE")]
     rates = next((spectrum for spectrum in (flight.rates, *own) if spectrum is not None and spectrum.segments), None)
@@ -446,6 +453,10 @@ def _spectra(flight: Gathered) -> list[Chart]:
             Curve(_EULER[axis], AXES[axis], _packed(frequencies[1:]), _packed(density[1:, axis])) for axis in range(3)
         )
         charts.append(Chart(section, title, unit, curves, "log", "Hz"))
+    times, response = flight.response.step_response(_RESPONSE_S)
+    curves = tuple(Curve(_EULER[axis], AXES[axis], _packed(times), _packed(response[:, axis])) for axis in range(3))
+    if len(times):
+        charts.append(Chart(section, "Answer of the body rates to a step of the rate command", "1", curves, "xy"))
     return charts
 
 

@@ -58,6 +58,20 @@ def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path) -> None
     assert flight.clearance_counts.sum() == 15 * 250
 
 
+@pytest.mark.parametrize(("thrust", "torque", "levels"), [(1.0, 0.5, [Level.WARNING]), (0.5, -1.0, [Level.NOTE])])
+def test_a_command_at_the_end_of_its_range_is_said(
+    tmp_path: Path, thrust: float, torque: float, levels: list[Level]
+) -> None:
+    def change(time: float, values: Values) -> None:
+        if 3.0 <= time < 3.1:
+            values["thrust_command"], values["torque_command"] = thrust, (0.0, 0.0, torque)
+
+    found = findings(Gathered(make(tmp_path, 6.0, change=change)))
+    ends = [finding for finding in found if finding.text.endswith("reached the end of its range.")]
+    assert [finding.level for finding in ends] == levels, "the torque is not what is sent with rates"
+    assert ends[0].at == pytest.approx((3.0,))
+
+
 def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) -> None:
     flight = Gathered(make(tmp_path, silent=(12.0, 12.6), late_ms={750: 7.0, 1000: 1.9}))
     found = findings(flight)

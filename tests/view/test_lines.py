@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.view.lines import BUCKETS, SEGMENT, Line, Regularity, Rings, Spectrum, Stretches, Track, thin
+from companion.view.lines import BUCKETS, SEGMENT, Line, Regularity, Response, Rings, Spectrum, Stretches, Track, thin
 
 
 @given(st.integers(1, 400), st.integers(1, 60), st.integers(0, 2**32 - 1))
@@ -107,6 +107,28 @@ def test_a_spectrum_leaves_out_what_spans_a_gap() -> None:
     times[SEGMENT // 2 :] += 3.0
     spectrum.add(times, np.ones((SEGMENT, 1)))
     assert spectrum.segments == 0
+
+
+def test_a_first_order_lag_is_found_in_its_commands_and_answers() -> None:
+    """The analytic answer of a lag of rate k to a step: 1 - exp(-k t); an axis with the sign turned answers with -1."""
+    generator = np.random.default_rng(7)
+    step, k = 0.004, 20.0
+    decay = math.exp(-k * step)
+    commands = np.repeat(generator.normal(size=(2000, 1)), 10, axis=0)
+    answers = np.zeros_like(commands)
+    for index in range(1, len(commands)):
+        answers[index] = decay * answers[index - 1] + (1.0 - decay) * commands[index - 1]
+    response = Response(2)
+    times = np.arange(len(commands)) * step
+    for start in range(0, len(times), 900):
+        part = slice(start, start + 900)
+        pair = np.column_stack((answers[part], -answers[part]))
+        response.add_pairs(times[part], np.column_stack((commands[part], commands[part])), pair)
+    after, found = response.step_response(0.4)
+    wanted = 1.0 - np.exp(-k * after)
+    assert len(after) == 100
+    assert np.abs(found[10:, 0] - wanted[10:]).max() < 0.06
+    assert np.allclose(found[:, 1], -found[:, 0])
 
 
 def test_rings_keep_the_nearest_return_of_each_bearing() -> None:
