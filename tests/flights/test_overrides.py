@@ -18,7 +18,12 @@ AIRFRAME = Airframe.load(find("vehicles", "paper_quad"))
 
 def test_a_vehicle_other_than_the_companion_thinks(tmp_path: Path) -> None:
     """It is heavier and sees itself late; the log says so, and the truth beside it has the rotors of that weight."""
-    given = ["vehicle.body.mass_kg=1.35", "vehicle.telemetry.delay_s=0.012", "mission.takeoff_height=4", "rates.scan=10"]
+    given = [
+        "vehicle.body.mass_kg=1.35",
+        "vehicle.telemetry.delay_s=0.012",
+        "mission.takeoff_height=4",
+        "rates.scan=10",
+    ]
     given += ["mission.waypoints=[{north=0.0, east=0.0, height=4.0, hold_s=4.0}]"]
     options = [part for override in given for part in ("--set", override)]
     done = run("companion", "demo", "hover", "--truth", "--json", "--log", str(tmp_path), *options)

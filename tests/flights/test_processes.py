@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+import table_3
 from processes import Process, free_port, pair, run
 
 from companion.autopilot import Autopilot, Datagram, Tick
@@ -24,6 +25,7 @@ from companion.trace import TRACE
 from protocol import datafile
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
+from studies.paper_settings import paper_settings
 
 KILLS = 20
 KILL_PACE = 4.0
@@ -47,6 +49,14 @@ def test_demo_in_lockstep_delivers_and_repeats_to_the_byte(tmp_path: Path) -> No
     assert digest(first["log"]) == digest(second["log"])
     hashes = [run("companion", "digest", str(verdict["log"])).stdout for verdict in (first, second)]
     assert hashes[0] == hashes[1] and len(hashes[0].split()) == 4
+
+
+@pytest.mark.parametrize("c", table_3.RISE_AND_OVERSHOOT)
+def test_step_of_one_metre_over_udp_is_table_3(c: float, tmp_path: Path) -> None:
+    overrides = [part for override in paper_settings(c) for part in ("--set", override)]
+    verdict = demo(tmp_path, "step", *overrides)
+    assert verdict["outcome"] == "flown"
+    table_3.check(LogReader(verdict["log"]).array(TRACE.topic), c)
 
 
 @pytest.fixture(scope="module")
