@@ -31,12 +31,14 @@ RECORD_TYPES = (TRACE, TICK, REQUEST, LOOP)
 
 _LOG_LEVEL = {0: 50, 1: 50, 2: 50, 3: 40, 4: 30, 5: 20, 6: 20}
 """MAV_SEVERITY -> `logging`'s level."""
-_SPIN_S = 1e-3
+SPIN_S = 1e-3
+"""A tick is spun for from so long before it: a sleeping core may wake late."""
 _STATUS_EVERY_S = 0.2
 _LOG_CHECK_NS = 100_000_000
 _LOCKSTEP_PATIENCE_S = 3.0
 _START_PATIENCE_S = 0.2
-_LATE_NS = 2_000_000
+LATE_NS = 2_000_000
+"""Half a period: a tick later than that has missed its deadline."""
 _TIMESYNC = 111
 
 
@@ -127,7 +129,7 @@ class Runner:
         due = clock.now_ns() + TICK_NS
         while not autopilot.ended:
             wait = clock.wall_seconds_until(due)
-            data = transport.receive(max(wait - _SPIN_S, 0.0))
+            data = transport.receive(max(wait - SPIN_S, 0.0))
             while data is None and clock.now_ns() < due:
                 data = transport.receive(0.0)
             now = clock.now_ns()
@@ -139,7 +141,7 @@ class Runner:
                     self._log.record(LOOP, now, LOOP.pack(time.perf_counter_ns() - began))
             if now >= due:
                 late = now - due
-                if late > _LATE_NS * clock.factor:
+                if late > LATE_NS * clock.factor:
                     self.missed_deadlines += 1
                 self._send(now, self._tick(now, late))
                 due += TICK_NS * (1 + late // TICK_NS)
