@@ -297,17 +297,13 @@ def _add_beams(
     size = log_odds.shape[0]
     middle_n, middle_e = (corner_row + 0.5 * size) * cell, (corner_column + 0.5 * size) * cell
     count = bearings.shape[0]
-    sides = np.empty((count, 4))
+    sides, slopes = _directions(bearings, attitudes, 0.5 * width)
     arc = np.empty(count)
     for k in range(count):
         arc[k] = -1.0
         if not known[k]:
             continue
-        origin = positions[k]
-        left = rotate(attitudes[k], _beam(bearings[k] - 0.5 * width))
-        right = rotate(attitudes[k], _beam(bearings[k] + 0.5 * width))
-        down = rotate(attitudes[k], _beam(bearings[k]))[2]
-        sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3] = left[0], left[1], right[0], right[1]
+        origin, down = positions[k], slopes[k]
         aside = max(abs(origin[0] - middle_n), abs(origin[1] - middle_e))
         reach = min(_within_layer(origin[2] - height, down, layer), 0.5 * size * cell - aside - 2.0 * cell)
         free = min(ranges[k], reach)
@@ -334,8 +330,22 @@ def _add_beams(
 
 
 @compiled
-def _beam(bearing: float) -> Array:
-    return np.array([math.cos(bearing), math.sin(bearing), 0.0])
+def _directions(bearings: Array, attitudes: Array, half: float) -> tuple[Array, Array]:
+    """North and east of each beam's left and right edge (n, 4), and the down component of its middle (n,)."""
+    count = bearings.shape[0]
+    sides, slopes = np.empty((count, 4)), np.empty(count)
+    forward, right = np.zeros(3), np.zeros(3)
+    for k in range(count):
+        if k == 0 or np.any(attitudes[k] != attitudes[k - 1]):
+            forward = rotate(attitudes[k], np.array([1.0, 0.0, 0.0]))
+            right = rotate(attitudes[k], np.array([0.0, 1.0, 0.0]))
+        for edge in range(2):
+            bearing = bearings[k] - half if edge == 0 else bearings[k] + half
+            cos, sin = math.cos(bearing), math.sin(bearing)
+            sides[k, 2 * edge] = cos * forward[0] + sin * right[0]
+            sides[k, 2 * edge + 1] = cos * forward[1] + sin * right[1]
+        slopes[k] = math.cos(bearings[k]) * forward[2] + math.sin(bearings[k]) * right[2]
+    return sides, slopes
 
 
 @compiled
@@ -357,22 +367,26 @@ def _free_wedge(
     each cell belongs to one of them.
     """
     mask = log_odds.shape[0] - 1
-    tops = np.array([north, north + reach * sides[0], north + reach * sides[2]]) / cell
-    spans = np.array([east, east + reach * sides[1], east + reach * sides[3]]) / cell
-    slopes = np.empty(3)
-    for p in range(3):
-        q = (p + 1) % 3
-        rise = tops[q] - tops[p]
-        slopes[p] = (spans[q] - spans[p]) / rise if rise != 0.0 else 0.0  # not used: no row lies between
+    y0, x0 = north / cell, east / cell
+    y1, x1 = y0 + reach * sides[0] / cell, x0 + reach * sides[1] / cell
+    y2, x2 = y0 + reach * sides[2] / cell, x0 + reach * sides[3] / cell
+    # An edge along a row is crossed by none: its slope is not used.
+    slope_01 = (x1 - x0) / (y1 - y0) if y1 != y0 else 0.0
+    slope_12 = (x2 - x1) / (y2 - y1) if y2 != y1 else 0.0
+    slope_02 = (x2 - x0) / (y2 - y0) if y2 != y0 else 0.0
     level_square = (level / cell) ** 2 * (sides[0] * sides[0] + sides[1] * sides[1])
-    for i in range(math.ceil(tops.min() - 0.5), math.ceil(tops.max() - 0.5)):
+    for i in range(math.ceil(min(y0, y1, y2) - 0.5), math.ceil(max(y0, y1, y2) - 0.5)):
         y = i + 0.5
         low, high = math.inf, -math.inf
-        for p in range(3):
-            q = p + 1 if p < 2 else 0
-            if (tops[p] <= y) != (tops[q] <= y):
-                x = spans[p] + (y - tops[p]) * slopes[p]
-                low, high = min(low, x), max(high, x)
+        if (y0 <= y) != (y1 <= y):
+            x = x0 + (y - y0) * slope_01
+            low, high = min(low, x), max(high, x)
+        if (y1 <= y) != (y2 <= y):
+            x = x1 + (y - y1) * slope_12
+            low, high = min(low, x), max(high, x)
+        if (y0 <= y) != (y2 <= y):
+            x = x0 + (y - y0) * slope_02
+            low, high = min(low, x), max(high, x)
         if low > high:
             continue
         row = i & mask
@@ -380,7 +394,7 @@ def _free_wedge(
             column = j & mask
             before = log_odds[row, column]
             if before > _STRONG:
-                dn, de = y - tops[0], j + 0.5 - spans[0]
+                dn, de = y - y0, j + 0.5 - x0
                 faded = _faded(before, now_s - seen_s[row, column], fading)
                 if faded > _STRONG and dn * dn + de * de > level_square:
                     continue
