@@ -41,7 +41,7 @@ def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path) -> None
     def change(time: float, values: Values) -> None:
         values["limited"] = 5.0 <= time < 6.0
         values["blocked"] = 8.0 <= time < 10.0 or 12.0 <= time < 12.5
-        values["clearance"] = math.hypot(0.5, time - 9.0) if time < 15.0 else math.inf
+        values["clearance"] = math.hypot(0.5, time - 9.0) if time < 19.0 else math.inf
 
     flight = Gathered(make(tmp_path, change=change))
     found = findings(flight)
@@ -55,7 +55,7 @@ def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path) -> None
     clearance = about(found, "clearance")
     assert (clearance.level, clearance.at) == (Level.WARNING, (9.0,))
     assert "0.50 m" in clearance.text
-    assert flight.clearance_counts.sum() == 15 * 250
+    assert flight.clearance_counts.sum() == 19 * 250
 
 
 @pytest.mark.parametrize(("thrust", "torque", "levels"), [(1.0, 0.5, [Level.WARNING]), (0.5, -1.0, [Level.NOTE])])
