@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -51,10 +51,10 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
     if settings is not None:
         chosen = load_settings(settings, changes[""])
     else:
-        tables = msgspec.json.decode(_attachment(log, "settings.json"), type=dict)
+        tables: dict[str, Any] = _json(f"{path}, settings.json", _attachment(log, "settings.json"), dict[str, Any])
         chosen = datafile.convert(tables, Settings, f"{path}, settings.json", changes[""])
     flown_with = datafile.by_first_word(
-        msgspec.json.decode(flight.get("overrides", "[]"), type=list[str]), ("mission",)
+        _json(f"{path}, overrides", flight.get("overrides", "[]"), list[str]), ("mission",)
     )
     try:
         output = Output(flight["output"])
@@ -88,6 +88,13 @@ def _attachment(log: LogReader, name: str) -> bytes:
         return log.attachments[name]
     except KeyError:
         raise FlightLogError(f"{log.path}: {name} is not attached, so the flight can't be flown again") from None
+
+
+def _json(source: str, text: str | bytes, kind: type[T]) -> T:
+    try:
+        return msgspec.json.decode(text, type=kind)
+    except msgspec.DecodeError as error:
+        raise FlightLogError(f"{source}: {error}") from error
 
 
 def _table(log: LogReader, name: str, record: type[T], overrides: Sequence[str] = ()) -> T:

@@ -165,6 +165,13 @@ def test_another_version_is_said(fly: Flyer, tmp_path: Path) -> None:
     assert any("courier 0.0.9" in note for note in notes) and any("numpy 1.0" in note for note in notes)
 
 
+@pytest.mark.parametrize(("name", "value"), [("overrides", "{"), ("overrides", "[1]"), ("output", "wings")])
+def test_damaged_words_are_refused(fly: Flyer, tmp_path: Path, name: str, value: str) -> None:
+    path = rewritten(fly(), tmp_path / "damaged.mcap", flight={name: value})
+    with pytest.raises(FlightLogError, match=f"damaged.mcap.*{name}"):
+        replay(path)
+
+
 def test_what_is_no_flight_is_refused(many_chunks: Path, tmp_path: Path) -> None:
     for path in (many_chunks, DATA / "px4_offboard.tlog", tmp_path / "none.mcap"):
         with pytest.raises(FlightLogError, match=path.name):
