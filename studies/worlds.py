@@ -1,0 +1,397 @@
+"""Places to fly through, made by seed: `python -m studies worlds NAME --seed N --picture`.
+
+All are NED with the take-off at (0, 0) and the way to the goal roughly north. Everything stands `TALL` above the
+ground, so that there is no way over it. The file is the world: what is flown is read from it.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.mission import Mission, Waypoint
+from protocol import datafile
+from protocol.frames import Array
+from vehicle_sim.world import World
+
+TALL = 10.0
+"""m"""
+HULL = 0.36
+"""m, `vehicles/paper_quad.toml`'s radius."""
+JACKAL_WIDTH = 0.43
+"""m, the robot of the BARN worlds."""
+BARN_SCALE = 2.0 * HULL / JACKAL_WIDTH
+"""Lengths of the BARN worlds are multiplied by this: a passage keeps its width in widths of the vehicle. Times are not
+scaled, so speeds are multiplied by it, too."""
+WALKING_HEIGHT = 2.0
+"""m, of flights among walkers. A walker is `TALL` as well: a real one would leave the tilted ring's plane."""
+
+_ORIGIN = {"latitude_deg": 47.3977, "longitude_deg": 8.5456, "altitude_m": 488.0}
+_CELL_M = 0.1
+_TRIES = 1000
+
+Place = tuple[float, float]
+"""North, east (m)."""
+Solids = dict[str, list[dict[str, Any]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A world as its file's tables, and the way through it."""
+
+    name: str
+    tables: dict[str, Any]
+    waypoints: tuple[Place, ...]
+    """The last is the goal."""
+    height: float = 3.0
+    """m above the ground, of the flight."""
+
+    @property
+    def goal(self) -> Place:
+        return self.waypoints[-1]
+
+    def world(self) -> World:
+        return World.from_tables(self.tables, self.name)
+
+    def mission(self, speed: float, world: Path) -> Mission:
+        """Take off, go there, land; `world` is where `save` put the world."""
+        points = [Waypoint(north, east, self.height, hold_s=1.0) for north, east in self.waypoints]
+        return Mission(self.name, points, world=str(world), takeoff_height=self.height, speed=speed, return_home=False)
+
+    def save(self, folder: Path, speed: float = 5.0) -> tuple[Path, Path]:
+        """Write NAME.toml, the world, and NAME_mission.toml, which flies through it; their paths."""
+        folder.mkdir(parents=True, exist_ok=True)
+        world, mission = folder / f"{self.name}.toml", folder / f"{self.name}_mission.toml"
+        world.write_text(toml(self.tables), encoding="utf-8")
+        points = [{"north": n, "east": e, "height": self.height, "hold_s": 1.0} for n, e in self.waypoints]
+        plan = {
+            "name": self.name,
+            "world": str(world.absolute()),
+            "takeoff_height": self.height,
+            "speed": speed,
+            "return_home": False,
+            "waypoints": points,
+        }
+        mission.write_text(toml(plan), encoding="utf-8")
+        return world, mission
+
+
+def toml(tables: Mapping[str, Any]) -> str:
+    """Text of one level of tables and arrays of tables, which is all that worlds and missions have."""
+    lines = [f"{key} = {_value(value)}" for key, value in tables.items() if not _is_table(value)]
+    for key, value in tables.items():
+        if not _is_table(value):
+            continue
+        head = f"[{key}]" if isinstance(value, dict) else f"[[{key}]]"
+        for table in [value] if isinstance(value, dict) else value:
+            lines += ["", head, *(f"{name} = {_value(each)}" for name, each in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _value(value: object) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+            return f'"{escaped}"'
+        case list() | tuple():
+            return f"[{', '.join(_value(each) for each in value)}]"
+        case _:
+            return repr(value)
+
+
+def _m(value: float) -> float:
+    return round(float(value), 2)
+
+
+def _place(north: float, east: float) -> list[float]:
+    return [_m(north), _m(east)]
+
+
+def _site(name: str, seed: int, solids: Solids, *waypoints: Place, height: float = 3.0) -> Site:
+    named = {
+        kind: [{"name": f"{kind} {number}", **solid} for number, solid in enumerate(rows, start=1)]
+        for kind, rows in solids.items()
+        if rows
+    }
+    full_name = f"{name}_{seed}"
+    return Site(full_name, {"name": full_name, "origin": dict(_ORIGIN), **named}, waypoints, height)
+
+
+def _disc(north: float, east: float, radius: float) -> dict[str, Any]:
+    return {"center": _place(north, east), "radius": _m(radius), "height": TALL}
+
+
+def _wall(start: Place, end: Place, thickness: float = 0.2) -> dict[str, Any]:
+    return {"start": _place(*start), "end": _place(*end), "thickness": thickness, "height": TALL}
+
+
+# --- what there is ---
+
+
+def forest(seed: int, density: float = 1 / 25, diameter: float = 0.6) -> Site:
+    """Trunks of a Poisson process, `density` a m2, on 30 x 60 m; 40 m to the goal. After Loquercio et al. 2021. No
+    trunk's surface is within 2.5 m of start and goal."""
+    rng = np.random.default_rng(seed)
+    goal = (40.0, 0.0)
+    count = int(rng.poisson(density * 30.0 * 60.0))
+    places = np.stack((rng.uniform(-10.0, 50.0, count), rng.uniform(-15.0, 15.0, count)), axis=1)
+    free = 2.5 + 0.5 * diameter
+    kept = [p for p in places.tolist() if math.hypot(*p) > free and math.dist(p, goal) > free]
+    return _site(
+        f"forest{round(1 / density)}", seed, {"cylinder": [_disc(n, e, 0.5 * diameter) for n, e in kept]}, goal
+    )
+
+
+def u_trap(seed: int) -> Site:
+    """Three walls open towards the start, whose middle the straight way runs into; inside 6-10 m wide, 5-9 m deep."""
+    rng = np.random.default_rng(seed)
+    half, depth, back = rng.uniform(3.0, 5.0), rng.uniform(5.0, 9.0), rng.uniform(16.0, 20.0)
+    aside = rng.uniform(-0.6, 0.6) * half
+    left, right = aside - half, aside + half
+    walls = [
+        _wall((back, left), (back, right)),
+        _wall((back - depth, left), (back, left)),
+        _wall((back - depth, right), (back, right)),
+    ]
+    return _site("utrap", seed, {"wall": walls}, (32.0, 0.0))
+
+
+def gap(seed: int, width: float = 0.9) -> Site:
+    """A wall 40 m long, 0.2 m thick and turned by up to 15 degrees, with one gap, up to 3 m off the straight way.
+
+    `width` is the gap's free width (m), as in the set-up by Loquercio et al. (0.8-1.0 m); it is not scaled to the
+    vehicle. Our hull of 0.72 m has 9 cm on either side of it in 0.9 m."""
+    rng = np.random.default_rng(seed)
+    north, east, turn = rng.uniform(15.0, 20.0), rng.uniform(-3.0, 3.0), math.radians(rng.uniform(-15.0, 15.0))
+    along = np.array([-math.sin(turn), math.cos(turn)])
+    middle = np.array([north, east])
+
+    def at(distance: float) -> list[float]:
+        return list(map(float, middle + distance * along))
+
+    # in full, not in whole centimetres: rounding would change the width
+    walls = [
+        {"start": at(-20.0), "end": at(-0.5 * width), "thickness": 0.2, "height": TALL},
+        {"start": at(0.5 * width), "end": at(20.0), "thickness": 0.2, "height": TALL},
+    ]
+    return _site("gap", seed, {"wall": walls}, (35.0, 0.0))
+
+
+def pole(seed: int) -> Site:
+    """A pole of 1.5 m on the way, up to 0.5 m to its side, far enough off that the vehicle has its speed."""
+    rng = np.random.default_rng(seed)
+    return _site(
+        "pole", seed, {"cylinder": [_disc(rng.uniform(24.0, 28.0), rng.uniform(-0.5, 0.5), 0.75)]}, (45.0, 0.0)
+    )
+
+
+def maze(seed: int, cells: int = 6, cell: float = 4.0) -> Site:
+    """A maze of `cells` x `cells` rooms, walled in, from one corner to the one across: a tree of ways by depth-first
+    search, and a tenth of its inner walls taken away besides."""
+    rng = np.random.default_rng(seed)
+    walls = {(room, other) for room in _rooms(cells) for other in _neighbours(room, cells) if room < other}
+    path, seen = [(0, 0)], {(0, 0)}
+    while path:
+        fresh = [room for room in _neighbours(path[-1], cells) if room not in seen]
+        if not fresh:
+            path.pop()
+            continue
+        room = fresh[rng.integers(len(fresh))]
+        walls.discard((min(path[-1], room), max(path[-1], room)))
+        seen.add(room)
+        path.append(room)
+    standing = [pair for pair in sorted(walls) if rng.random() >= 0.1]
+    low, high = -0.5 * cell, (cells - 0.5) * cell
+    rows = [_wall((low, low), (low, high)), _wall((high, low), (high, high)), _wall((low, low), (high, low)),
+            _wall((low, high), (high, high))]  # fmt: skip
+    for (i, j), (k, m) in standing:
+        north, east = 0.5 * (i + k) * cell, 0.5 * (j + m) * cell
+        along = (0.0, 0.5 * cell) if i != k else (0.5 * cell, 0.0)
+        rows.append(_wall((north - along[0], east - along[1]), (north + along[0], east + along[1])))
+    goal = (cells - 1) * cell
+    return _site("maze", seed, {"wall": rows}, (goal, goal))
+
+
+def _rooms(cells: int) -> list[tuple[int, int]]:
+    return [(i, j) for i in range(cells) for j in range(cells)]
+
+
+def _neighbours(room: tuple[int, int], cells: int) -> list[tuple[int, int]]:
+    i, j = room
+    around = [(i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)]
+    return [(a, b) for a, b in around if 0 <= a < cells and 0 <= b < cells]
+
+
+def pop_up(seed: int, ahead: float = 2.0) -> Site:
+    """A pillar of 0.2 m that is not there until the vehicle is `ahead` (m, to its surface) before it; after IPC."""
+    rng = np.random.default_rng(seed)
+    pillar = {**_disc(rng.uniform(12.0, 18.0), rng.uniform(-0.2, 0.2), 0.1), "appears_within": ahead}
+    return _site("popup", seed, {"cylinder": [pillar]}, (30.0, 0.0))
+
+
+def street(seed: int, walkers: int = 10) -> Site:
+    """Walkers of 0.6 m at 0.6-1.5 m/s, half of them across a street of 12 m between walls, half along it, to and fro.
+
+    None of them comes within 4 m of start and goal. They don't look out, and they don't stop."""
+    rng = np.random.default_rng(seed)
+    length, half = 40.0, 6.0
+    rows = []
+    for number in range(walkers):
+        speed = _m(rng.uniform(0.6, 1.5))
+        if number % 2:
+            ends = [_place(rng.uniform(5.0, length - 5.0), side * (half - 0.5)) for side in (-1.0, 1.0)]
+        else:
+            north, east = rng.uniform(5.0, length - 5.0, 2), rng.uniform(0.5 - half, half - 0.5)
+            ends = [_place(each, east) for each in np.sort(north)]
+        share = rng.uniform()
+        (north_a, east_a), (north_b, east_b) = ends
+        start = (north_a + share * (north_b - north_a), east_a + share * (east_b - east_a))
+        rows.append({**_disc(*start, 0.3), "speed": speed, "route": ends})
+    walls = [_wall((-5.0, side * half), (length + 5.0, side * half)) for side in (-1.0, 1.0)]
+    return _site("street", seed, {"wall": walls, "cylinder": rows}, (length, 0.0), height=WALKING_HEIGHT)
+
+
+def barn(seed: int) -> Site:
+    """Cylinders after the manner of the BARN worlds: a random 30 x 30 grid of 0.15 m cells, 15-30 % full,
+    smoothed by a cellular automaton; a cylinder of 0.075 m stands in each full cell that has an empty neighbour. All
+    lengths times BARN_SCALE. Drawn again until there is a way through for the hull with 5 cm to spare.
+
+    10 m of way, 2.75 m of it before the field and after it, between two walls."""
+    rng = np.random.default_rng(seed)
+    cell, total = 0.15 * BARN_SCALE, 10.0 * BARN_SCALE
+    for _ in range(_TRIES):
+        field = _automaton(rng)
+        rows = [_disc(0.275 * total + (i + 0.5) * cell, (j - 14.5) * cell, 0.5 * cell) for i, j in np.argwhere(field)]
+        walls = [_wall((-1.5, side * 15.5 * cell), (total + 1.5, side * 15.5 * cell)) for side in (-1.0, 1.0)]
+        walls += [_wall((end, -15.5 * cell), (end, 15.5 * cell)) for end in (-1.5, total + 1.5)]
+        site = _site("barn", seed, {"cylinder": rows, "wall": walls}, (_m(total), 0.0))
+        if math.isfinite(shortest(site, HULL + 0.05)):
+            return site
+    raise ValueError(f"barn {seed}: no field with a way through in {_TRIES}")
+
+
+def _automaton(rng: np.random.Generator) -> NDArray[np.bool_]:
+    """(30, 30), what stands; only edges of what is full."""
+    full = rng.random((30, 30)) < rng.choice([0.15, 0.2, 0.25, 0.3])
+    for _ in range(int(rng.integers(2, 5))):
+        count = _count(full)
+        full = np.where(full, count >= 3, count >= 5)
+    edge: NDArray[np.bool_] = full & (_count(full) < 8)
+    return edge
+
+
+def _count(full: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Full cells among the eight around each; none outside."""
+    padded = np.pad(full.astype(np.int64), 1)
+    shifts = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
+    return sum((padded[i : i + 30, j : j + 30] for i, j in shifts), np.zeros((30, 30), np.int64))
+
+
+def fig6(seed: int) -> Site:
+    """The paper's Fig. 6 as in worlds/paper_fig6.toml; the seed is that of the noise alone."""
+    import tomllib
+
+    from companion import mission as missions
+
+    tables = tomllib.loads(datafile.find("worlds", "paper_fig6").read_text(encoding="utf-8"))
+    flown, _ = missions.load("paper_fig6")
+    points = tuple((point.north, point.east) for point in flown.waypoints)
+    return Site(f"fig6_{seed}", tables, points, flown.takeoff_height)
+
+
+SITES: dict[str, Callable[[int], Site]] = {
+    "forest": forest,
+    "utrap": u_trap,
+    "gap": gap,
+    "pole": pole,
+    "maze": maze,
+    "popup": pop_up,
+    "street": street,
+    "barn": barn,
+    "fig6": fig6,
+}
+"""By the names of the command line."""
+
+
+# --- ground truth ---
+
+
+def shortest(site: Site, radius: float) -> float:
+    """Length (m) of the shortest way of a disc of `radius` (m) from the start over all waypoints at the flight's
+    height, through what is there from the start and stands still; inf if there is none.
+
+    On a grid of 0.1 m with moves to 16 neighbours: up to 3 % too long."""
+    return float(sum(_leg(site, a, b, radius) for a, b in _legs(site)))
+
+
+def _legs(site: Site) -> Iterator[tuple[Place, Place]]:
+    places = [(0.0, 0.0), *site.waypoints]
+    return itertools.pairwise(places)
+
+
+def _leg(site: Site, start: Place, goal: Place, radius: float) -> float:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    low = np.minimum(start, goal) - 12.0
+    shape = tuple(int(n) for n in np.ceil((np.maximum(start, goal) + 12.0 - low) / _CELL_M))
+    free = _free(site, low, shape, radius)
+    numbers = np.arange(free.size).reshape(shape)
+    rows, columns, lengths = [], [], []
+    for i, j in ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)):
+        here = (slice(0, shape[0] - i), slice(max(0, -j), shape[1] - max(0, j)))
+        there = (slice(i, shape[0]), slice(max(0, j), shape[1] - max(0, -j)))
+        both = free[here] & free[there]
+        rows.append(numbers[here][both])
+        columns.append(numbers[there][both])
+        lengths.append(np.full(int(both.sum()), _CELL_M * math.hypot(i, j)))
+    edges = (np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns)))
+    graph = coo_array(edges, shape=(free.size, free.size)).tocsr()
+    first, last = (numbers[tuple(((np.array(p) - low) / _CELL_M).astype(int))] for p in (start, goal))
+    return float(dijkstra(graph, directed=False, indices=first)[last])
+
+
+def _free(site: Site, low: Array, shape: tuple[int, ...], radius: float) -> NDArray[np.bool_]:
+    """Cells whose middle is farther than `radius` from all that stands there."""
+    world = site.world()
+    north = low[0] + _CELL_M * (np.arange(shape[0]) + 0.5)[:, None]
+    east = low[1] + _CELL_M * (np.arange(shape[1]) + 0.5)[None, :]
+    free = np.ones(shape, np.bool_)
+    for box in world.boxes:
+        dn, de = north - box[0], east - box[1]
+        a = np.maximum(np.abs(dn * box[4] + de * box[5]) - box[2], 0.0)
+        b = np.maximum(np.abs(de * box[4] - dn * box[5]) - box[3], 0.0)
+        free &= a * a + b * b > radius * radius
+    for cylinder in world.cylinders:
+        free &= (north - cylinder[0]) ** 2 + (east - cylinder[1]) ** 2 > (cylinder[2] + radius) ** 2
+    return free
+
+
+def picture(site: Site) -> Any:
+    """A matplotlib figure of the world from above."""
+    from studies import style
+    from studies.route import draw_world
+
+    figure, axes = style.sheet(height=5.0, width=4.2)
+    draw_world(axes, site.world(), site.height)
+    for cylinder in site.tables.get("cylinder", ()):
+        if "route" in cylinder:
+            places = [*cylinder["route"], cylinder["route"][0]]
+            axes.plot([e for _, e in places], [n for n, _ in places], color=style.GREY, lw=0.7, ls="--")
+    places = [[0.0, 0.0], *site.waypoints]
+    axes.plot([e for _, e in places], [n for n, _ in places], color=style.GREY, lw=0.8, ls=":")
+    axes.plot(0.0, 0.0, "^", color=style.INK, ms=6)
+    axes.plot(site.goal[1], site.goal[0], "*", color=style.PALETTE[1], ms=10)
+    axes.set(xlabel="east / m", ylabel="north / m", aspect="equal", title=site.name)
+    return figure
