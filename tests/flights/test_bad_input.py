@@ -4,7 +4,8 @@ import socket
 from pathlib import Path
 
 import pytest
-from processes import free_port, run
+
+from tests.flights.processes import free_port, run
 
 
 def refused(*arguments: str) -> str:

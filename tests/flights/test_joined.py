@@ -7,7 +7,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-import table_3
 
 from companion import wire
 from companion.autopilot import Datagram
@@ -20,6 +19,7 @@ from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
 from studies.paper_settings import paper_settings
+from tests.flights import table_3
 from vehicle_sim.world import World
 
 COURIER = mission_of("courier")

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import run
 
 from companion import mission
 from protocol.datafile import find
 from protocol.flightlog import LogReader
 from protocol.frames import GRAVITY
+from tests.flights.processes import run
 from vehicle_sim.airframe import Airframe
 
 AIRFRAME = Airframe.load(find("vehicles", "paper_quad"))

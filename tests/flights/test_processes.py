@@ -13,8 +13,6 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-import table_3
-from processes import Process, free_port, pair, run
 
 from companion.autopilot import Autopilot, Datagram, Tick
 from companion.config import Settings, load_body
@@ -26,6 +24,8 @@ from protocol import datafile
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
 from studies.paper_settings import paper_settings
+from tests.flights import table_3
+from tests.flights.processes import Process, free_port, pair, run
 
 KILLS = 20
 KILL_PACE = 4.0

@@ -10,13 +10,13 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from foreign_pilot import AIRFRAME, EMPTY, LAND, ForeignPilot, tilted
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from test_vehicle_runner import Companion, hop, started
 from typer.testing import CliRunner
 
 from protocol.datafile import DataFileError, find
 from protocol.frames import GRAVITY
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, LAND, ForeignPilot, tilted
+from tests.vehicle_sim.test_vehicle_runner import Companion, hop, started
 from vehicle_sim import truth
 from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.cli import app

@@ -3,7 +3,9 @@
 import math
 
 import pytest
-from foreign_pilot import (
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from tests.vehicle_sim.foreign_pilot import (
     AIRFRAME,
     EMPTY,
     HOLD,
@@ -16,8 +18,6 @@ from foreign_pilot import (
     tilted,
     world_with_wall,
 )
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from vehicle_sim.flight_control import FORCE, TRANSITIONS, Mode
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED

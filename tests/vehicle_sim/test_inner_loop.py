@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from foreign_pilot import AIRFRAME, tilted
 from numpy.typing import NDArray
 
 from protocol.frames import GRAVITY, rotate, to_rotation_vector
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, tilted
 from vehicle_sim.airframe import parameters
 from vehicle_sim.inner_loop import COMMAND, Command, Level, attitude_law, mix, position_law
 from vehicle_sim.integrate import FEEDBACK, advance, scratch

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from foreign_pilot import AIRFRAME, tilted
 
 from protocol.frames import GRAVITY, rotate
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, tilted
 from vehicle_sim.airframe import parameters
 from vehicle_sim.integrate import scratch, step
 from vehicle_sim.rigid_body import ATTITUDE, POSITION, RATES, ROTORS, STATES, VELOCITY, Array, Parameters, derivative

@@ -6,10 +6,19 @@ import math
 
 import numpy as np
 import pytest
-from foreign_pilot import AIRFRAME, EMPTY, HOLD, OFFBOARD, UNSET, ForeignPilot, tilted, world_with_wall
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from protocol.frames import rotate_inverse, to_local
+from tests.vehicle_sim.foreign_pilot import (
+    AIRFRAME,
+    EMPTY,
+    HOLD,
+    OFFBOARD,
+    UNSET,
+    ForeignPilot,
+    tilted,
+    world_with_wall,
+)
 from vehicle_sim.flight_control import Severity
 from vehicle_sim.vehicle import DATAGRAM_BYTES
 

@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from foreign_pilot import AIRFRAME, EMPTY, OFFBOARD
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from typer.testing import CliRunner
 
 from protocol.transport import Udp
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, OFFBOARD
 from vehicle_sim import runner
 from vehicle_sim.cli import app
 from vehicle_sim.runner import Runner

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_logs import Values, make
 
 from companion.mission import Phase
 from companion.view.findings import Finding, Level, events, findings
 from companion.view.gather import Gathered
+from tests.view.made_logs import Values, make
 
 
 def about(found: list[Finding], subject: str) -> Finding:

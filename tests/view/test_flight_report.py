@@ -7,12 +7,12 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from browser import needs_chromium, opened
-from made_logs import from_tlog, make
 
 from companion.view.gather import Gathered
 from companion.view.report import Page, compose, write
 from protocol.flightlog import FlightLogError
+from tests.view.browser import needs_chromium, opened
+from tests.view.made_logs import from_tlog, make
 
 SHOWS = """([start, stop]) => Array.from(document.querySelectorAll(".plot"))
   .filter(plot => plot.layout.shapes?.length).map(plot => plot.layout.xaxis.range)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_logs import SPEED, Values, from_tlog, make
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_ros1.decoder import DecoderFactory as Ros1DecoderFactory
@@ -16,6 +15,7 @@ from companion.view.foxglove import convert
 from protocol.datafile import ROOT
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader
 from protocol.frames import from_euler
+from tests.view.made_logs import SPEED, Values, from_tlog, make
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 SCHEMAS = {

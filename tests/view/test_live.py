@@ -9,8 +9,6 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
-from browser import needs_chromium, opened
-from made_logs import SPEED, STEP_NS, make, telemetry
 from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator
@@ -22,6 +20,8 @@ from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
 from protocol.messages import Encoder
 from protocol.transport import Memory
+from tests.view.browser import needs_chromium, opened
+from tests.view.made_logs import SPEED, STEP_NS, make, telemetry
 
 
 def filled(source: Source) -> History:

@@ -4,11 +4,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from made_logs import make
 from typer.testing import CliRunner
 
 from companion.cli import app
 from companion.shell import UNUSABLE
+from tests.view.made_logs import make
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 
