@@ -14,6 +14,8 @@ NAME = "disturbed"
 TITLE = "Gusts and the parcel"
 
 _ALONE = 'avoidance.method="none"'
+_ANYWHERE = ("trajectory.settled_distance=3.0", "trajectory.settled_speed=3.0")
+"""The bare laws stand beside the waypoint in wind, and would wait there for ever to arrive."""
 _SETTLING = 1250
 """Control steps, 5 s."""
 
@@ -22,7 +24,7 @@ def hover(seed: int, overrides: tuple[str, ...] = ()) -> Array:
     """(n, 3) error (m) over a minute 10 m up, in a wind of 6 m/s with Dryden turbulence of W20 = 6 m/s."""
     mission = Mission("gusts", waypoints=[Waypoint(0.0, 0.0, 10.0, 65.0)], takeoff_height=10.0)
     wind = ("wind.mean_ned=[6.0, 0.0, 0.0]", "wind.turbulence_m_s=6.0")
-    joined = Joined(mission, overrides=(_ALONE, *overrides), seed=seed, world_overrides=wind)
+    joined = Joined(mission, overrides=(_ALONE, *_ANYWHERE, *overrides), seed=seed, world_overrides=wind)
     joined.fly(until=lambda each: each.autopilot.phase is Phase.RETURN, limit_s=120.0)
     trace = joined.trace()[:-1]
     chosen = (trace["phase"] == Phase.ROUTE.value) & (trace["state"] == State.FLY.value)
