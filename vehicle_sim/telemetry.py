@@ -16,7 +16,7 @@ from vehicle_sim.inner_loop import Level
 from vehicle_sim.integrate import TICK_NS
 from vehicle_sim.lidar import Lidar
 from vehicle_sim.motion import Motion
-from vehicle_sim.world import World
+from vehicle_sim.world import Scene
 
 _TICK_US = TICK_NS // 1000
 
@@ -81,11 +81,11 @@ class Telemetry:
     motion, the others time, battery and rotors."""
 
     def __init__(
-        self, encoder: Encoder, airframe: Airframe, world: World, lidar: Lidar, flight: FlightControl, start: Motion
+        self, encoder: Encoder, airframe: Airframe, scene: Scene, lidar: Lidar, flight: FlightControl, start: Motion
     ) -> None:
         self._encode = encoder.encode_fields
         self._airframe = airframe
-        self._world = world
+        self._scene = scene
         self._lidar = lidar
         self._flight = flight
         self.motion = self.truth = start
@@ -259,7 +259,7 @@ class Telemetry:
 
     def _geodetic(self, motion: Motion) -> tuple[int, int, int]:
         """Latitude, longitude (1e-7 degrees), altitude above mean sea level (mm)."""
-        latitude, longitude, altitude = frames.to_geodetic(np.array(motion.position_ned), self._world.origin)
+        latitude, longitude, altitude = frames.to_geodetic(np.array(motion.position_ned), self._scene.world.origin)
         return round(math.degrees(latitude) * 1e7), round(math.degrees(longitude) * 1e7), round(altitude * 1e3)
 
     def global_position_int(self) -> bytes:
@@ -407,7 +407,8 @@ class Telemetry:
     def obstacle_distance(self) -> bytes:
         """The newest scan whose age has reached the LiDAR's latency; its time is its own."""
         pose, settings = self._poses[0], self._lidar.settings
-        ring = self._lidar.ring(self._world, np.array(pose.position_ned), np.array(pose.attitude_ned_frd))
+        world = self._scene.at(pose.time_ns)
+        ring = self._lidar.ring(world, np.array(pose.position_ned), np.array(pose.attitude_ned_frd))
         return self._encode(
             dialect.MAVLink_obstacle_distance_message,
             pose.time_ns // 1000,
@@ -425,9 +426,10 @@ class Telemetry:
         """Forward, then downward: two frames. Nothing within range is the maximum plus one."""
         pose, settings = self._poses[0], self._lidar.settings
         position, attitude = np.array(pose.position_ned), np.array(pose.attitude_ned_frd)
+        world = self._scene.at(pose.time_ns)
         both = b""
         for number, orientation, direction in _FORWARD_DOWN:
-            distance = self._lidar.beam(self._world, position, direction, attitude)
+            distance = self._lidar.beam(world, position, direction, attitude)
             near, far = settings.min_range_cm, settings.max_range_cm
             both += self._encode(
                 dialect.MAVLink_distance_sensor_message,

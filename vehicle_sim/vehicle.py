@@ -20,7 +20,7 @@ from vehicle_sim.services import COMPONENT, SYSTEM, Services
 from vehicle_sim.telemetry import Telemetry
 from vehicle_sim.truth import Truth
 from vehicle_sim.wind import Wind
-from vehicle_sim.world import World
+from vehicle_sim.world import Scene, World
 
 DATAGRAM_BYTES = 1400
 """A datagram is not filled beyond this."""
@@ -67,7 +67,9 @@ class Vehicle:
         truth: Truth | None = None,
     ) -> None:
         self.airframe = airframe
-        self.world = world
+        self._scene = Scene(world)
+        self.world = self._scene.at(0)
+        """As it is now."""
         self._lockstep = lockstep
         self._datagrams = datagrams
         self._truth = truth
@@ -93,7 +95,7 @@ class Vehicle:
         self._encoder = Encoder(SYSTEM, COMPONENT)
         lidar_rng, wind_rng = np.random.default_rng(seed).spawn(2)
         lidar = Lidar(airframe.lidar, lidar_rng)
-        self.telemetry = Telemetry(self._encoder, airframe, world, lidar, self.flight, self.motion)
+        self.telemetry = Telemetry(self._encoder, airframe, self._scene, lidar, self.flight, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
         self._services = Services(self._encoder, self.flight, self.telemetry, world.origin[2], self._release)
         self._released_at_ned: Vector | None = None
@@ -141,6 +143,8 @@ class Vehicle:
         self.flight.step(truth)
         if self.world.force_ned != _NO_FORCE:
             self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned
+        if self._scene.world.restless:
+            self._move_world()
         self._watch_clearance(before, truth)
         if self._truth is not None:
             self._truth.record(self.time_ns, self.state, self._wind_ned)
@@ -151,6 +155,11 @@ class Vehicle:
         if self._lockstep:
             frames.append(self._encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
         return _datagrams(frames)
+
+    def _move_world(self) -> None:
+        self._scene.watch(self.time_ns, self.motion.position_ned)
+        self.world = self._scene.at(self.time_ns)
+        self._spare_m = 0.0  # what comes nearer by itself is measured at each tick
 
     def _watch_clearance(self, before: Motion, now: Motion) -> None:
         """Distance of the hull to the nearest obstacle; measured only where it may be less than the least so far."""

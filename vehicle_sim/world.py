@@ -3,11 +3,14 @@
 Axes are NED with the origin on the ground at the take-off pad. Obstacles are rows of two arrays, so that compiled code
 can walk them; heights become coordinates along the down axis, `down_top` < `down_bottom` <= 0 for what stands on or
 above the ground.
+
+Cylinders may move along a route or appear late: a `Scene` is a world in the course of one flight, and `Scene.at` the
+world at one instant, which stands still. A world without such is its own scene at all times.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,6 +32,7 @@ CYLINDER_COLUMNS = 5
 _PARALLEL = 1e-12  # a direction component this small never crosses the slab within any range that is asked for
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Place = tuple[float, float]
 """North, east (m)."""
@@ -90,10 +94,25 @@ class BoxTable(Solid, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class CylinderTable(Solid, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`[[cylinder]]`, upright."""
+    """`[[cylinder]]`, upright. From `center` it moves at `speed` (m/s) over the places of `route`, from the last to the
+    first and round again."""
 
     center: Place
     radius: Positive
+    route: tuple[Place, ...] = ()
+    speed: NotNegative = 0.0
+    appears_within: Positive | None = None
+    """It is not there until the vehicle's centre has come so near (m) to where its side will be, seen from above."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if bool(self.route) != (self.speed > 0.0):
+            raise ValueError("route: what moves has a route and a speed")
+        for north, east in self.route:
+            if not (math.isfinite(north) and math.isfinite(east)):
+                raise ValueError(f"route: {[north, east]} is no place")
+        if self.route and all(place == self.route[0] for place in (self.center, *self.route)):
+            raise ValueError("route: it leads nowhere")
 
 
 class WallTable(Solid, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -131,6 +150,38 @@ class WorldTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """Places one after the other, at one speed; after the last leg again from the place numbered `again`."""
+
+    places: Array  # (n, 2) north, east
+    again: int
+    speed: float
+    _at_m: Array = field(init=False, repr=False)  # (n,) way to each place
+
+    def __post_init__(self) -> None:
+        legs = np.hypot(*np.diff(self.places, axis=0).T)
+        object.__setattr__(self, "_at_m", np.concatenate(([0.0], np.cumsum(legs))))
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """North, east after so long on the way."""
+        way = self.speed * time_s
+        first, whole = self._at_m[self.again], self._at_m[-1]
+        if way > whole:
+            way = first + (way - first) % (whole - first) if whole > first else whole
+        north, east = (float(np.interp(way, self._at_m, self.places[:, axis])) for axis in (0, 1))
+        return north, east
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Restless:
+    """A cylinder that moves or appears late; `row` is its number among the world's cylinders."""
+
+    row: int
+    route: Route | None
+    appears_within: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class World:
     """Obstacles on flat ground. `names` holds the boxes' names, then the cylinders'."""
 
@@ -143,6 +194,7 @@ class World:
     wind: WindSettings = field(default_factory=WindSettings)
     force_ned: Vector = (0.0, 0.0, 0.0)
     """N, on the vehicle while it is in the air."""
+    restless: tuple[Restless, ...] = ()
 
     @classmethod
     def load(cls, path: Path, overrides: Sequence[str] = ()) -> "World":
@@ -176,6 +228,7 @@ class World:
             names=tuple(names),
             wind=table.wind,
             force_ned=table.disturbance.force_ned,
+            restless=tuple(_restless(row, each) for row, each in enumerate(table.cylinder) if _is_restless(each)),
         )
 
     def clearance(self, position_ned: Array) -> float:
@@ -193,6 +246,63 @@ class World:
     def range_along(self, position_ned: Array, direction_ned: Array, max_range_m: float) -> float:
         """Distance (m) along a unit vector (3,) to the first surface, the ground included; inf beyond `max_range_m`."""
         return float(cast_ray(self.boxes, self.cylinders, position_ned, direction_ned, max_range_m))
+
+
+class Scene:
+    """A world in the course of one flight; time runs from the vehicle's boot."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._waiting = [each for each in world.restless if each.appears_within is not None]
+        self._appeared_ns: dict[int, int] = {}
+        self._last: tuple[int, World] | None = None
+
+    def watch(self, time_ns: int, position_ned: Sequence[float]) -> None:
+        """The vehicle is here now: what has waited for it appears, from this time on."""
+        for each in self._waiting.copy():
+            north, east, radius = self.world.cylinders[each.row, :3].tolist()
+            distance = math.hypot(position_ned[0] - north, position_ned[1] - east) - radius
+            if each.appears_within is not None and distance <= each.appears_within:
+                self._waiting.remove(each)
+                self._appeared_ns[each.row] = time_ns
+                self._last = None
+
+    def at(self, time_ns: int) -> World:
+        """The world at a time up to now, standing still."""
+        world = self.world
+        if not world.restless:
+            return world
+        if self._last is None or self._last[0] != time_ns:
+            self._last = time_ns, self._still(time_ns)
+        return self._last[1]
+
+    def _still(self, time_ns: int) -> World:
+        world = self.world
+        cylinders, absent = world.cylinders.copy(), []
+        for each in world.restless:
+            since_ns: int | None = 0
+            if each.appears_within is not None:
+                since_ns = self._appeared_ns.get(each.row)
+            if since_ns is None or time_ns < since_ns:
+                absent.append(each.row)
+            elif each.route is not None:
+                cylinders[each.row, :2] = each.route.at((time_ns - since_ns) * 1e-9)
+        gone = {len(world.boxes) + row for row in absent}
+        names = tuple(name for number, name in enumerate(world.names) if number not in gone)
+        return replace(world, cylinders=np.delete(cylinders, absent, axis=0), names=names, restless=())
+
+
+def _is_restless(cylinder: CylinderTable) -> bool:
+    return bool(cylinder.route) or cylinder.appears_within is not None
+
+
+def _restless(row: int, cylinder: CylinderTable) -> Restless:
+    """The way from the centre to the route's first place is gone once, the round over the route again and again."""
+    route = None
+    if cylinder.route:
+        places = [cylinder.center, *cylinder.route, cylinder.route[0]]
+        route = Route(np.array(places, dtype=np.float64), 1, cylinder.speed)
+    return Restless(row, route, cylinder.appears_within)
 
 
 def _box_row(box: BoxTable) -> list[float]:
