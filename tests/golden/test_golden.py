@@ -1,10 +1,10 @@
-"""The golden flights come out as they were recorded. After a change that is meant: `python -m tests.golden update`."""
+"""The golden flights come out as recorded. After a change that is meant: `python tests/golden/golden.py update`."""
 
 import pytest
+from golden import FLIGHTS, difference, path_of
 
 from companion.logs.info import info
 from companion.logs.replay import replay
-from tests.golden.__main__ import FLIGHTS, difference, path_of
 
 each_flight = pytest.mark.parametrize("name", FLIGHTS)
 
@@ -12,7 +12,7 @@ each_flight = pytest.mark.parametrize("name", FLIGHTS)
 @each_flight
 def test_the_same_bytes_are_sent(name: str) -> None:
     result = replay(path_of(name))
-    assert not result.differences, f"run `python -m tests.golden update` if this is meant:\n{difference(result)}"
+    assert not result.differences, f"run `python tests/golden/golden.py update` if this is meant:\n{difference(result)}"
     assert result.datagrams > 500 and result.flown_s > 5.0
 
 

@@ -3,15 +3,16 @@
 from pathlib import Path
 
 import pytest
+from changed_logs import Flyer
+from processes import Process, run
 
 from companion.logs import play as player
 from companion.logs.play import play
 from protocol.flightlog import Direction, FlightLogError, datagrams
 from protocol.framing import Framer
+from protocol.messages import layout
 from protocol.tlog import TlogReader, from_vehicle
 from protocol.transport import Udp
-from tests.flights.processes import Process, run
-from tests.logs.helpers import Flyer
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 
@@ -99,8 +100,6 @@ def test_a_ground_station_sees_the_flight(fly: Flyer) -> None:
         while "OBSTACLE_DISTANCE" not in seen or "HEARTBEAT" not in seen:
             data = station.receive(30.0)
             assert data is not None
-            from protocol.messages import layout
-
             seen |= {layout(frame.message_id).name for frame in framer.datagram(data)}
         assert framer.bad_bytes == 0
         station.close()

@@ -6,6 +6,8 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from changed_logs import Flyer, rewritten, sent
+from processes import Process, run
 
 from companion.logs.difference import EXTRA, MISSING, Differ
 from companion.logs.replay import replay
@@ -13,9 +15,7 @@ from companion.runner import REQUEST
 from protocol.datafile import DataFileError
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
 from protocol.framing import Framer
-from protocol.messages import Encoder, decode, dialect
-from tests.flights.processes import Process, run
-from tests.logs.helpers import Flyer, rewritten, sent
+from protocol.messages import Encoder, decode, dialect, layout
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 AT_S = 6.0
@@ -101,7 +101,7 @@ def test_a_datagram_too_many_or_too_few_is_named(fly: Flyer, victim: Record, tmp
     result = replay(rewritten(fly(), tmp_path / "changed.mcap", change))
     assert {(each.field, each.first_ns) for each in result.differences} == {(where, victim.time_ns)}
     frames = Framer().datagram(sent(victim) or b"")
-    names = Counter(type(decode(frame)).msgname for frame in frames)
+    names = Counter(layout(frame.message_id).name for frame in frames)
     assert {each.message: each.count for each in result.differences} == names
 
 

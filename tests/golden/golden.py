@@ -1,6 +1,7 @@
-"""Golden flights: `python -m tests.golden update` says what the software would send otherwise today, and flies and
-records them anew."""
+"""Golden flights: `python tests/golden/golden.py update` says what the software would send otherwise today, and flies
+and records them anew."""
 
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -9,7 +10,6 @@ from companion.logs.replay import Replay, replay
 from companion.logs.writer import Writer
 from companion.runner import REQUEST, TICK
 from protocol.flightlog import DATAGRAM, LogReader
-from tests.flights.processes import run
 
 FOLDER = Path(__file__).resolve().parent
 FLIGHTS = {
@@ -29,7 +29,8 @@ def record(name: str) -> Path:
     """Fly it and keep its events alone. Raises RuntimeError if it does not land or does not come out the same."""
     with tempfile.TemporaryDirectory() as folder:
         mission = str(FOLDER / "short.toml")
-        done = run("companion", "demo", mission, "--no-report", "--log", folder, *FLIGHTS[name])
+        command = [sys.executable, "-m", "companion", "demo", mission, "--no-report", "--log", folder, *FLIGHTS[name]]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise RuntimeError(f"{name}: the flight failed\n{done.stderr}")
         (flown,) = Path(folder).glob("*/flight.mcap")
