@@ -1,10 +1,10 @@
 """The golden flights come out as recorded. After a change that is meant: `python tests/golden/golden.py update`."""
 
 import pytest
-from golden import FLIGHTS, difference, path_of
 
 from companion.logs.info import info
 from companion.logs.replay import replay
+from tests.golden.golden import FLIGHTS, difference, path_of
 
 each_flight = pytest.mark.parametrize("name", FLIGHTS)
 

@@ -4,11 +4,11 @@ import random
 from pathlib import Path
 
 import pytest
-from changed_logs import Flyer
-from processes import run
 
 from protocol.flightlog import DATAGRAM, HEADER, LENGTH_OF_EMPTY
 from protocol.recorder import McapFile
+from tests.flights.processes import run
+from tests.logs.changed_logs import Flyer
 
 
 @pytest.fixture(scope="session")

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from changed_logs import Flyer
 from mcap.reader import make_reader
 from mcap_ros1.decoder import DecoderFactory
-from processes import run
 from pymavlink import mavutil
-from test_tlog import by_pymavlink
 
 from companion.logs.convert import convert
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader, datagrams
 from protocol.framing import Framer
+from tests.flights.processes import run
+from tests.logs.changed_logs import Flyer
+from tests.protocol.test_tlog import by_pymavlink
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 RECORDINGS = ("px4_offboard", "ardupilot_guided")

@@ -8,11 +8,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from changed_logs import Flyer
-from processes import run
 
 from companion.logs.index import INDEX_NAME, listing
 from protocol.flightlog import FlightLogError, LogReader
+from tests.flights.processes import run
+from tests.logs.changed_logs import Flyer
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 

@@ -5,12 +5,12 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from changed_logs import Flyer
-from processes import run
 
 from companion.logs.info import info
 from protocol.flightlog import FlightLogError, LogReader
 from protocol.tlog import TlogReader
+from tests.flights.processes import run
+from tests.logs.changed_logs import Flyer
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 

@@ -3,8 +3,6 @@
 from pathlib import Path
 
 import pytest
-from changed_logs import Flyer
-from processes import Process, run
 
 from companion.logs import play as player
 from companion.logs.play import play
@@ -13,6 +11,8 @@ from protocol.framing import Framer
 from protocol.messages import layout
 from protocol.tlog import TlogReader, from_vehicle
 from protocol.transport import Udp
+from tests.flights.processes import Process, run
+from tests.logs.changed_logs import Flyer
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 

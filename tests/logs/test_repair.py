@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from processes import run
 
 from companion.logs.info import info
 from companion.logs.repair import repair
 from protocol.flightlog import FlightLogError, LogReader
 from protocol.tlog import TlogReader
+from tests.flights.processes import run
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 DAMAGES = 200

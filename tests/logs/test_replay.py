@@ -6,8 +6,6 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from changed_logs import Flyer, rewritten, sent
-from processes import Process, run
 
 from companion.logs.difference import EXTRA, MISSING, Differ
 from companion.logs.replay import replay
@@ -16,6 +14,8 @@ from protocol.datafile import DataFileError
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect, layout
+from tests.flights.processes import Process, run
+from tests.logs.changed_logs import Flyer, rewritten, sent
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 AT_S = 6.0
