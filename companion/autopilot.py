@@ -14,8 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion import trace, wire
-from companion.avoidance import method
+from companion.avoidance import course, method
+from companion.avoidance.course import NO_WAY, Course
+from companion.avoidance.guard import Verdict
+from companion.avoidance.mapped import Planner, Surroundings
 from companion.avoidance.memory import RecentReturns
+from companion.avoidance.progress import Progress, Trail
 from companion.avoidance.ring import obstacle_points
 from companion.commands import Commander
 from companion.config import Settings
@@ -27,6 +31,7 @@ from companion.state import (
     AvoidanceDecision,
     FlightMode,
     Output,
+    Reference,
     Scan,
     Setpoint,
     Severity,
@@ -39,7 +44,7 @@ from companion.trajectory import ReferenceGenerator, Track, track_of
 from companion.vehicles import firmware_of
 from companion.vehicles.firmware import Firmware
 from protocol.body import Body
-from protocol.frames import yaw_of
+from protocol.frames import Array, yaw_of
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from protocol.peer import Peer
@@ -50,6 +55,10 @@ _SUPERVISION_NS = 20_000_000
 """50 Hz; no time in the settings is finer."""
 _REFUSALS_TOLERATED = 3
 _REASON_NS = 5 * _SECOND_NS
+_SLOW_AND_NEAR = 1.0
+"""m and m/s: a goal that is stopped at is approached by the generator from there on, not along the map's way,"""
+_NOT_NEAR = 2.0
+"""until it is farther than this again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +136,16 @@ class Autopilot:
         self._track: Track | None = None
         self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.grain)
         self._avoidance = method.choose(settings.avoidance)
+        avoidance = settings.avoidance
+        self._surroundings = Surroundings(avoidance) if avoidance.mapped or avoidance.guarded else None
+        self._planner = Planner(avoidance) if avoidance.mapped and mission.profile != "step" else None
+        self._course = Course(avoidance.course)
+        self._way = NO_WAY
+        self._free = math.inf
+        self._verdict: Verdict | None = None
+        self._trail = Trail()
+        self._progress = Progress()
+        self._gave_up = False
         self._commander = Commander(settings.supervision.command_interval)
         rates = settings.rates
         needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position}
@@ -300,12 +319,49 @@ class Autopilot:
         if pose is None:
             return
         ground_down = self._ground_down - self.settings.avoidance.ground_height
+        state, step = self.state, self.steps[self.step_index]
+        goal = step.target_ned if step.target_ned is not None else state.position_ned
+        if self._surroundings is not None:
+            self._surroundings.look(scan, pose, ground_down, state.position_ned, now)
+        if self._planner is not None:
+            self._plan(step, goal, state, now)
+            return
         points = self._returns.add(obstacle_points(scan, *pose, ground_down), now)
-        step = self.steps[self.step_index]
-        goal = step.target_ned if step.target_ned is not None else self.state.position_ned
-        self.decision = self._avoidance.decide(
-            points, self.state.position_ned, self.state.velocity_ned, goal, self.mission.speed
-        )
+        self.decision = self._avoidance.decide(points, state.position_ned, state.velocity_ned, goal, self.mission.speed)
+
+    def _plan(self, step: Step, goal: Array, state: VehicleState, now: int) -> None:
+        """A way over the map as it is now; give the goal up if there has been no progress for too long."""
+        assert self._surroundings is not None and self._surroundings.view is not None and self._planner is not None
+        view, here, speed = self._surroundings.view, state.position_ned, self.mission.speed
+        self._way, blocked = NO_WAY, False
+        if step.avoids:
+            self._way = self._planner.way(view, here, state.velocity_ned, goal, speed)
+            blocked = self._planner.blocked(view, here, goal)
+        limit = self.decision.speed_limit if step.avoids else speed
+        target = self.decision.target_ned if step.avoids else goal
+        self.decision = AvoidanceDecision(target, limit, self._surroundings.clearance(here), blocked)
+        if step.avoids and self.supervisor.state is State.FLY:
+            self._trail.add(here)
+            distance = math.hypot(*(goal - here)[:2].tolist())
+            lacking = self._progress.lacking_s(self.step_index, distance, now)
+            if lacking > self.settings.avoidance.give_up_s and distance > _NOT_NEAR:
+                self._give_up(state, now)
+
+    def _give_up(self, state: VehicleState, now: int) -> None:
+        """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""
+        back: list[Step] = []
+        if self.mission.return_home and not self._gave_up:
+            back += [Step(Phase.RETURN, place, passes=True, avoids=True) for place in self._trail.back()]
+            back.append(Step(Phase.RETURN, self.steps[0].target_ned, avoids=True))
+        way = "back the way it came" if back else "landing"
+        text = f"no progress for {self.settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
+        self._gave_up = True
+        self.supervisor.failed(text)
+        self._say(Severity.ERROR, text)
+        rest = (*back, Step(Phase.LAND))
+        self.steps = self.steps[: self.step_index + 1] + rest
+        self._tracks = self._tracks[: self.step_index + 1] + (None,) * len(rest)
+        self._next_step(state, now)
 
     def _on_extended_state(self, message: Any, now: int) -> None:
         self._landed = message.landed_state
@@ -463,6 +519,7 @@ class Autopilot:
 
     def _entered(self, old: State, new: State, now: int) -> None:
         if old is State.FLY:
+            self._leave_course(now)
             self._track = self._reference.remaining(now) or self._track
             self._reference.stop(now)
         if new is State.CHECK:
@@ -518,11 +575,14 @@ class Autopilot:
         if supervised is State.FLY:
             self._fly(state, now)
         effective_ns, followed_ns = self._cascade.reference_times(now)
-        reference = self._reference.at(effective_ns)
+        reference, ahead = self._reference_at(effective_ns), self._reference_at(followed_ns)
         mass = self.body.mass_kg + (0.0 if self.released else self.body.parcel_mass_kg)
         airborne = supervised in FLYING and self._landed != dialect.MAV_LANDED_STATE_ON_GROUND
         acceleration = self._cascade.wish(state, now, self._measured_ns(now), reference, mass, airborne)
-        control, limited = self._cascade.obey(acceleration, now, reference, self._reference.at(followed_ns), mass)
+        self._verdict = None
+        if supervised is State.FLY and airborne and self._guards():
+            acceleration = self._guarded(acceleration, reference, state, now)
+        control, limited = self._cascade.obey(acceleration, now, reference, ahead, mass)
         if supervised not in FLYING:  # a stream that does nothing
             control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = 0.0
             self._cascade.reset()
@@ -531,8 +591,63 @@ class Autopilot:
         )
         self._emit(setpoint, now)
         self._trace = trace.pack(
-            supervised, self.phase, self.step_index, state, reference, control, limited, self.decision
+            supervised,
+            self.phase,
+            self.step_index,
+            state,
+            reference,
+            control,
+            limited,
+            self.decision,
+            self._free if self._course.active else math.inf,
+            self._verdict,
         )
+
+    def _reference_at(self, time_ns: int) -> Reference:
+        """The generator's; on a course its height and heading only."""
+        base = self._reference.at(time_ns)
+        if not self._course.active:
+            return base
+        place, velocity, acceleration = self._course.at(time_ns)
+        return Reference(
+            np.array([*place, base.position_ned[2]]),
+            np.array([*velocity, base.velocity_ned[2]]),
+            np.array([*acceleration, base.acceleration_ned[2]]),
+            np.array([0.0, 0.0, base.jerk_ned[2]]),
+            np.zeros(3),
+            base.yaw,
+            base.yaw_rate,
+            base.yaw_acceleration,
+        )
+
+    def _guards(self) -> bool:
+        """The guard has the last word at this step: not on vertical ones, on tracks and where the reference jumps."""
+        step = self.steps[self.step_index]
+        return self.settings.avoidance.guarded and step.avoids and self.mission.profile != "step"
+
+    def _guarded(self, acceleration_ned: Array, reference: Reference, state: VehicleState, now: int) -> Array:
+        """What the guard lets through. Where it changes much, the reference gives in, or it would wind up."""
+        assert self._surroundings is not None
+        here, velocity = state.position_ned, state.velocity_ned
+        verdict = self._verdict = self._surroundings.guard.filter(here, velocity, acceleration_ned, now)
+        allowed = verdict.acceleration_ned
+        if verdict.changed > self.settings.avoidance.course.give_in:
+            if self._course.active:
+                self._course.give_in(here, velocity, allowed)
+            else:
+                place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
+                pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])
+                self._reference.carry_on(now, place, np.array([*velocity[:2], moves]), pushed)
+        return allowed
+
+    def _leave_course(self, now: int) -> None:
+        """The generator takes the motion over, and brakes."""
+        if not self._course.active:
+            return
+        motion = self._reference_at(now)
+        self._course.stop()
+        braking = self.settings.avoidance.guard.braking
+        self._reference.carry_on(now, motion.position_ned, motion.velocity_ned, motion.acceleration_ned, braking)
 
     def _measured_ns(self, now: int) -> int:
         """When the present state was measured, on our clock: now, as long as the vehicle's clock is not known."""
@@ -558,18 +673,21 @@ class Autopilot:
         if step.target_ned is not None:
             self._steer(step, state, now)
         if self._completed(step, state, now):
-            self.step_index += 1
-            self._track = None
-            self._phase_since_ns = now
-            self._arrived_ns = None
-            following = self.steps[self.step_index]
-            self.decision = AvoidanceDecision(
-                following.target_ned if following.target_ned is not None else state.position_ned,
-                self.decision.speed_limit,
-                self.decision.clearance,
-                False,
-            )
-            self._say(Severity.INFO, f"{following.phase.name.lower()}, step {self.step_index + 1} of {len(self.steps)}")
+            self._next_step(state, now)
+
+    def _next_step(self, state: VehicleState, now: int) -> None:
+        self.step_index += 1
+        self._track = None
+        self._phase_since_ns = now
+        self._arrived_ns = None
+        following = self.steps[self.step_index]
+        self.decision = AvoidanceDecision(
+            following.target_ned if following.target_ned is not None else state.position_ned,
+            self.decision.speed_limit,
+            self.decision.clearance,
+            False,
+        )
+        self._say(Severity.INFO, f"{following.phase.name.lower()}, step {self.step_index + 1} of {len(self.steps)}")
 
     def _steer(self, step: Step, state: VehicleState, now: int) -> None:
         assert step.target_ned is not None
@@ -578,6 +696,10 @@ class Autopilot:
             return
         if self._reference.following:
             return
+        if self._planner is not None and step.avoids and not self._arrives(step, state):
+            self._steer_over_map(step.target_ned, state, now)
+            return
+        self._leave_course(now)
         settings = self.settings.trajectory
         target, speed = step.target_ned, self.mission.speed
         track = self._track_to_join(step)
@@ -585,13 +707,48 @@ class Autopilot:
             target = track.start_ned
             if track.start_yaw is not None:
                 self._reference.turn(now, track.start_yaw)
-        if step.avoids:
+        if step.avoids and self._planner is None:
             target, speed = self.decision.target_ned, self.decision.speed_limit
             way = target - state.position_ned
             if math.hypot(way[0], way[1]) > 1.0:
                 self._reference.turn(now, math.atan2(way[1], way[0]))
         climbs = target[2] < state.position_ned[2]
         self._reference.go(now, target, speed, settings.climb_speed if climbs else settings.descent_speed)
+
+    def _arrives(self, step: Step, state: VehicleState) -> bool:
+        """So near to a goal that is stopped at that no way over the map is needed."""
+        assert step.target_ned is not None
+        away = math.hypot(*(step.target_ned - state.position_ned)[:2].tolist())
+        if step.passes or not self._course.active:
+            return not step.passes and away < _NOT_NEAR
+        return away < _SLOW_AND_NEAR and math.hypot(*state.velocity_ned[:2].tolist()) < _SLOW_AND_NEAR
+
+    def _steer_over_map(self, goal: Array, state: VehicleState, now: int) -> None:
+        """Move the course along the way, no faster than it can stop within what was seen free."""
+        assert self._surroundings is not None
+        settings, generator = self.settings.avoidance, self._reference
+        here, velocity = state.position_ned, state.velocity_ned
+        base = generator.at(now)
+        if not self._course.active:
+            self._course.start(now, base.position_ned, base.velocity_ned, base.acceleration_ned)
+            self._start_ned = base.position_ned
+        wish = course.wish(self._way, here[:2], velocity[:2], goal[:2], self.mission.speed, settings.course.braking)
+        wanted, speed = wish.velocity, math.hypot(*wish.velocity.tolist())
+        limit = self._surroundings.guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
+        self._free = limit.free
+        if speed > limit.speed:
+            wanted = wanted * (limit.speed / speed)
+        self._course.advance(now, wanted, here[:2])
+        if speed > 1.0:
+            generator.turn(now, math.atan2(wish.velocity[1], wish.velocity[0]))
+        climbs = goal[2] < base.position_ned[2]
+        vertical_speed = self.settings.trajectory.climb_speed if climbs else self.settings.trajectory.descent_speed
+        generator.go(now, np.array([*self._start_ned[:2], goal[2]]), self.mission.speed, vertical_speed)
+        target = np.array([*wish.places[0], goal[2]])
+        self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
+
+    _start_ned = np.zeros(3)
+    """Where the course began and the generator waits for its end."""
 
     def _track_to_join(self, step: Step) -> Track | None:
         """The step's, from its beginning or, after a hold, from where it was left."""

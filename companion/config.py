@@ -154,13 +154,134 @@ class Trajectory(Table, frozen=True):
     """A waypoint that is stopped at, within this distance and below this speed."""
 
 
+class AvoidanceMap(Table, frozen=True):
+    """The occupancy grid of "astar", "vfh" and the guard (`avoidance.grid`)."""
+
+    cell: Positive = 0.2
+    """m"""
+    cells: int = 256
+    """Along each side of the window around the vehicle; a power of two."""
+    layer: Positive = 2.0
+    """m above and below the height of flight that the map stands for."""
+    memory_s: Positive = 40.0
+    """How long a return at close range is remembered; weaker evidence fades in proportion."""
+
+    def __post_init__(self) -> None:
+        if self.cells < 16 or self.cells & (self.cells - 1):
+            raise ValueError(f"cells {self.cells}: not a power of two from 16 on")
+
+
+class AvoidancePlan(Table, frozen=True):
+    """The search of "astar" (`avoidance.astar`); m from an occupied cell's centre."""
+
+    inflation: Positive = 0.75
+    """Nearer is forbidden."""
+    comfort: Positive = 1.6
+    """From here on nearness costs nothing."""
+    closeness: NotNegative = 2.0
+    """What a metre at the inflation's edge costs on top of 1."""
+    unknown: NotNegative = 0.5
+    """What a metre of unknown costs on top."""
+
+    def __post_init__(self) -> None:
+        if self.comfort <= self.inflation:
+            raise ValueError("comfort must be above inflation")
+
+
+class AvoidanceVfh(Table, frozen=True):
+    """The histogram of "vfh", and of "astar" where it has no answer (`avoidance.vfh`)."""
+
+    window: Positive = 10.0
+    """m around the vehicle that count."""
+    radius: Positive = 0.85
+    """m by which obstacles are enlarged."""
+    low: Positive = 0.05
+    """m2: a density below which a sector becomes free."""
+    high: Positive = 0.1
+    """m2: a density above which it becomes blocked."""
+    turning_acceleration: Positive = 5.0
+    """m/s2 sideways, for the turning circles."""
+
+
+class AvoidanceCourse(Table, frozen=True):
+    """The motion along a way (`avoidance.course`)."""
+
+    acceleration: Positive = 4.0
+    """m/s2"""
+    jerk: Positive = 25.0
+    """m/s3"""
+    braking: Positive = 3.5
+    """m/s2, before corners and the goal."""
+    follow: Positive = 2.0
+    """1/s: how fast the wished velocity is taken up."""
+    leash: Positive = 0.3
+    """m that the reference may be away from the vehicle."""
+    give_in: Positive = 0.3
+    """m/s2 by which the guard must change a command for the reference to give in to it."""
+
+
+class AvoidanceTracks(Table, frozen=True):
+    """What moves (`avoidance.tracks`)."""
+
+    gap: Positive = 1.0
+    """m between neighbouring returns from which on they are two things."""
+    widest: Positive = 1.2
+    """m; what is wider is not followed."""
+    acceleration: Positive = 1.5
+    """m/s2, standard deviation: a person's change of mind."""
+    hits: Annotated[int, msgspec.Meta(ge=1)] = 4
+    """After so many a track is believed."""
+    misses: Annotated[int, msgspec.Meta(ge=1)] = 4
+    """After so many in a row it is dropped."""
+    slowest: Positive = 0.5
+    """m/s; what is slower stands still."""
+    certainty: Positive = 3.0
+    """Standard deviations by which a velocity must differ from 0."""
+    steady: Annotated[int, msgspec.Meta(ge=1)] = 5
+    """Scans in a row for which it must."""
+
+
+class AvoidanceGuard(Table, frozen=True):
+    """The last word on each acceleration (`avoidance.guard`)."""
+
+    enabled: bool | None = None
+    """Not set: with "astar" and "vfh"; there is none without a ring, with "none"."""
+    keep_out: Positive = 0.62
+    """m from the vehicle's centre to an occupied cell's."""
+    keep_out_unseen: Positive = 0.45
+    """m from the vehicle's centre to the centre of a cell that was not seen free."""
+    keep_out_moving: Positive = 0.5
+    """m from the vehicle's centre to the edge of what moves."""
+    braking: Positive = 4.5
+    """m/s2 on which it counts."""
+    delay: Positive = 0.25
+    """s from a thing's appearance to the first braking, for the speed limit: scan period, age, lag."""
+    steepness: Positive = 4.0
+    """1/s: how fast a barrier may be approached, and is left if it is violated."""
+    nearness: Positive = 2.0
+    """1/s: closing speed over distance, close to the keep-out."""
+    lag_s: NotNegative = 0.15
+    """From a command to the acceleration."""
+    horizon_s: Positive = 0.1
+    """From where the command leads to within this time there must be a stop."""
+    reach: Positive = 9.0
+    """m within which points are looked at."""
+    stale_s: Positive = 0.3
+    """A view that is older stops the vehicle."""
+
+
 class Avoidance(Table, frozen=True):
-    """`method`: "paper", "paper-literal" (as printed, for the paper's experiment) or "none"."""
+    """`method`: "astar" (a way over the map, "vfh" where there is none), "vfh" (VFH+ on the map), "paper",
+    "paper-literal" (as printed, for the paper's experiment) or "none"."""
 
     method: str = "paper"
-    lateral_margin: Positive = 3.0
-    """m outside the nearer edge of an obstacle: the paper's 3."""
     vehicle_radius: Positive = 0.36
+    ground_height: Positive = 0.5
+    """m above the take-off point below which a return is the ground."""
+    give_up_s: Positive = 40.0
+    """With "astar" and "vfh": so long without a metre of progress, and the goal is given up."""
+    lateral_margin: Positive = 3.0
+    """m outside the nearer edge of an obstacle: the paper's 3. This and what follows is of "paper"."""
     safe_distance: Positive = 1.2
     """m between hull and obstacle below which a course counts as blocked."""
     decisiveness: Positive = 3.0
@@ -169,16 +290,31 @@ class Avoidance(Table, frozen=True):
     """How long a return counts: a tilted ring looks over and under what it saw before."""
     grain: Positive = 0.3
     """m; returns nearer to each other than this are remembered as one."""
-    ground_height: Positive = 0.5
-    """m above the take-off point below which a return is the ground."""
     braking_acceleration: Positive = 2.5
     braking_delay: Positive = 0.3
     """s from a thing's appearance to the first braking: scan period, age, lag."""
     least_speed: Positive = 0.3
     """m/s that is always left, to move away from what is near."""
+    map: AvoidanceMap = AvoidanceMap()
+    plan: AvoidancePlan = AvoidancePlan()
+    vfh: AvoidanceVfh = AvoidanceVfh()
+    course: AvoidanceCourse = AvoidanceCourse()
+    tracks: AvoidanceTracks = AvoidanceTracks()
+    guard: AvoidanceGuard = AvoidanceGuard()
 
     def __post_init__(self) -> None:
-        _one_of("method", self.method, "paper", "paper-literal", "none")
+        _one_of("method", self.method, "astar", "vfh", "paper", "paper-literal", "none")
+        if self.guard.enabled and self.method == "none":
+            raise ValueError('guard.enabled: there is no guard with method "none", which needs no ring')
+
+    @property
+    def mapped(self) -> bool:
+        """The method flies a course over the map."""
+        return self.method in ("astar", "vfh")
+
+    @property
+    def guarded(self) -> bool:
+        return self.mapped if self.guard.enabled is None else self.guard.enabled
 
 
 class Supervision(Table, frozen=True):

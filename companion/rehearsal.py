@@ -30,6 +30,13 @@ class RehearsalError(Exception):
 
 def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
+    if settings.avoidance.method == "astar":  # which asks "vfh" where it has no answer
+        avoidance = msgspec.structs.replace(settings.avoidance, method="vfh")
+        _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output)
+    _fly(settings, body, mission, output)
+
+
+def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     autopilot = Autopilot(settings, body, _hurried(mission), output)
     encoder = Encoder(1, 1)
     step, step_began = -1, 0

@@ -362,6 +362,11 @@ class Supervisor:
                 return Announcement(row.severity, text)
         return None
 
+    def failed(self, text: str) -> None:
+        """The mission has failed, though the flight goes on."""
+        if self.fault is None:
+            self.fault = text
+
 
 _ROWS_OF = {state: tuple(row for row in TABLE if state in row.states) for state in State}
 

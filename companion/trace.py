@@ -2,6 +2,7 @@
 
 import struct
 
+from companion.avoidance.guard import Reason, Verdict
 from companion.control import cascade
 from companion.mission import Phase
 from companion.state import AvoidanceDecision, Reference, VehicleState
@@ -24,6 +25,8 @@ _VECTORS = (
     ("position_age", 1),
     ("speed_limit", 1),
     ("clearance", 1),
+    ("free_distance", 1),
+    ("guard_change", 1),
 )
 
 TRACE = record_type(
@@ -35,13 +38,16 @@ TRACE = record_type(
         ("step", "uint16"),
         ("blocked", "bool"),
         ("limited", "bool"),
+        ("guard_reason", "uint8"),
         *((name, "float64" if size == 1 else f"float64[{size}]") for name, size in _VECTORS),
     ],
 )
-"""`lyapunov` and the commands: see `control.cascade`; `limited`: a limit on thrust or tilt bit."""
+"""`lyapunov` and the commands: see `control.cascade`; `limited`: a limit on thrust or tilt bit;
+`guard_reason`: `avoidance.guard.Reason`, and `guard_change` (m/s2) what the guard made of the acceleration;
+`free_distance` (m): of the way seen free, inf if all of it is or none is flown over the map."""
 
-_HEAD = struct.Struct("<BBH??")
-_TAIL = struct.Struct("<5d")
+_HEAD = struct.Struct("<BBH??B")
+_TAIL = struct.Struct("<7d")
 
 
 def pack(
@@ -53,11 +59,15 @@ def pack(
     control: Array,
     limited: bool,
     decision: AvoidanceDecision,
+    free: float,
+    verdict: Verdict | None,
 ) -> bytes:
-    """The payload of one TRACE record; `control` is what `cascade.step` returned."""
+    """The payload of one TRACE record; `control` is what `Cascade.obey` returned, `free` the way (m) seen free, and
+    `verdict` the guard's, None where it was not asked."""
+    reason, change = (Reason.NONE, 0.0) if verdict is None else (verdict.reason, verdict.changed)
     return b"".join(
         (
-            _HEAD.pack(state.value, phase.value, step, decision.blocked, limited),
+            _HEAD.pack(state.value, phase.value, step, decision.blocked, limited, reason),
             vehicle.position_ned.tobytes(),
             vehicle.velocity_ned.tobytes(),
             vehicle.attitude_ned_frd.tobytes(),
@@ -73,6 +83,8 @@ def pack(
                 vehicle.position_age_ns * 1e-9,
                 decision.speed_limit,
                 decision.clearance,
+                free,
+                change,
             ),
         )
     )

@@ -133,6 +133,18 @@ class ReferenceGenerator:
         inputs = _braking(self._present(time_ns), self._settings.acceleration, 2.0 * self._settings.jerk)
         self._change(inputs, time_ns, ())
 
+    def carry_on(
+        self, time_ns: int, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, braking: float = 0.0
+    ) -> None:
+        """From another motion than its own, and brake to a standstill, with `braking` (m/s2) if that is harder than
+        the settings have it."""
+        inputs = InputParameter(3)
+        inputs.current_position = position_ned.tolist()
+        inputs.current_velocity = velocity_ned.tolist()
+        inputs.current_acceleration = acceleration_ned.tolist()
+        acceleration = max(self._settings.acceleration, braking)
+        self._change(_braking(inputs, acceleration, 2.0 * self._settings.jerk), time_ns, ())
+
     def turn(self, time_ns: int, yaw: float) -> None:
         """Turn to a heading (rad) the shorter way."""
         if self._yaw_goal is None and not self._heading.ended(time_ns):
