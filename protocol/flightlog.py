@@ -103,6 +103,19 @@ class _Fixed(NamedTuple):
 
     layout: struct.Struct
     values: int
+    places: tuple[tuple[str, int | slice], ...]
+    """Each field's name, and where its value or values are among those of the layout."""
+
+
+def _fixed(fields: list[_Field]) -> _Fixed:
+    places: list[tuple[str, int | slice]] = []
+    count = 0
+    for field in fields:
+        values = len(struct.unpack("<" + field.format, bytes(struct.calcsize("<" + field.format))))
+        single = field.length is None and field.kind != "time"
+        places.append((field.name, count if single else slice(count, count + values)))
+        count += values
+    return _Fixed(struct.Struct("<" + "".join(field.format for field in fields)), count, tuple(places))
 
 
 def _parse_field(name: str, text: str) -> _Field:
@@ -156,8 +169,7 @@ class RecordType:
             if is_variable:
                 parts.extend(group)
             else:
-                layout = struct.Struct("<" + "".join(field.format for field in group))
-                parts.append(_Fixed(layout, len(layout.unpack(bytes(layout.size)))))
+                parts.append(_fixed(list(group)))
         return parts
 
     def _pack_variable(self, *values: Any) -> bytes:
@@ -184,22 +196,21 @@ class RecordType:
         """The record's fields by name: numbers, tuples, str, bytes (for uint8[]). Raises struct.error if it is cut."""
         values: dict[str, Any] = {}
         position = 0
-        for field in self.fields:
-            if field.is_variable:
-                (count,) = _LENGTH.unpack_from(data, position)
-                position += 4
-                code = "s" if field.kind in ("string", "uint8") else SCALARS[field.kind]
-                layout = struct.Struct(f"<{count}{code}")
-                value: Any = layout.unpack_from(data, position)
-                if code == "s":
-                    value = value[0].decode(errors="replace") if field.kind == "string" else value[0]
-            else:
-                layout = struct.Struct("<" + field.format)
-                value = layout.unpack_from(data, position)
-                if field.length is None and field.kind != "time":
-                    value = value[0]
-            position += layout.size
-            values[field.name] = value
+        for part in self._parts:
+            if isinstance(part, _Fixed):
+                found = part.layout.unpack_from(data, position)
+                for name, place in part.places:
+                    values[name] = found[place]
+                position += part.layout.size
+                continue
+            (count,) = _LENGTH.unpack_from(data, position)
+            position += 4
+            code = "s" if part.kind in ("string", "uint8") else SCALARS[part.kind]
+            value: Any = struct.unpack_from(f"<{count}{code}", data, position)
+            position += struct.calcsize(f"<{count}{code}")
+            if code == "s":
+                value = value[0].decode(errors="replace") if part.kind == "string" else value[0]
+            values[part.name] = value
         return values
 
     @property
@@ -544,6 +555,7 @@ _CHUNK = struct.Struct("<QQQII")  # start time, end time, size, CRC, length of t
 _MESSAGE = struct.Struct("<BQHIQ")
 _CHUNK_MARK = b"\x04\x00\x00\x00zstd"
 _MARK_OFFSET = _RECORD.size + _CHUNK.size - 4
+_PIECE = 1 << 22
 _LARGEST_CHUNK = 1 << 30
 
 
@@ -564,13 +576,16 @@ class LogReader:
         self._chunks: list[_Chunk] = []
         self._schemas: dict[int, mcap.records.Schema] = {}
         self._channels: dict[int, RecordType] = {}
+        self._foreign: set[int] = set()  # channels whose schema is not ours
         self._summarised = False
         self._data_ended = False
         self._data = self._open()
         self._scan()
-        self.epoch_ns = int(self.metadata.get("flightlog", {}).get("epoch_ns", "0"))
+        epoch = self.metadata.get("flightlog", {}).get("epoch_ns", "")
+        known = epoch.isascii() and epoch.isdigit()
+        self.epoch_ns = int(epoch) if known else 0
         """log_time of time 0."""
-        if "flightlog" not in self.metadata:
+        if not known:
             self._report("its start time is missing, times count from 1970")
 
     def _open(self) -> "mmap.mmap | bytes":
@@ -638,7 +653,7 @@ class LogReader:
                 self._take(opcode, data[start:stop])
             elif opcode == Opcode.DATA_END:
                 (crc,) = _LENGTH.unpack_from(data, start)
-                if crc and crc != zlib.crc32(memoryview(data)[:position]):
+                if crc and crc != self._crc(0, position):
                     self._report("bytes in it are damaged")
                 self._data_ended = True
             elif opcode == Opcode.FOOTER:
@@ -658,6 +673,9 @@ class LogReader:
             self._schemas[record.id] = record
         elif isinstance(record, mcap.records.Channel):
             schema = self._schemas[record.schema_id]
+            if schema.encoding != "ros1msg":
+                self._foreign.add(record.id)
+                return
             known = self._channels.get(record.id)
             definition = schema.data.decode()
             if known is None or known.topic != record.topic or known.definition != definition:
@@ -670,13 +688,28 @@ class LogReader:
     def _finish(self, position: int, stop: int) -> None:
         data = self._data
         summary_start, _, crc = struct.unpack_from("<QQI", data, position + _RECORD.size)
-        if crc and crc != zlib.crc32(memoryview(data)[summary_start : stop - 4]):
+        if crc and crc != self._crc(summary_start, stop - 4):
             self._report("its summary is damaged")
         elif summary_start:
             self._summarised = True
         self.complete = self._data_ended and data[stop:] == MAGIC
         if not self.complete:
             self._report("its last bytes are damaged or missing")
+
+    def _crc(self, start: int, stop: int) -> int:
+        """Of the file's bytes, some at a time."""
+        crc = 0
+        for piece in range(start, stop, _PIECE):
+            end = min(piece + _PIECE, stop)
+            crc = zlib.crc32(self._data[piece:end], crc)
+            self._let_go(piece, end)
+        return crc
+
+    def _let_go(self, start: int, stop: int) -> None:
+        """These bytes of the file need not stay in memory."""
+        if isinstance(self._data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            page = start & ~(mmap.PAGESIZE - 1)
+            self._data.madvise(mmap.MADV_DONTNEED, page, stop - page)
 
     def _chunk_at(self, position: int) -> _Chunk | None:
         data = self._data
@@ -718,8 +751,9 @@ class LogReader:
             else:
                 self._report(f"chunk at byte {chunk.offset} is packed with {chunk.compression}, which isn't read")
                 return None
-        except zstandard.ZstdError:
+        except (zstandard.ZstdError, MemoryError):
             content = b""
+        self._let_go(chunk.start, chunk.stop)
         if len(content) != chunk.size or (chunk.crc and zlib.crc32(content) != chunk.crc):
             self._report(f"chunk at byte {chunk.offset} is damaged")
             return None
@@ -760,6 +794,8 @@ class LogReader:
 
     def _topic(self, channel: int, topics: Collection[str] | None) -> str | None:
         kind = self._channels.get(channel)
+        if kind is None and channel in self._foreign:
+            return None
         if kind is None:
             self._report(f"what was on channel {channel} is lost with a damaged chunk")
             return None
