@@ -1,16 +1,22 @@
-"""The command line: `python -m studies NAME ...`; the name of a page runs all of its studies."""
+"""The command line: `python -m studies NAME ...`; the name of a page runs all of its studies.
+
+`python -m studies worlds NAME` makes a place to fly through.
+"""
 
 import importlib
+import sys
+from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
 
 from protocol.datafile import DataFileError
+from studies.avoidance_page import AVOIDANCE
 from studies.beyond import CONTROL
 from studies.paper import PAPER
-from studies.report import DOCS, Page, Report, Study, keep, markdown, write_page
+from studies.report import DOCS, Choice, Page, Report, Study, keep, markdown, write_page
 
-PAGES = (PAPER, CONTROL)
+PAGES = (PAPER, CONTROL, AVOIDANCE)
 
 MISSED = 1
 """Exit code: a check was not met."""
@@ -18,12 +24,20 @@ UNUSABLE = 2
 """Exit code: nothing was run."""
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+places = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 
 @app.command()
 def studies(
     names: Annotated[list[str] | None, typer.Argument(help="Studies, or pages: all of their studies.")] = None,
     show: Annotated[bool, typer.Option("--list", help="Print what there is.")] = False,
+    seeds: Annotated[
+        int, typer.Option(min=0, help="Campaigns: flights of each case at most; 0: tell of what was flown before.")
+    ] = Choice().seeds,
+    methods: Annotated[list[str] | None, typer.Option("--method", help="Campaigns: these alone; repeatable.")] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", help="Campaigns: KEY=VALUE, a setting of the companion; repeatable.")
+    ] = None,
 ) -> None:
     """Run studies: print their sections, keep them with their figures in docs/PAGE/ and write docs/PAGE.md anew."""
     catalogue = {study.NAME: (study, page) for page in PAGES for study in _studies(page)}
@@ -41,8 +55,10 @@ def studies(
             typer.echo(f"studies: {name}: no such study (there: {known})", err=True)
             raise typer.Exit(UNUSABLE)
         chosen |= of_page
+    choice = Choice(seeds, tuple(methods or ()), tuple(overrides or ()))
     try:
-        met = _run(chosen)
+        _check_choice(choice)
+        met = _run(chosen, choice)
         for page in PAGES:
             if any(each is page for _, each in chosen.values()):
                 typer.echo(f"written: {write_page(page, [study.NAME for study in _studies(page)])}", err=True)
@@ -57,7 +73,47 @@ def _studies(page: Page) -> list[Study]:
     return [cast(Study, importlib.import_module(module)) for module in page.studies]
 
 
-def _run(chosen: dict[str, tuple[Study, Page]]) -> bool:
+def _check_choice(choice: Choice) -> None:
+    """Raises DataFileError for what the companion would refuse, before anything is flown."""
+    from companion.config import load_settings
+
+    for method in choice.methods:
+        load_settings(None, [f'avoidance.method="{method}"'])
+    load_settings(None, list(choice.overrides))
+
+
+@places.command()
+def worlds(
+    name: Annotated[str | None, typer.Argument(help="A kind of place; left out: list them.")] = None,
+    seed: Annotated[int, typer.Option(min=0)] = 1,
+    folder: Annotated[Path, typer.Option(help="Where to write it.")] = Path(),
+    speed: Annotated[float, typer.Option(min=0.1, help="Of the mission (m/s).")] = 5.0,
+    picture: Annotated[bool, typer.Option("--picture", help="Draw it, too, as it is at the start.")] = False,
+) -> None:
+    """Make a place by its seed: NAME_SEED.toml, and NAME_SEED_mission.toml that flies through it."""
+    from studies import style
+    from studies.worlds import SITES
+    from studies.worlds import picture as draw
+
+    if name not in SITES:
+        what = f"worlds {name}: no such place" if name is not None else "worlds NAME"
+        typer.echo(f"studies: {what} (there: {', '.join(SITES)})", err=True)
+        raise typer.Exit(UNUSABLE)
+    site = SITES[name](seed)
+    try:
+        written = [*site.save(folder, speed)]
+        if picture:
+            stem = folder / site.name
+            style.save(draw(site), stem, f"python -m studies worlds {name} --seed {seed} --picture")
+            written += [stem.with_suffix(".png"), stem.with_suffix(".svg")]
+    except OSError as error:
+        typer.echo(f"studies: {folder}: {error.strerror}", err=True)
+        raise typer.Exit(UNUSABLE) from None
+    for path in written:
+        typer.echo(path)
+
+
+def _run(chosen: dict[str, tuple[Study, Page]], choice: Choice) -> bool:
     """Whether all checks were met."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -72,7 +128,7 @@ def _run(chosen: dict[str, tuple[Study, Page]]) -> bool:
             bars.remove_task(task)
 
         for study, page in bars.track(chosen.values(), description="studies"):
-            report = Report(study.NAME, study.TITLE, DOCS / page.name, track)
+            report = Report(study.NAME, study.TITLE, DOCS / page.name, track, choice)
             study.run(report)
             section = report.section()
             keep(section, DOCS / page.name)
@@ -81,5 +137,12 @@ def _run(chosen: dict[str, tuple[Study, Page]]) -> bool:
     return met
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """`worlds` is a command of its own beside the names of studies, which need none."""
+    if sys.argv[1:2] == ["worlds"]:
+        places(sys.argv[2:], prog_name="python -m studies worlds")
     app(prog_name="python -m studies")
+
+
+if __name__ == "__main__":
+    main()

@@ -7,6 +7,7 @@ waypoints.
 
 import dataclasses
 import math
+import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,16 +24,15 @@ from companion.state import Output
 from protocol import datafile
 from protocol.frames import Array
 from protocol.transport import TransportError
+from studies.escape import Abilities, avoidable
 from studies.joined import Joined
 from studies.tracks import on_all_cores
-from studies.worlds import HULL, Site
+from studies.worlds import HULL, Site, shortest
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
 GOAL_M = 2.0
-LOGS = datafile.ROOT / "logs" / "avoidance"
-"""Tables, and the logs and pictures of failures."""
 METHODS = ("astar", "vfh", "paper", "paper-literal", "none")
 DEFAULT = METHODS[0]
 REACHED = "reached"
@@ -50,7 +50,11 @@ class Setup:
     """A function of a module, or a partial of one: it goes to other processes."""
     speeds: tuple[float, ...]
     limit_s: float = 60.0
-    """Of simulated time after the take-off."""
+    """Of simulated time on the route."""
+    seeds: int = 100
+    """As many as its floor is meant for."""
+    has_way: bool = False
+    """Whether the shortest way is looked for: nothing moves there."""
     overrides: tuple[str, ...] = ()
     """Of the companion's settings."""
     vehicle_overrides: tuple[str, ...] = ()
@@ -91,14 +95,14 @@ class Row:
     met: str | None
     """What was touched."""
     avoidable: bool | None
-    """Whether the contact could have been avoided (studies.escape); None without one."""
+    """Whether the contact could have been avoided (studies.escape); None without one with what moves or appears."""
     contact_speed: float | None
     route_s: float
     """On the route, to within GOAL_M of the goal or to the end."""
     path_m: float
     straight_m: float
     shortest_m: float | None
-    """Of the hull with the map in hand; None where something moves."""
+    """Of the hull with the map in hand; None where it was not asked for."""
     path_speed: float
     """path_m / route_s"""
     goal_speed: float
@@ -203,12 +207,12 @@ class _Watch:
             seed=job.seed,
             outcome=self._outcome(joined),
             met=summary.contact_with,
-            avoidable=None,
+            avoidable=self._avoidable(joined),
             contact_speed=float(np.linalg.norm(joined.truths[-1][3:6])) if summary.contacts else None,
             route_s=route_s,
             path_m=path,
             straight_m=straight,
-            shortest_m=None,
+            shortest_m=shortest(site, HULL) if job.setup.has_way else None,
             path_speed=path / route_s,
             goal_speed=(straight - GOAL_M) / route_s if reached else 0.0,
             top_speed=float(speeds.max()),
@@ -219,6 +223,15 @@ class _Watch:
             wall_s=0.0,
             log=None,
         )
+
+    def _avoidable(self, joined: Joined) -> bool | None:
+        met, world = joined.vehicle.flight.crash, self._site.world()
+        if met not in {world.names[len(world.boxes) + each.row] for each in world.restless}:
+            return None
+        airframe = joined.vehicle.airframe
+        abilities = Abilities.of(airframe, joined.autopilot.settings.limits.tilt)
+        truth = np.array([*joined.truths, joined.vehicle.state])
+        return avoidable(world, truth, met, abilities, airframe.lidar.max_range_m)
 
     def _outcome(self, joined: Joined) -> str:
         if joined.vehicle.flight.crash is not None:
@@ -300,7 +313,9 @@ def keep(job: Job, site: Site, mission_file: Path, joined: Joined) -> Path:
     end_ns = joined.vehicle.time_ns
     log = record(mission_file, mission, job.settings, job.setup.vehicle_overrides, job.seed, job.folder / "failed",
                  end_ns)  # fmt: skip
-    folder = log.parent.rename(log.parent.with_name(f"{job.case}_{job.seed}"))
+    folder = log.parent.with_name(f"{job.case}_{job.seed}")
+    shutil.rmtree(folder, ignore_errors=True)
+    log.parent.rename(folder)
     style.save(_contact_picture(job, site, joined), folder / "end", " ".join(command(job, site)))
     return folder
 
@@ -361,13 +376,13 @@ def _seen(joined: Joined) -> Array:
 def jobs(
     setups: Iterable[Setup], methods: Sequence[str], seeds: int, folder: Path, overrides: Sequence[str] = ()
 ) -> list[Job]:
-    """All of them, those of one case together."""
+    """Those of one case together; no more seeds of a set-up than it has."""
     return [
         Job(setup, method, speed, seed, folder, tuple(overrides))
         for setup in setups
         for method in methods
         for speed in setup.speeds
-        for seed in range(1, seeds + 1)
+        for seed in range(1, min(seeds, setup.seeds) + 1)
     ]
 
 

@@ -83,12 +83,29 @@ def untracked(iterable: Iterable[Any], label: str) -> Iterable[Any]:
     return iterable
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What the command line says about campaigns; other studies have nothing to choose."""
+
+    seeds: int = 3
+    """Flights of each case, at most; 0: report what was flown before."""
+    methods: tuple[str, ...] = ()
+    """Of avoidance; none: all."""
+    overrides: tuple[str, ...] = ()
+    """Of the companion's settings."""
+    logs: Path = datafile.ROOT / "logs" / "avoidance"
+    """Where tables, and logs and pictures of failures go."""
+
+
 class Report:
     """Collects a section; figures go to `folder`."""
 
-    def __init__(self, name: str, title: str, folder: Path, track: Track = untracked) -> None:
+    def __init__(
+        self, name: str, title: str, folder: Path, track: Track = untracked, choice: Choice | None = None
+    ) -> None:
         self.name = name
         self.title = title
+        self.choice = choice or Choice()
         self._folder = folder
         self._track = track
         self._blocks: list[Text | Table | Figure | Check] = []

@@ -270,8 +270,9 @@ def barn(seed: int) -> Site:
     10 m of way, 2.75 m of it before the field and after it, between two walls."""
     rng = np.random.default_rng(seed)
     cell, total = 0.15 * BARN_SCALE, 10.0 * BARN_SCALE
+    share, rounds = rng.choice([0.15, 0.2, 0.25, 0.3]), int(rng.integers(2, 5))
     for _ in range(_TRIES):
-        field = _automaton(rng)
+        field = _automaton(rng, share, rounds)
         rows = [_disc(0.275 * total + (i + 0.5) * cell, (j - 14.5) * cell, 0.5 * cell) for i, j in np.argwhere(field)]
         walls = [_wall((-1.5, side * 15.5 * cell), (total + 1.5, side * 15.5 * cell)) for side in (-1.0, 1.0)]
         walls += [_wall((end, -15.5 * cell), (end, 15.5 * cell)) for end in (-1.5, total + 1.5)]
@@ -281,12 +282,12 @@ def barn(seed: int) -> Site:
     raise ValueError(f"barn {seed}: no field with a way through in {_TRIES}")
 
 
-def _automaton(rng: np.random.Generator) -> NDArray[np.bool_]:
+def _automaton(rng: np.random.Generator, share: float, rounds: int) -> NDArray[np.bool_]:
     """(30, 30), what stands; only edges of what is full."""
-    full = rng.random((30, 30)) < rng.choice([0.15, 0.2, 0.25, 0.3])
-    for _ in range(int(rng.integers(2, 5))):
+    full = rng.random((30, 30)) < share
+    for _ in range(rounds):
         count = _count(full)
-        full = np.where(full, count >= 3, count >= 5)
+        full = np.where(full, count >= 2, count >= 5)
     edge: NDArray[np.bool_] = full & (_count(full) < 8)
     return edge
 

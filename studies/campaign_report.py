@@ -1,0 +1,167 @@
+"""A campaign as a section of docs/avoidance.md: success with its interval, speed, clearance, way, and what failed."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from statistics import fmean, median
+from typing import Any
+
+import numpy as np
+
+from studies import campaign, style
+from studies.campaign import DEFAULT, METHODS, Row, Setup, wilson
+from studies.report import Report
+
+HEADERS = ("set-up", "method", "commanded", "success (95 %)", "speed on the way", "to the goal", "least clearance",
+           "its median", "way over straight", "guarded (%)", "wall (s)")  # fmt: skip
+_NOT_WORTH_A_LINE = 12
+"""Failures beyond so many are counted, not listed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """What the default method is held to."""
+
+    setup: str
+    success: float
+    speeds: tuple[float, ...] = ()
+    """Commanded; none: all."""
+    published: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """All flights of one set-up with one method at one speed."""
+
+    setup: Setup
+    method: str
+    speed: float
+    rows: tuple[Row, ...]
+
+    @property
+    def successes(self) -> int:
+        return sum(row.succeeded for row in self.rows)
+
+    @property
+    def share(self) -> float:
+        return self.successes / len(self.rows)
+
+    @property
+    def success(self) -> str:
+        """ "97 of 100 (91-99 %)", Wilson's interval at 95 %."""
+        low, high = wilson(self.successes, len(self.rows))
+        return f"{self.successes} of {len(self.rows)} ({100.0 * low:.0f}-{100.0 * high:.0f} %)"
+
+    def mean(self, value: Callable[[Row], float | None], *, reached: bool = True) -> float:
+        """Over the flights that reached the goal, or over all; NaN of none."""
+        values = [value(row) for row in self.rows if row.succeeded or not reached]
+        known = [each for each in values if each is not None]
+        return fmean(known) if known else float("nan")
+
+
+def fly_and_tell(report: Report, setups: Sequence[Setup], floors: Sequence[Floor]) -> list[Case]:
+    """Fly what was chosen, and tell of all flights of these set-ups that are kept: table, checks, failures."""
+    cases = fly(report, setups)
+    if not cases:
+        report.text("Not flown yet.")
+        return []
+    report.table(
+        HEADERS,
+        [_line(case) for case in cases],
+        "Speeds (m/s), ways and clearances (m) are those of the flights that reached the goal: speed on the way is the "
+        "way over its time, to the goal the straight distance over it. Guarded is the share of control steps that the "
+        "guard changed.",
+    )
+    for floor in floors:
+        _check(report, floor, cases)
+    report.figure(_successes(cases), report.name, "Success with its 95 % interval")
+    _failures(report, cases)
+    return cases
+
+
+def fly(report: Report, setups: Sequence[Setup]) -> list[Case]:
+    """The cases that are kept, those of the report's choice flown anew."""
+    choice = report.choice
+    folder = choice.logs / report.name
+    todo = campaign.jobs(setups, choice.methods or METHODS, choice.seeds, folder, choice.overrides)
+    if todo:
+        campaign.run(todo, report.progress)
+    rows = campaign.read(folder)
+    return [
+        Case(setup, method, speed, chosen)
+        for setup in setups
+        for method in METHODS
+        for speed in setup.speeds
+        if (chosen := tuple(r for r in rows if (r.setup, r.method, r.speed) == (setup.name, method, speed)))
+    ]
+
+
+def _line(case: Case) -> list[str | float]:
+    clearances = [row.least_clearance for row in case.rows if row.succeeded and row.least_clearance is not None]
+    return [
+        case.setup.title,
+        case.method,
+        f"{case.speed:.3g}",
+        case.success,
+        case.mean(lambda row: row.path_speed),
+        case.mean(lambda row: row.goal_speed),
+        min(clearances, default=float("nan")),
+        median(clearances) if clearances else float("nan"),
+        case.mean(lambda row: row.path_m / (row.shortest_m or row.straight_m)),
+        case.mean(lambda row: None if row.guarded_share is None else 100.0 * row.guarded_share, reached=False),
+        round(case.mean(lambda row: row.wall_s, reached=False), 1),
+    ]
+
+
+def _check(report: Report, floor: Floor, cases: Iterable[Case]) -> None:
+    for case in cases:
+        if case.setup.name == floor.setup and case.method == DEFAULT and case.speed in (floor.speeds or (case.speed,)):
+            what = f"{case.setup.title}, {DEFAULT}, {case.speed:.3g} m/s"
+            asked = f">= {100.0 * floor.success:g} %" + (f"; {floor.published}" if floor.published else "")
+            report.check(what, asked, case.success, case.share >= floor.success)
+
+
+def _successes(cases: Sequence[Case]) -> Any:
+    setups = list(dict.fromkeys((case.setup.name, case.speed) for case in cases))
+    methods = [method for method in METHODS if any(case.method == method for case in cases)]
+    figure, axes = style.sheet(height=2.8)
+    for number, method in enumerate(methods):
+        chosen = [case for case in cases if case.method == method]
+        shift = 0.12 * (number - 0.5 * (len(methods) - 1))
+        places = np.array([setups.index((case.setup.name, case.speed)) + shift for case in chosen])
+        shares = np.array([100.0 * case.share for case in chosen])
+        ends = 100.0 * np.array([wilson(case.successes, len(case.rows)) for case in chosen])
+        errors = np.maximum(np.abs(ends.T - shares), 0.0)
+        axes.errorbar(
+            places, shares, errors, fmt="o", ms=4, lw=1.0, capsize=2, color=style.PALETTE[number], label=method
+        )
+    axes.set_xticks(range(len(setups)), [f"{name}\n{speed:.3g} m/s" for name, speed in setups])
+    axes.set(ylabel="success / %", ylim=(-3.0, 103.0), xlim=(-0.5, len(setups) - 0.5))
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure
+
+
+def _failures(report: Report, cases: Sequence[Case]) -> None:
+    """What became of the flights that failed, and of the default method each by itself."""
+    failed = [(case, row) for case in cases for row in case.rows if not row.succeeded]
+    if not failed:
+        return
+    kinds: dict[tuple[str, str, str], int] = {}
+    for case, row in failed:
+        key = (case.setup.title, case.method, row.outcome)
+        kinds[key] = kinds.get(key, 0) + 1
+    report.table(("set-up", "method", "outcome", "flights"), [(*key, count) for key, count in kinds.items()],
+                 "How the others ended:")  # fmt: skip
+    own = [row for _, row in failed if row.method == DEFAULT]
+    if not own:
+        return
+    report.table(
+        ("flight", "outcome", "met", "at (m/s)", "avoidable"),
+        [
+            (f"{r.setup}, {r.speed:.3g} m/s, seed {r.seed}", r.outcome, r.met or "-",
+             "-" if r.contact_speed is None else round(r.contact_speed, 2),
+             "-" if r.avoidable is None else "yes" if r.avoidable else "no")
+            for r in own[:_NOT_WORTH_A_LINE]
+        ],
+        f"Failures of the default method ({len(own)}); each has its log, for `companion replay`, and a picture under "
+        f"`logs/avoidance/{report.name}/failed/`:",
+    )  # fmt: skip

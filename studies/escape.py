@@ -1,0 +1,129 @@
+"""Whether a contact with something that moved or appeared could have been avoided.
+
+From each moment (every 0.1 s, at most 4 s before the contact) at which the obstacle was in sight, that is in the ring's
+range with nothing before it, the vehicle goes on as it did for the reaction time: a scan period, the scan's age when it
+is sent, and the lag of attitude and rotors. Then it may accelerate as hard as its tilt limit lets it, in any of 36
+directions and for up to 1.5 s, and brake as hard to a standstill; or brake at once. If the hull stays free of
+everything in one of these until a second after the contact, everything else moving as it did, the contact was
+avoidable. The look ahead is perfect: this asks what was possible, not what could be known.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.frames import GRAVITY, Array
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.world import Scene, World
+
+DIRECTIONS = 36
+BURSTS_S = (0.3, 0.6, 1.0, 1.5)
+LOOK_BACK_S = 4.0
+AFTER_S = 1.0
+_EVERY = 25
+_STEP = 5
+"""Ticks between two moments from which an escape is tried, and between two looks at its way."""
+_TICK_S = TICK_NS * 1e-9
+_IN_THE_WAY_M = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Abilities:
+    """Of the vehicle, in the plane."""
+
+    acceleration: float
+    """m/s2, in any direction."""
+    reaction_s: float
+    hull: float
+    """m"""
+
+    @classmethod
+    def of(cls, airframe: Airframe, tilt: float) -> "Abilities":
+        """With a limit on tilt (rad)."""
+        body, lidar = airframe.body, airframe.lidar
+        lag = body.rotor_time_constant_s
+        if body.attitude_loop_gain_1_s > 0.0:
+            lag += 1.0 / body.attitude_loop_gain_1_s
+        reaction = 1.0 / lidar.rate_hz + lidar.latency_s + lag
+        return cls(GRAVITY * math.tan(tilt), reaction, airframe.hull.radius_m)
+
+
+def avoidable(world: World, truth: Array, met: str, abilities: Abilities, range_m: float) -> bool:
+    """`world` as its file has it, `truth` (n, 17) of all ticks up to the contact with `met`, from the boot on;
+    `range_m` of the ring."""
+    scene = Scene(world)
+    for tick, state in enumerate(truth):
+        scene.watch(tick * TICK_NS, state[:3].tolist())
+    contact = len(truth) - 1
+    worlds = _Worlds(scene, contact + round(AFTER_S / _TICK_S))
+    first = max(0, contact - round(LOOK_BACK_S / _TICK_S))
+    return any(
+        _in_sight(worlds.at(tick), truth[tick, :3], met, range_m) and _escapes(worlds, truth, tick, abilities)
+        for tick in range(first, contact, _EVERY)
+    )
+
+
+class _Worlds:
+    """Snapshots of a scene, made once each."""
+
+    def __init__(self, scene: Scene, end: int) -> None:
+        self.end = end
+        self._scene = scene
+        self._kept: dict[int, World] = {}
+
+    def at(self, tick: int) -> World:
+        if tick not in self._kept:
+            self._kept[tick] = self._scene.at(tick * TICK_NS)
+        return self._kept[tick]
+
+
+def _in_sight(world: World, place: Array, met: str, range_m: float) -> bool:
+    if met not in world.names[len(world.boxes) :]:
+        return False
+    north, east, radius = world.cylinders[world.names.index(met) - len(world.boxes), :3]
+    way = np.array([north - place[0], east - place[1], 0.0])
+    distance = float(np.linalg.norm(way))
+    if distance - radius > range_m:
+        return False
+    return bool(world.range_along(place, way / distance, range_m) >= distance - radius - _IN_THE_WAY_M)
+
+
+def _escapes(worlds: _Worlds, truth: Array, tick: int, abilities: Abilities) -> bool:
+    """Whether one of the manoeuvres that begin with this tick stays free."""
+    begin = tick + round(abilities.reaction_s / _TICK_S)
+    if begin >= len(truth):
+        return False  # the contact comes before anything can be done
+    position, velocity = truth[begin, :3], truth[begin, 3:5]
+    return any(
+        _is_free(worlds, begin, position, velocity, push, burst_s, abilities)
+        for push, burst_s in _manoeuvres(abilities)
+    )
+
+
+def _manoeuvres(abilities: Abilities) -> Iterator[tuple[Array, float]]:
+    """Acceleration (2,) and how long, before braking."""
+    yield np.zeros(2), 0.0
+    for angle in np.linspace(0.0, 2.0 * math.pi, DIRECTIONS, endpoint=False):
+        for burst_s in BURSTS_S:
+            yield abilities.acceleration * np.array([math.cos(angle), math.sin(angle)]), burst_s
+
+
+def _is_free(
+    worlds: _Worlds, begin: int, position: Array, velocity: Array, push: Array, burst_s: float, abilities: Abilities
+) -> bool:
+    place, speed = position.copy(), velocity.copy()
+    dt = _STEP * _TICK_S
+    for tick in range(begin, worlds.end, _STEP):
+        if worlds.at(tick).clearance(place) <= abilities.hull:
+            return False
+        if (tick - begin) * _TICK_S < burst_s:
+            after = speed + dt * push
+        else:
+            size = float(np.linalg.norm(speed))
+            after = speed * max(0.0, 1.0 - dt * abilities.acceleration / size) if size > 0.0 else speed
+        place[:2] += 0.5 * dt * (speed + after)
+        speed = after
+    return True

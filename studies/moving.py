@@ -1,0 +1,48 @@
+"""What appears before the vehicle, and what walks into its way."""
+
+from studies import escape, worlds
+from studies.campaign import DEFAULT, Setup
+from studies.campaign_report import Case, fly_and_tell
+from studies.report import Report
+
+NAME = "moving"
+TITLE = "Pop-up pillars and walkers"
+
+AT_REST_M_S = 0.2
+SETUPS = (
+    Setup("popup", "pillar 2 m ahead", worlds.pop_up, (3.0,), 60.0, 20),
+    Setup("street", "street with walkers", worlds.street, (3.0,), 120.0, 50),
+)
+
+
+def run(report: Report) -> None:
+    report.text(
+        f"""
+A pillar of 0.2 m appears when the vehicle's centre is 2 m from its side. In a street of 12 m between walls ten walkers
+of 0.6 m go to and fro at 0.6 to 1.5 m/s, half of them across it, without looking out; they are taller than people, as
+a tilted ring would look over these.
+
+A contact is **avoidable** if there was an escape. {_how()}
+A walker may also walk into a vehicle that hovers: such contacts count as avoidable where it could have moved away.
+"""
+    )
+    for case in fly_and_tell(report, SETUPS, ()):
+        if case.method == DEFAULT:
+            _check(report, case)
+
+
+def _how() -> str:
+    text = (escape.__doc__ or "").split("\n\n", 1)[1]
+    return " ".join(text.split())
+
+
+def _check(report: Report, case: Case) -> None:
+    contacts = [row for row in case.rows if row.outcome == "contact"]
+    avoidable = sum(row.avoidable is not False for row in contacts)
+    resting = sum(row.contact_speed is not None and row.contact_speed < AT_REST_M_S for row in contacts)
+    report.check(
+        f"{case.setup.title}: contacts that could have been avoided, {DEFAULT}, {case.speed:g} m/s",
+        "0",
+        f"{avoidable} of {len(contacts)} contacts in {len(case.rows)} flights ({resting} at rest)",
+        avoidable == 0,
+    )
