@@ -67,8 +67,8 @@ def run(report: Report) -> None:
                 size = 1e3 * (tracked.error_ned**2).sum(axis=1) ** 0.5
                 axes[0 if shape == "circle" else 1].plot(tracked.time_s, size, label=label)
     for axis in axes:
-        axis.set(ylabel="error / mm", ylim=(0.0, None))
-        axis.legend()
+        axis.set(ylabel="error / mm", ylim=(0.0, 1.25 * axis.get_ylim()[1]))
+        axis.legend(loc="upper right", ncols=2)
     axes[1].set(xlabel="time since the shape's start / s")
     report.figure(figure, "agile-error", "Distance from the reference at 8 m/s, output rates.")
     headers = ("shape", "m/s", "delay / ms", "output", "RMSE / mm", "peak / mm", "RotorPy SE3 / mm", "best known / mm")

@@ -81,11 +81,12 @@ def test_collective_is_the_nearest_thrust_along_the_body() -> None:
         assert collective(thrust, attitude_command(thrust, 0.3)) == pytest.approx(np.linalg.norm(thrust))
 
 
-def lissajous(time: float) -> tuple[list[Array], Array]:
+def lissajous(time: float) -> tuple[Array, Array, Array, Array, Array]:
     """Velocity, acceleration, jerk, snap, and the heading with two derivatives, of a smooth motion in all axes."""
     amplitude, rate, phase = np.array([[4.0, 3.0, 1.0], [1.3, 2.1, 1.7], [0.2, 1.0, 2.0]])
-    motion = [amplitude * rate**n * np.sin(rate * time + phase + n * math.pi / 2) for n in range(1, 5)]
-    return motion, np.array([0.7 * 0.9**n * math.sin(0.9 * time + n * math.pi / 2) for n in range(3)])
+    one, two, three, four = (amplitude * rate**n * np.sin(rate * time + phase + n * math.pi / 2) for n in range(1, 5))
+    heading = np.array([0.7 * 0.9**n * math.sin(0.9 * time + n * math.pi / 2) for n in range(3)])
+    return one, two, three, four, heading
 
 
 DRAG = np.array([0.45, 0.6, 0.9])
@@ -94,18 +95,19 @@ DRAG = np.array([0.45, 0.6, 0.9])
 def test_flatness_obeys_newton() -> None:
     """Thrust, weight and drag at the attitude that it gives are the mass times the acceleration."""
     for time in np.linspace(0.0, 6.0, 40):
-        motion, heading = lissajous(time)
-        attitude, _, _, thrust = inverse(*motion, heading, MASS, DRAG)
-        drag = rotate(attitude, DRAG * rotate_inverse(attitude, motion[0]))
-        assert accelerated(attitude, thrust) - drag / MASS == pytest.approx(motion[1], abs=1e-3)
-        assert yaw_of(attitude) == pytest.approx(heading[0], abs=0.5)
+        velocity, acceleration, jerk, snap, heading = lissajous(time)
+        attitude, _, _, thrust = inverse(velocity, acceleration, jerk, snap, heading, MASS, DRAG)
+        drag = rotate(attitude, DRAG * rotate_inverse(attitude, velocity))
+        assert accelerated(attitude, thrust) - drag / MASS == pytest.approx(acceleration, abs=1e-3)
+        side = rotate(attitude, np.array([0.0, 1.0, 0.0]))
+        assert side @ np.array([math.cos(heading[0]), math.sin(heading[0]), 0.0]) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_rates_and_angular_acceleration_are_the_attitudes_derivatives() -> None:
     h = 1e-4
     for time in np.linspace(0.0, 6.0, 40):
         (before, rates_before, _, _), (_, rates, turning, _), (after, rates_after, _, _) = (
-            inverse(*lissajous(at)[0], lissajous(at)[1], MASS, DRAG) for at in (time - h, time, time + h)
+            inverse(*lissajous(at), MASS, DRAG) for at in (time - h, time, time + h)
         )
         turned = to_rotation_vector(multiply(conjugate(before), after)) / (2.0 * h)
         assert rates == pytest.approx(turned, abs=2e-3)

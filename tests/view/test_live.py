@@ -177,7 +177,7 @@ def test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider(tmp_path
 
             def read(words: Locator) -> str:
                 drawn()
-                return words.inner_text()
+                return str(words.inner_text())
 
             place = page.locator("#place")
             wait_for(lambda: read(place), lambda text: text.startswith("north 4.0"))
