@@ -277,7 +277,7 @@ def barn(seed: int) -> Site:
         walls = [_wall((-1.5, side * 15.5 * cell), (total + 1.5, side * 15.5 * cell)) for side in (-1.0, 1.0)]
         walls += [_wall((end, -15.5 * cell), (end, 15.5 * cell)) for end in (-1.5, total + 1.5)]
         site = _site("barn", seed, {"cylinder": rows, "wall": walls}, (_m(total), 0.0))
-        if math.isfinite(shortest(site, HULL + 0.05)):
+        if math.isfinite(shortest(site, HULL + 0.05, margin=5.0)):
             return site
     raise ValueError(f"barn {seed}: no field with a way through in {_TRIES}")
 
@@ -328,12 +328,13 @@ SITES: dict[str, Callable[[int], Site]] = {
 # --- ground truth ---
 
 
-def shortest(site: Site, radius: float) -> float:
+def shortest(site: Site, radius: float, margin: float = 24.0) -> float:
     """Length (m) of the shortest way of a disc of `radius` (m) from the start over all waypoints at the flight's
     height, through what is there from the start and stands still; inf if there is none.
 
-    On a grid of 0.1 m with moves to 16 neighbours: up to 3 % too long."""
-    return float(sum(_leg(site, a, b, radius) for a, b in _legs(site)))
+    On a grid of 0.1 m with moves to 16 neighbours, so up to 3 % too long, and no farther off than `margin` (m) from the
+    legs' bounding boxes."""
+    return float(sum(_leg(site, a, b, radius, margin) for a, b in _legs(site)))
 
 
 def _legs(site: Site) -> Iterator[tuple[Place, Place]]:
@@ -341,12 +342,12 @@ def _legs(site: Site) -> Iterator[tuple[Place, Place]]:
     return itertools.pairwise(places)
 
 
-def _leg(site: Site, start: Place, goal: Place, radius: float) -> float:
+def _leg(site: Site, start: Place, goal: Place, radius: float, margin: float) -> float:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    low = np.minimum(start, goal) - 12.0
-    shape = tuple(int(n) for n in np.ceil((np.maximum(start, goal) + 12.0 - low) / _CELL_M))
+    low = np.minimum(start, goal) - margin
+    shape = tuple(int(n) for n in np.ceil((np.maximum(start, goal) + margin - low) / _CELL_M))
     free = _free(site, low, shape, radius)
     numbers = np.arange(free.size).reshape(shape)
     rows, columns, lengths = [], [], []

@@ -1,0 +1,193 @@
+"""Campaigns: one flight a row, failures that can be flown again, and that memory and wire are the same flight."""
+
+import dataclasses
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from companion.autopilot import Datagram
+from companion.logs.replay import replay
+from protocol.flightlog import Direction, datagrams, digest
+from studies import barn, campaign, worlds
+from studies.campaign import Job, Row, Setup, wilson
+from studies.campaign_report import Floor, fly_and_tell
+from studies.escape import Abilities, avoidable
+from studies.joined import Joined
+from studies.report import Choice, Report, markdown
+from tests.flights.processes import run
+from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.world import World
+
+POP_UP = Setup("popup", "pillar", worlds.pop_up, (3.0,), 60.0, 20)
+FOREST = Setup("forest25", "forest", worlds.forest, (3.0,), 60.0)
+
+
+def flown_here(function: Any, jobs: Any) -> Any:
+    """In place of all cores: tests share the machine."""
+    return map(function, jobs)
+
+
+def row(**changes: Any) -> Row:
+    plain = Row(
+        setup="forest25", method="astar", speed=3.0, seed=1, outcome="reached", met=None, avoidable=None,
+        contact_speed=None, route_s=10.0, path_m=41.0, straight_m=40.0, shortest_m=None, path_speed=4.1, goal_speed=3.8,
+        top_speed=5.0, least_clearance=1.2, blocked_share=0.1, guarded_share=None, simulated_s=20.0, wall_s=2.0,
+        log=None,
+    )  # fmt: skip
+    return dataclasses.replace(plain, **changes)
+
+
+def test_joined_is_the_same_flight_as_two_processes_over_udp(tmp_path: Path) -> None:
+    """On the way a pillar appears: what the world does late is part of it."""
+    site = worlds.pop_up(4)
+    _, mission_file = site.save(tmp_path, speed=3.0)
+    done = run("companion", "demo", str(mission_file), "--seed", "4", "--log", str(tmp_path / "logs"), "--no-report",
+               "--set", 'avoidance.method="paper"')  # fmt: skip
+    (log,) = (tmp_path / "logs").rglob("flight.mcap")
+    mission = site.mission(3.0, tmp_path / f"{site.name}.toml")
+    joined = Joined(mission, overrides=('avoidance.method="paper"',), seed=4)
+    joined.fly()
+    heard = [event.data for event in joined.events if isinstance(event, Datagram)]
+    said = list(datagrams(log))
+    assert len(heard) > 2000, done.stderr
+    assert [data for _, direction, _, data in said if direction is Direction.IN] == heard
+    assert [data for _, direction, _, data in said if direction is Direction.OUT] == joined.sent
+    again = campaign.record(mission_file, mission, ('avoidance.method="paper"',), (), 4, tmp_path / "memory")
+    assert digest(again) == digest(log)
+
+
+def test_a_flight_that_arrives(tmp_path: Path) -> None:
+    job = Job(FOREST, "paper", 3.0, 1, tmp_path)
+    flown = campaign.fly(job)
+    assert flown.succeeded and flown.met is None and flown.log is None
+    assert flown.path_m >= flown.straight_m - campaign.GOAL_M - 0.5
+    assert flown.goal_speed <= flown.path_speed <= flown.top_speed < 3.5
+    assert flown.least_clearance is not None and flown.least_clearance > 0.0
+    assert dataclasses.replace(campaign.fly(job), wall_s=flown.wall_s) == flown
+    assert not (tmp_path / "failed").exists()
+
+
+def test_a_contact_is_kept_and_flies_again_to_the_bit(tmp_path: Path) -> None:
+    flown = campaign.fly(Job(POP_UP, "none", 3.0, 2, tmp_path))
+    assert flown.outcome == "contact" and flown.met == "cylinder 1" and not flown.succeeded
+    assert flown.contact_speed == pytest.approx(3.0, abs=0.2)
+    assert flown.avoidable is True
+    assert flown.log == "failed/popup_none_3_2"
+    folder = tmp_path / "failed" / "popup_none_3_2"
+    assert {"flight.mcap", "end.png", "end.svg"} <= {path.name for path in folder.iterdir()}
+    second = replay(folder / "flight.mcap")
+    assert not second.differences and second.flown_s == pytest.approx(flown.simulated_s, abs=0.01)
+
+
+def test_rows_come_back_from_their_files(tmp_path: Path) -> None:
+    jobs = campaign.jobs([FOREST, dataclasses.replace(POP_UP, seeds=2)], ["none", "paper"], 3, tmp_path)
+    assert len(jobs) == 2 * 3 + 2 * 2 and len({job.case for job in jobs}) == 4
+    made = {
+        (job.case, job.seed): row(
+            setup=job.setup.name, method=job.method, seed=job.seed, met="tree" if job.seed == 2 else None
+        )
+        for job in jobs
+    }
+    rows = campaign.run(jobs, lambda rows, label: iter(rows), lambda fly, todo: (made[j.case, j.seed] for j in todo))
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        f"{case}.parquet" for case in {j.case for j in jobs}
+    )
+    assert sorted(campaign.read(tmp_path), key=repr) == sorted(rows, key=repr) == sorted(made.values(), key=repr)
+
+
+@pytest.mark.parametrize(("successes", "total"), [(0, 10), (10, 10), (97, 100), (100, 100), (1, 20)])
+def test_wilson_as_scipy_has_it(successes: int, total: int) -> None:
+    theirs = binomtest(successes, total).proportion_ci(method="wilson")
+    assert wilson(successes, total) == pytest.approx((theirs.low, theirs.high), abs=1e-6)
+
+
+def test_nothing_is_known_of_no_flights() -> None:
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_score_is_that_of_barn() -> None:
+    optimal_s = 20.0 / barn.SPEED
+    flight = partial(row, shortest_m=20.0)
+    assert barn.score(flight(route_s=0.5 * optimal_s)) == 0.5
+    assert barn.score(flight(route_s=4.0 * optimal_s)) == pytest.approx(0.25)
+    assert barn.score(flight(route_s=20.0 * optimal_s)) == pytest.approx(0.125)
+    assert barn.score(flight(route_s=1.0, outcome="contact")) == 0.0
+
+
+def test_a_section_holds_its_floors_against_the_default_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "logs" / "forest"
+    good = [row(seed=seed) for seed in range(1, 101)]
+    bad = [row(seed=seed, method="paper", outcome="contact", met="tree") for seed in range(1, 11)]
+    campaign.write([*good[:-2], row(seed=99, outcome="contact", met="tree 7", contact_speed=2.0), good[-1]],
+                   folder / "forest25_astar_3.parquet")  # fmt: skip
+    campaign.write(bad, folder / "forest25_paper_3.parquet")
+    report = Report("forest", "Forests", tmp_path, choice=Choice(seeds=0, logs=tmp_path / "logs"))
+    cases = fly_and_tell(report, [FOREST], [Floor("forest25", 0.99)])
+    assert [(case.method, case.success) for case in cases] == [
+        ("astar", "99 of 100 (95-100 %)"),
+        ("paper", "0 of 10 (0-28 %)"),
+    ]
+    (check,) = report.section().checks
+    assert check.ok and check.what == "forest, astar, 3 m/s"
+    text = markdown(report.section(), "avoidance")
+    assert "| forest25, 3 m/s, seed 99 | contact | tree 7 | 2 | - |" in text
+    assert (tmp_path / "forest.png").is_file()
+
+
+ABLE = Abilities(acceleration=5.0, reaction_s=0.2, hull=0.36)
+
+
+def towards(speed: float, ahead: float) -> bool:
+    """Whether a cylinder of 500 m, which nobody gets round, can be avoided that appears so far before the hull's
+    centre."""
+    table = {"name": "wall", "center": [520.0, 0.0], "radius": 500.0, "height": 50.0, "appears_within": ahead}
+    origin = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 400.0}
+    world = World.from_tables({"name": "test", "origin": origin, "cylinder": [table]}, "test.toml")
+    ticks = np.arange(round((20.0 - ABLE.hull) / speed / (TICK_NS * 1e-9)) + 1)
+    truth = np.zeros((len(ticks), 17))
+    truth[:, 0] = speed * ticks * TICK_NS * 1e-9
+    truth[:, 2], truth[:, 3], truth[:, 6] = -10.0, speed, 1.0
+    return avoidable(world, truth, "wall", ABLE, 15.0)
+
+
+@pytest.mark.parametrize("speed", [2.0, 4.0, 7.0])
+def test_what_can_be_stopped_for_is_avoidable_and_nothing_nearer(speed: float) -> None:
+    needed = speed * ABLE.reaction_s + speed**2 / (2.0 * ABLE.acceleration) + ABLE.hull
+    # moments are looked at every 0.1 s: as much later may be the first after it appeared
+    assert towards(speed, needed + 0.1 * speed + 0.05)
+    assert not towards(speed, needed - 0.05)
+
+
+def test_a_walker_who_comes_at_a_vehicle_that_hovers_can_be_avoided_unless_it_was_hidden() -> None:
+    origin = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 400.0}
+    walker = {
+        "name": "walker",
+        "center": [12.0, 0.0],
+        "radius": 0.3,
+        "height": 5.0,
+        "route": [[-12.0, 0.0]],
+        "speed": 1.5,
+    }
+    truth = np.zeros((round((12.0 - 0.66) / 1.5 / 0.004), 17))
+    truth[:, 2], truth[:, 6] = -2.0, 1.0
+    for walls, expected in (([], True), ([[[1.0, -9.0], [1.0, 9.0]]], False)):
+        rows = [{"name": "wall", "start": a, "end": b, "thickness": 0.1, "height": 5.0} for a, b in walls]
+        world = World.from_tables({"name": "test", "origin": origin, "cylinder": [walker], "wall": rows}, "test.toml")
+        assert avoidable(world, truth, "walker", dataclasses.replace(ABLE, reaction_s=0.6), 15.0) is expected
+
+
+def test_abilities_are_those_of_the_vehicle_and_its_limit() -> None:
+    mission = worlds.pop_up(1)
+    assert mission.height == 3.0
+    from protocol import datafile
+    from vehicle_sim.airframe import Airframe
+
+    able = Abilities.of(Airframe.load(datafile.find("vehicles", "paper_quad")), math.radians(45.0))
+    assert able.acceleration == pytest.approx(9.80665, rel=1e-3)
+    assert able.reaction_s == pytest.approx(1.0 / 15.0 + 0.02 + 0.125 + 0.03)
+    assert able.hull == 0.36

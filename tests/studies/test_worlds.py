@@ -1,0 +1,161 @@
+"""Places by seed: the file is the world, the seed is the place, and each is what it says it is."""
+
+import itertools
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from companion import mission as missions
+from studies import __main__ as command_line
+from studies import worlds
+from studies.worlds import HULL, SITES, shortest
+from vehicle_sim.world import Scene, World
+
+KINDS = sorted(SITES)
+
+
+def at(north: float, east: float, height: float = 3.0) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    return np.array([north, east, -height])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_seed_is_the_place_and_the_file_is_the_world(kind: str, tmp_path: Path) -> None:
+    site = SITES[kind](3)
+    assert site == SITES[kind](3)
+    if kind != "fig6":
+        assert site.tables != SITES[kind](4).tables
+    world_file, mission_file = site.save(tmp_path, speed=3.5)
+    read, made = World.load(world_file), site.world()
+    np.testing.assert_array_equal(read.boxes, made.boxes)
+    np.testing.assert_array_equal(read.cylinders, made.cylinders)
+    assert read.names == made.names and len(read.names) == len(read.boxes) + len(read.cylinders) > 0
+    assert [each.appears_within for each in read.restless] == [each.appears_within for each in made.restless]
+    mission, _ = missions.load(str(mission_file))
+    assert mission == site.mission(3.5, world_file.absolute())
+    assert (mission.waypoints[-1].north, mission.waypoints[-1].east) == site.goal
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "fig6"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_start_and_goal_are_free(kind: str, seed: int) -> None:
+    site = SITES[kind](seed)
+    world = site.world()
+    for place in ((0.0, 0.0), site.goal):
+        assert world.clearance(at(*place, site.height)) > HULL + 0.5
+
+
+@pytest.mark.parametrize("kind", ["forest", "utrap", "gap", "pole", "maze", "barn", "fig6"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_there_is_a_way_and_it_is_no_shorter_than_straight(kind: str, seed: int) -> None:
+    site = SITES[kind](seed)
+    way = shortest(site, HULL)
+    straight = sum(math.dist(a, b) for a, b in itertools.pairwise([(0.0, 0.0), *site.waypoints]))
+    assert straight - 0.2 <= way < math.inf
+
+
+def test_a_forest_has_the_density_it_says() -> None:
+    sites = [worlds.forest(seed) for seed in range(400)]
+    # what the free circles of 2.8 m around start and goal leave of 30 x 60 m
+    expected = (1800.0 - 2.0 * math.pi * 2.8**2) / 25.0
+    counts = np.array([len(site.world().cylinders) for site in sites])
+    assert abs(counts.mean() - expected) < 4.0 * math.sqrt(expected / len(sites))
+    assert counts.var() == pytest.approx(expected, rel=0.3)  # Poisson's
+    trees = np.concatenate([site.world().cylinders for site in sites])
+    assert (trees[:, 2] == 0.3).all()
+    assert -10.0 <= trees[:, 0].min() < -9.9 and 49.9 < trees[:, 0].max() <= 50.0
+    assert -15.0 <= trees[:, 1].min() < -14.9 and 14.9 < trees[:, 1].max() <= 15.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_gap_is_as_wide_as_it_says(seed: int) -> None:
+    site = worlds.gap(seed)
+    walls = site.tables["wall"]
+    left, right = np.array(walls[0]["end"]), np.array(walls[1]["start"])
+    assert np.linalg.norm(right - left) == pytest.approx(0.9)
+    assert site.world().clearance(at(*(0.5 * (left + right)))) == pytest.approx(0.45)
+    assert shortest(site, 0.36) < 40.0
+    assert shortest(site, 0.6) > 40.0  # round the end of the wall
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_trap_catches_who_flies_straight(seed: int) -> None:
+    site = worlds.u_trap(seed)
+    ahead = site.world().range_along(at(0.0, 0.0), np.array([1.0, 0.0, 0.0]), 100.0)
+    assert 15.0 < ahead < 20.0
+    assert shortest(site, HULL) > 32.3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_all_rooms_of_the_maze_can_be_reached_and_none_from_outside(seed: int) -> None:
+    site = worlds.maze(seed)
+    for room in ((0.0, 20.0), (20.0, 0.0), (8.0, 12.0)):
+        assert math.isfinite(shortest(worlds.Site(site.name, site.tables, (room,)), HULL))
+    outside = worlds.Site(site.name, site.tables, ((27.0, 10.0),))
+    assert shortest(outside, 0.3) == math.inf
+
+
+def test_barn_is_scaled_to_the_vehicle() -> None:
+    site = worlds.barn(5)
+    assert site.goal[0] == pytest.approx(10.0 * 0.72 / 0.43, abs=0.01)
+    assert set(site.world().cylinders[:, 2]) == {0.13}  # 0.075 m * 1.67, to the centimetre
+    assert math.isfinite(shortest(site, HULL + 0.05))
+
+
+def test_the_pillar_is_not_there_before_it_appears() -> None:
+    site = worlds.pop_up(1)
+    scene = Scene(site.world())
+    assert scene.at(0).names == ()
+    north, east, radius = site.world().cylinders[0, :3]
+    scene.watch(5, (north - radius - 2.01, east, -3.0))
+    assert scene.at(5).names == ()
+    scene.watch(9, (north - radius - 1.99, east, -3.0))
+    assert scene.at(9).names == ("cylinder 1",)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_walkers_walk_and_leave_start_and_goal_alone(seed: int) -> None:
+    site = worlds.street(seed)
+    scene = Scene(site.world())
+    places = np.array([scene.at(round(t * 1e9)).cylinders[:, :2] for t in np.arange(0.0, 120.0, 0.5)])
+    for end in ((0.0, 0.0), site.goal):
+        assert np.hypot(*(places - np.array(end)).transpose(2, 0, 1)).min() > 4.0
+    speeds = np.hypot(*np.diff(places, axis=0).transpose(2, 0, 1)) / 0.5
+    assert np.median(speeds) > 0.5 and speeds.max() < 1.51
+    assert np.abs(places[..., 1]).max() < 5.6
+
+
+def test_the_shortest_way_round_a_wall() -> None:
+    wall = {"name": "wall", "start": [10.0, -4.0], "end": [10.0, 4.0], "thickness": 0.2, "height": 10.0}
+    site = worlds.Site("wall", {"name": "wall", "origin": dict(worlds.forest(1).tables["origin"]), "wall": [wall]},
+                       ((20.0, 0.0),))  # fmt: skip
+    # two tangents to a circle of 0.5 m around each corner, and the bit along it; the wall's thickness is small
+    corner = math.hypot(10.0, 4.0)
+    along = 2.0 * math.sqrt(corner**2 - 0.25) + 2.0 * 0.5 * (math.atan2(4.0, 10.0) + math.asin(0.5 / corner))
+    assert shortest(site, 0.5) == pytest.approx(along, rel=0.035)
+
+
+def test_toml_gives_back_what_it_was_given() -> None:
+    tables = {
+        "name": 'a "b" \\ c',
+        "on": True,
+        "n": 3,
+        "x": [1.5, -2e-7],
+        "origin": {"h": 1.0},
+        "box": [{"p": [[1.0, 2.0]]}],
+    }
+    assert tomllib.loads(worlds.toml(tables)) == tables
+
+
+def test_command_line(tmp_path: Path) -> None:
+    run = CliRunner().invoke(
+        command_line.places, ["gap", "--seed", "7", "--picture", "--folder", str(tmp_path), "--speed", "2"]
+    )
+    assert run.exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"gap_7.toml", "gap_7_mission.toml", "gap_7.png", "gap_7.svg"}
+    assert missions.load(str(tmp_path / "gap_7_mission.toml"))[0].speed == 2.0
+    wrong = CliRunner().invoke(command_line.places, ["swamp"])
+    assert wrong.exit_code == 2 and "swamp: no such place (there: forest" in wrong.output
