@@ -15,8 +15,10 @@ from protocol.messages import Encoder, dialect
 
 _TICK_NS = 4_000_000
 _LONGEST_TICKS = 50_000
-_ON_THE_WAY_TICKS = 50
+_ON_THE_WAY_TICKS = 250
 """So long it is still short of each waypoint, with obstacles before it; then it is there."""
+_RINGS, _RINGS_WITH_A_THING = 16, 14
+"""Of so many rings so many show something; it turns with the vehicle, long enough to be seen to move."""
 _REHEARSED_LAPS = 0.1
 _REHEARSED_RAMP_S = 0.2
 _REHEARSED_REACH = 3.0
@@ -75,9 +77,10 @@ def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> No
         )
         data += send(dialect.MAVLink_local_position_ned_message, tick * 4, north, east, down, 0.1, 0.0, 0.0)
         if tick % 16 == 1:
-            ring = rings[tick // 16 % 2]
+            ring = rings[tick // 16 % _RINGS >= _RINGS_WITH_A_THING]
             data += send(dialect.MAVLink_obstacle_distance_message, tick * 4000, 0, ring, 5, 20, 1500, 5.0, 0.0, 12)
-            data += send(dialect.MAVLink_extended_sys_state_message, 0, dialect.MAV_LANDED_STATE_ON_GROUND)
+            flies = dialect.MAV_LANDED_STATE_IN_AIR if state is State.FLY else dialect.MAV_LANDED_STATE_ON_GROUND
+            data += send(dialect.MAVLink_extended_sys_state_message, 0, flies)
             base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
             data += send(dialect.MAVLink_heartbeat_message, 2, dialect.MAV_AUTOPILOT_PX4, base, mode, 4, 3)
             data += send(
