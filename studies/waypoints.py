@@ -239,7 +239,7 @@ def _where(outcomes: Outcomes) -> str:
     whole = len(outcomes) - len(words)
     return (
         f"Of {len(outcomes)} pairs of field of view and speed, {whole} end as published in all nine flights. "
-        f"Not so: {'; '.join(words) or 'none'}. Slow and with more than a narrow view, the vehicle sees the obstacle in "
+        f"Not so: {'; '.join(words) or 'none'}. Slow, with more than a narrow view, the vehicle sees the obstacle in "
         "time whatever the weight."
     )
 
