@@ -1,0 +1,134 @@
+"""The motion along a way, the way over a map, and the trail back."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.avoidance.course import NO_WAY, Course, Way, wish
+from companion.avoidance.grid import FREE, OCCUPIED, MapView, distance_to
+from companion.avoidance.mapped import Planner
+from companion.avoidance.progress import Progress, Trail
+from companion.config import Avoidance, AvoidanceCourse
+from protocol.frames import Array
+
+SETTINGS = AvoidanceCourse()
+TICK_NS = 4_000_000
+BRAKING = 3.5
+AHEAD = np.array([[0.0, 0.0], [30.0, 0.0]])
+
+
+def flown(ticks: int, wanted: Array) -> list[Array]:
+    """The course's motions; the vehicle follows without error."""
+    course = Course(SETTINGS)
+    course.start(0, np.zeros(3), np.zeros(3), np.zeros(3))
+    motions = []
+    for tick in range(1, ticks + 1):
+        course.advance(tick * TICK_NS, wanted, course.at((tick - 1) * TICK_NS)[0])
+        motions.append(course.at(tick * TICK_NS))
+    return motions
+
+
+def test_a_course_takes_a_velocity_up_within_its_limits() -> None:
+    wanted = np.array([4.0, -3.0])
+    motions = np.array(flown(1000, wanted))
+    acceleration = np.linalg.norm(motions[:, 2], axis=1)
+    jerk = np.linalg.norm(np.diff(motions[:, 2], axis=0), axis=1) / 0.004
+    assert acceleration.max() == pytest.approx(SETTINGS.acceleration)
+    assert jerk.max() <= SETTINGS.jerk + 1e-6
+    assert motions[-1, 1] == pytest.approx(wanted, abs=1e-2)
+    assert np.diff(motions[:, 0], axis=0) / 0.004 == pytest.approx(motions[:-1, 1], abs=0.02)
+
+
+def test_a_course_waits_for_the_vehicle_and_gives_in_to_the_guard() -> None:
+    course = Course(SETTINGS)
+    course.start(0, np.zeros(2), np.zeros(2), np.zeros(2))
+    for tick in range(1, 500):
+        course.advance(tick * TICK_NS, np.array([5.0, 0.0]), np.zeros(2))
+    place, velocity, _ = course.at(499 * TICK_NS)
+    assert place == pytest.approx([SETTINGS.leash, 0.0]) and velocity[0] > 4.0
+    for tick in range(500, 625):
+        course.advance(tick * TICK_NS, np.zeros(2), np.zeros(2))
+        course.give_in(np.zeros(2), np.zeros(2), np.zeros(2))
+    assert np.abs(course.at(624 * TICK_NS)).max() < 0.05
+
+
+def test_a_wish_keeps_to_the_way_and_slows_down_before_a_corner() -> None:
+    corners = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 20.0]])
+    way = Way(corners, np.array([6.0, 2.0, 0.0]))
+    velocity = np.zeros(2)
+    far = wish(way, np.array([1.0, 0.5]), velocity, corners[-1], 6.0, BRAKING)
+    assert np.linalg.norm(far.velocity) == pytest.approx(6.0) and far.velocity[1] < 0.0  # back to the line
+    near = wish(way, np.array([9.5, 0.0]), velocity, corners[-1], 6.0, BRAKING)
+    assert np.linalg.norm(near.velocity) == pytest.approx(math.sqrt(4.0 + 2.0 * BRAKING * 0.5))
+    assert near.velocity[1] > 0.0  # looks round the corner
+    assert far.places[-1] == pytest.approx(corners[-1]) and len(far.places) == 3 and len(near.places) == 2
+    beside = wish(way, np.array([10.0, 19.6]), velocity, corners[-1], 6.0, BRAKING)
+    assert beside.velocity == pytest.approx([0.0, 0.6])
+
+
+def test_a_bearing_across_the_motion_is_taken_slowly_and_none_is_a_stop() -> None:
+    east = Way(NO_WAY.corners, NO_WAY.speeds, 0.5 * math.pi)
+    goal = np.array([0.0, 50.0])
+    straight = wish(east, np.zeros(2), np.array([0.0, 5.0]), goal, 5.0, BRAKING)
+    across = wish(east, np.zeros(2), np.array([5.0, 0.0]), goal, 5.0, BRAKING)
+    assert straight.velocity == pytest.approx([0.0, 5.0], abs=1e-9)
+    assert across.velocity == pytest.approx([0.0, 1.0], abs=1e-9)
+    assert not wish(NO_WAY, np.zeros(2), np.zeros(2), goal, 5.0, BRAKING).velocity.any()
+
+
+def view_with(*walls: tuple[slice, slice]) -> MapView:
+    """A free window of 51.2 m around the origin with walls (in cells of 0.2 m)."""
+    states = np.full((256, 256), FREE, np.uint8)
+    for rows, columns in walls:
+        states[rows, columns] = OCCUPIED
+    return MapView(states, distance_to(states == OCCUPIED, 0.2), distance_to(states != FREE, 0.2), (-128, -128), 0.2)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_way_leads_round_the_open_end_of_a_wall(side: int) -> None:
+    """A wall 4 m ahead that reaches far to one side; mirrored, the way is mirrored."""
+    columns = slice(0, 138) if side > 0 else slice(118, 256)
+    view = view_with((slice(148, 150), columns))
+    planner = Planner(Avoidance(method="astar"))
+    here, goal = np.array([0.0, 0.0, -3.0]), np.array([10.0, 0.0, -3.0])
+    way = planner.way(view, here, np.zeros(3), goal, 5.0)
+    assert way.bearing is None and planner.blocked(view, here, goal)
+    assert way.corners[0] == pytest.approx(here[:2]) and way.corners[-1] == pytest.approx(goal[:2])
+    assert (side * way.corners[:, 1]).max() > 2.0 and way.speeds[-1] == 0.0
+    for start, end in zip(way.corners[:-1], way.corners[1:], strict=True):
+        for share in np.linspace(0.0, 1.0, 200):
+            place = start + share * (end - start)
+            assert view.to_occupied[view.cell_of(place)] >= Avoidance().plan.inflation - 0.2
+
+
+def test_vfh_steers_where_there_is_no_way() -> None:
+    """A ring of wall at 6 m has no way out; both methods still answer, and only "astar" plans in the open."""
+    open_view = view_with()
+    here, goal = np.array([0.0, 0.0, -3.0]), np.array([20.0, 0.0, -3.0])
+    assert Planner(Avoidance(method="vfh")).way(open_view, here, np.zeros(3), goal, 5.0).bearing == pytest.approx(0.0)
+    straight = Planner(Avoidance(method="astar")).way(open_view, here, np.zeros(3), goal, 5.0)
+    assert straight.bearing is None and len(straight.corners) == 2
+    offset = np.hypot(*np.meshgrid(np.arange(256) - 128, np.arange(256) - 128))
+    states = np.where(np.abs(offset - 48.0) < 2.0, OCCUPIED, FREE).astype(np.uint8)
+    closed = MapView(states, distance_to(states == OCCUPIED, 0.2), open_view.to_unseen, (-128, -128), 0.2)
+    assert not len(Planner(Avoidance(method="astar")).way(closed, here, np.zeros(3), goal, 5.0).corners)
+
+
+def test_the_trail_leads_back_without_its_loops() -> None:
+    trail = Trail()
+    loop = [(0, 0), (10, 0), (20, 0), (20, 10), (10, 10), (10, 1), (10, -10)]
+    for north, east in loop:
+        trail.add(np.array([north, east, -3.0]))
+    assert [place[:2].tolist() for place in trail.back()] == [[10, -10], [10, 0], [0, 0]]
+
+
+def test_progress_is_a_metre_nearer_than_ever() -> None:
+    progress = Progress()
+    second = 1_000_000_000
+    assert progress.lacking_s(1, 50.0, 0) == 0.0
+    assert progress.lacking_s(1, 60.0, 10 * second) == 10.0
+    assert progress.lacking_s(1, 49.5, 20 * second) == 20.0
+    assert progress.lacking_s(1, 48.0, 30 * second) == 0.0
+    assert progress.lacking_s(1, 48.0, 35 * second) == 5.0
+    assert progress.lacking_s(2, 90.0, 40 * second) == 0.0
