@@ -4,7 +4,7 @@ tests use them."""
 import math
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization
 from ruckig import Trajectory as Profile
 
 from companion.config import Trajectory as TrajectorySettings
@@ -61,7 +61,7 @@ class _Motion:
         try:
             if self._generator.calculate(inputs, profile) not in (Result.Working, Result.Finished):
                 return False
-        except ValueError:  # of the errors that ruckig has, its Python binding does not know all
+        except (ValueError, RuckigError):  # of the errors that ruckig has, its Python binding does not know all
             return False
         self._profile = profile
         self._start_ns = time_ns

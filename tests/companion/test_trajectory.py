@@ -100,3 +100,15 @@ def test_turns_the_shorter_way(start: float, goal: float) -> None:
     assert abs(path[-1].yaw - start) <= math.pi + 1e-9
     assert max(abs(r.yaw_rate) for r in path) <= math.radians(SETTINGS.yaw_rate_deg) + 1e-9
     assert not path[-1].velocity_ned.any()
+
+
+def test_asked_again_at_its_end_it_raises_nothing() -> None:
+    """ruckig has an error for some motions of no length; the reference then stays."""
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        generator = ReferenceGenerator(SETTINGS)
+        start, end = rng.uniform(-30.0, 30.0, (2, 3))
+        generator.place(start, 0.0)
+        generator.go(0, end, 4.0, 1.0)
+        generator.go(60_000_000_000, end, 4.0, 1.5)
+        assert generator.at(61_000_000_000).position_ned == pytest.approx(end, abs=1e-6)
