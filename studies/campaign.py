@@ -22,13 +22,14 @@ from companion.config import load_body, load_settings
 from companion.mission import Mission, Phase
 from companion.state import Output
 from protocol import datafile
-from protocol.frames import Array
+from protocol.frames import Array, rotate
 from protocol.transport import TransportError
 from studies.escape import Abilities, avoidable
 from studies.joined import Joined
 from studies.tracks import on_all_cores
 from studies.worlds import HULL, Site, shortest
 from vehicle_sim.airframe import Airframe
+from vehicle_sim.lidar import beam_azimuths, sector_ranges
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
@@ -74,7 +75,7 @@ class Job:
     @property
     def case(self) -> str:
         """All that flights of one row of the report have in common."""
-        return f"{self.setup.name}_{self.method}_{self.speed:g}"
+        return f"{self.setup.name}_{self.method}_{self.speed:.3g}"
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -110,14 +111,19 @@ class Row:
     top_speed: float
     least_clearance: float | None
     """True, hull to obstacle, on the whole flight."""
-    blocked_share: float
+    blocked_share: float | None
     """Of the control steps on the route."""
     guarded_share: float | None
-    """Of the control steps on the route at which the guard changed the command; None without a guard in the trace."""
+    """Of the control steps on the route at which the guard changed the command; None if there were none."""
     simulated_s: float
     wall_s: float
     log: str | None
     """Of a failure."""
+
+    @property
+    def way_over_shortest(self) -> float:
+        """The way with what was left of it, over the shortest, or the straight one where that was not asked for."""
+        return (self.path_m + GOAL_M) / (self.shortest_m or self.straight_m)
 
     @property
     def succeeded(self) -> bool:
@@ -217,8 +223,8 @@ class _Watch:
             goal_speed=(straight - GOAL_M) / route_s if reached else 0.0,
             top_speed=float(speeds.max()),
             least_clearance=summary.least_clearance_m,
-            blocked_share=_share(trace, "blocked") or 0.0,
-            guarded_share=_share(trace, "guarded"),
+            blocked_share=_share(trace, "blocked"),
+            guarded_share=_share(trace, "guard_reason"),
             simulated_s=summary.simulated_s,
             wall_s=0.0,
             log=None,
@@ -247,10 +253,8 @@ class _Watch:
 
 
 def _share(trace: "np.ndarray[tuple[int], np.dtype[np.void]]", field: str) -> float | None:
-    """Of the control steps at which `field` is not 0; None if there is no such field."""
-    if trace.dtype.names is None or field not in trace.dtype.names:
-        return None
-    return float((trace[field] != 0).mean()) if len(trace) else 0.0
+    """Of the control steps at which `field` is not 0; None of no steps."""
+    return float((trace[field] != 0).mean()) if len(trace) else None
 
 
 # --- failures ---
@@ -345,28 +349,46 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
     near.add_patch(Circle((east, north), HULL, facecolor="none", ec=style.PALETTE[1], lw=1.4))
     seen = _seen(joined)
     near.plot(seen[:, 1], seen[:, 0], ".", color=style.PALETTE[1], ms=3, label="last ring")
+    _draw_map(near, joined)
     near.set(xlim=(east - 4.0, east + 4.0), ylim=(north - 4.0, north + 4.0))
     near.legend(loc="lower right")
     whole.plot(site.goal[1], site.goal[0], "*", color=style.PALETTE[1], ms=9)
-    whole.set_title(f"{site.name}, {job.method}, {job.speed:g} m/s, seed {job.seed}")
+    whole.set_title(f"{site.name}, {job.method}, {job.speed:.3g} m/s, seed {job.seed}")
     near.set_title(f"after {joined.vehicle.time_ns * 1e-9:.2f} s")
     return figure
 
 
+def _draw_map(axes: Any, joined: Joined) -> None:
+    """What the companion had mapped in the end, grey as far as it was seen free."""
+    surroundings = joined.autopilot._surroundings
+    if surroundings is None or surroundings.view is None:
+        return
+    from matplotlib.colors import ListedColormap
+
+    from companion.avoidance.grid import FREE, OCCUPIED
+    from studies import style
+
+    view = surroundings.view
+    shades = np.where(view.states == OCCUPIED, 2, np.where(view.states == FREE, 1, 0))
+    (south, west), size = view.cell * np.array(view.corner), view.cell * np.array(view.states.shape)
+    axes.imshow(shades, cmap=ListedColormap(["#ffffff", "#e4e9ef", style.PALETTE[3]]), vmin=0, vmax=2, origin="lower",
+                extent=(west, west + size[1], south, south + size[0]), interpolation="none", zorder=0.5)  # fmt: skip
+
+
 def _seen(joined: Joined) -> Array:
     """(n, 2) north, east of a ring's returns at the end, without noise."""
-    from vehicle_sim.lidar import SECTORS, beam_azimuths, sector_ranges
-
-    vehicle, settings = joined.vehicle, joined.vehicle.airframe.lidar
-    azimuths = beam_azimuths(1)
+    vehicle, azimuths = joined.vehicle, beam_azimuths(1)
+    cos, sin = np.cos(azimuths), np.sin(azimuths)
     ranges = sector_ranges(
-        vehicle.world.boxes, vehicle.world.cylinders, vehicle.state[:3], vehicle.state[6:10], np.cos(azimuths),
-        np.sin(azimuths), settings.max_range_m,
+        vehicle.world.boxes, vehicle.world.cylinders, vehicle.state[:3], vehicle.state[6:10], cos, sin,
+        vehicle.airframe.lidar.max_range_m,
     )  # fmt: skip
-    bearings = vehicle.motion.yaw + azimuths[np.isfinite(ranges)]
-    ranges = ranges[np.isfinite(ranges)]
-    assert len(azimuths) == SECTORS
-    points: Array = vehicle.state[:2] + ranges[:, None] * np.stack((np.cos(bearings), np.sin(bearings)), axis=1)
+    beams = [
+        distance * rotate(vehicle.state[6:10], np.array([c, s, 0.0]))[:2]
+        for distance, c, s in zip(ranges, cos, sin, strict=True)
+        if math.isfinite(distance)
+    ]
+    points: Array = vehicle.state[:2] + np.array(beams).reshape(-1, 2)
     return points
 
 

@@ -23,6 +23,7 @@ of 0.6 m go to and fro at 0.6 to 1.5 m/s, half of them across it, without lookin
 a tilted ring would look over these.
 
 A contact is **avoidable** if there was an escape. {_how()}
+
 A walker may also walk into a vehicle that hovers: such contacts count as avoidable where it could have moved away.
 """
     )

@@ -21,10 +21,10 @@ FLOORS = (Floor("gap", 0.95, published="Fast-Planner 50 %"),)
 def run(report: Report) -> None:
     report.text(
         """
-The wall is 40 m long and turned by up to 15 degrees, its gap up to 3 m off the straight way and 0.9 m wide: the width
-is that of the published set-up and is not scaled, so that our hull of 0.72 m has 9 cm on either side. The pole is 1.5 m
-wide and seen at 6 m, by a LiDAR of that range. Fig. 6 is worlds/paper_fig6.toml, its waypoints flown over; there the
-seed is that of the noise alone.
+A yard 24 m wide, walled in, has a wall across it, turned by up to 15 degrees, with one gap up to 3 m off the straight
+way: there is no other way. The gap is 0.9 m wide; that is the width of the published set-up and not scaled, so our hull
+of 0.72 m has 9 cm on either side. The pole is 1.5 m wide and seen at 6 m, by a LiDAR of that range. Fig. 6 is
+worlds/paper_fig6.toml, its waypoints flown over; there the seed is that of the noise alone.
 """
     )
     fly_and_tell(report, SETUPS, FLOORS)

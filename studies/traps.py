@@ -22,7 +22,7 @@ def run(report: Report) -> None:
         """
 The trap is three walls, 6 to 10 m wide and 5 to 9 m deep, open towards the start and across the straight way to the
 goal behind it. The maze has 6 x 6 rooms of 4 m behind a closed outer wall; it has to be crossed from corner to corner.
-The vehicle knows neither. "Way over straight" is here the way over the shortest that the hull could take.
+The vehicle knows neither.
 """
     )
     fly_and_tell(report, SETUPS, FLOORS)

@@ -168,24 +168,27 @@ def u_trap(seed: int) -> Site:
 
 
 def gap(seed: int, width: float = 0.9) -> Site:
-    """A wall 40 m long, 0.2 m thick and turned by up to 15 degrees, with one gap, up to 3 m off the straight way.
+    """A yard 24 m wide, walled in, and a wall across it, 0.2 m thick and turned by up to 15 degrees, with one gap up to
+    3 m off the straight way: there is no other way.
 
     `width` is the gap's free width (m), as in the set-up by Loquercio et al. (0.8-1.0 m); it is not scaled to the
     vehicle. Our hull of 0.72 m has 9 cm on either side of it in 0.9 m."""
     rng = np.random.default_rng(seed)
     north, east, turn = rng.uniform(15.0, 20.0), rng.uniform(-3.0, 3.0), math.radians(rng.uniform(-15.0, 15.0))
-    along = np.array([-math.sin(turn), math.cos(turn)])
-    middle = np.array([north, east])
+    half, front, back = 12.0, 39.0, -4.0
 
     def at(distance: float) -> list[float]:
-        return list(map(float, middle + distance * along))
+        return [float(north - distance * math.sin(turn)), float(east + distance * math.cos(turn))]
 
+    left, right = (-half - east) / math.cos(turn), (half - east) / math.cos(turn)
     # in full, not in whole centimetres: rounding would change the width
-    walls = [
-        {"start": at(-20.0), "end": at(-0.5 * width), "thickness": 0.2, "height": TALL},
-        {"start": at(0.5 * width), "end": at(20.0), "thickness": 0.2, "height": TALL},
+    across = [
+        {"start": at(left), "end": at(-0.5 * width), "thickness": 0.2, "height": TALL},
+        {"start": at(0.5 * width), "end": at(right), "thickness": 0.2, "height": TALL},
     ]
-    return _site("gap", seed, {"wall": walls}, (35.0, 0.0))
+    yard = [_wall((back, side), (front, side)) for side in (-half, half)]
+    yard += [_wall((end, -half), (end, half)) for end in (back, front)]
+    return _site("gap", seed, {"wall": across + yard}, (35.0, 0.0))
 
 
 def pole(seed: int) -> Site:

@@ -191,3 +191,8 @@ def test_abilities_are_those_of_the_vehicle_and_its_limit() -> None:
     assert able.acceleration == pytest.approx(9.80665, rel=1e-3)
     assert able.reaction_s == pytest.approx(1.0 / 15.0 + 0.02 + 0.125 + 0.03)
     assert able.hull == 0.36
+
+
+def test_the_way_is_compared_with_the_shortest_where_it_is_known() -> None:
+    assert row(path_m=43.0).way_over_shortest == pytest.approx(45.0 / 40.0)
+    assert row(path_m=43.0, shortest_m=45.0).way_over_shortest == 1.0
