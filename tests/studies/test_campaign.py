@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import binomtest
+from typer.testing import CliRunner
 
 from companion.autopilot import Datagram
 from companion.logs.replay import replay
 from protocol.flightlog import Direction, datagrams, digest
+from studies import __main__ as command_line
 from studies import barn, campaign, worlds
 from studies.campaign import Job, Row, Setup, wilson
 from studies.campaign_report import Floor, fly_and_tell
@@ -196,3 +198,13 @@ def test_abilities_are_those_of_the_vehicle_and_its_limit() -> None:
 def test_the_way_is_compared_with_the_shortest_where_it_is_known() -> None:
     assert row(path_m=43.0).way_over_shortest == pytest.approx(45.0 / 40.0)
     assert row(path_m=43.0, shortest_m=45.0).way_over_shortest == 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [(["--method", "swamp"], "method 'swamp': there are"), (["--set", "avoidance.swamp=1"], "swamp")],
+)
+def test_what_the_companion_would_refuse_is_one_line_before_anything_flies(arguments: list[str], says: str) -> None:
+    done = CliRunner().invoke(command_line.app, ["forest", *arguments])
+    assert done.exit_code == 2
+    assert done.output.startswith("studies: ") and says in done.output and done.output.count("\n") == 1

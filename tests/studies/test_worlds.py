@@ -98,6 +98,20 @@ def test_all_rooms_of_the_maze_can_be_reached_and_none_from_outside(seed: int) -
     assert shortest(outside, 0.3) == math.inf
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_each_inner_wall_of_the_maze_parts_two_rooms(seed: int) -> None:
+    site = worlds.maze(seed)
+    world = site.world()
+    parted = 0
+    for room in itertools.product(range(6), repeat=2):
+        for course in ((1.0, 0.0), (0.0, 1.0)):
+            eye, direction = at(4.0 * room[0], 4.0 * room[1]), np.array([*course, 0.0])
+            last = 5 in (room[0] * course[0], room[1] * course[1])
+            parted += math.isfinite(world.range_along(eye, direction, 4.0)) and not last
+    assert parted == len(site.tables["wall"]) - 4
+    assert 15 <= parted <= 60 - 35  # of 60 places for a wall, a tree of 36 rooms takes 35 at least
+
+
 def test_barn_is_scaled_to_the_vehicle() -> None:
     site = worlds.barn(5)
     assert site.goal[0] == pytest.approx(10.0 * 0.72 / 0.43, abs=0.01)
