@@ -8,6 +8,8 @@ Cylinders may move along a route or appear late: a `Scene` is a world in the cou
 world at one instant, which stands still. A world without such is its own scene at all times.
 """
 
+import bisect
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -151,25 +153,27 @@ class WorldTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """Places one after the other, at one speed; after the last leg again from the place numbered `again`."""
+    """Places one after the other, at one speed; after the last leg again from the second place, which is the last."""
 
-    places: Array  # (n, 2) north, east
-    again: int
+    places: tuple[Place, ...]
     speed: float
-    _at_m: Array = field(init=False, repr=False)  # (n,) way to each place
+    _at_m: tuple[float, ...] = field(init=False, repr=False)
+    """Way to each place."""
 
     def __post_init__(self) -> None:
-        legs = np.hypot(*np.diff(self.places, axis=0).T)
-        object.__setattr__(self, "_at_m", np.concatenate(([0.0], np.cumsum(legs))))
+        legs = itertools.starmap(math.dist, itertools.pairwise(self.places))
+        object.__setattr__(self, "_at_m", tuple(itertools.accumulate(legs, initial=0.0)))
 
-    def at(self, time_s: float) -> tuple[float, float]:
-        """North, east after so long on the way."""
-        way = self.speed * time_s
-        first, whole = self._at_m[self.again], self._at_m[-1]
+    def at(self, time_s: float) -> Place:
+        """After so long on the way."""
+        way, first, whole = self.speed * time_s, self._at_m[1], self._at_m[-1]
         if way > whole:
             way = first + (way - first) % (whole - first) if whole > first else whole
-        north, east = (float(np.interp(way, self._at_m, self.places[:, axis])) for axis in (0, 1))
-        return north, east
+        leg = min(max(bisect.bisect_right(self._at_m, way), 1), len(self._at_m) - 1)
+        begin, end = self._at_m[leg - 1], self._at_m[leg]
+        share = (way - begin) / (end - begin) if end > begin else 1.0
+        (north, east), (to_north, to_east) = self.places[leg - 1], self.places[leg]
+        return north + share * (to_north - north), east + share * (to_east - east)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -287,6 +291,8 @@ class Scene:
                 absent.append(each.row)
             elif each.route is not None:
                 cylinders[each.row, :2] = each.route.at((time_ns - since_ns) * 1e-9)
+        if not absent:
+            return replace(world, cylinders=cylinders, restless=())
         gone = {len(world.boxes) + row for row in absent}
         names = tuple(name for number, name in enumerate(world.names) if number not in gone)
         return replace(world, cylinders=np.delete(cylinders, absent, axis=0), names=names, restless=())
@@ -300,8 +306,7 @@ def _restless(row: int, cylinder: CylinderTable) -> Restless:
     """The way from the centre to the route's first place is gone once, the round over the route again and again."""
     route = None
     if cylinder.route:
-        places = [cylinder.center, *cylinder.route, cylinder.route[0]]
-        route = Route(np.array(places, dtype=np.float64), 1, cylinder.speed)
+        route = Route((cylinder.center, *cylinder.route, cylinder.route[0]), cylinder.speed)
     return Restless(row, route, cylinder.appears_within)
 
 
