@@ -16,6 +16,7 @@ import numpy as np
 from companion import trace, wire
 from companion.avoidance import course, method
 from companion.avoidance.course import NO_WAY, Course
+from companion.avoidance.grid import MapView
 from companion.avoidance.guard import Verdict
 from companion.avoidance.mapped import Planner, Surroundings
 from companion.avoidance.memory import RecentReturns
@@ -230,6 +231,11 @@ class Autopilot:
     def ended(self) -> bool:
         """There is nothing more to do."""
         return self.supervisor.state is State.ENDED
+
+    @property
+    def map_view(self) -> MapView | None:
+        """What the rings have shown; None without a map, or before the first ring."""
+        return None if self._surroundings is None else self._surroundings.view
 
     @property
     def phase(self) -> Phase:

@@ -470,7 +470,8 @@ class Recorder:
 
     def _obey(self, channel: int, data: bytes) -> None:
         if channel == flightlog.STATUS_CHANNEL:
-            self._console.status(data.decode(errors="replace"))
+            if self._setup.console:
+                self._console.status(data.decode(errors="replace"))
             return
         name, table = msgspec.msgpack.decode(data, type=tuple[str, dict[str, str]])
         self._end_chunk()

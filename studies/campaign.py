@@ -360,15 +360,14 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
 
 def _draw_map(axes: Any, joined: Joined) -> None:
     """What the companion had mapped in the end, grey as far as it was seen free."""
-    surroundings = joined.autopilot._surroundings
-    if surroundings is None or surroundings.view is None:
+    view = joined.autopilot.map_view
+    if view is None:
         return
     from matplotlib.colors import ListedColormap
 
     from companion.avoidance.grid import FREE, OCCUPIED
     from studies import style
 
-    view = surroundings.view
     shades = np.where(view.states == OCCUPIED, 2, np.where(view.states == FREE, 1, 0))
     (south, west), size = view.cell * np.array(view.corner), view.cell * np.array(view.states.shape)
     axes.imshow(shades, cmap=ListedColormap(["#ffffff", "#e4e9ef", style.PALETTE[3]]), vmin=0, vmax=2, origin="lower",
