@@ -11,6 +11,7 @@ import pytest
 from companion import wire
 from companion.autopilot import Datagram
 from companion.avoidance.method import Method
+from companion.avoidance.none import NoAvoidance
 from companion.mission import Mission, Phase
 from companion.state import AvoidanceDecision, Output
 from companion.supervisor import State
@@ -239,7 +240,7 @@ class Watched:
 
 def test_ring_world_agrees_with_the_world() -> None:
     """Every return that the companion placed in the world, with the pose of the scan's own time, lies on a surface."""
-    joined = Joined(COURIER, seed=7)
+    joined = Joined(COURIER, overrides=('avoidance.method="paper"',), seed=7)
     watched = Watched(joined.autopilot._avoidance)
     joined.autopilot._avoidance = watched
     joined.fly(limit_s=30.0)
@@ -321,6 +322,40 @@ def test_an_answer_to_somebody_else_delivers_nothing() -> None:
         ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_DO_GRIPPER, 0, 0, 0, *target)
         autopilot.handle(Datagram(joined.vehicle.time_ns, Encoder(1, 1).encode(ack)))
         assert autopilot._commander.accepted(dialect.MAV_CMD_DO_GRIPPER) is accepted
+
+
+def test_a_goal_without_progress_is_given_up_and_the_way_back_flown() -> None:
+    """VFH+ alone is caught behind what stands in the street; it comes home as it went, with the parcel."""
+    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0")
+    joined = Joined(COURIER, overrides=overrides).fly()
+    summary = joined.vehicle.summary()
+    assert summary.outcome == "landed" and summary.contacts == 0 and not summary.released
+    assert np.hypot(*summary.final_position_ned[:2]) < 0.3
+    assert "given up" in (joined.autopilot.supervisor.fault or "")
+    assert joined.trace()["position_ned"][:, 0].max() > 20.0
+
+
+def test_without_return_a_goal_that_is_given_up_ends_in_a_landing_there() -> None:
+    mission = msgspec.structs.replace(COURIER, return_home=False, delivery=None)
+    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0")
+    joined = Joined(mission, overrides=overrides).fly()
+    assert joined.vehicle.summary().outcome == "landed" and joined.vehicle.summary().contacts == 0
+    assert joined.vehicle.summary().final_position_ned[0] > 20.0
+    assert "landing" in (joined.autopilot.supervisor.fault or "")
+
+
+def test_the_guard_stops_what_no_method_would() -> None:
+    """Sent straight through the pole, as in the crash above, and as fast: the guard alone keeps it off, and nothing
+    winds up against what it does not let through."""
+    joined = Joined(COURIER, overrides=('avoidance.method="paper"', "avoidance.guard.enabled=true"))
+    joined.autopilot._avoidance = NoAvoidance(joined.autopilot.settings.avoidance)
+    joined.fly(limit_s=40.0)
+    trace = joined.trace()
+    assert joined.vehicle.summary().contacts == 0 and joined.vehicle.flight.crash is None
+    stopped = trace["guard_reason"] > 0
+    assert stopped.sum() > 100 and trace["guard_change"][stopped].max() > 1.0
+    assert not trace["guard_change"][~stopped].any()
+    assert np.abs(trace["disturbance_ned"]).max() < 1.0
 
 
 def test_no_progress_ends_in_a_landing() -> None:
