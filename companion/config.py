@@ -274,7 +274,7 @@ class Avoidance(Table, frozen=True):
     """`method`: "astar" (a way over the map, "vfh" where there is none), "vfh" (VFH+ on the map), "paper",
     "paper-literal" (as printed, for the paper's experiment) or "none"."""
 
-    method: str = "astar"
+    method: str = "paper"
     vehicle_radius: Positive = 0.36
     ground_height: Positive = 0.5
     """m above the take-off point below which a return is the ground."""
