@@ -17,7 +17,7 @@ from companion import trace, wire
 from companion.avoidance import course, method
 from companion.avoidance.course import NO_WAY, Course
 from companion.avoidance.grid import MapView
-from companion.avoidance.guard import Verdict
+from companion.avoidance.guard import Reason, Verdict
 from companion.avoidance.mapped import Planner, Surroundings
 from companion.avoidance.memory import RecentReturns
 from companion.avoidance.progress import Progress, Trail
@@ -588,7 +588,8 @@ class Autopilot:
         self._verdict = None
         if supervised is State.FLY and airborne and self._guards():
             acceleration = self._guarded(acceleration, reference, state, now)
-        control, limited = self._cascade.obey(acceleration, now, reference, ahead, mass)
+        changed = self._verdict is not None and self._verdict.reason is not Reason.NONE
+        control, limited = self._cascade.obey(acceleration, now, reference, ahead, mass, changed)
         if supervised not in FLYING:  # a stream that does nothing
             control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = 0.0
             self._cascade.reset()

@@ -160,10 +160,21 @@ class Cascade:
         )
 
     def obey(
-        self, acceleration_ned: Array, now_ns: int, reference: Reference, ahead: Reference, mass: float
+        self,
+        acceleration_ned: Array,
+        now_ns: int,
+        reference: Reference,
+        ahead: Reference,
+        mass: float,
+        changed: bool = False,
     ) -> tuple[Array, bool]:
-        """FIELDS (SIZE,) for an acceleration, that of `wish` or what came out of it, and whether a limit bit."""
-        return obey(acceleration_ned, now_ns, _flat(reference), _flat(ahead), mass, self._parameters, self._memory)
+        """FIELDS (SIZE,) for an acceleration, that of `wish` or what came out of it, and whether a limit bit.
+
+        `changed`: it is not that of `wish`, so that the integrals wait.
+        """
+        return obey(
+            acceleration_ned, now_ns, _flat(reference), _flat(ahead), mass, changed, self._parameters, self._memory
+        )
 
 
 def _flat(reference: Reference) -> Array:
@@ -351,6 +362,7 @@ def obey(
     reference: Array,
     ahead: Array,
     mass: float,
+    changed: bool,
     parameters: NDArray[np.void],
     memory: NDArray[np.void],
 ) -> tuple[Array, bool]:
@@ -401,7 +413,7 @@ def obey(
     if p.attitude_lead > 0.0 and p.feed_attitude and p.input_kind == prediction.UNKNOWN:
         command = multiply(command, from_rotation_vector(p.attitude_lead * reference_rates))
 
-    m.limited = limited
+    m.limited = limited or changed
     sent_input = rates_command
     if p.input_kind == prediction.ANGULAR_ACCELERATION:
         sent_input = (torque * p.full_torque - gyroscopic) / p.inertia
