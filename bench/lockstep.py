@@ -17,7 +17,7 @@ OUTPUTS = ("attitude", "rates", "actuators")
 
 def fly(output: str, logs: str) -> dict[str, Any]:
     """One demo; its end table."""
-    command = [sys.executable, "-m", "companion", "demo", "--output", output, "--log", logs, "--json"]
+    command = [sys.executable, "-m", "companion", "demo", "--no-report", "--output", output, "--log", logs, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise SystemExit(done.stderr)

@@ -22,7 +22,19 @@ from companion.runner import LATE_NS, SPIN_S, TICK_NS
 
 def fly(mission: str, logs: str) -> dict[str, Any]:
     """One demo; its end table."""
-    command = [sys.executable, "-m", "companion", "demo", mission, "--pace", "realtime", "--log", logs, "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "companion",
+        "demo",
+        mission,
+        "--no-report",
+        "--pace",
+        "realtime",
+        "--log",
+        logs,
+        "--json",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise SystemExit(done.stderr)

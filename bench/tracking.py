@@ -82,7 +82,7 @@ class Ours:
         )
         reference, ahead = (self._reference(at * 1e-9 - 10.0) for at in self._cascade.reference_times(now))
         wanted = self._cascade.wish(measured, now, now, reference, self._body.mass_kg, True)
-        out, _ = self._cascade.obey(wanted, now, reference, ahead, self._body.mass_kg)
+        out, _ = self._cascade.obey(wanted, now, ahead, self._body.mass_kg)
         torque = out[cascade.TORQUE] * np.array(self._body.full_torque_nm)
         return {"cmd_thrust": out[cascade.THRUST] * self._body.max_thrust_n, "cmd_moment": flu_to_frd(torque)}
 

@@ -589,7 +589,7 @@ class Autopilot:
         if supervised is State.FLY and airborne and self._guards():
             acceleration = self._guarded(acceleration, reference, state, now)
         changed = self._verdict is not None and self._verdict.reason is not Reason.NONE
-        control, limited = self._cascade.obey(acceleration, now, reference, ahead, mass, changed)
+        control, limited = self._cascade.obey(acceleration, now, ahead, mass, changed)
         if supervised not in FLYING:  # a stream that does nothing
             control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = 0.0
             self._cascade.reset()

@@ -71,6 +71,7 @@ MEMORY = np.dtype(
         ("reference_rates", "f8", 3),
         ("reference_turning", "f8", 3),
         ("jump", "f8", 3),
+        ("guess", "f8", (3, 3)),
         ("limited", "b1"),
         ("dt", "f8"),  # of the present step, from `wish` to `obey`: what follows, too
         ("at", "f8", 3),
@@ -111,6 +112,8 @@ ATTITUDE, RATES, TORQUE, THRUST = slice(15, 19), slice(19, 22), slice(22, 25), 2
 
 _LONGEST_S = 0.1
 _FADING_S = 0.1
+_ROUNDS = 2
+"""Of substitution in the flatness of the reference, from the last step's result on."""
 
 
 class Cascade:
@@ -119,6 +122,7 @@ class Cascade:
     def __init__(self, settings: Settings, body: Body, output: Output) -> None:
         self._parameters = _parameters(settings, body, output)
         self._memory = np.zeros(1, MEMORY)
+        self._reference = np.zeros(18)
         self._ahead_ns = 0
         self._half_period_ns = 0
         if settings.control.prediction.enabled:
@@ -144,6 +148,7 @@ class Cascade:
 
         The state was measured at `measured_ns`; `mass` in kg; what a flight teaches is learnt while `airborne`.
         """
+        self._reference = _flat(reference)
         return wish(
             state.position_ned,
             state.velocity_ned,
@@ -152,7 +157,7 @@ class Cascade:
             measured_ns,
             now_ns,
             now_ns + self._half_period_ns,
-            _flat(reference),
+            self._reference,
             mass,
             airborne,
             self._parameters,
@@ -163,17 +168,18 @@ class Cascade:
         self,
         acceleration_ned: Array,
         now_ns: int,
-        reference: Reference,
         ahead: Reference,
         mass: float,
         changed: bool = False,
     ) -> tuple[Array, bool]:
         """FIELDS (SIZE,) for an acceleration, that of `wish` or what came out of it, and whether a limit bit.
 
+        The state and the reference are those of `wish`.
+
         `changed`: it is not that of `wish`, so that the integrals wait.
         """
         return obey(
-            acceleration_ned, now_ns, _flat(reference), _flat(ahead), mass, changed, self._parameters, self._memory
+            acceleration_ned, now_ns, self._reference, _flat(ahead), mass, changed, self._parameters, self._memory
         )
 
 
@@ -385,12 +391,16 @@ def obey(
     turning_ahead = np.zeros(3)
     if p.feed_attitude:
         wanted, wanted_ahead = reference[6:9] - m.disturbance, ahead[6:9] - m.disturbance
-        reference_attitude, reference_rates, reference_turning, thrust_now = flatness.inverse(
-            reference[3:6], wanted, reference[9:12], reference[12:15], reference[15:18], seen_mass, seen_drag
-        )
-        _, _, turning_ahead, thrust_ahead = flatness.inverse(
-            ahead[3:6], wanted_ahead, ahead[9:12], ahead[12:15], ahead[15:18], seen_mass, seen_drag
-        )
+        if not m.guess.any():
+            m.guess[:] = flatness.first_guess(reference[3:6], wanted, seen_mass, seen_drag)
+        reference_attitude, reference_rates, reference_turning, thrust_now = flatness.refined(
+            reference[3:6], wanted, reference[9:12], reference[12:15], reference[15:18], seen_mass, seen_drag,
+            m.guess, _ROUNDS,
+        )  # fmt: skip
+        _, _, turning_ahead, thrust_ahead = flatness.refined(
+            ahead[3:6], wanted_ahead, ahead[9:12], ahead[12:15], ahead[15:18], seen_mass, seen_drag,
+            m.guess.copy(), _ROUNDS,
+        )  # fmt: skip
         if p.predicts:
             collective += thrust_ahead - thrust_now
     fading = _fade_jumps(reference_rates, reference_turning, m.dt, m)
@@ -406,7 +416,7 @@ def obey(
         if p.rate_loop[i] > 0.0:
             rates_command[i] += turning_ahead[i] / p.rate_loop[i]
     rates_command = np.minimum(np.maximum(rates_command, -p.rate_limit), p.rate_limit)
-    gyroscopic = np.cross(m.turns, p.inertia * m.turns)
+    gyroscopic = flatness.cross(m.turns, p.inertia * m.turns)
     torque = lqr.feedback(error, rate_error, turning_error, p.torque_gain) * p.torque_scale
     torque += (p.inertia * turning_ahead + gyroscopic) / p.full_torque
     torque = np.minimum(np.maximum(torque, -1.0), 1.0)

@@ -62,9 +62,14 @@ def _against(r: Array, v: Array) -> Array:
 
 
 @compiled
+def cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@compiled
 def _bracket(w: Array, drag: Array, v: Array) -> Array:
     """([w] D - D [w]) v, how turning with w changes the drag of a velocity v; all in the body."""
-    return np.cross(w, drag * v) - drag * np.cross(w, v)
+    return cross(w, drag * v) - drag * cross(w, v)
 
 
 @compiled
@@ -82,18 +87,42 @@ def inverse(
     World vectors NED; `heading_motion` (3,) is yaw, its rate and acceleration (rad, s); `mass` in kg, `drag` (3,) in
     kg/s along the body's axes.
     """
+    guess = first_guess(velocity, acceleration, mass, drag)
+    return refined(velocity, acceleration, jerk, snap, heading_motion, mass, drag, guess, _ROUNDS)
+
+
+@compiled
+def first_guess(velocity: Array, acceleration: Array, mass: float, drag: Array) -> Array:
+    """(3, 3) force (N, NED), rates and angular acceleration to begin `refined` with, where nothing is known."""
+    guess = np.zeros((3, 3))
+    guess[0] = mass * acceleration + drag[0] * velocity
+    guess[0, 2] -= mass * GRAVITY
+    return guess
+
+
+@compiled
+def refined(
+    velocity: Array,
+    acceleration: Array,
+    jerk: Array,
+    snap: Array,
+    heading_motion: Array,
+    mass: float,
+    drag: Array,
+    guess: Array,
+    rounds: int,
+) -> tuple[Array, Array, Array, float]:
+    """As `inverse`, by so many rounds of substitution from a guess (3, 3), which becomes the result's."""
     yaw, yaw_rate, yaw_acceleration = heading_motion
     heading = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     heading1 = yaw_rate * np.array([-heading[1], heading[0], 0.0])
     heading2 = yaw_acceleration * np.array([-heading[1], heading[0], 0.0]) - yaw_rate * yaw_rate * heading
     wanted = mass * acceleration
     wanted[2] -= mass * GRAVITY
-    rates = np.zeros(3)
-    turning = np.zeros(3)
-    force = wanted + drag[0] * velocity
+    force, rates, turning = guess[0].copy(), guess[1].copy(), guess[2].copy()
     thrust = 0.0
     r = np.eye(3)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         size = math.sqrt(_dot(force, force))
         if size < _LEAST_FORCE * mass * GRAVITY:
             force = np.array([0.0, 0.0, -_LEAST_FORCE * mass * GRAVITY])
@@ -103,7 +132,7 @@ def inverse(
         force = wanted + _times(r, drag * v)
         thrust = -_dot(force, r[:, 2])
         turn = _bracket(rates, drag, v)
-        turn_on = np.cross(rates, turn) - _bracket(rates, drag, np.cross(rates, v)) + _bracket(turning, drag, v)
+        turn_on = cross(rates, turn) - _bracket(rates, drag, cross(rates, v)) + _bracket(turning, drag, v)
         # in the body: F', F''
         force1 = mass * j + drag * a + turn
         force2 = mass * _against(r, snap) + drag * j + 2.0 * _bracket(rates, drag, a) + turn_on
@@ -122,4 +151,5 @@ def inverse(
         y1 = -wz * h1[0] + wx * h1[2]  # y' . h'
         az = wx * wy + ((ax + wz * wy) * h[2] + 2.0 * y1 + h2[1]) / across
         turning = np.array([ax, ay, az])
+    guess[0], guess[1], guess[2] = force, rates, turning
     return from_matrix(r), rates, turning, thrust

@@ -19,6 +19,8 @@ SENT = np.dtype([("time_ns", "i8"), ("thrust_n", "f8"), ("input", "f8", 3)], ali
 KEPT = 128
 _MEMORY_NS = 300_000_000
 _STEP_NS = 2_000_000
+_COARSE_NS = 4_000_000
+"""Of a step over the past, where the lags alone are followed."""
 
 UNKNOWN, RATES, ANGULAR_ACCELERATION = 0, 1, 2
 """What `input` is; with UNKNOWN the rates are taken to stay."""
@@ -72,7 +74,7 @@ def predict(
         while index + 1 < count and sent[(index + 1) % KEPT].time_ns <= time:
             index += 1
         measured = time >= measured_ns
-        end = min(time + _STEP_NS, until_ns if measured else measured_ns)
+        end = min(time + _STEP_NS, until_ns) if measured else min(time + _COARSE_NS, measured_ns)
         dt = (end - time) * 1e-9
         share = 1.0 - math.exp(-dt / rotor_lag) if rotor_lag > 0.0 else 1.0
         command = sent[index % KEPT]

@@ -43,13 +43,12 @@ class _Motion:
         position, velocity, acceleration = self._profile.at_time((time_ns - self._start_ns) * 1e-9)
         return position, velocity, acceleration
 
-    def jerk(self, time_ns: int) -> list[float]:
-        """It is constant between the profile's corners."""
+    def jerk(self, time_ns: int, acceleration: list[float]) -> list[float]:
+        """It is constant between the profile's corners; from the acceleration then, which `at` gives."""
         if self._profile is None:
             return [0.0] * self._axes
-        since = (time_ns - self._start_ns) * 1e-9
-        before, after = (self._profile.at_time(at)[2] for at in (since, since + _INSTANT_S))
-        return [(late - early) / _INSTANT_S for early, late in zip(before, after, strict=True)]
+        after = self._profile.at_time((time_ns - self._start_ns) * 1e-9 + _INSTANT_S)[2]
+        return [(late - early) / _INSTANT_S for early, late in zip(acceleration, after, strict=True)]
 
     def ended(self, time_ns: int) -> bool:
         """It is at rest from then on."""
@@ -199,7 +198,7 @@ class ReferenceGenerator:
             np.array(position),
             np.array(velocity),
             np.array(acceleration),
-            np.array(self._translation.jerk(time_ns)),
+            np.array(self._translation.jerk(time_ns, acceleration)),
             np.zeros(3),
             *self._heading_at(time_ns),
         )

@@ -66,7 +66,7 @@ def tracked(
         poses = [*poses[1:], vehicle.state(now)]
         reference, ahead = (circle((at - START_NS) * 1e-9) for at in controller.reference_times(now))
         wanted = controller.wish(poses[0], now, poses[0].time_ns, reference, BODY.mass_kg, True)
-        out, _ = controller.obey(wanted, now, reference, ahead, BODY.mass_kg)
+        out, _ = controller.obey(wanted, now, ahead, BODY.mass_kg)
         vehicle.fly(0.004, out[cascade.THRUST] * BODY.max_thrust_n, out[cascade.RATES], step=1e-3)
         errors.append(vehicle.position - circle((tick + 1) * 0.004).position_ned)
     return np.array(errors), out
@@ -218,7 +218,7 @@ def test_jumps_of_the_reference_are_let_through_gently() -> None:
         zero = np.zeros(3)
         reference = Reference(zero, zero, zero, np.array([jerk, 0.0, 0.0]), zero, 0.0, 0.0, 0.0)
         wanted = controller.wish(state, now, now, reference, BODY.mass_kg, False)
-        out, _ = controller.obey(wanted, now, reference, reference, BODY.mass_kg)
+        out, _ = controller.obey(wanted, now, reference, BODY.mass_kg)
         return out[cascade.RATES]
 
     for tick in range(10):
