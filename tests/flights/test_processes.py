@@ -28,7 +28,7 @@ from tests.flights import table_3
 from tests.flights.processes import Process, free_port, pair, run
 
 KILLS = 20
-KILL_PACE = 3.0
+KILL_PACE = 2.0
 
 
 def demo(logs: Path, *arguments: str) -> dict[str, Any]:
@@ -152,6 +152,7 @@ def killed_companion(folder: Path, delay_s: float) -> tuple[dict[str, Any], floa
         return simulator.report(), killed_at, log
 
 
+@pytest.mark.timeout(600)
 def test_companion_killed_at_random_moments(tmp_path: Path) -> None:
     """The vehicle holds, then lands; the log opens and reaches to within 0.2 s of the kill."""
     delays = np.random.default_rng(1).uniform(0.0, 4.0, KILLS)
