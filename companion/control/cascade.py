@@ -71,6 +71,7 @@ MEMORY = np.dtype(
         ("reference_rates", "f8", 3),
         ("reference_turning", "f8", 3),
         ("jump", "f8", 3),
+        ("letting", "f8", 3),
         ("guess", "f8", (3, 3)),
         ("limited", "b1"),
         ("dt", "f8"),  # of the present step, from `wish` to `obey`: what follows, too
@@ -111,7 +112,7 @@ SIZE = sum(size for _, size in FIELDS)
 ATTITUDE, RATES, TORQUE, THRUST = slice(15, 19), slice(19, 22), slice(22, 25), 25
 
 _LONGEST_S = 0.1
-_FADING_S = 0.1
+_FADING_S = 0.05
 _ROUNDS = 2
 """Of substitution in the flatness of the reference, from the last step's result on."""
 
@@ -271,17 +272,20 @@ def _parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.vo
 
 
 @compiled
-def _fade_jumps(reference_rates: Array, reference_turning: Array, dt: float, memory: Any) -> Array:
-    """What the reference's rates jumped by, where the jerk does, is held back in `memory.jump` and let through within
-    _FADING_S; returns the angular acceleration (3,) of that. Rates that their own derivative explains pass untouched.
+def _fade_jumps(reference_rates: Array, reference_turning: Array, dt: float, memory: Any) -> None:
+    """What the reference's rates jumped by, where the jerk does, is held back in `memory.jump` and let through like the
+    step response of a critically damped filter: neither rates nor angular acceleration (`memory.letting`) step. Rates
+    that their own derivative explains pass untouched.
     """
     if dt > 0.0:
         expected = memory.reference_rates + 0.5 * dt * (memory.reference_turning + reference_turning)
-        memory.jump[:] = (memory.jump + reference_rates - expected) * math.exp(-dt / _FADING_S)
+        jump = memory.jump + reference_rates - expected
+        pull = (jump / _FADING_S - memory.letting) * dt
+        left = math.exp(-dt / _FADING_S)
+        memory.jump[:] = left * (jump + pull)
+        memory.letting[:] = left * (memory.letting + pull / _FADING_S)
     memory.reference_rates[:] = reference_rates
     memory.reference_turning[:] = reference_turning
-    fading: Array = memory.jump / _FADING_S
-    return fading
 
 
 @compiled
@@ -403,10 +407,10 @@ def obey(
         )  # fmt: skip
         if p.predicts:
             collective += thrust_ahead - thrust_now
-    fading = _fade_jumps(reference_rates, reference_turning, m.dt, m)
+    _fade_jumps(reference_rates, reference_turning, m.dt, m)
     reference_rates = rotate_inverse(m.turned, rotate(reference_attitude, reference_rates - m.jump))
-    reference_turning = rotate_inverse(m.turned, rotate(reference_attitude, reference_turning + fading))
-    turning_ahead = rotate_inverse(m.turned, rotate(reference_attitude, turning_ahead + fading))
+    reference_turning = rotate_inverse(m.turned, rotate(reference_attitude, reference_turning + m.letting))
+    turning_ahead = rotate_inverse(m.turned, rotate(reference_attitude, turning_ahead + m.letting))
     collective = min(max(collective, p.lowest_n), p.highest_n)
 
     error = se3.attitude_error(m.turned, command) if p.law == _SE3 else lqr.attitude_error(m.turned, command)

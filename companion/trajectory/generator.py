@@ -15,6 +15,8 @@ from protocol.frames import Array, wrap
 _SLOWEST = 0.05
 _INSTANT_S = 1e-5
 _CLOSE = 1e-6
+_SAME = 0.02
+"""Targets that differ by less than this share of the way to them are one; so are speeds."""
 _UNWINDING_S = 0.25
 """In which braking may take back the present acceleration."""
 _LEAST_SHARE = 0.35
@@ -107,6 +109,8 @@ class ReferenceGenerator:
         if goal == self._goal:
             return
         inputs = self._present(time_ns)
+        if self._flies_there(goal, inputs.current_position):
+            return
         if max(map(abs, inputs.current_acceleration)) > self._settings.acceleration + _CLOSE:
             self.stop(time_ns)  # out of a track that is harder than this motion may be; until it is not any more
             return
@@ -124,6 +128,14 @@ class ReferenceGenerator:
         if not self._change(inputs, time_ns, goal):
             inputs.synchronization = Synchronization.Time
             self._change(inputs, time_ns, goal)
+
+    def _flies_there(self, goal: tuple[float, ...], here: list[float]) -> bool:
+        """The motion is to almost the same target: another one would turn the vehicle again and again for nothing."""
+        if not self._goal:
+            return False
+        *target, speed, vertical_speed = self._goal
+        near = math.dist(target, goal[:3]) < _SAME * math.dist(target, here)
+        return near and abs(goal[3] - speed) < _SAME * speed and goal[4] == vertical_speed
 
     def stop(self, time_ns: int) -> None:
         """Brake to a standstill, wherever that is. What a track asks of the vehicle, braking may ask as well."""

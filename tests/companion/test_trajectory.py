@@ -75,6 +75,23 @@ def test_a_new_target_in_motion_makes_no_jump() -> None:
         generator.go(now, before.position_ned + rng.uniform(-15.0, 15.0, 3), rng.uniform(0.3, 4.0), 1.5)
 
 
+def test_a_target_that_creeps_does_not_shake_the_vehicle() -> None:
+    """Each scan puts the target some millimetres further: the cruise stays one; where it moves on, it is gone to."""
+    generator = standing()
+    target = np.array([30.0, 8.0, -3.0])
+    now, cruise = 0, []
+    for scan in range(60):
+        generator.go(now, target + 0.007 * scan * np.array([1.0, -0.3, 0.0]), 4.0, 1.5)
+        for _ in range(17):
+            now += TICK
+            if 2.0e9 < now < 4.0e9:
+                cruise.append(generator.at(now).acceleration_ned)
+    assert (np.abs(cruise) > 1e-6).any(axis=1).mean() < 0.15
+    final = target + np.array([1.0, -2.0, 0.0])
+    generator.go(now, final, 4.0, 1.5)
+    assert np.allclose(generator.at(now + 60 * 10**9).position_ned, final)
+
+
 def test_a_stop_brakes_within_the_limits() -> None:
     generator = standing()
     generator.go(0, np.array([60.0, 2.0, -3.0]), 4.0, 1.5)

@@ -61,6 +61,9 @@ def test_the_courier_delivers(seed: int) -> None:
     assert summary.released_at_ned is not None
     assert np.hypot(summary.released_at_ned[0] - 120.0, summary.released_at_ned[1]) < 0.3
     assert np.hypot(*summary.final_position_ned[:2]) < 0.3
+    rates = np.degrees(joined.trace()["rates_command_frd"][joined.trace()["state"] == State.FLY.value])
+    shaking = np.diff(rates, axis=0)  # deg/s from one control step to the next
+    assert np.sqrt((shaking**2).mean(axis=0)).max() < 5.0 and np.abs(shaking).max() < 40.0
 
 
 @pytest.mark.parametrize("output", Output)
