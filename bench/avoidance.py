@@ -18,30 +18,18 @@ import numpy as np
 
 from companion.avoidance.astar import AStar, AStarSettings
 from companion.avoidance.grid import GridSettings, OccupancyGrid
-from companion.avoidance.guard import Guard, GuardSettings
+from companion.avoidance.guard import Guard, GuardSettings, free_space
+from companion.avoidance.mapped import picked
 from companion.avoidance.shortcut import corner_speeds, shorten
 from companion.avoidance.tracks import Tracker, TrackSettings
 from companion.avoidance.vfh import Vfh, VfhSettings
+from companion.config import Avoidance
 from companion.state import Scan
 from protocol.frames import Array, from_euler
 from vehicle_sim.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, World, WorldTable
 
-GRID = GridSettings(cell=0.2, cells=256, layer=2.0, memory_s=40.0, hull=0.36)
-ASTAR = AStarSettings(inflation=0.75, comfort=1.6, closeness=2.0, unknown=0.5)
-VFH = VfhSettings(window=10.0, radius=0.85, low=0.05, high=0.1, turning_acceleration=5.0)
-GUARD = GuardSettings(
-    keep_out=0.62,
-    keep_out_unseen=0.45,
-    braking=4.5,
-    steepness=4.0,
-    nearness=2.0,
-    lag_s=0.15,
-    horizon_s=0.1,
-    reach=9.0,
-    stale_s=0.3,
-)
-TRACKS = TrackSettings(gap=1.0, widest=1.2, acceleration=1.5, hits=4, misses=4, slowest=0.5, certainty=3.0, steady=5)
+SETTINGS = Avoidance(method="astar")
 GOAL = np.array([40.0, 0.0, -3.0])
 SPEED = 5.0
 RINGS = 120
@@ -93,8 +81,13 @@ def rings(world: World) -> list[tuple[Scan, Array, Array]]:
 
 def fly(scans: list[tuple[Scan, Array, Array]], watch: Stopwatch) -> None:
     """All stages once along the flight."""
-    grid, search, vfh = OccupancyGrid(GRID), AStar(ASTAR, GRID.cells), Vfh(VFH)
-    guard, tracker = Guard(GUARD), Tracker(TRACKS)
+    grid = OccupancyGrid(picked(GridSettings, SETTINGS.map, hull=SETTINGS.vehicle_radius))
+    search, vfh = (
+        AStar(picked(AStarSettings, SETTINGS.plan), SETTINGS.map.cells),
+        Vfh(picked(VfhSettings, SETTINGS.vfh)),
+    )
+    guard_settings = picked(GuardSettings, SETTINGS.guard)
+    guard, tracker = Guard(guard_settings), Tracker(picked(TrackSettings, SETTINGS.tracks))
     velocity, wish = np.array([SPEED, 0.0, 0.0]), np.array([1.0, 0.5, 0.0])
     for scan, position, attitude in scans:
         began = time.perf_counter_ns()
@@ -104,9 +97,9 @@ def fly(scans: list[tuple[Scan, Array, Array]], watch: Stopwatch) -> None:
         prices = watch.call("astar: prices", search.prices, view)
         path = watch.call("astar: search", search.plan, view, prices, position, GOAL)
         if path is not None:
-            corners = watch.call("astar: shortening", shorten, path, view, prices, ASTAR.inflation)
+            corners = watch.call("astar: shortening", shorten, path, view, prices, SETTINGS.plan.inflation)
             watch.call("astar: corner speeds", corner_speeds, corners, np.full(len(corners), 0.5), SPEED, 4.0, 3.5)
-        watch.call("guard: a view taken in", guard.look, view, position, scan.time_ns)
+        guard.look(watch.call("guard: free space", free_space, view, position, scan.time_ns, guard_settings))
         watch.call("guard: speed limit", guard.limit, position, velocity, GOAL[None, :2], 0.25, SPEED)
         watch.times.setdefault("scan to reference", []).append((time.perf_counter_ns() - began) / 1e3)
         watch.call("vfh", vfh.choose, view, position, velocity, GOAL)

@@ -16,9 +16,8 @@ import numpy as np
 from companion import trace, wire
 from companion.avoidance import course, method
 from companion.avoidance.course import NO_WAY, Course
-from companion.avoidance.grid import MapView
-from companion.avoidance.guard import Reason, Verdict
-from companion.avoidance.mapped import Planner, Surroundings
+from companion.avoidance.guard import Guard, GuardSettings, Reason, Verdict
+from companion.avoidance.mapped import Answer, Question, picked
 from companion.avoidance.memory import RecentReturns
 from companion.avoidance.progress import Progress, Trail
 from companion.avoidance.ring import obstacle_points
@@ -80,6 +79,14 @@ class Tick:
 
 
 @dataclass(frozen=True, slots=True)
+class Planned:
+    """A question about the surroundings is answered."""
+
+    time_ns: int
+    answer: Answer
+
+
+@dataclass(frozen=True, slots=True)
 class Request:
     """The operator asks for a landing."""
 
@@ -94,7 +101,7 @@ class LogFault:
     text: str
 
 
-Event = Datagram | Tick | Request | LogFault
+Event = Datagram | Tick | Planned | Request | LogFault
 
 
 class Reaction(NamedTuple):
@@ -105,6 +112,8 @@ class Reaction(NamedTuple):
     trace: bytes | None
     """The payload of a TRACE record if a control step was taken."""
     announcements: tuple[Announcement, ...]
+    question: Question | None
+    """What is to be answered outside of the loop."""
 
 
 class Autopilot:
@@ -137,10 +146,16 @@ class Autopilot:
         self._track: Track | None = None
         self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.grain)
         self._avoidance = method.choose(settings.avoidance)
-        avoidance = settings.avoidance
-        self._surroundings = Surroundings(avoidance) if avoidance.mapped or avoidance.guarded else None
-        self._planner = Planner(avoidance) if avoidance.mapped and mission.profile != "step" else None
-        self._course = Course(avoidance.course)
+        self._guard = (
+            Guard(picked(GuardSettings, settings.avoidance.guard)) if settings.avoidance.looks_around else None
+        )
+        self._plans = settings.avoidance.mapped and mission.profile != "step"
+        self._question: Question | None = None
+        self._asked = 0
+        self._answer: Answer | None = None
+        self._map_ns: int | None = None
+        """When the ring arrived that the guard knows of; before, when it was asked for the first time."""
+        self._course = Course(settings.avoidance.course)
         self._way = NO_WAY
         self._free = math.inf
         self._verdict: Verdict | None = None
@@ -213,6 +228,8 @@ class Autopilot:
                     self._next_supervision_ns = now + _SUPERVISION_NS
                     self._beat(now)
                     self._supervise(now)
+            case Planned():
+                self._answer = event.answer
             case Request():
                 self._land_requested = True
             case LogFault():
@@ -221,21 +238,16 @@ class Autopilot:
                 self._log_fault = event.text
         datagram = b"".join(self._outbox)
         announcements = tuple(self._announcements)
-        traced = self._trace
+        traced, question = self._trace, self._question
         self._outbox.clear()
         self._announcements.clear()
-        self._trace = None
-        return Reaction(datagram, traced, announcements)
+        self._trace = self._question = None
+        return Reaction(datagram, traced, announcements, question)
 
     @property
     def ended(self) -> bool:
         """There is nothing more to do."""
         return self.supervisor.state is State.ENDED
-
-    @property
-    def map_view(self) -> MapView | None:
-        """What the rings have shown; None without a map, or before the first ring."""
-        return None if self._surroundings is None else self._surroundings.view
 
     @property
     def phase(self) -> Phase:
@@ -317,7 +329,10 @@ class Autopilot:
         self._scan, self._scan_ns, self._scan_boot_us = scan, now, scan.boot_time_us
 
     def _look_around(self, now: int) -> None:
-        """Decide on the latest scan; at the tick after it, so that no command waits for it."""
+        """Take up what is known of the surroundings; at the tick after it came, so that no command waits for it."""
+        answer, self._answer = self._answer, None
+        if answer is not None:
+            self._take_up(answer, now)
         scan, self._scan = self._scan, None
         if scan is None or not self.steps or self.state is None:
             return
@@ -325,33 +340,40 @@ class Autopilot:
         if pose is None:
             return
         ground_down = self._ground_down - self.settings.avoidance.ground_height
-        state, step = self.state, self.steps[self.step_index]
-        goal = step.target_ned if step.target_ned is not None else state.position_ned
-        if self._surroundings is not None:
-            self._surroundings.look(scan, pose, ground_down, state.position_ned, now)
-        if self._planner is not None:
-            self._plan(step, goal, state, now)
-            return
-        points = self._returns.add(obstacle_points(scan, *pose, ground_down), now)
-        self.decision = self._avoidance.decide(points, state.position_ned, state.velocity_ned, goal, self.mission.speed)
+        state, goal, speed = self.state, self._goal_of(self.state), self.mission.speed
+        if self._guard is not None:
+            self._asked += 1
+            self._map_ns = self._map_ns or now
+            wanted = goal if self._plans and self.steps[self.step_index].avoids else None
+            here, velocity = state.position_ned, state.velocity_ned
+            self._question = Question(self._asked, now, scan, pose, ground_down, here, velocity, wanted, speed)
+        if not self._plans:
+            points = self._returns.add(obstacle_points(scan, *pose, ground_down), now)
+            self.decision = self._avoidance.decide(points, state.position_ned, state.velocity_ned, goal, speed)
 
-    def _plan(self, step: Step, goal: Array, state: VehicleState, now: int) -> None:
-        """A way over the map as it is now; give the goal up if there has been no progress for too long."""
-        assert self._surroundings is not None and self._surroundings.view is not None and self._planner is not None
-        view, here, speed = self._surroundings.view, state.position_ned, self.mission.speed
-        self._way, blocked = NO_WAY, False
-        if step.avoids:
-            self._way = self._planner.way(view, here, state.velocity_ned, goal, speed)
-            blocked = self._planner.blocked(view, here, goal)
-        limit = self.decision.speed_limit if step.avoids else speed
+    def _goal_of(self, state: VehicleState) -> Array:
+        """The present step's."""
+        target = self.steps[self.step_index].target_ned
+        return state.position_ned if target is None else target
+
+    def _take_up(self, answer: Answer, now: int) -> None:
+        """What is free, and the way; give the goal up if there has been no progress for too long."""
+        assert self._guard is not None
+        self._guard.look(answer.space)
+        self._map_ns = answer.asked_ns
+        if not self._plans or self.state is None:
+            return
+        step, here, goal = self.steps[self.step_index], self.state.position_ned, self._goal_of(self.state)
+        self._way = answer.way
+        limit = self.decision.speed_limit if step.avoids else self.mission.speed
         target = self.decision.target_ned if step.avoids else goal
-        self.decision = AvoidanceDecision(target, limit, self._surroundings.clearance(here), blocked)
+        self.decision = AvoidanceDecision(target, limit, answer.clearance, answer.blocked)
         if step.avoids and self.supervisor.state is State.FLY:
             self._trail.add(here)
             distance = math.hypot(*(goal - here)[:2].tolist())
             lacking = self._progress.lacking_s(self.step_index, distance, now)
             if lacking > self.settings.avoidance.give_up_s and distance > _NOT_NEAR:
-                self._give_up(state, now)
+                self._give_up(self.state, now)
 
     def _give_up(self, state: VehicleState, now: int) -> None:
         """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""
@@ -458,7 +480,7 @@ class Autopilot:
             silence=0.0 if self._heard_ns is None else (now - self._heard_ns) * 1e-9,
             telemetry_age=math.inf if telemetry_ns is None else telemetry_ns * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
-            scan_age=0.0 if ringless else self._age(self._scan_ns, now),
+            scan_age=0.0 if ringless else self._ring_age(now),
             refused_telemetry=self._refusal if recent else None,
             unsound_output=self._unsound,
             overrun=self._overrun_ns * 1e-9,
@@ -490,6 +512,11 @@ class Autopilot:
     def _reason(self, now: int) -> str:
         """What the vehicle warned of just now, to stand behind a sentence."""
         return self._vehicle_said if now - self._vehicle_said_ns < _REASON_NS else ""
+
+    def _ring_age(self, now: int) -> float:
+        """Of the last ring, and of the last one that is in the map that the guard looks at."""
+        age = self._age(self._scan_ns, now)
+        return age if self._map_ns is None else max(age, self._age(self._map_ns, now))
 
     @staticmethod
     def _age(then_ns: int | None, now: int) -> float:
@@ -634,9 +661,9 @@ class Autopilot:
 
     def _guarded(self, acceleration_ned: Array, reference: Reference, state: VehicleState, now: int) -> Array:
         """What the guard lets through. Where it changes much, the reference gives in, or it would wind up."""
-        assert self._surroundings is not None
+        assert self._guard is not None
         here, velocity = state.position_ned, state.velocity_ned
-        verdict = self._verdict = self._surroundings.guard.filter(here, velocity, acceleration_ned, now)
+        verdict = self._verdict = self._guard.filter(here, velocity, acceleration_ned, now)
         allowed = verdict.acceleration_ned
         if verdict.changed > self.settings.avoidance.course.give_in:
             if self._course.active:
@@ -703,7 +730,7 @@ class Autopilot:
             return
         if self._reference.following:
             return
-        if self._planner is not None and step.avoids and not self._arrives(step, state):
+        if self._plans and step.avoids and not self._arrives(step, state):
             self._steer_over_map(step.target_ned, state, now)
             return
         self._leave_course(now)
@@ -714,7 +741,7 @@ class Autopilot:
             target = track.start_ned
             if track.start_yaw is not None:
                 self._reference.turn(now, track.start_yaw)
-        if step.avoids and self._planner is None:
+        if step.avoids and not self._plans:
             target, speed = self.decision.target_ned, self.decision.speed_limit
             way = target - state.position_ned
             if math.hypot(way[0], way[1]) > 1.0:
@@ -732,7 +759,7 @@ class Autopilot:
 
     def _steer_over_map(self, goal: Array, state: VehicleState, now: int) -> None:
         """Move the course along the way, no faster than it can stop within what was seen free."""
-        assert self._surroundings is not None
+        assert self._guard is not None
         settings, generator = self.settings.avoidance, self._reference
         here, velocity = state.position_ned, state.velocity_ned
         base = generator.at(now)
@@ -741,7 +768,7 @@ class Autopilot:
             self._start_ned = base.position_ned
         wish = course.wish(self._way, here[:2], velocity[:2], goal[:2], self.mission.speed, settings.course.braking)
         wanted, speed = wish.velocity, math.hypot(*wish.velocity.tolist())
-        limit = self._surroundings.guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
+        limit = self._guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
         self._free = limit.free
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)

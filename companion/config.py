@@ -122,7 +122,7 @@ class PidControl(Table, frozen=True):
 class Limits(Table, frozen=True):
     """What may be asked of the vehicle; thrust as fractions of the whole."""
 
-    tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=85)] = 35.0
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=85)] = 45.0
     lowest_thrust: Fraction = 0.1
     highest_thrust: Fraction = 0.9
     roll_pitch_rate_deg: Positive = 220.0
@@ -161,7 +161,7 @@ class AvoidanceMap(Table, frozen=True):
     """m"""
     cells: int = 256
     """Along each side of the window around the vehicle; a power of two."""
-    layer: Positive = 2.0
+    layer: Positive = 3.0
     """m above and below the height of flight that the map stands for."""
     memory_s: Positive = 40.0
     """How long a return at close range is remembered; weaker evidence fades in proportion."""
@@ -174,11 +174,11 @@ class AvoidanceMap(Table, frozen=True):
 class AvoidancePlan(Table, frozen=True):
     """The search of "astar" (`avoidance.astar`); m from an occupied cell's centre."""
 
-    inflation: Positive = 0.75
+    inflation: Positive = 0.6
     """Nearer is forbidden."""
-    comfort: Positive = 1.6
+    comfort: Positive = 2.0
     """From here on nearness costs nothing."""
-    closeness: NotNegative = 2.0
+    closeness: NotNegative = 3.0
     """What a metre at the inflation's edge costs on top of 1."""
     unknown: NotNegative = 0.5
     """What a metre of unknown costs on top."""
@@ -206,13 +206,13 @@ class AvoidanceVfh(Table, frozen=True):
 class AvoidanceCourse(Table, frozen=True):
     """The motion along a way (`avoidance.course`)."""
 
-    acceleration: Positive = 4.0
+    acceleration: Positive = 6.0
     """m/s2"""
-    jerk: Positive = 25.0
+    jerk: Positive = 50.0
     """m/s3"""
-    braking: Positive = 3.5
+    braking: Positive = 4.5
     """m/s2, before corners and the goal."""
-    follow: Positive = 2.0
+    follow: Positive = 3.0
     """1/s: how fast the wished velocity is taken up."""
     leash: Positive = 0.3
     """m that the reference may be away from the vehicle."""
@@ -246,19 +246,19 @@ class AvoidanceGuard(Table, frozen=True):
 
     enabled: bool | None = None
     """Not set: with "astar" and "vfh"; there is none without a ring, with "none"."""
-    keep_out: Positive = 0.62
+    keep_out: Positive = 0.55
     """m from the vehicle's centre to an occupied cell's."""
     keep_out_unseen: Positive = 0.45
     """m from the vehicle's centre to the centre of a cell that was not seen free."""
     keep_out_moving: Positive = 0.5
     """m from the vehicle's centre to the edge of what moves."""
-    braking: Positive = 4.5
+    braking: Positive = 5.5
     """m/s2 on which it counts."""
     delay: Positive = 0.25
     """s from a thing's appearance to the first braking, for the speed limit: scan period, age, lag."""
     steepness: Positive = 4.0
     """1/s: how fast a barrier may be approached, and is left if it is violated."""
-    nearness: Positive = 2.0
+    nearness: Positive = 4.0
     """1/s: closing speed over distance, close to the keep-out."""
     lag_s: NotNegative = 0.15
     """From a command to the acceleration."""
@@ -274,10 +274,12 @@ class Avoidance(Table, frozen=True):
     """`method`: "astar" (a way over the map, "vfh" where there is none), "vfh" (VFH+ on the map), "paper",
     "paper-literal" (as printed, for the paper's experiment) or "none"."""
 
-    method: str = "paper"
+    method: str = "astar"
     vehicle_radius: Positive = 0.36
     ground_height: Positive = 0.5
     """m above the take-off point below which a return is the ground."""
+    answer_delay: NotNegative = 0.02
+    """s, in lockstep: from a ring's arrival to when its map and way count; by the clock it is what it takes."""
     give_up_s: Positive = 40.0
     """With "astar" and "vfh": so long without a metre of progress, and the goal is given up."""
     lateral_margin: Positive = 3.0
@@ -311,6 +313,11 @@ class Avoidance(Table, frozen=True):
     def mapped(self) -> bool:
         """The method flies a course over the map."""
         return self.method in ("astar", "vfh")
+
+    @property
+    def looks_around(self) -> bool:
+        """There is a map."""
+        return self.mapped or self.guarded
 
     @property
     def guarded(self) -> bool:

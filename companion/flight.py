@@ -16,6 +16,7 @@ import msgspec
 from companion.autopilot import Autopilot
 from companion.config import Settings
 from companion.mission import Mission
+from companion.planning import Elsewhere, Here, Planning
 from companion.rehearsal import rehearse
 from companion.runner import RECORD_TYPES, Runner
 from companion.state import Output
@@ -90,8 +91,16 @@ def check(plan: Plan) -> None:
 def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Result:
     """Fly a prepared plan and leave a log in a new folder of `logs`.
 
-    Raises FlightLogError, before anything is sent, if the log can't be written.
+    Raises, before anything is sent, FlightLogError if the log can't be written and PlanError if the planner's process
+    does not start.
     """
+    avoidance = plan.settings.avoidance
+    if plan.pace == "lockstep" or not avoidance.looks_around:
+        planning = Planning(Here(avoidance), avoidance.answer_delay)
+    else:
+        planning = Planning(Elsewhere(avoidance), None)
+    if planning.fault is not None:
+        raise PlanError(planning.fault)
     autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output)
     began = time.time()
     clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
@@ -105,11 +114,12 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
         epoch_ns=0 if clock is None else round(began * 1e9),
         preserves_datagrams=transport.preserves_datagrams,
     )
-    runner = Runner(autopilot, transport, log, clock)
+    runner = Runner(autopilot, transport, log, clock, planning)
     wall = time.monotonic()
     try:
         runner.run()
     finally:
+        planning.close()
         fault = runner.failure or autopilot.supervisor.fault
         result = Result(
             delivered=autopilot.released,

@@ -5,9 +5,10 @@ import math
 
 import msgspec
 
-from companion.autopilot import Autopilot, Datagram, Tick
+from companion.autopilot import Autopilot, Datagram, Planned, Tick
 from companion.config import Settings
 from companion.mission import Mission
+from companion.planning import Here, Planning
 from companion.state import Output
 from companion.supervisor import State
 from protocol.body import Body
@@ -40,6 +41,7 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
 
 def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     autopilot = Autopilot(settings, body, _hurried(mission), output)
+    planning = Planning(Here(settings.avoidance), settings.avoidance.answer_delay)
     encoder = Encoder(1, 1)
     step, step_began = -1, 0
     rings = ([300] * 4 + [1501] * 68, [1501] * 72)
@@ -92,7 +94,11 @@ def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> No
             data += send(dialect.MAVLink_sys_status_message, *[0] * 13)
             data += send(dialect.MAVLink_statustext_message, dialect.MAV_SEVERITY_INFO, b"rehearsal")
         autopilot.handle(Datagram(now, data))
-        autopilot.handle(Tick(now))
+        while (answer := planning.due(now)) is not None:
+            autopilot.handle(Planned(now, answer))
+        question = autopilot.handle(Tick(now)).question
+        if question is not None:
+            planning.ask(question)
         if autopilot.ended:
             break
     if autopilot.supervisor.fault is not None or not autopilot.ended:

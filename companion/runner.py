@@ -11,7 +11,8 @@ import traceback
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-from companion.autopilot import Autopilot, Datagram, Event, LogFault, Reaction, Request, Tick
+from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, Reaction, Request, Tick
+from companion.planning import PLANNED, Planning, packed
 from companion.supervisor import FLYING
 from companion.trace import TRACE
 from protocol.clock import RealClock
@@ -27,7 +28,7 @@ LOG_FAULT = "log fault: "
 LOOP = record_type("/companion/loop", "courier/Loop", [("latency_ns", "int64")])
 """Wall time from the receipt of a datagram with a new attitude to the command's departure: how the machine did, not
 an event."""
-RECORD_TYPES = (TRACE, TICK, REQUEST, LOOP)
+RECORD_TYPES = (TRACE, TICK, REQUEST, PLANNED, LOOP)
 
 _LOG_LEVEL = {0: 50, 1: 50, 2: 50, 3: 40, 4: 30, 5: 20, 6: 20}
 """MAV_SEVERITY -> `logging`'s level."""
@@ -45,8 +46,11 @@ _TIMESYNC = 111
 class Runner:
     """Flies an autopilot over a transport until it has ended; without a clock in lockstep."""
 
-    def __init__(self, autopilot: Autopilot, transport: Transport, log: FlightLog, clock: RealClock | None) -> None:
+    def __init__(
+        self, autopilot: Autopilot, transport: Transport, log: FlightLog, clock: RealClock | None, planning: Planning
+    ) -> None:
         self._autopilot = autopilot
+        self._planning = planning
         self._transport = transport
         self._log = log
         self._clock = clock
@@ -55,6 +59,7 @@ class Runner:
         self._now = 0
         self._checked_log_ns = 0
         self._log_fault: str | None = None
+        self._planning_failed = False
         self._status_due = 0.0
         self.missed_deadlines = 0
         """Ticks that began more than half a period late."""
@@ -166,6 +171,9 @@ class Runner:
         if now - self._checked_log_ns >= _LOG_CHECK_NS:
             self._checked_log_ns = now
             answer += self._look_around(now)
+        while (planned := self._planning.due(now)) is not None:
+            self._log.record(PLANNED, now, packed(planned))
+            answer += self._handle(Planned(now, planned)).datagram
         self._log.record(TICK, now, TICK.pack(late_ns))
         return answer + self._handle(Tick(now, late_ns)).datagram
 
@@ -175,6 +183,10 @@ class Runner:
         if wall >= self._status_due:
             self._status_due = wall + _STATUS_EVERY_S
             self._log.status(progress(self._autopilot, now))
+        fault = self._planning.fault
+        if fault is not None and not self._planning_failed:
+            self._planning_failed = True
+            self._log.text(now, logging.CRITICAL, "companion", f"{fault}: there is no map any more")
         fault = self._log.fault
         if fault is None or fault == self._log_fault:
             return b""
@@ -187,6 +199,8 @@ class Runner:
         reaction = self._autopilot.handle(event)
         if reaction.trace is not None:
             self._log.record(TRACE, event.time_ns, reaction.trace)
+        if reaction.question is not None:
+            self._planning.ask(reaction.question)
         for announcement in reaction.announcements:
             self._log.text(event.time_ns, _LOG_LEVEL[announcement.severity], "companion", announcement.text)
         return reaction

@@ -360,7 +360,7 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
 
 def _draw_map(axes: Any, joined: Joined) -> None:
     """What the companion had mapped in the end, grey as far as it was seen free."""
-    view = joined.autopilot.map_view
+    view = joined.thinker.outlook.surroundings.view
     if view is None:
         return
     from matplotlib.colors import ListedColormap

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion import mission as missions
-from companion.autopilot import Autopilot, Datagram, Tick
+from companion.autopilot import Autopilot, Datagram, Event, Planned, Tick
 from companion.config import load_body, load_settings
 from companion.mission import Mission
+from companion.planning import Here, Planning
 from companion.state import Output
 from companion.trace import TRACE
 from protocol import datafile
@@ -35,7 +36,7 @@ class Joined:
     """As "wind.mean_ned=[0.0, 5.0, 0.0]"."""
     meddle: Callable[[int, bytes], bytes] = lambda time_ns, data: data
     said: list[str] = field(default_factory=list)
-    events: list[Datagram | Tick] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
     sent: list[bytes] = field(default_factory=list)
     traces: list[bytes] = field(default_factory=list)
     trace_ticks: list[int] = field(default_factory=list)
@@ -47,6 +48,8 @@ class Joined:
         settings = load_settings(None, list(self.overrides))
         body = load_body(self.mission.vehicle) if self.airframe is None else self.airframe.body
         self.autopilot = Autopilot(settings, body, self.mission, self.output)
+        self.thinker = Here(settings.avoidance)
+        self._planning = Planning(self.thinker, settings.avoidance.answer_delay)
         frame = self.airframe or Airframe.load(datafile.find("vehicles", self.mission.vehicle), self.vehicle_overrides)
         world = World.load(datafile.find("worlds", self.mission.world), self.world_overrides)
         self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=True)
@@ -60,15 +63,19 @@ class Joined:
         for whole in datagrams:
             heard = self.meddle(now, whole)
             answer += self._handle(Datagram(now, heard))
+        while (planned := self._planning.due(now)) is not None:
+            answer += self._handle(Planned(now, planned))
         answer += self._handle(Tick(now))
         if answer:
             self.sent.append(answer)
             self.vehicle.receive(answer)
 
-    def _handle(self, event: Datagram | Tick) -> bytes:
+    def _handle(self, event: Event) -> bytes:
         self.events.append(event)
         reaction = self.autopilot.handle(event)
         self.said += [f"{event.time_ns * 1e-9:.2f} {each.text}" for each in reaction.announcements]
+        if reaction.question is not None:
+            self._planning.ask(reaction.question)
         if reaction.trace is not None:
             self.traces.append(reaction.trace)
             self.trace_ticks.append(self.vehicle.tick)

@@ -12,7 +12,8 @@ first free wedge from nearer by wipes off what was too wide. What was hit at clo
 pass at the height of flight, not by those that look over it or under it.
 
 Source: Moravec and Elfes 1985; log-odds with clamping as in OctoMap (Hornung et al. 2013). The distance transform is
-Meijster, Roerdink and Hesselink 2000.
+exact up to `FAR_M`: the first pass is that of Meijster, Roerdink and Hesselink 2000; the second looks at all columns
+that near instead of building their lower envelope, which the processor does eight at a time.
 """
 
 import math
@@ -40,6 +41,8 @@ _STRONG = 1.5
 """Log-odds above which only a level beam wipes off."""
 _LEVEL = 0.5
 """m from the height of flight up to which a beam is level."""
+FAR_M = 4.0
+"""What is farther away than this counts as so far: the map's distances end here."""
 _STANDOFF = 1.0
 """Cells before a return that are not seen free: noise, and the cell's own size."""
 
@@ -70,9 +73,9 @@ class MapView:
     states: Bytes
     """(cells, cells) UNKNOWN, FREE or OCCUPIED."""
     to_occupied: Array
-    """(cells, cells) m to the nearest occupied cell; beyond the window's size if there is none."""
+    """(cells, cells) m to the nearest occupied cell, at most FAR_M."""
     to_unseen: Array
-    """(cells, cells) m to the nearest cell that is not free, unknown or occupied."""
+    """(cells, cells) m to the nearest cell that is not free, unknown or occupied, at most FAR_M."""
     corner: Cell
     """World index of [0, 0]: that cell begins at corner * cell north and east."""
     cell: float
@@ -209,8 +212,8 @@ class OccupancyGrid:
 
 
 def distance_to(marked: BoolArray, cell: float) -> Array:
-    """Distance (m) from each cell's centre to the nearest marked one's, exact; 2 cells sides' length if none is."""
-    return _distances(marked, cell)
+    """Distance (m) from each cell's centre to the nearest marked one's, exact below FAR_M and FAR_M beyond."""
+    return _distances(marked, cell, math.ceil(FAR_M / cell), FAR_M)
 
 
 @compiled
@@ -460,53 +463,32 @@ def _classify(
 
 
 @compiled
-def _distances(marked: BoolArray, cell: float) -> Array:
+def _distances(marked: BoolArray, cell: float, reach: int, far: float) -> Array:
+    """`reach`: cells to look at on either side, so many that they are `far` (m)."""
     rows, columns = marked.shape
-    far = rows + columns
-    up = np.empty((rows, columns), np.int64)
+    up = np.empty((rows, columns), np.int32)
+    none = np.int32(reach)
     for j in range(columns):
-        up[0, j] = 0 if marked[0, j] else far
+        up[0, j] = 0 if marked[0, j] else none
     for i in range(1, rows):
         for j in range(columns):
-            up[i, j] = 0 if marked[i, j] else min(up[i - 1, j] + 1, far)
+            up[i, j] = 0 if marked[i, j] else min(up[i - 1, j] + 1, none)
     for i in range(rows - 2, -1, -1):
         for j in range(columns):
             up[i, j] = min(up[i, j], up[i + 1, j] + 1)
     result = np.empty((rows, columns))
-    sites = np.empty(columns, np.int64)
-    starts = np.empty(columns, np.int64)
+    squares = np.full(columns + 2 * reach, reach * reach, np.int32)
+    nearest = np.empty(columns, np.int32)
     for i in range(rows):
-        _envelope(up[i], sites, starts, far, cell, result[i])
+        for j in range(columns):
+            squares[reach + j] = up[i, j] * up[i, j]
+            nearest[j] = squares[reach + j]
+        for shift in range(1, reach):
+            more = np.int32(shift * shift)
+            left, right = squares[reach - shift : reach - shift + columns], squares[reach + shift :]
+            for j in range(columns):
+                near = left[j] if left[j] < right[j] else right[j]
+                nearest[j] = min(nearest[j], np.int32(near + more))
+        for j in range(columns):
+            result[i, j] = min(cell * math.sqrt(nearest[j]), far)
     return result
-
-
-@compiled
-def _envelope(
-    up: NDArray[np.int64], sites: NDArray[np.int64], starts: NDArray[np.int64], far: int, cell: float, result: Array
-) -> None:
-    """One row: the lower envelope of the parabolas (x - j)^2 + up[j]^2."""
-    columns = up.shape[0]
-    top = 0
-    sites[0], starts[0] = 0, 0
-    for j in range(1, columns):
-        square = up[j] * up[j]
-        while top >= 0:
-            s, x = sites[top], starts[top]
-            if (x - s) * (x - s) + up[s] * up[s] <= (x - j) * (x - j) + square:
-                break
-            top -= 1
-        if top < 0:
-            top = 0
-            sites[0], starts[0] = j, 0
-            continue
-        s = sites[top]
-        # All integers are small: the quotient of two floats is exact enough for the floor, and much faster.
-        start = math.floor((j * j - s * s + square - up[s] * up[s]) / (2.0 * (j - s))) + 1
-        if start < columns:
-            top += 1
-            sites[top], starts[top] = j, start
-    for x in range(columns - 1, -1, -1):
-        s = sites[top]
-        result[x] = cell * min(math.sqrt((x - s) * (x - s) + up[s] * up[s]), float(far))
-        if x == starts[top]:
-            top -= 1

@@ -23,9 +23,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.avoidance.braking import stopping_speed
-from companion.avoidance.grid import FREE, OCCUPIED, Bytes, MapView
+from companion.avoidance.grid import FREE, OCCUPIED, Bytes, Cell, MapView
 from protocol.compiled import compiled
 from protocol.frames import Array
 
@@ -46,6 +47,10 @@ _GRAZE = 0.1
 _FAR = 100.0
 """m, beyond every window."""
 _HALVINGS = 24
+_KEPT_M = 16.0
+"""Half the side of what is kept of the map: farther than the LiDAR sees there is nothing free."""
+
+Floats = NDArray[np.float32]
 
 
 class Reason(IntEnum):
@@ -105,36 +110,58 @@ class Verdict:
     reason: Reason
 
 
+@dataclass(frozen=True, slots=True)
+class FreeSpace:
+    """What a guard needs of the map around the vehicle, as one ring left it."""
+
+    seen_ns: int
+    """When the ring arrived."""
+    to_occupied: Floats
+    """(n, m) m, as in `MapView`; from a part of its window."""
+    to_unseen: Floats
+    corner: Cell
+    """World index of [0, 0]."""
+    cell: float
+    points: Array
+    """(k, POINT) north, east (m, NED) and so on: the nearest ones all around, and what moves."""
+
+
+def free_space(
+    view: MapView, position_ned: Array, seen_ns: int, settings: GuardSettings, moving: Array | None = None
+) -> FreeSpace:
+    """Of a view, around a place. `moving` (n, POINT): tracked things."""
+    north, east = (float(position_ned[axis]) - view.corner[axis] * view.cell for axis in (0, 1))
+    points = nearest_points(
+        view.states, view.cell, north, east, settings.reach, settings.keep_out, settings.keep_out_unseen
+    )
+    points[:, :2] += np.array(view.corner) * view.cell
+    if moving is not None:
+        points = np.vstack([points, moving])
+    rows, columns = (
+        slice(max(math.floor((at - _KEPT_M) / view.cell), 0), max(math.ceil((at + _KEPT_M) / view.cell), 0))
+        for at in (north, east)
+    )
+    to_occupied, to_unseen = (each[rows, columns].astype(np.float32) for each in (view.to_occupied, view.to_unseen))
+    corner = view.corner[0] + rows.start, view.corner[1] + columns.start
+    return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points)
+
+
 class Guard:
-    """Looks at each new view, answers at each control step."""
+    """Told of each new free space, asked at each control step."""
 
     def __init__(self, settings: GuardSettings) -> None:
         self._settings = settings
-        self._view: MapView | None = None
-        self._seen_ns = 0
-        self._points = np.empty((0, POINT))
+        self._space: FreeSpace | None = None
 
-    def look(self, view: MapView, position_ned: Array, seen_ns: int, moving: Array | None = None) -> None:
-        """Take a view in, with its ring's time of arrival. `moving` (n, 5): tracked things, a POINT each."""
-        s = self._settings
-        standing = nearest_points(
-            view.states,
-            view.cell,
-            float(position_ned[0]) - view.corner[0] * view.cell,
-            float(position_ned[1]) - view.corner[1] * view.cell,
-            s.reach,
-            s.keep_out,
-            s.keep_out_unseen,
-        )
-        standing[:, :2] += np.array(view.corner) * view.cell
-        self._points = standing if moving is None else np.vstack([standing, moving])
-        self._view, self._seen_ns = view, seen_ns
+    def look(self, space: FreeSpace) -> None:
+        """From now on this is what is known to be free."""
+        self._space = space
 
     def limit(self, position_ned: Array, velocity_ned: Array, way: Array, delay_s: float, speed: float) -> SpeedLimit:
         """At most `speed` (m/s). `way` (k, 2): the places, NED, that the vehicle is sent to one after the other.
         `delay_s`: from a thing's appearance to the first braking, scan period + age of the view + lag."""
         s = self._settings
-        if self._view is None:
+        if self._space is None:
             return SpeedLimit(0.0, 0.0)
         free = self._free(np.vstack([position_ned[:2], way]))
         if math.hypot(velocity_ned[0], velocity_ned[1]) > _MOVES:
@@ -145,17 +172,17 @@ class Guard:
     def filter(self, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, now_ns: int) -> Verdict:
         """What may be commanded instead of an acceleration (3,) (m/s2, gravity left out)."""
         s = self._settings
-        view = self._view
-        if view is None or now_ns - self._seen_ns > s.stale_s * 1e9:
+        space = self._space
+        if space is None or now_ns - space.seen_ns > s.stale_s * 1e9:
             found, reason = straight_stop(velocity_ned, s.braking), int(Reason.STALE)
         else:
             found, reason = guarded(
-                self._points,
-                view.to_occupied,
-                view.to_unseen,
-                view.cell,
-                view.corner[0] * view.cell,
-                view.corner[1] * view.cell,
+                space.points,
+                space.to_occupied,
+                space.to_unseen,
+                space.cell,
+                space.corner[0] * space.cell,
+                space.corner[1] * space.cell,
                 position_ned,
                 velocity_ned,
                 acceleration_ned,
@@ -171,10 +198,10 @@ class Guard:
         return Verdict(np.array([found[0], found[1], acceleration_ned[2]]), math.hypot(north, east), Reason(reason))
 
     def _free(self, places: Array) -> float:
-        s, view = self._settings, self._view
-        assert view is not None
-        local = places - np.array(view.corner) * view.cell
-        return free_way(view.to_occupied, view.to_unseen, view.cell, local, s.keep_out, s.keep_out_unseen)
+        s, space = self._settings, self._space
+        assert space is not None
+        local = places - np.array(space.corner) * space.cell
+        return free_way(space.to_occupied, space.to_unseen, space.cell, local, s.keep_out, s.keep_out_unseen)
 
 
 @compiled
@@ -210,16 +237,18 @@ def nearest_points(
 
 
 @compiled
-def _room(to_occupied: Array, to_unseen: Array, cell: float, north: float, east: float) -> tuple[float, float]:
+def _room(to_occupied: Floats, to_unseen: Floats, cell: float, north: float, east: float) -> tuple[float, float]:
     """Distances (m) to occupied and to unseen at a place counted from the window's corner; 0, 0 outside."""
     i, j = math.floor(north / cell), math.floor(east / cell)
     if not (0 <= i < to_occupied.shape[0] and 0 <= j < to_occupied.shape[1]):
         return 0.0, 0.0
-    return to_occupied[i, j], to_unseen[i, j]
+    return float(to_occupied[i, j]), float(to_unseen[i, j])
 
 
 @compiled
-def free_way(to_occupied: Array, to_unseen: Array, cell: float, places: Array, occupied: float, unseen: float) -> float:
+def free_way(
+    to_occupied: Floats, to_unseen: Floats, cell: float, places: Array, occupied: float, unseen: float
+) -> float:
     """Distance (m) along the straight lines between places (k, 2), counted from the window's corner, until a keep-out
     is entered; from within one, until it gets nearer. inf if the way's end is reached."""
     at_occupied, at_unseen = _room(to_occupied, to_unseen, cell, places[0, 0], places[0, 1])
@@ -364,8 +393,8 @@ def _tightest(planes: Array) -> Array:
 
 @compiled
 def _stop_free(
-    to_occupied: Array,
-    to_unseen: Array,
+    to_occupied: Floats,
+    to_unseen: Floats,
     cell: float,
     north: float,
     east: float,
@@ -405,8 +434,8 @@ def _stop_free(
 
 @compiled
 def best_stop(
-    to_occupied: Array,
-    to_unseen: Array,
+    to_occupied: Floats,
+    to_unseen: Floats,
     cell: float,
     north: float,
     east: float,
@@ -441,8 +470,8 @@ def straight_stop(velocity: Array, braking: float) -> Array:
 @compiled
 def guarded(
     points: Array,
-    to_occupied: Array,
-    to_unseen: Array,
+    to_occupied: Floats,
+    to_unseen: Floats,
     cell: float,
     corner_n: float,
     corner_e: float,

@@ -1,15 +1,22 @@
-"""The methods on the map, "astar" and "vfh", and what the guard looks at: ring -> tracks -> grid -> view -> way."""
+"""The methods on the map, and what the guard looks at: ring -> tracks -> grid -> view -> free space and way.
 
+All of it is too slow for the loop that flies. It is asked with one `Question` a ring, outside of the loop, and its
+`Answer` is an event. The answer depends on the questions so far and on nothing else: a log need only tell when each one
+came.
+"""
+
+import dataclasses
 import math
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
 
 from companion.avoidance.astar import AStar, AStarSettings
 from companion.avoidance.course import NO_WAY, Way
-from companion.avoidance.grid import GridSettings, MapView, OccupancyGrid
-from companion.avoidance.guard import Guard, GuardSettings
+from companion.avoidance.grid import FAR_M, GridSettings, MapView, OccupancyGrid
+from companion.avoidance.guard import FreeSpace, GuardSettings, free_space
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from companion.avoidance.tracks import Tracker, TrackSettings
 from companion.avoidance.vfh import Vfh, VfhSettings
@@ -26,18 +33,78 @@ _AROUND_MOVING = 0.3
 """m around what moves that its passing leaves unknown."""
 
 
-def _values(table: msgspec.Struct, *names: str) -> dict[str, Any]:
-    return {name: getattr(table, name) for name in names or table.__struct_fields__}
+T = TypeVar("T")
+
+
+def picked(kind: type[T], table: msgspec.Struct, **more: Any) -> T:
+    """A stage's own settings out of a table of the companion's."""
+    names = (field.name for field in dataclasses.fields(kind) if field.name not in more)  # type: ignore[arg-type]
+    return kind(**{name: getattr(table, name) for name in names}, **more)
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A ring, and where the vehicle was and wanted to when it was heard."""
+
+    number: int
+    """From 1, without gaps."""
+    asked_ns: int
+    scan: Scan
+    pose: tuple[Array, Array]
+    """Position (3,) NED and attitude (4,) NED to FRD at the ring's own time."""
+    ground_down: float
+    """m, NED: returns below are the ground."""
+    here: Array
+    """(3,) m, NED"""
+    velocity: Array
+    """(3,) m/s"""
+    goal: Array | None
+    """(3,) m, NED; None if no way is wanted."""
+    speed: float
+    """m/s, the highest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """To one question."""
+
+    number: int
+    asked_ns: int
+    space: FreeSpace
+    clearance: float
+    """m from the hull to the nearest occupied cell's centre; inf if nothing is near."""
+    way: Way
+    blocked: bool
+    """The straight line to the goal comes too near to something."""
+
+
+class Outlook:
+    """Answers questions, in their order."""
+
+    def __init__(self, settings: Avoidance) -> None:
+        self.surroundings = Surroundings(settings)
+        self._planner = Planner(settings) if settings.mapped else None
+
+    def answer(self, question: Question) -> Answer:
+        """Take a ring in, and say what is free and where to go."""
+        surroundings, here, goal = self.surroundings, question.here, question.goal
+        view = surroundings.look(question.scan, question.pose, question.ground_down, here, question.asked_ns)
+        way, blocked = NO_WAY, False
+        if self._planner is not None and goal is not None:
+            way = self._planner.way(view, here, question.velocity, goal, question.speed)
+            blocked = self._planner.blocked(view, here, goal)
+        space = surroundings.free_space(here, question.asked_ns)
+        clearance = surroundings.clearance(here)
+        return Answer(question.number, question.asked_ns, space, clearance, way, blocked)
 
 
 class Surroundings:
-    """The map and what moves on it, and the guard that looks at both."""
+    """The map and what moves on it."""
 
     def __init__(self, settings: Avoidance) -> None:
         self._settings = settings
-        self._grid = OccupancyGrid(GridSettings(**_values(settings.map), hull=settings.vehicle_radius))
-        self._tracker = Tracker(TrackSettings(**_values(settings.tracks)))
-        self.guard = Guard(GuardSettings(**_values(settings.guard, *GuardSettings.__dataclass_fields__)))
+        self._grid = OccupancyGrid(picked(GridSettings, settings.map, hull=settings.vehicle_radius))
+        self._tracker = Tracker(picked(TrackSettings, settings.tracks))
         self.view: MapView | None = None
         """As of the last ring."""
 
@@ -48,16 +115,21 @@ class Surroundings:
         for track in self._tracker.moving:
             self._grid.forget(track.mean[:2], track.radius + _AROUND_MOVING, now_ns)
         self.view = view = self._grid.view(now_ns)
-        self.guard.look(view, here, now_ns, self._tracker.points(0.0, self._settings.guard.keep_out_moving))
         return view
 
+    def free_space(self, here: Array, now_ns: int) -> FreeSpace:
+        """For the guard, after a `look`."""
+        assert self.view is not None
+        moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving)
+        return free_space(self.view, here, now_ns, picked(GuardSettings, self._settings.guard), moving)
+
     def clearance(self, here: Array) -> float:
-        """m from the hull at a place to the nearest occupied cell's centre; inf if there is none."""
+        """m from the hull at a place to the nearest occupied cell's centre; inf if that is FAR_M away or more."""
         view = self.view
         if view is None or not view.contains(view.cell_of(here)):
             return math.inf
         distance = float(view.to_occupied[view.cell_of(here)])
-        return distance - self._settings.vehicle_radius if distance <= view.cell * len(view.states) else math.inf
+        return distance - self._settings.vehicle_radius if distance < FAR_M else math.inf
 
 
 class Planner:
@@ -65,8 +137,8 @@ class Planner:
 
     def __init__(self, settings: Avoidance) -> None:
         self._settings = settings
-        self._astar = AStar(AStarSettings(**_values(settings.plan)), settings.map.cells)
-        self._vfh = Vfh(VfhSettings(**_values(settings.vfh)))
+        self._astar = AStar(picked(AStarSettings, settings.plan), settings.map.cells)
+        self._vfh = Vfh(picked(VfhSettings, settings.vfh))
 
     def way(self, view: MapView, here: Array, velocity: Array, goal: Array, speed: float) -> Way:
         """From a place (3,) with a velocity (3,) NED to a goal (3,), at most at `speed` (m/s)."""

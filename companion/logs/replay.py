@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.autopilot import Autopilot, Datagram, Event, LogFault, Request, Tick
+from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, Request, Tick
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_versions
+from companion.planning import PLANNED, Here
 from companion.runner import LOG_FAULT, REQUEST, TICK, lockstep_time
 from companion.trace import TRACE
 from protocol.clock import RealClock
@@ -79,6 +80,7 @@ class _Second:
         self.flown_s = 0.0
         self._flight = flight
         self._autopilot = Autopilot(flight.settings, flight.body, flight.mission, flight.output)
+        self._thinker = Here(flight.settings.avoidance)
         self._somebody = False
         """Whether there is anybody to send to yet."""
         self._held = b""
@@ -136,6 +138,8 @@ class _Second:
             answer = self._held + self._take(Tick(now, TICK.unpack(record.data)["late_ns"]))
             self._held = b""
             self._send(now, answer)
+        elif record.topic == PLANNED.topic:
+            self._planned(now, PLANNED.unpack(record.data)["number"])
         elif record.topic == REQUEST.topic:
             what = REQUEST.unpack(record.data)["what"]
             fault = LogFault(now, what.removeprefix(LOG_FAULT)) if what.startswith(LOG_FAULT) else None
@@ -143,6 +147,14 @@ class _Second:
         else:
             return False
         return True
+
+    def _planned(self, now: int, number: int) -> None:
+        """The answer of that number; it depends on all questions before, whose answers may have been lost."""
+        answer = self._thinker.take(0.0)
+        while answer is not None and answer.number < number:
+            answer = self._thinker.take(0.0)
+        if answer is not None:
+            self._held += self._take(Planned(now, answer))
 
     def _datagram(self, now: int, data: bytes, *, has_sender: bool) -> None:
         self._overdue()
@@ -156,6 +168,8 @@ class _Second:
     def _take(self, event: Event) -> bytes:
         reaction = self._autopilot.handle(event)
         self._now = event.time_ns
+        if reaction.question is not None:
+            self._thinker.ask(reaction.question)
         if reaction.trace is not None:
             self._traces.append(reaction.trace)
         return reaction.datagram

@@ -15,6 +15,7 @@ from companion.avoidance.guard import (
     GuardSettings,
     Reason,
     closing_limit,
+    free_space,
     half_planes,
     nearest_allowed,
     nearest_points,
@@ -54,7 +55,7 @@ def free_field() -> Bytes:
 
 def guard_on(states: Bytes, position: Array = STILL, settings: GuardSettings = SETTINGS) -> Guard:
     guard = Guard(settings)
-    guard.look(view_of(states), position, 0)
+    guard.look(free_space(view_of(states), position, 0, settings))
     return guard
 
 
@@ -281,7 +282,7 @@ def flown(
             if moving is not None:
                 around = moving.copy()
                 around[:, :2] += k * dt * moving[:, 2:4]
-            guard.look(view, position, now, around)
+            guard.look(free_space(view, position, now, SETTINGS, around))
         command = guard.filter(position, velocity, 2.5 * (wish - velocity), now).acceleration_ned
         command *= min(1.0, 6.8 / max(math.hypot(*command[:2]), 1e-9))
         acceleration += (command - acceleration) * dt / 0.1

@@ -1,0 +1,199 @@
+"""Where questions to the map and the planner are answered, and when the answers count: outside of the loop that flies.
+
+By the clock a process of its own answers, and an answer counts at the first tick that finds it. In lockstep, where the
+vehicle waits anyway and no clock is looked at, it counts a fixed simulated time after its question.
+"""
+
+import contextlib
+import multiprocessing
+import select
+import signal
+from collections import deque
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
+import numpy as np
+
+from companion.avoidance.mapped import Answer, Outlook, Question
+from companion.config import Avoidance
+from companion.state import Scan
+from protocol.flightlog import record_type
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+_CORNERS = 16
+PLANNED = record_type(
+    "/companion/planned",
+    "courier/Planned",
+    [
+        ("number", "uint32"),
+        ("asked_ns", "int64"),
+        ("corners", "uint8"),
+        ("way_ned", f"float32[{2 * _CORNERS}]"),
+        ("speeds", f"float32[{_CORNERS}]"),
+    ],
+    {"way_ned": "m north, m east of each corner", "speeds": "m/s at each"},
+)
+"""An answer's arrival, an event; for people to look at, the first corners of its way."""
+_PATIENCE_S = 10.0
+"""For an answer that must be waited for."""
+_PIPE_BYTES = 1 << 20
+"""Room for an answer as a whole, so that none is read in pieces."""
+_F_SETPIPE_SZ = 1031
+
+
+class Thinker(Protocol):
+    """Answers questions in their order."""
+
+    fault: str | None
+    """Why there will be no more answers."""
+
+    def ask(self, question: Question) -> None:
+        """Returns at once."""
+
+    def take(self, patience_s: float) -> Answer | None:
+        """The next answer; None if there is none within that time."""
+
+    def close(self) -> None:
+        """Give everything back."""
+
+
+class Here:
+    """In this process, when the answer is taken."""
+
+    def __init__(self, settings: Avoidance) -> None:
+        self.fault: str | None = None
+        self.outlook = Outlook(settings)
+        self._questions: deque[Question] = deque()
+
+    def ask(self, question: Question) -> None:
+        self._questions.append(question)
+
+    def take(self, patience_s: float) -> Answer | None:
+        return self.outlook.answer(self._questions.popleft()) if self._questions else None
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+class Elsewhere:
+    """In a process of its own, which ends with this one."""
+
+    def __init__(self, settings: Avoidance) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._here, there = context.Pipe()
+        self._process = context.Process(target=_think, args=(there, settings), name="courier-planner", daemon=True)
+        self._process.start()
+        there.close()
+        self._poll = select.poll()
+        self._poll.register(self._here.fileno(), select.POLLIN | select.POLLHUP)
+        self._open = 0
+        self.fault: str | None = None
+        try:
+            self._here.recv()  # it is ready
+        except (EOFError, OSError):
+            self._ended()
+
+    def ask(self, question: Question) -> None:
+        if self.fault is None:
+            try:
+                self._here.send(question)
+                self._open += 1
+            except OSError:
+                self._ended()
+
+    def take(self, patience_s: float) -> Answer | None:
+        if self.fault is not None or not self._open or not self._poll.poll(1e3 * patience_s):
+            return None
+        try:
+            answer: Answer = self._here.recv()
+        except (EOFError, OSError):
+            self._ended()
+            return None
+        self._open -= 1
+        return answer
+
+    def close(self) -> None:
+        self._here.close()
+        self._process.join(_PATIENCE_S)
+
+    def _ended(self) -> None:
+        self._process.join(_PATIENCE_S)
+        self.fault = f"the planner's process has ended by itself (exit code {self._process.exitcode})"
+
+
+def _think(pipe: "Connection", settings: Avoidance) -> None:
+    """The process: answer until the other side is gone."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    with contextlib.suppress(ImportError, OSError):
+        import fcntl
+
+        fcntl.fcntl(pipe.fileno(), _F_SETPIPE_SZ, _PIPE_BYTES)
+    rehearse(settings)
+    outlook = Outlook(settings)
+    with contextlib.suppress(EOFError, OSError):
+        pipe.send(None)
+        while True:
+            pipe.send(outlook.answer(pipe.recv()))
+
+
+def rehearse(settings: Avoidance) -> None:
+    """Answer some questions about nothing real, so that everything is compiled."""
+    bearings = np.radians(np.arange(0.0, 360.0, 5.0))
+    methods = dict.fromkeys((settings.method, "vfh")) if settings.mapped else (settings.method,)
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    for method in methods:
+        outlook = Outlook(msgspec.structs.replace(settings, method=method))
+        for k in range(16):
+            time_ns = k * 66_000_000
+            ranges = np.full(72, 15.0)
+            ranges[10 + k % 14 : 14 + k % 14] = 5.0  # a thing that walks
+            known = np.full(72, k != 15)
+            scan = Scan(time_ns, time_ns // 1000, bearings, ranges, (ranges < 15.0) & known, known)
+            here = np.array([0.1 * k, 0.0, -3.0])
+            goal, velocity = 20.0 * here, np.array([1.5, 0.0, 0.0])
+            outlook.answer(Question(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, 3.0))
+
+
+class Planning:
+    """Questions out, answers in when they count. `delay_s`: in lockstep, from a question to its answer; None by the
+    clock."""
+
+    def __init__(self, thinker: Thinker, delay_s: float | None) -> None:
+        self._thinker = thinker
+        self._delay_ns = None if delay_s is None else round(delay_s * 1e9)
+        self._due: deque[int] = deque()
+
+    def ask(self, question: Question) -> None:
+        self._thinker.ask(question)
+        if self._delay_ns is not None:
+            self._due.append(question.asked_ns + self._delay_ns)
+
+    def due(self, now_ns: int) -> Answer | None:
+        """The next answer that counts by now; to be called until there is none."""
+        if self._delay_ns is None:
+            return self._thinker.take(0.0)
+        if not self._due or now_ns < self._due[0]:
+            return None
+        self._due.popleft()
+        return self._thinker.take(_PATIENCE_S)
+
+    @property
+    def fault(self) -> str | None:
+        """Why there will be no more answers."""
+        return self._thinker.fault
+
+    def close(self) -> None:
+        self._thinker.close()
+
+
+def packed(answer: Answer) -> bytes:
+    """The payload of a PLANNED record."""
+    corners = answer.way.corners[:_CORNERS]
+    record = np.zeros(1, PLANNED.dtype)
+    record["number"], record["asked_ns"], record["corners"] = answer.number, answer.asked_ns, len(corners)
+    record["way_ned"][0, : 2 * len(corners)] = corners.ravel()
+    record["speeds"][0, : len(corners)] = answer.way.speeds[:_CORNERS]
+    return record.tobytes()
