@@ -163,7 +163,7 @@ class AvoidanceMap(Table, frozen=True):
     """Along each side of the window around the vehicle; a power of two."""
     layer: Positive = 3.0
     """m above and below the height of flight that the map stands for."""
-    memory_s: Positive = 40.0
+    memory_s: Positive = 120.0
     """How long a return at close range is remembered; weaker evidence fades in proportion."""
 
     def __post_init__(self) -> None:
@@ -176,6 +176,11 @@ class AvoidancePlan(Table, frozen=True):
 
     inflation: Positive = 0.6
     """Nearer is forbidden."""
+    tight: Positive = 0.38
+    """Nearer is forbidden where there is no other way."""
+    doubt: Positive = 60.0
+    """What a metre costs on top, at the most, that leads through what was not seen from near enough to be sure, if all
+    else is closed: so the vehicle goes and looks."""
     comfort: Positive = 2.0
     """From here on nearness costs nothing."""
     closeness: NotNegative = 3.0
@@ -184,8 +189,8 @@ class AvoidancePlan(Table, frozen=True):
     """What a metre of unknown costs on top."""
 
     def __post_init__(self) -> None:
-        if self.comfort <= self.inflation:
-            raise ValueError("comfort must be above inflation")
+        if not self.tight <= self.inflation < self.comfort:
+            raise ValueError("inflation must be between tight and comfort")
 
 
 class AvoidanceVfh(Table, frozen=True):
@@ -250,6 +255,11 @@ class AvoidanceGuard(Table, frozen=True):
     """m from the vehicle's centre to an occupied cell's."""
     keep_out_unseen: Positive = 0.45
     """m from the vehicle's centre to the centre of a cell that was not seen free."""
+    keep_out_tight: Positive = 0.38
+    """In place of `keep_out` where there is no other way than a tight one."""
+    keep_out_unseen_tight: Positive = 0.2
+    crawl: Positive = 1.0
+    """m/s, at most, nearer than `keep_out` there."""
     keep_out_moving: Positive = 0.5
     """m from the vehicle's centre to the edge of what moves."""
     braking: Positive = 5.5

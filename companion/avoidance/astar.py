@@ -46,6 +46,8 @@ class GridPath:
     """(n,) cost (m) from the start to each cell."""
     cost: float
     """Of the whole way (m), with the straight line beyond the window."""
+    whole: bool = True
+    """It leads to the goal, or to where the straight line to it begins."""
 
 
 class AStar:
@@ -65,22 +67,33 @@ class AStar:
         s = self.settings
         return _prices(view.states, view.to_occupied, s.inflation, s.comfort, s.closeness, s.unknown)
 
-    def plan(self, view: MapView, prices: Array, start: Array, goal: Array) -> GridPath | None:
+    def plan(
+        self,
+        view: MapView,
+        prices: Array,
+        start: Array,
+        goal: Array,
+        inflation: float | None = None,
+        to_occupied: Array | None = None,
+    ) -> GridPath | None:
         """From a place in the window to a place anywhere (2,) NED; None if there is no way.
 
-        A goal that is forbidden is replaced by the nearest cell that is not, as far as the comfort goes.
+        A goal that is forbidden is replaced by the nearest cell that is not, as far as the comfort goes. Another
+        inflation than that of the settings may be given, and other distances than the view's.
         """
+        inflation = self.settings.inflation if inflation is None else inflation
+        to_occupied = view.to_occupied if to_occupied is None else to_occupied
         first = view.cell_of(start)
         last = view.cell_of(goal)
         if not view.contains(first):
             return None
         if view.contains(last):
             reach = math.ceil(self.settings.comfort / view.cell) + 1
-            last = _nearest_allowed(view.to_occupied, last[0], last[1], self.settings.inflation, reach)
+            last = _nearest_allowed(to_occupied, last[0], last[1], inflation, reach)
         found, cost = _search(
             prices,
-            view.to_occupied,
-            self.settings.inflation,
+            to_occupied,
+            inflation,
             view.cell,
             first,
             last,

@@ -14,7 +14,7 @@ from companion.config import AvoidanceCourse
 from protocol.compiled import compiled
 from protocol.frames import Array
 
-_AHEAD_M, _AHEAD_S = 0.8, 0.35
+_AHEAD_M, _TIGHT_AHEAD_M, _AHEAD_S = 0.8, 0.25, 0.35
 """The way is flown towards a place that lies so far ahead on it."""
 _APPROACH_M, _APPROACH_1_S = 1.0, 1.5
 """So near to the goal it is flown straight to, at this speed by distance."""
@@ -36,6 +36,8 @@ class Way:
     """(k,) m/s at the corners."""
     bearing: float | None = None
     """rad from north; None with corners, or if the vehicle is to stay."""
+    tight: bool = False
+    """There is no other way than one that is tight, or not known to be none."""
 
 
 NO_WAY = Way(np.empty((0, 2)), np.empty(0))
@@ -54,7 +56,8 @@ class Wish:
 def wish(way: Way, here: Array, velocity: Array, goal: Array, speed: float, braking: float) -> Wish:
     """From a place (2,) with a velocity (2,) along the way to a goal (2,), at most at `speed` (m/s)."""
     if len(way.corners):
-        return Wish(*along(way.corners, way.speeds, here, velocity, goal, speed, braking))
+        ahead = _TIGHT_AHEAD_M if way.tight else _AHEAD_M
+        return Wish(*along(way.corners, way.speeds, here, velocity, goal, speed, braking, ahead))
     if way.bearing is not None:
         return Wish(*towards(way.bearing, here, velocity, goal, speed, braking))
     return Wish(np.zeros(2), here[None].copy())
@@ -75,7 +78,14 @@ def _approach(way: Array, speed: float, offset: Array) -> Array:
 
 @compiled
 def along(
-    corners: Array, speeds: Array, here: Array, velocity: Array, goal: Array, speed: float, braking: float
+    corners: Array,
+    speeds: Array,
+    here: Array,
+    velocity: Array,
+    goal: Array,
+    speed: float,
+    braking: float,
+    least_ahead: float,
 ) -> tuple[Array, Array]:
     """Velocity (2,) and places (n, 2) to fly to, for corners (k, 2), at least two, and their speeds (k,)."""
     now = math.hypot(velocity[0], velocity[1])
@@ -93,7 +103,7 @@ def along(
             nearest, leg, done, length = off, k, flown, whole
     to_corner = max(length - done - 0.1 * now, 0.0)
     allowed = min(speed, math.sqrt(speeds[leg + 1] ** 2 + 2.0 * braking * to_corner))
-    ahead = done + max(_AHEAD_M, _AHEAD_S * now)
+    ahead = done + max(least_ahead, _AHEAD_S * now)
     while ahead > length and leg + 2 < corners.shape[0]:
         ahead -= length
         leg += 1

@@ -7,8 +7,9 @@ around the height of flight. A beam counts only as far as it stays within the la
 
 A sector of 5 degrees reports the nearest return in it. So the whole wedge before that return is free, and the return
 stands somewhere on an arc, 0.2 m wide at 2.3 m and 1.3 m at 15 m. All cells of the arc are marked, for safety; but an
-arc of n cells can say no more than 1/n of what one cell can, however often it is seen from the same place, so that the
-first free wedge from nearer by wipes off what was too wide. What was hit at close range is wiped off only by beams that
+arc n times as long as 0.2 m can say no more than 1/n of what that can, however often it is seen from the same place, so
+that the first free wedge from nearer by wipes off what was too wide. A cell remembers where in it the return was: what
+is that near is measured to there, not to the cell's centre. What was hit at close range is wiped off only by beams that
 pass at the height of flight, not by those that look over it or under it.
 
 Source: Moravec and Elfes 1985; log-odds with clamping as in OctoMap (Hornung et al. 2013). The distance transform is
@@ -18,6 +19,7 @@ that near instead of building their lower envelope, which the processor does eig
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +45,24 @@ _LEVEL = 0.5
 """m from the height of flight up to which a beam is level."""
 FAR_M = 4.0
 """What is farther away than this counts as so far: the map's distances end here."""
-_STANDOFF = 1.0
-"""Cells before a return that are not seen free: noise, and the cell's own size."""
+_NEAR_M = 0.8
+"""Distances below are measured to the returns, not to the centres of their cells."""
+_STANDOFF_M = 0.08
+"""m before a return that are not seen free: noise."""
+_MARK_M = 0.2
+"""m of arc that one return can speak for with all its weight."""
+_END = 1.0
+"""Log-odds, at the most, of the half of a sector beyond which a thing does not go on."""
+_NEXT = 2.5
+"""Widths of a sector that two returns of one thing may be apart."""
+_CERTAIN_M = 0.7
+"""From so near a sector is narrow enough to show any gap that the vehicle fits through."""
+_LINK = 0.8
+"""Log-odds of what is taken to stand between two returns of one wall."""
+_STRAIGHT, _LONGER = 0.9, 3.0
+"""Cosine of the turn and ratio of the steps, at the most, between three returns of one wall."""
+_NEW_PLACE = 0.5
+"""How much a return moves the place that its cell remembers."""
 
 Bytes = NDArray[np.uint8]
 Cell = tuple[int, int]
@@ -79,6 +97,10 @@ class MapView:
     corner: Cell
     """World index of [0, 0]: that cell begins at corner * cell north and east."""
     cell: float
+    hits: Array | None = None
+    """(k, 2) m, NED: where in the occupied cells something stands; None: in their centres."""
+    certain: BoolArray | None = None
+    """(cells, cells) occupied, and seen from so near that there is no gap in it; None: all that are occupied."""
 
     def cell_of(self, place: Array) -> Cell:
         """Row and column of a place (2,) or (3,) NED; outside of the window if it lies there."""
@@ -107,6 +129,7 @@ class OccupancyGrid:
         shape = (settings.cells, settings.cells)
         self._log_odds = np.zeros(shape)
         self._seen_s = np.zeros(shape)
+        self._places = np.zeros((*shape, 3))
         self._corner: Cell | None = None
         self._height = 0.0
         """Down (m) of the layer's middle."""
@@ -153,6 +176,7 @@ class OccupancyGrid:
         _add_beams(
             self._log_odds,
             self._seen_s,
+            self._places,
             self._corner[0],
             self._corner[1],
             settings.cell,
@@ -180,13 +204,16 @@ class OccupancyGrid:
         """The window as it is now; all unknown before the first ring."""
         settings = self._settings
         corner = self._corner or (-settings.cells // 2, -settings.cells // 2)
-        states = np.empty(self._log_odds.shape, np.uint8)
+        states, certain = np.empty(self._log_odds.shape, np.uint8), np.empty(self._log_odds.shape, np.bool_)
+        fading = CEILING / settings.memory_s
         _classify(
-            self._log_odds, self._seen_s, corner[0], corner[1], time_ns * 1e-9, CEILING / settings.memory_s, states
+            self._log_odds, self._seen_s, self._places, corner[0], corner[1], time_ns * 1e-9, fading, states, certain
         )
         to_occupied = distance_to(states == OCCUPIED, settings.cell)
         to_unseen = distance_to(states != FREE, settings.cell)
-        return MapView(states, to_occupied, to_unseen, corner, settings.cell)
+        hits = _hits(states, self._places, corner[0], corner[1])
+        _refine(to_occupied, hits, corner[0], corner[1], settings.cell, _NEAR_M)
+        return MapView(states, to_occupied, to_unseen, corner, settings.cell, hits, certain)
 
     def _follow(self, position_ned: Array) -> None:
         settings = self._settings
@@ -213,7 +240,13 @@ class OccupancyGrid:
 
 def distance_to(marked: BoolArray, cell: float) -> Array:
     """Distance (m) from each cell's centre to the nearest marked one's, exact below FAR_M and FAR_M beyond."""
-    return _distances(marked, cell, math.ceil(FAR_M / cell), FAR_M)
+    distances = np.full(marked.shape, FAR_M)
+    reach = math.ceil(FAR_M / cell)
+    rows, columns = (np.flatnonzero(marked.any(axis=axis)) for axis in (1, 0))
+    if len(rows):
+        near = tuple(slice(max(int(at[0]) - reach, 0), int(at[-1]) + reach + 1) for at in (rows, columns))
+        distances[near] = _distances(marked[near], cell, reach, FAR_M)
+    return distances
 
 
 @compiled
@@ -280,6 +313,7 @@ def _within_layer(above: float, down: float, layer: float) -> float:
 def _add_beams(
     log_odds: Array,
     seen_s: Array,
+    places: Array,
     corner_row: int,
     corner_column: int,
     cell: float,
@@ -312,24 +346,51 @@ def _add_beams(
         free = min(ranges[k], reach)
         if hit[k] and ranges[k] <= reach and origin[2] + ranges[k] * down < ground_down:
             arc[k] = ranges[k]
-            free = ranges[k] - _STANDOFF * cell
+            free = ranges[k] - _STANDOFF_M
         level = _within_layer(origin[2] - height, down, _LEVEL)
         if free > 0.0:
             _free_wedge(log_odds, seen_s, cell, fading, now_s, origin[0], origin[1], sides[k], free, level)
+    spots = _spots(positions, sides, arc)
+    _link(log_odds, seen_s, places, cell, fading, now_s, spots, arc)
     for k in range(count):
-        if arc[k] >= 0.0:
-            _hit_arc(
-                log_odds,
-                seen_s,
-                cell,
-                fading,
-                now_s,
-                positions[k, 0],
-                positions[k, 1],
-                sides[k],
-                arc[k],
-                arc[k] * width,
-            )
+        if arc[k] < 0.0:
+            continue
+        left, right = _goes_on(spots, arc, k, (k - 1) % count, width), _goes_on(spots, arc, k, (k + 1) % count, width)
+        _hit_arc(
+            log_odds,
+            seen_s,
+            places,
+            cell,
+            fading,
+            now_s,
+            positions[k, 0],
+            positions[k, 1],
+            sides[k],
+            arc[k],
+            arc[k] * width,
+            right and not left,
+            left and not right,
+        )
+
+
+@compiled
+def _spots(positions: Array, sides: Array, arc: Array) -> Array:
+    """(n, 2) the middle of each arc, north and east."""
+    spots = np.empty((arc.shape[0], 2))
+    for k in range(arc.shape[0]):
+        for axis in range(2):
+            middle = 0.5 * (sides[k, axis] + sides[k, 2 + axis])
+            spots[k, axis] = positions[k, axis] + max(arc[k], 0.0) * middle
+    return spots
+
+
+@compiled
+def _goes_on(spots: Array, arc: Array, k: int, neighbour: int, width: float) -> bool:
+    """What stands in a sector stands in its neighbour, too."""
+    if arc[neighbour] < 0.0:
+        return False
+    away = math.hypot(spots[k, 0] - spots[neighbour, 0], spots[k, 1] - spots[neighbour, 1])
+    return bool(away < _NEXT * max(arc[k], arc[neighbour]) * width + _MARK_M)
 
 
 @compiled
@@ -414,6 +475,7 @@ def _free_wedge(
 def _hit_arc(
     log_odds: Array,
     seen_s: Array,
+    places: Array,
     cell: float,
     fading: float,
     now_s: float,
@@ -422,31 +484,96 @@ def _hit_arc(
     sides: Array,
     distance: float,
     length: float,
+    ends_left: bool,
+    ends_right: bool,
 ) -> None:
-    """Every cell along the arc, once, with its share of the evidence."""
+    """Every cell along the arc, once, with its share of the evidence; on the side where a thing ends, which may be
+    anywhere within the sector, little of it."""
     mask = log_odds.shape[0] - 1
-    share = CEILING / max(1.0, length / cell)
+    share = CEILING / max(1.0, length / max(_MARK_M, cell))
     samples = math.ceil(2.0 * length / cell) + 1
     before_row, before_column = -1, -1
     for s in range(samples):
         right = (s + 0.5) / samples
         dn = sides[0] + right * (sides[2] - sides[0])
         de = sides[1] + right * (sides[3] - sides[1])
-        row = math.floor((north + distance * dn) / cell) & mask
-        column = math.floor((east + distance * de) / cell) & mask
+        place_n, place_e = north + distance * dn, east + distance * de
+        row, column = math.floor(place_n / cell) & mask, math.floor(place_e / cell) & mask
         if row == before_row and column == before_column:
             continue
         before_row, before_column = row, column
+        ends = ends_left if right < 0.5 else ends_right
+        most = min(share, _END) if ends else share
         value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
-        log_odds[row, column] = max(value, min(value + 0.5 * share, share))
+        before_n, before_e = places[row, column, 0], places[row, column, 1]
+        near = abs(before_n - place_n) < cell and abs(before_e - place_e) < cell
+        kept = 1.0 - _NEW_PLACE if value > 0.0 and near else 0.0
+        places[row, column, 2] = min(places[row, column, 2], distance) if kept > 0.0 else distance
+        places[row, column, 0] = kept * before_n + (1.0 - kept) * place_n
+        places[row, column, 1] = kept * before_e + (1.0 - kept) * place_e
+        log_odds[row, column] = max(value, min(value + 0.5 * most, most))
         seen_s[row, column] = now_s
 
 
 @compiled
-def _classify(
-    log_odds: Array, seen_s: Array, corner_row: int, corner_column: int, now_s: float, fading: float, states: Bytes
+def _link(
+    log_odds: Array,
+    seen_s: Array,
+    places: Array,
+    cell: float,
+    fading: float,
+    now_s: float,
+    spots: Array,
+    arc: Array,
 ) -> None:
-    """Fill `states` in the window's order."""
+    """A wall seen at a slant leaves steps between the arcs of its sectors: neighbours that a third return shows to
+    stand in one line are joined by weak marks, so that no way leads between them until the place was seen."""
+    count = arc.shape[0]
+    mask = log_odds.shape[0] - 1
+    for k in range(count):
+        a, b = k, (k + 1) % count
+        if arc[a] < 0.0 or arc[b] < 0.0:
+            continue
+        dn, de = spots[b, 0] - spots[a, 0], spots[b, 1] - spots[a, 1]
+        length = math.hypot(dn, de)
+        if length < cell or not (
+            _in_line(spots, arc, (k - 1) % count, a, b) or _in_line(spots, arc, (k + 2) % count, b, a)
+        ):
+            continue
+        samples = math.ceil(2.0 * length / cell)
+        for s in range(1, samples):
+            north, east = spots[a, 0] + s / samples * dn, spots[a, 1] + s / samples * de
+            row, column = math.floor(north / cell) & mask, math.floor(east / cell) & mask
+            value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
+            if value < _LINK:
+                log_odds[row, column], seen_s[row, column] = _LINK, now_s
+                places[row, column, 0], places[row, column, 1], places[row, column, 2] = north, east, math.inf
+
+
+@compiled
+def _in_line(spots: Array, arc: Array, before: int, first: int, second: int) -> bool:
+    """The step from `before` to `first` goes on to `second`, as far as sectors can tell."""
+    if arc[before] < 0.0:
+        return False
+    an, ae = spots[first, 0] - spots[before, 0], spots[first, 1] - spots[before, 1]
+    bn, be = spots[second, 0] - spots[first, 0], spots[second, 1] - spots[first, 1]
+    a, b = math.hypot(an, ae), math.hypot(bn, be)
+    return an * bn + ae * be > _STRAIGHT * a * b and b < _LONGER * a and a < _LONGER * b
+
+
+@compiled
+def _classify(
+    log_odds: Array,
+    seen_s: Array,
+    places: Array,
+    corner_row: int,
+    corner_column: int,
+    now_s: float,
+    fading: float,
+    states: Bytes,
+    certain: BoolArray,
+) -> None:
+    """Fill `states` and `certain` in the window's order."""
     size = log_odds.shape[0]
     mask = size - 1
     for i in range(size):
@@ -454,12 +581,59 @@ def _classify(
         for j in range(size):
             column = (corner_column + j) & mask
             value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
+            certain[i, j] = value > OCCUPIED_ABOVE and places[row, column, 2] < _CERTAIN_M
             if value > OCCUPIED_ABOVE:
                 states[i, j] = OCCUPIED
             elif value < FREE_BELOW:
                 states[i, j] = FREE
             else:
                 states[i, j] = UNKNOWN
+
+
+@compiled
+def _hits(states: Bytes, places: Array, corner_row: int, corner_column: int) -> Array:
+    """(k, 2) NED of what stands in the occupied cells."""
+    size = states.shape[0]
+    mask = size - 1
+    found = np.empty((size * size, 2))
+    count = 0
+    for i in range(size):
+        for j in range(size):
+            if states[i, j] == OCCUPIED:
+                found[count] = places[(corner_row + i) & mask, (corner_column + j) & mask, :2]
+                count += 1
+    return found[:count].copy()
+
+
+@compiled
+def _refine(to_occupied: Array, hits: Array, corner_row: int, corner_column: int, cell: float, near: float) -> None:
+    """Distances below `near` (m) become those to the hits."""
+    rows, columns = to_occupied.shape
+    for i in range(rows):
+        for j in range(columns):
+            if to_occupied[i, j] < near:
+                to_occupied[i, j] = near
+    reach = math.ceil(near / cell) + 1
+    for k in range(hits.shape[0]):
+        north, east = hits[k, 0] / cell - corner_row - 0.5, hits[k, 1] / cell - corner_column - 0.5
+        row, column = math.floor(north + 0.5), math.floor(east + 0.5)
+        for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
+            for j in range(max(column - reach, 0), min(column + reach + 1, columns)):
+                distance = cell * math.hypot(i - north, j - east)
+                if distance < to_occupied[i, j]:
+                    to_occupied[i, j] = distance
+
+
+@compiled
+def between(distances: NDArray[np.floating[Any]], row: float, column: float) -> float:
+    """A distance (m) between the centres of cells, which whole numbers mean; 0 outside of the map."""
+    i, j = math.floor(row), math.floor(column)
+    if min(i, j) < 0 or i + 1 >= distances.shape[0] or j + 1 >= distances.shape[1]:
+        return 0.0
+    a, b = row - i, column - j
+    near = (1.0 - b) * distances[i, j] + b * distances[i, j + 1]
+    far = (1.0 - b) * distances[i + 1, j] + b * distances[i + 1, j + 1]
+    return float((1.0 - a) * near + a * far)
 
 
 @compiled

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.braking import stopping_speed
-from companion.avoidance.grid import FREE, OCCUPIED, Bytes, Cell, MapView
+from companion.avoidance.grid import OCCUPIED, UNKNOWN, Bytes, Cell, MapView, between
 from protocol.compiled import compiled
 from protocol.frames import Array
 
@@ -72,9 +72,14 @@ class GuardSettings:
     """Of the guard."""
 
     keep_out: float
-    """m from the vehicle's centre to an occupied cell's."""
+    """m from the vehicle's centre to what an occupied cell holds."""
     keep_out_unseen: float
     """m from the vehicle's centre to the centre of a cell that was not seen free."""
+    keep_out_tight: float
+    """m in place of `keep_out` where there is no other way than a tight one."""
+    keep_out_unseen_tight: float
+    crawl: float
+    """m/s, at most, nearer than `keep_out` there."""
     braking: float
     """m/s2 on which it counts."""
     steepness: float
@@ -124,17 +129,29 @@ class FreeSpace:
     cell: float
     points: Array
     """(k, POINT) north, east (m, NED) and so on: the nearest ones all around, and what moves."""
+    tight: bool
+    """There is no other way than one nearer than `keep_out` to something."""
 
 
 def free_space(
-    view: MapView, position_ned: Array, seen_ns: int, settings: GuardSettings, moving: Array | None = None
+    view: MapView,
+    position_ned: Array,
+    seen_ns: int,
+    settings: GuardSettings,
+    moving: Array | None = None,
+    *,
+    tight: bool = False,
 ) -> FreeSpace:
     """Of a view, around a place. `moving` (n, POINT): tracked things."""
     north, east = (float(position_ned[axis]) - view.corner[axis] * view.cell for axis in (0, 1))
-    points = nearest_points(
-        view.states, view.cell, north, east, settings.reach, settings.keep_out, settings.keep_out_unseen
-    )
-    points[:, :2] += np.array(view.corner) * view.cell
+    hits = view.hits
+    if hits is None:
+        hits = (np.argwhere(view.states == OCCUPIED) + np.array(view.corner) + 0.5) * view.cell
+    keep_out = settings.keep_out_tight if tight else settings.keep_out
+    unseen = settings.keep_out_unseen_tight if tight else settings.keep_out_unseen
+    corner_m = np.array(view.corner) * view.cell
+    points = nearest_points(view.states, view.cell, north, east, hits - corner_m, settings.reach, keep_out, unseen)
+    points[:, :2] += corner_m
     if moving is not None:
         points = np.vstack([points, moving])
     rows, columns = (
@@ -143,7 +160,7 @@ def free_space(
     )
     to_occupied, to_unseen = (each[rows, columns].astype(np.float32) for each in (view.to_occupied, view.to_unseen))
     corner = view.corner[0] + rows.start, view.corner[1] + columns.start
-    return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points)
+    return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight)
 
 
 class Guard:
@@ -163,11 +180,12 @@ class Guard:
         s = self._settings
         if self._space is None:
             return SpeedLimit(0.0, 0.0)
-        free = self._free(np.vstack([position_ned[:2], way]))
-        if math.hypot(velocity_ned[0], velocity_ned[1]) > _MOVES:
-            far = position_ned[:2] + _FAR / math.hypot(velocity_ned[0], velocity_ned[1]) * velocity_ned[:2]
-            free = min(free, self._free(np.vstack([position_ned[:2], far])))
-        return SpeedLimit(min(speed, stopping_speed(free, s.braking, delay_s)), free)
+        free = self._free(position_ned, velocity_ned, way, s.keep_out, s.keep_out_unseen)
+        allowed = stopping_speed(free, s.braking, delay_s)
+        if self._space.tight and allowed < s.crawl:
+            free = self._free(position_ned, velocity_ned, way, s.keep_out_tight, s.keep_out_unseen_tight)
+            allowed = max(allowed, min(s.crawl, stopping_speed(free, s.braking, delay_s)))
+        return SpeedLimit(min(speed, allowed), free)
 
     def filter(self, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, now_ns: int) -> Verdict:
         """What may be commanded instead of an acceleration (3,) (m/s2, gravity left out)."""
@@ -186,8 +204,8 @@ class Guard:
                 position_ned,
                 velocity_ned,
                 acceleration_ned,
-                s.keep_out,
-                s.keep_out_unseen,
+                s.keep_out_tight if space.tight else s.keep_out,
+                s.keep_out_unseen_tight if space.tight else s.keep_out_unseen,
                 s.braking,
                 s.steepness,
                 s.nearness,
@@ -197,52 +215,56 @@ class Guard:
         north, east = float(found[0] - acceleration_ned[0]), float(found[1] - acceleration_ned[1])
         return Verdict(np.array([found[0], found[1], acceleration_ned[2]]), math.hypot(north, east), Reason(reason))
 
-    def _free(self, places: Array) -> float:
-        s, space = self._settings, self._space
+    def _free(self, position_ned: Array, velocity_ned: Array, way: Array, occupied: float, unseen: float) -> float:
+        """m along the way, or along the present course if that is less."""
+        space = self._space
         assert space is not None
-        local = places - np.array(space.corner) * space.cell
-        return free_way(space.to_occupied, space.to_unseen, space.cell, local, s.keep_out, s.keep_out_unseen)
+        here = position_ned[:2] - np.array(space.corner) * space.cell
+        places = way - np.array(space.corner) * space.cell
+        return free_ahead(space.to_occupied, space.to_unseen, space.cell, here, velocity_ned, places, occupied, unseen)
 
 
 @compiled
 def nearest_points(
-    states: Bytes, cell: float, north: float, east: float, reach: float, occupied: float, unseen: float
+    states: Bytes, cell: float, north: float, east: float, hits: Array, reach: float, occupied: float, unseen: float
 ) -> Array:
-    """POINTs (n, 5) of the nearest occupied and the nearest unknown cell in each tenth of a right angle or so.
+    """POINTs (n, 5): the nearest of the hits (k, 2) and the nearest unknown cell in each tenth of a right angle or so.
 
     All places count from the window's corner (m); `occupied` and `unseen` are the keep-outs.
     """
     rows, columns = states.shape
     nearest = np.full((2, _BINS), reach * reach)
     points = np.zeros((2 * _BINS, POINT))
+    for k in range(hits.shape[0]):
+        _nearer(points, nearest[0], 0, hits[k, 0] - north, hits[k, 1] - east, north, east, occupied)
     first_row, last_row = max(math.floor((north - reach) / cell), 0), min(math.ceil((north + reach) / cell), rows)
     first, last = max(math.floor((east - reach) / cell), 0), min(math.ceil((east + reach) / cell), columns)
     for i in range(first_row, last_row):
-        dn = (i + 0.5) * cell - north
         for j in range(first, last):
-            if states[i, j] == FREE:
-                continue
-            de = (j + 0.5) * cell - east
-            square = dn * dn + de * de
-            if square >= reach * reach:
-                continue
-            kind = 0 if states[i, j] == OCCUPIED else 1
-            part = int((math.atan2(de, dn) + math.pi) * _BINS / (2.0 * math.pi)) % _BINS
-            if square < nearest[kind, part]:
-                nearest[kind, part] = square
-                at = kind * _BINS + part
-                points[at, 0], points[at, 1] = north + dn, east + de
-                points[at, 4] = occupied if kind == 0 else unseen
+            if states[i, j] == UNKNOWN:
+                dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
+                _nearer(points, nearest[1], _BINS, dn, de, north, east, unseen)
     return points[points[:, 4] > 0.0]
+
+
+@compiled
+def _nearer(
+    points: Array, nearest: Array, start: int, dn: float, de: float, north: float, east: float, keep_out: float
+) -> None:
+    """Take a point in if it is the nearest of its sector so far; `nearest` (_BINS,) are squares."""
+    square = dn * dn + de * de
+    part = int((math.atan2(de, dn) + math.pi) * _BINS / (2.0 * math.pi)) % _BINS
+    if square < nearest[part]:
+        nearest[part] = square
+        points[start + part, 0], points[start + part, 1] = north + dn, east + de
+        points[start + part, 4] = keep_out
 
 
 @compiled
 def _room(to_occupied: Floats, to_unseen: Floats, cell: float, north: float, east: float) -> tuple[float, float]:
     """Distances (m) to occupied and to unseen at a place counted from the window's corner; 0, 0 outside."""
-    i, j = math.floor(north / cell), math.floor(east / cell)
-    if not (0 <= i < to_occupied.shape[0] and 0 <= j < to_occupied.shape[1]):
-        return 0.0, 0.0
-    return float(to_occupied[i, j]), float(to_unseen[i, j])
+    row, column = north / cell - 0.5, east / cell - 0.5
+    return between(to_occupied, row, column), between(to_unseen, row, column)
 
 
 @compiled
@@ -263,9 +285,33 @@ def free_way(
             a, b = _room(to_occupied, to_unseen, cell, places[k, 0] + share * dn, places[k, 1] + share * de)
             if a < occupied or b < unseen or (a == 0.0 and b == 0.0):
                 return flown + along
-            along += max(min(a - occupied, b - unseen) - cell, 0.5 * cell)
+            along += max(min(a - occupied, b - unseen), 0.5 * cell)
         flown += length
     return math.inf
+
+
+@compiled
+def free_ahead(
+    to_occupied: Floats,
+    to_unseen: Floats,
+    cell: float,
+    here: Array,
+    velocity: Array,
+    way: Array,
+    occupied: float,
+    unseen: float,
+) -> float:
+    """Distance (m) free along a way (k, 2) from `here` (2,), or straight on with the velocity if that is less."""
+    places = np.empty((way.shape[0] + 1, 2))
+    places[0], places[1:] = here, way
+    free = free_way(to_occupied, to_unseen, cell, places, occupied, unseen)
+    speed = math.hypot(velocity[0], velocity[1])
+    if speed > _MOVES:
+        onward = np.empty((2, 2))
+        onward[0] = here
+        onward[1, 0], onward[1, 1] = here[0] + _FAR / speed * velocity[0], here[1] + _FAR / speed * velocity[1]
+        free = min(free, free_way(to_occupied, to_unseen, cell, onward, occupied, unseen))
+    return free
 
 
 @compiled

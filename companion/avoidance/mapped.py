@@ -7,15 +7,15 @@ came.
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
 
-from companion.avoidance.astar import AStar, AStarSettings
+from companion.avoidance.astar import AStar, AStarSettings, GridPath
 from companion.avoidance.course import NO_WAY, Way
-from companion.avoidance.grid import FAR_M, GridSettings, MapView, OccupancyGrid
+from companion.avoidance.grid import FAR_M, GridSettings, MapView, OccupancyGrid, distance_to
 from companion.avoidance.guard import FreeSpace, GuardSettings, free_space
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from companion.avoidance.tracks import Tracker, TrackSettings
@@ -26,6 +26,8 @@ from protocol.frames import Array
 
 _HULL_M = 0.6
 """From an occupied cell's centre to where a corner may be cut."""
+_TO_SEE = 0.08
+"""m short of what is tight: from there it is seen what there is."""
 _LEAST_ROOM, _MOST_ROOM = 0.15, 1.5
 _UNKNOWN_ROOM = 0.5
 """m of room at a corner, beyond the window."""
@@ -93,7 +95,7 @@ class Outlook:
         if self._planner is not None and goal is not None:
             way = self._planner.way(view, here, question.velocity, goal, question.speed)
             blocked = self._planner.blocked(view, here, goal)
-        space = surroundings.free_space(here, question.asked_ns)
+        space = surroundings.free_space(here, question.asked_ns, tight=way.tight)
         clearance = surroundings.clearance(here)
         return Answer(question.number, question.asked_ns, space, clearance, way, blocked)
 
@@ -117,11 +119,11 @@ class Surroundings:
         self.view = view = self._grid.view(now_ns)
         return view
 
-    def free_space(self, here: Array, now_ns: int) -> FreeSpace:
+    def free_space(self, here: Array, now_ns: int, *, tight: bool = False) -> FreeSpace:
         """For the guard, after a `look`."""
         assert self.view is not None
         moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving)
-        return free_space(self.view, here, now_ns, picked(GuardSettings, self._settings.guard), moving)
+        return free_space(self.view, here, now_ns, picked(GuardSettings, self._settings.guard), moving, tight=tight)
 
     def clearance(self, here: Array) -> float:
         """m from the hull at a place to the nearest occupied cell's centre; inf if that is FAR_M away or more."""
@@ -156,23 +158,47 @@ class Planner:
         return line_cost(flat, view.to_occupied, inflation, view.cell, start[0], start[1], end) == math.inf
 
     def _planned(self, view: MapView, here: Array, goal: Array, speed: float) -> Way | None:
+        """With room if there is such a way; else a tight one; else one through what may turn out to be a gap."""
+        plan = self._settings.plan
         prices = self._astar.prices(view)
         path = self._astar.plan(view, prices, here, goal)
+        if path is not None:
+            return self._flyable(path, view, prices, here, goal, speed, plan.inflation)
+        path = self._astar.plan(view, prices, here, goal, plan.tight)
+        if path is None and view.certain is not None:
+            doubtful = prices + plan.doubt * np.maximum(1.0 - view.to_occupied / plan.tight, 0.0) ** 2
+            path = self._astar.plan(view, doubtful, here, goal, plan.tight, distance_to(view.certain, view.cell))
+            path = None if path is None else _up_to_doubt(path, view, plan.tight + _TO_SEE)
         if path is None:
             return None
-        inflation = self._settings.plan.inflation
+        return replace(self._flyable(path, view, prices, here, goal, speed, plan.tight), tight=True)
+
+    def _flyable(
+        self, path: GridPath, view: MapView, prices: Array, here: Array, goal: Array, speed: float, inflation: float
+    ) -> Way:
         corners = shorten(path, view, prices, inflation)
         last = view.cell_of(goal)
-        if not view.contains(last):
-            corners = np.vstack([corners, goal[:2]])
-        elif view.to_occupied[last] >= inflation:
-            corners[-1] = goal[:2]
+        if path.whole:
+            if not view.contains(last):
+                corners = np.vstack([corners, goal[:2]])
+            elif view.to_occupied[last] >= inflation:
+                corners[-1] = goal[:2]
         corners[0] = here[:2]
         if len(corners) == 1:
-            corners = np.vstack([corners, goal[:2]])
+            corners = np.vstack([corners, goal[:2] if path.whole else here[:2]])
         room = np.array([_room(view, corner) for corner in corners])
         course = self._settings.course
         return Way(corners, corner_speeds(corners, room, speed, course.acceleration, course.braking))
+
+
+def _up_to_doubt(path: GridPath, view: MapView, room: float) -> GridPath:
+    """The part of a path that keeps its distance from all that may be there, the start at least."""
+    near = view.to_occupied[path.cells[:, 0], path.cells[:, 1]] < room
+    away = np.flatnonzero(~near)
+    first = away[0] if len(away) else len(near)
+    closed = np.flatnonzero(near[first:])
+    end = max(int(first + closed[0]) if len(closed) else len(near), 1)
+    return replace(path, cells=path.cells[:end], costs=path.costs[:end], whole=end == len(near))
 
 
 def _room(view: MapView, place: Array) -> float:

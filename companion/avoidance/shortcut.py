@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.astar import GridPath
-from companion.avoidance.grid import MapView
+from companion.avoidance.grid import MapView, between
 from protocol.compiled import compiled
 from protocol.frames import Array
 
@@ -57,12 +57,14 @@ def line_cost(
     total = 0.0
     for s in range(samples + 1):
         share = s / samples
-        i, j = math.floor(row + share * dr + 0.5), math.floor(column + share * dc + 0.5)
+        at_row, at_column = row + share * dr, column + share * dc
+        i, j = math.floor(at_row + 0.5), math.floor(at_column + 0.5)
         price = 1.0
-        if 0 <= i < rows and 0 <= j < columns:
+        if 0 < i < rows - 1 and 0 < j < columns - 1:
+            room = between(to_occupied, at_row, at_column)
             if s == 0:
-                least = min(inflation, to_occupied[i, j])
-            if to_occupied[i, j] < least:
+                least = min(inflation, room)
+            if room < least:
                 return math.inf
             price = prices[i, j]
         total += price * (0.5 if s in (0, samples) else 1.0)

@@ -25,6 +25,9 @@ from protocol.frames import Array
 SETTINGS = GuardSettings(
     keep_out=0.7,
     keep_out_unseen=0.45,
+    keep_out_tight=0.4,
+    keep_out_unseen_tight=0.2,
+    crawl=1.0,
     braking=4.5,
     steepness=4.0,
     nearness=2.0,
@@ -296,10 +299,11 @@ def flown(
 @pytest.mark.parametrize("what", [OCCUPIED, UNKNOWN])
 @pytest.mark.parametrize("speed", [2.0, 5.0, 7.0])
 def test_who_flies_straight_at_a_wall_stops_before_it(what: int, speed: float) -> None:
-    """Whatever is asked for: it comes to rest outside of the hull's radius, 0.36 m, and not far away from the wall."""
+    """Whatever is asked for: it comes to rest outside of the hull's radius, 0.36 m, and not far away from the wall; of
+    what is unknown a little nearer to where the first unknown cell begins."""
     states = wall(free_field(), 10.1, what)
     position, velocity = flown(states, np.array([0.0, 0.0, 0.0]), np.array([speed, 0.0, 0.0]), 12.0)
-    assert position[:, 0].max() < 10.0 - 0.36
+    assert position[:, 0].max() < (10.0 - 0.36 if what == OCCUPIED else 10.1 - 0.45 + 0.01)
     assert position[-1, 0] > 10.0 - 1.4 and np.hypot(*velocity[-1]) < 0.05
     assert velocity[:, 0].max() > min(0.9 * speed, 5.0)
 
@@ -357,7 +361,8 @@ def test_a_mirrored_scene_has_the_mirrored_verdict() -> None:
 def test_nearest_points_are_those_a_search_finds() -> None:
     rng = np.random.default_rng(8)
     states = rng.choice(np.array([FREE, OCCUPIED, UNKNOWN], np.uint8), (60, 60), p=[0.9, 0.05, 0.05])
-    points = nearest_points(states, CELL, 6.13, 5.77, 4.0, 0.7, 0.45)
+    standing = (np.argwhere(states == OCCUPIED) + 0.5) * CELL
+    points = nearest_points(states, CELL, 6.13, 5.77, standing, 4.0, 0.7, 0.45)
     for kind, keep_out in ((OCCUPIED, 0.7), (UNKNOWN, 0.45)):
         centres = (np.argwhere(states == kind) + 0.5) * CELL
         nearest = np.hypot(*(centres - [6.13, 5.77]).T).min()
