@@ -4,7 +4,7 @@ Gammell, Srinivasa and Barfoot 2015 (BIT*) and 2014 (Informed RRT*), as OMPL 2.0
 
 - Whole motions are checked, not points along them: each cell that a motion touches must be at least the inflation away
   from an occupied one.
-- The end is a number of iterations, never a time: an edge or a batch of BIT*, a sample of Informed RRT*.
+- The end is a number of iterations, never a time: samples and edges of BIT*, samples of Informed RRT*.
 - Where the straight line is allowed, it is the way; any other way is shortened over places along itself.
 
 The same view, start, goal and settings give the same way, whatever was planned before. OMPL's generators draw their
@@ -14,6 +14,7 @@ a process may plan at once.
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -119,7 +120,8 @@ class _Sampling:
     def solve(self, allowed: BoolArray, begin: Array, end: Array) -> Array | None:
         """(k, 2) from an allowed place (2,) to another through allowed cells (rows, columns); None: none was found."""
         self._set_seed(self._seed)
-        information = self._space(allowed)
+        over = itertools.chain(itertools.repeat(False, self._iterations), itertools.repeat(True))
+        information = self._space(allowed, over)
         problem = self._base.ProblemDefinition(information)
         states = [information.allocState(), information.allocState()]
         for state, place in zip(states, (begin, end), strict=True):
@@ -128,13 +130,12 @@ class _Sampling:
         planner = self._planner(information)
         planner.setProblemDefinition(problem)
         planner.setup()
-        over = itertools.chain(itertools.repeat(False, self._iterations), itertools.repeat(True))
         planner.solve(self._base.PlannerTerminationCondition(over.__next__))
         if not problem.hasExactSolution():
             return None
         return np.array([state[0:2] for state in problem.getSolutionPath().getStates()])
 
-    def _space(self, allowed: BoolArray) -> Any:
+    def _space(self, allowed: BoolArray, over: Iterator[bool]) -> Any:
         space = self._base.RealVectorStateSpace(0)
         for cells in allowed.shape:
             space.addDimension(-0.5, cells - 0.5)
@@ -142,7 +143,13 @@ class _Sampling:
         motions = self._motions(information)
         motions.allowed = allowed
         information.setMotionValidator(motions)
-        information.setStateValidityChecker(lambda state: motions.checkMotion(state, state))
+
+        def sample_allowed(state: Any) -> bool:
+            # A batch of BIT* in a crowded place draws many: without this it would count as one iteration.
+            next(over)
+            return _check_motion(motions, state, state)
+
+        information.setStateValidityChecker(sample_allowed)
         information.setup()
         return information
 
