@@ -337,6 +337,8 @@ class Supervision(Table, frozen=True):
     overrun: Positive = 0.25
     """A tick later than this is an overrun."""
     landing_timeout: Positive = 120.0
+    resume_within: Positive = 300.0
+    """So long may others fly before they give control back by putting the vehicle into external control again."""
     step_timeout: Positive = 60.0
     """What a step of the mission may take on top of its hold and three times its way at the mission's speed."""
 
