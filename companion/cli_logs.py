@@ -36,6 +36,9 @@ def replay(
     plot: Annotated[
         Path | None, typer.Option(help="Where the picture of the difference goes; what-if: replay.png beside LOG.")
     ] = None,
+    trace: Annotated[
+        Path | None, typer.Option(help="A new .mcap: the log with the trace of every control step, not of some.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Feed a flight's recorded events into the same autopilot again and compare what it sends with what was sent, bit
@@ -46,13 +49,15 @@ def replay(
     what_if = settings is not None or bool(overrides)
     if what_if and plot is None:
         plot = path.with_name("replay.png")
-    result = usable(fly_again, path, settings, overrides or [], keeps_series=plot is not None)
+    result = usable(fly_again, path, settings, overrides or [], keeps_series=plot is not None, trace=trace)
     for note in result.notes:
         say(f"companion: {note}")
     if as_json:
         typer.echo(json.dumps(_replay_table(result)))
     else:
         _show_replay(result)
+    if trace is not None:
+        say(f"log: {trace}")
     if plot is not None:
         from companion.logs.plot import plot as draw
 
@@ -66,7 +71,7 @@ def replay(
 
 
 def _show_replay(result: "Replay") -> None:
-    compared = f"{result.datagrams} datagrams ({result.bytes} bytes) and {result.traces} control steps"
+    compared = f"{result.datagrams} datagrams ({result.bytes} bytes) and {result.traces} records of the trace"
     speed = f"{result.flown_s:.1f} s in {result.wall_s:.2f} s, {result.times_real_time:.0f} times real time"
     if not result.differences:
         typer.echo(f"the same to the bit: {compared}; {speed}")
@@ -92,7 +97,7 @@ def _replay_table(result: "Replay") -> dict[str, object]:
         "same": not result.differences,
         "datagrams": result.datagrams,
         "bytes": result.bytes,
-        "control_steps": result.traces,
+        "trace_records": result.traces,
         "flown_s": result.flown_s,
         "wall_s": result.wall_s,
         "times_real_time": result.times_real_time,

@@ -359,6 +359,14 @@ class Identity(Table, frozen=True):
     component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191
 
 
+class Log(Table, frozen=True):
+    """Of the flight log."""
+
+    trace_rate: Annotated[float, msgspec.Meta(ge=1, le=1000)] = 50.0
+    """Hz of the control steps' trace, each with the worst of those in between; `companion replay --trace` makes all of
+    it again."""
+
+
 class Control(Table, frozen=True):
     position: PositionControl = PositionControl()
     attitude: AttitudeControl = AttitudeControl()
@@ -379,6 +387,7 @@ class Settings(Table, frozen=True):
     supervision: Supervision = Supervision()
     rates: Rates = Rates()
     identity: Identity = Identity()
+    log: Log = Log()
 
 
 class _VehicleFile(msgspec.Struct, frozen=True):

@@ -182,7 +182,7 @@ def _outputs(flight: Gathered) -> list[Finding]:
     """Of what is commanded in fractions of the whole; the motors' own pulses depend on the make."""
     found = []
     sent = flight.log.metadata.get("flight", {}).get("output", "actuators")
-    for name, quantity in (("torque", "torque_command"), ("thrust", "thrust_command")):
+    for name, quantity in (("torque", "worst_torque"), ("thrust", "worst_thrust")):
         for key, line in flight.lines.items():
             if not key.startswith(f"trace:{quantity}"):
                 continue
@@ -286,8 +286,8 @@ def _vibration(flight: Gathered) -> list[Finding]:
         )
         text = f"Vibration of the inertial sensors reached {level_m_s2:.1f} m/s2."
         found.append(Finding(level, "vibration", text, (f"at {_at(at)}; up to {_VIBRATION_NOTE:g} is usual",), (at,)))
-    spectrum = flight.rates if flight.rates.segments else None
-    if spectrum is not None and spectrum.segments:
+    spectrum = flight.rates
+    if spectrum is not None:
         rms = spectrum.rms_above(_SHAKING_FROM_HZ)
         level = Level.WARNING if rms.max() > _SHAKING_RAD_S else Level.GOOD
         roll, pitch, yaw = np.degrees(rms)

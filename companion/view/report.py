@@ -440,20 +440,19 @@ def _timing(flight: Gathered) -> list[Chart]:
 def _spectra(flight: Gathered) -> list[Chart]:
     section = "Spectra and step response"
     charts = []
-    own = [flight.vehicle_rates.get(f"{flight.vehicle}/{name}") for name in ("ATTITUDE_QUATERNION", "ATTITUDE")]
-    rates = next((spectrum for spectrum in (flight.rates, *own) if spectrum is not None and spectrum.segments), None)
     for title, unit, spectrum in (
-        ("Body rates", "(rad/s)²/Hz", rates),
+        ("Body rates", "(rad/s)²/Hz", flight.rates),
         ("Torque commands", "1/Hz", flight.torques),
     ):
-        if spectrum is None or not spectrum.segments:
+        if spectrum is None:
             continue
         frequencies, density = spectrum.density()
         curves = tuple(
             Curve(_EULER[axis], AXES[axis], _packed(frequencies[1:]), _packed(density[1:, axis])) for axis in range(3)
         )
         charts.append(Chart(section, title, unit, curves, "log", "Hz"))
-    times, response = flight.response.step_response(_RESPONSE_S)
+    answer = flight.response
+    times, response = answer.step_response(_RESPONSE_S) if answer is not None else (np.empty(0), np.empty((0, 3)))
     curves = tuple(Curve(_EULER[axis], AXES[axis], _packed(times), _packed(response[:, axis])) for axis in range(3))
     if len(times):
         charts.append(Chart(section, "Answer of the body rates to a step of the rate command", "1", curves, "xy"))

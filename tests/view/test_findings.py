@@ -37,17 +37,20 @@ def test_a_clean_flight_has_no_warning(tmp_path: Path) -> None:
     ]
 
 
-def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("trace_rate", "limited"), [(250.0, "1.00"), (50.0, "1.02")])
+def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path, trace_rate: float, limited: str) -> None:
+    """To the time between two records."""
+
     def change(time: float, values: Values) -> None:
         values["limited"] = 5.0 <= time < 6.0
         values["blocked"] = 8.0 <= time < 10.0 or 12.0 <= time < 12.5
         values["clearance"] = math.hypot(0.5, time - 9.0) if time < 19.0 else math.inf
 
-    flight = Gathered(make(tmp_path, change=change))
+    flight = Gathered(make(tmp_path, change=change, trace_rate=trace_rate))
     found = findings(flight)
     saturation = about(found, "saturation")
     assert saturation.level is Level.WARNING
-    assert "one time, 1.00 s in all" in saturation.text
+    assert f"one time, {limited} s in all" in saturation.text
     assert saturation.at == pytest.approx((5.0,))
     avoidance = about(found, "avoidance")
     assert "2 times, 2.5 s in all" in avoidance.text
@@ -55,7 +58,30 @@ def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path) -> None
     clearance = about(found, "clearance")
     assert (clearance.level, clearance.at) == (Level.WARNING, (9.0,))
     assert "0.50 m" in clearance.text
-    assert flight.clearance_counts.sum() == 19 * 250
+    assert flight.clearance_counts.sum() == pytest.approx(19 * trace_rate, abs=2)
+
+
+def test_what_one_step_saw_is_said_of_a_thinned_trace(tmp_path: Path) -> None:
+    """Each at a step that the log itself does not keep."""
+
+    def change(time: float, values: Values) -> None:
+        step = round(time * 250.0)
+        values["limited"] = step == 502
+        values["blocked"] = step == 753
+        values["clearance"] = 0.45 if step == 1003 else 5.0
+        if step == 1253:
+            values["reference_position_ned"] = (2.0 * time, 0.7, -3.0)
+        if step == 1503:
+            values["thrust_command"] = 0.99
+
+    flight = Gathered(make(tmp_path, change=change, trace_rate=50.0))
+    found = findings(flight)
+    texts = {finding.text: finding for finding in found}
+    assert any(text.startswith("A limit on thrust or tilt was reached one time, 0.02 s") for text in texts)
+    assert texts["The thrust command reached the end of its range."].at == pytest.approx((6.02,))
+    assert "one time" in about(found, "avoidance").text
+    assert "nearer than 0.45 m" in about(found, "clearance").text
+    assert "within 70.0 cm" in about(found, "tracking").text
 
 
 @pytest.mark.parametrize(("thrust", "torque", "levels"), [(1.0, 0.5, [Level.WARNING]), (0.5, -1.0, [Level.NOTE])])
@@ -99,7 +125,7 @@ def test_shaking_is_measured_above_its_frequency(tmp_path: Path) -> None:
     def change(time: float, values: Values) -> None:
         values["rates_frd"] = (0.0, 0.6 * math.sin(2.0 * math.pi * 40.0 * time), 2.0 * math.sin(2.0 * math.pi * time))
 
-    shaking = about(findings(Gathered(make(tmp_path, change=change))), "vibration")
+    shaking = about(findings(Gathered(make(tmp_path, change=change, motion_every=1, trace_rate=50.0))), "vibration")
     assert shaking.level is Level.WARNING
     assert f"{np.degrees(0.6 / math.sqrt(2.0)):.2f} deg/s rms" in shaking.text
 
