@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion import wire
-from companion.avoidance.grid import FREE, OCCUPIED, GridSettings, MapView, OccupancyGrid
+from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, GridSettings, MapView, OccupancyGrid
 from companion.avoidance.tracks import Tracker, TrackSettings
 from companion.config import Avoidance, Settings
 from companion.estimate import Estimator
@@ -26,6 +26,7 @@ _AROUND_MOVING = 0.3
 """m around what moves that its passing leaves unknown, as in flight."""
 _REBOOT_MS = 1000
 """The vehicle's clock back by more than this: it has started anew, or the log is played again."""
+_UNKNOWN_COLOR = (90, 170, 235, 0)
 _FREE_COLOR = (90, 170, 235, 70)
 _OCCUPIED_COLOR = (190, 30, 60, 235)
 
@@ -130,9 +131,15 @@ class MapAt:
 def picture(view: MapView) -> NDArray[np.uint8]:
     """(cells, cells, 4) red, green, blue, alpha; north up, east to the right. What is unknown is transparent."""
     colors = np.zeros((3, 4), np.uint8)
-    colors[FREE], colors[OCCUPIED] = _FREE_COLOR, _OCCUPIED_COLOR
+    colors[UNKNOWN], colors[FREE], colors[OCCUPIED] = _UNKNOWN_COLOR, _FREE_COLOR, _OCCUPIED_COLOR
     shown: NDArray[np.uint8] = colors[view.states[::-1]]
     return shown
+
+
+def occupied(view: MapView) -> Array:
+    """(n, 2) north and east (m) of the centres of the cells where something stands."""
+    places: Array = (np.argwhere(view.states == OCCUPIED) + np.array(view.corner) + 0.5) * view.cell
+    return places
 
 
 def avoidance_of(settings: bytes) -> Avoidance:

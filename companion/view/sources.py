@@ -37,6 +37,8 @@ class Source(Protocol):
     name: str
     world: bytes
     """The world's file, empty while it is not known."""
+    settings: bytes
+    """The companion's, as JSON; the same."""
     ended: bool
     """Nothing more will come."""
 
@@ -50,6 +52,7 @@ class FinishedLog:
     def __init__(self, log: LogReader) -> None:
         self.name = str(log.path)
         self.world = log.attachments.get("world.toml", b"")
+        self.settings = log.attachments.get("settings.json", b"")
         self.ended = False
         self._log = log
 
@@ -67,7 +70,7 @@ class GrowingLog:
 
     def __init__(self, path: Path) -> None:
         self.name = str(path)
-        self.world = b""
+        self.world = self.settings = b""
         self.ended = False
         self._path = path
         self._position = len(MAGIC)
@@ -141,6 +144,8 @@ class GrowingLog:
             attachment = mcap.records.Attachment.read(stream)
             if attachment.name == "world.toml":
                 self.world = attachment.data
+            elif attachment.name == "settings.json":
+                self.settings = attachment.data
 
 
 def _content(data: mmap.mmap, start: int) -> bytes:
@@ -163,6 +168,7 @@ class Link:
     def __init__(self, url: str, transport: Transport, world: bytes) -> None:
         self.name = url
         self.world = world
+        self.settings = b""
         self.ended = False
         self._transport = transport
         self._clock = RealClock()

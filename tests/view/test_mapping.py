@@ -13,9 +13,12 @@ from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.avoidance.mapped import Surroundings
 from companion.config import Avoidance, Settings
 from companion.estimate import Estimator
-from companion.view.mapping import Mapper, avoidance_of, picture
+from companion.view.gather import Batch
+from companion.view.history import History
+from companion.view.mapping import MapAt, Mapper, avoidance_of, occupied, picture
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
+from protocol.recorder import message_type
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, world_with_wall
 from vehicle_sim.vehicle import Vehicle
 
@@ -106,6 +109,38 @@ def test_angles_do_for_a_vehicle_without_quaternions_and_a_clock_may_start_anew(
     assert sum(mapper.take(*message) for message in twice) == 2 * count
 
 
+def as_batch(name: str, messages: list[Message]) -> Batch:
+    """All messages of one name, as a source gives them."""
+    chosen = [(fields, time_ns) for other, fields, time_ns in messages if other == name]
+    shapes = {key: np.asarray(value) for key, value in chosen[0][0].items() if key != "mavpackettype"}
+    table = np.zeros(len(chosen), [(key, value.dtype, value.shape) for key, value in shapes.items()])
+    for row, (fields, _) in zip(table, chosen, strict=True):
+        for key in shapes:
+            row[key] = fields[key]
+    kind = message_type(getattr(dialect, f"MAVLINK_MSG_ID_{name}"), f"/mavlink/1/1/{name}")[0]
+    return kind.topic, kind, np.array([time_ns for _, time_ns in chosen]), table
+
+
+def test_any_moment_s_map_is_the_stream_s(heard: list[Message]) -> None:
+    """Step by step, after a leap ahead and back again, from batches in any order."""
+    history, maps = History(), MapAt(Avoidance())
+    for name in ("OBSTACLE_DISTANCE", "LOCAL_POSITION_NED", "HEARTBEAT", "ATTITUDE_QUATERNION"):
+        history.take(as_batch(name, heard))
+
+    def at(time: float) -> MapView:
+        shown = maps.at(time, history.scans(maps.wants_from(time), time))
+        assert shown is not None
+        return shown[0]
+
+    for time in (4.0, 4.2, 4.3, 7.5, 5.0, history.end):
+        wanted, _ = mapped([each for each in heard if each[2] <= time * 1e9], Avoidance())
+        view = at(time)
+        assert view.corner == wanted.corner
+        assert (view.states == wanted.states).mean() > 0.998, time
+        assert state_at(view, WALL - 0.4, 0.0) == OCCUPIED
+    assert maps.at(maps.wants_from(1e6) + 40.0, history.scans(1e6, 1e6)) is None, "nothing is remembered for so long"
+
+
 def test_what_can_t_be_true_is_passed_over() -> None:
     mapper = Mapper(Avoidance())
     nan = float("nan")
@@ -121,6 +156,7 @@ def test_the_picture_has_north_above_and_east_on_the_right() -> None:
     shown = picture(view)
     assert np.argwhere(shown[..., 3]).tolist() == [[0, 0], [3, 2]]
     assert shown[0, 0, 3] > shown[3, 2, 3], "what stands there is the clearer"
+    assert occupied(view) == pytest.approx(np.array([[0.7, 0.1]]))
 
 
 def test_a_flight_s_own_settings_make_its_map() -> None:
