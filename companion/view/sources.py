@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 import mcap.records
 import zstandard
@@ -73,6 +73,8 @@ class GrowingLog:
         self.world = self.settings = b""
         self.ended = False
         self._path = path
+        self._file: BinaryIO | None = None
+        """Kept open: at its end another file takes the place of the one that was written (see protocol/recorder.py)."""
         self._position = len(MAGIC)
         self._epoch_ns = 0
         self._schemas: dict[int, mcap.records.Schema] = {}
@@ -81,11 +83,12 @@ class GrowingLog:
 
     def poll(self) -> Iterator[Batch]:
         try:
-            with self._path.open("rb") as file:
-                size = os.fstat(file.fileno()).st_size
-                if size > self._position:
-                    with mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ) as data:
-                        yield from self._read(data, size)
+            if self._file is None:
+                self._file = self._path.open("rb")
+            size = os.fstat(self._file.fileno()).st_size
+            if size > self._position:
+                with mmap.mmap(self._file.fileno(), size, access=mmap.ACCESS_READ) as data:
+                    yield from self._read(data, size)
         except OSError as error:
             raise FlightLogError(f"{self._path}: {error.strerror or error}") from error
         except (McapError, ValueError, KeyError, struct.error, zstandard.ZstdError) as error:
