@@ -1,4 +1,4 @@
-"""The commands for logs: replay, play, info, repair, convert, logs."""
+"""The commands for logs: replay, play, info, digest, repair, convert, logs."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ _NO_TERMINAL_WIDTH = 200
 
 def register(app: typer.Typer) -> None:
     """Put the commands onto the program's."""
-    for command in (replay, play, info, repair, convert, logs):
+    for command in (replay, play, info, digest, repair, convert, logs):
         app.command()(command)
 
 
@@ -168,6 +168,18 @@ def _show_info(found: "Info") -> None:
     rate = 1.0 / found.duration_s if found.duration_s > 0.0 else 0.0
     rows = [(topic, str(count), f"{count * rate:.1f}") for topic, count in found.topics.items()]
     _table(("topic", "messages", "a second"), rows)
+
+
+def digest(log: LogFile) -> None:
+    """Print one hash over all datagrams of each direction: two flights with the same hashes were the same to the
+    byte."""
+    from companion.logs.traffic import digest as digest_of
+
+    found = usable(digest_of, _file(log))
+    if found.problem is not None:
+        say(f"companion: {found.problem}")
+    for direction, value in found.hashes.items():
+        typer.echo(f"{direction.name.lower():3} {value}")
 
 
 def repair(

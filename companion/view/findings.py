@@ -8,6 +8,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
+from companion.avoidance.guard import Reason
 from companion.config import Settings
 from companion.mission import Phase
 from companion.supervisor import State
@@ -27,6 +28,12 @@ _SHAKING_RAD_S = 0.35
 _ERROR_WARNING_M = 0.5
 _LOW_BATTERY = 20.0
 _MOST_EVENTS = 600
+_WHY = {
+    Reason.BARRIER: "too near to something",
+    Reason.STOP: "no way to stop was left",
+    Reason.NO_STOP: "there was no way to stop any more",
+    Reason.STALE: "nothing was seen for too long",
+}
 
 
 class Level(Enum):
@@ -73,6 +80,7 @@ def findings(flight: Gathered) -> list[Finding]:
         _gaps,
         _deadlines,
         _interventions,
+        _guard,
         _jumps,
         _vibration,
         _battery,
@@ -251,6 +259,21 @@ def _interventions(flight: Gathered) -> list[Finding]:
     rows = tuple(f"{stretch.seconds:.1f} s from {_at(stretch.start)}" for stretch in longest)
     text = f"Avoidance steered away from the route {_times(count, 'time')}, {seconds:.1f} s in all."
     return [Finding(Level.NOTE, "avoidance", text, rows, tuple(stretch.start for stretch in longest))]
+
+
+def _guard(flight: Gathered) -> list[Finding]:
+    stretches = [stretch for stretch in flight.guard.finish() if stretch.value != Reason.NONE]
+    if not stretches:
+        return []
+    seconds, count = flight.guard.seconds, flight.guard.count
+    reasons = [reason for reason in Reason if reason is not Reason.NONE and count.get(reason)]
+    often, long = sum(count[reason] for reason in reasons), sum(seconds[reason] for reason in reasons)
+    text = f"The guard changed the command {_times(often, 'time')}, {long:.2f} s in all."
+    rows = [f"{_WHY[reason]}: {_times(count[reason], 'time')}, {seconds[reason]:.2f} s" for reason in reasons]
+    rows += [f"by {size:.2f} m/s² at {_at(at)}" for size, at in flight.guard_changes.examples[:1]]
+    longest = sorted(stretches, key=lambda stretch: -stretch.seconds)[:5]
+    level = Level.WARNING if Reason.NO_STOP in reasons or Reason.STALE in reasons else Level.NOTE
+    return [Finding(level, "guard", text, tuple(rows), tuple(stretch.start for stretch in longest))]
 
 
 def _jumps(flight: Gathered) -> list[Finding]:

@@ -41,6 +41,7 @@ CLEARANCE_BINS = 60
 _DAY_NS = 86_400_000_000_000
 _INVALID_AUTOPILOT = 8
 _ARMED = 128
+_SILENCE_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +125,10 @@ class Gathered:
         self.critical: dict[str, Stretches] = {}
         self.limited = Stretches()
         self.blocked = Stretches()
+        self.guard = Stretches()
+        """By its reason."""
+        self.guard_changes = Worst()
+        """m/s2"""
         self.tracking: dict[int, Errors] = {}
         self.clearance_counts = np.zeros(CLEARANCE_BINS, np.int64)
         self.least_clearance: tuple[float, float] | None = None
@@ -147,9 +152,12 @@ class Gathered:
         self.position_jumps: dict[str, Worst] = {}
         self.attitude_jumps: dict[str, Worst] = {}
         self.distance_m = 0.0
+        self.energy_wh: dict[str, float] = {}
+        """By the message that told voltage and current."""
         self.parameters: dict[str, float] = {}
         self._last: dict[str, Table] = {}
         self._home: dict[str, tuple[float, float]] = {}
+        self._power: dict[str, tuple[Floats, Floats]] = {}
         for topic, kind, times_ns, table in batches(self.log):
             self._take(topic, kind, times_ns, table)
         self.has_trace = TRACE.topic in self.clocks
@@ -235,6 +243,9 @@ class Gathered:
         self.phases.add(times, table["phase"])
         self.limited.add(times, table["limited"].astype(np.int64))
         self.blocked.add(times, table["blocked"].astype(np.int64))
+        if "guard_reason" in names:
+            self.guard.add(times, table["guard_reason"].astype(np.int64))
+            self.guard_changes.add(times, table["guard_change"], np.where(table["guard_reason"] > 0, 0.0, np.inf))
         flown = table["state"] == State.FLY.value
         self._response.add_pairs(times[flown], table["rates_command_frd"][flown], table["rates_frd"][flown])
         for phase in np.unique(table["phase"][flown]):
@@ -300,9 +311,23 @@ class Gathered:
             sent = (table["type_mask"] & 0x07) == 0
             rates = _stack(table, "body_roll_rate", "body_pitch_rate", "body_yaw_rate")[sent]
             self._sent_response.add_pairs(*self._sent_rates.commands(times[sent], rates))
-        columns = MESSAGES.get(name)
-        for key, values in (columns(table) if columns else {}).items():
+        known = MESSAGES.get(name)
+        columns = known(table) if known else {}
+        for key, values in columns.items():
             self.line(f"{source}:{key}", times, values)
+        if "volts" in columns and "amperes" in columns:
+            self._energy(source, times, columns["volts"] * columns["amperes"])
+
+    def _energy(self, source: str, times: Floats, watts: Floats) -> None:
+        """By the trapezoidal rule, without silences and what was not measured."""
+        if source in self._power:
+            before = self._power[source]
+            times, watts = np.concatenate((before[0], times)), np.concatenate((before[1], watts))
+        self._power[source] = times[-1:], watts[-1:]
+        seconds = np.diff(times)
+        joules = np.where(seconds < _SILENCE_S, 0.5 * (watts[1:] + watts[:-1]) * seconds, 0.0)
+        if np.isfinite(joules).any():
+            self.energy_wh[source] = self.energy_wh.get(source, 0.0) + float(np.nansum(joules)) / 3600.0
 
     def _heartbeat(self, sender: str, times: Floats, table: Table) -> None:
         flown = table["autopilot"] != _INVALID_AUTOPILOT

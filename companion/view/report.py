@@ -210,6 +210,11 @@ def _tiles(flight: Gathered) -> tuple[tuple[str, str], ...]:
     tilts = [float(np.abs(line.points()[1]).max()) for line in euler if line is not None]
     if tilts:
         tiles.append(("greatest tilt", f"{max(tilts):.0f}°"))
+    for message in ("BATTERY_STATUS", "SYS_STATUS"):
+        energy = flight.energy_wh.get(f"{flight.vehicle}/{message}")
+        if energy is not None:
+            tiles.append(("energy", f"{energy:.2f} Wh"))
+            break
     if flight.tracking:
         largest = max(errors.largest for errors in flight.tracking.values())
         tiles.append(("largest error", f"{100.0 * largest:.1f} cm"))

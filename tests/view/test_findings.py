@@ -6,9 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.avoidance.guard import Reason
+from companion.logs.writer import Writer
 from companion.mission import Phase
 from companion.view.findings import Finding, Level, events, findings
 from companion.view.gather import Gathered
+from protocol.flightlog import Direction
+from protocol.messages import Encoder, dialect
 from tests.view.made_logs import Values, make
 
 
@@ -128,6 +132,37 @@ def test_shaking_is_measured_above_its_frequency(tmp_path: Path) -> None:
     shaking = about(findings(Gathered(make(tmp_path, change=change, motion_every=1, trace_rate=50.0))), "vibration")
     assert shaking.level is Level.WARNING
     assert f"{np.degrees(0.6 / math.sqrt(2.0)):.2f} deg/s rms" in shaking.text
+
+
+def test_the_guard_s_changes_are_counted_by_their_reason(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        if 3.0 <= time < 4.0 or 6.0 <= time < 6.5:
+            values["guard_reason"], values["guard_change"] = Reason.STOP.value, 1.0 + time
+        if 8.0 <= time < 8.1:
+            values["guard_reason"], values["guard_change"] = Reason.STALE.value, 0.5
+
+    guard = about(findings(Gathered(make(tmp_path, change=change))), "guard")
+    assert guard.level is Level.WARNING
+    assert "3 times, 1.60 s in all" in guard.text
+    assert guard.evidence[0] == "no way to stop was left: 2 times, 1.50 s"
+    assert guard.evidence[1] == "nothing was seen for too long: one time, 0.10 s"
+    assert guard.evidence[2].startswith("by 7.50 m/s²")
+    assert guard.at == pytest.approx((3.0, 6.0, 8.0))
+
+
+def test_energy_is_voltage_times_current_over_time(tmp_path: Path) -> None:
+    """24 W at first, 12 W in the end, falling evenly in 360 s: 1.8 Wh; a silence of 100 s in between counts nothing."""
+    path, vehicle = tmp_path / "battery.mcap", Encoder(1, 1)
+    with Writer(path, 0, {}) as writer:
+        for second in range(461):
+            if 180 < second <= 280:
+                continue
+            passed = second if second <= 180 else second - 100
+            centiamperes = round(200 - 100 * passed / 360)
+            status = (0, 0, 0, 0, 12_000, centiamperes, 50, 0, 0, 0, 0, 0, 0)
+            data = vehicle.encode_fields(dialect.MAVLink_sys_status_message, *status)
+            writer.datagram(second * 1_000_000_000, second, Direction.IN, "", data)
+    assert Gathered(path).energy_wh == {"1/1/SYS_STATUS": pytest.approx(1.8 - 18.0 / 3600.0, rel=1e-3)}
 
 
 def test_a_failed_flight_says_so_first(tmp_path: Path) -> None:
