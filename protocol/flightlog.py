@@ -582,6 +582,7 @@ class LogReader:
         self._foreign: set[int] = set()  # channels whose schema is not ours
         self._summarised = False
         self._data_ended = False
+        self._passed = 0
         self._data = self._open()
         self._scan()
         epoch = self.metadata.get("flightlog", {}).get("epoch_ns", "")
@@ -635,6 +636,7 @@ class LogReader:
             if self._chunks and self._chunks[-1].offset == position:
                 suspect = stop
             position = stop
+            self._pass(position)
         self._report(f"cut off at byte {min(position, len(data))}")
 
     def _scan_record(self, position: int) -> int | None:
@@ -709,6 +711,12 @@ class LogReader:
             self._let_go(piece, end)
         return crc
 
+    def _pass(self, position: int) -> None:
+        """The file has been read up to there. Told in large steps: the system maps what is around, too."""
+        if abs(position - self._passed) >= _PIECE:
+            self._let_go(min(position, self._passed), max(position, self._passed))
+            self._passed = position
+
     def _let_go(self, start: int, stop: int) -> None:
         """These bytes of the file need not stay in memory."""
         if isinstance(self._data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
@@ -767,7 +775,7 @@ class LogReader:
                 return None
         except (zstandard.ZstdError, MemoryError):
             content = b""
-        self._let_go(chunk.start, chunk.stop)
+        self._pass(chunk.stop)
         if chunk.torn:
             return content
         if len(content) != chunk.size or (chunk.crc and zlib.crc32(content) != chunk.crc):
