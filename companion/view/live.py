@@ -67,6 +67,7 @@ class Page:
         self._map_of: tuple[bytes, MapAt] | None = None
         self._map_drawn = -math.inf
         self._following = True
+        self._slid_to = 0.0
         self._problem: str | None = None
         self._server = viser.ViserServer(host="127.0.0.1", port=port, label=f"Courier · {source.name}", verbose=False)
         self.port = self._server.get_port()
@@ -120,13 +121,16 @@ class Page:
         start, end = self.history.start, max(self.history.end, self.history.start + 0.1)
         if self._slider.max != end or self._slider.min != start:
             self._slider.min, self._slider.max = start, end
-        if self._following and not self._source.ended:
-            self._time = end
+        if self._slider.value != self._slid_to:  # by a person
+            self._time, self._following = float(self._slider.value), False
         elif self._play.value:
-            self._time = min(self._time + seconds * float(self._speed.value.removesuffix("x")), end)
-        self._now.visible = not (self._source.ended or self._following)
+            if self._following and not self._source.ended:
+                self._time = end
+            else:
+                self._time = min(self._time + seconds * float(self._speed.value.removesuffix("x")), end)
+        self._now.visible = not self._source.ended and not (self._following and self._play.value)
         self._time = min(max(self._time, start), end)
-        self._slider.value = min(round(self._time, 2), end)
+        self._slider.value = self._slid_to = min(round(self._time, 2), end)
 
     # ---------------------------------------------------------------------------------------------------- the panel
 
@@ -145,7 +149,6 @@ class Page:
             self._now = gui.add_button("now")
             self._chase = gui.add_checkbox("camera follows", True)
             self._maps = gui.add_checkbox("map", True)
-        self._slider.on_update(self._slid)
         self._now.on_click(lambda _: self._follow())
         x, axis = uplot.Series(label="s"), uplot.Axis(size=44)
         empty = np.zeros(1)
@@ -177,15 +180,8 @@ class Page:
         """Where the vehicle is now, whatever time is shown."""
         return self.history.at(self.history.end).position_ned
 
-    def _slid(self, event: Any) -> None:
-        """By a person (the page itself moves the slider too, without a client)."""
-        if event.client is None:
-            return
-        self._time = float(self._slider.value)
-        self._following = False
-
     def _follow(self) -> None:
-        self._following = True
+        self._following = self._play.value = True
 
     def _draw_words(self, moment: Moment) -> None:
         self._words.content = words(moment, self._source.ended, self._problem)
