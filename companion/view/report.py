@@ -414,9 +414,9 @@ def _guard(flight: Gathered) -> list[Chart]:
             for index, key in enumerate(keys)
             for curve in _curve(flight.lines[key], _axis_name(key), AXES[index % 3])
         ]
-        charts.append(
-            Chart("Surroundings", group.removeprefix("trace:").replace("_", " ").capitalize(), "", tuple(curves))
-        )
+        title = group.removeprefix("trace:").removesuffix("_ned").replace("_", " ").capitalize()
+        unit = "m/s²" if group in ("trace:guard_change", "trace:disturbance_ned") else ""
+        charts.append(Chart("Surroundings", title, unit, tuple(curves)))
     return charts
 
 
