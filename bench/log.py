@@ -1,9 +1,9 @@
 """The flight log: what a record costs the flying thread and the recorder, the file's size, reading, loss on a kill.
 
-    python bench/log.py [--ticks 20000] [--kills 8] [--hours 8] [--json]
+    python bench/log.py [--ticks 20000] [--kills 8] [--flights] [--json]
 
-Sizes and reading are beside a telemetry log of the same traffic and pymavlink's reader of it. --hours N also writes a
-log of N hours with 1000 messages a second (for 8: minutes, and 0.9 GB) and lets `companion info` describe it.
+Sizes and reading are beside a telemetry log of the same traffic and pymavlink's reader of it. --flights also flies the
+courier, in lockstep and in real time (some 2 minutes), and flies both again. Long logs are in bench/report.py.
 """
 
 import argparse
@@ -13,6 +13,7 @@ import os
 import resource
 import signal
 import statistics
+import struct
 import subprocess
 import sys
 import tempfile
@@ -25,25 +26,28 @@ import numpy as np
 from mcap.reader import make_reader
 from pymavlink import mavutil
 
+from companion.config import Settings
+from companion.logs.convert.telemetry import from_flight_log
 from companion.logs.repair import repair
+from companion.logs.replay import replay
+from companion.runner import TICK
+from companion.trace import LOGGED, TRACE, Thinning
 from protocol.flightlog import (
-    HEADER,
-    LENGTH_OF_EMPTY,
     Direction,
     FlightLog,
     LogReader,
     RecordType,
     read,
-    record_type,
 )
 from protocol.framing import Framer
 from protocol.messages import Encoder, dialect
-from protocol.recorder import McapFile, message_type
 
-TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
-TRACE = record_type("/companion/trace", "courier/Trace", [(f"value_{index}", "float64[3]") for index in range(20)])
 PERIOD_NS = 4_000_000
-RECORDS_A_TICK = 4
+TRACE_RATE = Settings().log.trace_rate
+TRACE_HEAD = 7
+"""Bytes of flags and numbers before the floats."""
+FLOATS = ((TRACE.size or 0) - TRACE_HEAD) // 8
+RECORDS_A_TICK = 3.2
 MESSAGES_A_TICK = 5
 
 
@@ -51,13 +55,13 @@ class Tick(NamedTuple):
     time_ns: int
     received: bytes
     sent: bytes
-    trace: list[float]
+    trace: bytes
 
 
 def traffic(ticks: int) -> Iterator[Tick]:
     """A vehicle in a gentle curve, with sensor noise: four frames in and one out each 4 ms."""
     vehicle, companion = Encoder(1, 1), Encoder(1, 191)
-    noise = np.random.default_rng(1).normal(0.0, 0.01, (ticks, 60))
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (ticks, FLOATS))
     for number in range(ticks):
         ms = number * 4
         n = noise[number].tolist()
@@ -81,33 +85,35 @@ def traffic(ticks: int) -> Iterator[Tick]:
         sent = companion.encode_fields(
             dialect.MAVLink_set_attitude_target_message, ms, 1, 1, 128, [1.0, 0.0, 0.0, 0.0], *n[27:30], 0.5 + n[30]
         )
-        trace = [math.sin(1e-3 * ms + index) + (n[index] if index % 3 == 0 else 0.0) for index in range(60)]
-        yield Tick(number * PERIOD_NS, received, sent, trace)
+        values = [math.sin(1e-3 * ms + index) + (n[index] if index % 3 == 0 else 0.0) for index in range(FLOATS)]
+        yield Tick(number * PERIOD_NS, received, sent, bytes(TRACE_HEAD) + struct.pack(f"<{FLOATS}d", *values))
 
 
-def open_log(folder: Path, types: tuple[RecordType, ...] = (TICK, TRACE)) -> FlightLog:
+def open_log(folder: Path, types: tuple[RecordType, ...] = (TICK, LOGGED)) -> FlightLog:
     return FlightLog.open(
         folder, metadata={}, attachments={}, types=types, on_full="wait", console=False, minimum_free_bytes=0
     )
 
 
-def hand_over(log: FlightLog, tick: Tick) -> None:
+def hand_over(log: FlightLog, tick: Tick, thinning: Thinning) -> None:
     log.datagram(tick.time_ns, Direction.IN, "127.0.0.1:14540", tick.received)
     log.record(TICK, tick.time_ns, TICK.pack(0))
-    log.record(TRACE, tick.time_ns, TRACE.pack(*tick.trace))
+    for time_ns, record in thinning.step(tick.time_ns, tick.trace):
+        log.record(LOGGED, time_ns, record)
     log.datagram(tick.time_ns, Direction.OUT, "127.0.0.1:14540", tick.sent)
 
 
 def flying_cost(folder: Path, ticks: list[Tick]) -> dict[str, float]:
     """us on the flying thread for each call, packing included, while the recorder works."""
-    log = open_log(folder)
+    log, thinning = open_log(folder), Thinning(TRACE_RATE)
     clock = time.perf_counter_ns
     datagram, trace, fault = [], [], []
     for tick in ticks:
         t0 = clock()
         log.datagram(tick.time_ns, Direction.IN, "127.0.0.1:14540", tick.received)
         t1 = clock()
-        log.record(TRACE, tick.time_ns, TRACE.pack(*tick.trace))
+        for time_ns, record in thinning.step(tick.time_ns, tick.trace):
+            log.record(LOGGED, time_ns, record)
         t2 = clock()
         assert log.fault is None
         t3 = clock()
@@ -116,7 +122,7 @@ def flying_cost(folder: Path, ticks: list[Tick]) -> dict[str, float]:
         fault.append(t3 - t2)
     log.close()
     result = {}
-    for name, times in (("datagram", datagram), ("trace of 60 values", trace), ("fault", fault)):
+    for name, times in (("datagram", datagram), ("a step's trace", trace), ("fault", fault)):
         times.sort()
         result[f"{name}, p50 us"] = times[len(times) // 2] * 1e-3
         result[f"{name}, p99 us"] = times[len(times) * 99 // 100] * 1e-3
@@ -133,17 +139,17 @@ def recorder_cost(folder: Path, ticks: list[Tick]) -> tuple[dict[str, float], Pa
     began = children_cpu_s()
     open_log(folder / "empty").close()
     start_s = children_cpu_s() - began
-    log = open_log(folder / "full")
+    log, thinning = open_log(folder / "full"), Thinning(TRACE_RATE)
     wall = time.perf_counter()
     for tick in ticks:
-        hand_over(log, tick)
+        hand_over(log, tick, thinning)
     log.close()
     wall = time.perf_counter() - wall
     busy_s = children_cpu_s() - began - 2 * start_s
     records = len(ticks) * (RECORDS_A_TICK + MESSAGES_A_TICK)
     return {
         "recorder, us a record in the file": busy_s / records * 1e6,
-        "recorder, us a tick of 4 records and 5 messages": busy_s / len(ticks) * 1e6,
+        "recorder, us a tick of 3.2 records and 5 messages": busy_s / len(ticks) * 1e6,
         "records in the file a second, both processes": records / wall,
         "recorder's start, ms of processor": start_s * 1e3,
     }, log.path
@@ -219,48 +225,18 @@ def decoding(folder: Path, ticks: list[Tick]) -> dict[str, float]:
     }
 
 
-def long_log(path: Path, hours: float) -> int:
-    """Four topics at 250 Hz each, in chunks of 80 ms; how many messages."""
-    file = McapFile(path)
-    file.add_metadata("flightlog", {"version": "1", "epoch_ns": "0"})
-    number = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
-    channels = [file.add_channel(message_type(number, f"/mavlink/{system}/1/X")[0]) for system in range(1, 5)]
-    payloads = [
-        channel.to_bytes(4, "little") + np.random.default_rng(channel).normal(0, 1, 11).astype("<f4").tobytes()
-        for channel in channels
-    ]
-    messages = round(hours * 3600e3)
-    for index in range(messages):
-        channel = channels[index & 3]
-        payload = payloads[index & 3]
-        time_ns = index * 1_000_000
-        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(payload), channel, index & 0xFFFF_FFFF, time_ns, time_ns)
-        file.add_message(channel, time_ns, header + payload)
-        if index % 80 == 79:
-            file.end_chunk()
-    file.end_chunk()
-    file.finish()
-    return messages
-
-
-def describing(path: Path, hours: float) -> dict[str, float]:
-    """`companion info` of a long log, a process of its own."""
-    messages = long_log(path, hours)
-    code = (
-        "import sys; sys.argv = ['companion', 'info', sys.argv[1], '--json']\n"
-        "from companion.cli import app; app(standalone_mode=False)\n"
-        "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
-    )  # (getrusage would count what this process had when it forked)
-    began = time.perf_counter()
-    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
-    took_s = time.perf_counter() - began
-    table, most_kb = done.stdout.strip().splitlines()
-    assert sum(json.loads(table)["topics"].values()) == messages
+def flown(folder: Path, pace: str) -> dict[str, float]:
+    """The courier's flight: its log beside the telemetry log of the same traffic, and flown again."""
+    command = [sys.executable, "-m", "companion", "demo", "courier", "--no-report", "--pace", pace]
+    subprocess.run([*command, "--log", str(folder)], check=True, capture_output=True)
+    (log,) = folder.glob("*/flight.mcap")
+    from_flight_log(log, folder / "same.tlog")
+    again = replay(log)
+    assert not again.differences
     return {
-        f"log of {hours:g} h, MB": path.stat().st_size / 1e6,
-        "its messages": messages,
-        "companion info of it, s": took_s,
-        "companion info of it, MB of memory": int(most_kb) / 1e3,
+        f"courier, {pace}: log, bytes": log.stat().st_size,
+        f"courier, {pace}: times the tlog": log.stat().st_size / (folder / "same.tlog").stat().st_size,
+        f"courier, {pace}: replay, times real time": again.times_real_time,
     }
 
 
@@ -269,12 +245,12 @@ def lost_on_kill(folder: Path, ticks: list[Tick], kills: int) -> dict[str, float
     lost = []
     repaired = 0
     for kill in range(kills):
-        log = open_log(folder / str(kill))
+        log, thinning = open_log(folder / str(kill)), Thinning(TRACE_RATE)
         start = time.monotonic_ns()
         for number, tick in enumerate(ticks[: 100 + 7 * kill]):
             while time.monotonic_ns() - start < number * PERIOD_NS:
                 time.sleep(0.0005)
-            hand_over(log, tick)
+            hand_over(log, tick, thinning)
         os.kill(log.recorder_pid, signal.SIGKILL)
         log.close()
         mended = repair(log.path).target
@@ -296,7 +272,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--ticks", type=int, default=20_000)
     parser.add_argument("--kills", type=int, default=8)
-    parser.add_argument("--hours", type=float, default=0.0)
+    parser.add_argument("--flights", action="store_true", help="fly the courier, too")
     arguments = parser.parse_args()
     ticks = list(traffic(arguments.ticks))
     with tempfile.TemporaryDirectory() as name:
@@ -307,8 +283,8 @@ def main() -> None:
         result |= sizes(folder / "sizes", ticks, path)
         result |= reading(path)
         result |= decoding(folder / "decoding", ticks)
-        if arguments.hours:
-            result |= describing(folder / "long.mcap", arguments.hours)
+        if arguments.flights:
+            result |= flown(folder / "lockstep", "lockstep") | flown(folder / "realtime", "realtime")
         result |= lost_on_kill(folder / "kills", ticks, arguments.kills)
     if arguments.json:
         print(json.dumps(result))

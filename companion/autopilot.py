@@ -284,6 +284,8 @@ class Autopilot:
         if fresh_attitude:
             self.state = self._estimator.state()
             if self.state is not None:
+                if self.supervisor.state is State.RELINQUISHED:
+                    self._follow_along(self.state)
                 self._control(self.state, event.time_ns)
 
     def _find(self, system: int, component: int, heartbeat: Any) -> None:
@@ -487,6 +489,7 @@ class Autopilot:
             exhausted=self._exhausted(state, now),
             land_requested=self._land_requested,
             taken_over=self._taken_over(),
+            landed=self._landed == dialect.MAV_LANDED_STATE_ON_GROUND,
             overdue=self._overdue(now) if state is State.FLY else 0.0,
             reason=self._reason(now),
         )
@@ -555,7 +558,11 @@ class Autopilot:
             self._leave_course(now)
             self._track = self._reference.remaining(now) or self._track
             self._reference.stop(now)
-        if new is State.CHECK:
+        if new is State.RELINQUISHED:
+            self._relinquished_ns = now
+        elif old is State.RELINQUISHED and new is State.HOLD:
+            self._take_back(now)
+        elif new is State.CHECK:
             self._request_rates(self._rates.wanted)
         elif new is State.STREAM:
             assert self.state is not None
@@ -570,6 +577,20 @@ class Autopilot:
             self._mode_reached = False
 
     _ground_down = 0.0
+    _relinquished_ns = 0
+
+    def _follow_along(self, state: VehicleState) -> None:
+        """Others fly: what is sent would keep the vehicle wherever it is; nothing is learnt meanwhile."""
+        self._reference.place(state.position_ned, yaw_of(state.attitude_ned_frd))
+        self._cascade.reset()
+
+    def _take_back(self, now: int) -> None:
+        """Brake from the present motion; the time that others flew counts for nothing."""
+        assert self.state is not None
+        self._reference.carry_on(now, self.state.position_ned, self.state.velocity_ned, np.zeros(3))
+        self._phase_since_ns += now - self._relinquished_ns
+        self._arrived_ns = None
+        self._progress = Progress()
 
     def _ask(self, now: int) -> None:
         """Keep asking the vehicle for what the state needs."""

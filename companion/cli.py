@@ -1,4 +1,4 @@
-"""The command line: `companion demo`, `companion fly`, `companion digest`."""
+"""The command line: `companion demo`, `companion fly`, and what the other modules add to it."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from companion import cli_logs, cli_view
-from companion.shell import ABANDONED, FAILED, UNUSABLE, usable
+from companion.shell import ABANDONED, FAILED, usable
 from companion.shell import say as _say
 
 app = typer.Typer(
@@ -111,24 +111,6 @@ def fly(
     if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
         _say(f"failed: {outcome}")
         raise typer.Exit(FAILED)
-
-
-@app.command()
-def digest(log: Annotated[Path, typer.Argument(help="A flight.mcap.")]) -> None:
-    """Print one hash over all datagrams of each direction: two flights with the same hashes were the same to the
-    byte."""
-    from protocol.flightlog import LogReader, datagrams
-    from protocol.flightlog import digest as log_digest
-
-    hashes = _usable(log_digest, log)
-    problem = LogReader(log).problem
-    if problem is not None:
-        _say(f"companion: {problem}")
-    if not any(True for _ in datagrams(log)):
-        _say(f"companion: {log}: there is no datagram in it")
-        raise typer.Exit(UNUSABLE)
-    for direction, value in hashes.items():
-        typer.echo(f"{direction.name.lower():3} {value}")
 
 
 cli_logs.register(app)

@@ -1,4 +1,4 @@
-"""The commands for logs: replay, play, info, repair, convert, logs."""
+"""The commands for logs: replay, play, info, digest, repair, convert, logs."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ _NO_TERMINAL_WIDTH = 200
 
 def register(app: typer.Typer) -> None:
     """Put the commands onto the program's."""
-    for command in (replay, play, info, repair, convert, logs):
+    for command in (replay, play, info, digest, repair, convert, logs):
         app.command()(command)
 
 
@@ -36,6 +36,9 @@ def replay(
     plot: Annotated[
         Path | None, typer.Option(help="Where the picture of the difference goes; what-if: replay.png beside LOG.")
     ] = None,
+    trace: Annotated[
+        Path | None, typer.Option(help="A new .mcap: the log with the trace of every control step, not of some.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Feed a flight's recorded events into the same autopilot again and compare what it sends with what was sent, bit
@@ -46,13 +49,15 @@ def replay(
     what_if = settings is not None or bool(overrides)
     if what_if and plot is None:
         plot = path.with_name("replay.png")
-    result = usable(fly_again, path, settings, overrides or [], keeps_series=plot is not None)
+    result = usable(fly_again, path, settings, overrides or [], keeps_series=plot is not None, trace=trace)
     for note in result.notes:
         say(f"companion: {note}")
     if as_json:
         typer.echo(json.dumps(_replay_table(result)))
     else:
         _show_replay(result)
+    if trace is not None:
+        say(f"log: {trace}")
     if plot is not None:
         from companion.logs.plot import plot as draw
 
@@ -66,7 +71,7 @@ def replay(
 
 
 def _show_replay(result: "Replay") -> None:
-    compared = f"{result.datagrams} datagrams ({result.bytes} bytes) and {result.traces} control steps"
+    compared = f"{result.datagrams} datagrams ({result.bytes} bytes) and {result.traces} records of the trace"
     speed = f"{result.flown_s:.1f} s in {result.wall_s:.2f} s, {result.times_real_time:.0f} times real time"
     if not result.differences:
         typer.echo(f"the same to the bit: {compared}; {speed}")
@@ -92,7 +97,7 @@ def _replay_table(result: "Replay") -> dict[str, object]:
         "same": not result.differences,
         "datagrams": result.datagrams,
         "bytes": result.bytes,
-        "control_steps": result.traces,
+        "trace_records": result.traces,
         "flown_s": result.flown_s,
         "wall_s": result.wall_s,
         "times_real_time": result.times_real_time,
@@ -163,6 +168,18 @@ def _show_info(found: "Info") -> None:
     rate = 1.0 / found.duration_s if found.duration_s > 0.0 else 0.0
     rows = [(topic, str(count), f"{count * rate:.1f}") for topic, count in found.topics.items()]
     _table(("topic", "messages", "a second"), rows)
+
+
+def digest(log: LogFile) -> None:
+    """Print one hash over all datagrams of each direction: two flights with the same hashes were the same to the
+    byte."""
+    from companion.logs.traffic import digest as digest_of
+
+    found = usable(digest_of, _file(log))
+    if found.problem is not None:
+        say(f"companion: {found.problem}")
+    for direction, value in found.hashes.items():
+        typer.echo(f"{direction.name.lower():3} {value}")
 
 
 def repair(

@@ -40,7 +40,7 @@ def view(
     port: Annotated[int, typer.Option(help="Of the page, on 127.0.0.1.", min=0, max=65535)] = 8080,
     world: Annotated[str | None, typer.Option(help="What to draw around a link's vehicle: a file in worlds/.")] = None,
     control: Annotated[
-        bool, typer.Option("--control", help="Offer hold, land and return, which are sent to the vehicle at URL.")
+        bool, typer.Option("--control", help="Offer hold, resume, land, return and go to, sent to the vehicle at URL.")
     ] = False,
     logs: Annotated[Path, typer.Option("--log", help="The folder in which the newest flight is looked for.")] = Path(
         "logs"

@@ -193,6 +193,19 @@ class AvoidancePlan(Table, frozen=True):
             raise ValueError("inflation must be between tight and comfort")
 
 
+class AvoidanceRrt(Table, frozen=True):
+    """The search of "rrt" (`avoidance.rrt`), with the inflation of "astar"."""
+
+    planner: str = "bit*"
+    """Or "informed-rrt*"."""
+    iterations: Annotated[int, msgspec.Meta(ge=1)] = 2000
+    """A scan; what they count depends on the planner."""
+    seed: Annotated[int, msgspec.Meta(ge=1)] = 1
+
+    def __post_init__(self) -> None:
+        _one_of("planner", self.planner, "bit*", "informed-rrt*")
+
+
 class AvoidanceVfh(Table, frozen=True):
     """The histogram of "vfh", and of "astar" where it has no answer (`avoidance.vfh`)."""
 
@@ -250,7 +263,7 @@ class AvoidanceGuard(Table, frozen=True):
     """The last word on each acceleration (`avoidance.guard`)."""
 
     enabled: bool | None = None
-    """Not set: with "astar" and "vfh"; there is none without a ring, with "none"."""
+    """Not set: with "astar", "rrt" and "vfh"; there is none without a ring, with "none"."""
     keep_out: Positive = 0.55
     """m from the vehicle's centre to an occupied cell's."""
     keep_out_unseen: Positive = 0.45
@@ -281,8 +294,8 @@ class AvoidanceGuard(Table, frozen=True):
 
 
 class Avoidance(Table, frozen=True):
-    """`method`: "astar" (a way over the map, "vfh" where there is none), "vfh" (VFH+ on the map), "paper",
-    "paper-literal" (as printed, for the paper's experiment) or "none"."""
+    """`method`: "astar" (a way over the map, "vfh" where there is none), "rrt" (the same by sampling), "vfh" (VFH+ on
+    the map), "paper", "paper-literal" (as printed, for the paper's experiment) or "none"."""
 
     method: str = "astar"
     vehicle_radius: Positive = 0.36
@@ -291,7 +304,7 @@ class Avoidance(Table, frozen=True):
     answer_delay: NotNegative = 0.02
     """s, in lockstep: from a ring's arrival to when its map and way count; by the clock it is what it takes."""
     give_up_s: Positive = 40.0
-    """With "astar" and "vfh": so long without a metre of progress, and the goal is given up."""
+    """With "astar", "rrt" and "vfh": so long without a metre of progress, and the goal is given up."""
     lateral_margin: Positive = 3.0
     """m outside the nearer edge of an obstacle: the paper's 3. This and what follows is of "paper"."""
     safe_distance: Positive = 1.2
@@ -309,20 +322,21 @@ class Avoidance(Table, frozen=True):
     """m/s that is always left, to move away from what is near."""
     map: AvoidanceMap = AvoidanceMap()
     plan: AvoidancePlan = AvoidancePlan()
+    rrt: AvoidanceRrt = AvoidanceRrt()
     vfh: AvoidanceVfh = AvoidanceVfh()
     course: AvoidanceCourse = AvoidanceCourse()
     tracks: AvoidanceTracks = AvoidanceTracks()
     guard: AvoidanceGuard = AvoidanceGuard()
 
     def __post_init__(self) -> None:
-        _one_of("method", self.method, "astar", "vfh", "paper", "paper-literal", "none")
+        _one_of("method", self.method, "astar", "vfh", "rrt", "paper", "paper-literal", "none")
         if self.guard.enabled and self.method == "none":
             raise ValueError('guard.enabled: there is no guard with method "none", which needs no ring')
 
     @property
     def mapped(self) -> bool:
         """The method flies a course over the map."""
-        return self.method in ("astar", "vfh")
+        return self.method in ("astar", "vfh", "rrt")
 
     @property
     def looks_around(self) -> bool:
@@ -354,6 +368,8 @@ class Supervision(Table, frozen=True):
     overrun: Positive = 0.25
     """A tick later than this is an overrun."""
     landing_timeout: Positive = 120.0
+    resume_within: Positive = 300.0
+    """So long may others fly before they give control back by putting the vehicle into external control again."""
     step_timeout: Positive = 60.0
     """What a step of the mission may take on top of its hold and three times its way at the mission's speed."""
 
@@ -372,6 +388,14 @@ class Identity(Table, frozen=True):
 
     system: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
     component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191
+
+
+class Log(Table, frozen=True):
+    """Of the flight log."""
+
+    trace_rate: Annotated[float, msgspec.Meta(ge=1, le=1000)] = 50.0
+    """Hz of the control steps' trace, each with the worst of those in between; `companion replay --trace` makes all of
+    it again."""
 
 
 class Control(Table, frozen=True):
@@ -394,6 +418,7 @@ class Settings(Table, frozen=True):
     supervision: Supervision = Supervision()
     rates: Rates = Rates()
     identity: Identity = Identity()
+    log: Log = Log()
 
 
 class _VehicleFile(msgspec.Struct, frozen=True):

@@ -201,13 +201,13 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
         "host": platform.platform(),
         "cpus": str(os.cpu_count()),
         "python": platform.python_version(),
-        "git": _git_hash(),
+        "git": git_hash(),
         "courier": metadata.version("courier-autopilot"),
         **{library: metadata.version(library) for library in LIBRARIES},
     }
 
 
-def _git_hash() -> str:
+def git_hash() -> str:
     """Of the checkout that this runs from, "+" behind it if it was changed; empty outside one."""
     command = ["git", "-C", str(datafile.ROOT), "describe", "--always", "--dirty=+", "--abbrev=40"]
     try:

@@ -149,7 +149,7 @@ def rehearse(settings: Avoidance) -> None:
         for k in range(16):
             time_ns = k * 66_000_000
             ranges = np.full(72, 15.0)
-            ranges[10 + k % 14 : 14 + k % 14] = 5.0  # a thing that walks
+            ranges[(np.arange(4) + k % 14 - 2) % 72] = 5.0  # a thing that walks
             known = np.full(72, k != 15)
             scan = Scan(time_ns, time_ns // 1000, bearings, ranges, (ranges < 15.0) & known, known)
             here = np.array([0.1 * k, 0.0, -3.0])

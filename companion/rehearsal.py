@@ -33,7 +33,7 @@ class RehearsalError(Exception):
 
 def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
-    if settings.avoidance.method == "astar":  # which asks "vfh" where it has no answer
+    if settings.avoidance.mapped and settings.avoidance.method != "vfh":  # which is asked where the others find nothing
         avoidance = msgspec.structs.replace(settings.avoidance, method="vfh")
         _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output)
     _fly(settings, body, mission, output)

@@ -14,7 +14,7 @@ from types import FrameType
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, Reaction, Request, Tick
 from companion.planning import PLANNED, Planning, packed
 from companion.supervisor import FLYING
-from companion.trace import TRACE
+from companion.trace import LOGGED, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, record_type
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, TransportError, Udp
@@ -25,10 +25,10 @@ TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
 REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
 """Events that are neither ticks nor datagrams: "land", or LOG_FAULT and what is wrong."""
 LOG_FAULT = "log fault: "
-LOOP = record_type("/companion/loop", "courier/Loop", [("latency_ns", "int64")])
-"""Wall time from the receipt of a datagram with a new attitude to the command's departure: how the machine did, not
-an event."""
-RECORD_TYPES = (TRACE, TICK, REQUEST, PLANNED, LOOP)
+LOOP = record_type("/companion/loop", "courier/Loop", [("worst_ns", "uint32"), ("latency_ns", "uint32[]")])
+"""Wall time from the receipt of a datagram with a new attitude to the command's departure, for those of a tenth of a
+second: how the machine did, not an event."""
+RECORD_TYPES = (LOGGED, TICK, REQUEST, PLANNED, LOOP)
 
 _LOG_LEVEL = {0: 50, 1: 50, 2: 50, 3: 40, 4: 30, 5: 20, 6: 20}
 """MAV_SEVERITY -> `logging`'s level."""
@@ -36,6 +36,8 @@ SPIN_S = 1e-3
 """A tick is spun for from so long before it: a sleeping core may wake late."""
 _STATUS_EVERY_S = 0.2
 _LOG_CHECK_NS = 100_000_000
+_LATENCIES_NS = 100_000_000
+_LONGEST_NS = 2**32 - 1
 _LOCKSTEP_PATIENCE_S = 3.0
 _START_PATIENCE_S = 0.2
 LATE_NS = 2_000_000
@@ -60,6 +62,9 @@ class Runner:
         self._checked_log_ns = 0
         self._log_fault: str | None = None
         self._planning_failed = False
+        self._thinning = Thinning(autopilot.settings.log.trace_rate)
+        self._latencies: list[int] = []
+        self._told_latencies_ns = 0
         self._status_due = 0.0
         self.missed_deadlines = 0
         """Ticks that began more than half a period late."""
@@ -81,6 +86,8 @@ class Runner:
                 # A broken invariant: stop commanding, and the vehicle's own failsafe takes it down.
                 self.failure = f"the companion's loop failed: {error!r}"
                 self._log.text(self._now, logging.CRITICAL, "companion", traceback.format_exc())
+            self._keep(self._thinning.rest())
+            self._tell_latencies(self._now)
             if self.failure is not None:
                 flying = self._autopilot.supervisor.state in FLYING
                 rest = "; setpoints have stopped, the vehicle holds and lands by itself" if flying else ""
@@ -95,7 +102,7 @@ class Runner:
         """The vehicle's tick is the clock: answer each, and never look at the wall."""
         now = 0
         answer = b""
-        autopilot, transport, log = self._autopilot, self._transport, self._log
+        autopilot, transport = self._autopilot, self._transport
         if isinstance(transport, Udp):
             transport.spin_s = LOCKSTEP_SPIN_S
         find_s = autopilot.settings.supervision.find_timeout
@@ -122,7 +129,7 @@ class Runner:
             answer = reaction.datagram + self._tick(now, 0)
             self._send(now, answer)
             if reaction.trace is not None:
-                log.record(LOOP, now, LOOP.pack(time.perf_counter_ns() - began))
+                self._took(now, time.perf_counter_ns() - began)
 
     # -- real time -----------------------------------------------------------------------------------------------------
 
@@ -143,7 +150,7 @@ class Runner:
                 reaction = self._datagram(now, data)
                 self._send(now, reaction.datagram)
                 if reaction.trace is not None:
-                    self._log.record(LOOP, now, LOOP.pack(time.perf_counter_ns() - began))
+                    self._took(now, time.perf_counter_ns() - began)
             if now >= due:
                 late = now - due
                 if late > LATE_NS * clock.factor:
@@ -198,12 +205,28 @@ class Runner:
         self._now = event.time_ns
         reaction = self._autopilot.handle(event)
         if reaction.trace is not None:
-            self._log.record(TRACE, event.time_ns, reaction.trace)
+            self._keep(self._thinning.step(event.time_ns, reaction.trace))
         if reaction.question is not None:
             self._planning.ask(reaction.question)
         for announcement in reaction.announcements:
             self._log.text(event.time_ns, _LOG_LEVEL[announcement.severity], "companion", announcement.text)
         return reaction
+
+    def _keep(self, traces: list[tuple[int, bytes]]) -> None:
+        for time_ns, trace in traces:
+            self._log.record(LOGGED, time_ns, trace)
+
+    def _took(self, now: int, latency_ns: int) -> None:
+        """A command has left."""
+        self._latencies.append(min(latency_ns, _LONGEST_NS))
+        if now - self._told_latencies_ns >= _LATENCIES_NS:
+            self._tell_latencies(now)
+
+    def _tell_latencies(self, now: int) -> None:
+        self._told_latencies_ns = now
+        if self._latencies:
+            self._log.record(LOOP, now, LOOP.pack(max(self._latencies), self._latencies))
+            self._latencies.clear()
 
     def _send(self, now: int, data: bytes) -> None:
         if data and self._transport.peer:  # before anybody is known there is nobody to send to

@@ -49,7 +49,7 @@ def summarize(path: Path) -> Summary:
     error = flown["position_ned"] - flown["reference_position_ned"]
     steps = np.diff(flown["position_ned"], axis=0)
     clearance = flown["clearance"][np.isfinite(flown["clearance"])]
-    latency_us = _array(log, LOOP)["latency_ns"] * 1e-3
+    latency_us = latencies_us(log)
     return Summary(
         simulated_s=(last_ns - (first_ns or 0)) * 1e-9,
         distance_m=float(np.sqrt((steps**2).sum(axis=1)).sum()),
@@ -61,6 +61,13 @@ def summarize(path: Path) -> Summary:
         messages_in=sum(count for topic, count in counts.items() if _is_vehicle(topic) is True),
         messages_out=sum(count for topic, count in counts.items() if _is_vehicle(topic) is False),
     )
+
+
+def latencies_us(log: LogReader) -> NDArray[np.float64]:
+    """(n,) of all commands in order, from their datagrams to their departures; older logs have one a record."""
+    kind = log.topics.get(LOOP.topic)
+    found = [] if kind is None else [kind.unpack(each.data)["latency_ns"] for each in log.records((LOOP.topic,))]
+    return np.hstack([np.empty(0), *found]) * 1e-3
 
 
 def _array(log: LogReader, kind: RecordType) -> NDArray[np.void]:

@@ -3,7 +3,12 @@ wire.
 
 A fault ends in the safest state that can still be reached: HOLD keeps flying our own setpoints at a standstill (the
 state is known); WITHDRAW asks the vehicle's own autopilot to hold (the state is not known, or our output can't be
-trusted); both become LAND. A change of mode that was not commanded is the pilot: RELEASED, and never taken back.
+trusted); both become LAND.
+
+A change of mode that was not commanded is the pilot, who is never fought: nothing is commanded from then on. In the
+middle of a mission that is RELINQUISHED: for a time, setpoints to stay wherever the vehicle is go on being sent, which
+no vehicle obeys outside of external control and none enters it without. Whoever puts the vehicle into external control
+again gives it back, and the mission goes on. In every other case it is RELEASED, and nothing leads back from there.
 """
 
 import math
@@ -29,12 +34,13 @@ class State(Enum):
     LAND = 8
     RELEASED = 9
     ENDED = 10
+    RELINQUISHED = 11
 
 
-STREAMING = frozenset({State.STREAM, State.ENGAGE, State.ARM, State.FLY, State.HOLD})
+STREAMING = frozenset({State.STREAM, State.ENGAGE, State.ARM, State.FLY, State.HOLD, State.RELINQUISHED})
 """States in which setpoints are sent."""
-FLYING = frozenset({State.FLY, State.HOLD, State.WITHDRAW, State.LAND})
-"""States between arming and the end in which the companion answers for the vehicle."""
+FLYING = frozenset({State.FLY, State.HOLD, State.WITHDRAW, State.LAND, State.RELINQUISHED})
+"""States between arming and the end in which the companion answers for the vehicle, or is ready to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +70,8 @@ class Health:
     land_requested: bool
     taken_over: bool
     """The mode that was commanded had been reached, and was changed since."""
+    landed: bool
+    """It stands on the ground, as it says."""
     overdue: float
     """By how much the present step of the mission takes longer than it may (s), else 0."""
     reason: str
@@ -193,11 +201,18 @@ TABLE: tuple[Row, ...] = (
     ),
     _row(
         _OWN,
-        lambda h, s, t: h.mode is not FlightMode.EXTERNAL,
+        lambda h, s, t: h.mode is not FlightMode.EXTERNAL and h.failsafe,
         State.RELEASED,
         _W,
-        "mode changed to {health.mode.value} by others: letting go{health.reason}",
+        "the vehicle changed to {health.mode.value} in failsafe: letting go{health.reason}",
         fault=True,
+    ),
+    _row(
+        _OWN,
+        lambda h, s, t: h.mode is not FlightMode.EXTERNAL,
+        State.RELINQUISHED,
+        _W,
+        "mode changed to {health.mode.value} by others: theirs, until they give it back{health.reason}",
     ),
     _row(
         _OWN,
@@ -277,6 +292,62 @@ TABLE: tuple[Row, ...] = (
         "cured: going on",
     ),
     _row(State.FLY, lambda h, s, t: h.mission_done, State.LAND, _N, "landing"),
+    # others fly, and may give control back
+    _row(
+        State.RELINQUISHED,
+        lambda h, s, t: h.land_requested,
+        State.ENDED,
+        _W,
+        "leaving: others fly",
+        fault=True,
+    ),
+    _row(
+        State.RELINQUISHED,
+        lambda h, s, t: not h.armed,
+        State.ENDED,
+        _N,
+        "the vehicle is disarmed",
+        fault=True,
+    ),
+    _row(
+        State.RELINQUISHED,
+        lambda h, s, t: h.landed,
+        State.RELEASED,
+        _W,
+        "landed by others: letting go",
+        fault=True,
+    ),
+    _row(
+        State.RELINQUISHED,
+        lambda h, s, t: h.mode is FlightMode.EXTERNAL,
+        State.HOLD,
+        _N,
+        "control is given back: holding, then going on",
+    ),
+    _row(
+        State.RELINQUISHED,
+        lambda h, s, t: h.telemetry_age > s.telemetry_timeout or h.heartbeat_age > s.heartbeat_timeout,
+        State.RELEASED,
+        _E,
+        "telemetry {health.telemetry_age:.1f} s and heartbeat {health.heartbeat_age:.1f} s old: letting go",
+        fault=True,
+    ),
+    _row(
+        State.RELINQUISHED,
+        lambda h, s, t: h.failsafe or h.refused_telemetry is not None or h.unsound_output is not None,
+        State.RELEASED,
+        _E,
+        "no longer fit to take control back: letting go{health.reason}",
+        fault=True,
+    ),
+    _row(
+        State.RELINQUISHED,
+        lambda h, s, t: t > s.resume_within,
+        State.RELEASED,
+        _W,
+        "not given back within {settings.resume_within:g} s: letting go",
+        fault=True,
+    ),
     # withdrawn, landing, released
     _row(
         State.WITHDRAW,

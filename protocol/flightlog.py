@@ -548,6 +548,8 @@ class _Chunk(NamedTuple):
     compression: str
     size: int
     crc: int
+    torn: bool = False
+    """The file ends within it."""
 
 
 _RECORD = struct.Struct("<BQ")
@@ -557,6 +559,7 @@ _CHUNK_MARK = b"\x04\x00\x00\x00zstd"
 _MARK_OFFSET = _RECORD.size + _CHUNK.size - 4
 _PIECE = 1 << 22
 _LARGEST_CHUNK = 1 << 30
+_PIECE_OF_TORN = 1 << 12
 
 
 class LogReader:
@@ -579,6 +582,7 @@ class LogReader:
         self._foreign: set[int] = set()  # channels whose schema is not ours
         self._summarised = False
         self._data_ended = False
+        self._passed = 0
         self._data = self._open()
         self._scan()
         epoch = self.metadata.get("flightlog", {}).get("epoch_ns", "")
@@ -624,6 +628,7 @@ class LogReader:
             if stop is None:
                 found = self._next_chunk(suspect)
                 if found == len(data):
+                    self._take_torn(position)
                     break
                 self._report(f"damaged after byte {suspect}, resumed at byte {found}")
                 position = found
@@ -631,6 +636,7 @@ class LogReader:
             if self._chunks and self._chunks[-1].offset == position:
                 suspect = stop
             position = stop
+            self._pass(position)
         self._report(f"cut off at byte {min(position, len(data))}")
 
     def _scan_record(self, position: int) -> int | None:
@@ -705,13 +711,26 @@ class LogReader:
             self._let_go(piece, end)
         return crc
 
+    def _pass(self, position: int) -> None:
+        """The file has been read up to there. Told in large steps: the system maps what is around, too."""
+        if abs(position - self._passed) >= _PIECE:
+            self._let_go(min(position, self._passed), max(position, self._passed))
+            self._passed = position
+
     def _let_go(self, start: int, stop: int) -> None:
         """These bytes of the file need not stay in memory."""
         if isinstance(self._data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             page = start & ~(mmap.PAGESIZE - 1)
             self._data.madvise(mmap.MADV_DONTNEED, page, stop - page)
 
-    def _chunk_at(self, position: int) -> _Chunk | None:
+    def _take_torn(self, position: int) -> None:
+        """What there is of a chunk, if the file ends with one."""
+        chunk = self._chunk_at(position, cut=True)
+        if chunk is not None and chunk.compression == "zstd":
+            self._chunks.append(chunk)
+            self._report(f"the checksum of its last chunk, at byte {position}, is cut off with the chunk's end")
+
+    def _chunk_at(self, position: int, *, cut: bool = False) -> _Chunk | None:
         data = self._data
         start = position + _RECORD.size
         if start + _CHUNK.size > len(data):
@@ -723,10 +742,11 @@ class LogReader:
         if opcode != Opcode.CHUNK or name_length > 16 or content > len(data) or size > _LARGEST_CHUNK:
             return None
         (compressed,) = struct.unpack_from("<Q", data, content - 8)
-        if content + compressed != start + length or content + compressed > len(data):
+        stop = content + compressed
+        if stop != start + length or (stop > len(data)) != cut:
             return None
-        name = data[name_start : name_start + name_length].decode()
-        return _Chunk(position, content, content + compressed, name, size, crc)
+        name = data[name_start : name_start + name_length].decode(errors="replace")
+        return _Chunk(position, content, min(stop, len(data)), name, size, crc, cut)
 
     def _next_chunk(self, position: int) -> int:
         """Where the next whole chunk after a damage starts, or the file's end."""
@@ -744,7 +764,9 @@ class LogReader:
     def _content(self, chunk: _Chunk) -> bytes | None:
         packed = self._data[chunk.start : chunk.stop]
         try:
-            if chunk.compression == "zstd":
+            if chunk.torn:
+                content = _beginning(packed, chunk.size)
+            elif chunk.compression == "zstd":
                 content = zstandard.ZstdDecompressor().decompress(packed, max_output_size=chunk.size)
             elif chunk.compression == "":
                 content = packed
@@ -753,7 +775,9 @@ class LogReader:
                 return None
         except (zstandard.ZstdError, MemoryError):
             content = b""
-        self._let_go(chunk.start, chunk.stop)
+        self._pass(chunk.stop)
+        if chunk.torn:
+            return content
         if len(content) != chunk.size or (chunk.crc and zlib.crc32(content) != chunk.crc):
             self._report(f"chunk at byte {chunk.offset} is damaged")
             return None
@@ -835,6 +859,24 @@ class LogReader:
         for name in names:
             table[name] = values[name]
         return table
+
+
+def _beginning(packed: bytes, size: int) -> bytes:
+    """The whole records in what there is of a compressed chunk of `size` bytes."""
+    unpack = zstandard.ZstdDecompressor().decompressobj()
+    content = bytearray()
+    with contextlib.suppress(zstandard.ZstdError):
+        for start in range(0, len(packed), _PIECE_OF_TORN):
+            content += unpack.decompress(packed[start : start + _PIECE_OF_TORN])
+    del content[size:]
+    position = 0
+    while position + _RECORD.size <= len(content):
+        opcode, length = _RECORD.unpack_from(content, position)
+        stop = position + _RECORD.size + length
+        if stop > len(content) or (opcode != Opcode.MESSAGE and opcode not in _READERS):
+            break
+        position = stop
+    return bytes(content[:position])
 
 
 _READERS: dict[int, Callable[[ReadDataStream], mcap.records.McapRecord]] = {

@@ -3,6 +3,10 @@
 FD is the shared memory. The pipe on its standard input tells it what to write first and then only stays open: when it
 closes, by whatever death of the flying process, what is left in the ring is written and the file finished. Standard
 output carries one answer, "ok" or why not; standard error is the console.
+
+A chunk ends each tenth of a second, so that a killed recorder loses no more. Such small chunks cost a tenth of the file
+and more; so a second file without a name is written beside it, in large ones, and takes the first one's place at the
+end.
 """
 
 import contextlib
@@ -18,7 +22,7 @@ import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import mcap.records as mcap_records
 import msgspec
@@ -36,8 +40,12 @@ POLL_MS = 5
 CHUNK_AGE_NS = 80_000_000
 """A chunk is ended at this age: with a poll and a slow moment, less than 0.1 s after its first record."""
 CHUNK_BYTES = 512 << 10
-COMPRESSION_LEVEL = 1
-"""zstd's fastest: level 3 saves a few per cent and takes twice the time."""
+COMPRESSION_LEVEL = 3
+"""of zstd: level 1 takes half the time, levels up to 9 save nothing more."""
+LARGE_CHUNK_BYTES = 256 << 10
+"""At the most so much is lost with a damaged chunk of a finished file: some 2 s of a flight."""
+_SLICE = 16 << 10
+"""Of a chunk, compressed so that it can be read from a file that is cut behind it."""
 STATUS_INTERVAL_S = 5.0
 DROPPED_INTERVAL_NS = 1_000_000_000
 _MOST_TARGETS = 4096
@@ -57,10 +65,12 @@ class McapFile:
     """An MCAP file written chunk by chunk; what is on disk ends with a whole chunk at any time.
 
     A chunk that can't be written is given up and its remains are cut off, so that later ones may still follow.
+    `tidies`: the finished file has large chunks, whatever `end_chunk` ended.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+    def __init__(self, path: Path, *, tidies: bool = False) -> None:
+        self._path = path
+        self._file = self._open()
         self.size = 0
         """Bytes in the file."""
         self._crc = 0
@@ -78,6 +88,10 @@ class McapFile:
         self._attachment_indexes: list[mcap_records.AttachmentIndex] = []
         self._metadata_indexes: list[mcap_records.MetadataIndex] = []
         self._write(flightlog.MAGIC + _encoded(mcap_records.Header(profile="", library="courier")))
+        self._twin = _Twin.beside(self) if tidies else None
+
+    def _open(self) -> int:
+        return os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
 
     def _write(self, data: bytes) -> None:
         try:
@@ -96,6 +110,7 @@ class McapFile:
         data = _encoded(mcap_records.Metadata(name=name, metadata=table))
         self._write(data)
         self._metadata_indexes.append(mcap_records.MetadataIndex(self.size - len(data), len(data), name))
+        self._repeat(lambda twin: twin.add_metadata(name, table))
 
     def add_attachment(self, name: str, time_ns: int, content: bytes) -> None:
         data = _encoded(mcap_records.Attachment(time_ns, time_ns, name, "application/octet-stream", content))
@@ -111,6 +126,22 @@ class McapFile:
                 media_type="application/octet-stream",
             )
         )
+        self._repeat(lambda twin: twin.add_attachment(name, time_ns, content))
+
+    def _repeat(self, what: "Callable[[_Twin], None]") -> None:
+        """In the twin, if there is one; without it all goes on, too."""
+        if self._twin is None:
+            return
+        try:
+            what(self._twin)
+        except OSError:
+            self._part()
+
+    def _part(self) -> None:
+        """The twin's space on the disk is free again."""
+        if self._twin is not None:
+            os.close(self._twin._file)
+            self._twin = None
 
     def add_channel(self, kind: RecordType) -> int:
         """The id of a new channel, from 1 on."""
@@ -152,18 +183,38 @@ class McapFile:
         """Write what is pending. Raises OSError if that fails; the messages are lost then, but not their channels."""
         if not self._indexes:
             return
+        indexes, content = self._indexes, b"".join(self._parts)
         try:
-            self._write_chunk(b"".join(self._parts))
+            try:
+                self._write_chunk([content])
+            except OSError:
+                if self._twin is None:
+                    raise
+                self._part()
+                self._write_chunk([content])
             self._definitions = []
         finally:
             self._parts = [*self._definitions]
             self._offset = sum(map(len, self._parts))
             self._indexes = {}
+        self._repeat(lambda twin: twin.add_content(content, indexes))
 
-    def _write_chunk(self, content: bytes) -> None:
+    def _packed(self, pieces: list[bytes]) -> bytes:
+        """One frame, each slice of each piece in whole blocks of its own."""
+        compressor = self._compressor.compressobj(size=sum(map(len, pieces)))
+        packed = []
+        for piece in pieces:
+            for start in range(0, len(piece), _SLICE):
+                packed.append(compressor.compress(piece[start : start + _SLICE]))
+                packed.append(compressor.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK))
+        packed.append(compressor.flush())
+        return b"".join(packed)
+
+    def _write_chunk(self, pieces: list[bytes]) -> None:
+        content = b"".join(pieces)
         start_time = min(min(index[::2]) for index in self._indexes.values())
         end_time = max(max(index[::2]) for index in self._indexes.values())
-        packed = self._compressor.compress(content)
+        packed = self._packed(pieces)
         chunk = _encoded(mcap_records.Chunk("zstd", packed, end_time, start_time, zlib.crc32(content), len(content)))
         parts = [chunk]
         offset = self.size + len(chunk)
@@ -198,6 +249,12 @@ class McapFile:
 
     def finish(self) -> None:
         """Write the summary and the end, and see it onto the disk. Raises OSError; the file then ends with a chunk."""
+        self._write_summary()
+        self._repeat(lambda twin: twin.take_place())
+        if self._twin is None:
+            os.fsync(self._file)
+
+    def _write_summary(self) -> None:
         end = _encoded(mcap_records.DataEnd(self._crc))
         start = self.size + len(end)
         statistics = mcap_records.Statistics(
@@ -231,7 +288,52 @@ class McapFile:
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start)
         crc = zlib.crc32(footer, zlib.crc32(summary))
         self._write(end + summary + footer + struct.pack("<I", crc) + flightlog.MAGIC)
+
+
+class _Twin(McapFile):
+    """The same file in large chunks, without a name (O_TMPFILE), so that nothing of it is left by a kill."""
+
+    @classmethod
+    def beside(cls, other: McapFile) -> Self | None:
+        """None where the file system has no such files."""
+        try:
+            twin = cls(other._path)
+        except OSError:
+            return None
+        twin._schemas, twin._channels = other._schemas, other._channels
+        return twin
+
+    def _open(self) -> int:
+        return os.open(self._path.parent, os.O_WRONLY | os.O_TMPFILE | os.O_CLOEXEC, 0o644)
+
+    def add_content(self, content: bytes, indexes: dict[int, list[int]]) -> None:
+        """Of another chunk, with its indexes. Raises OSError."""
+        for channel, index in indexes.items():
+            moved = index.copy()
+            moved[1::2] = [offset + self._offset for offset in index[1::2]]
+            self._indexes.setdefault(channel, []).extend(moved)
+        self._parts.append(content)
+        self._offset += len(content)
+        if self._offset >= LARGE_CHUNK_BYTES:
+            self.end_chunk()
+
+    def end_chunk(self) -> None:
+        if self._indexes:
+            self._write_chunk(self._parts)
+            self._parts, self._offset, self._indexes = [], 0, {}
+
+    def take_place(self) -> None:
+        """Finish, and be the file of that name. Raises OSError; the other one is untouched then."""
+        self.end_chunk()
+        self._write_summary()
         os.fsync(self._file)
+        draft = f"{self._path.name}.{os.getpid()}"
+        folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.link(f"/proc/self/fd/{self._file}", draft, dst_dir_fd=folder)  # linkat: it follows the link in /proc
+            os.replace(draft, self._path.name, src_dir_fd=folder, dst_dir_fd=folder)
+        finally:
+            os.close(folder)
 
 
 # ---------------------------------------------------------------------------------------------------------- messages
@@ -538,7 +640,7 @@ def create(setup: Setup) -> McapFile:
             raise FlightLogError(
                 f"{folder}: {free / 1e6:.0f} MB free, a flight log needs {setup.minimum_free_bytes / 1e6:.0f} MB"
             )
-        file = McapFile(folder / flightlog.FILE_NAME)
+        file = McapFile(folder / flightlog.FILE_NAME, tidies=True)
         file.add_metadata("flightlog", {"version": "1", "epoch_ns": str(setup.epoch_ns)})
         for name, table in setup.metadata.items():
             file.add_metadata(name, table)

@@ -34,7 +34,7 @@ from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
 GOAL_M = 2.0
-METHODS = ("astar", "vfh", "paper", "paper-literal", "none")
+METHODS = ("astar", "rrt", "vfh", "paper", "paper-literal", "none")
 DEFAULT = METHODS[0]
 REACHED = "reached"
 

@@ -43,6 +43,8 @@ _LIFTED_M = 0.05
 _ARRIVED_M = 0.5
 _ARMING_TILT = math.radians(30.0)
 _BELOW_GROUND_M = 10.0
+_FARTHEST_M = 10_000.0
+"""From where it is to where it may be sent: beyond, the plane of its local axes is not the earth any more."""
 
 
 class Mode(Enum):
@@ -272,6 +274,26 @@ class FlightControl:
         home_down = down if self.landed else self.home_ned[2]
         self._takeoff_ned = (north, east, min(down, home_down - height))
         self._enter(Mode.TAKEOFF)
+        return Result.ACCEPTED
+
+    def reposition(self, target_ned: Vector, yaw: float | None, speed: float | None) -> Result:
+        """Hold at another place: fly there at most at `speed` (m/s; default and most: its own), heading for `yaw`
+        (rad; default: the present one). It looks out for nothing on its way."""
+        if self.crash is not None or not self.armed or self.landed:
+            return self._refuse("Reposition rejected: not in the air")
+        distance = math.dist(target_ned, self._motion.position_ned)
+        if not distance <= _FARTHEST_M:
+            return self._refuse(f"Reposition rejected: {distance:.0f} m away", Result.DENIED)
+        if target_ned[2] > -self._foot_height_m:
+            return self._refuse("Reposition rejected: under the ground", Result.DENIED)
+        self.failsafe = False
+        self._enter(Mode.HOLD)
+        self._aim(target_ned)
+        auto = self._auto
+        fastest = auto.cruise_speed_m_s if speed is None else min(speed, auto.cruise_speed_m_s)
+        self._guided["speed_limits"] = (fastest, auto.climb_speed_m_s, auto.descent_speed_m_s)
+        if yaw is not None:
+            self._guided["yaw"] = yaw
         return Result.ACCEPTED
 
     def arming_problem(self) -> str | None:

@@ -4,10 +4,15 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from protocol.frames import to_local
 from protocol.framing import Frame
 from protocol.messages import Encoder, decode, dialect
 from vehicle_sim.flight_control import FORCE, FlightControl, Mode, Result, Severity
+from vehicle_sim.motion import Vector
 from vehicle_sim.telemetry import Telemetry
+
+Geodetic = tuple[float, float, float]
+"""Latitude, longitude (rad), altitude above mean sea level (m)."""
 
 SYSTEM = 1
 COMPONENT = 1
@@ -20,6 +25,16 @@ _RATES_IGNORE = (
 )
 _THRUST_IGNORE = dialect.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
 _TEXT_CHARACTERS = 50
+_HERE_E7 = 2**31 - 1
+"""A latitude or longitude that is not given."""
+_ABOVE_HOME = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
+_ON_EARTH = _ABOVE_HOME | {dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT}
+
+
+def _altitude(message: Any) -> float:
+    """As the command gives it."""
+    value: float = message.z if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_INT else message.param7
+    return value
 
 
 def _whole(value: float) -> int:
@@ -35,13 +50,13 @@ class Services:
         encoder: Encoder,
         flight: FlightControl,
         telemetry: Telemetry,
-        origin_altitude_m: float,
+        origin: Geodetic,
         release: Callable[[], bool],
     ) -> None:
         self._encode = encoder.encode_fields
         self._flight = flight
         self._telemetry = telemetry
-        self._origin_altitude_m = origin_altitude_m
+        self._origin = origin
         self._release = release
         self._text_id = 0
         self.outbox: list[bytes] = []
@@ -59,6 +74,7 @@ class Services:
             dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda *_: flight.set_mode(Mode.RETURN),
             dialect.MAV_CMD_DO_SET_MODE: self._do_set_mode,
             dialect.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
+            dialect.MAV_CMD_DO_REPOSITION: self._do_reposition,
             dialect.MAV_CMD_DO_GRIPPER: self._do_gripper,
             dialect.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_message_interval,
             dialect.MAV_CMD_GET_MESSAGE_INTERVAL: lambda m, _: self._send_interval(_whole(m.param1)),
@@ -133,18 +149,18 @@ class Services:
     def _command_int(self, message: Any) -> None:
         if not self._is_for_us(message):
             return
-        relative = message.frame in (
-            dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-            dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        height = (
+            message.z
+            if message.frame in _ABOVE_HOME and math.isfinite(message.z)
+            else self._height_above_home(message.z)
         )
-        height = message.z if relative and math.isfinite(message.z) else self._height_above_home(message.z)
         self._obey(message, height)
 
     def _height_above_home(self, altitude_m: float) -> float | None:
         """From an altitude above mean sea level; None if it is not set."""
         if not math.isfinite(altitude_m):
             return None
-        return altitude_m - self._origin_altitude_m + self._flight.home_ned[2]
+        return altitude_m - self._origin[2] + self._flight.home_ned[2]
 
     def _obey(self, message: Any, height_m: float | None) -> None:
         command = self._commands.get(message.command)
@@ -170,6 +186,37 @@ class Services:
                 return self._flight.set_mode(mode)
         self._flight.say(Severity.CRITICAL, f"Mode {main}/{sub} is not available")
         return Result.DENIED
+
+    def _do_reposition(self, message: Any, height_m: float | None) -> Result:
+        """To a place on earth, in hold. What is not given stays as it is; as for PX4, the flag to change the mode must
+        be set, and no other."""
+        if _whole(message.param2) != dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
+            return Result.UNSUPPORTED
+        here = self._telemetry.truth.position_ned
+        place = self._place(message, here)
+        if place is None or (height_m is None and not math.isnan(_altitude(message))):
+            self._flight.say(Severity.CRITICAL, "Reposition rejected: no such place")
+            return Result.DENIED
+        north, east = place
+        down = here[2] if height_m is None else self._flight.home_ned[2] - height_m
+        speed = message.param1 if math.isfinite(message.param1) and message.param1 > 0.0 else None
+        yaw = message.param4 if math.isfinite(message.param4) else None
+        return self._flight.reposition((north, east, down), yaw, speed)
+
+    def _place(self, message: Any, here: Vector) -> tuple[float, float] | None:
+        """North and east (m) of a command's latitude and longitude; None if there is no such place."""
+        if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_INT:
+            if message.frame not in _ON_EARTH:
+                return None
+            given = tuple(math.nan if value == _HERE_E7 else value * 1e-7 for value in (message.x, message.y))
+        else:
+            given = message.param5, message.param6
+        if all(map(math.isnan, given)):
+            return here[0], here[1]
+        if not (abs(given[0]) <= 90.0 and abs(given[1]) <= 180.0):
+            return None
+        local = to_local((math.radians(given[0]), math.radians(given[1]), 0.0), self._origin)
+        return float(local[0]), float(local[1])
 
     def _arm_disarm(self, message: Any, _: float | None) -> Result:
         force = message.param2 == FORCE

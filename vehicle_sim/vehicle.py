@@ -97,7 +97,7 @@ class Vehicle:
         lidar = Lidar(airframe.lidar, lidar_rng)
         self.telemetry = Telemetry(self._encoder, airframe, self._scene, lidar, self.flight, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
-        self._services = Services(self._encoder, self.flight, self.telemetry, world.origin[2], self._release)
+        self._services = Services(self._encoder, self.flight, self.telemetry, world.origin, self._release)
         self._released_at_ned: Vector | None = None
         self._least_clearance_m = math.inf
         self._spare_m = 0.0

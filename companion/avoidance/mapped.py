@@ -17,6 +17,7 @@ from companion.avoidance.astar import AStar, AStarSettings, GridPath
 from companion.avoidance.course import NO_WAY, Way
 from companion.avoidance.grid import FAR_M, GridSettings, MapView, OccupancyGrid, distance_to
 from companion.avoidance.guard import FreeSpace, GuardSettings, free_space
+from companion.avoidance.rrt import Rrt, RrtSettings
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from companion.avoidance.tracks import Tracker, TrackSettings
 from companion.avoidance.vfh import Vfh, VfhSettings
@@ -141,10 +142,17 @@ class Planner:
         self._settings = settings
         self._astar = AStar(picked(AStarSettings, settings.plan), settings.map.cells)
         self._vfh = Vfh(picked(VfhSettings, settings.vfh))
+        self._rrt = None
+        if settings.method == "rrt":
+            self._rrt = Rrt(picked(RrtSettings, settings.rrt, inflation=settings.plan.inflation))
 
     def way(self, view: MapView, here: Array, velocity: Array, goal: Array, speed: float) -> Way:
         """From a place (3,) with a velocity (3,) NED to a goal (3,), at most at `speed` (m/s)."""
-        way = self._planned(view, here, goal, speed) if self._settings.method == "astar" else None
+        way = None
+        if self._settings.method == "astar":
+            way = self._planned(view, here, goal, speed)
+        elif self._rrt is not None:
+            way = self._sampled(self._rrt, view, here, goal, speed)
         if way is not None:
             return way
         bearing = self._vfh.choose(view, here, velocity, goal)
@@ -186,6 +194,17 @@ class Planner:
         corners[0] = here[:2]
         if len(corners) == 1:
             corners = np.vstack([corners, goal[:2] if path.whole else here[:2]])
+        return self._timed(corners, view, speed)
+
+    def _sampled(self, rrt: Rrt, view: MapView, here: Array, goal: Array, speed: float) -> Way | None:
+        corners = rrt.plan(view, here, goal)
+        if corners is None:
+            return None
+        if not view.contains(view.cell_of(goal)):
+            corners = np.vstack([corners, goal[:2]])
+        return self._timed(corners, view, speed)
+
+    def _timed(self, corners: Array, view: MapView, speed: float) -> Way:
         room = np.array([_room(view, corner) for corner in corners])
         course = self._settings.course
         return Way(corners, corner_speeds(corners, room, speed, course.acceleration, course.braking))

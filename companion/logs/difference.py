@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from companion.trace import TRACE
-from protocol.flightlog import SCALARS
+from companion.trace import LOGGED
+from protocol.flightlog import SCALARS, RecordType
 from protocol.framing import Frame, Framer
 from protocol.messages import decode, layout
 
@@ -49,12 +49,18 @@ class Series:
 class Differ:
     """Takes pairs of what was sent and what is sent now. `keeps_series`: also the numbers in them, for a plot."""
 
-    def __init__(self, *, keeps_series: bool = False) -> None:
+    def __init__(self, *, keeps_series: bool = False, trace: RecordType = LOGGED) -> None:
         self.datagrams = 0
         self.bytes = 0
         self.traces = 0
         self.series: dict[tuple[str, str], Series] = defaultdict(Series)
         self._keeps_series = keeps_series
+        self._trace_names = [
+            part.name if part.length is None else f"{part.name}[{index}]"
+            for part in trace.fields
+            for index in range(part.length or 1)
+        ]
+        self._trace = struct.Struct("<" + "".join(SCALARS[part.kind] * (part.length or 1) for part in trace.fields))
         self._found: dict[tuple[str, str], Difference] = {}
         self._count = 0
 
@@ -77,14 +83,15 @@ class Differ:
             self._add("datagram", BYTES, time_ns, None)  # the same frames in another order, or what is no frame
 
     def trace(self, time_ns: int, recorded: bytes, replayed: bytes) -> None:
-        """One TRACE record of each; empty where no control step was taken."""
+        """One record of the log's trace of each; empty where there was none."""
         self.traces += bool(recorded)
         if recorded == replayed:
             return
         if not recorded or not replayed:
             self._add("trace", MISSING if recorded else EXTRA, time_ns, None)
             return
-        for name, then, now in zip(_TRACE_NAMES, _TRACE.unpack(recorded), _TRACE.unpack(replayed), strict=True):
+        unpack = self._trace.unpack
+        for name, then, now in zip(self._trace_names, unpack(recorded), unpack(replayed), strict=True):
             if not _same(then, now):
                 self._add("trace", name, time_ns, _distance(then, now))
 
@@ -162,11 +169,3 @@ def _distance(then: Any, now: Any) -> float | None:
     if isinstance(then, int | float):
         return abs(float(now) - float(then))
     return None
-
-
-_TRACE_NAMES = [
-    part.name if part.length is None else f"{part.name}[{index}]"
-    for part in TRACE.fields
-    for index in range(part.length or 1)
-]
-_TRACE = struct.Struct("<" + "".join(SCALARS[part.kind] * (part.length or 1) for part in TRACE.fields))

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from companion.config import Settings, load_settings
+from companion.config import Log, Settings, load_settings
+from companion.flight import git_hash
 from companion.mission import Mission
 from companion.state import Output
 from protocol import datafile
@@ -26,6 +27,8 @@ class Recorded:
 
     log: LogReader
     settings: Settings
+    trace_rate: float
+    """Hz, as it was flown."""
     body: Body
     mission: Mission
     output: Output
@@ -35,6 +38,10 @@ class Recorded:
 
 class _VehicleFile(msgspec.Struct, frozen=True):
     body: Body
+
+
+class _LogSettings(msgspec.Struct, frozen=True):
+    log: Log = Log()
 
 
 def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[str] = ()) -> Recorded:
@@ -63,6 +70,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
     return Recorded(
         log=log,
         settings=chosen,
+        trace_rate=_trace_rate(log),
         body=_table(log, "vehicle.toml", _VehicleFile).body,
         mission=_table(log, "mission.toml", Mission, [*flown_with["mission"], *changes["mission"]]),
         output=output,
@@ -81,6 +89,21 @@ def other_versions(flight: Mapping[str, str]) -> list[str]:
         for name, version in here.items()
         if flight.get(name, version) != version
     ]
+
+
+def _trace_rate(log: LogReader) -> float:
+    """The default where the log does not say it."""
+    try:
+        settings = msgspec.json.decode(log.attachments.get("settings.json", b"{}"), type=_LogSettings)
+    except msgspec.MsgspecError:
+        settings = _LogSettings()
+    return settings.log.trace_rate
+
+
+def other_commit(flight: Mapping[str, str]) -> list[str]:
+    """One line if what flew was another commit than this, where both are known."""
+    then, now = flight.get("git", ""), git_hash()
+    return [f"flown by commit {then}, this is {now}"] if then and now and then != now else []
 
 
 def _attachment(log: LogReader, name: str) -> bytes:

@@ -1,15 +1,18 @@
 """A flight flown again: the recorded events into a new autopilot, what it sends beside what was sent."""
 
-from collections.abc import Sequence
+import gc
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, Request, Tick
 from companion.logs.difference import Differ, Difference, Series
-from companion.logs.recorded import Recorded, open_flight, other_versions
+from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
+from companion.logs.writer import Writer
 from companion.planning import PLANNED, Here
 from companion.runner import LOG_FAULT, REQUEST, TICK, lockstep_time
-from companion.trace import TRACE
+from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record
 
@@ -30,7 +33,7 @@ class Replay:
     """Compared; `bytes` in all."""
     bytes: int
     traces: int
-    """Control steps whose thoughts were compared, too; 0 for a log without them or with others than today's."""
+    """Records of the trace that were compared, too; 0 for a log without them or with others than today's."""
     flown_s: float
     """From the first event to the last."""
     wall_s: float
@@ -45,23 +48,32 @@ class Replay:
 
 
 def replay(
-    path: Path, settings: Path | None = None, overrides: Sequence[str] = (), *, keeps_series: bool = False
+    path: Path,
+    settings: Path | None = None,
+    overrides: Sequence[str] = (),
+    *,
+    keeps_series: bool = False,
+    trace: Path | None = None,
 ) -> Replay:
     """Fly the log's flight again, with other settings if any are given.
 
-    Raises FlightLogError for what is no log of a flight and DataFileError for settings that can't be used.
+    `trace`: a new file, where the log goes with the trace of every control step, as it is now. Raises FlightLogError
+    for what is no log of a flight or if that can't be written, DataFileError for settings that can't be used.
     """
     flight = open_flight(path, settings, overrides)
-    second = _Second(flight, keeps_series=keeps_series)
-    clock = RealClock()
-    second.fly()
-    wall_s = clock.now_ns() * 1e-9
+    with _copy(flight, trace) as writer:
+        second = _Second(flight, writer, keeps_series=keeps_series)
+        clock = RealClock()
+        with _no_garbage_collection():
+            second.fly()
+        wall_s = clock.now_ns() * 1e-9
     differ = second.differ
     if not differ.datagrams:
         raise FlightLogError(f"{path}: there is nothing in it that was sent")
+    flown = flight.log.metadata["flight"]
     return Replay(
         differences=differ.differences,
-        notes=[*other_versions(flight.log.metadata["flight"]), *second.notes],
+        notes=[*other_versions(flown), *(other_commit(flown) if differ.differences else ()), *second.notes],
         datagrams=differ.datagrams,
         bytes=differ.bytes,
         traces=differ.traces,
@@ -71,14 +83,45 @@ def replay(
     )
 
 
+def _copy(flight: Recorded, target: Path | None) -> AbstractContextManager[Writer | None]:
+    """A log with all that is around the messages of the one that is flown again; none without a file for it."""
+    if target is None:
+        return nullcontext()
+    log = flight.log
+    metadata = {name: table for name, table in log.metadata.items() if name not in ("flightlog", "flightlog end")}
+    writer = Writer(target, log.epoch_ns, metadata)
+    for name, content in log.attachments.items():
+        writer.attach(name, content)
+    return writer
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """As in flight."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
 class _Second:
     """The second flight. Which event's answer goes into which datagram is as in `runner.Runner`."""
 
-    def __init__(self, flight: Recorded, *, keeps_series: bool) -> None:
-        self.differ = Differ(keeps_series=keeps_series)
+    def __init__(self, flight: Recorded, writer: Writer | None, *, keeps_series: bool) -> None:
+        recorded = flight.log.topics.get(TRACE.topic)
+        known = [kind for kind in (LOGGED, TRACE) if recorded is not None and kind.definition == recorded.definition]
+        self._compares_trace = bool(known)
+        self._thinning = Thinning(flight.trace_rate) if known == [LOGGED] else None
+        self.differ = Differ(keeps_series=keeps_series, trace=known[0] if known else LOGGED)
         self.notes: list[str] = []
         self.flown_s = 0.0
         self._flight = flight
+        self._topics = flight.log.topics
+        self._writer = writer
+        self._copied = 0
+        """Records in the copy, but for messages: these have the number of their datagram."""
+        self._datagram_number = 0
         self._autopilot = Autopilot(flight.settings, flight.body, flight.mission, flight.output)
         self._thinker = Here(flight.settings.avoidance)
         self._somebody = False
@@ -88,19 +131,19 @@ class _Second:
         self._due: list[tuple[int, bytes]] = []
         """Sent now, and not yet seen in the log."""
         self._traces: list[bytes] = []
-        self._compares_trace = False
         self._now = 0
 
     def fly(self) -> None:
         """All events up to the log's end, or to where records are missing."""
-        log = self._flight.log
-        topics = log.topics
-        self._compares_trace = TRACE.topic in topics and topics[TRACE.topic].definition == TRACE.definition
+        log, topics = self._flight.log, self._topics
         if TRACE.topic in topics and not self._compares_trace:
             self._say("the log's trace is not today's, and is not compared")
         first_ns, last_ns, sequence = None, 0, None
-        wanted = [topic for topic in topics if not topic.startswith("/mavlink/")]
-        for record in log.records(wanted):
+        events = [topic for topic in topics if not topic.startswith("/mavlink/")]
+        for record in log.records(events if self._writer is None else topics):
+            if self._writer is not None and record.topic.startswith("/mavlink/"):
+                self._copy(record)
+                continue
             if sequence is not None and (record.sequence - sequence) & 0xFFFF_FFFF > _MOST_BETWEEN:
                 self._say(f"records are missing after {last_ns * 1e-9:.3f} s: flown again up to there")
                 break
@@ -108,7 +151,9 @@ class _Second:
             if record.topic == TRACE.topic:
                 if self._compares_trace:
                     self._trace(record)
-            elif self._event(record):
+                continue
+            self._copy(record)
+            if self._event(record):
                 first_ns = record.time_ns if first_ns is None else first_ns
                 last_ns = record.time_ns
         else:
@@ -120,6 +165,17 @@ class _Second:
         if dropped != "0":
             self._say(f"{dropped} records were dropped in flight, so it can't come out the same")
         self.flown_s = (last_ns - (first_ns or 0)) * 1e-9
+
+    def _copy(self, record: Record) -> None:
+        if self._writer is None:
+            return
+        number = self._datagram_number
+        if not record.topic.startswith("/mavlink/"):
+            self._copied += 1
+            number = self._copied
+            if record.topic == DATAGRAM.topic:
+                self._datagram_number = number
+        self._writer.record(self._topics[record.topic], record.time_ns, number, record.data)
 
     def _say(self, note: str) -> None:
         self.notes.append(note)
@@ -171,8 +227,17 @@ class _Second:
         if reaction.question is not None:
             self._thinker.ask(reaction.question)
         if reaction.trace is not None:
-            self._traces.append(reaction.trace)
+            self._thought(event.time_ns, reaction.trace)
         return reaction.datagram
+
+    def _thought(self, now: int, trace: bytes) -> None:
+        if self._writer is not None:
+            self._copied += 1
+            self._writer.record(TRACE, now, self._copied, trace)
+        if self._thinning is not None:
+            self._traces += [data for _, data in self._thinning.step(now, trace)]
+        else:
+            self._traces.append(trace)
 
     def _send(self, now: int, data: bytes) -> None:
         if data:
@@ -195,4 +260,6 @@ class _Second:
         self._traces.clear()
 
     def _trace(self, record: Record) -> None:
+        if not self._traces and self._thinning is not None:  # the flight's end: what was left over
+            self._traces = [data for _, data in self._thinning.rest()]
         self.differ.trace(record.time_ns, record.data, self._traces.pop(0) if self._traces else b"")

@@ -1,5 +1,7 @@
 """The datagrams of a log, whoever wrote it."""
 
+import hashlib
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,3 +59,26 @@ def open_traffic(path: Path) -> Traffic:
         telemetry = tlog.TlogReader(path)
         return Traffic(telemetry, next(iter(telemetry.entries())).time_us * 1000)
     return Traffic(log, log.epoch_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Digest:
+    """What a log's traffic is, in short."""
+
+    hashes: dict[Direction, str]
+    """SHA-256 over each direction's datagrams with time and length, as `flightlog.digest`."""
+    problem: str | None
+    """What is wrong with the log."""
+
+
+def digest(path: Path) -> Digest:
+    """Of a flight log or a telemetry log. Raises FlightLogError if it can't be read or has no traffic."""
+    traffic = open_traffic(path)
+    sums = {direction: hashlib.sha256() for direction in Direction}
+    empty = True
+    for sent in traffic.sent():
+        empty = False
+        sums[sent.direction].update(struct.pack("<qI", sent.time_ns, len(sent.data)) + sent.data)
+    if empty:
+        raise FlightLogError(f"{path}: there is no datagram in it")
+    return Digest({direction: total.hexdigest() for direction, total in sums.items()}, traffic.problem)

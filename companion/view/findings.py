@@ -8,6 +8,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
+from companion.avoidance.guard import Reason
 from companion.config import Settings
 from companion.mission import Phase
 from companion.supervisor import State
@@ -27,6 +28,12 @@ _SHAKING_RAD_S = 0.35
 _ERROR_WARNING_M = 0.5
 _LOW_BATTERY = 20.0
 _MOST_EVENTS = 600
+_WHY = {
+    Reason.BARRIER: "too near to something",
+    Reason.STOP: "no way to stop was left",
+    Reason.NO_STOP: "there was no way to stop any more",
+    Reason.STALE: "nothing was seen for too long",
+}
 
 
 class Level(Enum):
@@ -73,6 +80,7 @@ def findings(flight: Gathered) -> list[Finding]:
         _gaps,
         _deadlines,
         _interventions,
+        _guard,
         _jumps,
         _vibration,
         _battery,
@@ -182,7 +190,7 @@ def _outputs(flight: Gathered) -> list[Finding]:
     """Of what is commanded in fractions of the whole; the motors' own pulses depend on the make."""
     found = []
     sent = flight.log.metadata.get("flight", {}).get("output", "actuators")
-    for name, quantity in (("torque", "torque_command"), ("thrust", "thrust_command")):
+    for name, quantity in (("torque", "worst_torque"), ("thrust", "worst_thrust")):
         for key, line in flight.lines.items():
             if not key.startswith(f"trace:{quantity}"):
                 continue
@@ -253,6 +261,21 @@ def _interventions(flight: Gathered) -> list[Finding]:
     return [Finding(Level.NOTE, "avoidance", text, rows, tuple(stretch.start for stretch in longest))]
 
 
+def _guard(flight: Gathered) -> list[Finding]:
+    stretches = [stretch for stretch in flight.guard.finish() if stretch.value != Reason.NONE]
+    if not stretches:
+        return []
+    seconds, count = flight.guard.seconds, flight.guard.count
+    reasons = [reason for reason in Reason if reason is not Reason.NONE and count.get(reason)]
+    often, long = sum(count[reason] for reason in reasons), sum(seconds[reason] for reason in reasons)
+    text = f"The guard changed the command {_times(often, 'time')}, {long:.2f} s in all."
+    rows = [f"{_WHY[reason]}: {_times(count[reason], 'time')}, {seconds[reason]:.2f} s" for reason in reasons]
+    rows += [f"by {size:.2f} m/s² at {_at(at)}" for size, at in flight.guard_changes.examples[:1]]
+    longest = sorted(stretches, key=lambda stretch: -stretch.seconds)[:5]
+    level = Level.WARNING if Reason.NO_STOP in reasons or Reason.STALE in reasons else Level.NOTE
+    return [Finding(level, "guard", text, tuple(rows), tuple(stretch.start for stretch in longest))]
+
+
 def _jumps(flight: Gathered) -> list[Finding]:
     found = []
     for what, unit, scale, worsts in (
@@ -286,8 +309,8 @@ def _vibration(flight: Gathered) -> list[Finding]:
         )
         text = f"Vibration of the inertial sensors reached {level_m_s2:.1f} m/s2."
         found.append(Finding(level, "vibration", text, (f"at {_at(at)}; up to {_VIBRATION_NOTE:g} is usual",), (at,)))
-    spectrum = flight.rates if flight.rates.segments else None
-    if spectrum is not None and spectrum.segments:
+    spectrum = flight.rates
+    if spectrum is not None:
         rms = spectrum.rms_above(_SHAKING_FROM_HZ)
         level = Level.WARNING if rms.max() > _SHAKING_RAD_S else Level.GOOD
         roll, pitch, yaw = np.degrees(rms)

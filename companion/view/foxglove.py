@@ -14,10 +14,12 @@ from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Grid_pb2 import Grid
 from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -26,15 +28,20 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
+from foxglove_schemas_protobuf.Vector2_pb2 import Vector2
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.duration_pb2 import Duration
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from companion.trace import TRACE
+from companion.avoidance.guard import Reason
+from companion.trace import LOGGED
 from companion.view.history import quaternions
 from companion.view.lines import Floats, Track
+from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
 from companion.view.scene import mesh, solids
 from protocol.flightlog import DATAGRAM, TEXT, FlightLogError, LogReader, Record
 from protocol.frames import Array, enu_to_ned, multiply
@@ -42,9 +49,14 @@ from protocol.frames import Array, enu_to_ned, multiply
 WORLD_FRAME, BODY_FRAME = "local_origin", "base_link"
 _POSE_EVERY_S = 0.02
 _PLAN_EVERY_S = 0.1
+_MAP_EVERY_S = 1.0
+_MAP_UP_M = 0.02
+"""Above the ground, so that it is seen."""
+_GUARD_SHOWN_S = 0.3
 _PATH_POINTS = 300
 _ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
 _FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+_REASONS = {reason.value: reason.name.lower().replace("_", " ") for reason in Reason}
 _LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)
 """MAV_SEVERITY -> foxglove.Log's level."""
 
@@ -59,7 +71,8 @@ class Converter:
         self._added: dict[str, tuple[int, int]] = {}
         self._due: dict[str, float] = {}
         self._place: Array | None = None
-        self._path = Track(8, _PATH_POINTS)
+        self._tracks = {name: Track(8, _PATH_POINTS) for name in ("path", "reference_path")}
+        self._mapper = Mapper(avoidance_of(log.attachments.get("settings.json", b"{}")))
         self._started = False
         self._unpacks = {topic: kind.unpack for topic, kind in log.topics.items()}
 
@@ -111,15 +124,22 @@ class Converter:
 
     def _convert(self, record: Record) -> None:
         name = record.topic.rpartition("/")[2]
-        if record.topic == TRACE.topic:
+        if record.topic == LOGGED.topic:
+            trace = self._fields(record)
             if self._is_due("plan", record.time_ns, _PLAN_EVERY_S):
-                self._plan(record.time_ns, self._fields(record))
+                self._plan(record.time_ns, trace)
+            if trace.get("guard_reason") and self._is_due("guard", record.time_ns, _PLAN_EVERY_S):
+                self._guard(record.time_ns, trace)
         elif record.topic == TEXT.topic:
             said = self._fields(record)
             self._say(record.time_ns, said["level"], said["name"], said["message"])
-        elif not record.topic.startswith("/mavlink/"):
-            return
-        elif name == "LOCAL_POSITION_NED":
+        elif record.topic.startswith("/mavlink/"):
+            if name in NAMES and self._mapper.take(name, self._fields(record), record.time_ns):
+                self._map(record.time_ns)
+            self._message(record, name)
+
+    def _message(self, record: Record, name: str) -> None:
+        if name == "LOCAL_POSITION_NED":
             place = self._fields(record)
             self._place = np.array([place["x"], place["y"], place["z"]])
         elif name in ("ATTITUDE_QUATERNION", "ATTITUDE"):
@@ -151,11 +171,16 @@ class Converter:
         )
         self._add("transforms", time_ns, FrameTransforms(transforms=[transform]))
         self._add("pose", time_ns, PoseInFrame(timestamp=stamp, frame_id=WORLD_FRAME, pose=pose))
-        self._path.add(np.array([time_ns * 1e-9]), np.concatenate((place, turn))[None])
+        self._walk("path", time_ns, place, turn)
+
+    def _walk(self, name: str, time_ns: int, place: Array, turn: Array) -> None:
+        """One more pose of a path."""
+        track = self._tracks[name]
+        track.add(np.array([time_ns * 1e-9]), np.concatenate((place, turn))[None])
         # A path is as long as the flight; written each second at first and ever more rarely, it stays a small part.
-        if self._is_due("path", time_ns, max(1.0, 0.02 * time_ns * 1e-9)):
-            poses = [Pose(position=_vector(row[1:4]), orientation=_quaternion(row[4:])) for row in self._path.rows()]
-            self._add("path", time_ns, PosesInFrame(timestamp=stamp, frame_id=WORLD_FRAME, poses=poses))
+        if self._is_due(name, time_ns, max(1.0, 0.02 * time_ns * 1e-9)):
+            poses = [Pose(position=_vector(row[1:4]), orientation=_quaternion(row[4:])) for row in track.rows()]
+            self._add(name, time_ns, PosesInFrame(timestamp=self._stamp(time_ns), frame_id=WORLD_FRAME, poses=poses))
 
     def _plan(self, time_ns: int, trace: dict[str, Any]) -> None:
         stamp = self._stamp(time_ns)
@@ -166,6 +191,7 @@ class Converter:
         turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
         pose = Pose(position=_vector(wanted), orientation=_quaternion(turn))
         self._add("reference", time_ns, PoseInFrame(timestamp=stamp, frame_id=WORLD_FRAME, pose=pose))
+        self._walk("reference_path", time_ns, wanted, turn)
         color = _color(0.91, 0.63, 0.16) if trace["blocked"] else _color(0.23, 0.49, 0.87)
         entity = SceneEntity(timestamp=stamp, frame_id=WORLD_FRAME, id="plan")
         size = Vector3(x=0.5, y=0.5, z=0.5)
@@ -182,6 +208,46 @@ class Converter:
         )
         entity.metadata.add(key="clearance, m", value=f"{trace['clearance']:.2f}")
         self._add("plan", time_ns, SceneUpdate(entities=[entity]))
+
+    def _guard(self, time_ns: int, trace: dict[str, Any]) -> None:
+        """A red disc at the vehicle, and why, for a moment."""
+        place = enu_to_ned(np.array(trace["position_ned"]))
+        reason = _REASONS.get(trace["guard_reason"], f"reason {trace['guard_reason']}")
+        entity = SceneEntity(timestamp=self._stamp(time_ns), frame_id=WORLD_FRAME, id="guard")
+        entity.lifetime.CopyFrom(Duration(nanos=round(_GUARD_SHOWN_S * 1e9)))
+        disc = CylinderPrimitive(pose=_at(place), color=_color(0.84, 0.15, 0.2, 0.45), bottom_scale=1.0, top_scale=1.0)
+        disc.size.CopyFrom(Vector3(x=1.4, y=1.4, z=0.05))
+        entity.cylinders.append(disc)
+        text = f"{reason}, {trace['guard_change']:.1f} m/s²"
+        above = _at(place + np.array([0.0, 0.0, 0.8]))
+        entity.texts.append(
+            TextPrimitive(pose=above, billboard=True, font_size=0.4, color=_color(0.84, 0.15, 0.2), text=text)
+        )
+        entity.metadata.add(key="reason", value=reason)
+        entity.metadata.add(key="change, m/s2", value=f"{trace['guard_change']:.3f}")
+        self._add("guard", time_ns, SceneUpdate(entities=[entity]))
+
+    def _map(self, time_ns: int) -> None:
+        """What the rings have shown, on the ground: a row of cells is one from west to east, the southernmost first."""
+        if not self._is_due("map", time_ns, _MAP_EVERY_S):
+            return
+        view = self._mapper.view(time_ns)
+        assert view is not None
+        cells = np.ascontiguousarray(picture(view)[::-1])
+        south, west = view.corner[0] * view.cell, view.corner[1] * view.cell
+        grid = Grid(
+            timestamp=self._stamp(time_ns),
+            frame_id=WORLD_FRAME,
+            pose=_at(np.array([west, south, _MAP_UP_M])),
+            column_count=cells.shape[1],
+            cell_size=Vector2(x=view.cell, y=view.cell),
+            row_stride=cells.strides[0],
+            cell_stride=cells.strides[1],
+            data=cells.tobytes(),
+        )
+        for offset, color in enumerate(("red", "green", "blue", "alpha")):
+            grid.fields.append(PackedElementField(name=color, offset=offset, type=PackedElementField.UINT8))
+        self._add("map", time_ns, grid)
 
     def _ring(self, time_ns: int, ring: dict[str, Any]) -> None:
         step = math.radians(ring["increment_f"] or ring["increment"])
@@ -276,8 +342,8 @@ def _at(place: Floats) -> Pose:
     return Pose(position=_vector(place), orientation=Quaternion(w=1.0))
 
 
-def _color(red: float, green: float, blue: float) -> Color:
-    return Color(r=red, g=green, b=blue, a=1.0)
+def _color(red: float, green: float, blue: float, alpha: float = 1.0) -> Color:
+    return Color(r=red, g=green, b=blue, a=alpha)
 
 
 def beside(log: Path) -> Path:

@@ -4,7 +4,7 @@ import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,18 @@ from companion.runner import LOOP, TICK
 from companion.supervisor import State
 from companion.trace import TRACE
 from companion.vehicles import firmware_of
-from companion.view.lines import Floats, Line, Regularity, Response, Rings, Spectrum, Stretches, Track
+from companion.view.lines import (
+    Floats,
+    Line,
+    Pairs,
+    Regularity,
+    Response,
+    Rings,
+    Segments,
+    Spectrum,
+    Stretches,
+    Track,
+)
 from protocol.flightlog import DATAGRAM, TEXT, LogReader, RecordType
 
 Table = NDArray[np.void]
@@ -30,6 +41,7 @@ CLEARANCE_BINS = 60
 _DAY_NS = 86_400_000_000_000
 _INVALID_AUTOPILOT = 8
 _ARMED = 128
+_SILENCE_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +64,10 @@ class Errors:
     largest: float = 0.0
     largest_at: float = 0.0
 
-    def add(self, times: Floats, errors_ned: Floats) -> None:
-        """(n,) and (n, 3)."""
+    def add(self, times: Floats, errors_ned: Floats, size: Floats) -> None:
+        """(n,), (n, 3) and (n,): the greatest distance since the step before."""
         self.count += len(times)
         self.squares += (errors_ned**2).sum(axis=0)
-        size = np.linalg.norm(errors_ned, axis=1)
         worst = int(size.argmax())
         if size[worst] > self.largest:
             self.largest, self.largest_at = float(size[worst]), float(times[worst])
@@ -114,6 +125,10 @@ class Gathered:
         self.critical: dict[str, Stretches] = {}
         self.limited = Stretches()
         self.blocked = Stretches()
+        self.guard = Stretches()
+        """By its reason."""
+        self.guard_changes = Worst()
+        """m/s2"""
         self.tracking: dict[int, Errors] = {}
         self.clearance_counts = np.zeros(CLEARANCE_BINS, np.int64)
         self.least_clearance: tuple[float, float] | None = None
@@ -126,18 +141,23 @@ class Gathered:
         """Position NED, reference NED, target NED."""
         self.paths: dict[str, Track] = {}
         """Position NED by sender, for logs without a trace."""
-        self.rates = Spectrum(3)
-        self.torques = Spectrum(3)
-        self.response = Response(3)
-        """Of the body rates to the rate commands."""
-        self.vehicle_rates: dict[str, Spectrum] = {}
+        self._rates = Spectrum(3)
+        self._torques = Spectrum(3)
+        self._response = Response(3)
+        self._sent_torques = Spectrum(3)
+        self._sent_response = Response(3)
+        self._sent_rates = Pairs(3)
+        self._vehicle_rates: dict[str, Spectrum] = {}
         self.rings: dict[str, Ring] = {}
         self.position_jumps: dict[str, Worst] = {}
         self.attitude_jumps: dict[str, Worst] = {}
         self.distance_m = 0.0
+        self.energy_wh: dict[str, float] = {}
+        """By the message that told voltage and current."""
         self.parameters: dict[str, float] = {}
         self._last: dict[str, Table] = {}
         self._home: dict[str, tuple[float, float]] = {}
+        self._power: dict[str, tuple[Floats, Floats]] = {}
         for topic, kind, times_ns, table in batches(self.log):
             self._take(topic, kind, times_ns, table)
         self.has_trace = TRACE.topic in self.clocks
@@ -159,7 +179,7 @@ class Gathered:
             self.line("ticks:late_ms", times, table["late_ns"] * 1e-6)
             self.late.add(times, table["late_ns"] * 1e-9, 2e-3)
         elif topic == LOOP.topic:
-            self._latency(times, table["latency_ns"] * 1e-3)
+            self._latency(*_latencies(times, table))
         elif topic == TEXT.topic:
             rows = zip(times.tolist(), table, strict=True)
             self.texts += [Text(at, row["level"], row["name"], row["message"]) for at, row in rows]
@@ -195,7 +215,13 @@ class Gathered:
         self.line("trace:reference_height", times, -table["reference_position_ned"][:, 2])
         self.line("trace:speed", times, np.linalg.norm(table["velocity_ned"], axis=1))
         self.line("trace:reference_speed", times, np.linalg.norm(table["reference_velocity_ned"], axis=1))
-        self.line("trace:error_cm", times, 100.0 * np.linalg.norm(error, axis=1))
+        # What is the worst of many steps in the log is each step's own in a whole trace.
+        size = table["worst_error"] if "worst_error" in names else np.linalg.norm(error, axis=1)
+        torque = table["worst_torque"] if "worst_torque" in names else table["torque_command"]
+        thrust = table["worst_thrust"] if "worst_thrust" in names else table["thrust_command"]
+        self.line("trace:error_cm", times, 100.0 * size)
+        self.line("trace:worst_torque", times, torque)
+        self.line("trace:worst_thrust", times, thrust)
         self.line("trace:euler_deg", times, euler_deg(table["attitude_ned_frd"]))
         self.line("trace:euler_command_deg", times, euler_deg(table["attitude_command_ned_frd"]))
         self.line("trace:rates_deg", times, np.degrees(table["rates_frd"]))
@@ -211,17 +237,20 @@ class Gathered:
         self.path.add(
             times, np.column_stack((table["position_ned"], table["reference_position_ned"], table["target_ned"]))
         )
-        self.rates.add(times, table["rates_frd"])
-        self.torques.add(times, table["torque_command"])
+        self._rates.add(times, table["rates_frd"])
+        self._torques.add(times, table["torque_command"])
         self.states.add(times, table["state"])
         self.phases.add(times, table["phase"])
         self.limited.add(times, table["limited"].astype(np.int64))
         self.blocked.add(times, table["blocked"].astype(np.int64))
+        if "guard_reason" in names:
+            self.guard.add(times, table["guard_reason"].astype(np.int64))
+            self.guard_changes.add(times, table["guard_change"], np.where(table["guard_reason"] > 0, 0.0, np.inf))
         flown = table["state"] == State.FLY.value
-        self.response.add_pairs(times[flown], table["rates_command_frd"][flown], table["rates_frd"][flown])
+        self._response.add_pairs(times[flown], table["rates_command_frd"][flown], table["rates_frd"][flown])
         for phase in np.unique(table["phase"][flown]):
             chosen = flown & (table["phase"] == phase)
-            self.tracking.setdefault(int(phase), Errors()).add(times[chosen], error[chosen])
+            self.tracking.setdefault(int(phase), Errors()).add(times[chosen], error[chosen], size[chosen])
         self._clearances(times[flown], table["clearance"][flown])
         moved = self._continued("trace", table)
         airborne = moved["phase"][1:] > Phase.PREPARE.value
@@ -272,12 +301,33 @@ class Gathered:
             self.paths.setdefault(sender, Track(4)).add(times, rows)
         elif name in ("ATTITUDE", "ATTITUDE_QUATERNION"):
             rates = np.column_stack((table["rollspeed"], table["pitchspeed"], table["yawspeed"])).astype(np.float64)
-            self.vehicle_rates.setdefault(source, Spectrum(3)).add(times, rates)
+            self._vehicle_rates.setdefault(source, Spectrum(3)).add(times, rates)
             if name == "ATTITUDE_QUATERNION":
                 self._attitude_jumps(sender, times, table)
-        columns = MESSAGES.get(name)
-        for key, values in (columns(table) if columns else {}).items():
+                self._sent_response.add_pairs(*self._sent_rates.answers(times, rates))
+        elif name == "SET_ACTUATOR_CONTROL_TARGET":
+            self._sent_torques.add(times, table["controls"][:, :3])
+        elif name == "SET_ATTITUDE_TARGET":
+            sent = (table["type_mask"] & 0x07) == 0
+            rates = _stack(table, "body_roll_rate", "body_pitch_rate", "body_yaw_rate")[sent]
+            self._sent_response.add_pairs(*self._sent_rates.commands(times[sent], rates))
+        known = MESSAGES.get(name)
+        columns = known(table) if known else {}
+        for key, values in columns.items():
             self.line(f"{source}:{key}", times, values)
+        if "volts" in columns and "amperes" in columns:
+            self._energy(source, times, columns["volts"] * columns["amperes"])
+
+    def _energy(self, source: str, times: Floats, watts: Floats) -> None:
+        """By the trapezoidal rule, without silences and what was not measured."""
+        if source in self._power:
+            before = self._power[source]
+            times, watts = np.concatenate((before[0], times)), np.concatenate((before[1], watts))
+        self._power[source] = times[-1:], watts[-1:]
+        seconds = np.diff(times)
+        joules = np.where(seconds < _SILENCE_S, 0.5 * (watts[1:] + watts[:-1]) * seconds, 0.0)
+        if np.isfinite(joules).any():
+            self.energy_wh[source] = self.energy_wh.get(source, 0.0) + float(np.nansum(joules)) / 3600.0
 
     def _heartbeat(self, sender: str, times: Floats, table: Table) -> None:
         flown = table["autopilot"] != _INVALID_AUTOPILOT
@@ -349,12 +399,48 @@ class Gathered:
                 counts[f"{parts[2]}/{parts[3]}"] = counts.get(f"{parts[2]}/{parts[3]}", 0) + clock.count
         return max(counts, key=lambda sender: counts[sender], default="")
 
+    @property
+    def rates(self) -> Spectrum | None:
+        """Of the body rates, from what tells them most often; None where nothing does."""
+        own = [self._vehicle_rates.get(f"{self.vehicle}/{name}") for name in ("ATTITUDE_QUATERNION", "ATTITUDE")]
+        return _fastest(self._rates, *own)
+
+    @property
+    def torques(self) -> Spectrum | None:
+        """Of the torque commands."""
+        return _fastest(self._torques, self._sent_torques)
+
+    @property
+    def response(self) -> Response | None:
+        """Of the body rates to the rate commands."""
+        return _fastest(self._response, self._sent_response)
+
     def latency_quantile(self, share: float) -> float | None:
         """us, to 12 %; None where nothing was measured."""
         total = int(self.latency_counts.sum())
         if not total:
             return None
         return float(10 ** ((int(np.searchsorted(np.cumsum(self.latency_counts), share * total)) + 0.5) / 20.0))
+
+
+S = TypeVar("S", bound=Segments)
+
+
+def _fastest(*found: S | None) -> S | None:
+    """The one that was sampled most often."""
+    known = [each for each in found if each is not None and each.segments]
+    return min(known, key=lambda each: each.step, default=None)
+
+
+def _latencies(times: Floats, table: Any) -> tuple[Floats, Floats]:
+    """When commands left and after how long (us); those of one record evenly over the time since the one before."""
+    if not isinstance(table, list):  # an older log: one a record
+        return times, table["latency_ns"] * 1e-3
+    counts = np.array([len(row["latency_ns"]) for row in table])
+    since = np.diff(times, prepend=times[0] - 0.1).clip(max=0.1)
+    late = [(np.arange(count) + 1 - count) / max(count, 1) for count in counts]
+    when = np.repeat(times, counts) + np.hstack(late) * np.repeat(since, counts)
+    return when, np.hstack([row["latency_ns"] for row in table]) * 1e-3
 
 
 def batches(log: LogReader) -> Iterator[Batch]:

@@ -1,22 +1,42 @@
 """What a live page knows of a flight: as much of its past as is worth drawing, and any moment of it."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.avoidance.guard import Reason
+from companion.state import BoolArray, Scan
 from companion.trace import TRACE
 from companion.vehicles import firmware_of
 from companion.view.findings import phase_name, state_name
 from companion.view.gather import Batch, Table, Text, euler_deg
 from companion.view.lines import Floats, Track
+from companion.view.mapping import PosedScan
 from protocol.flightlog import TEXT
+from protocol.frames import Array
 
 MOST = 10_000
 """Rows of each track; twice as many may be held."""
 MOST_TEXTS = 200
 STALE_S = 1.5
+GUARD_SHOWN_S = 0.5
+"""An intervention of the guard is shown for so long: many last for a step or two."""
+_GUARD: dict[int, str] = {
+    Reason.BARRIER: "keeps off",
+    Reason.STOP: "keeps room to stop",
+    Reason.NO_STOP: "no room to stop",
+    Reason.STALE: "sees nothing",
+}
+_SECTORS = 72
+_CLOCK_S = 5.0
+"""A ring that is not between 0 and this older than the attitude then has a clock of its own."""
+_GAP_S = 0.5
+"""Poses further apart than this are not joined."""
 _INVALID_AUTOPILOT = 8
 _ARMED = 128
+_UNKNOWN_CM = 65535
+_SECONDS = np.array([1.0, 1.0, 1.0, 1.0, 1e-3])
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +51,12 @@ class Plan:
     limited: bool
     phase: str
     state: str
+    guard: str
+    """What the guard changed the command for, lately; empty if it did not."""
+    guard_change: float
+    """m/s2 by which."""
+    pushed_ned: Floats
+    """(3,) m/s2, the acceleration that it let through."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +88,15 @@ class _Vehicle:
     """One sender's tracks."""
 
     places: Track = field(default_factory=lambda: Track(7, MOST))
-    attitudes: Track = field(default_factory=lambda: Track(5, MOST))
-    rings: Track = field(default_factory=lambda: Track(73, MOST // 4))
+    attitudes: Track = field(default_factory=lambda: Track(6, MOST))
+    """Quaternion, and the vehicle's time (s)."""
+    rings: Track = field(default_factory=lambda: Track(3 + _SECTORS, MOST))
+    """The vehicle's time (s), reach (m), and of each sector its range (m), inf for nothing there, NaN for unknown."""
     beats: Track = field(default_factory=lambda: Track(4, MOST))
     """custom_mode, armed, critical."""
     battery: Track = field(default_factory=lambda: Track(2, MOST))
     heard: Track = field(default_factory=lambda: Track(2, MOST))
-    bearings: Floats = field(default_factory=lambda: np.radians(5.0 * np.arange(72)))
+    bearings: Floats = field(default_factory=lambda: np.radians(5.0 * np.arange(_SECTORS)))
     is_vehicle: bool = False
 
 
@@ -81,7 +109,7 @@ class History:
         self.texts: list[Text] = []
         self._begun = False
         self._vehicles: dict[str, _Vehicle] = {}
-        self._plans = Track(14, MOST)
+        self._plans = Track(19, MOST)
         self._modes: dict[int, str] = {}
         self._has_quaternion = False
         self._has_log = False
@@ -109,8 +137,10 @@ class History:
 
     def _trace(self, times: Floats, table: Table) -> None:
         singles = [table[name] for name in ("clearance", "speed_limit", "blocked", "limited", "phase", "state")]
-        rows = np.column_stack((table["reference_position_ned"], table["target_ned"], *singles))
-        self._plans.add(times, np.column_stack((rows, table["reference_yaw"])))
+        guard = [table[name] for name in ("guard_reason", "guard_change") if name in (table.dtype.names or ())]
+        guard = guard or [np.zeros(len(table))] * 2  # a log from before there was one
+        rows = (table["reference_position_ned"], table["target_ned"], *singles, table["reference_yaw"], *guard)
+        self._plans.add(times, np.column_stack((*rows, table["acceleration_command_ned"])))
 
     def _message(self, sender: str, name: str, times: Floats, table: Table) -> None:
         vehicle = self._vehicles.setdefault(sender, _Vehicle())
@@ -118,9 +148,10 @@ class History:
             vehicle.places.add(times, _columns(table, "x", "y", "z", "vx", "vy", "vz"))
         elif name == "ATTITUDE_QUATERNION":
             self._has_quaternion = True
-            vehicle.attitudes.add(times, _columns(table, "q1", "q2", "q3", "q4"))
+            vehicle.attitudes.add(times, _columns(table, "q1", "q2", "q3", "q4", "time_boot_ms") * _SECONDS)
         elif name == "ATTITUDE" and not self._has_quaternion:
-            vehicle.attitudes.add(times, quaternions(_columns(table, "roll", "pitch", "yaw")))
+            turns = quaternions(_columns(table, "roll", "pitch", "yaw"))
+            vehicle.attitudes.add(times, np.column_stack((turns, 1e-3 * table["time_boot_ms"])))
         elif name == "OBSTACLE_DISTANCE":
             self._ring(vehicle, times, table)
         elif name == "HEARTBEAT":
@@ -134,9 +165,11 @@ class History:
     def _ring(self, vehicle: _Vehicle, times: Floats, table: Table) -> None:
         last = table[-1]
         step = float(last["increment_f"]) or float(last["increment"])
-        vehicle.bearings = np.radians(float(last["angle_offset"]) + step * np.arange(72))
-        distances = table["distances"].astype(np.float64)
-        vehicle.rings.add(times, np.where(distances <= table["max_distance"][:, None], 0.01 * distances, np.nan))
+        vehicle.bearings = np.radians(float(last["angle_offset"]) + step * np.arange(_SECTORS))
+        distances, reach = table["distances"].astype(np.float64), 0.01 * table["max_distance"]
+        ranges = np.where(distances <= table["max_distance"][:, None], 0.01 * distances, np.inf)
+        ranges[distances == _UNKNOWN_CM] = np.nan
+        vehicle.rings.add(times, np.column_stack((1e-6 * table["time_usec"], reach, ranges)))
 
     def _beat(self, vehicle: _Vehicle, times: Floats, table: Table) -> None:
         flown = table["autopilot"] != _INVALID_AUTOPILOT
@@ -170,8 +203,8 @@ class History:
         returns = np.empty((0, 3))
         nearest = None
         if ring is not None:
-            hit = np.isfinite(ring)
-            ranges, bearings = ring[hit], vehicle.bearings[hit]
+            hit = np.isfinite(ring[2:])
+            ranges, bearings = ring[2:][hit], vehicle.bearings[hit]
             returns = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings), np.zeros(len(ranges))))
             nearest = float(ranges.min()) if len(ranges) else None
         ages = [age for age in (beat_age, ring_age, _row(vehicle.places, time, stale_s=np.inf)[1]) if age is not None]
@@ -179,7 +212,7 @@ class History:
             time,
             None if place is None else place[:3],
             None if place is None else place[3:],
-            attitude,
+            None if attitude is None else attitude[:4],
             returns,
             nearest,
             self._plan(time),
@@ -196,6 +229,9 @@ class History:
         if row is None:
             return None
         clearance, limit, blocked, limited, phase, state = row[6:12]
+        lately = _between(self._plans.rows(), time - GUARD_SHOWN_S, time)
+        changed = lately[(lately[:, 14] != Reason.NONE) & (lately[:, 0] <= time)]
+        worst = changed[changed[:, 15].argmax()] if len(changed) else np.zeros(19)
         return Plan(
             row[:3],
             row[3:6],
@@ -205,6 +241,9 @@ class History:
             bool(limited),
             phase_name(int(phase)),
             state_name(int(state)),
+            _GUARD.get(int(worst[14]), ""),
+            float(worst[15]),
+            worst[16:19],
         )
 
     def path_ned(self) -> Floats:
@@ -218,7 +257,7 @@ class History:
     def attitude_deg(self, start: float, stop: float) -> tuple[Floats, Floats]:
         """Times (n,) and roll, pitch, yaw (n, 3)."""
         rows = _between(self._vehicle.attitudes.rows(), start, stop)
-        return rows[:, 0], euler_deg(rows[:, 1:])
+        return rows[:, 0], euler_deg(rows[:, 1:5])
 
     def clearance(self, start: float, stop: float) -> tuple[Floats, Floats]:
         """Times (n,) and clearance of the hull (n,) as the companion had it; without one, the ring's nearest return."""
@@ -226,12 +265,52 @@ class History:
         if len(plans):
             return plans[:, 0], np.where(np.isfinite(plans[:, 7]), plans[:, 7], np.nan)
         rings = _between(self._vehicle.rings.rows(), start, stop)
-        return rings[:, 0], np.fmin.reduce(rings[:, 1:], axis=1)
+        nearest = np.fmin.reduce(rings[:, 3:], axis=1)
+        return rings[:, 0], np.where(np.isfinite(nearest), nearest, np.nan)
 
     def speed(self, start: float, stop: float) -> tuple[Floats, Floats]:
         """Times (n,) and speed (n,)."""
         rows = _between(self._vehicle.places.rows(), start, stop)
         return rows[:, 0], np.linalg.norm(rows[:, 4:7], axis=1)
+
+    def scans(self, start: float, stop: float) -> Iterator[PosedScan]:
+        """The rings that came after `start` and up to `stop`, each with the pose of its own time; those without one
+        are left out."""
+        vehicle = self._vehicle
+        rows, attitudes, places = vehicle.rings.rows(), vehicle.attitudes.rows(), vehicle.places.rows()
+        first, last = np.searchsorted(rows[:, 0], (start, stop), side="right")
+        rows = rows[first:last]
+        if not len(rows) or not len(attitudes) or not len(places):
+            return
+        newest = attitudes[np.maximum(np.searchsorted(attitudes[:, 0], rows[:, 0], side="right") - 1, 0), 5]
+        age = newest - rows[:, 1]
+        when = rows[:, 0] - np.where((age >= 0.0) & (age <= _CLOCK_S), age, 0.0)
+        turns, near = _joined(attitudes[:, :5], when)
+        positions, also_near = _joined(places[:, :4], when)
+        known = near & also_near
+        for row, position, turn in zip(rows[known], positions[known], turns[known], strict=True):
+            ranges: Array = row[3:].astype(np.float64)
+            hit, measured = np.isfinite(ranges), ~np.isnan(ranges)
+            ranges = np.where(measured, np.minimum(ranges, row[2]), 0.0)
+            bearings = vehicle.bearings.astype(np.float64)
+            scan = Scan(round(row[0] * 1e9), round(row[1] * 1e6), bearings, ranges, hit, measured)
+            yield PosedScan(scan, position, turn / np.linalg.norm(turn))
+
+
+def _joined(rows: Floats, times: Floats) -> tuple[Array, BoolArray]:
+    """Values (n, k) between rows (m, 1 + k) at times (n,), straight from one to the next, and for which times that
+    makes sense (n,). Quaternions may change their sign from row to row."""
+    after = np.searchsorted(rows[:, 0], times).clip(0, len(rows) - 1)
+    before = (after - 1).clip(0)
+    early, late = rows[before], rows[after]
+    span = late[:, 0] - early[:, 0]
+    share = np.divide(times - early[:, 0], span, out=np.ones_like(times), where=span > 0.0).clip(0.0, 1.0)[:, None]
+    to = late[:, 1:]
+    if rows.shape[1] == 5:
+        to = to * np.where((early[:, 1:] * to).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
+    near: BoolArray = np.minimum(abs(times - early[:, 0]), abs(times - late[:, 0])) < _GAP_S
+    values: Array = (early[:, 1:] + share * (to - early[:, 1:])).astype(np.float64)
+    return values, near
 
 
 def _columns(table: Table, *names: str) -> Floats:

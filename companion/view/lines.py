@@ -239,7 +239,7 @@ _WIENER = 1e-3
 """Of the strongest frequency's power: below it a frequency counts less and less."""
 
 
-class _Segments(ABC):
+class Segments(ABC):
     """Evenly sampled columns, handed on in segments that overlap by half; those across a gap in time are left out."""
 
     def __init__(self, columns: int) -> None:
@@ -272,12 +272,12 @@ class _Segments(ABC):
         """A segment's spectrum (SEGMENT // 2 + 1, columns), sampled each `step` s."""
 
     @property
-    def _step(self) -> float:
+    def step(self) -> float:
         """s between samples, on average."""
         return self._seconds / max(self.segments, 1)
 
 
-class Spectrum(_Segments):
+class Spectrum(Segments):
     """Welch's averaged power spectral density (Hann window, half overlap).
 
     P. Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
@@ -296,7 +296,7 @@ class Spectrum(_Segments):
         """Frequencies (m,) in Hz and power per Hz (m, columns); empty before a whole segment came."""
         if not self.segments:
             return np.empty(0), np.empty((0, self._sum.shape[1]))
-        return np.fft.rfftfreq(SEGMENT, self._step), self._sum / self.segments
+        return np.fft.rfftfreq(SEGMENT, self.step), self._sum / self.segments
 
     def rms_above(self, frequency: float) -> Floats:
         """(columns,): root mean square of what is above so many Hz."""
@@ -307,7 +307,7 @@ class Spectrum(_Segments):
         return kept
 
 
-class Response(_Segments):
+class Response(Segments):
     """The step response that commands and answers imply, by deconvolution (Wiener's): cross spectrum over spectrum.
 
     Frequencies that the commands hardly hold count little, so that the answer is smooth where nothing is known.
@@ -335,8 +335,45 @@ class Response(_Segments):
         transfer = self._cross / (self._power + _WIENER * self._power.max(axis=0))
         transfer[0] = transfer[1].real  # the means were taken off
         impulse = np.fft.irfft(transfer, SEGMENT, axis=0)
-        count = min(round(seconds / self._step), SEGMENT // 2)
-        return np.arange(count) * self._step, np.cumsum(impulse[:count], axis=0)
+        count = min(round(seconds / self.step), SEGMENT // 2)
+        return np.arange(count) * self.step, np.cumsum(impulse[:count], axis=0)
+
+
+class Pairs:
+    """Commands and answers of the same times, which come in batches of their own: handed on as soon as both are there.
+
+    At most `most` of either wait for the others.
+    """
+
+    def __init__(self, columns: int, most: int = 20_000) -> None:
+        self._most = most
+        self._none: tuple[Floats, Floats] = np.empty(0), np.empty((0, columns))
+        self._commands: tuple[Floats, Floats] = self._none
+        self._answers: tuple[Floats, Floats] = self._none
+
+    def commands(self, times: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
+        """(n,) and (n, columns), in order: times, commands and answers (m, ...) of the pairs that are whole now."""
+        self._commands = self._longer(self._commands, times, values)
+        return self._pairs()
+
+    def answers(self, times: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
+        """As `commands`, for the other side."""
+        self._answers = self._longer(self._answers, times, values)
+        return self._pairs()
+
+    def _longer(self, known: tuple[Floats, Floats], times: Floats, values: Floats) -> tuple[Floats, Floats]:
+        longer = np.concatenate((known[0], times)), np.concatenate((known[1], values))
+        return longer[0][-self._most :], longer[1][-self._most :]
+
+    def _pairs(self) -> tuple[Floats, Floats, Floats]:
+        (asked, commands), (answered, answers) = self._commands, self._answers
+        if not len(asked) or not len(answered):
+            return self._none[0], self._none[1], self._none[1]
+        times, mine, theirs = np.intersect1d(asked, answered, return_indices=True)
+        until = min(asked[-1], answered[-1])
+        self._commands = asked[asked > until], commands[asked > until]
+        self._answers = answered[answered > until], answers[answered > until]
+        return times, commands[mine], answers[theirs]
 
 
 class Rings:

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from companion.view.history import History, Moment
+from companion.view.control import Control, Panel
+from companion.view.history import History, Moment, Plan
 from companion.view.lines import Floats
+from companion.view.mapping import MapAt, avoidance_of, occupied, picture
 from companion.view.scene import Prism, mesh, solids
 from companion.view.sources import Source
 from protocol.clock import RealClock
@@ -23,18 +25,20 @@ from protocol.frames import Array, enu_to_ned, multiply
 if TYPE_CHECKING:
     import viser
 
-    from companion.view.control import Control
-
 FRAME_S = 0.05
 """Between two pictures of the vehicle; words and plots take every fifth."""
 PLOT_S = 30.0
 """What the plots show, up to the moment that is shown."""
 _PATH_POINTS = 1500
 _PLOT_POINTS = 400
+_MAP_HEIGHT = 0.03
+"""m above the ground on which it is drawn."""
 _BEHIND = np.array([-4.0, -9.0, 5.0])
 """Where a camera starts, from the vehicle (east, north, up)."""
 _ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
 _FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+_LOUD = ' style="color:#e2007a;font-weight:600"'
+_WALL, _GUARD = (190, 30, 60), (226, 0, 122)
 _STONE, _LEAF, _BLUE, _RED, _AMBER, _INK, _RETURN = (
     (176, 168, 156),
     (122, 158, 104),
@@ -49,7 +53,7 @@ _STONE, _LEAF, _BLUE, _RED, _AMBER, _INK, _RETURN = (
 class Page:
     """The server, on this machine alone, and what it shows. `control`: None for a page that only looks."""
 
-    def __init__(self, source: Source, port: int, control: "Control | None" = None) -> None:
+    def __init__(self, source: Source, port: int, control: Control | None = None) -> None:
         import viser
 
         self._source = source
@@ -60,7 +64,10 @@ class Page:
         self._time = 0.0
         self._frame = 0
         self._drawn_world = b""
+        self._map_of: tuple[bytes, MapAt] | None = None
+        self._map_drawn = -math.inf
         self._following = True
+        self._slid_to = 0.0
         self._problem: str | None = None
         self._server = viser.ViserServer(host="127.0.0.1", port=port, label=f"Courier · {source.name}", verbose=False)
         self.port = self._server.get_port()
@@ -94,6 +101,8 @@ class Page:
             if self._frame % 5 == 0:
                 self._draw_words(moment)
                 self._draw_plots()
+            if self._frame % 10 == 0:
+                self._draw_map()
             if self._frame % 20 == 0:
                 self._draw_world()
                 self._draw_paths()
@@ -112,13 +121,16 @@ class Page:
         start, end = self.history.start, max(self.history.end, self.history.start + 0.1)
         if self._slider.max != end or self._slider.min != start:
             self._slider.min, self._slider.max = start, end
-        if self._following and not self._source.ended:
-            self._time = end
+        if self._slider.value != self._slid_to:  # by a person
+            self._time, self._following = float(self._slider.value), False
         elif self._play.value:
-            self._time = min(self._time + seconds * float(self._speed.value.removesuffix("x")), end)
-        self._now.visible = not (self._source.ended or self._following)
+            if self._following and not self._source.ended:
+                self._time = end
+            else:
+                self._time = min(self._time + seconds * float(self._speed.value.removesuffix("x")), end)
+        self._now.visible = not self._source.ended and not (self._following and self._play.value)
         self._time = min(max(self._time, start), end)
-        self._slider.value = min(round(self._time, 2), end)
+        self._slider.value = self._slid_to = min(round(self._time, 2), end)
 
     # ---------------------------------------------------------------------------------------------------- the panel
 
@@ -136,7 +148,7 @@ class Page:
             self._speed = gui.add_dropdown("speed", ("0.25x", "1x", "4x", "16x"), initial_value="1x")
             self._now = gui.add_button("now")
             self._chase = gui.add_checkbox("camera follows", True)
-        self._slider.on_update(self._slid)
+            self._maps = gui.add_checkbox("map", True)
         self._now.on_click(lambda _: self._follow())
         x, axis = uplot.Series(label="s"), uplot.Axis(size=44)
         empty = np.zeros(1)
@@ -160,21 +172,21 @@ class Page:
             self._speeds = gui.add_uplot(
                 (empty,) * 2, series(("speed", "#d08a1d")), scales=still, axes=(uplot.Axis(), axis), height=150
             )
-        self._show_answer = self._control.put_onto(self._server) if self._control is not None else lambda: None
+        self._panel: Panel | None = None
+        if self._control is not None:
+            self._panel = Panel(self._server, self._control, self._here, lambda: self._source.world)
 
-    def _slid(self, event: Any) -> None:
-        """By a person (the page itself moves the slider too, without a client)."""
-        if event.client is None:
-            return
-        self._time = float(self._slider.value)
-        self._following = False
+    def _here(self) -> Floats | None:
+        """Where the vehicle is now, whatever time is shown."""
+        return self.history.at(self.history.end).position_ned
 
     def _follow(self) -> None:
-        self._following = True
+        self._following = self._play.value = True
 
     def _draw_words(self, moment: Moment) -> None:
         self._words.content = words(moment, self._source.ended, self._problem)
-        self._show_answer()
+        if self._panel is not None:
+            self._panel.show()
 
     def _draw_plots(self) -> None:
         start, stop = self._time - PLOT_S, self._time
@@ -220,7 +232,42 @@ class Page:
         self._rays = scene.add_line_segments("/rays", np.zeros((1, 2, 3)), _AMBER, thickness=0.03, visible=False)
         self._reference = scene.add_icosphere("/reference", 0.07, color=_BLUE, visible=False)
         self._target = scene.add_icosphere("/target", 0.35, color=_AMBER, opacity=0.75, visible=False)
+        self._way = scene.add_line_segments(
+            "/way", np.zeros((1, 2, 3)), _AMBER, thickness=1.5, thickness_units="screen", visible=False
+        )
+        self._guard: Any = scene.add_icosphere("/guard", 0.6, color=_GUARD, opacity=0.5, visible=False)
+        self._push: Any = scene.add_arrows(
+            "/push", np.zeros((1, 2, 3)), _GUARD, shaft_radius=0.05, head_radius=0.14, head_length=0.3, visible=False
+        )
+        self._walls: Any = scene.add_point_cloud(
+            "/walls", np.zeros((1, 3)), _WALL, point_size=0.1, point_shape="square", precision="float32", visible=False
+        )
+        self._map: Any = scene.add_image("/map", np.zeros((2, 2, 4), np.uint8), 1.0, 1.0, format="png", visible=False)
         self._seen_at: Floats | None = None
+
+    def _draw_map(self) -> None:
+        """As of the moment that is shown: what is free, on the ground, and what stands there, at the height of flight,
+        too."""
+        if self._map_of is None or self._map_of[0] != self._source.settings:
+            self._map_of = self._source.settings, MapAt(avoidance_of(self._source.settings))
+        if not self._maps.value:
+            self._map.visible = self._walls.visible = False
+            self._map_drawn = -math.inf
+        if not self._maps.value or self._time == self._map_drawn:
+            return
+        self._map_drawn, maps = self._time, self._map_of[1]
+        shown = maps.at(self._time, self.history.scans(maps.wants_from(self._time), self._time))
+        self._map.visible = self._walls.visible = shown is not None
+        if shown is None:
+            return
+        view, down = shown
+        places = occupied(view)
+        self._walls.points = _enu(np.column_stack((places, np.full(len(places), down))))
+        size = view.cell * len(view.states)
+        self._map.image = picture(view)[::-1]  # the page's images begin below
+        self._map.render_width = self._map.render_height = size
+        south, west = view.corner
+        self._map.position = np.array([west * view.cell + 0.5 * size, south * view.cell + 0.5 * size, _MAP_HEIGHT])
 
     def _draw_world(self) -> None:
         if self._source.world == self._drawn_world:
@@ -251,9 +298,21 @@ class Page:
             self._move_cameras(_enu(place))
         self._draw_ring(moment)
         self._reference.visible = self._target.visible = plan is not None
+        self._way.visible = plan is not None and place is not None
         if plan is not None:
             self._reference.position = _enu(plan.reference_ned)
             self._target.position = _enu(plan.target_ned)
+            if place is not None:
+                self._way.points = np.stack((_enu(place), _enu(plan.target_ned)))[None]
+        self._draw_guard(place, plan)
+
+    def _draw_guard(self, place: Floats | None, plan: Plan | None) -> None:
+        """Where it intervenes: a halo, and an arrow the way it pushes, a metre for 2 m/s2."""
+        self._guard.visible = self._push.visible = shown = place is not None and plan is not None and bool(plan.guard)
+        if place is None or plan is None or not shown:
+            return
+        self._guard.position = _enu(place)
+        self._push.points = np.stack((_enu(place), _enu(place + 0.5 * plan.pushed_ned)))[None]
 
     def _show_around(self, client: "viser.ClientHandle") -> None:
         """Who comes later starts behind the vehicle too."""
@@ -345,12 +404,16 @@ def words(moment: Moment, ended: bool, problem: str | None) -> str:
         clear = f"{plan.clearance:.2f} m" if math.isfinite(plan.clearance) else "nothing in sight"
         notes = [note for note, holds in (("avoiding", plan.blocked), ("at a limit", plan.limited)) if holds]
         rows.append(("clearance", ", ".join([clear, *notes])))
+        rows.append(("guard", f"{plan.guard}, {plan.guard_change:.1f} m/s²" if plan.guard else "quiet"))
     elif moment.nearest is not None:
         rows.append(("nearest return", f"{moment.nearest:.2f} m"))
     if moment.battery is not None:
         rows.append(("battery", f"{moment.battery:.0f} %"))
+    loud = {"failsafe"} if moment.failsafe else set()
+    loud |= {"guard"} if plan is not None and plan.guard else set()
     cells = "".join(
-        f'<tr><td style="opacity:.65;padding-right:12px">{name}</td><td id="{name}">{escape(value)}</td></tr>'
+        f'<tr><td style="opacity:.65;padding-right:12px">{name}</td>'
+        f'<td id="{name}"{_LOUD if name in loud else ""}>{escape(value)}</td></tr>'
         for name, value in rows
     )
     said = "".join(f"<div>{text.time:.1f} {escape(text.text)}</div>" for text in moment.texts)

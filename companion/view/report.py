@@ -210,6 +210,11 @@ def _tiles(flight: Gathered) -> tuple[tuple[str, str], ...]:
     tilts = [float(np.abs(line.points()[1]).max()) for line in euler if line is not None]
     if tilts:
         tiles.append(("greatest tilt", f"{max(tilts):.0f}°"))
+    for message in ("BATTERY_STATUS", "SYS_STATUS"):
+        energy = flight.energy_wh.get(f"{flight.vehicle}/{message}")
+        if energy is not None:
+            tiles.append(("energy", f"{energy:.2f} Wh"))
+            break
     if flight.tracking:
         largest = max(errors.largest for errors in flight.tracking.values())
         tiles.append(("largest error", f"{100.0 * largest:.1f} cm"))
@@ -409,9 +414,9 @@ def _guard(flight: Gathered) -> list[Chart]:
             for index, key in enumerate(keys)
             for curve in _curve(flight.lines[key], _axis_name(key), AXES[index % 3])
         ]
-        charts.append(
-            Chart("Surroundings", group.removeprefix("trace:").replace("_", " ").capitalize(), "", tuple(curves))
-        )
+        title = group.removeprefix("trace:").removesuffix("_ned").replace("_", " ").capitalize()
+        unit = "m/s²" if group in ("trace:guard_change", "trace:disturbance_ned") else ""
+        charts.append(Chart("Surroundings", title, unit, tuple(curves)))
     return charts
 
 
@@ -440,20 +445,19 @@ def _timing(flight: Gathered) -> list[Chart]:
 def _spectra(flight: Gathered) -> list[Chart]:
     section = "Spectra and step response"
     charts = []
-    own = [flight.vehicle_rates.get(f"{flight.vehicle}/{name}") for name in ("ATTITUDE_QUATERNION", "ATTITUDE")]
-    rates = next((spectrum for spectrum in (flight.rates, *own) if spectrum is not None and spectrum.segments), None)
     for title, unit, spectrum in (
-        ("Body rates", "(rad/s)²/Hz", rates),
+        ("Body rates", "(rad/s)²/Hz", flight.rates),
         ("Torque commands", "1/Hz", flight.torques),
     ):
-        if spectrum is None or not spectrum.segments:
+        if spectrum is None:
             continue
         frequencies, density = spectrum.density()
         curves = tuple(
             Curve(_EULER[axis], AXES[axis], _packed(frequencies[1:]), _packed(density[1:, axis])) for axis in range(3)
         )
         charts.append(Chart(section, title, unit, curves, "log", "Hz"))
-    times, response = flight.response.step_response(_RESPONSE_S)
+    answer = flight.response
+    times, response = answer.step_response(_RESPONSE_S) if answer is not None else (np.empty(0), np.empty((0, 3)))
     curves = tuple(Curve(_EULER[axis], AXES[axis], _packed(times), _packed(response[:, axis])) for axis in range(3))
     if len(times):
         charts.append(Chart(section, "Answer of the body rates to a step of the rate command", "1", curves, "xy"))

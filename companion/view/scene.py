@@ -2,11 +2,17 @@
 
 import tomllib
 from dataclasses import dataclass
-from math import atan2, cos, hypot, pi, radians, sin
+from math import atan2, ceil, cos, hypot, pi, radians, sin
 from typing import Any
+
+import numpy as np
+
+from companion.view.lines import Floats
 
 Place = tuple[float, float]
 
+ROOM = 0.8
+"""m that a flight should leave to what stands there: the hull, and the vehicle's tracking."""
 SIDES = 16
 """A round thing is drawn with so many."""
 
@@ -89,6 +95,24 @@ def _tree(table: dict[str, Any]) -> list[Prism]:
     name = str(table["name"])
     trunk = Prism(name, _circle(table["center"], table["trunk_radius"]), 0.0, bottom, round=True)
     return [trunk, Prism(name, _circle(table["center"], table["crown_radius"]), bottom, top, round=True)]
+
+
+def in_the_way(world: bytes, start_ned: Floats, end_ned: Floats) -> list[str]:
+    """The names of what a straight flight between two places (3,) would come nearer to than ROOM."""
+    steps = max(2, ceil(float(np.linalg.norm(end_ned - start_ned)) / (0.5 * ROOM)))
+    places = start_ned + np.linspace(0.0, 1.0, steps)[:, None] * (end_ned - start_ned)
+    return list(dict.fromkeys(prism.name for prism in solids(world) if _is_near(prism, places)))
+
+
+def _is_near(prism: Prism, places_ned: Floats) -> bool:
+    """Whether one of the places (n, 3) is nearer than ROOM; at corners, a little farther counts too."""
+    corners = np.array(prism.outline)
+    edges = np.roll(corners, -1, axis=0) - corners
+    outwards = np.column_stack((-edges[:, 1], edges[:, 0])) / np.linalg.norm(edges, axis=1)[:, None]
+    outwards *= np.sign(((corners - corners.mean(axis=0)) * outwards).sum(axis=1))[:, None]
+    beside = ((places_ned[:, None, :2] - corners) * outwards).sum(axis=2).max(axis=1) < ROOM
+    height = -places_ned[:, 2]
+    return bool((beside & (height > prism.bottom - ROOM) & (height < prism.top + ROOM)).any())
 
 
 def mesh(prism: Prism) -> tuple[list[tuple[float, float, float]], list[tuple[int, int, int]]]:

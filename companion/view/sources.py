@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 import mcap.records
 import zstandard
@@ -37,6 +37,8 @@ class Source(Protocol):
     name: str
     world: bytes
     """The world's file, empty while it is not known."""
+    settings: bytes
+    """The companion's, as JSON; the same."""
     ended: bool
     """Nothing more will come."""
 
@@ -50,6 +52,7 @@ class FinishedLog:
     def __init__(self, log: LogReader) -> None:
         self.name = str(log.path)
         self.world = log.attachments.get("world.toml", b"")
+        self.settings = log.attachments.get("settings.json", b"")
         self.ended = False
         self._log = log
 
@@ -67,9 +70,11 @@ class GrowingLog:
 
     def __init__(self, path: Path) -> None:
         self.name = str(path)
-        self.world = b""
+        self.world = self.settings = b""
         self.ended = False
         self._path = path
+        self._file: BinaryIO | None = None
+        """Kept open: at its end another file takes the place of the one that was written (see protocol/recorder.py)."""
         self._position = len(MAGIC)
         self._epoch_ns = 0
         self._schemas: dict[int, mcap.records.Schema] = {}
@@ -78,11 +83,12 @@ class GrowingLog:
 
     def poll(self) -> Iterator[Batch]:
         try:
-            with self._path.open("rb") as file:
-                size = os.fstat(file.fileno()).st_size
-                if size > self._position:
-                    with mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ) as data:
-                        yield from self._read(data, size)
+            if self._file is None:
+                self._file = self._path.open("rb")
+            size = os.fstat(self._file.fileno()).st_size
+            if size > self._position:
+                with mmap.mmap(self._file.fileno(), size, access=mmap.ACCESS_READ) as data:
+                    yield from self._read(data, size)
         except OSError as error:
             raise FlightLogError(f"{self._path}: {error.strerror or error}") from error
         except (McapError, ValueError, KeyError, struct.error, zstandard.ZstdError) as error:
@@ -141,6 +147,8 @@ class GrowingLog:
             attachment = mcap.records.Attachment.read(stream)
             if attachment.name == "world.toml":
                 self.world = attachment.data
+            elif attachment.name == "settings.json":
+                self.settings = attachment.data
 
 
 def _content(data: mmap.mmap, start: int) -> bytes:
@@ -163,6 +171,7 @@ class Link:
     def __init__(self, url: str, transport: Transport, world: bytes) -> None:
         self.name = url
         self.world = world
+        self.settings = b""
         self.ended = False
         self._transport = transport
         self._clock = RealClock()

@@ -361,7 +361,7 @@ def test_a_mirrored_scene_has_the_mirrored_verdict() -> None:
 def test_nearest_points_are_those_a_search_finds() -> None:
     rng = np.random.default_rng(8)
     states = rng.choice(np.array([FREE, OCCUPIED, UNKNOWN], np.uint8), (60, 60), p=[0.9, 0.05, 0.05])
-    standing = (np.argwhere(states == OCCUPIED) + 0.5) * CELL
+    standing = np.asarray((np.argwhere(states == OCCUPIED) + 0.5) * CELL, np.float64)
     points = nearest_points(states, CELL, 6.13, 5.77, standing, 4.0, 0.7, 0.45)
     for kind, keep_out in ((OCCUPIED, 0.7), (UNKNOWN, 0.45)):
         centres = (np.argwhere(states == kind) + 0.5) * CELL

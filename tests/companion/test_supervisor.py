@@ -29,6 +29,7 @@ WELL = Health(
     exhausted=None,
     land_requested=False,
     taken_over=False,
+    landed=False,
     overdue=0.0,
     reason="",
 )
@@ -87,7 +88,8 @@ FAULTS = {
     "failsafe": (replace(WELL, failsafe=True), State.WITHDRAW),
     "ring": (replace(WELL, scan_age=0.6), State.HOLD),
     "overrun": (replace(WELL, overrun=0.3), State.HOLD),
-    "pilot": (replace(WELL, mode=FlightMode.MANUAL), State.RELEASED),
+    "pilot": (replace(WELL, mode=FlightMode.MANUAL), State.RELINQUISHED),
+    "the vehicle itself": (replace(WELL, mode=FlightMode.HOLD, failsafe=True), State.RELEASED),
     "request": (replace(WELL, land_requested=True), State.LAND),
     "silence": (replace(WELL, silence=4.1, telemetry_age=4.1, heartbeat_age=4.1), State.ENDED),
     "disarmed": (replace(WELL, armed=False), State.ENDED),
@@ -104,7 +106,9 @@ def test_each_fault_has_its_answer_and_is_said(fault: str) -> None:
     assert said is not None and said.text and "{" not in said.text
 
 
-@pytest.mark.parametrize("fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "request", "overdue"}))
+@pytest.mark.parametrize(
+    "fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "the vehicle itself", "request", "overdue"})
+)
 def test_a_lasting_fault_becomes_a_landing(fault: str) -> None:
     health, _ = FAULTS[fault]
     supervisor, now = flying()
@@ -143,14 +147,84 @@ def test_thresholds_are_where_the_settings_say() -> None:
         assert supervisor.update(replace(WELL, **above), now) is not None
 
 
+OTHERS = replace(WELL, mode=FlightMode.HOLD)
+
+
+def relinquished() -> tuple[Supervisor, int]:
+    """A supervisor whose vehicle others fly for the moment."""
+    supervisor, now = flying()
+    supervisor.update(OTHERS, now)
+    assert supervisor.state is State.RELINQUISHED
+    return supervisor, now
+
+
 def test_the_pilot_keeps_the_vehicle() -> None:
     """From RELEASED no row leads anywhere but to the end, whatever the mode does, and nothing is streamed."""
     assert {row.to for row in TABLE if State.RELEASED in row.states} == {State.ENDED}
     assert State.RELEASED not in STREAMING
     supervisor, now = flying()
-    supervisor.update(FAULTS["pilot"][0], now)
-    now = settle(supervisor, WELL, now, 60.0)
-    assert supervisor.state is State.RELEASED
+    supervisor.update(FAULTS["the vehicle itself"][0], now)
+    settle(supervisor, WELL, now, 60.0)
+    assert supervisor.state is State.RELEASED and supervisor.fault is not None
+
+
+def test_only_who_gives_control_back_ends_the_waiting_for_it() -> None:
+    """The one way back into flight is a mode of external control, and it leads through a hold."""
+    ways = [row for row in TABLE if State.RELINQUISHED in row.states and row.to in FLYING]
+    assert [row.to for row in ways] == [State.HOLD]
+    others = set(FlightMode) - {FlightMode.EXTERNAL}
+    assert not any(ways[0].condition(replace(WELL, mode=mode), SETTINGS, 1e6) for mode in others)
+    supervisor, now = relinquished()
+    now = settle(supervisor, OTHERS, now, 0.9 * SETTINGS.resume_within)
+    assert state_of(supervisor) is State.RELINQUISHED
+    now = settle(supervisor, WELL, now, 0.5)
+    assert state_of(supervisor) is State.HOLD
+    settle(supervisor, WELL, now, SETTINGS.least_hold)
+    assert state_of(supervisor) is State.FLY and supervisor.fault is None
+
+
+def test_what_is_not_given_back_in_time_is_let_go() -> None:
+    supervisor, now = relinquished()
+    now = settle(supervisor, OTHERS, now, SETTINGS.resume_within + 0.1)
+    assert state_of(supervisor) is State.RELEASED and "300 s" in (supervisor.fault or "")
+    settle(supervisor, WELL, now, 60.0)
+    assert state_of(supervisor) is State.RELEASED
+
+
+def test_control_given_back_over_a_fault_is_answered_as_in_flight() -> None:
+    """A ring that is lost stays a hold and becomes a landing; a state that is not known, the vehicle's own hold."""
+    for fault, (first, last) in {
+        "ring": (State.HOLD, State.LAND),
+        "telemetry": (State.WITHDRAW, State.LAND),
+        "unsound": (State.WITHDRAW, State.LAND),
+    }.items():
+        supervisor, now = relinquished()
+        health, _ = FAULTS[fault]
+        now = settle(supervisor, health, now, 0.1)
+        assert state_of(supervisor) is first, fault
+        settle(supervisor, health, now, SETTINGS.land_after)
+        assert state_of(supervisor) is last, fault
+
+
+@pytest.mark.parametrize("change", ["telemetry", "heartbeat", "refused", "unsound", "failsafe"])
+def test_who_can_t_take_control_back_says_so_and_lets_go(change: str) -> None:
+    supervisor, now = relinquished()
+    health = replace(FAULTS[change][0], mode=FlightMode.HOLD)
+    said = supervisor.update(health, now + SECOND)
+    assert state_of(supervisor) is State.RELEASED
+    assert said is not None and said.text == supervisor.fault and "{" not in said.text
+
+
+def test_a_vehicle_that_others_landed_is_not_taken_off_again() -> None:
+    for landed in (replace(OTHERS, landed=True), replace(WELL, landed=True)):
+        supervisor, now = relinquished()
+        supervisor.update(landed, now + SECOND)
+        assert state_of(supervisor) is State.RELEASED and supervisor.fault is not None
+        supervisor.update(replace(landed, armed=False), now + 2 * SECOND)
+        assert state_of(supervisor) is State.ENDED
+    supervisor, now = relinquished()
+    supervisor.update(replace(OTHERS, armed=False), now + SECOND)
+    assert state_of(supervisor) is State.ENDED and supervisor.fault is not None
 
 
 @pytest.mark.parametrize("state", [State.ENGAGE, State.ARM])

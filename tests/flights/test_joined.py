@@ -118,20 +118,105 @@ def test_lyapunov_function_falls_on_the_way() -> None:
     assert (np.diff(total[75:]) < 1e-9).mean() > 0.97
 
 
+def ask_mode(joined: Joined, *main_and_sub: float) -> None:
+    """DO_SET_MODE by another ground station."""
+    fields = (1, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1.0, *main_and_sub, 0.0, 0.0, 0.0, 0.0)
+    joined.vehicle.receive(Encoder(1, 190).encode_fields(dialect.MAVLink_command_long_message, *fields))
+
+
+def state_of(joined: Joined) -> State:
+    """Asked anew: once asserted, a type checker takes the attribute for unchanged."""
+    return joined.autopilot.supervisor.state
+
+
+def sent_ids(joined: Joined) -> set[int]:
+    return {frame.message_id for data in joined.sent for frame in Framer().datagram(data)}
+
+
 def test_pilot_takes_over() -> None:
-    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
-    pilot = Encoder(1, 190)
-    joined.vehicle.receive(
-        pilot.encode_fields(dialect.MAVLink_command_long_message, 1, 1, 176, 0, 1.0, 4.0, 3.0, 0.0, 0.0, 0.0, 0.0)
-    )
+    """Nothing is commanded, and what is sent would keep the vehicle where it is; after a time nothing is sent."""
+    joined = Joined(COURIER, overrides=("supervision.resume_within=5.0",)).fly(until=in_phase(Phase.ROUTE))
+    ask_mode(joined, 4.0, 3.0)
     joined.fly(limit_s=1.0)
-    assert joined.autopilot.supervisor.state is State.RELEASED
+    assert state_of(joined) is State.RELINQUISHED
+    joined.sent.clear()
+    joined.fly(limit_s=3.0)
+    assert dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET in sent_ids(joined)
+    assert dialect.MAVLINK_MSG_ID_COMMAND_LONG not in sent_ids(joined)
+    joined.fly(limit_s=2.0)
+    assert state_of(joined) is State.RELEASED
     joined.sent.clear()
     joined.fly(limit_s=5.0)
-    ids = {frame.message_id for data in joined.sent for frame in Framer().datagram(data)}
-    assert dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET not in ids
-    assert dialect.MAVLINK_MSG_ID_COMMAND_LONG not in ids
-    assert joined.autopilot.supervisor.state is State.RELEASED
+    assert not {dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, dialect.MAVLINK_MSG_ID_COMMAND_LONG} & sent_ids(joined)
+    assert state_of(joined) is State.RELEASED
+
+
+def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
+    joined = Joined(COURIER, seed=2)
+    joined.fly(until=lambda joined: in_phase(Phase.ROUTE)(joined) and joined.vehicle.motion.position_ned[0] > 15.0)
+    step = joined.autopilot.step_index
+    ask_mode(joined, 4.0, 3.0)
+    joined.fly(limit_s=4.0)
+    assert state_of(joined) is State.RELINQUISHED
+    ask_mode(joined, 6.0, 0.0)
+    joined.fly(limit_s=0.9)
+    assert state_of(joined) is State.HOLD
+    joined.fly(limit_s=0.3)
+    assert state_of(joined) is State.FLY and joined.autopilot.step_index == step
+    joined.fly()
+    summary = joined.vehicle.summary()
+    assert joined.autopilot.supervisor.fault is None and joined.autopilot.released
+    assert summary.outcome == "landed" and summary.contacts == 0 and summary.released_at_ned is not None
+    assert np.hypot(summary.released_at_ned[0] - 120.0, summary.released_at_ned[1]) < 0.3
+
+
+@pytest.mark.parametrize("output", Output)
+def test_control_changes_hands_without_a_jerk_and_its_time_counts_for_nothing(output: Output) -> None:
+    overrides = ("avoidance.method=none", "supervision.step_timeout=6.0")
+    joined = Joined(HOVER, output=output, overrides=overrides).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=1.0)
+    ask_mode(joined, 4.0, 3.0)
+    joined.fly(limit_s=20.0)  # longer than the step may take
+    assert state_of(joined) is State.RELINQUISHED and joined.vehicle.motion.speed < 0.02
+    place, farthest = np.array(joined.vehicle.motion.position_ned), 0.0
+    ask_mode(joined, 6.0, 0.0)
+    while state_of(joined) is not State.FLY:
+        joined.tick()
+        farthest = max(farthest, float(np.linalg.norm(joined.vehicle.motion.position_ned - place)))
+    assert farthest < 0.05
+    joined.fly()
+    assert joined.autopilot.supervisor.fault is None and joined.vehicle.summary().outcome == "landed"
+
+
+def test_a_vehicle_given_back_at_speed_and_elsewhere_brakes_first() -> None:
+    """Others sent it 12 m aside, and give it back while it moves."""
+    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=2.0)
+    north, east, down = joined.vehicle.motion.position_ned
+    joined.vehicle.flight.reposition((north, east + 12.0, down - 1.0), None, None)
+    joined.fly(limit_s=30.0, until=lambda joined: joined.vehicle.motion.velocity_ned[1] > 3.0)
+    theirs = joined.trace()
+    theirs = theirs[theirs["state"] == State.RELINQUISHED.value]
+    assert len(theirs) > 200 and np.abs(theirs["disturbance_ned"]).max() < 0.3, "their accelerations teach nothing"
+    place, speed = np.array(joined.vehicle.motion.position_ned), joined.vehicle.motion.velocity_ned[1]
+    ask_mode(joined, 6.0, 0.0)
+    joined.fly(limit_s=1.2, until=in_phase(Phase.ROUTE))
+    assert joined.vehicle.motion.speed < 0.3 * speed
+    assert np.linalg.norm(joined.vehicle.motion.position_ned - place) < speed
+    joined.fly(limit_s=3.0)
+    assert joined.vehicle.motion.velocity_ned[0] > 1.0
+    assert state_of(joined) is State.FLY and joined.autopilot.supervisor.fault is None
+
+
+def test_a_vehicle_that_failed_over_by_itself_is_not_taken_back() -> None:
+    """Its stream was lost on the way: it holds and lands, and hears no setpoint that would bring it back."""
+    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
+    joined.vehicle.receive, receive = (lambda data: None), joined.vehicle.receive  # type: ignore[method-assign]
+    joined.fly(limit_s=1.2)
+    joined.vehicle.receive = receive  # type: ignore[method-assign]
+    joined.sent.clear()
+    joined.fly(limit_s=60.0)
+    assert state_of(joined) is State.ENDED and joined.autopilot.supervisor.fault is not None
+    assert joined.vehicle.summary().outcome == "landed"
+    assert dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET not in sent_ids(joined)
 
 
 def test_ring_lost_stops_the_vehicle_and_then_lands_it() -> None:

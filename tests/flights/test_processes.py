@@ -27,6 +27,7 @@ from studies.paper_settings import paper_settings
 from tests.flights import table_3
 from tests.flights.processes import Process, free_port, pair, run
 
+EVERY_STEP = "log.trace_rate=250"
 KILLS = 20
 KILL_PACE = 2.0
 
@@ -53,7 +54,7 @@ def test_demo_in_lockstep_delivers_and_repeats_to_the_byte(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("c", table_3.RISE_AND_OVERSHOOT)
 def test_step_of_one_metre_over_udp_is_table_3(c: float, tmp_path: Path) -> None:
-    overrides = [part for override in paper_settings(c) for part in ("--set", override)]
+    overrides = [part for override in (*paper_settings(c), EVERY_STEP) for part in ("--set", override)]
     verdict = demo(tmp_path, "step", *overrides)
     assert verdict["outcome"] == "flown"
     table_3.check(LogReader(verdict["log"]).array(TRACE.topic), c)
@@ -62,7 +63,7 @@ def test_step_of_one_metre_over_udp_is_table_3(c: float, tmp_path: Path) -> None
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """One whole demo, with torques as the output."""
-    return demo(tmp_path_factory.mktemp("flown"), "--output", "actuators", "--seed", "2")
+    return demo(tmp_path_factory.mktemp("flown"), "--output", "actuators", "--seed", "2", "--set", EVERY_STEP)
 
 
 def test_log_holds_everything(flown: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from companion.logs.info import info
-from protocol.flightlog import FlightLogError, LogReader
+from protocol.flightlog import FlightLog, FlightLogError, LogReader, digest
 from protocol.tlog import TlogReader
 from tests.flights.processes import run
 from tests.logs.changed_logs import Flyer
@@ -65,6 +65,25 @@ def test_other_systems(tmp_path: Path) -> None:
     path.write_bytes(content)
     problem = info(path).problem
     assert problem is not None and path.name in problem
+
+
+def test_the_digest_is_of_any_log_s_traffic(fly: Flyer, tmp_path: Path) -> None:
+    lines = [f"{direction.name.lower():3} {value}\n" for direction, value in digest(fly()).items()]
+    assert run("companion", "digest", str(fly().parent)).stdout == "".join(lines)
+    source = DATA / "px4_offboard.tlog"
+    told = run("companion", "digest", str(source))
+    assert told.returncode == 0 and len(set(told.stdout.split())) == 4
+    flipped = tmp_path / "flipped.tlog"
+    content = bytearray(source.read_bytes())
+    content[40_020] ^= 1
+    flipped.write_bytes(content)
+    assert run("companion", "digest", str(flipped)).stdout != told.stdout
+    empty = tmp_path / "empty"
+    FlightLog.open(
+        empty, metadata={}, attachments={}, types=(), on_full="wait", console=False, minimum_free_bytes=0
+    ).close()
+    refused = run("companion", "digest", str(empty))
+    assert refused.returncode == 2 and "there is no datagram in it" in refused.stderr
 
 
 def test_what_is_no_log_is_one_line(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from companion.logs.repair import repair
 from protocol.flightlog import FlightLogError, LogReader
 from protocol.tlog import TlogReader
 from tests.flights.processes import run
+from tests.logs.changed_logs import Flyer
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 DAMAGES = 200
@@ -48,6 +49,26 @@ def test_a_log_cut_anywhere_becomes_whole(many_chunks: Path, tmp_path: Path) -> 
         kept.append(len(records))
         target.unlink()
     assert len(Counter(kept)) > 20
+
+
+def test_a_cut_flight_is_kept_to_just_before_the_cut(fly: Flyer, tmp_path: Path) -> None:
+    """To within 0.2 s of the flight, and what the time at the cut is not known better (evenly spread over a chunk)."""
+    content = fly().read_bytes()
+    with fly().open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
+    generator = random.Random(6)
+    source, target = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    for _ in range(DAMAGES // 10):
+        cut = generator.randrange(chunks[0].chunk_start_offset + 1000, len(content))
+        source.write_bytes(content[:cut])
+        chunk = [each for each in chunks if each.chunk_start_offset <= cut][-1]
+        part = min((cut - chunk.chunk_start_offset) / chunk.chunk_length, 1.0)
+        at_ns = chunk.message_start_time + part * (chunk.message_end_time - chunk.message_start_time)
+        assert repair(source, target).last_s > at_ns * 1e-9 - 0.3
+        assert info(target, check=True).problem is None
+        target.unlink()
 
 
 def test_a_flipped_bit_anywhere_is_found_and_costs_its_chunk(many_chunks: Path, tmp_path: Path) -> None:

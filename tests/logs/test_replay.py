@@ -5,11 +5,13 @@ import signal
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from companion.logs.difference import EXTRA, MISSING, Differ
 from companion.logs.replay import replay
 from companion.runner import REQUEST
+from companion.trace import LOGGED, TRACE
 from protocol.datafile import DataFileError
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
 from protocol.framing import Framer
@@ -29,7 +31,56 @@ def test_every_byte_is_the_same(fly: Flyer, output: str, pace: str) -> None:
     assert result.differences == [] and result.notes == []
     out = [data for record in LogReader(path).records() if (data := sent(record)) is not None]
     assert (result.datagrams, result.bytes) == (len(out), sum(map(len, out)))
-    assert result.traces == len(LogReader(path).array("/companion/trace")) > 500
+    assert result.traces == len(LogReader(path).array("/companion/trace")) > 100
+
+
+def test_the_whole_trace_comes_back(fly: Flyer, tmp_path: Path) -> None:
+    """A step for each setpoint, of which the log's own records are some; and the log that holds them replays, too."""
+    target = tmp_path / "whole.mcap"
+    done = run("companion", "replay", str(fly()), "--trace", str(target))
+    assert done.returncode == 0, done.stdout + done.stderr
+    source, copy = LogReader(fly()), LogReader(target)
+    kept, whole = source.array(TRACE.topic), copy.array(TRACE.topic)
+    assert copy.problem is None and copy.attachments == source.attachments
+    assert len(whole) == len(copy.array("/mavlink/1/191/SET_ATTITUDE_TARGET")) > 4 * len(kept)
+    same = whole[np.searchsorted(whole["time_ns"], kept["time_ns"])]
+    for name in ("time_ns", "state", "step", "position_ned", "rates_command_frd", "thrust_command"):
+        assert (same[name].astype(kept[name].dtype) == kept[name]).all()
+    for topic in source.topics.keys() - {TRACE.topic}:
+        assert [(each.time_ns, each.data) for each in copy.records((topic,))] == [
+            (each.time_ns, each.data) for each in source.records((topic,))
+        ]
+    again = replay(target)
+    assert again.differences == [] and again.traces == len(whole)
+    assert run("companion", "replay", str(fly()), "--trace", str(target)).returncode == 2, "it is there already"
+
+
+def test_a_changed_trace_is_named(fly: Flyer, tmp_path: Path) -> None:
+    """Thoughts are compared, too, as thin as they are in the log."""
+    left = [2]
+
+    def change(record: Record) -> list[Record]:
+        if record.topic != LOGGED.topic or record.time_ns < AT_S * 1e9 or not left[0]:
+            return [record]
+        left[0] -= 1
+        row = np.frombuffer(record.data, LOGGED.dtype).copy()
+        row["worst_error"] += 1.0
+        return [record._replace(data=row.tobytes())]
+
+    (difference,) = replay(rewritten(fly(), tmp_path / "changed.mcap", change)).differences
+    assert (difference.message, difference.field, difference.count) == ("trace", "worst_error", 2)
+    assert difference.largest == pytest.approx(1.0)
+
+
+def test_another_commit_is_said_where_it_matters(fly: Flyer, victim: Record, tmp_path: Path) -> None:
+    other = {"git": "0" * 40}
+    assert replay(rewritten(fly(), tmp_path / "same.mcap", flight=other)).notes == []
+
+    def change(record: Record) -> list[Record]:
+        return [] if record == victim else [record]
+
+    notes = replay(rewritten(fly(), tmp_path / "other.mcap", change, flight=other)).notes
+    assert len(notes) == 1 and "flown by commit " + "0" * 40 in notes[0]
 
 
 def test_real_time_and_a_request_to_land(tmp_path: Path) -> None:

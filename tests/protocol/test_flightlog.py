@@ -1,5 +1,6 @@
 """The flight log, against the mcap package's own readers and ROS 1 decoder, and against kills, cuts and full disks."""
 
+import functools
 import io
 import os
 import random
@@ -84,6 +85,10 @@ def start(tmp_path: Path) -> Iterator[Opener]:
 def count(log: FlightLog, numbers: range, filling: Callable[[int], bytes] = lambda number: b"") -> None:
     for number in numbers:
         log.record(COUNT, number * 1000, COUNT.pack(number, filling(number)))
+
+
+def is_written(log: FlightLog, records: int) -> bool:
+    return log.written == records
 
 
 def numbers_of(path: Path) -> list[int]:
@@ -472,12 +477,50 @@ def test_chunks_grow_to_their_age(start: Opener) -> None:
     for number in range(100):  # spread over many polls; on a slower machine there is time for more chunks
         count(log, range(number, number + 1))
         time.sleep(0.003)
-    log.close()
-    most = (time.monotonic_ns() - began) // CHUNK_AGE_NS + 2
-    with log.path.open("rb") as file:
+    with log.path.open("rb") as file:  # as it is in flight
+        log.close()
+        most = (time.monotonic_ns() - began) // CHUNK_AGE_NS + 2
         summary = make_reader(file).get_summary()
     assert summary is not None
     assert len(summary.chunk_indexes) <= most
+
+
+def test_the_finished_file_is_the_same_in_larger_chunks(start: Opener) -> None:
+    log = start(metadata={"m": {"k": "v"}}, attachments={"a": b"bc"})
+    for number in range(40):
+        count(log, range(50 * number, 50 * number + 50))
+        log.datagram(
+            50_000 * number, Direction.IN, "a:1", frame_of(dialect.MAVLink_heartbeat_message(2, 3, 1, 1, 4, 3))
+        )
+        until(functools.partial(is_written, log, 51 * (number + 1)))
+    copy = log.folder.parent / "in_flight.mcap"
+    with log.path.open("rb") as file:
+        log.close({"outcome": {"ended": "well"}})
+        copy.write_bytes(file.read())
+    assert [path.name for path in log.folder.iterdir()] == ["flight.mcap"]
+    before, after = LogReader(copy), LogReader(log.path)
+    assert before.problem is None and after.problem is None
+    assert list(before.records()) == list(after.records())
+    assert (before.metadata, before.attachments) == (after.metadata, after.attachments)
+    assert len(chunk_ends(log.path)) < 0.1 * len(chunk_ends(copy))
+    assert log.path.stat().st_size < 0.9 * copy.stat().st_size
+    with log.path.open("rb") as file:
+        found = list(make_reader(file, validate_crcs=True).iter_messages(["/mavlink/1/1/HEARTBEAT"]))
+    assert [message.sequence for _, _, message in found] == list(range(50, 2040, 51))
+
+
+def test_without_the_larger_chunks_the_file_in_flight_remains(start: Opener) -> None:
+    log = start()
+    count(log, range(100))
+    until(lambda: log.written == 100)
+    inode = log.path.stat().st_ino
+    _, most = resource.prlimit(log.recorder_pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(log.recorder_pid, resource.RLIMIT_NOFILE, (3, most))  # nothing more can be opened
+    log.close()
+    assert log.fault is None
+    assert log.path.stat().st_ino == inode
+    assert LogReader(log.path).complete and numbers_of(log.path) == list(range(100))
+    assert [path.name for path in log.folder.iterdir()] == ["flight.mcap"]
 
 
 def test_kill_of_the_recorder_is_said_and_stops_nothing(start: Opener) -> None:
@@ -495,6 +538,7 @@ def test_kill_of_the_recorder_is_said_and_stops_nothing(start: Opener) -> None:
     log.close()
     assert log.fault is not None
     reader = LogReader(log.path)
+    assert [path.name for path in log.folder.iterdir()] == ["flight.mcap"]
     numbers = [COUNT.unpack(record.data)["number"] for record in reader.records()]
     assert len(numbers) >= safe
     assert numbers == list(range(len(numbers)))
@@ -633,6 +677,10 @@ def written(content: bytes, path: Path) -> tuple[list[Record], LogReader]:
     return list(reader.records()), reader
 
 
+A_SLICE = 40_000
+"""Bytes that are enough for a compressed slice (16 KiB) and what frames a chunk."""
+
+
 def chunk_ends(path: Path) -> list[tuple[int, int]]:
     """The end of each chunk in the file, and the messages up to there, by the mcap package."""
     ends = []
@@ -645,7 +693,7 @@ def chunk_ends(path: Path) -> list[tuple[int, int]]:
     return ends
 
 
-def test_cuts_lose_nothing_before_the_last_whole_chunk(finished: bytes, tmp_path: Path) -> None:
+def test_cuts_lose_little_of_a_chunk_and_nothing_before_it(finished: bytes, tmp_path: Path) -> None:
     path = tmp_path / "cut.mcap"
     whole, reader = written(finished, path)
     assert reader.problem is None
@@ -657,7 +705,9 @@ def test_cuts_lose_nothing_before_the_last_whole_chunk(finished: bytes, tmp_path
     cuts += [0, 1, 8, 9, *(end + by for end, _ in ends for by in (-1, 0, 1)), len(finished) - 1]
     for cut in cuts:
         records, reader = written(finished[:cut], path)
-        assert records == whole[: max((messages for end, messages in ends if end <= cut), default=0)], cut
+        assert records == whole[: len(records)], cut
+        assert len(records) >= max((messages for end, messages in ends if end <= cut), default=0), cut
+        assert sum(31 + len(record.data) for record in records) >= min(cut, ends[-1][0]) - A_SLICE, cut
         assert not reader.complete
         assert reader.problem is not None
 

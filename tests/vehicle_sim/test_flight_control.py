@@ -1,10 +1,13 @@
 """Modes, arming and failsafes, seen from the wire by an unmodified pymavlink."""
 
 import math
+from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from protocol.frames import to_geodetic
 from tests.vehicle_sim.foreign_pilot import (
     AIRFRAME,
     EMPTY,
@@ -22,6 +25,7 @@ from vehicle_sim.flight_control import FORCE, TRANSITIONS, Mode
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+DENIED, UNSUPPORTED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_UNSUPPORTED
 ON_GROUND, IN_AIR = mavlink.MAV_LANDED_STATE_ON_GROUND, mavlink.MAV_LANDED_STATE_IN_AIR
 FORWARD = tilted(-0.2, (0.0, 1.0, 0.0))
 
@@ -108,6 +112,99 @@ def test_hold_stops_where_it_can_and_stays(aloft: ForeignPilot) -> None:
     assert 0.2 < stopped - north < speed + 1.0
     aloft.fly(3.0)
     assert aloft.vehicle.motion.position_ned[0] == pytest.approx(stopped, abs=0.01)
+
+
+# --- reposition ---
+
+
+GLOBAL, RELATIVE = mavlink.MAV_FRAME_GLOBAL_INT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+HERE = 2**31 - 1
+
+
+def send_to(
+    pilot: ForeignPilot,
+    north_east: tuple[float, float] | tuple[int, int],
+    z: float,
+    *,
+    frame: int = GLOBAL,
+    flags: float = 1.0,
+    speed: float = -1.0,
+    yaw: float = UNSET,
+) -> int:
+    """COMMAND_INT as MAVSDK's goto sends it, to metres from the origin or, of ints, 1e-7 degrees; the result."""
+    north, east = north_east
+    if isinstance(north, int) and isinstance(east, int):
+        x, y = north, east
+    else:
+        latitude, longitude, _ = to_geodetic(np.array([north, east, 0.0]), EMPTY.origin)
+        x, y = (round(math.degrees(angle) * 1e7) for angle in (latitude, longitude))
+    number = mavlink.MAV_CMD_DO_REPOSITION
+    pilot.send(mavlink.MAVLink_command_int_message(1, 1, frame, number, 0, 0, speed, flags, 0.0, yaw, x, y, z))
+    before = pilot.time_s
+    pilot.fly(0.004)
+    (ack,) = pilot.all("COMMAND_ACK", before)
+    assert ack.command == number
+    return int(ack.result)
+
+
+def test_goes_where_it_is_sent_and_holds_there(aloft: ForeignPilot) -> None:
+    sea_m = EMPTY.origin[2]
+    aloft.go_offboard()
+    assert send_to(aloft, (20.0, -15.0), sea_m + 6.0, speed=3.0, yaw=1.0) == ACCEPTED
+    assert aloft.mode == HOLD
+    fastest = 0.0
+    for _ in range(40):
+        aloft.fly(0.5)
+        fastest = max(fastest, math.hypot(*aloft.vehicle.motion.velocity_ned[:2]))
+    assert 2.5 < fastest < 3.05, "the limit, less what the drag takes"
+    assert aloft.vehicle.motion.position_ned == pytest.approx((20.0, -15.0, -6.0), abs=0.05)
+    assert aloft.vehicle.motion.yaw == pytest.approx(1.0, abs=0.01)
+    assert aloft.mode == HOLD and aloft.vehicle.motion.speed < 0.02
+
+
+def test_what_is_not_given_stays_and_heights_may_be_above_home(aloft: ForeignPilot) -> None:
+    rest_m = AIRFRAME.rest_height_m
+    assert send_to(aloft, (HERE, HERE), 5.0, frame=RELATIVE) == ACCEPTED
+    aloft.fly(8.0)
+    assert aloft.vehicle.motion.position_ned == pytest.approx((0.0, 0.0, -5.0 - rest_m), abs=0.05)
+    assert send_to(aloft, (4.0, 0.0), UNSET) == ACCEPTED
+    aloft.fly(8.0)
+    assert aloft.vehicle.motion.position_ned == pytest.approx((4.0, 0.0, -5.0 - rest_m), abs=0.05)
+    nan = (UNSET,) * 3
+    assert aloft.command(mavlink.MAV_CMD_DO_REPOSITION, -1, 1, 0, *nan, EMPTY.origin[2] + 3.0) == ACCEPTED
+    aloft.fly(8.0)
+    assert aloft.vehicle.motion.position_ned == pytest.approx((4.0, 0.0, -3.0), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("place", "z", "options", "result"),
+    [
+        ((900_000_001, 0), 500.0, {}, DENIED),
+        ((0, -1_800_000_001), 500.0, {}, DENIED),
+        ((HERE, 85_456_000), 500.0, {}, DENIED),
+        ((10.0, 0.0), math.inf, {}, DENIED),
+        ((10.0, 0.0), -1.0, {"frame": RELATIVE}, DENIED),
+        ((20_000.0, 0.0), 500.0, {}, DENIED),
+        ((10.0, 0.0), 5.0, {"frame": mavlink.MAV_FRAME_LOCAL_NED}, DENIED),
+        ((10.0, 0.0), 500.0, {"flags": 0.0}, UNSUPPORTED),
+        ((10.0, 0.0), 500.0, {"flags": 3.0}, UNSUPPORTED),
+        ((10.0, 0.0), 500.0, {"flags": UNSET}, UNSUPPORTED),
+    ],
+)
+def test_a_place_that_can_t_be_is_refused_and_changes_nothing(
+    aloft: ForeignPilot, place: tuple[float, float], z: float, options: dict[str, Any], result: int
+) -> None:
+    aloft.set_mode(LAND)
+    assert send_to(aloft, place, z, **options) == result
+    assert aloft.mode == LAND
+
+
+def test_on_the_ground_it_is_sent_nowhere(pilot: ForeignPilot) -> None:
+    pilot.fly(1.2)
+    assert send_to(pilot, (10.0, 0.0), 500.0) == REJECTED
+    assert pilot.arm() == ACCEPTED
+    assert send_to(pilot, (10.0, 0.0), 500.0) == REJECTED
+    assert "Reposition rejected: not in the air" in pilot.texts
 
 
 # --- OFFBOARD ---

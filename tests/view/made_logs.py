@@ -3,13 +3,14 @@
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from companion.mission import Phase
 from companion.runner import LOOP, RECORD_TYPES, TICK
 from companion.supervisor import State
-from companion.trace import TRACE
+from companion.trace import LOGGED, TRACE, Thinning
 from protocol.datafile import ROOT
 from protocol.flightlog import Direction, FlightLog
 from protocol.messages import Encoder, dialect
@@ -42,7 +43,7 @@ def trace_values(time: float) -> Values:
 
 
 def packed(values: Mapping[str, object]) -> bytes:
-    """A trace record; fields that are not given are zero."""
+    """A step's trace; fields that are not given are zero."""
     record = np.zeros(1, TRACE.dtype)
     for name, value in values.items():
         record[name] = value
@@ -58,13 +59,16 @@ def make(
     silent: tuple[float, float] = (0.0, 0.0),
     jump_at: float = math.inf,
     result: Mapping[str, str] | None = None,
+    trace_rate: float = 250.0,
+    motion_every: int = 5,
 ) -> Path:
     """A log of `seconds`, 250 control steps in each, with the vehicle's telemetry beside them.
 
-    `change` may edit each step's trace; `late_ms` by number of the step; the vehicle is silent between two times and
+    The log keeps `trace_rate` (Hz) of the trace. `change` may edit each step's; the vehicle tells its motion each
+    `motion_every` steps; `late_ms` by number of the step; the vehicle is silent between two times and
     its position is 1.5 m off from `jump_at` on.
     """
-    vehicle = Encoder(1, 1)
+    vehicle, thinning = Encoder(1, 1), Thinning(trace_rate)
     log = FlightLog.open(
         folder,
         metadata={"flight": {"mission": "made", "output": "rates", "pace": "lockstep", "seed": "1"}},
@@ -77,27 +81,35 @@ def make(
         time_ns = step * STEP_NS
         time = time_ns * 1e-9
         log.record(TICK, time_ns, TICK.pack(round(1e6 * (late_ms or {}).get(step, 0.0))))
-        if not silent[0] <= time < silent[1]:
-            north = SPEED * time + (1.5 if time >= jump_at else 0.0)
-            log.datagram(time_ns, Direction.IN, VEHICLE, telemetry(vehicle, step, north))
         values = trace_values(time)
         if change is not None:
             change(time, values)
-        log.record(TRACE, time_ns, packed(values))
-        log.record(LOOP, time_ns, LOOP.pack(200_000))
+        if not silent[0] <= time < silent[1]:
+            north = SPEED * time + (1.5 if time >= jump_at else 0.0)
+            said = telemetry(vehicle, step, north, values["rates_frd"], motion_every)
+            log.datagram(time_ns, Direction.IN, VEHICLE, said)
+        for at_ns, record in thinning.step(time_ns, packed(values)):
+            log.record(LOGGED, at_ns, record)
+        if step % 25 == 24:
+            log.record(LOOP, time_ns, LOOP.pack(200_000, [200_000] * 25))
+    for at_ns, record in thinning.rest():
+        log.record(LOGGED, at_ns, record)
     log.text(0, 20, "companion", "armed, taking off")
     log.close({"result": dict(result or {"delivered": "True", "landed": "True", "fault": "", "messages_lost": "0"})})
     return log.path
 
 
-def telemetry(vehicle: Encoder, step: int, north: float) -> bytes:
-    """What the vehicle says at a step: motion 50 times a second, the ring 10 times, a heartbeat once."""
+def telemetry(
+    vehicle: Encoder, step: int, north: float, rates_frd: Any = (0.0, 0.0, 0.0), motion_every: int = 5
+) -> bytes:
+    """What the vehicle says at a step: its motion each `motion_every` steps, the ring 10 times a second, a heartbeat
+    once."""
     boot_ms = step * 4
     frames = []
-    if step % 5 == 0:
+    if step % motion_every == 0:
         place = (boot_ms, north, 0.0, -3.0, SPEED, 0.0, 0.0)
         frames.append(vehicle.encode_fields(dialect.MAVLink_local_position_ned_message, *place))
-        attitude = (boot_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        attitude = (boot_ms, 1.0, 0.0, 0.0, 0.0, *rates_frd)
         frames.append(vehicle.encode_fields(dialect.MAVLink_attitude_quaternion_message, *attitude))
     if step % 25 == 0:
         distances = [501] * 72

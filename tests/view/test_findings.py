@@ -6,9 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.avoidance.guard import Reason
+from companion.logs.writer import Writer
 from companion.mission import Phase
 from companion.view.findings import Finding, Level, events, findings
 from companion.view.gather import Gathered
+from protocol.flightlog import Direction
+from protocol.messages import Encoder, dialect
 from tests.view.made_logs import Values, make
 
 
@@ -37,17 +41,20 @@ def test_a_clean_flight_has_no_warning(tmp_path: Path) -> None:
     ]
 
 
-def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("trace_rate", "limited"), [(250.0, "1.00"), (50.0, "1.02")])
+def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path, trace_rate: float, limited: str) -> None:
+    """To the time between two records."""
+
     def change(time: float, values: Values) -> None:
         values["limited"] = 5.0 <= time < 6.0
         values["blocked"] = 8.0 <= time < 10.0 or 12.0 <= time < 12.5
         values["clearance"] = math.hypot(0.5, time - 9.0) if time < 19.0 else math.inf
 
-    flight = Gathered(make(tmp_path, change=change))
+    flight = Gathered(make(tmp_path, change=change, trace_rate=trace_rate))
     found = findings(flight)
     saturation = about(found, "saturation")
     assert saturation.level is Level.WARNING
-    assert "one time, 1.00 s in all" in saturation.text
+    assert f"one time, {limited} s in all" in saturation.text
     assert saturation.at == pytest.approx((5.0,))
     avoidance = about(found, "avoidance")
     assert "2 times, 2.5 s in all" in avoidance.text
@@ -55,7 +62,30 @@ def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path) -> None
     clearance = about(found, "clearance")
     assert (clearance.level, clearance.at) == (Level.WARNING, (9.0,))
     assert "0.50 m" in clearance.text
-    assert flight.clearance_counts.sum() == 19 * 250
+    assert flight.clearance_counts.sum() == pytest.approx(19 * trace_rate, abs=2)
+
+
+def test_what_one_step_saw_is_said_of_a_thinned_trace(tmp_path: Path) -> None:
+    """Each at a step that the log itself does not keep."""
+
+    def change(time: float, values: Values) -> None:
+        step = round(time * 250.0)
+        values["limited"] = step == 502
+        values["blocked"] = step == 753
+        values["clearance"] = 0.45 if step == 1003 else 5.0
+        if step == 1253:
+            values["reference_position_ned"] = (2.0 * time, 0.7, -3.0)
+        if step == 1503:
+            values["thrust_command"] = 0.99
+
+    flight = Gathered(make(tmp_path, change=change, trace_rate=50.0))
+    found = findings(flight)
+    texts = {finding.text: finding for finding in found}
+    assert any(text.startswith("A limit on thrust or tilt was reached one time, 0.02 s") for text in texts)
+    assert texts["The thrust command reached the end of its range."].at == pytest.approx((6.02,))
+    assert "one time" in about(found, "avoidance").text
+    assert "nearer than 0.45 m" in about(found, "clearance").text
+    assert "within 70.0 cm" in about(found, "tracking").text
 
 
 @pytest.mark.parametrize(("thrust", "torque", "levels"), [(1.0, 0.5, [Level.WARNING]), (0.5, -1.0, [Level.NOTE])])
@@ -99,9 +129,40 @@ def test_shaking_is_measured_above_its_frequency(tmp_path: Path) -> None:
     def change(time: float, values: Values) -> None:
         values["rates_frd"] = (0.0, 0.6 * math.sin(2.0 * math.pi * 40.0 * time), 2.0 * math.sin(2.0 * math.pi * time))
 
-    shaking = about(findings(Gathered(make(tmp_path, change=change))), "vibration")
+    shaking = about(findings(Gathered(make(tmp_path, change=change, motion_every=1, trace_rate=50.0))), "vibration")
     assert shaking.level is Level.WARNING
     assert f"{np.degrees(0.6 / math.sqrt(2.0)):.2f} deg/s rms" in shaking.text
+
+
+def test_the_guard_s_changes_are_counted_by_their_reason(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        if 3.0 <= time < 4.0 or 6.0 <= time < 6.5:
+            values["guard_reason"], values["guard_change"] = Reason.STOP.value, 1.0 + time
+        if 8.0 <= time < 8.1:
+            values["guard_reason"], values["guard_change"] = Reason.STALE.value, 0.5
+
+    guard = about(findings(Gathered(make(tmp_path, change=change))), "guard")
+    assert guard.level is Level.WARNING
+    assert "3 times, 1.60 s in all" in guard.text
+    assert guard.evidence[0] == "no way to stop was left: 2 times, 1.50 s"
+    assert guard.evidence[1] == "nothing was seen for too long: one time, 0.10 s"
+    assert guard.evidence[2].startswith("by 7.50 m/s²")
+    assert guard.at == pytest.approx((3.0, 6.0, 8.0))
+
+
+def test_energy_is_voltage_times_current_over_time(tmp_path: Path) -> None:
+    """24 W at first, 12 W in the end, falling evenly in 360 s: 1.8 Wh; a silence of 100 s in between counts nothing."""
+    path, vehicle = tmp_path / "battery.mcap", Encoder(1, 1)
+    with Writer(path, 0, {}) as writer:
+        for second in range(461):
+            if 180 < second <= 280:
+                continue
+            passed = second if second <= 180 else second - 100
+            centiamperes = round(200 - 100 * passed / 360)
+            status = (0, 0, 0, 0, 12_000, centiamperes, 50, 0, 0, 0, 0, 0, 0)
+            data = vehicle.encode_fields(dialect.MAVLink_sys_status_message, *status)
+            writer.datagram(second * 1_000_000_000, second, Direction.IN, "", data)
+    assert Gathered(path).energy_wh == {"1/1/SYS_STATUS": pytest.approx(1.8 - 18.0 / 3600.0, rel=1e-3)}
 
 
 def test_a_failed_flight_says_so_first(tmp_path: Path) -> None:

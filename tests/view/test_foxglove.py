@@ -11,11 +11,13 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_ros1.decoder import DecoderFactory as Ros1DecoderFactory
 
+from companion.logs.writer import Writer
 from companion.view.foxglove import convert
 from protocol.datafile import ROOT
-from protocol.flightlog import DATAGRAM, FlightLogError, LogReader
+from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader
 from protocol.frames import from_euler
-from tests.view.made_logs import SPEED, Values, from_tlog, make
+from protocol.messages import Encoder
+from tests.view.made_logs import SPEED, STEP_NS, Values, from_tlog, make, telemetry
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 SCHEMAS = {
@@ -23,7 +25,10 @@ SCHEMAS = {
     "pose": "foxglove.PoseInFrame",
     "path": "foxglove.PosesInFrame",
     "reference": "foxglove.PoseInFrame",
+    "reference_path": "foxglove.PosesInFrame",
     "ring": "foxglove.LaserScan",
+    "map": "foxglove.Grid",
+    "guard": "foxglove.SceneUpdate",
     "plan": "foxglove.SceneUpdate",
     "world": "foxglove.SceneUpdate",
     "vehicle": "foxglove.SceneUpdate",
@@ -55,7 +60,10 @@ def turned(orientation: Any, x: float, y: float, z: float) -> list[float]:
 
 
 def test_every_topic_is_there_with_foxgloves_own_schema_and_all_that_was_recorded(tmp_path: Path) -> None:
-    log = make(tmp_path, 4.0)
+    def change(time: float, values: Values) -> None:
+        values["guard_reason"] = 2 * (time >= 2.0)
+
+    log = make(tmp_path, 4.0, change=change)
     before = log.read_bytes()
     target, added = convert(log)
     assert target == tmp_path / "flight_foxglove.mcap"
@@ -108,6 +116,51 @@ def test_the_ring_s_return_is_ahead_and_to_the_right(tmp_path: Path) -> None:
     x, y = ranges[hit] * math.cos(angles[hit]), ranges[hit] * math.sin(angles[hit])
     assert [x, y] == pytest.approx([3.0 / math.sqrt(2.0), -3.0 / math.sqrt(2.0)]), "left is positive"
     assert scan.frame_id == "base_link"
+
+
+def test_the_map_is_where_the_ring_saw_something(tmp_path: Path) -> None:
+    """One return of a vehicle that hovers 10 m north of its home, 3 m away to the north-east."""
+    log, vehicle, north = tmp_path / "hovering.mcap", Encoder(1, 1), 10.0
+    with Writer(log, 0, {}) as writer:
+        for step in range(500):
+            data = telemetry(vehicle, step, north)
+            writer.datagram(step * STEP_NS, step, Direction.IN, "", data)
+    _, grid = decoded(convert(log)[0])["/foxglove/map"][-1]
+    cells = np.frombuffer(grid.data, np.uint8).reshape(-1, grid.column_count, 4)
+    assert (grid.row_stride, grid.cell_stride) == (4 * grid.column_count, 4)
+    assert [(field.name, field.offset) for field in grid.fields] == [
+        ("red", 0),
+        ("green", 1),
+        ("blue", 2),
+        ("alpha", 3),
+    ]
+    assert (grid.pose.orientation.w, grid.frame_id) == (1.0, "local_origin")
+
+    def cell(east: float, north: float) -> tuple[int, int]:
+        x, y = east - grid.pose.position.x, north - grid.pose.position.y
+        return math.floor(y / grid.cell_size.y), math.floor(x / grid.cell_size.x)
+
+    red = cells[..., 0] > cells[..., 2]
+    reach = 3.0 / math.sqrt(2.0)
+    assert red[cell(reach, north + reach)]
+    places = np.argwhere(red) * grid.cell_size.x + [grid.pose.position.y, grid.pose.position.x]
+    assert np.abs(places - [north + reach, reach]).max() < 2.5, "nothing else stands there"
+    free = cells[cell(0.0, north + 2.0)]
+    assert free[2] > free[0] and free[3] > 0, "ahead"
+    assert cells[cell(15.0, north)][3] == 0, "beyond the ring's 5 m nothing is known"
+
+
+def test_the_guard_is_shown_while_it_acts_and_why(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        if 1.0 <= time < 1.1 or 3.0 <= time < 3.003:
+            values["guard_reason"], values["guard_change"] = 2, 1.25
+
+    shown = decoded(convert(make(tmp_path, 4.0, change=change, trace_rate=50.0))[0])["/foxglove/guard"]
+    assert [round(time * 1e-9, 2) for time, _ in shown] == [1.0, 1.1, 3.0]
+    (entity,) = shown[0][1].entities
+    assert entity.texts[0].text == "stop, 1.2 m/s²"
+    assert entity.cylinders[0].pose.position.y == pytest.approx(SPEED, abs=0.05)
+    assert 0 < entity.lifetime.nanos < 1_000_000_000
 
 
 @pytest.mark.parametrize("name", ["px4_offboard", "ardupilot_guided"])

@@ -7,7 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.view.lines import BUCKETS, SEGMENT, Line, Regularity, Response, Rings, Spectrum, Stretches, Track, thin
+from companion.view.lines import (
+    BUCKETS,
+    SEGMENT,
+    Line,
+    Pairs,
+    Regularity,
+    Response,
+    Rings,
+    Spectrum,
+    Stretches,
+    Track,
+    thin,
+)
 
 
 @given(st.integers(1, 400), st.integers(1, 60), st.integers(0, 2**32 - 1))
@@ -144,3 +156,23 @@ def test_rings_keep_the_nearest_return_of_each_bearing() -> None:
     hit = int(nearest[:, 1].argmin())
     assert nearest[hit, 1] == 1.0
     assert rows[hit][0] <= 37.0 < (rows[hit + 1][0] if hit + 1 < len(rows) else math.inf)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_commands_and_answers_of_one_time_are_paired_however_they_come(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    asked = np.sort(generator.choice(2000, 900, replace=False)) * 0.004
+    answered = np.sort(generator.choice(2000, 1200, replace=False)) * 0.004
+    pairs = Pairs(2)
+    found = []
+    while len(asked) or len(answered):
+        count, other = generator.integers(0, 150, 2)
+        for add, times in ((pairs.commands, asked[:count]), (pairs.answers, answered[:other])):
+            found.append(add(times, np.column_stack((times, 2.0 * times))))
+        asked, answered = asked[count:], answered[other:]
+    times, commands, answers = (np.concatenate(part) for part in zip(*found, strict=True))
+    assert (np.diff(times) > 0.0).all()
+    assert (commands == np.column_stack((times, 2.0 * times))).all() and (answers == commands).all()
+    generator = np.random.default_rng(seed)
+    both = np.intersect1d(generator.choice(2000, 900, replace=False), generator.choice(2000, 1200, replace=False))
+    assert len(times) == len(both)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator
 
+from companion.avoidance.guard import Reason
 from companion.view.history import History, quaternions
 from companion.view.live import Page, turned, words
 from companion.view.sources import GrowingLog, Link, Source, newest, open_log
@@ -21,7 +22,7 @@ from protocol.frames import from_euler, rotate
 from protocol.messages import Encoder
 from protocol.transport import Memory
 from tests.view.browser import needs_chromium, opened
-from tests.view.made_logs import SPEED, STEP_NS, make, telemetry
+from tests.view.made_logs import SPEED, STEP_NS, Values, make, telemetry
 
 
 def filled(source: Source) -> History:
@@ -45,6 +46,24 @@ def test_a_moment_is_what_was_logged_at_that_time(tmp_path: Path) -> None:
     assert (plan.phase, plan.state, plan.clearance) == ("route", "fly", 5.0)
     later = history.at(12.0).plan
     assert later is not None and later.phase == "return"
+
+
+def test_the_guard_s_intervention_is_seen_for_a_while_and_only_then(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        if 3.0 <= time < 3.1:
+            values |= {"guard_reason": Reason.STOP.value, "guard_change": 1.5 + time}
+            values["acceleration_command_ned"] = (-2.0, 0.5, 0.0)
+
+    history = filled(open_log(make(tmp_path, 6.0, change=change)))
+    for time, is_seen in ((2.9, False), (3.05, True), (3.5, True), (3.7, False)):
+        plan = history.at(time).plan
+        assert plan is not None and (plan.guard == "keeps room to stop") is is_seen
+        text = words(history.at(time), ended=True, problem=None)
+        assert ("keeps room to stop" in text) is is_seen and ("quiet" in text) is not is_seen
+    plan = history.at(3.5).plan
+    assert plan is not None
+    assert plan.guard_change == pytest.approx(4.6, abs=0.01)
+    assert plan.pushed_ned == pytest.approx([-2.0, 0.5, 0.0])
 
 
 def test_what_has_become_too_old_is_not_shown(tmp_path: Path) -> None:

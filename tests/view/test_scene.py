@@ -6,7 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from companion.view.scene import mesh, origin, solids
+from companion.view.scene import ROOM, in_the_way, mesh, origin, solids
 from protocol.datafile import ROOT
 from vehicle_sim.world import World
 
@@ -45,6 +45,25 @@ def test_meshes_are_closed_and_turned_outwards() -> None:
         edges = [edge for a, b, c in faces for edge in ((a, b), (b, c), (c, a))]
         assert len(set(edges)) == len(edges)
         assert {(b, a) for a, b in edges} == set(edges)
+
+
+def test_what_a_straight_flight_comes_near_is_named() -> None:
+    """The simulator's distances are the oracle; at corners a little more than ROOM is near, too."""
+    generator = np.random.default_rng(1)
+    near = far = 0
+    for _ in range(150):
+        start, end = generator.uniform((0.0, -8.0, -6.0), (120.0, 8.0, -1.0), (2, 3))
+        line = start + np.linspace(0.0, 1.0, 400)[:, None] * (end - start)
+        clearance = min(WORLD.clearance(place) for place in line)
+        named = in_the_way(TEXT, start, end)
+        if clearance < 0.95 * ROOM:
+            near += 1
+            assert named
+        elif clearance > 1.5 * ROOM:
+            far += 1
+            assert not named, (named, clearance)
+    assert near > 20 and far > 20
+    assert in_the_way(TEXT, np.array([0.0, 0.2, -3.0]), np.array([15.0, 0.2, -3.0])) == ["street lamp"]
 
 
 def test_the_origin_is_the_simulators() -> None:

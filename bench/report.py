@@ -1,0 +1,172 @@
+"""The report of a long flight: the time until its first chart is drawn in Chromium, and the memory that writing takes.
+
+    python bench/report.py [LOG] [--minutes 20] [--hours 8] [--openings 5] [--json]
+
+LOG is a flight's, the courier's where none is given (it is flown first). The flight of 20 minutes is that log again and
+again. --hours N also writes a log of N hours with 1000 messages a second (for 8: minutes, and 0.7 GB) and lets
+`companion info` and `companion report` have it. Chromium is headless and draws in software; without one that part is
+left out.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+from companion.logs.writer import Writer
+from companion.view.report import write
+from protocol.flightlog import HEADER, LENGTH_OF_EMPTY, LogReader
+from protocol.messages import dialect
+from protocol.recorder import McapFile, message_type
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+RATE = 1000
+
+
+def repeated(source: Path, target: Path, seconds: float) -> Path:
+    """A log as long as wanted: all records of another one again and again, each time later."""
+    log = LogReader(source)
+    kinds, records = log.topics, list(log.records())
+    span_ns = max(record.time_ns for record in records) - records[0].time_ns + 4_000_000
+    most = max(record.sequence for record in records) + 1
+    with Writer(target, log.epoch_ns, {"flight": log.metadata["flight"], "result": log.metadata["result"]}) as writer:
+        for name, content in log.attachments.items():
+            writer.attach(name, content)
+        for turn in range(round(seconds * 1e9 / span_ns)):
+            for record in records:
+                later_ns, sequence = record.time_ns + turn * span_ns, record.sequence + turn * most
+                writer.record(kinds[record.topic], later_ns, sequence & 0xFFFF_FFFF, record.data)
+    return target
+
+
+def opening(report: Path, times: int) -> dict[str, float]:
+    """s from asking for the page to its first words and to its first chart, in a browser that has just started."""
+    words, charts, all_charts = [], [], 0
+    with sync_playwright() as playwright:
+        for _ in range(times):
+            arguments = ["--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+            arguments += ["--no-sandbox"] if os.geteuid() == 0 else []
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+            page = browser.new_page(viewport={"width": 1280, "height": 800})
+            began = time.perf_counter()
+            page.goto(report.as_uri(), wait_until="commit")
+            page.wait_for_selector("#title:not(:empty)")
+            words.append(time.perf_counter() - began)
+            page.wait_for_selector(".plot[data-drawn]")
+            charts.append(time.perf_counter() - began)
+            all_charts = page.locator(".plot").count()
+            browser.close()
+    return {
+        "charts in it": all_charts,
+        "first words, median s": statistics.median(words),
+        "first chart, median s": statistics.median(charts),
+        "first chart, worst s": max(charts),
+    }
+
+
+def fly(folder: Path) -> Path:
+    """The courier's log, in lockstep."""
+    command = [sys.executable, "-m", "companion", "demo", "courier", "--no-report", "--log", str(folder)]
+    subprocess.run(command, check=True, capture_output=True)
+    (log,) = folder.glob("*/flight.mcap")
+    return log
+
+
+def long_log(path: Path, hours: float) -> int:
+    """Four vehicles' attitudes at 250 Hz each, in chunks of 80 ms; how many messages."""
+    file = McapFile(path)
+    file.add_metadata("flightlog", {"version": "1", "epoch_ns": "0"})
+    attitude, beat = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, dialect.MAVLINK_MSG_ID_HEARTBEAT
+    kinds = [message_type(attitude, f"/mavlink/{system}/1/ATTITUDE_QUATERNION")[0] for system in range(1, 5)]
+    channels = [file.add_channel(kind) for kind in kinds]
+    beats = file.add_channel(message_type(beat, "/mavlink/1/1/HEARTBEAT")[0])
+    messages = round(hours * 3600) * RATE
+    for index in range(messages):
+        time_ns = index * (1_000_000_000 // RATE)
+        turn = index & 3
+        channel = channels[turn]
+        data = kinds[turn].pack(index, 1.0, 0.0, 0.0, 0.0, 1e-3 * (index % 997), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        if index % RATE == 0:
+            channel, data = beats, kind_of_beat(index)
+        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), channel, index & 0xFFFF_FFFF, time_ns, time_ns)
+        file.add_message(channel, time_ns, header + data)
+        if index % 80 == 79:
+            file.end_chunk()
+    file.end_chunk()
+    file.finish()
+    return messages
+
+
+def kind_of_beat(index: int) -> bytes:
+    """A PX4 vehicle's heartbeat, in turns in two modes."""
+    mode = (6 if index // RATE // 60 % 2 else 3) << 16
+    return message_type(dialect.MAVLINK_MSG_ID_HEARTBEAT, "/x")[0].pack(mode, 2, 12, 0x81, 4, 3)
+
+
+def run(command: str, log: Path) -> tuple[str, float, float]:
+    """A command of the companion in a process of its own: what it prints, its time (s), its greatest memory (MB)."""
+    code = (
+        "import sys; sys.argv = ['companion', *sys.argv[1:]]\n"
+        "from companion.cli import app; app(standalone_mode=False)\n"
+        "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
+    )  # (getrusage would count what this process had when it forked)
+    began = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", code, *command.split(), str(log)], capture_output=True, text=True, check=True
+    )
+    took_s = time.perf_counter() - began
+    *said, most_kb = done.stdout.strip().splitlines()
+    return "\n".join(said), took_s, int(most_kb) / 1e3
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("log", type=Path, nargs="?")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--minutes", type=float, default=20.0)
+    parser.add_argument("--hours", type=float, default=0.0)
+    parser.add_argument("--openings", type=int, default=5)
+    arguments = parser.parse_args()
+    result: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if arguments.minutes:
+            source = arguments.log or fly(folder / "flown")
+            log = repeated(source, folder / "long.mcap", 60.0 * arguments.minutes)
+            began = time.perf_counter()
+            report = write(log)
+            result["report, s to write"] = time.perf_counter() - began
+            result["report, MB"] = report.stat().st_size / 1e6
+            if CHROMIUM is not None:
+                result |= opening(report, arguments.openings)
+        if arguments.hours:
+            log = folder / "hours.mcap"
+            messages = long_log(log, arguments.hours)
+            said, info_s, info_mb = run("info --json", log)
+            assert sum(json.loads(said)["topics"].values()) == messages
+            _, report_s, report_mb = run("report", log)
+            result |= {
+                f"log of {arguments.hours:g} h, MB": log.stat().st_size / 1e6,
+                "messages in it": messages,
+                "companion info of it, s": info_s,
+                "companion info of it, MB of memory": info_mb,
+                "companion report of it, s": report_s,
+                "companion report of it, MB of memory": report_mb,
+            }
+    if arguments.json:
+        print(json.dumps(result))
+        return
+    for key, value in result.items():
+        print(f"{key:50} {value:12,.2f}")
+
+
+if __name__ == "__main__":
+    main()
