@@ -326,18 +326,10 @@ TABLE: tuple[Row, ...] = (
     ),
     _row(
         State.RELINQUISHED,
-        lambda h, s, t: h.telemetry_age > s.telemetry_timeout or h.heartbeat_age > s.heartbeat_timeout,
+        lambda h, s, t: h.failsafe,
         State.RELEASED,
-        _E,
-        "telemetry {health.telemetry_age:.1f} s and heartbeat {health.heartbeat_age:.1f} s old: letting go",
-        fault=True,
-    ),
-    _row(
-        State.RELINQUISHED,
-        lambda h, s, t: h.failsafe or h.refused_telemetry is not None or h.unsound_output is not None,
-        State.RELEASED,
-        _E,
-        "no longer fit to take control back: letting go{health.reason}",
+        _W,
+        "the vehicle is in failsafe: letting go{health.reason}",
         fault=True,
     ),
     _row(

@@ -197,7 +197,11 @@ class Panel:
         with self._server.gui.add_modal(f"Ask the vehicle to {wish}?") as question:
             if wish in _QUESTIONS:
                 self._server.gui.add_markdown(_QUESTIONS[wish])
-            self._buttons(question, wish, lambda: self._control.ask(wish), lambda: None)
+            self._buttons(question, wish, lambda: self._ask(wish), lambda: None)
+
+    def _ask(self, wish: str) -> None:
+        self._control.ask(wish)
+        self._plant(None)
 
     def _buttons(self, question: Any, wish: str, wanted: Callable[[], None], not_wanted: Callable[[], None]) -> None:
         sure = self._server.gui.add_button(f"yes, {wish}", color="red")

@@ -90,7 +90,7 @@ class _Vehicle:
     places: Track = field(default_factory=lambda: Track(7, MOST))
     attitudes: Track = field(default_factory=lambda: Track(6, MOST))
     """Quaternion, and the vehicle's time (s)."""
-    rings: Track = field(default_factory=lambda: Track(3 + _SECTORS, MOST))
+    rings: Track = field(default_factory=lambda: Track(3 + _SECTORS, MOST // 2))
     """The vehicle's time (s), reach (m), and of each sector its range (m), inf for nothing there, NaN for unknown."""
     beats: Track = field(default_factory=lambda: Track(4, MOST))
     """custom_mode, armed, critical."""

@@ -142,6 +142,9 @@ class Page:
         gui.main_panel.dock_right()
         gui.set_panel_label("Courier")
         self._words = gui.add_html("")
+        self._panel: Panel | None = None
+        if self._control is not None:
+            self._panel = Panel(self._server, self._control, self._here, lambda: self._source.world)
         with gui.add_folder("Time"):
             self._slider: Any = gui.add_slider("s", 0.0, 1.0, 0.01, 0.0)
             self._play = gui.add_checkbox("play", True)
@@ -172,9 +175,6 @@ class Page:
             self._speeds = gui.add_uplot(
                 (empty,) * 2, series(("speed", "#d08a1d")), scales=still, axes=(uplot.Axis(), axis), height=150
             )
-        self._panel: Panel | None = None
-        if self._control is not None:
-            self._panel = Panel(self._server, self._control, self._here, lambda: self._source.world)
 
     def _here(self) -> Floats | None:
         """Where the vehicle is now, whatever time is shown."""

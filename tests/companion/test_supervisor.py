@@ -206,11 +206,13 @@ def test_control_given_back_over_a_fault_is_answered_as_in_flight() -> None:
         assert state_of(supervisor) is last, fault
 
 
-@pytest.mark.parametrize("change", ["telemetry", "heartbeat", "refused", "unsound", "failsafe"])
-def test_who_can_t_take_control_back_says_so_and_lets_go(change: str) -> None:
+def test_a_gap_while_others_fly_is_nothing_and_a_failsafe_is_the_end_of_waiting() -> None:
+    """Setpoints would bring a vehicle that has left external control by itself back into it."""
     supervisor, now = relinquished()
-    health = replace(FAULTS[change][0], mode=FlightMode.HOLD)
-    said = supervisor.update(health, now + SECOND)
+    for fault in ("telemetry", "heartbeat", "ring", "overrun"):
+        now = settle(supervisor, replace(FAULTS[fault][0], mode=FlightMode.HOLD), now, 2.0)
+    assert state_of(supervisor) is State.RELINQUISHED
+    said = supervisor.update(replace(OTHERS, failsafe=True), now + SECOND)
     assert state_of(supervisor) is State.RELEASED
     assert said is not None and said.text == supervisor.fault and "{" not in said.text
 

@@ -15,15 +15,15 @@ PATIENCE_MS = 60_000
 
 
 @contextmanager
-def opened(url: str) -> Iterator[tuple[Page, list[str]]]:
-    """The page at a URL, and the errors that it has had so far."""
+def opened(url: str, *, fine: float = 1.0) -> Iterator[tuple[Page, list[str]]]:
+    """The page at a URL, drawn with `fine` pixels to one of its own, and the errors that it has had so far."""
     errors: list[str] = []
     with sync_playwright() as playwright:
         arguments = ["--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
         arguments += ["--no-sandbox"] if os.geteuid() == 0 else []
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
         try:
-            page = browser.new_page(viewport={"width": 1000, "height": 640})
+            page = browser.new_page(viewport={"width": 1000, "height": 640}, device_scale_factor=fine)
             page.set_default_timeout(PATIENCE_MS)
             page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
             page.on("pageerror", lambda error: errors.append(str(error)))

@@ -122,8 +122,7 @@ def under_the_pixel(watched: Watched, x: float, y: float, width: float, height: 
 
 @needs_chromium
 def test_each_button_reaches_the_vehicle(watched: Watched) -> None:
-    with opened(f"http://127.0.0.1:{watched.page.port}") as (browser, errors):
-        browser.set_viewport_size({"width": 720, "height": 400})
+    with opened(f"http://127.0.0.1:{watched.page.port}", fine=0.4) as (browser, errors):
         browser.get_by_label("camera follows", exact=True).evaluate("box => box.click()")
         watched.take_off()
         mode = browser.locator("#mode")
