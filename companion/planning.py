@@ -95,6 +95,11 @@ class Elsewhere:
         except (EOFError, OSError):
             self._ended()
 
+    @property
+    def pid(self) -> int | None:
+        """Of the process."""
+        return self._process.pid
+
     def ask(self, question: Question) -> None:
         if self.fault is None:
             try:

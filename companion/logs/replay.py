@@ -10,7 +10,7 @@ from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, R
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
 from companion.logs.writer import Writer
-from companion.planning import PLANNED, Here
+from companion.planning import PLANNED, Here, Planning
 from companion.runner import LOG_FAULT, REQUEST, TICK, lockstep_time
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
@@ -124,6 +124,10 @@ class _Second:
         self._datagram_number = 0
         self._autopilot = Autopilot(flight.settings, flight.body, flight.mission, flight.output)
         self._thinker = Here(flight.settings.avoidance)
+        self._planning: Planning | None = None
+        """For a flight whose companion asked nothing: what it asks now is answered as in lockstep."""
+        if PLANNED.topic not in self._topics:
+            self._planning = Planning(self._thinker, flight.settings.avoidance.answer_delay)
         self._somebody = False
         """Whether there is anybody to send to yet."""
         self._held = b""
@@ -191,6 +195,9 @@ class _Second:
                 self._datagram(now, data, has_sender=record.data[1:5] != bytes(4))
         elif record.topic == TICK.topic:
             self._overdue()
+            if self._planning is not None:
+                while (planned := self._planning.due(now)) is not None:
+                    self._held += self._take(Planned(now, planned))
             answer = self._held + self._take(Tick(now, TICK.unpack(record.data)["late_ns"]))
             self._held = b""
             self._send(now, answer)
@@ -225,7 +232,7 @@ class _Second:
         reaction = self._autopilot.handle(event)
         self._now = event.time_ns
         if reaction.question is not None:
-            self._thinker.ask(reaction.question)
+            (self._planning or self._thinker).ask(reaction.question)
         if reaction.trace is not None:
             self._thought(event.time_ns, reaction.trace)
         return reaction.datagram

@@ -1,5 +1,6 @@
 """The motion along a way, the way over a map, and the trail back."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -132,3 +133,32 @@ def test_progress_is_a_metre_nearer_than_ever() -> None:
     assert progress.lacking_s(1, 48.0, 30 * second) == 0.0
     assert progress.lacking_s(1, 48.0, 35 * second) == 5.0
     assert progress.lacking_s(2, 90.0, 40 * second) == 0.0
+
+
+def gap_view(width_cells: int, *, certain: bool) -> MapView:
+    """A wall across the whole window 4 m ahead with a gap of so many cells of 0.2 m, dead ahead."""
+    half = width_cells // 2
+    view = view_with((slice(148, 150), slice(0, 128 - half)), (slice(148, 150), slice(128 - half + width_cells, 256)))
+    known = (view.states == OCCUPIED) if certain else np.zeros_like(view.states, np.bool_)
+    return dataclasses.replace(view, certain=known)
+
+
+def test_a_tight_way_is_taken_only_where_there_is_no_other() -> None:
+    here, goal = np.array([0.1, 0.1, -3.0]), np.array([10.0, 0.1, -3.0])
+    planner = Planner(Avoidance(method="astar"))
+    wide = planner.way(gap_view(9, certain=True), here, np.zeros(3), goal, 5.0)
+    assert not wide.tight and wide.corners[-1] == pytest.approx(goal[:2])
+    tight = planner.way(gap_view(4, certain=True), here, np.zeros(3), goal, 5.0)
+    assert tight.tight and tight.corners[-1] == pytest.approx(goal[:2])
+    assert not len(planner.way(gap_view(2, certain=True), here, np.zeros(3), goal, 5.0).corners)
+
+
+def test_what_may_be_a_gap_is_gone_and_looked_at() -> None:
+    """A wall that was seen from afar alone: the vehicle is sent before its thinnest place, and not into it."""
+    here, goal = np.array([0.1, 0.1, -3.0]), np.array([10.0, 0.1, -3.0])
+    view = gap_view(2, certain=False)
+    way = Planner(Avoidance(method="astar")).way(view, here, np.zeros(3), goal, 5.0)
+    assert way.tight and way.speeds[-1] == 0.0
+    end = way.corners[-1]
+    assert 3.0 < end[0] < 4.0 and abs(end[1] - 0.1) < 0.3
+    assert all(view.to_occupied[view.cell_of(corner)] >= 0.38 for corner in way.corners)

@@ -271,3 +271,58 @@ def test_a_free_beam_has_the_direction_that_the_frames_say() -> None:
         if math.hypot(*offset) > SETTINGS.hull:
             assert abs(math.atan2(body[1], body[0]) - math.radians(30.0)) < 0.5 * WIDTH + 1e-9
     assert len(free) > 50
+
+
+def walled(distance: float, slope: float, gap: tuple[float, float] | None = None) -> tuple[Array, BoolArray]:
+    """Ranges of a long thin wall that crosses the way north at a distance, turned by a slope, the nearest of five beams
+    a sector; nothing in a gap (m along it)."""
+    beams = np.radians(5.0 * np.arange(72)[:, None] + np.linspace(-2.0, 2.0, 5)[None, :])
+    closing = np.cos(beams) - slope * np.sin(beams)
+    reach = np.where(closing > 1e-3, distance / np.maximum(closing, 1e-3), np.inf)
+    if gap is not None:
+        along = reach * np.sin(beams)
+        reach = np.where((along > gap[0]) & (along < gap[1]), np.inf, reach)
+    ranges = reach.min(axis=1)
+    return np.minimum(ranges, 15.0), ranges < 15.0
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.6, -0.6, 1.2])
+def test_a_wall_seen_at_a_slant_has_no_holes(slope: float) -> None:
+    """No way leads through between the arcs of its sectors, though each is a step behind the last; one leads through
+    where there is a gap as wide as a door."""
+    here, beyond = (SETTINGS.cells // 2 + round(north / SETTINGS.cell) for north in (0.0, 8.1))
+    for gap, leads_through in ((None, False), ((-1.5, 1.5), True)):
+        view = seen(*walled(6.0, slope, gap), rings=3)
+        near = view.to_occupied[here - 10 : beyond + 1, here - 25 : here + 26] >= 0.6
+        parts, _ = ndimage.label(near, structure=np.ones((3, 3)))
+        assert parts[10, 25] > 0 and parts[-1, 25] > 0
+        assert (parts[10, 25] == parts[-1, 25]) == leads_through
+
+
+def test_what_is_near_is_measured_to_the_return() -> None:
+    """A thing dead ahead, wherever in its cell: the distance at a place before it is to the arc."""
+    for distance in (2.0, 2.07, 2.13, 2.19):
+        ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
+        ranges[[71, 0, 1]], hit[[71, 0, 1]] = distance, True
+        view = seen(ranges, hit)
+        place = view.centre_of(view.cell_of(HERE + np.array([distance - 0.5, 0.0, 0.0])))
+        arc = HERE[:2] + distance * np.stack([np.cos(t := np.radians(np.arange(-7.5, 7.5, 0.1))), np.sin(t)], axis=1)
+        exact = np.hypot(*(arc - place).T).min()
+        assert view.to_occupied[view.cell_of(place)] == pytest.approx(exact, abs=0.03)
+
+
+def test_between_is_linear_and_nothing_outside() -> None:
+    slope = np.add.outer(2.0 * np.arange(6.0), 3.0 * np.arange(5.0))
+    for row, column in ((0.0, 0.0), (2.25, 1.5), (4.75, 3.999)):
+        assert grid.between(slope, row, column) == pytest.approx(2.0 * row + 3.0 * column)
+    for row, column in ((-0.1, 2.0), (2.0, -0.1), (5.1, 2.0), (2.0, 4.5)):
+        assert grid.between(slope, row, column) == 0.0
+
+
+def test_only_what_was_near_is_certain() -> None:
+    for distance, sure in ((0.6, True), (3.0, False)):
+        ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
+        ranges[[71, 0, 1]], hit[[71, 0, 1]] = distance, True
+        view = seen(ranges, hit, rings=5)
+        assert view.certain is not None
+        assert view.certain[view.cell_of(HERE + np.array([distance, 0.0, 0.0]))] == sure

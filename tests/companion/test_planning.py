@@ -1,0 +1,128 @@
+"""Questions and answers: the same in this process and in another, at their time, and what happens when they end."""
+
+import itertools
+import os
+import pickle
+import signal
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from companion.avoidance.mapped import Answer, Question
+from companion.config import Avoidance
+from companion.mission import Phase
+from companion.planning import PLANNED, Elsewhere, Here, Planning, packed
+from companion.state import Scan
+from companion.supervisor import State
+from studies.joined import Joined, mission_of
+
+SETTINGS = Avoidance(method="astar")
+BEARINGS = np.radians(np.arange(0.0, 360.0, 5.0))
+PERIOD_NS = 66_000_000
+
+
+def questions(count: int = 8) -> list[Question]:
+    """On the way north at 3 m/s, towards a thing ahead, with chance ranges around."""
+    rng = np.random.default_rng(5)
+    asked = []
+    for k in range(count):
+        ranges = rng.uniform(6.0, 15.0, 72)
+        here = np.array([0.2 * k, 0.0, -3.0])
+        ranges[[71, 0, 1]] = 5.0 - 0.2 * k
+        scan = Scan(k * PERIOD_NS, k * PERIOD_NS // 1000, BEARINGS, ranges, ranges < 12.0, np.ones(72, bool))
+        pose = (here, np.array([1.0, 0.0, 0.0, 0.0]))
+        goal = np.array([30.0, 0.0, -3.0])
+        asked.append(Question(k + 1, k * PERIOD_NS, scan, pose, -0.5, here, np.array([3.0, 0.0, 0.0]), goal, 3.0))
+    return asked
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[Elsewhere]:
+    thinker = Elsewhere(SETTINGS)
+    yield thinker
+    thinker.close()
+
+
+def told(answer: Answer | None) -> bytes:
+    assert answer is not None
+    return pickle.dumps(answer)
+
+
+def test_another_process_answers_the_same(elsewhere: Elsewhere) -> None:
+    """All asked at once, more than a pipe's usual 64 KiB hold, and answered in their order, to the bit."""
+    here = Here(SETTINGS)
+    for question in questions():
+        here.ask(question)
+        elsewhere.ask(question)
+    for question in questions():
+        mine, theirs = here.take(0.0), elsewhere.take(20.0)
+        assert mine is not None and mine.number == question.number and len(mine.way.corners) > 1
+        assert told(mine) == told(theirs)
+    assert elsewhere.take(0.0) is None and elsewhere.fault is None
+
+
+def test_a_planner_that_is_killed_is_a_fault_and_no_exception(elsewhere: Elsewhere) -> None:
+    first, second, *_ = questions()
+    elsewhere.ask(first)
+    assert elsewhere.take(20.0) is not None
+    pid = elsewhere.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGKILL)
+    elsewhere.ask(second)
+    assert elsewhere.take(20.0) is None
+    assert elsewhere.fault is not None and "-9" in elsewhere.fault
+    elsewhere.ask(second)
+    assert elsewhere.take(0.0) is None
+
+
+def test_answers_count_their_delay_after_the_question() -> None:
+    planning = Planning(Here(SETTINGS), 0.02)
+    first, second, *_ = questions()
+    planning.ask(first)
+    assert planning.due(first.asked_ns + 19_999_999) is None
+    planning.ask(second)
+    answer = planning.due(first.asked_ns + 20_000_000)
+    assert answer is not None and answer.number == 1
+    assert planning.due(second.asked_ns + 19_999_999) is None
+    answer = planning.due(second.asked_ns + 30_000_000)
+    assert answer is not None and answer.number == 2
+    assert planning.due(10**12) is None
+
+
+def test_the_record_says_number_and_way() -> None:
+    here = Here(SETTINGS)
+    here.ask(questions()[0])
+    answer = here.take(0.0)
+    assert answer is not None
+    record = PLANNED.unpack(packed(answer))
+    corners = record["corners"]
+    assert record["number"] == 1 and corners == len(answer.way.corners)
+    assert np.reshape(record["way_ned"], (-1, 2))[:corners] == pytest.approx(answer.way.corners, abs=1e-5)
+    assert record["speeds"][:corners] == pytest.approx(answer.way.speeds, abs=1e-5)
+    assert not np.any(record["way_ned"][2 * corners :])
+
+
+class Failing(Here):
+    """Answers up to a number, and then never again."""
+
+    def __init__(self, last: int) -> None:
+        super().__init__(SETTINGS)
+        self._left = itertools.count(last, -1)
+
+    def take(self, patience_s: float) -> Answer | None:
+        return super().take(patience_s) if next(self._left) > 0 else None
+
+
+def test_without_answers_the_vehicle_stops_and_lands_by_itself() -> None:
+    """The planner's process dies on the way: the guard brakes, the companion holds, the vehicle lands unhurt."""
+    joined = Joined(mission_of("courier"), overrides=('avoidance.method="astar"',))
+    joined._planning = Planning(Failing(130), 0.02)
+    joined.fly(until=lambda flight: flight.autopilot.supervisor.state is State.HOLD, limit_s=60.0)
+    assert joined.autopilot.phase is Phase.ROUTE
+    joined.fly(limit_s=3.0)
+    assert np.linalg.norm(joined.vehicle.motion.velocity_ned) < 0.3
+    joined.fly(limit_s=60.0)
+    summary = joined.vehicle.summary()
+    assert summary.outcome == "landed" and summary.contacts == 0 and not joined.autopilot.released
+    assert any("no ring" in said for said in joined.said)
