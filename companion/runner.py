@@ -13,7 +13,7 @@ from types import FrameType
 
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, Reaction, Request, Tick
 from companion.planning import PLANNED, Planning, packed
-from companion.supervisor import FLYING
+from companion.supervisor import FLYING, State
 from companion.trace import LOGGED, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, record_type
@@ -89,7 +89,7 @@ class Runner:
             self._keep(self._thinning.rest())
             self._tell_latencies(self._now)
             if self.failure is not None:
-                flying = self._autopilot.supervisor.state in FLYING
+                flying = self._autopilot.supervisor.state in FLYING - {State.RELINQUISHED}
                 rest = "; setpoints have stopped, the vehicle holds and lands by itself" if flying else ""
                 self._log.text(self._now, logging.CRITICAL, "companion", self.failure + rest)
 

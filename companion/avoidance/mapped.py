@@ -91,7 +91,8 @@ class Outlook:
     def answer(self, question: Question) -> Answer:
         """Take a ring in, and say what is free and where to go."""
         surroundings, here, goal = self.surroundings, question.here, question.goal
-        view = surroundings.look(question.scan, question.pose, question.ground_down, here, question.asked_ns)
+        surroundings.add(question.scan, question.pose, question.ground_down, question.asked_ns)
+        view = surroundings.look(question.asked_ns)
         way, blocked = NO_WAY, False
         if self._planner is not None and goal is not None:
             way = self._planner.way(view, here, question.velocity, goal, question.speed)
@@ -109,14 +110,17 @@ class Surroundings:
         self._grid = OccupancyGrid(picked(GridSettings, settings.map, hull=settings.vehicle_radius))
         self._tracker = Tracker(picked(TrackSettings, settings.tracks))
         self.view: MapView | None = None
-        """As of the last ring."""
+        """At the last look."""
 
-    def look(self, scan: Scan, pose: tuple[Array, Array], ground_down: float, here: Array, now_ns: int) -> MapView:
-        """Take a ring in, with the pose of its own time; `here` (3,) is where the vehicle is now."""
+    def add(self, scan: Scan, pose: tuple[Array, Array], ground_down: float, now_ns: int) -> None:
+        """Take a ring in, with the pose (3,), (4,) of its own time."""
         moving = self._tracker.add(scan, *pose, ground_down)
         self._grid.add(scan, *pose, ground_down, moving)
         for track in self._tracker.moving:
             self._grid.forget(track.mean[:2], track.radius + _AROUND_MOVING, now_ns)
+
+    def look(self, now_ns: int) -> MapView:
+        """At the map as it is now."""
         self.view = view = self._grid.view(now_ns)
         return view
 

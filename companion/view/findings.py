@@ -126,7 +126,12 @@ def _file(flight: Gathered) -> list[Finding]:
 
 def _failsafes(flight: Gathered) -> list[Finding]:
     found = []
-    bad = {State.HOLD.value: "held", State.WITHDRAW.value: "asked the vehicle to hold", State.RELEASED.value: "let go"}
+    bad = {
+        State.HOLD.value: "held",
+        State.WITHDRAW.value: "asked the vehicle to hold",
+        State.RELINQUISHED.value: "left the vehicle to others",
+        State.RELEASED.value: "let go",
+    }
     for stretch in flight.states.finish():
         if stretch.value in bad:
             text = f"The companion {bad[stretch.value]} for {stretch.seconds:.1f} s."

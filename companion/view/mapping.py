@@ -1,7 +1,6 @@
 """The map that the rings of any MAVLink vehicle draw, for those who look: the page, Foxglove.
 
-It is the one that avoidance flies over (`companion.avoidance.mapped.Surroundings`), without what only flying needs: the
-guard's look at it, and its distances at every ring. A ring costs some 0.3 ms, a view some 2 ms.
+It is the one that avoidance flies over (`companion.avoidance.mapped.Surroundings`), looked at when it is asked for.
 """
 
 from collections.abc import Iterable, Mapping
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion import wire
-from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, GridSettings, MapView, OccupancyGrid
-from companion.avoidance.tracks import Tracker, TrackSettings
+from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, MapView
+from companion.avoidance.mapped import Surroundings
 from companion.config import Avoidance, Settings
 from companion.estimate import Estimator
 from companion.state import Scan
@@ -22,8 +21,6 @@ from protocol.frames import Array
 NAMES = frozenset({"ATTITUDE_QUATERNION", "ATTITUDE", "LOCAL_POSITION_NED", "OBSTACLE_DISTANCE"})
 """The messages that a map is made of."""
 
-_AROUND_MOVING = 0.3
-"""m around what moves that its passing leaves unknown, as in flight."""
 _REBOOT_MS = 1000
 """The vehicle's clock back by more than this: it has started anew, or the log is played again."""
 _UNKNOWN_COLOR = (90, 170, 235, 0)
@@ -47,9 +44,7 @@ class Mapper:
     """
 
     def __init__(self, avoidance: Avoidance, ground_down: float = 0.0) -> None:
-        grid, tracks = msgspec.structs.asdict(avoidance.map), msgspec.structs.asdict(avoidance.tracks)
-        self._grid = OccupancyGrid(GridSettings(**grid, hull=avoidance.vehicle_radius))
-        self._tracker = Tracker(TrackSettings(**tracks))
+        self._surroundings = Surroundings(avoidance)
         self._ground_down = ground_down - avoidance.ground_height
         self._estimator = Estimator()
         self._has_quaternion = False
@@ -78,15 +73,12 @@ class Mapper:
     def add(self, posed: PosedScan) -> None:
         """A ring in, in the order of time."""
         scan, place, attitude = posed
-        moving = self._tracker.add(scan, place, attitude, self._ground_down)
-        self._grid.add(scan, place, attitude, self._ground_down, moving)
-        for track in self._tracker.moving:
-            self._grid.forget(track.mean[:2], track.radius + _AROUND_MOVING, scan.time_ns)
+        self._surroundings.add(scan, (place, attitude), self._ground_down, scan.time_ns)
         self.position_ned = place
 
     def view(self, time_ns: int) -> MapView | None:
         """The map at a time of the same clock; None before the first ring."""
-        return None if self.position_ned is None else self._grid.view(time_ns)
+        return None if self.position_ned is None else self._surroundings.look(time_ns)
 
     def _attitude(self, report: wire.AttitudeReport, time_ns: int) -> None:
         taken = self._estimator.attitude(report, time_ns)
