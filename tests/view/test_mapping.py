@@ -87,8 +87,9 @@ def test_it_is_the_map_that_was_flown_over(heard: list[Message]) -> None:
             scan = wire.obstacle_distance(message, time_ns)
             pose = estimator.pose_at(scan.boot_time_us)
             if pose is not None:
-                surroundings.look(scan, pose, -avoidance.ground_height, pose[0], time_ns)
+                surroundings.add(scan, pose, -avoidance.ground_height, time_ns)
                 last_ns = time_ns
+    surroundings.look(last_ns)
     mapper = Mapper(avoidance)
     for message_ in heard:
         mapper.take(*message_)
