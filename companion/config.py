@@ -257,6 +257,8 @@ class AvoidanceTracks(Table, frozen=True):
     """Standard deviations by which a velocity must differ from 0."""
     steady: Annotated[int, msgspec.Meta(ge=1)] = 5
     """Scans in a row for which it must."""
+    rest: Annotated[int, msgspec.Meta(ge=1)] = 15
+    """Scans in a row without it after which what moved stands."""
 
 
 class AvoidanceGuard(Table, frozen=True):

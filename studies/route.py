@@ -51,7 +51,7 @@ def draw(log: LogReader, target: Path, command: str) -> None:
     draw_world(above, world, 3.0)
     above.plot(position[:, 1], position[:, 0], color=PATH, lw=1.3, label="flown")
     targets = trace[trace["blocked"]]["target_ned"]
-    above.plot(targets[::20, 1], targets[::20, 0], ".", color=SETPOINT, ms=2.5, label="avoidance setpoints")
+    above.plot(targets[::4, 1], targets[::4, 0], ".", color=SETPOINT, ms=2.5, label="avoidance setpoints")
     above.plot(0.0, 0.0, "^", color=INK, ms=6, label="home")
     door = position[trace["phase"] == Phase.RELEASE.value]
     if len(door):

@@ -196,6 +196,7 @@ class Guard:
         else:
             found, reason = guarded(
                 space.points,
+                (now_ns - space.seen_ns) * 1e-9,
                 space.to_occupied,
                 space.to_unseen,
                 space.cell,
@@ -516,6 +517,7 @@ def straight_stop(velocity: Array, braking: float) -> Array:
 @compiled
 def guarded(
     points: Array,
+    age: float,
     to_occupied: Floats,
     to_unseen: Floats,
     cell: float,
@@ -532,10 +534,14 @@ def guarded(
     lag: float,
     horizon: float,
 ) -> tuple[Array, int]:
-    """Acceleration (2,) and the Reason's number; `corner_n`, `corner_e` (m): the window's corner."""
+    """Acceleration (2,) and the Reason's number; `corner_n`, `corner_e` (m): the window's corner; `age` (s): of the
+    points, which move on meanwhile."""
     vn, ve = velocity[0], velocity[1]
+    soon = points.copy()
+    soon[:, 0] += (age + lag) * points[:, 2]
+    soon[:, 1] += (age + lag) * points[:, 3]
     planes = half_planes(
-        points,
+        soon,
         position[0] + lag * vn,
         position[1] + lag * ve,
         vn,

@@ -54,6 +54,8 @@ class TrackSettings:
     """Standard deviations by which a velocity must differ from 0."""
     steady: int
     """Scans in a row for which it must."""
+    rest: int
+    """Scans in a row without it after which what moved stands: a walker who turns is slow for a moment."""
 
 
 @dataclass(slots=True)
@@ -68,6 +70,7 @@ class Track:
     hits: int = 1
     misses: int = 0
     steady: int = 0
+    slow: int = 0
     moving: bool = False
 
     def at(self, seconds: float) -> Array:
@@ -166,8 +169,9 @@ class Tracker:
         s = self._settings
         fast = math.hypot(track.mean[2], track.mean[3]) > s.slowest
         fast = fast and square_in_sigmas(track.covariance[2:, 2:], track.mean[2:]) > s.certainty**2
-        track.steady = track.steady + 1 if fast else 0
-        track.moving = track.hits >= s.hits and track.steady >= s.steady
+        track.steady, track.slow = (track.steady + 1, 0) if fast else (0, track.slow + 1)
+        known = track.hits >= s.hits
+        track.moving = known and (track.steady >= s.steady or (track.moving and track.slow < s.rest))
 
 
 def born(number: int, cluster: Cluster) -> Track:

@@ -21,7 +21,9 @@ from protocol.frames import Array, from_euler
 from vehicle_sim.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, WallTable, World, WorldTable
 
-SETTINGS = TrackSettings(gap=1.0, widest=1.2, acceleration=1.5, hits=4, misses=4, slowest=0.4, certainty=3.0, steady=5)
+SETTINGS = TrackSettings(
+    gap=1.0, widest=1.2, acceleration=1.5, hits=4, misses=4, slowest=0.4, certainty=3.0, steady=5, rest=15
+)
 LEVEL = from_euler(0.0, 0.0, 0.0)
 PERIOD_NS = 66_666_667
 BEARINGS: Array = np.radians(5.0 * np.arange(72))
