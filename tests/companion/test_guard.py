@@ -371,3 +371,18 @@ def test_nearest_points_are_those_a_search_finds() -> None:
         known = {tuple(np.round(c, 6)) for c in centres}
         assert all(tuple(np.round(p, 6)) in known for p in mine[:, :2])
         assert (mine[:, 2:4] == 0.0).all() and 20 < len(mine) <= 36
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_walkers_who_cross_are_not_touched(side: float) -> None:
+    """They come from the side at 1.5 m/s, so that without a guard some would be met in the middle, some before, some
+    behind: hull (0.36 m) and walker (0.26 m) never touch, and mirrored the flight is mirrored."""
+    least, passed = [], 0
+    for late in np.arange(-0.6, 0.61, 0.1):
+        walker = np.array([[9.0, side * 1.5 * (3.0 + late), 0.0, -side * 1.5, 0.26 + 0.5]])
+        position, _ = flown(free_field(), np.array([3.0, 0.0, 0.0]), np.array([3.0, 0.0, 0.0]), 7.0, walker)
+        times = 0.004 * np.arange(1, len(position) + 1)
+        there = walker[0, :2] + times[:, None] * walker[0, 2:4]
+        least.append(np.hypot(*(position - there).T).min())
+        passed += position[-1, 0] > 11.0
+    assert min(least) > 0.36 + 0.26 and passed >= len(least) - 1

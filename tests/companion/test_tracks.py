@@ -188,3 +188,17 @@ def test_runs_go_around_the_ring() -> None:
     assert sorted(map(tuple, runs(points, usable, 1.0).tolist())) == [(20, 1), (40, 2), (70, 4)]
     assert len(runs(points, np.ones(72, np.bool_), 1.0)) == 0
     assert sorted(runs(points, usable, 0.1)[:, 1].tolist()) == [1] * 7
+
+
+def test_a_walker_who_turns_goes_on_being_followed() -> None:
+    """To and fro on a line, slow for a moment where he turns; when he has stopped for good he stands."""
+    scene = Scene()
+    moved = []
+    for k in range(150):
+        north = math.cos(0.09 * k)
+        scene.see([(north, 5.0)], yaw=math.pi / 2)
+        moved.append(len(scene.tracker.moving))
+    assert all(moved[40:])
+    for _ in range(40):
+        scene.see([(north, 5.0)], yaw=math.pi / 2)
+    assert not scene.tracker.moving
