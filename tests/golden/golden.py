@@ -8,6 +8,7 @@ from pathlib import Path
 
 from companion.logs.replay import Replay, replay
 from companion.logs.writer import Writer
+from companion.planning import PLANNED
 from companion.runner import REQUEST, TICK
 from protocol.flightlog import DATAGRAM, LogReader
 
@@ -17,7 +18,7 @@ FLIGHTS = {
     "attitude_realtime": ("--output", "attitude", "--pace", "realtime"),
 }
 """By name, the options of `companion demo`."""
-_EVENTS = (DATAGRAM.topic, TICK.topic, REQUEST.topic)
+_EVENTS = (DATAGRAM.topic, TICK.topic, REQUEST.topic, PLANNED.topic)
 
 
 def path_of(name: str) -> Path:
