@@ -4,7 +4,11 @@ import itertools
 import os
 import pickle
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,6 +78,24 @@ def test_a_planner_that_is_killed_is_a_fault_and_no_exception(elsewhere: Elsewhe
     assert elsewhere.fault is not None and "-9" in elsewhere.fault
     elsewhere.ask(second)
     assert elsewhere.take(0.0) is None
+
+
+def test_the_planner_ends_with_its_companion() -> None:
+    """Killed, so that it can't say anything to anybody."""
+    text = (
+        "import time; from companion.config import Avoidance; from companion.planning import Elsewhere\n"
+        "if __name__ == '__main__':\n"
+        "    print(Elsewhere(Avoidance(method='vfh')).pid, flush=True); time.sleep(600)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True) as companion:
+        assert companion.stdout is not None
+        planner = Path("/proc") / companion.stdout.readline().strip()
+        assert planner.exists()
+        companion.kill()
+    deadline = time.monotonic() + 30.0
+    while planner.exists() and "Z" not in (planner / "stat").read_text().rsplit(")", 1)[1].split()[0]:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
 
 
 def test_answers_count_their_delay_after_the_question() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from companion import wire
-from companion.autopilot import Datagram
+from companion.autopilot import Datagram, Planned
 from companion.avoidance.method import Method
 from companion.avoidance.none import NoAvoidance
 from companion.mission import Mission, Phase
@@ -24,6 +24,8 @@ from tests.flights import table_3
 from vehicle_sim.world import World
 
 COURIER = mission_of("courier")
+QUICK = ('avoidance.method="paper"',)
+"""Where the way does not matter: without the map, which takes half of a flight's time."""
 HOVER = mission_of("hover")
 
 
@@ -46,7 +48,7 @@ def without(*message_ids: int) -> tuple[Callable[[int, bytes], bytes], list[int]
 def fly_then_lose(*message_ids: int, mission: Mission = COURIER) -> Joined:
     """Fly until the route, lose the messages, go on until the end."""
     meddle, start = without(*message_ids)
-    joined = Joined(mission, meddle=meddle).fly(until=in_phase(Phase.ROUTE))
+    joined = Joined(mission, meddle=meddle, overrides=QUICK).fly(until=in_phase(Phase.ROUTE))
     start[0] = joined.vehicle.time_ns
     return joined
 
@@ -89,12 +91,15 @@ def test_step_of_one_metre_is_table_3(c: float, output: Output) -> None:
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not() -> None:
     first, second, other = (Joined(COURIER, seed=seed).fly(limit_s=25.0) for seed in (3, 3, 4))
-    assert first.events == second.events and first.sent == second.sent
-    assert first.events != other.events
+    heard, again, else_heard = (
+        [each for each in flight.events if not isinstance(each, Planned)] for flight in (first, second, other)
+    )
+    assert heard == again and first.sent == second.sent
+    assert heard != else_heard and len(first.events) > len(heard)
 
 
 def test_only_sound_setpoints_leave() -> None:
-    joined = Joined(COURIER, seed=5).fly()
+    joined = Joined(COURIER, seed=5, overrides=QUICK).fly()
     count = 0
     for data in joined.sent:
         for frame in Framer().datagram(data):
@@ -295,7 +300,7 @@ def test_crash_is_a_crash() -> None:
 
 def test_seen_clearance_agrees_with_the_truth() -> None:
     """The companion's own clearance, from a flat ring of 5 degree sectors, is near the world's at the same moments."""
-    joined = Joined(COURIER, seed=6)
+    joined = Joined(COURIER, seed=6, overrides=QUICK)
     gaps = []
     while not joined.autopilot.ended and joined.vehicle.time_ns < 40e9:
         joined.tick()
@@ -341,7 +346,7 @@ def test_ring_world_agrees_with_the_world() -> None:
 @pytest.mark.parametrize("output", Output)
 def test_the_vehicle_survives_its_companion(output: Output) -> None:
     """The companion dies at random moments, on any output: the vehicle holds, lands and disarms, unhurt."""
-    joined = Joined(COURIER, output=output)
+    joined = Joined(COURIER, output=output, overrides=QUICK)
     moments = np.sort(np.random.default_rng(4).uniform(2.0, 40.0, 5))
     for moment in moments:
         joined.fly(limit_s=moment - joined.vehicle.time_ns * 1e-9)
@@ -441,7 +446,7 @@ def test_the_guard_stops_what_no_method_would() -> None:
     trace = joined.trace()
     assert joined.vehicle.summary().contacts == 0 and joined.vehicle.flight.crash is None
     stopped = trace["guard_reason"] > 0
-    assert stopped.sum() > 100 and trace["guard_change"][stopped].max() > 1.0
+    assert stopped.sum() > 100 and trace["guard_change"][stopped].max() > 0.5
     assert not trace["guard_change"][~stopped].any()
     assert np.abs(trace["disturbance_ned"]).max() < 1.0
 
