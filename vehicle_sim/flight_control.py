@@ -25,7 +25,7 @@ STREAM_PROOF_NS = 1 * SECOND_NS
 """How long a stream must have run before OFFBOARD."""
 STREAM_LOSS_NS = 1 * SECOND_NS
 """PX4's COM_OF_LOSS_T."""
-STALE_NS = {Level.TORQUE: SECOND_NS // 4, Level.RATES: SECOND_NS // 4, Level.ATTITUDE: STREAM_GAP_NS}
+STALE_NS = {Level.TORQUE: SECOND_NS // 10, Level.RATES: SECOND_NS // 4, Level.ATTITUDE: STREAM_GAP_NS}
 """A command that is older would tumble the vehicle or carry it into something before the loss is acted upon: it brakes
 by itself until the next one or the loss (PX4 goes on with the old command)."""
 FAILSAFE_HOLD_NS = 5 * SECOND_NS
