@@ -240,12 +240,13 @@ class OccupancyGrid:
 
 def distance_to(marked: BoolArray, cell: float) -> Array:
     """Distance (m) from each cell's centre to the nearest marked one's, exact below FAR_M and FAR_M beyond."""
-    distances = np.full(marked.shape, FAR_M)
+    distances = np.empty(marked.shape)
+    distances.fill(FAR_M)
     reach = math.ceil(FAR_M / cell)
     rows, columns = (np.flatnonzero(marked.any(axis=axis)) for axis in (1, 0))
     if len(rows):
         near = tuple(slice(max(int(at[0]) - reach, 0), int(at[-1]) + reach + 1) for at in (rows, columns))
-        distances[near] = _distances(marked[near], cell, reach, FAR_M)
+        _distances(marked[near], cell, reach, FAR_M, distances[near])
     return distances
 
 
@@ -595,14 +596,14 @@ def _hits(states: Bytes, places: Array, corner_row: int, corner_column: int) -> 
     """(k, 2) NED of what stands in the occupied cells."""
     size = states.shape[0]
     mask = size - 1
-    found = np.empty((size * size, 2))
+    found = np.empty((int((states == OCCUPIED).sum()), 2))
     count = 0
     for i in range(size):
         for j in range(size):
             if states[i, j] == OCCUPIED:
                 found[count] = places[(corner_row + i) & mask, (corner_column + j) & mask, :2]
                 count += 1
-    return found[:count].copy()
+    return found
 
 
 @compiled
@@ -614,11 +615,14 @@ def _refine(to_occupied: Array, hits: Array, corner_row: int, corner_column: int
             if to_occupied[i, j] < near:
                 to_occupied[i, j] = near
     reach = math.ceil(near / cell) + 1
+    farthest = (near / cell + 1e-6) ** 2
     for k in range(hits.shape[0]):
         north, east = hits[k, 0] / cell - corner_row - 0.5, hits[k, 1] / cell - corner_column - 0.5
         row, column = math.floor(north + 0.5), math.floor(east + 0.5)
         for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
             for j in range(max(column - reach, 0), min(column + reach + 1, columns)):
+                if (i - north) * (i - north) + (j - east) * (j - east) > farthest:
+                    continue
                 distance = cell * math.hypot(i - north, j - east)
                 if distance < to_occupied[i, j]:
                     to_occupied[i, j] = distance
@@ -637,8 +641,8 @@ def between(distances: NDArray[np.floating[Any]], row: float, column: float) -> 
 
 
 @compiled
-def _distances(marked: BoolArray, cell: float, reach: int, far: float) -> Array:
-    """`reach`: cells to look at on either side, so many that they are `far` (m)."""
+def _distances(marked: BoolArray, cell: float, reach: int, far: float, result: Array) -> None:
+    """Fill `result`. `reach`: cells to look at on either side, so many that they are `far` (m)."""
     rows, columns = marked.shape
     up = np.empty((rows, columns), np.int32)
     none = np.int32(reach)
@@ -650,7 +654,6 @@ def _distances(marked: BoolArray, cell: float, reach: int, far: float) -> Array:
     for i in range(rows - 2, -1, -1):
         for j in range(columns):
             up[i, j] = min(up[i, j], up[i + 1, j] + 1)
-    result = np.empty((rows, columns))
     squares = np.full(columns + 2 * reach, reach * reach, np.int32)
     nearest = np.empty(columns, np.int32)
     for i in range(rows):
@@ -665,4 +668,3 @@ def _distances(marked: BoolArray, cell: float, reach: int, far: float) -> Array:
                 nearest[j] = min(nearest[j], np.int32(near + more))
         for j in range(columns):
             result[i, j] = min(cell * math.sqrt(nearest[j]), far)
-    return result
