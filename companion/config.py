@@ -270,7 +270,7 @@ class AvoidanceGuard(Table, frozen=True):
     """m from the vehicle's centre to an occupied cell's."""
     keep_out_unseen: Positive = 0.45
     """m from the vehicle's centre to the centre of a cell that was not seen free."""
-    keep_out_tight: Positive = 0.42
+    keep_out_tight: Positive = 0.38
     """In place of `keep_out` where there is no other way than a tight one."""
     keep_out_unseen_tight: Positive = 0.2
     crawl: Positive = 1.0
