@@ -5,6 +5,7 @@ vehicle waits anyway and no clock is looked at, it counts a fixed simulated time
 """
 
 import contextlib
+import fcntl
 import multiprocessing
 import select
 import signal
@@ -40,14 +41,17 @@ _PATIENCE_S = 10.0
 """For an answer that must be waited for."""
 _PIPE_BYTES = 1 << 20
 """Room for an answer as a whole, so that none is read in pieces."""
-_F_SETPIPE_SZ = 1031
+_MOST_OPEN = 24
+"""Questions, each 2 kB: so many fit into any pipe. They are 1.6 s; the failsafe for a lost ring has acted before."""
+_ENDED = "the planner's process has ended by itself"
 
 
 class Thinker(Protocol):
     """Answers questions in their order."""
 
-    fault: str | None
-    """Why there will be no more answers."""
+    @property
+    def fault(self) -> str | None:
+        """Why there will be no more answers."""
 
     def ask(self, question: Question) -> None:
         """Returns at once."""
@@ -62,8 +66,9 @@ class Thinker(Protocol):
 class Here:
     """In this process, when the answer is taken."""
 
+    fault: str | None = None
+
     def __init__(self, settings: Avoidance) -> None:
-        self.fault: str | None = None
         self.outlook = Outlook(settings)
         self._questions: deque[Question] = deque()
 
@@ -78,22 +83,35 @@ class Here:
 
 
 class Elsewhere:
-    """In a process of its own, which ends with this one."""
+    """In a process of its own, which ends with this one. Nothing here waits for it once it is ready."""
 
     def __init__(self, settings: Avoidance) -> None:
         context = multiprocessing.get_context("spawn")
-        self._here, there = context.Pipe()
-        self._process = context.Process(target=_think, args=(there, settings), name="courier-planner", daemon=True)
+        asked, self._questions = context.Pipe(duplex=False)
+        self._answers, answered = context.Pipe(duplex=False)
+        with contextlib.suppress(OSError):  # a user may have used up what the system grants for pipes
+            fcntl.fcntl(self._answers.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        arguments = (asked, answered, settings)
+        self._process = context.Process(target=_think, args=arguments, name="courier-planner", daemon=True)
         self._process.start()
-        there.close()
+        asked.close()
+        answered.close()
         self._poll = select.poll()
-        self._poll.register(self._here.fileno(), select.POLLIN | select.POLLHUP)
+        self._poll.register(self._answers.fileno(), select.POLLIN | select.POLLHUP)
         self._open = 0
-        self.fault: str | None = None
+        self._trouble: str | None = None
         try:
-            self._here.recv()  # it is ready
+            self._answers.recv()  # it is ready
         except (EOFError, OSError):
-            self._ended()
+            self._trouble = _ENDED
+            self._process.join(_PATIENCE_S)
+
+    @property
+    def fault(self) -> str | None:
+        """Why there will be no more answers."""
+        if self._trouble is not _ENDED or self._process.exitcode is None:
+            return self._trouble
+        return f"{_ENDED} (exit code {self._process.exitcode})"
 
     @property
     def pid(self) -> int | None:
@@ -101,47 +119,46 @@ class Elsewhere:
         return self._process.pid
 
     def ask(self, question: Question) -> None:
-        if self.fault is None:
-            try:
-                self._here.send(question)
-                self._open += 1
-            except OSError:
-                self._ended()
+        if self._trouble is not None:
+            return
+        if self._open == _MOST_OPEN:  # more would fill the pipe, and stop the loop that flies
+            self._trouble = f"the planner's process has left {_MOST_OPEN} questions unanswered"
+            return
+        try:
+            self._questions.send(question)
+            self._open += 1
+        except OSError:
+            self._trouble = _ENDED
 
     def take(self, patience_s: float) -> Answer | None:
-        if self.fault is not None or not self._open or not self._poll.poll(1e3 * patience_s):
+        if self._trouble is not None or not self._open or not self._poll.poll(1e3 * patience_s):
             return None
         try:
-            answer: Answer = self._here.recv()
+            answer: Answer = self._answers.recv()
         except (EOFError, OSError):
-            self._ended()
+            self._trouble = _ENDED
             return None
         self._open -= 1
         return answer
 
     def close(self) -> None:
-        self._here.close()
+        self._questions.close()
+        self._answers.close()
         self._process.join(_PATIENCE_S)
-
-    def _ended(self) -> None:
-        self._process.join(_PATIENCE_S)
-        self.fault = f"the planner's process has ended by itself (exit code {self._process.exitcode})"
+        if self._process.is_alive():
+            self._process.kill()
 
 
-def _think(pipe: "Connection", settings: Avoidance) -> None:
+def _think(questions: "Connection", answers: "Connection", settings: Avoidance) -> None:
     """The process: answer until the other side is gone."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    with contextlib.suppress(ImportError, OSError):
-        import fcntl
-
-        fcntl.fcntl(pipe.fileno(), _F_SETPIPE_SZ, _PIPE_BYTES)
     rehearse(settings)
     outlook = Outlook(settings)
     with contextlib.suppress(EOFError, OSError):
-        pipe.send(None)
+        answers.send(None)
         while True:
-            pipe.send(outlook.answer(pipe.recv()))
+            answers.send(outlook.answer(questions.recv()))
 
 
 def rehearse(settings: Avoidance) -> None:

@@ -79,9 +79,24 @@ def test_a_planner_that_is_killed_is_a_fault_and_no_exception(elsewhere: Elsewhe
     os.kill(pid, signal.SIGKILL)
     elsewhere.ask(second)
     assert elsewhere.take(20.0) is None
-    assert elsewhere.fault is not None and "-9" in elsewhere.fault
     elsewhere.ask(second)
     assert elsewhere.take(0.0) is None
+    elsewhere.close()
+    assert elsewhere.fault is not None and "-9" in elsewhere.fault
+
+
+def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: Elsewhere) -> None:
+    """Stopped, it takes nothing: questions are put into the pipe as long as it is sure to have room, then it is given
+    up; a `send` that waited would wait for ever."""
+    assert elsewhere.pid is not None
+    os.kill(elsewhere.pid, signal.SIGSTOP)
+    try:
+        for question in questions(40):
+            elsewhere.ask(question)
+            assert elsewhere.take(0.0) is None
+        assert elsewhere.fault is not None and "unanswered" in elsewhere.fault
+    finally:
+        os.kill(elsewhere.pid, signal.SIGCONT)
 
 
 def test_the_planner_ends_with_its_companion() -> None:
