@@ -101,7 +101,15 @@ class LogFault:
     text: str
 
 
-Event = Datagram | Tick | Planned | Request | LogFault
+@dataclass(frozen=True, slots=True)
+class PlannerFault:
+    """There will be no more answers."""
+
+    time_ns: int
+    text: str
+
+
+Event = Datagram | Tick | Planned | Request | LogFault | PlannerFault
 
 
 class Reaction(NamedTuple):
@@ -236,6 +244,8 @@ class Autopilot:
                 if self._log_fault is None:
                     self._say(Severity.CRITICAL, f"the flight log fails: {event.text}")
                 self._log_fault = event.text
+            case PlannerFault():
+                self._say(Severity.CRITICAL, f"no map any more: {event.text}")
         datagram = b"".join(self._outbox)
         announcements = tuple(self._announcements)
         traced, question = self._trace, self._question

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, Reaction, Request, Tick
+from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, PlannerFault, Reaction, Request, Tick
 from companion.planning import PLANNED, Planning, packed
 from companion.supervisor import FLYING, State
 from companion.trace import LOGGED, Thinning
@@ -23,8 +23,9 @@ TICK_NS = 4_000_000
 """250 Hz"""
 TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
 REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
-"""Events that are neither ticks nor datagrams: "land", or LOG_FAULT and what is wrong."""
+"""Events that are neither ticks nor datagrams: "land", or LOG_FAULT or PLANNER_FAULT and what is wrong."""
 LOG_FAULT = "log fault: "
+PLANNER_FAULT = "planner fault: "
 LOOP = record_type("/companion/loop", "courier/Loop", [("worst_ns", "uint32"), ("latency_ns", "uint32[]")])
 """Wall time from the receipt of a datagram with a new attitude to the command's departure, for those of a tenth of a
 second: how the machine did, not an event."""
@@ -190,16 +191,18 @@ class Runner:
         if wall >= self._status_due:
             self._status_due = wall + _STATUS_EVERY_S
             self._log.status(progress(self._autopilot, now))
+        answer = b""
         fault = self._planning.fault
         if fault is not None and not self._planning_failed:
             self._planning_failed = True
-            self._log.text(now, logging.CRITICAL, "companion", f"{fault}: there is no map any more")
+            self._log.record(REQUEST, now, REQUEST.pack(f"{PLANNER_FAULT}{fault}"))
+            answer += self._handle(PlannerFault(now, fault)).datagram
         fault = self._log.fault
-        if fault is None or fault == self._log_fault:
-            return b""
-        self._log_fault = fault
-        self._log.record(REQUEST, now, REQUEST.pack(f"{LOG_FAULT}{fault}"))
-        return self._handle(LogFault(now, fault)).datagram
+        if fault is not None and fault != self._log_fault:
+            self._log_fault = fault
+            self._log.record(REQUEST, now, REQUEST.pack(f"{LOG_FAULT}{fault}"))
+            answer += self._handle(LogFault(now, fault)).datagram
+        return answer
 
     def _handle(self, event: Event) -> Reaction:
         self._now = event.time_ns

@@ -6,12 +6,12 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, Request, Tick
+from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, PlannerFault, Request, Tick
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
 from companion.logs.writer import Writer
 from companion.planning import PLANNED, Here, Planning
-from companion.runner import LOG_FAULT, REQUEST, TICK, lockstep_time
+from companion.runner import LOG_FAULT, PLANNER_FAULT, REQUEST, TICK, lockstep_time
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record
@@ -205,8 +205,7 @@ class _Second:
             self._planned(now, PLANNED.unpack(record.data)["number"])
         elif record.topic == REQUEST.topic:
             what = REQUEST.unpack(record.data)["what"]
-            fault = LogFault(now, what.removeprefix(LOG_FAULT)) if what.startswith(LOG_FAULT) else None
-            self._held += self._take(fault or Request(now))
+            self._held += self._take(_request(now, what))
         else:
             return False
         return True
@@ -270,3 +269,12 @@ class _Second:
         if not self._traces and self._thinning is not None:  # the flight's end: what was left over
             self._traces = [data for _, data in self._thinning.rest()]
         self.differ.trace(record.time_ns, record.data, self._traces.pop(0) if self._traces else b"")
+
+
+def _request(now: int, what: str) -> Event:
+    """The event that a REQUEST record stands for."""
+    if what.startswith(LOG_FAULT):
+        return LogFault(now, what.removeprefix(LOG_FAULT))
+    if what.startswith(PLANNER_FAULT):
+        return PlannerFault(now, what.removeprefix(PLANNER_FAULT))
+    return Request(now)
