@@ -106,11 +106,9 @@ class ReferenceGenerator:
         """From the present motion to a stop at the target, straight if the motion allows it, about as fast as
         `speed`."""
         goal = (*target_ned.tolist(), speed, vertical_speed)
-        if goal == self._goal:
+        if goal == self._goal or self._flies_there(goal, time_ns):
             return
         inputs = self._present(time_ns)
-        if self._flies_there(goal, inputs.current_position):
-            return
         if max(map(abs, inputs.current_acceleration)) > self._settings.acceleration + _CLOSE:
             self.stop(time_ns)  # out of a track that is harder than this motion may be; until it is not any more
             return
@@ -129,11 +127,12 @@ class ReferenceGenerator:
             inputs.synchronization = Synchronization.Time
             self._change(inputs, time_ns, goal)
 
-    def _flies_there(self, goal: tuple[float, ...], here: list[float]) -> bool:
+    def _flies_there(self, goal: tuple[float, ...], time_ns: int) -> bool:
         """The motion is to almost the same target: another one would turn the vehicle again and again for nothing."""
         if not self._goal:
             return False
         *target, speed, vertical_speed = self._goal
+        here, _, _ = self._translation.at(time_ns)
         near = math.dist(target, goal[:3]) < _SAME * math.dist(target, here)
         return near and abs(goal[3] - speed) < _SAME * speed and goal[4] == vertical_speed
 
