@@ -140,7 +140,7 @@ class Surroundings:
 
 
 class Planner:
-    """A way at each view: A* with its corners and their speeds, else the direction that VFH+ chooses."""
+    """A way at each view: corners with their speeds, by A* or by sampling; else the direction that VFH+ chooses."""
 
     def __init__(self, settings: Avoidance) -> None:
         self._settings = settings
