@@ -30,6 +30,9 @@ STALE_NS = {Level.TORQUE: SECOND_NS // 10, Level.RATES: SECOND_NS // 4, Level.AT
 by itself until the next one or the loss (PX4 goes on with the old command)."""
 FAILSAFE_HOLD_NS = 5 * SECOND_NS
 """PX4's COM_FAIL_ACT_T."""
+LINK_LOSS_NS = 10 * SECOND_NS
+"""PX4's COM_DL_LOSS_T. What PX4 does then is a setting (NAV_DLL_ACT), nothing at first; here it lands, as otherwise it
+would hang in the air until its battery is empty if who had it hold is gone."""
 LANDED_AFTER_NS = SECOND_NS // 2
 DISARM_LANDED_NS = 2 * SECOND_NS
 """PX4's COM_DISARM_LAND."""
@@ -66,6 +69,7 @@ class Mode(Enum):
 class Trigger(Enum):
     STREAM_LOST = "no setpoint for 1 s"
     STILL_LOST = "5 s in hold without anybody taking over"
+    LINK_LOST = "10 s without a heartbeat from anybody"
     CLIMBED = "at the take-off height"
     ABOVE_HOME = "over home"
     DISARMED = "motors off"
@@ -101,6 +105,7 @@ class LandedState(IntEnum):
 TRANSITIONS: dict[tuple[Mode, Trigger], tuple[Mode, Severity, str]] = {
     (Mode.OFFBOARD, Trigger.STREAM_LOST): (Mode.HOLD, Severity.CRITICAL, "Failsafe: offboard stream lost, holding"),
     (Mode.HOLD, Trigger.STILL_LOST): (Mode.LAND, Severity.CRITICAL, "Failsafe: offboard stream lost, landing"),
+    (Mode.HOLD, Trigger.LINK_LOST): (Mode.LAND, Severity.CRITICAL, "Failsafe: no heartbeat for 10 s, landing"),
     (Mode.TAKEOFF, Trigger.CLIMBED): (Mode.HOLD, Severity.INFO, "Takeoff height reached, holding"),
     (Mode.RETURN, Trigger.ABOVE_HOME): (Mode.LAND, Severity.INFO, "Home reached, landing"),
     (Mode.TAKEOFF, Trigger.DISARMED): (Mode.HOLD, Severity.INFO, "Disarmed, mode hold"),
@@ -169,6 +174,7 @@ class FlightControl:
         self._quiet_since_ns: int | None = motion.time_ns
         self._landed_since_ns = motion.time_ns
         self._failsafe_since_ns = 0
+        self._alone_since_ns = 0
         self._armed_since_ns = 0
         self._flown = False
         for record in (self._stopped, self._offboard, self._guided):
@@ -239,6 +245,10 @@ class FlightControl:
         record["speed_limits"] = (self._auto.cruise_speed_m_s, self._auto.climb_speed_m_s, self._auto.descent_speed_m_s)
         record["yaw"] = motion.yaw
         self.say(Severity.WARNING, "Offboard setpoint stale: braking")
+
+    def heartbeat(self) -> None:
+        """Somebody is there."""
+        self._alone_since_ns = self._motion.time_ns
 
     # --- commands ---
 
@@ -401,7 +411,7 @@ class FlightControl:
         if row is None:
             return
         mode, severity, text = row
-        if trigger is Trigger.STREAM_LOST and self.armed:
+        if trigger in (Trigger.STREAM_LOST, Trigger.LINK_LOST) and self.armed:
             self.failsafe = True
             self._failsafe_since_ns = self._motion.time_ns
         self.say(severity, text)
@@ -410,6 +420,7 @@ class FlightControl:
     def _enter(self, mode: Mode) -> None:
         """Set the mode and where it starts from."""
         self.mode = mode
+        self._alone_since_ns = self._motion.time_ns
         motion, auto = self._motion, self._auto
         target = self._stopping_point()
         if mode is Mode.TAKEOFF:
@@ -444,6 +455,8 @@ class FlightControl:
         if self.mode is Mode.HOLD:
             if self.failsafe and motion.time_ns - self._failsafe_since_ns >= FAILSAFE_HOLD_NS:
                 self._fire(Trigger.STILL_LOST)
+            elif motion.time_ns - self._alone_since_ns >= LINK_LOSS_NS:
+                self._fire(Trigger.LINK_LOST)
         elif self.mode is Mode.TAKEOFF:
             if not self.landed and abs(down - self._takeoff_ned[2]) < 0.5 * _ARRIVED_M:
                 self._fire(Trigger.CLIMBED)

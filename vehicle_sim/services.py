@@ -61,6 +61,7 @@ class Services:
         self._text_id = 0
         self.outbox: list[bytes] = []
         self._handlers: dict[int, Callable[[Any], None]] = {
+            dialect.MAVLINK_MSG_ID_HEARTBEAT: lambda _: flight.heartbeat(),
             dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._set_attitude_target,
             dialect.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET: self._set_actuator_control_target,
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._command_long,

@@ -17,6 +17,7 @@ from vehicle_sim.world import World
 AIRFRAME = Airframe.load(find("vehicles", "paper_quad"))
 EMPTY = World.load(find("worlds", "empty"))
 UNSET = math.nan
+HEARTBEAT_TICKS = 250
 
 TAKEOFF, HOLD, RETURN, LAND = (4 << 16 | sub << 24 for sub in (2, 3, 5, 6))
 OFFBOARD = 6 << 16
@@ -47,6 +48,8 @@ class ForeignPilot:
             for message_id in self.vehicle.telemetry.message_ids:
                 if message_id not in (mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE):
                     self.vehicle.telemetry.set_interval(message_id, -1)
+        self.present = True
+        """Sends heartbeats."""
         self.datagrams: list[bytes] = []
         self.received: dict[str, list[tuple[float, Any]]] = {}
         self._out = mavlink.MAVLink(None, 1, component)
@@ -66,6 +69,8 @@ class ForeignPilot:
         for _ in range(round(seconds * 1e9 / TICK_NS)):
             if each is not None:
                 each()
+            if self.present and self.vehicle.tick % HEARTBEAT_TICKS == 0:
+                self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))
             for datagram in self.vehicle.advance():
                 self.datagrams.append(datagram)
                 for message in self._in.parse_buffer(datagram) or []:

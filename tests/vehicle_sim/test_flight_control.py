@@ -286,6 +286,19 @@ def test_lost_stream_holds_then_lands_and_never_comes_back_by_itself(aloft: Fore
     assert OFFBOARD not in {m.custom_mode for m in pilot.all("HEARTBEAT", lost_s + 1.1)}
 
 
+def test_left_alone_in_hold_it_lands(aloft: ForeignPilot) -> None:
+    """Whoever had it hold has gone: no mode that is asked for may keep it up for ever."""
+    pilot = aloft
+    assert pilot.set_mode(HOLD) == ACCEPTED
+    pilot.fly(15.0)
+    assert pilot.mode == HOLD
+    pilot.present = False
+    assert not pilot.fly(8.9, until=lambda: pilot.mode == LAND)
+    assert pilot.fly(1.1, until=lambda: pilot.mode == LAND)
+    assert pilot.fly(20.0, until=lambda: not pilot.armed)
+    assert [text for text in pilot.texts if "Failsafe" in text] == ["Failsafe: no heartbeat for 10 s, landing"]
+
+
 def test_a_gap_below_a_second_changes_nothing(aloft: ForeignPilot) -> None:
     aloft.go_offboard()
     for _ in range(4):
