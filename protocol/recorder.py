@@ -548,7 +548,7 @@ class Recorder:
                     self._show(log_time, record[HEADER.size :])
             else:
                 self._obey(channel, record[HEADER.size :])
-            if count == _BATCH:
+            if count == _BATCH or file.pending_bytes >= CHUNK_BYTES:
                 self._taken += count
                 count = 0
                 self._words[flightlog.TAIL] = tail

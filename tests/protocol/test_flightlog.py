@@ -36,7 +36,7 @@ from protocol.flightlog import (
     read,
     record_type,
 )
-from protocol.recorder import CHUNK_AGE_NS, message_type
+from protocol.recorder import CHUNK_AGE_NS, CHUNK_BYTES, message_type
 
 COUNT = record_type("/courier/count", "courier/Count", [("number", "int64"), ("filling", "uint8[]")])
 TRACE = record_type(
@@ -483,6 +483,20 @@ def test_chunks_grow_to_their_age(start: Opener) -> None:
         summary = make_reader(file).get_summary()
     assert summary is not None
     assert len(summary.chunk_indexes) <= most
+
+
+def test_chunks_are_bounded_however_many_records_wait(start: Opener) -> None:
+    """What fails to be written, or is damaged, is one chunk: no more than half a megabyte."""
+    log = start()
+    filling = random.Random(3).randbytes(3000)
+    os.kill(log.recorder_pid, signal.SIGSTOP)
+    count(log, range(250), lambda number: filling)
+    os.kill(log.recorder_pid, signal.SIGCONT)
+    with log.path.open("rb") as file:  # as it is in flight
+        log.close()
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert CHUNK_BYTES < max(index.uncompressed_size for index in summary.chunk_indexes) < CHUNK_BYTES + 4000
 
 
 def test_the_finished_file_is_the_same_in_larger_chunks(start: Opener) -> None:
