@@ -3,7 +3,11 @@
 Hart, Nilsson and Raphael 1968, on 8 neighbours. A step costs its length times the mean of the two cells' prices: 1 in
 the open, up to 1 + `closeness` towards the inflation's edge, and `unknown` on top of it where nothing is known. A cell
 nearer to an occupied one than the inflation is forbidden; from a start within it steps may lead outward only, so that
-the vehicle can leave. A goal beyond the window is reached from any cell of its border by a straight line of price 1.
+the vehicle can leave. A goal beyond the window is reached from any cell of its border by a straight line, through what
+is unknown, too.
+
+What is left to go costs at least the straight line and, beyond the known cell that lies farthest towards the goal, all
+of the unknown's price: an eighth of the cells is opened that the straight line alone would open.
 """
 
 import math
@@ -56,6 +60,7 @@ class AStar:
     def __init__(self, settings: AStarSettings, cells: int) -> None:
         self.settings = settings
         count = cells * cells
+        self._prices = np.empty((cells, cells))
         self._cost = np.empty(count)
         self._parent = np.empty(count + 1, np.int64)
         self._closed = np.empty(count + 1, np.bool_)
@@ -63,9 +68,11 @@ class AStar:
         self._nodes = np.empty(_STEPS * count + 2, np.int64)
 
     def prices(self, view: MapView) -> Array:
-        """(cells, cells) what a metre in each cell costs; the forbidden ones have one too."""
+        """(cells, cells) what a metre in each cell costs; the forbidden ones have one too. It holds until the next
+        call."""
         s = self.settings
-        return _prices(view.states, view.to_occupied, s.inflation, s.comfort, s.closeness, s.unknown)
+        _price(view.states, view.to_occupied, s.inflation, s.comfort, s.closeness, s.unknown, self._prices)
+        return self._prices
 
     def plan(
         self,
@@ -95,8 +102,10 @@ class AStar:
             to_occupied,
             inflation,
             view.cell,
+            self.settings.unknown,
             first,
             last,
+            *_frontier(view.states, first, last),
             self._cost,
             self._parent,
             self._closed,
@@ -110,16 +119,20 @@ class AStar:
 
 
 @compiled
-def _prices(
-    states: Bytes, to_occupied: Array, inflation: float, comfort: float, closeness: float, unknown: float
-) -> Array:
+def _price(
+    states: Bytes,
+    to_occupied: Array,
+    inflation: float,
+    comfort: float,
+    closeness: float,
+    unknown: float,
+    prices: Array,
+) -> None:
     rows, columns = states.shape
-    prices = np.empty((rows, columns))
     for i in range(rows):
         for j in range(columns):
             near = min(max((comfort - to_occupied[i, j]) / (comfort - inflation), 0.0), 1.0)
             prices[i, j] = 1.0 + closeness * near * near + (unknown if states[i, j] == UNKNOWN else 0.0)
-    return prices
 
 
 @compiled
@@ -170,13 +183,50 @@ def _pop(keys: Array, nodes: Integers, size: int) -> int:
 
 
 @compiled
+def _frontier(states: Bytes, first: tuple[int, int], last: tuple[int, int]) -> tuple[float, float, float]:
+    """The direction from one cell to another as a unit vector, and how far along it, in cells from [0, 0], something is
+    known."""
+    rows, columns = states.shape
+    distance = max(math.hypot(last[0] - first[0], last[1] - first[1]), 1e-9)
+    ahead_row, ahead_column = (last[0] - first[0]) / distance, (last[1] - first[1]) / distance
+    farthest = -math.inf
+    for i in range(rows):
+        for k in range(columns):
+            j = columns - 1 - k if ahead_column > 0.0 else k
+            if states[i, j] != UNKNOWN:  # none of its row is farther
+                farthest = max(farthest, ahead_row * i + ahead_column * j)
+                break
+    return ahead_row, ahead_column, farthest
+
+
+@compiled
+def _to_go(
+    row: int,
+    column: int,
+    last: tuple[int, int],
+    unknown: float,
+    ahead_row: float,
+    ahead_column: float,
+    farthest: float,
+) -> float:
+    """What the way from a cell to the last one costs at least, in cells."""
+    straight = math.hypot(row - last[0], column - last[1])
+    at, end = ahead_row * row + ahead_column * column, ahead_row * last[0] + ahead_column * last[1]
+    return straight + unknown * max(end - max(farthest + 1.0, at), 0.0)
+
+
+@compiled
 def _search(
     prices: Array,
     to_occupied: Array,
     inflation: float,
     cell: float,
+    unknown: float,
     first: tuple[int, int],
     last: tuple[int, int],
+    ahead_row: float,
+    ahead_column: float,
+    farthest: float,
     cost: Array,
     parent: Integers,
     closed: NDArray[np.bool_],
@@ -205,7 +255,7 @@ def _search(
         if inside and row == last[0] and column == last[1]:
             return node, cost[node]
         if not inside and (row == 0 or column == 0 or row == rows - 1 or column == columns - 1):
-            whole = cost[node] + cell * math.hypot(row - last[0], column - last[1])
+            whole = cost[node] + cell * (1.0 + unknown) * math.hypot(row - last[0], column - last[1])
             if whole < beyond_cost:
                 beyond_cost, parent[beyond] = whole, node
                 size = _push(keys, nodes, size, whole, beyond)
@@ -222,7 +272,8 @@ def _search(
                 new = cost[node] + 0.5 * length * (prices[row, column] + prices[i, j])
                 if new < cost[other]:
                     cost[other], parent[other] = new, node
-                    size = _push(keys, nodes, size, new + cell * math.hypot(i - last[0], j - last[1]), other)
+                    left = _to_go(i, j, last, unknown, ahead_row, ahead_column, farthest)
+                    size = _push(keys, nodes, size, new + cell * left, other)
     return -1, math.inf
 
 

@@ -5,7 +5,6 @@ shorter way past an obstacle that the search went around with room) and keeps th
 Theta* (Nash et al. 2007), in one pass behind the search.
 """
 
-import itertools
 import math
 
 import numpy as np
@@ -30,14 +29,6 @@ def shorten(path: GridPath, view: MapView, prices: Array, inflation: float) -> A
     kept = _keep(cells, path.costs, prices, view.to_occupied, inflation, view.cell)
     corners: Array = (cells[kept] + np.array(view.corner) + 0.5) * view.cell
     return corners
-
-
-def way_cost(way: Array, view: MapView, prices: Array, inflation: float) -> float:
-    """Cost (m) of the straight lines between places (k, 2) NED, as `AStar` counts it; inf if one is blocked. To see
-    whether a way that was chosen before is still about as good as the best one."""
-    cells = way / view.cell - np.array(view.corner) - 0.5
-    legs = itertools.pairwise(cells)
-    return sum(line_cost(prices, view.to_occupied, inflation, view.cell, a[0], a[1], b) for a, b in legs)
 
 
 @compiled
