@@ -55,6 +55,9 @@ _SUPERVISION_NS = 20_000_000
 """50 Hz; no time in the settings is finer."""
 _REFUSALS_TOLERATED = 3
 _REASON_NS = 5 * _SECOND_NS
+_STEER_EVERY_NS = 15_000_000
+"""Between two looks along the way over the map, if nothing new is known; course and guard go on at each
+control step."""
 _SLOW_AND_NEAR = 1.0
 """m and m/s: a goal that is stopped at is approached by the generator from there on, not along the map's way,"""
 _NOT_NEAR = 2.0
@@ -377,6 +380,7 @@ class Autopilot:
             return
         step, here, goal = self.steps[self.step_index], self.state.position_ned, self._goal_of(self.state)
         self._way = answer.way
+        self._steer_at_ns = now
         limit = self.decision.speed_limit if step.avoids else self.mission.speed
         target = self.decision.target_ned if step.avoids else goal
         self.decision = AvoidanceDecision(target, limit, answer.clearance, answer.blocked)
@@ -743,7 +747,7 @@ class Autopilot:
     def _next_step(self, state: VehicleState, now: int) -> None:
         self.step_index += 1
         self._track = None
-        self._phase_since_ns = now
+        self._phase_since_ns = self._steer_at_ns = now
         self._arrived_ns = None
         following = self.steps[self.step_index]
         self.decision = AvoidanceDecision(
@@ -790,30 +794,41 @@ class Autopilot:
 
     def _steer_over_map(self, goal: Array, state: VehicleState, now: int) -> None:
         """Move the course along the way, no faster than it can stop within what was seen free."""
+        if not self._course.active:
+            base = self._reference.at(now)
+            self._course.start(now, base.position_ned, base.velocity_ned, base.acceleration_ned)
+            self._start_ned = base.position_ned
+            self._steer_at_ns = now
+        if now >= self._steer_at_ns:
+            self._steer_at_ns = now + _STEER_EVERY_NS
+            self._wanted = self._velocity_over_map(goal, state, now)
+        self._course.advance(now, self._wanted, state.position_ned[:2])
+
+    _start_ned = np.zeros(3)
+    """Where the course began and the generator waits for its end."""
+    _steer_at_ns = 0
+    _wanted = np.zeros(2)
+    """m/s, north and east: what the course takes up."""
+
+    def _velocity_over_map(self, goal: Array, state: VehicleState, now: int) -> Array:
+        """(2,) What is wanted of the course; heading and height follow."""
         assert self._guard is not None
         settings, generator = self.settings.avoidance, self._reference
         here, velocity = state.position_ned, state.velocity_ned
-        base = generator.at(now)
-        if not self._course.active:
-            self._course.start(now, base.position_ned, base.velocity_ned, base.acceleration_ned)
-            self._start_ned = base.position_ned
         wish = course.wish(self._way, here[:2], velocity[:2], goal[:2], self.mission.speed, settings.course.braking)
         wanted, speed = wish.velocity, math.hypot(*wish.velocity.tolist())
         limit = self._guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
         self._free = limit.free
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)
-        self._course.advance(now, wanted, here[:2])
         if speed > 1.0:
             generator.turn(now, math.atan2(wish.velocity[1], wish.velocity[0]))
-        climbs = goal[2] < base.position_ned[2]
+        climbs = goal[2] < generator.at(now).position_ned[2]
         vertical_speed = self.settings.trajectory.climb_speed if climbs else self.settings.trajectory.descent_speed
         generator.go(now, np.array([*self._start_ned[:2], goal[2]]), self.mission.speed, vertical_speed)
         target = np.array([*wish.places[0], goal[2]])
         self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
-
-    _start_ned = np.zeros(3)
-    """Where the course began and the generator waits for its end."""
+        return wanted
 
     def _track_to_join(self, step: Step) -> Track | None:
         """The step's, from its beginning or, after a hold, from where it was left."""

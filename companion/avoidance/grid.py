@@ -86,14 +86,13 @@ class GridSettings:
 
 @dataclass(frozen=True, slots=True)
 class MapView:
-    """The window at one time, in the order of north and east. Distances are from centre to centre of cells."""
+    """The window at one time, in the order of north and east. Its arrays are the map's own: they hold until its next
+    view."""
 
     states: Bytes
     """(cells, cells) UNKNOWN, FREE or OCCUPIED."""
     to_occupied: Array
-    """(cells, cells) m to the nearest occupied cell, at most FAR_M."""
-    to_unseen: Array
-    """(cells, cells) m to the nearest cell that is not free, unknown or occupied, at most FAR_M."""
+    """(cells, cells) m from the centre to the nearest occupied cell's, or to what stands in it, at most FAR_M."""
     corner: Cell
     """World index of [0, 0]: that cell begins at corner * cell north and east."""
     cell: float
@@ -130,6 +129,10 @@ class OccupancyGrid:
         self._log_odds = np.zeros(shape)
         self._seen_s = np.zeros(shape)
         self._places = np.zeros((*shape, 3))
+        # A large array that is taken anew each time costs more than what is written into it.
+        self._states = np.empty(shape, np.uint8)
+        self._certain = np.empty(shape, np.bool_)
+        self._to_occupied = np.empty(shape)
         self._corner: Cell | None = None
         self._height = 0.0
         """Down (m) of the layer's middle."""
@@ -204,16 +207,14 @@ class OccupancyGrid:
         """The window as it is now; all unknown before the first ring."""
         settings = self._settings
         corner = self._corner or (-settings.cells // 2, -settings.cells // 2)
-        states, certain = np.empty(self._log_odds.shape, np.uint8), np.empty(self._log_odds.shape, np.bool_)
         fading = CEILING / settings.memory_s
-        _classify(
+        states, certain, to_occupied = self._states, self._certain, self._to_occupied
+        hits = _classify(
             self._log_odds, self._seen_s, self._places, corner[0], corner[1], time_ns * 1e-9, fading, states, certain
         )
-        to_occupied = distance_to(states == OCCUPIED, settings.cell)
-        to_unseen = distance_to(states != FREE, settings.cell)
-        hits = _hits(states, self._places, corner[0], corner[1])
+        fill_distances(to_occupied, states == OCCUPIED, settings.cell, least=_NEAR_M)
         _refine(to_occupied, hits, corner[0], corner[1], settings.cell, _NEAR_M)
-        return MapView(states, to_occupied, to_unseen, corner, settings.cell, hits, certain)
+        return MapView(states, to_occupied, corner, settings.cell, hits, certain)
 
     def _follow(self, position_ned: Array) -> None:
         settings = self._settings
@@ -241,13 +242,21 @@ class OccupancyGrid:
 def distance_to(marked: BoolArray, cell: float) -> Array:
     """Distance (m) from each cell's centre to the nearest marked one's, exact below FAR_M and FAR_M beyond."""
     distances = np.empty(marked.shape)
-    distances.fill(FAR_M)
-    reach = math.ceil(FAR_M / cell)
+    fill_distances(distances, marked, cell)
+    return distances
+
+
+def fill_distances(
+    distances: NDArray[np.floating[Any]], marked: BoolArray, cell: float, far: float = FAR_M, least: float = 0.0
+) -> None:
+    """The same into `distances`, exact from `least` (m) to below `far` and that much on either side."""
+    distances.fill(far)
+    reach = math.ceil(far / cell)
     rows, columns = (np.flatnonzero(marked.any(axis=axis)) for axis in (1, 0))
     if len(rows):
         near = tuple(slice(max(int(at[0]) - reach, 0), int(at[-1]) + reach + 1) for at in (rows, columns))
-        _distances(marked[near], cell, reach, FAR_M, distances[near])
-    return distances
+        lengths = np.clip(cell * np.sqrt(np.arange(reach * reach + 1)), least, far)
+        _distances(marked[near], reach, lengths, distances[near])
 
 
 @compiled
@@ -573,47 +582,50 @@ def _classify(
     fading: float,
     states: Bytes,
     certain: BoolArray,
-) -> None:
-    """Fill `states` and `certain` in the window's order."""
+) -> Array:
+    """Fill `states` and `certain` in the window's order; (k, 2) NED of what stands in the occupied cells."""
     size = log_odds.shape[0]
     mask = size - 1
+    wrap = size - (corner_column & mask)
+    """Column of the window that is the first one of the memory."""
+    count = 0
+    for i in range(size):
+        row = (corner_row + i) & mask
+        _classify_run(log_odds[row, size - wrap :], seen_s[row, size - wrap :], now_s, fading, states[i, :wrap])
+        _classify_run(log_odds[row, : size - wrap], seen_s[row, : size - wrap], now_s, fading, states[i, wrap:])
+        for j in range(size):
+            count += states[i, j] == OCCUPIED
+    hits = np.empty((count, 2))
+    certain[:] = False
+    count = 0
     for i in range(size):
         row = (corner_row + i) & mask
         for j in range(size):
-            column = (corner_column + j) & mask
-            value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
-            certain[i, j] = value > OCCUPIED_ABOVE and places[row, column, 2] < _CERTAIN_M
-            if value > OCCUPIED_ABOVE:
-                states[i, j] = OCCUPIED
-            elif value < FREE_BELOW:
-                states[i, j] = FREE
-            else:
-                states[i, j] = UNKNOWN
+            if states[i, j] == OCCUPIED:
+                column = (corner_column + j) & mask
+                certain[i, j] = places[row, column, 2] < _CERTAIN_M
+                hits[count, 0], hits[count, 1] = places[row, column, 0], places[row, column, 1]
+                count += 1
+    return hits
 
 
 @compiled
-def _hits(states: Bytes, places: Array, corner_row: int, corner_column: int) -> Array:
-    """(k, 2) NED of what stands in the occupied cells."""
-    size = states.shape[0]
-    mask = size - 1
-    found = np.empty((int((states == OCCUPIED).sum()), 2))
-    count = 0
-    for i in range(size):
-        for j in range(size):
-            if states[i, j] == OCCUPIED:
-                found[count] = places[(corner_row + i) & mask, (corner_column + j) & mask, :2]
-                count += 1
-    return found
+def _classify_run(log_odds: Array, seen_s: Array, now_s: float, fading: float, states: Bytes) -> None:
+    """Cells (n,) beside each other; without a branch, so that the processor does several at a time."""
+    for j in range(states.shape[0]):
+        value, state = log_odds[j], np.uint8(UNKNOWN)
+        left = abs(value) - fading * (now_s - seen_s[j])
+        if value < 0.0 and left > -FREE_BELOW:
+            state = np.uint8(FREE)
+        if value > 0.0 and left > OCCUPIED_ABOVE:
+            state = np.uint8(OCCUPIED)
+        states[j] = state
 
 
 @compiled
 def _refine(to_occupied: Array, hits: Array, corner_row: int, corner_column: int, cell: float, near: float) -> None:
-    """Distances below `near` (m) become those to the hits."""
+    """Distances below `near` (m), which no other cell may have, become those to the hits."""
     rows, columns = to_occupied.shape
-    for i in range(rows):
-        for j in range(columns):
-            if to_occupied[i, j] < near:
-                to_occupied[i, j] = near
     reach = math.ceil(near / cell) + 1
     farthest = (near / cell + 1e-6) ** 2
     for k in range(hits.shape[0]):
@@ -621,11 +633,9 @@ def _refine(to_occupied: Array, hits: Array, corner_row: int, corner_column: int
         row, column = math.floor(north + 0.5), math.floor(east + 0.5)
         for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
             for j in range(max(column - reach, 0), min(column + reach + 1, columns)):
-                if (i - north) * (i - north) + (j - east) * (j - east) > farthest:
-                    continue
-                distance = cell * math.hypot(i - north, j - east)
-                if distance < to_occupied[i, j]:
-                    to_occupied[i, j] = distance
+                square = (i - north) * (i - north) + (j - east) * (j - east)
+                if square <= farthest:
+                    to_occupied[i, j] = min(to_occupied[i, j], cell * math.sqrt(square))
 
 
 @compiled
@@ -641,30 +651,31 @@ def between(distances: NDArray[np.floating[Any]], row: float, column: float) -> 
 
 
 @compiled
-def _distances(marked: BoolArray, cell: float, reach: int, far: float, result: Array) -> None:
-    """Fill `result`. `reach`: cells to look at on either side, so many that they are `far` (m)."""
+def _distances(marked: BoolArray, reach: int, lengths: Array, result: NDArray[np.floating[Any]]) -> None:
+    """Fill `result` with the `lengths` (reach * reach + 1,) of squares of distances in cells."""
     rows, columns = marked.shape
-    up = np.empty((rows, columns), np.int32)
-    none = np.int32(reach)
+    up = np.empty((rows, columns), np.int16)
+    none, one = np.int16(reach), np.int16(1)
     for j in range(columns):
         up[0, j] = 0 if marked[0, j] else none
     for i in range(1, rows):
         for j in range(columns):
-            up[i, j] = 0 if marked[i, j] else min(up[i - 1, j] + 1, none)
+            above = np.int16(up[i - 1, j] + one)
+            up[i, j] = 0 if marked[i, j] else min(above, none)
     for i in range(rows - 2, -1, -1):
         for j in range(columns):
-            up[i, j] = min(up[i, j], up[i + 1, j] + 1)
-    squares = np.full(columns + 2 * reach, reach * reach, np.int32)
-    nearest = np.empty(columns, np.int32)
+            below = np.int16(up[i + 1, j] + one)
+            up[i, j] = min(up[i, j], below)
+    squares = np.full(columns + 2 * reach, np.int16(reach * reach), np.int16)
+    nearest = np.empty(columns, np.int16)
     for i in range(rows):
         for j in range(columns):
-            squares[reach + j] = up[i, j] * up[i, j]
-            nearest[j] = squares[reach + j]
+            nearest[j] = squares[reach + j] = up[i, j] * up[i, j]
         for shift in range(1, reach):
-            more = np.int32(shift * shift)
+            more = np.int16(shift * shift)
             left, right = squares[reach - shift : reach - shift + columns], squares[reach + shift :]
             for j in range(columns):
                 near = left[j] if left[j] < right[j] else right[j]
-                nearest[j] = min(nearest[j], np.int32(near + more))
+                nearest[j] = min(nearest[j], np.int16(near + more))
         for j in range(columns):
-            result[i, j] = min(cell * math.sqrt(nearest[j]), far)
+            result[i, j] = lengths[nearest[j]]

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.braking import stopping_speed
-from companion.avoidance.grid import OCCUPIED, UNKNOWN, Bytes, Cell, MapView, between
+from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, MapView, between, fill_distances
 from protocol.compiled import compiled
 from protocol.frames import Array
 
@@ -47,6 +47,7 @@ _GRAZE = 0.1
 _FAR = 100.0
 """m, beyond every window."""
 _HALVINGS = 24
+_FAR_UNSEEN_M = 2.0
 _KEPT_M = 16.0
 """Half the side of what is kept of the map: farther than the LiDAR sees there is nothing free."""
 
@@ -124,6 +125,7 @@ class FreeSpace:
     to_occupied: Floats
     """(n, m) m, as in `MapView`; from a part of its window."""
     to_unseen: Floats
+    """(n, m) m to the nearest cell that is not free, unknown or occupied or beyond this part, at most _FAR_UNSEEN_M."""
     corner: Cell
     """World index of [0, 0]."""
     cell: float
@@ -158,7 +160,11 @@ def free_space(
         slice(max(math.floor((at - _KEPT_M) / view.cell), 0), max(math.ceil((at + _KEPT_M) / view.cell), 0))
         for at in (north, east)
     )
-    to_occupied, to_unseen = (each[rows, columns].astype(np.float32) for each in (view.to_occupied, view.to_unseen))
+    unseen_cells = view.states[rows, columns] != FREE
+    unseen_cells[[0, -1]] = unseen_cells[:, [0, -1]] = True
+    to_unseen = np.empty(unseen_cells.shape, np.float32)
+    fill_distances(to_unseen, unseen_cells, view.cell, _FAR_UNSEEN_M)
+    to_occupied = view.to_occupied[rows, columns].astype(np.float32)
     corner = view.corner[0] + rows.start, view.corner[1] + columns.start
     return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight)
 

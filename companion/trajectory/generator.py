@@ -47,7 +47,7 @@ class _Motion:
 
     def jerk(self, time_ns: int, acceleration: list[float]) -> list[float]:
         """It is constant between the profile's corners; from the acceleration then, which `at` gives."""
-        if self._profile is None:
+        if self._profile is None or self.ended(time_ns):
             return [0.0] * self._axes
         after = self._profile.at_time((time_ns - self._start_ns) * 1e-9 + _INSTANT_S)[2]
         return [(late - early) / _INSTANT_S for early, late in zip(acceleration, after, strict=True)]

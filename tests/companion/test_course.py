@@ -83,7 +83,7 @@ def view_with(*walls: tuple[slice, slice]) -> MapView:
     states = np.full((256, 256), FREE, np.uint8)
     for rows, columns in walls:
         states[rows, columns] = OCCUPIED
-    return MapView(states, distance_to(states == OCCUPIED, 0.2), distance_to(states != FREE, 0.2), (-128, -128), 0.2)
+    return MapView(states, distance_to(states == OCCUPIED, 0.2), (-128, -128), 0.2)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -112,7 +112,7 @@ def test_vfh_steers_where_there_is_no_way() -> None:
     assert straight.bearing is None and len(straight.corners) == 2
     offset = np.hypot(*np.meshgrid(np.arange(256) - 128, np.arange(256) - 128))
     states = np.where(np.abs(offset - 48.0) < 2.0, OCCUPIED, FREE).astype(np.uint8)
-    closed = MapView(states, distance_to(states == OCCUPIED, 0.2), open_view.to_unseen, (-128, -128), 0.2)
+    closed = MapView(states, distance_to(states == OCCUPIED, 0.2), (-128, -128), 0.2)
     assert not len(Planner(Avoidance(method="astar")).way(closed, here, np.zeros(3), goal, 5.0).corners)
 
 

@@ -43,13 +43,7 @@ STILL = np.zeros(3)
 
 
 def view_of(states: Bytes) -> MapView:
-    return MapView(
-        states,
-        distance_to(states == OCCUPIED, CELL),
-        distance_to(states != FREE, CELL),
-        (-CELLS // 2, -CELLS // 2),
-        CELL,
-    )
+    return MapView(states, distance_to(states == OCCUPIED, CELL), (-CELLS // 2, -CELLS // 2), CELL)
 
 
 def free_field() -> Bytes:

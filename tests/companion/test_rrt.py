@@ -30,7 +30,7 @@ def rrt(planner: str, seed: int = 1) -> Rrt:
 
 
 def view_of(states: Bytes, corner: tuple[int, int] = (0, 0)) -> MapView:
-    return MapView(states, distance_to(states == OCCUPIED, CELL), distance_to(states != FREE, CELL), corner, CELL)
+    return MapView(states, distance_to(states == OCCUPIED, CELL), corner, CELL)
 
 
 def open_field() -> Bytes:

@@ -23,7 +23,7 @@ def view_of(places: Array) -> MapView:
     states = np.full((CELLS, CELLS), FREE, np.uint8)
     rows = np.floor((places + HALF) / CELL).astype(int)
     states[tuple(rows.T)] = OCCUPIED
-    return MapView(states, distance_to(states == OCCUPIED, CELL), distance_to(states != FREE, CELL), (0, 0), CELL)
+    return MapView(states, distance_to(states == OCCUPIED, CELL), (0, 0), CELL)
 
 
 def choose(places: Array, goal: Array = AHEAD, velocity: Array = STILL, vfh: Vfh | None = None) -> float | None:
