@@ -157,7 +157,7 @@ class Trajectory(Table, frozen=True):
 class AvoidanceMap(Table, frozen=True):
     """The occupancy grid of "astar", "vfh" and the guard (`avoidance.grid`)."""
 
-    cell: Positive = 0.2
+    cell: Positive = 0.125
     """m"""
     cells: int = 256
     """Along each side of the window around the vehicle; a power of two."""
@@ -177,10 +177,12 @@ class AvoidancePlan(Table, frozen=True):
     inflation: Positive = 0.6
     """Nearer is forbidden."""
     tight: Positive = 0.38
-    """Nearer is forbidden where there is no other way."""
+    """Nearer is forbidden on the way that is looked for where the one with room is a long way round."""
+    detour: Positive = 12.0
+    """What the way with room may cost beyond the least that was to be expected."""
     doubt: Positive = 60.0
-    """What a metre costs on top, at the most, that leads through what was not seen from near enough to be sure, if all
-    else is closed: so the vehicle goes and looks."""
+    """What a metre costs on top, at the most, that leads through what was not seen from near enough to be sure: where
+    that is the cheapest, the vehicle goes and looks."""
     comfort: Positive = 2.0
     """From here on nearness costs nothing."""
     closeness: NotNegative = 3.0

@@ -50,6 +50,8 @@ class GridPath:
     """(n,) cost (m) from the start to each cell."""
     cost: float
     """Of the whole way (m), with the straight line beyond the window."""
+    detour: float
+    """What of that (m) is more than was expected before anything in the way was looked at."""
     whole: bool = True
     """It leads to the goal, or to where the straight line to it begins."""
 
@@ -97,6 +99,7 @@ class AStar:
         if view.contains(last):
             reach = math.ceil(self.settings.comfort / view.cell) + 1
             last = _nearest_allowed(to_occupied, last[0], last[1], inflation, reach)
+        frontier = _frontier(view.states, first, last)
         found, cost = _search(
             prices,
             to_occupied,
@@ -105,7 +108,7 @@ class AStar:
             self.settings.unknown,
             first,
             last,
-            *_frontier(view.states, first, last),
+            *frontier,
             self._cost,
             self._parent,
             self._closed,
@@ -115,7 +118,8 @@ class AStar:
         if found < 0:
             return None
         cells, costs = _trace_back(found, self._parent, self._cost, view.states.shape[1])
-        return GridPath(cells, costs, cost)
+        expected = view.cell * _to_go(*first, last, self.settings.unknown, *frontier)
+        return GridPath(cells, costs, cost, cost - expected)
 
 
 @compiled

@@ -42,8 +42,8 @@ FREE_BELOW = -0.3
 _STRONG = 1.5
 """Log-odds above which only a level beam wipes off."""
 _LEVEL = 0.5
-"""m from the height of flight up to which a beam is level."""
-FAR_M = 4.0
+"""m from the height of the sensor up to which a beam is level."""
+FAR_M = 3.0
 """What is farther away than this counts as so far: the map's distances end here."""
 _NEAR_M = 0.8
 """Distances below are measured to the returns, not to the centres of their cells."""
@@ -212,8 +212,7 @@ class OccupancyGrid:
         hits = _classify(
             self._log_odds, self._seen_s, self._places, corner[0], corner[1], time_ns * 1e-9, fading, states, certain
         )
-        fill_distances(to_occupied, states == OCCUPIED, settings.cell, least=_NEAR_M)
-        _refine(to_occupied, hits, corner[0], corner[1], settings.cell, _NEAR_M)
+        _measure(to_occupied, states == OCCUPIED, hits, corner, settings.cell)
         return MapView(states, to_occupied, corner, settings.cell, hits, certain)
 
     def _follow(self, position_ned: Array) -> None:
@@ -257,6 +256,25 @@ def fill_distances(
         near = tuple(slice(max(int(at[0]) - reach, 0), int(at[-1]) + reach + 1) for at in (rows, columns))
         lengths = np.clip(cell * np.sqrt(np.arange(reach * reach + 1)), least, far)
         _distances(marked[near], reach, lengths, distances[near])
+
+
+def to_certain(view: MapView) -> Array:
+    """(cells, cells) as `view.to_occupied`, with nothing there but the certain cells."""
+    if view.certain is None:
+        return view.to_occupied
+    distances = np.empty_like(view.to_occupied)
+    if view.hits is None:
+        fill_distances(distances, view.certain, view.cell)
+    else:
+        hits = view.hits[view.certain[view.states == OCCUPIED]]
+        _measure(distances, view.certain, hits, view.corner, view.cell)
+    return distances
+
+
+def _measure(distances: Array, marked: BoolArray, hits: Array, corner: Cell, cell: float) -> None:
+    """Distances to the marked cells, from near to the hits (k, 2) in them."""
+    fill_distances(distances, marked, cell, least=_NEAR_M)
+    _refine(distances, hits, corner[0], corner[1], cell, _NEAR_M)
 
 
 @compiled
@@ -357,7 +375,7 @@ def _add_beams(
         if hit[k] and ranges[k] <= reach and origin[2] + ranges[k] * down < ground_down:
             arc[k] = ranges[k]
             free = ranges[k] - _STANDOFF_M
-        level = _within_layer(origin[2] - height, down, _LEVEL)
+        level = _within_layer(0.0, down, _LEVEL)
         if free > 0.0:
             _free_wedge(log_odds, seen_s, cell, fading, now_s, origin[0], origin[1], sides[k], free, level)
     spots = _spots(positions, sides, arc)

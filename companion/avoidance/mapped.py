@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.avoidance.astar import AStar, AStarSettings, GridPath
 from companion.avoidance.course import NO_WAY, Way
-from companion.avoidance.grid import FAR_M, GridSettings, MapView, OccupancyGrid, distance_to
+from companion.avoidance.grid import FAR_M, GridSettings, MapView, OccupancyGrid, to_certain
 from companion.avoidance.guard import FreeSpace, GuardSettings, free_space
 from companion.avoidance.rrt import Rrt, RrtSettings
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
@@ -170,20 +170,18 @@ class Planner:
         return line_cost(free, view.to_occupied, inflation, view.cell, start[0], start[1], end) == math.inf
 
     def _planned(self, view: MapView, here: Array, goal: Array, speed: float) -> Way | None:
-        """With room if there is such a way; else a tight one; else one through what may turn out to be a gap."""
+        """With room, if that is no long way round. Else a tight one, or one to what may turn out to be a gap, if that is
+        cheaper."""
         plan = self._settings.plan
         prices = self._astar.prices(view)
         path = self._astar.plan(view, prices, here, goal)
-        if path is not None:
-            return self._flyable(path, view, prices, here, goal, speed, plan.inflation)
-        path = self._astar.plan(view, prices, here, goal, plan.tight)
-        if path is None and view.certain is not None:
+        if path is None or path.detour > plan.detour:
             doubtful = prices + plan.doubt * np.maximum(1.0 - view.to_occupied / plan.tight, 0.0) ** 2
-            path = self._astar.plan(view, doubtful, here, goal, plan.tight, distance_to(view.certain, view.cell))
-            path = None if path is None else _up_to_doubt(path, view, plan.tight + _TO_SEE)
-        if path is None:
-            return None
-        return replace(self._flyable(path, view, prices, here, goal, speed, plan.tight), tight=True)
+            tight = self._astar.plan(view, doubtful, here, goal, plan.tight, to_certain(view))
+            if tight is not None and (path is None or tight.cost < path.cost):
+                tight = _up_to_doubt(tight, view, plan.tight)
+                return replace(self._flyable(tight, view, prices, here, goal, speed, plan.tight), tight=True)
+        return None if path is None else self._flyable(path, view, prices, here, goal, speed, plan.inflation)
 
     def _flyable(
         self, path: GridPath, view: MapView, prices: Array, here: Array, goal: Array, speed: float, inflation: float
@@ -215,13 +213,16 @@ class Planner:
 
 
 def _up_to_doubt(path: GridPath, view: MapView, room: float) -> GridPath:
-    """The part of a path that keeps its distance from all that may be there, the start at least."""
-    near = view.to_occupied[path.cells[:, 0], path.cells[:, 1]] < room
-    away = np.flatnonzero(~near)
-    first = away[0] if len(away) else len(near)
-    closed = np.flatnonzero(near[first:])
-    end = max(int(first + closed[0]) if len(closed) else len(near), 1)
-    return replace(path, cells=path.cells[:end], costs=path.costs[:end], whole=end == len(near))
+    """The part of a path before it comes nearer than `room` (m) to what may be there, the start at least."""
+    near = view.to_occupied[path.cells[:, 0], path.cells[:, 1]]
+    away = np.flatnonzero(near >= room)
+    first = int(away[0]) if len(away) else len(near)  # out of what it is in
+    doubtful = first + np.flatnonzero(near[first:] < room)
+    if not len(doubtful):
+        return path
+    seen_from = np.flatnonzero(near[: doubtful[0]] >= room + _TO_SEE)
+    end = int(seen_from[-1]) + 1 if len(seen_from) else 1
+    return replace(path, cells=path.cells[:end], costs=path.costs[:end], whole=False)
 
 
 def _room(view: MapView, place: Array) -> float:
