@@ -143,7 +143,20 @@ def gap_view(width_cells: int, *, certain: bool) -> MapView:
     return dataclasses.replace(view, certain=known)
 
 
-def test_a_tight_way_is_taken_only_where_there_is_no_other() -> None:
+@pytest.mark.parametrize(("door_m", "tight"), [(3.0, False), (20.0, True)])
+def test_a_tight_way_is_taken_instead_of_a_long_way_round(door_m: float, tight: bool) -> None:
+    """A gap of 0.8 m dead ahead, and a door 2 m wide so far to the right."""
+    here, goal = np.array([0.1, 0.1, -3.0]), np.array([10.0, 0.1, -3.0])
+    door = 128 + round(door_m / 0.2)
+    walls = [(slice(148, 150), slice(*span)) for span in ((0, 126), (130, door - 5), (door + 5, 256))]
+    view = view_with(*walls)
+    view = dataclasses.replace(view, certain=view.states == OCCUPIED)
+    way = Planner(Avoidance(method="astar")).way(view, here, np.zeros(3), goal, 5.0)
+    assert way.tight == tight
+    assert (max(way.corners[:, 1]) > door_m - 1.0) == (not tight)
+
+
+def test_a_tight_way_is_taken_where_there_is_no_other() -> None:
     here, goal = np.array([0.1, 0.1, -3.0]), np.array([10.0, 0.1, -3.0])
     planner = Planner(Avoidance(method="astar"))
     wide = planner.way(gap_view(9, certain=True), here, np.zeros(3), goal, 5.0)

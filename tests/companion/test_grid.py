@@ -1,5 +1,6 @@
 """The rolling map: evidence cell by cell against a plain model, sides and frames, the window, fading, distances."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -147,6 +148,22 @@ def test_a_beam_that_passes_over_a_near_return_does_not_wipe_it_off() -> None:
     assert state_at(chart.view(0), HERE[0] + 3.0, HERE[1]) == FREE
 
 
+def test_level_beams_wipe_off_wherever_the_map_began() -> None:
+    """It began on the climb, 1.3 m lower (less than what begins a new one); what was hit hard has gone since."""
+    settings = dataclasses.replace(SETTINGS, layer=3.0)
+    chart = OccupancyGrid(settings)
+    nothing = scan_of(np.full(72, 15.0), np.zeros(72, bool))
+    chart.add(nothing, HERE + np.array([0.0, 0.0, 1.3]), LEVEL, GROUND)
+    hit = np.zeros(72, bool)
+    hit[0] = True
+    for _ in range(10):
+        chart.add(scan_of(np.where(hit, 2.0, 15.0), hit), HERE, LEVEL, GROUND)
+    assert state_at(chart.view(0), 2.05, -0.03) == OCCUPIED
+    for _ in range(10):
+        chart.add(nothing, HERE, LEVEL, GROUND)
+    assert state_at(chart.view(0), 2.05, -0.03) == FREE
+
+
 def test_ground_and_what_is_above_the_layer_are_no_obstacles() -> None:
     """Nose down 20 degrees at 3 m: forward the ground at 8.8 m, backward something 5 m away and 1.7 m up."""
     ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
@@ -240,7 +257,7 @@ def test_distances_against_scipy() -> None:
         marked[5, 60] = True
         exact = 0.2 * ndimage.distance_transform_edt(~marked)
         assert np.allclose(distance_to(marked, 0.2), np.minimum(exact, FAR_M), rtol=1e-12)
-    assert (distance_to(np.zeros((16, 16), bool), 0.2) > 16 * 0.2).all()
+    assert (distance_to(np.zeros((16, 16), bool), 0.2) == FAR_M).all()
 
 
 def test_free_is_free_all_the_way_from_the_sensor() -> None:
