@@ -170,7 +170,7 @@ class Planner:
         return line_cost(free, view.to_occupied, inflation, view.cell, start[0], start[1], end) == math.inf
 
     def _planned(self, view: MapView, here: Array, goal: Array, speed: float) -> Way | None:
-        """With room, if that is no long way round; else a tight one, or one to what may be a gap, if that is cheaper."""
+        """With room, if that is no long way round; else tight, or to what may be a gap, if that costs less."""
         plan = self._settings.plan
         prices = self._astar.prices(view)
         path = self._astar.plan(view, prices, here, goal)
