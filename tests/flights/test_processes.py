@@ -29,7 +29,7 @@ from tests.flights import table_3
 from tests.flights.processes import Process, free_port, pair, run
 
 EVERY_STEP = "log.trace_rate=250"
-KILLS = 20
+KILLS = 10
 KILL_PACE = 2.0
 
 
