@@ -37,7 +37,7 @@ class Way:
     bearing: float | None = None
     """rad from north; None with corners, or if the vehicle is to stay."""
     tight: bool = False
-    """There is no way with room: this one is tight, or leads to where there may be one."""
+    """There is no way with room but a long one, if any: this one is tight, or leads to where there may be one."""
 
 
 NO_WAY = Way(np.empty((0, 2)), np.empty(0))

@@ -73,7 +73,7 @@ class GridSettings:
     """Of the map."""
 
     cell: float
-    """m"""
+    """m, from 0.02 on: squares of distances in cells are counted in 16 bits."""
     cells: int
     """Along each side of the window; a power of two."""
     layer: float
@@ -604,8 +604,7 @@ def _classify(
     """Fill `states` and `certain` in the window's order; (k, 2) NED of what stands in the occupied cells."""
     size = log_odds.shape[0]
     mask = size - 1
-    wrap = size - (corner_column & mask)
-    """Column of the window that is the first one of the memory."""
+    wrap = size - (corner_column & mask)  # the window's column that is the memory's first one
     count = 0
     for i in range(size):
         row = (corner_row + i) & mask

@@ -161,7 +161,7 @@ def free_space(
         for at in (north, east)
     )
     unseen_cells = view.states[rows, columns] != FREE
-    unseen_cells[[0, -1]] = unseen_cells[:, [0, -1]] = True
+    unseen_cells[:1] = unseen_cells[-1:] = unseen_cells[:, :1] = unseen_cells[:, -1:] = True
     to_unseen = np.empty(unseen_cells.shape, np.float32)
     fill_distances(to_unseen, unseen_cells, view.cell, _FAR_UNSEEN_M)
     to_occupied = view.to_occupied[rows, columns].astype(np.float32)

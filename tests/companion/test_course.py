@@ -10,10 +10,11 @@ from companion.avoidance.course import NO_WAY, Course, Way, wish
 from companion.avoidance.grid import FREE, OCCUPIED, MapView, distance_to
 from companion.avoidance.mapped import Planner
 from companion.avoidance.progress import Progress, Trail
-from companion.config import Avoidance, AvoidanceCourse
+from companion.config import Avoidance, AvoidanceCourse, AvoidanceMap
 from protocol.frames import Array
 
 SETTINGS = AvoidanceCourse()
+ON_A_MAP = Avoidance(method="astar", map=AvoidanceMap(cell=0.2, cells=256))
 TICK_NS = 4_000_000
 BRAKING = 3.5
 AHEAD = np.array([[0.0, 0.0], [30.0, 0.0]])
@@ -91,7 +92,7 @@ def test_the_way_leads_round_the_open_end_of_a_wall(side: int) -> None:
     """A wall 4 m ahead that reaches far to one side; mirrored, the way is mirrored."""
     columns = slice(0, 138) if side > 0 else slice(118, 256)
     view = view_with((slice(148, 150), columns))
-    planner = Planner(Avoidance(method="astar"))
+    planner = Planner(ON_A_MAP)
     here, goal = np.array([0.0, 0.0, -3.0]), np.array([10.0, 0.0, -3.0])
     way = planner.way(view, here, np.zeros(3), goal, 5.0)
     assert way.bearing is None and planner.blocked(view, here, goal)
@@ -108,12 +109,12 @@ def test_vfh_steers_where_there_is_no_way() -> None:
     open_view = view_with()
     here, goal = np.array([0.0, 0.0, -3.0]), np.array([20.0, 0.0, -3.0])
     assert Planner(Avoidance(method="vfh")).way(open_view, here, np.zeros(3), goal, 5.0).bearing == pytest.approx(0.0)
-    straight = Planner(Avoidance(method="astar")).way(open_view, here, np.zeros(3), goal, 5.0)
+    straight = Planner(ON_A_MAP).way(open_view, here, np.zeros(3), goal, 5.0)
     assert straight.bearing is None and len(straight.corners) == 2
     offset = np.hypot(*np.meshgrid(np.arange(256) - 128, np.arange(256) - 128))
     states = np.where(np.abs(offset - 48.0) < 2.0, OCCUPIED, FREE).astype(np.uint8)
     closed = MapView(states, distance_to(states == OCCUPIED, 0.2), (-128, -128), 0.2)
-    assert not len(Planner(Avoidance(method="astar")).way(closed, here, np.zeros(3), goal, 5.0).corners)
+    assert not len(Planner(ON_A_MAP).way(closed, here, np.zeros(3), goal, 5.0).corners)
 
 
 def test_the_trail_leads_back_without_its_loops() -> None:
@@ -151,14 +152,14 @@ def test_a_tight_way_is_taken_instead_of_a_long_way_round(door_m: float, tight: 
     walls = [(slice(148, 150), slice(*span)) for span in ((0, 126), (130, door - 5), (door + 5, 256))]
     view = view_with(*walls)
     view = dataclasses.replace(view, certain=view.states == OCCUPIED)
-    way = Planner(Avoidance(method="astar")).way(view, here, np.zeros(3), goal, 5.0)
+    way = Planner(ON_A_MAP).way(view, here, np.zeros(3), goal, 5.0)
     assert way.tight == tight
     assert (max(way.corners[:, 1]) > door_m - 1.0) == (not tight)
 
 
 def test_a_tight_way_is_taken_where_there_is_no_other() -> None:
     here, goal = np.array([0.1, 0.1, -3.0]), np.array([10.0, 0.1, -3.0])
-    planner = Planner(Avoidance(method="astar"))
+    planner = Planner(ON_A_MAP)
     wide = planner.way(gap_view(9, certain=True), here, np.zeros(3), goal, 5.0)
     assert not wide.tight and wide.corners[-1] == pytest.approx(goal[:2])
     tight = planner.way(gap_view(4, certain=True), here, np.zeros(3), goal, 5.0)
@@ -170,7 +171,7 @@ def test_what_may_be_a_gap_is_gone_and_looked_at() -> None:
     """A wall that was seen from afar alone: the vehicle is sent before its thinnest place, and not into it."""
     here, goal = np.array([0.1, 0.1, -3.0]), np.array([10.0, 0.1, -3.0])
     view = gap_view(2, certain=False)
-    way = Planner(Avoidance(method="astar")).way(view, here, np.zeros(3), goal, 5.0)
+    way = Planner(ON_A_MAP).way(view, here, np.zeros(3), goal, 5.0)
     assert way.tight and way.speeds[-1] == 0.0
     end = way.corners[-1]
     assert 3.0 < end[0] < 4.0 and abs(end[1] - 0.1) < 0.3
