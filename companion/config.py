@@ -159,7 +159,7 @@ class AvoidanceMap(Table, frozen=True):
 
     cell: Annotated[float, msgspec.Meta(ge=0.02)] = 0.125
     """m"""
-    cells: int = 512
+    cells: int = 256
     """Along each side of the window around the vehicle; a power of two."""
     layer: Positive = 3.0
     """m above and below the height of flight that the map stands for."""
@@ -180,7 +180,7 @@ class AvoidancePlan(Table, frozen=True):
     """Nearer is forbidden on the way that is looked for where the one with room is a long way round."""
     detour: Positive = 12.0
     """What the way with room may cost beyond the least that was to be expected."""
-    doubt: Positive = 150.0
+    doubt: Positive = 60.0
     """What a metre costs on top, at the most, that leads through what was not seen from near enough to be sure: where
     that is the cheapest, the vehicle goes and looks."""
     comfort: Positive = 2.0

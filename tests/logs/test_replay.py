@@ -23,7 +23,7 @@ DATA = Path(__file__).resolve().parents[1] / "data"
 AT_S = 6.0
 
 
-@pytest.mark.parametrize("pace", ["lockstep", "4"])
+@pytest.mark.parametrize("pace", ["lockstep", "2"])
 @pytest.mark.parametrize("output", ["attitude", "rates", "actuators"])
 def test_every_byte_is_the_same(fly: Flyer, output: str, pace: str) -> None:
     path = fly("--output", output, "--pace", pace)
