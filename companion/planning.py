@@ -37,7 +37,7 @@ PLANNED = record_type(
     {"way_ned": "m north, m east of each corner", "speeds": "m/s at each"},
 )
 """An answer's arrival, an event; for people to look at, the first corners of its way."""
-PATIENCE_S = 10.0
+_PATIENCE_S = 10.0
 """For an answer that must be waited for."""
 _PIPE_BYTES = 1 << 20
 """Room for an answer as a whole, so that none is read in pieces."""
@@ -104,7 +104,7 @@ class Elsewhere:
             self._answers.recv()  # it is ready
         except (EOFError, OSError):
             self._trouble = _ENDED
-            self._process.join(PATIENCE_S)
+            self._process.join(_PATIENCE_S)
 
     @property
     def fault(self) -> str | None:
@@ -144,7 +144,7 @@ class Elsewhere:
     def close(self) -> None:
         self._questions.close()
         self._answers.close()
-        self._process.join(PATIENCE_S)
+        self._process.join(_PATIENCE_S)
         if self._process.is_alive():
             self._process.kill()
 
@@ -200,7 +200,7 @@ class Planning:
         if not self._due or now_ns < self._due[0]:
             return None
         self._due.popleft()
-        return self._thinker.take(PATIENCE_S)
+        return self._thinker.take(_PATIENCE_S)
 
     @property
     def fault(self) -> str | None:

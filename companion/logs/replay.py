@@ -2,7 +2,7 @@
 
 import gc
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,14 +10,12 @@ from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, P
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
 from companion.logs.writer import Writer
-from companion.planning import PATIENCE_S, PLANNED, Elsewhere, Here, Planning, Thinker
+from companion.planning import PLANNED, Here, Planning
 from companion.runner import LOG_FAULT, PLANNER_FAULT, REQUEST, TICK, lockstep_time
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record
 
-_WORTH_A_PROCESS = 4 << 20
-"""Bytes of log: about a minute of flight."""
 _MOST_BETWEEN = 2
 """Records that follow each other in the file may be that far apart in their sequence: a line of progress is counted
 and not kept."""
@@ -63,8 +61,8 @@ def replay(
     for what is no log of a flight or if that can't be written, DataFileError for settings that can't be used.
     """
     flight = open_flight(path, settings, overrides)
-    with _copy(flight, trace) as writer, closing(_thinker(flight)) as thinker:
-        second = _Second(flight, thinker, writer, keeps_series=keeps_series)
+    with _copy(flight, trace) as writer:
+        second = _Second(flight, writer, keeps_series=keeps_series)
         clock = RealClock()
         with _no_garbage_collection():
             second.fly()
@@ -97,14 +95,6 @@ def _copy(flight: Recorded, target: Path | None) -> AbstractContextManager[Write
     return writer
 
 
-def _thinker(flight: Recorded) -> Thinker:
-    """In a process beside this one, if there is so much to answer that its start pays."""
-    log, avoidance = flight.log, flight.settings.avoidance
-    if PLANNED.topic in log.topics and log.path.stat().st_size > _WORTH_A_PROCESS:
-        return Elsewhere(avoidance)
-    return Here(avoidance)
-
-
 @contextmanager
 def _no_garbage_collection() -> Iterator[None]:
     """As in flight."""
@@ -118,7 +108,7 @@ def _no_garbage_collection() -> Iterator[None]:
 class _Second:
     """The second flight. Which event's answer goes into which datagram is as in `runner.Runner`."""
 
-    def __init__(self, flight: Recorded, thinker: Thinker, writer: Writer | None, *, keeps_series: bool) -> None:
+    def __init__(self, flight: Recorded, writer: Writer | None, *, keeps_series: bool) -> None:
         recorded = flight.log.topics.get(TRACE.topic)
         known = [kind for kind in (LOGGED, TRACE) if recorded is not None and kind.definition == recorded.definition]
         self._compares_trace = bool(known)
@@ -133,7 +123,7 @@ class _Second:
         """Records in the copy, but for messages: these have the number of their datagram."""
         self._datagram_number = 0
         self._autopilot = Autopilot(flight.settings, flight.body, flight.mission, flight.output)
-        self._thinker = thinker
+        self._thinker = Here(flight.settings.avoidance)
         self._planning: Planning | None = None
         """For a flight whose companion asked nothing: what it asks now is answered as in lockstep."""
         if PLANNED.topic not in self._topics:
@@ -222,9 +212,9 @@ class _Second:
 
     def _planned(self, now: int, number: int) -> None:
         """The answer of that number; it depends on all questions before, whose answers may have been lost."""
-        answer = self._thinker.take(PATIENCE_S)
+        answer = self._thinker.take(0.0)
         while answer is not None and answer.number < number:
-            answer = self._thinker.take(PATIENCE_S)
+            answer = self._thinker.take(0.0)
         if answer is not None:
             self._held += self._take(Planned(now, answer))
 
