@@ -15,11 +15,14 @@ import numpy as np
 import pytest
 
 from companion.autopilot import Autopilot, Datagram, Planned, Tick
+from companion.avoidance.guard import Reason
 from companion.config import Settings, load_body
+from companion.logs.replay import replay
 from companion.mission import Mission
 from companion.planning import PLANNED, Here
 from companion.runner import REQUEST, TICK
 from companion.state import Output
+from companion.supervisor import State
 from companion.trace import TRACE
 from protocol import datafile
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
@@ -29,7 +32,7 @@ from tests.flights import table_3
 from tests.flights.processes import Process, free_port, pair, run
 
 EVERY_STEP = "log.trace_rate=250"
-KILLS = 10
+KILLS = 20
 KILL_PACE = 2.0
 UNHURRIED = "2"
 """A pace at which a busy machine may stand still for a quarter of a second: at 4 that is a failsafe."""
@@ -166,12 +169,18 @@ def killed_companion(folder: Path, delay_s: float) -> tuple[dict[str, Any], floa
         return simulator.report(), killed_at, log
 
 
+def children(parent: Process) -> list[int]:
+    """Its processes."""
+    pid = parent.process.pid
+    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
 @pytest.mark.timeout(600)
 def test_companion_killed_at_random_moments(tmp_path: Path) -> None:
     """The vehicle holds, then lands; the log opens and reaches to within 0.2 s of the kill."""
     delays = np.random.default_rng(1).uniform(0.0, 4.0, KILLS)
     folders = [tmp_path / str(index) for index in range(KILLS)]
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(3) as pool:
         results = list(pool.map(killed_companion, folders, delays))
     for report, killed_at, path in results:
         assert report["outcome"] == "landed" and report["contacts"] == 0
@@ -205,15 +214,39 @@ def test_recorder_killed(tmp_path: Path) -> None:
     with simulator, companion:
         companion.wait_for("armed, taking off")
         (path,) = tmp_path.glob("*/flight.mcap")
-        children = Path(f"/proc/{companion.process.pid}/task/{companion.process.pid}/children").read_text().split()
-        assert len(children) == 1
-        os.kill(int(children[0]), signal.SIGKILL)
+        (recorder,) = children(companion)
+        os.kill(recorder, signal.SIGKILL)
         assert companion.end() == 0
         simulator.end()
         assert simulator.report()["outcome"] == "landed"
         log = LogReader(path)
         assert not log.complete
         assert sum(1 for _ in log.records()) > 100
+
+
+def test_planner_killed(tmp_path: Path) -> None:
+    """On the way: it is said to everybody, the vehicle brakes, holds and lands unhurt, and the log replays."""
+    simulator, companion = pair(tmp_path, "1")
+    with simulator, companion:
+        companion.wait_for("route, step")
+        (planner,) = (pid for pid in children(companion) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
+        os.kill(planner, signal.SIGKILL)
+        assert companion.end() == 1
+        simulator.end()
+    said = "no map any more: the planner's process has ended by itself (exit code -9)"
+    assert any(said in line for line in companion.lines), companion.lines
+    report = simulator.report()
+    assert report["outcome"] == "landed" and report["contacts"] == 0 and not report["released"]
+    (path,) = tmp_path.glob("*/flight.mcap")
+    log = LogReader(path)
+    texts = {REQUEST.unpack(record.data)["what"] for record in log.records((REQUEST.topic,))}
+    assert texts == {"planner fault: the planner's process has ended by itself (exit code -9)"}
+    sent = log.topics["/mavlink/1/191/STATUSTEXT"]
+    assert any("no map any more" in sent.unpack(each.data)["text"] for each in log.records((sent.topic,)))
+    trace = log.array(TRACE.topic)
+    assert (trace["guard_reason"] == Reason.STALE).any() and State.HOLD.value in trace["state"]
+    result = replay(path)
+    assert result.differences == [] and result.datagrams > 1000
 
 
 def test_garbage_does_not_disturb(tmp_path: Path) -> None:
