@@ -12,6 +12,7 @@ of the unknown's price: an eighth of the cells is opened that the straight line 
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,8 @@ class AStar:
 
     def prices(self, view: MapView) -> Array:
         """(cells, cells) what a metre in each cell costs; the forbidden ones have one too. It holds until the next
-        call."""
+        call. Raises ValueError for a view of another size than the search was made for."""
+        self._check(view.states)
         s = self.settings
         _price(view.states, view.to_occupied, s.inflation, s.comfort, s.closeness, s.unknown, self._prices)
         return self._prices
@@ -88,8 +90,10 @@ class AStar:
         """From a place in the window to a place anywhere (2,) NED; None if there is no way.
 
         A goal that is forbidden is replaced by the nearest cell that is not, as far as the comfort goes. Another
-        inflation than that of the settings may be given, and other distances than the view's.
+        inflation than that of the settings may be given, and other distances than the view's. Raises ValueError for
+        another size than the search was made for.
         """
+        self._check(prices)
         inflation = self.settings.inflation if inflation is None else inflation
         to_occupied = view.to_occupied if to_occupied is None else to_occupied
         first = view.cell_of(start)
@@ -120,6 +124,11 @@ class AStar:
         cells, costs = _trace_back(found, self._parent, self._cost, view.states.shape[1])
         expected = view.cell * _to_go(*first, last, self.settings.unknown, *frontier)
         return GridPath(cells, costs, cost, cost - expected)
+
+    def _check(self, cells: NDArray[Any]) -> None:
+        """The search's memory is written to without a look at its bounds."""
+        if cells.shape != self._prices.shape:
+            raise ValueError(f"a map of {cells.shape} cells, and a search made for {self._prices.shape}")
 
 
 @compiled

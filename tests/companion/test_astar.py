@@ -130,6 +130,18 @@ def test_closed_in_there_is_no_way() -> None:
     assert plan(view_of(states), np.array([4.1, 4.1]), np.array([30.0, 4.1]))[0] is None
 
 
+def test_a_map_of_another_size_is_refused() -> None:
+    """What would be written beside the search's memory."""
+    view = view_of(np.full((40, 40), FREE, np.uint8))
+    larger = view_of(np.full((64, 64), FREE, np.uint8))
+    search = AStar(SETTINGS, 40)
+    with pytest.raises(ValueError, match=r"64.*40"):
+        search.prices(larger)
+    with pytest.raises(ValueError, match=r"64.*40"):
+        search.plan(larger, np.ones((64, 64)), np.ones(2), np.full(2, 5.0))
+    assert search.plan(view, search.prices(view), np.ones(2), np.full(2, 5.0)) is not None
+
+
 def test_a_gap_on_the_right_only_is_taken() -> None:
     """A wall across the way north with a gap in the east, and the mirror image."""
     states = np.full((64, 64), FREE, np.uint8)
