@@ -56,8 +56,8 @@ _SUPERVISION_NS = 20_000_000
 _REFUSALS_TOLERATED = 3
 _REASON_NS = 5 * _SECOND_NS
 _STEER_EVERY_NS = 15_000_000
-"""Between two looks along the way over the map, if nothing new is known; course and guard go on at each
-control step."""
+"""At least, between two looks along the way over the map: each fourth control step. Course and guard's filter go on at
+each one."""
 _SLOW_AND_NEAR = 1.0
 """m and m/s: a goal that is stopped at is approached by the generator from there on, not along the map's way,"""
 _NOT_NEAR = 2.0

@@ -48,6 +48,7 @@ _FAR = 100.0
 """m, beyond every window."""
 _HALVINGS = 24
 _FAR_UNSEEN_M = 2.0
+"""What is not seen free counts as so far, at the most: more than any keep-out."""
 _KEPT_M = 16.0
 """Half the side of what is kept of the map: farther than the LiDAR sees there is nothing free."""
 

@@ -166,8 +166,8 @@ class Planner:
         """The straight line to the goal comes too near to something."""
         inflation = self._settings.plan.inflation
         start, end = (place[:2] / view.cell - np.array(view.corner) - 0.5 for place in (here, goal))
-        free = view.to_occupied  # or any prices
-        return line_cost(free, view.to_occupied, inflation, view.cell, start[0], start[1], end) == math.inf
+        near = view.to_occupied
+        return line_cost(near, near, inflation, view.cell, start[0], start[1], end) == math.inf
 
     def _planned(self, view: MapView, here: Array, goal: Array, speed: float) -> Way | None:
         """With room, if that is no long way round; else tight, or to what may be a gap, if that costs less."""
