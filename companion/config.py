@@ -159,7 +159,7 @@ class AvoidanceMap(Table, frozen=True):
 
     cell: Annotated[float, msgspec.Meta(ge=0.02)] = 0.125
     """m"""
-    cells: int = 256
+    cells: int = 512
     """Along each side of the window around the vehicle; a power of two."""
     layer: Positive = 3.0
     """m above and below the height of flight that the map stands for."""
@@ -180,9 +180,11 @@ class AvoidancePlan(Table, frozen=True):
     """Nearer is forbidden on the way that is looked for where the one with room is a long way round."""
     detour: Positive = 12.0
     """What the way with room may cost beyond the least that was to be expected."""
-    doubt: Positive = 60.0
+    doubt: Positive = 150.0
     """What a metre costs on top, at the most, that leads through what was not seen from near enough to be sure: where
     that is the cheapest, the vehicle goes and looks."""
+    habit: NotNegative = 5.0
+    """What another way must cost less than the tight one that is being flown, for that to be left."""
     comfort: Positive = 2.0
     """From here on nearness costs nothing."""
     closeness: NotNegative = 3.0

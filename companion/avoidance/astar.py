@@ -24,6 +24,8 @@ from protocol.frames import Array
 Integers = NDArray[np.int64]
 
 _STEPS = 8
+_LEFT_M = 0.5
+"""A way that is so far away was left."""
 _SQRT2 = math.sqrt(2.0)
 
 
@@ -52,7 +54,7 @@ class GridPath:
     cost: float
     """Of the whole way (m), with the straight line beyond the window."""
     detour: float
-    """What of that (m) is more than was expected before anything in the way was looked at."""
+    """What of that (m) is more than was expected before anything in the way was looked at; 0 of an earlier way."""
     whole: bool = True
     """It leads to the goal, or to where the straight line to it begins."""
 
@@ -124,6 +126,29 @@ class AStar:
         cells, costs = _trace_back(found, self._parent, self._cost, view.states.shape[1])
         expected = view.cell * _to_go(*first, last, self.settings.unknown, *frontier)
         return GridPath(cells, costs, cost, cost - expected)
+
+    def again(
+        self,
+        cells: Integers,
+        view: MapView,
+        prices: Array,
+        start: Array,
+        goal: Array,
+        inflation: float,
+        to_occupied: Array,
+    ) -> GridPath | None:
+        """An earlier way, cells (n, 2) of this view, with today's costs, from where it comes nearest to `start` on; see
+        `plan` for the rest. None if it was left or can't be flown any more."""
+        first, last = view.cell_of(start), view.cell_of(goal)
+        away = np.hypot(cells[:, 0] - first[0], cells[:, 1] - first[1])
+        nearest = int(np.argmin(away))
+        rest = cells[nearest:]
+        if away[nearest] * view.cell > _LEFT_M or rest.min() < 0 or rest.max() >= len(prices):
+            return None
+        costs = _costs_along(rest, prices, to_occupied, inflation, view.cell)
+        left = math.hypot(*(rest[-1] - last).tolist())
+        cost = float(costs[-1]) + view.cell * (1.0 + self.settings.unknown) * left
+        return None if cost == math.inf else GridPath(rest, costs, cost, 0.0)
 
     def _check(self, cells: NDArray[Any]) -> None:
         """The search's memory is written to without a look at its bounds."""
@@ -288,6 +313,18 @@ def _search(
                     left = _to_go(i, j, last, unknown, ahead_row, ahead_column, farthest)
                     size = _push(keys, nodes, size, new + cell * left, other)
     return -1, math.inf
+
+
+@compiled
+def _costs_along(cells: Integers, prices: Array, to_occupied: Array, inflation: float, cell: float) -> Array:
+    """(n,) as the search counts them; inf from where it would not go on."""
+    costs = np.zeros(cells.shape[0])
+    for k in range(1, cells.shape[0]):
+        row, column, i, j = cells[k - 1, 0], cells[k - 1, 1], cells[k, 0], cells[k, 1]
+        length = cell * (_SQRT2 if i != row and j != column else 1.0)
+        allowed = to_occupied[i, j] >= min(inflation, to_occupied[row, column])
+        costs[k] = costs[k - 1] + 0.5 * length * (prices[row, column] + prices[i, j]) if allowed else math.inf
+    return costs
 
 
 @compiled

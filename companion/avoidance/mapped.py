@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from companion.avoidance.astar import AStar, AStarSettings, GridPath
+from companion.avoidance.astar import AStar, AStarSettings, GridPath, Integers
 from companion.avoidance.course import NO_WAY, Way
 from companion.avoidance.grid import FAR_M, GridSettings, MapView, OccupancyGrid, to_certain
 from companion.avoidance.guard import FreeSpace, GuardSettings, free_space
@@ -146,6 +146,8 @@ class Planner:
         self._settings = settings
         self._astar = AStar(picked(AStarSettings, settings.plan), settings.map.cells)
         self._vfh = Vfh(picked(VfhSettings, settings.vfh))
+        self._tight: Integers | None = None
+        """(n, 2) cells of the world along the way that was chosen last, if it was tight."""
         self._rrt = None
         if settings.method == "rrt":
             self._rrt = Rrt(picked(RrtSettings, settings.rrt, inflation=settings.plan.inflation))
@@ -170,17 +172,32 @@ class Planner:
         return line_cost(near, near, inflation, view.cell, start[0], start[1], end) == math.inf
 
     def _planned(self, view: MapView, here: Array, goal: Array, speed: float) -> Way | None:
-        """With room, if that is no long way round; else tight, or to what may be a gap, if that costs less."""
+        """With room, if that is no long way round; else tight, or to what may be a gap, if that costs less. A tight way
+        is gone on with as long as no other one is much cheaper, and until there is room again."""
         plan = self._settings.plan
         prices = self._astar.prices(view)
         path = self._astar.plan(view, prices, here, goal)
-        if path is None or path.detour > plan.detour:
-            doubtful = prices + plan.doubt * np.maximum(1.0 - view.to_occupied / plan.tight, 0.0) ** 2
-            tight = self._astar.plan(view, doubtful, here, goal, plan.tight, to_certain(view))
-            if tight is not None and (path is None or tight.cost < path.cost):
-                tight = _up_to_doubt(tight, view, plan.tight)
-                return replace(self._flyable(tight, view, prices, here, goal, speed, plan.tight), tight=True)
-        return None if path is None else self._flyable(path, view, prices, here, goal, speed, plan.inflation)
+        before, self._tight = self._tight, None
+        narrow = before is not None and view.to_occupied[view.cell_of(here)] < plan.inflation
+        if path is not None and path.detour <= plan.detour and not narrow:
+            return self._flyable(path, view, prices, here, goal, speed, plan.inflation)
+        doubtful = prices + plan.doubt * np.maximum(1.0 - view.to_occupied / plan.tight, 0.0) ** 2
+        certain = to_certain(view)
+        tight = self._astar.plan(view, doubtful, here, goal, plan.tight, certain)
+        least = math.inf if tight is None else tight.cost
+        if before is not None:
+            same = self._astar.again(before - np.array(view.corner), view, doubtful, here, goal, plan.tight, certain)
+            if same is not None and same.cost < least + plan.habit:
+                tight, least = same, same.cost - plan.habit
+        if tight is not None and (path is None or least < path.cost):
+            self._tight = tight.cells + np.array(view.corner)
+            tight = _up_to_doubt(tight, view, plan.tight)
+            return replace(self._flyable(tight, view, prices, here, goal, speed, plan.tight), tight=True)
+        if path is None:
+            return None
+        if narrow:
+            self._tight = path.cells + np.array(view.corner)
+        return replace(self._flyable(path, view, prices, here, goal, speed, plan.inflation), tight=narrow)
 
     def _flyable(
         self, path: GridPath, view: MapView, prices: Array, here: Array, goal: Array, speed: float, inflation: float
@@ -212,7 +229,8 @@ class Planner:
 
 
 def _up_to_doubt(path: GridPath, view: MapView, room: float) -> GridPath:
-    """The part of a path before it comes nearer than `room` (m) to what may be there, the start at least."""
+    """The part of a path up to where the first thing nearer than `room` (m), which may not be there, is seen from: a
+    little before it if there is so much space, the start at least."""
     near = view.to_occupied[path.cells[:, 0], path.cells[:, 1]]
     away = np.flatnonzero(near >= room)
     first = int(away[0]) if len(away) else len(near)  # out of what it is in
@@ -220,7 +238,7 @@ def _up_to_doubt(path: GridPath, view: MapView, room: float) -> GridPath:
     if not len(doubtful):
         return path
     seen_from = np.flatnonzero(near[: doubtful[0]] >= room + _TO_SEE)
-    end = int(seen_from[-1]) + 1 if len(seen_from) else 1
+    end = int(seen_from[-1]) + 1 if len(seen_from) else max(int(doubtful[0]), 1)
     return replace(path, cells=path.cells[:end], costs=path.costs[:end], whole=False)
 
 
