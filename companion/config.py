@@ -159,16 +159,16 @@ class AvoidanceMap(Table, frozen=True):
 
     cell: Annotated[float, msgspec.Meta(ge=0.02)] = 0.125
     """m"""
-    cells: int = 512
-    """Along each side of the window around the vehicle; a power of two."""
+    cells: int = 384
+    """Along each side of the window around the vehicle; an even number."""
     layer: Positive = 3.0
     """m above and below the height of flight that the map stands for."""
     memory_s: Positive = 120.0
     """How long a return at close range is remembered; weaker evidence fades in proportion."""
 
     def __post_init__(self) -> None:
-        if self.cells < 16 or self.cells & (self.cells - 1):
-            raise ValueError(f"cells {self.cells}: not a power of two from 16 on")
+        if self.cells < 16 or self.cells % 2:
+            raise ValueError(f"cells {self.cells}: not an even number from 16 on")
 
 
 class AvoidancePlan(Table, frozen=True):
@@ -183,6 +183,8 @@ class AvoidancePlan(Table, frozen=True):
     doubt: Positive = 150.0
     """What a metre costs on top, at the most, that leads through what was not seen from near enough to be sure: where
     that is the cheapest, the vehicle goes and looks."""
+    squeeze: NotNegative = 80.0
+    """What a metre of a tight way costs on top, at the most, nearer than the inflation: it leads through the middle."""
     habit: NotNegative = 5.0
     """What another way must cost less than the tight one that is being flown, for that to be left."""
     comfort: Positive = 2.0

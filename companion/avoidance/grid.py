@@ -65,6 +65,7 @@ _NEW_PLACE = 0.5
 """How much a return moves the place that its cell remembers."""
 
 Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float32]
 Cell = tuple[int, int]
 
 
@@ -75,7 +76,7 @@ class GridSettings:
     cell: float
     """m, from 0.02 on: squares of distances in cells are counted in 16 bits."""
     cells: int
-    """Along each side of the window; a power of two."""
+    """Along each side of the window; an even number."""
     layer: float
     """m above and below the height of flight that the map stands for."""
     memory_s: float
@@ -91,7 +92,7 @@ class MapView:
 
     states: Bytes
     """(cells, cells) UNKNOWN, FREE or OCCUPIED."""
-    to_occupied: Array
+    to_occupied: Floats
     """(cells, cells) m from the centre to the nearest occupied cell's, or to what stands in it, at most FAR_M."""
     corner: Cell
     """World index of [0, 0]: that cell begins at corner * cell north and east."""
@@ -122,17 +123,17 @@ class OccupancyGrid:
     """Takes rings in, each with the pose of its own time, and shows the window around the vehicle."""
 
     def __init__(self, settings: GridSettings) -> None:
-        if settings.cells < 2 or settings.cells & (settings.cells - 1):
-            raise ValueError(f"cells {settings.cells}: not a power of two")
+        if settings.cells < 2 or settings.cells % 2:
+            raise ValueError(f"cells {settings.cells}: not an even number from 2 on")
         self._settings = settings
         shape = (settings.cells, settings.cells)
-        self._log_odds = np.zeros(shape)
-        self._seen_s = np.zeros(shape)
+        self._log_odds = np.zeros(shape, np.float32)
+        self._seen_s = np.zeros(shape, np.float32)
         self._places = np.zeros((*shape, 3))
         # A large array that is taken anew each time costs more than what is written into it.
         self._states = np.empty(shape, np.uint8)
         self._certain = np.empty(shape, np.bool_)
-        self._to_occupied = np.empty(shape)
+        self._to_occupied = np.empty(shape, np.float32)
         self._corner: Cell | None = None
         self._height = 0.0
         """Down (m) of the layer's middle."""
@@ -238,27 +239,25 @@ class OccupancyGrid:
         )
 
 
-def distance_to(marked: BoolArray, cell: float) -> Array:
+def distance_to(marked: BoolArray, cell: float) -> Floats:
     """Distance (m) from each cell's centre to the nearest marked one's, exact below FAR_M and FAR_M beyond."""
-    distances = np.empty(marked.shape)
+    distances = np.empty(marked.shape, np.float32)
     fill_distances(distances, marked, cell)
     return distances
 
 
-def fill_distances(
-    distances: NDArray[np.floating[Any]], marked: BoolArray, cell: float, far: float = FAR_M, least: float = 0.0
-) -> None:
+def fill_distances(distances: Floats, marked: BoolArray, cell: float, far: float = FAR_M, least: float = 0.0) -> None:
     """The same into `distances`, exact from `least` (m) to below `far` and that much on either side."""
     distances.fill(far)
     reach = math.ceil(far / cell)
     rows, columns = (np.flatnonzero(marked.any(axis=axis)) for axis in (1, 0))
     if len(rows):
         near = tuple(slice(max(int(at[0]) - reach, 0), int(at[-1]) + reach + 1) for at in (rows, columns))
-        lengths = np.clip(cell * np.sqrt(np.arange(reach * reach + 1)), least, far)
+        lengths = np.clip(cell * np.sqrt(np.arange(reach * reach + 1)), least, far).astype(np.float32)
         _distances(marked[near], reach, lengths, distances[near])
 
 
-def to_certain(view: MapView) -> Array:
+def to_certain(view: MapView) -> Floats:
     """(cells, cells) as `view.to_occupied`, with nothing there but the certain cells."""
     if view.certain is None:
         return view.to_occupied
@@ -271,7 +270,7 @@ def to_certain(view: MapView) -> Array:
     return distances
 
 
-def _measure(distances: Array, marked: BoolArray, hits: Array, corner: Cell, cell: float) -> None:
+def _measure(distances: Floats, marked: BoolArray, hits: Array, corner: Cell, cell: float) -> None:
     """Distances to the marked cells, from near to the hits (k, 2) in them."""
     fill_distances(distances, marked, cell, least=_NEAR_M)
     _refine(distances, hits, corner[0], corner[1], cell, _NEAR_M)
@@ -287,22 +286,21 @@ def _faded(log_odds: float, age_s: float, fading: float) -> float:
 
 
 @compiled
-def _clear_what_enters(log_odds: Array, from_row: int, from_column: int, to_row: int, to_column: int) -> None:
+def _clear_what_enters(log_odds: Floats, from_row: int, from_column: int, to_row: int, to_column: int) -> None:
     """The window's corner moves: forget the rows and columns that were not in it before."""
     size = log_odds.shape[0]
-    mask = size - 1
     for row in range(to_row, to_row + size):
         if row < from_row or row >= from_row + size:
-            log_odds[row & mask, :] = 0.0
+            log_odds[row % size, :] = 0.0
     for column in range(to_column, to_column + size):
         if column < from_column or column >= from_column + size:
-            log_odds[:, column & mask] = 0.0
+            log_odds[:, column % size] = 0.0
 
 
 @compiled
 def _set_disc(
-    log_odds: Array,
-    seen_s: Array,
+    log_odds: Floats,
+    seen_s: Floats,
     corner_row: int,
     corner_column: int,
     cell: float,
@@ -314,15 +312,14 @@ def _set_disc(
 ) -> None:
     """Cells of the window whose centre lies in a disc get a value."""
     size = log_odds.shape[0]
-    mask = size - 1
     reach = math.ceil(radius / cell)
     row, column = math.floor(north / cell), math.floor(east / cell)
     for i in range(max(row - reach, corner_row), min(row + reach + 1, corner_row + size)):
         for j in range(max(column - reach, corner_column), min(column + reach + 1, corner_column + size)):
             dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
             if dn * dn + de * de <= radius * radius:
-                log_odds[i & mask, j & mask] = value
-                seen_s[i & mask, j & mask] = now_s
+                log_odds[i % size, j % size] = value
+                seen_s[i % size, j % size] = now_s
 
 
 @compiled
@@ -339,8 +336,8 @@ def _within_layer(above: float, down: float, layer: float) -> float:
 
 @compiled
 def _add_beams(
-    log_odds: Array,
-    seen_s: Array,
+    log_odds: Floats,
+    seen_s: Floats,
     places: Array,
     corner_row: int,
     corner_column: int,
@@ -442,8 +439,8 @@ def _directions(bearings: Array, attitudes: Array, half: float) -> tuple[Array, 
 
 @compiled
 def _free_wedge(
-    log_odds: Array,
-    seen_s: Array,
+    log_odds: Floats,
+    seen_s: Floats,
     cell: float,
     fading: float,
     now_s: float,
@@ -458,7 +455,7 @@ def _free_wedge(
     `sides` (4,) are north and east of the left and of the right edge's direction. Neighbouring wedges share an edge:
     each cell belongs to one of them.
     """
-    mask = log_odds.shape[0] - 1
+    size = log_odds.shape[0]
     y0, x0 = north / cell, east / cell
     y1, x1 = y0 + reach * sides[0] / cell, x0 + reach * sides[1] / cell
     y2, x2 = y0 + reach * sides[2] / cell, x0 + reach * sides[3] / cell
@@ -481,9 +478,11 @@ def _free_wedge(
             low, high = min(low, x), max(high, x)
         if low > high:
             continue
-        row = i & mask
-        for j in range(math.ceil(low - 0.5), math.ceil(high - 0.5)):
-            column = j & mask
+        row = i % size
+        first, last = math.ceil(low - 0.5), math.ceil(high - 0.5)
+        column = first % size - 1
+        for j in range(first, last):
+            column = column + 1 if column + 1 < size else 0
             before = log_odds[row, column]
             if before > _STRONG:
                 dn, de = y - y0, j + 0.5 - x0
@@ -501,8 +500,8 @@ def _free_wedge(
 
 @compiled
 def _hit_arc(
-    log_odds: Array,
-    seen_s: Array,
+    log_odds: Floats,
+    seen_s: Floats,
     places: Array,
     cell: float,
     fading: float,
@@ -517,7 +516,7 @@ def _hit_arc(
 ) -> None:
     """Every cell along the arc, once, with its share of the evidence; on the side where a thing ends, which may be
     anywhere within the sector, little of it."""
-    mask = log_odds.shape[0] - 1
+    size = log_odds.shape[0]
     share = CEILING / max(1.0, length / max(_MARK_M, cell))
     samples = math.ceil(2.0 * length / cell) + 1
     before_row, before_column = -1, -1
@@ -526,7 +525,7 @@ def _hit_arc(
         dn = sides[0] + right * (sides[2] - sides[0])
         de = sides[1] + right * (sides[3] - sides[1])
         place_n, place_e = north + distance * dn, east + distance * de
-        row, column = math.floor(place_n / cell) & mask, math.floor(place_e / cell) & mask
+        row, column = math.floor(place_n / cell) % size, math.floor(place_e / cell) % size
         if row == before_row and column == before_column:
             continue
         before_row, before_column = row, column
@@ -545,8 +544,8 @@ def _hit_arc(
 
 @compiled
 def _link(
-    log_odds: Array,
-    seen_s: Array,
+    log_odds: Floats,
+    seen_s: Floats,
     places: Array,
     cell: float,
     fading: float,
@@ -557,7 +556,7 @@ def _link(
     """A wall seen at a slant leaves steps between the arcs of its sectors: neighbours that a third return shows to
     stand in one line are joined by weak marks, so that no way leads between them until the place was seen."""
     count = arc.shape[0]
-    mask = log_odds.shape[0] - 1
+    size = log_odds.shape[0]
     for k in range(count):
         a, b = k, (k + 1) % count
         if arc[a] < 0.0 or arc[b] < 0.0:
@@ -571,7 +570,7 @@ def _link(
         samples = math.ceil(2.0 * length / cell)
         for s in range(1, samples):
             north, east = spots[a, 0] + s / samples * dn, spots[a, 1] + s / samples * de
-            row, column = math.floor(north / cell) & mask, math.floor(east / cell) & mask
+            row, column = math.floor(north / cell) % size, math.floor(east / cell) % size
             value = _faded(log_odds[row, column], now_s - seen_s[row, column], fading)
             if value < _LINK:
                 log_odds[row, column], seen_s[row, column] = _LINK, now_s
@@ -591,8 +590,8 @@ def _in_line(spots: Array, arc: Array, before: int, first: int, second: int) -> 
 
 @compiled
 def _classify(
-    log_odds: Array,
-    seen_s: Array,
+    log_odds: Floats,
+    seen_s: Floats,
     places: Array,
     corner_row: int,
     corner_column: int,
@@ -603,23 +602,25 @@ def _classify(
 ) -> Array:
     """Fill `states` and `certain` in the window's order; (k, 2) NED of what stands in the occupied cells."""
     size = log_odds.shape[0]
-    mask = size - 1
-    wrap = size - (corner_column & mask)  # the window's column that is the memory's first one
-    count = 0
+    wrap = size - (corner_column % size)  # the window's column that is the memory's first one
+    now, rate = np.float32(now_s), np.float32(fading)
+    counts = np.zeros(size, np.int64)
     for i in range(size):
-        row = (corner_row + i) & mask
-        _classify_run(log_odds[row, size - wrap :], seen_s[row, size - wrap :], now_s, fading, states[i, :wrap])
-        _classify_run(log_odds[row, : size - wrap], seen_s[row, : size - wrap], now_s, fading, states[i, wrap:])
+        row = (corner_row + i) % size
+        _classify_run(log_odds[row, size - wrap :], seen_s[row, size - wrap :], now, rate, states[i, :wrap])
+        _classify_run(log_odds[row, : size - wrap], seen_s[row, : size - wrap], now, rate, states[i, wrap:])
         for j in range(size):
-            count += states[i, j] == OCCUPIED
-    hits = np.empty((count, 2))
+            counts[i] += states[i, j] == OCCUPIED
+    hits = np.empty((counts.sum(), 2))
     certain[:] = False
     count = 0
     for i in range(size):
-        row = (corner_row + i) & mask
+        if counts[i] == 0:
+            continue
+        row = (corner_row + i) % size
         for j in range(size):
             if states[i, j] == OCCUPIED:
-                column = (corner_column + j) & mask
+                column = (corner_column + j) % size
                 certain[i, j] = places[row, column, 2] < _CERTAIN_M
                 hits[count, 0], hits[count, 1] = places[row, column, 0], places[row, column, 1]
                 count += 1
@@ -627,32 +628,49 @@ def _classify(
 
 
 @compiled
-def _classify_run(log_odds: Array, seen_s: Array, now_s: float, fading: float, states: Bytes) -> None:
-    """Cells (n,) beside each other; without a branch, so that the processor does several at a time."""
+def _classify_run(log_odds: Floats, seen_s: Floats, now_s: np.float32, fading: np.float32, states: Bytes) -> None:
+    """Cells (n,) beside each other, all in 32 bits and without a branch: the processor does eight at a time."""
+    free_below, occupied_above, zero = np.float32(-FREE_BELOW), np.float32(OCCUPIED_ABOVE), np.float32(0.0)
     for j in range(states.shape[0]):
-        value, state = log_odds[j], np.uint8(UNKNOWN)
+        value = log_odds[j]
         left = abs(value) - fading * (now_s - seen_s[j])
-        if value < 0.0 and left > -FREE_BELOW:
-            state = np.uint8(FREE)
-        if value > 0.0 and left > OCCUPIED_ABOVE:
-            state = np.uint8(OCCUPIED)
-        states[j] = state
+        free = (value < zero) & (left > free_below)
+        occupied = (value > zero) & (left > occupied_above)
+        states[j] = np.uint8(FREE) * np.uint8(free) + np.uint8(OCCUPIED) * np.uint8(occupied)
 
 
 @compiled
-def _refine(to_occupied: Array, hits: Array, corner_row: int, corner_column: int, cell: float, near: float) -> None:
+def _refine(to_occupied: Floats, hits: Array, corner_row: int, corner_column: int, cell: float, near: float) -> None:
     """Distances below `near` (m), which no other cell may have, become those to the hits."""
     rows, columns = to_occupied.shape
     reach = math.ceil(near / cell) + 1
-    farthest = (near / cell + 1e-6) ** 2
+    farthest = np.float32((near / cell + 1e-4) ** 2)
+    squares = np.empty((rows, columns), np.float32)
+    first, last = np.full(rows, columns), np.zeros(rows, np.int64)
+    for k in range(hits.shape[0]):  # which cells of each row are looked at
+        row, column = math.floor(hits[k, 0] / cell) - corner_row, math.floor(hits[k, 1] / cell) - corner_column
+        for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
+            first[i] = min(first[i], max(column - reach, 0))
+            last[i] = max(last[i], min(column + reach + 1, columns))
+    for i in range(rows):
+        squares[i, first[i] : last[i]] = np.float32(math.inf)
     for k in range(hits.shape[0]):
         north, east = hits[k, 0] / cell - corner_row - 0.5, hits[k, 1] / cell - corner_column - 0.5
         row, column = math.floor(north + 0.5), math.floor(east + 0.5)
+        left, right = max(column - reach, 0), min(column + reach + 1, columns)
+        aside = np.float32(left - east)
         for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
-            for j in range(max(column - reach, 0), min(column + reach + 1, columns)):
-                square = (i - north) * (i - north) + (j - east) * (j - east)
-                if square <= farthest:
-                    to_occupied[i, j] = min(to_occupied[i, j], cell * math.sqrt(square))
+            along = np.float32((i - north) * (i - north))
+            beside = squares[i, left:right]
+            for j in range(right - left):
+                away = aside + np.float32(j)
+                beside[j] = min(beside[j], along + away * away)
+    size = np.float32(cell)
+    for i in range(rows):
+        near_row, row_squares = to_occupied[i, first[i] : last[i]], squares[i, first[i] : last[i]]
+        for j in range(last[i] - first[i]):
+            if row_squares[j] <= farthest:
+                near_row[j] = min(near_row[j], size * np.sqrt(row_squares[j]))
 
 
 @compiled
@@ -668,31 +686,35 @@ def between(distances: NDArray[np.floating[Any]], row: float, column: float) -> 
 
 
 @compiled
-def _distances(marked: BoolArray, reach: int, lengths: Array, result: NDArray[np.floating[Any]]) -> None:
+def _distances(marked: BoolArray, reach: int, lengths: Floats, result: Floats) -> None:
     """Fill `result` with the `lengths` (reach * reach + 1,) of squares of distances in cells."""
     rows, columns = marked.shape
     up = np.empty((rows, columns), np.int16)
-    none, one = np.int16(reach), np.int16(1)
-    for j in range(columns):
-        up[0, j] = 0 if marked[0, j] else none
+    none, one, zero = np.int16(reach), np.int16(1), np.int16(0)
+    up[0] = np.where(marked[0], zero, none)
     for i in range(1, rows):
+        above, row, marks = up[i - 1], up[i], marked[i]
         for j in range(columns):
-            above = np.int16(up[i - 1, j] + one)
-            up[i, j] = 0 if marked[i, j] else min(above, none)
+            more = np.int16(above[j] + one)
+            row[j] = zero if marks[j] else (more if more < none else none)
     for i in range(rows - 2, -1, -1):
+        below, row = up[i + 1], up[i]
         for j in range(columns):
-            below = np.int16(up[i + 1, j] + one)
-            up[i, j] = min(up[i, j], below)
+            more = np.int16(below[j] + one)
+            row[j] = more if more < row[j] else row[j]
     squares = np.full(columns + 2 * reach, np.int16(reach * reach), np.int16)
+    here = squares[reach : reach + columns]
     nearest = np.empty(columns, np.int16)
     for i in range(rows):
+        row, filled = up[i], result[i]
         for j in range(columns):
-            nearest[j] = squares[reach + j] = up[i, j] * up[i, j]
+            here[j] = np.int16(row[j] * row[j])
+        nearest[:] = here
         for shift in range(1, reach):
-            more = np.int16(shift * shift)
+            square = np.int16(shift * shift)
             left, right = squares[reach - shift : reach - shift + columns], squares[reach + shift :]
             for j in range(columns):
                 near = left[j] if left[j] < right[j] else right[j]
-                nearest[j] = min(nearest[j], np.int16(near + more))
+                nearest[j] = min(nearest[j], np.int16(near + square))
         for j in range(columns):
-            result[i, j] = lengths[nearest[j]]
+            filled[j] = lengths[nearest[j]]

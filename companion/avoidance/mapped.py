@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.avoidance.astar import AStar, AStarSettings, GridPath, Integers
 from companion.avoidance.course import NO_WAY, Way
-from companion.avoidance.grid import FAR_M, GridSettings, MapView, OccupancyGrid, to_certain
+from companion.avoidance.grid import FAR_M, Floats, GridSettings, MapView, OccupancyGrid, to_certain
 from companion.avoidance.guard import FreeSpace, GuardSettings, free_space
 from companion.avoidance.rrt import Rrt, RrtSettings
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
@@ -181,18 +181,20 @@ class Planner:
         narrow = before is not None and view.to_occupied[view.cell_of(here)] < plan.inflation
         if path is not None and path.detour <= plan.detour and not narrow:
             return self._flyable(path, view, prices, here, goal, speed, plan.inflation)
-        doubtful = prices + plan.doubt * np.maximum(1.0 - view.to_occupied / plan.tight, 0.0) ** 2
+        near = view.to_occupied
+        squeezed = prices + plan.squeeze * np.maximum(1.0 - near / plan.inflation, 0.0) ** 2
+        squeezed += plan.doubt * np.maximum(1.0 - near / plan.tight, 0.0) ** 2
         certain = to_certain(view)
-        tight = self._astar.plan(view, doubtful, here, goal, plan.tight, certain)
+        tight = self._astar.plan(view, squeezed, here, goal, plan.tight, certain)
         least = math.inf if tight is None else tight.cost
         if before is not None:
-            same = self._astar.again(before - np.array(view.corner), view, doubtful, here, goal, plan.tight, certain)
+            same = self._astar.again(before - np.array(view.corner), view, squeezed, here, goal, plan.tight, certain)
             if same is not None and same.cost < least + plan.habit:
                 tight, least = same, same.cost - plan.habit
         if tight is not None and (path is None or least < path.cost):
             self._tight = tight.cells + np.array(view.corner)
             tight = _up_to_doubt(tight, view, plan.tight)
-            return replace(self._flyable(tight, view, prices, here, goal, speed, plan.tight), tight=True)
+            return replace(self._flyable(tight, view, squeezed, here, goal, speed, plan.tight), tight=True)
         if path is None:
             return None
         if narrow:
@@ -200,7 +202,7 @@ class Planner:
         return replace(self._flyable(path, view, prices, here, goal, speed, plan.inflation), tight=narrow)
 
     def _flyable(
-        self, path: GridPath, view: MapView, prices: Array, here: Array, goal: Array, speed: float, inflation: float
+        self, path: GridPath, view: MapView, prices: Floats, here: Array, goal: Array, speed: float, inflation: float
     ) -> Way:
         corners = shorten(path, view, prices, inflation)
         last = view.cell_of(goal)

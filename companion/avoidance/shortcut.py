@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.astar import GridPath
-from companion.avoidance.grid import MapView, between
+from companion.avoidance.grid import Floats, MapView, between
 from protocol.compiled import compiled
 from protocol.frames import Array
 
@@ -23,7 +23,7 @@ _INDIFFERENCE = 1.02
 """A line may cost so much more than the stretch that it replaces."""
 
 
-def shorten(path: GridPath, view: MapView, prices: Array, inflation: float) -> Array:
+def shorten(path: GridPath, view: MapView, prices: Floats, inflation: float) -> Array:
     """Corners (k, 2) NED (m) of the shortened way, the first in the start's cell."""
     cells = path.cells.astype(np.float64)
     kept = _keep(cells, path.costs, prices, view.to_occupied, inflation, view.cell)
@@ -33,7 +33,7 @@ def shorten(path: GridPath, view: MapView, prices: Array, inflation: float) -> A
 
 @compiled
 def line_cost(
-    prices: Array, to_occupied: Array, inflation: float, cell: float, row: float, column: float, to: Array
+    prices: Floats, to_occupied: Floats, inflation: float, cell: float, row: float, column: float, to: Array
 ) -> float:
     """Cost (m) of the straight line between two places in cells, whole numbers at their centres.
 
@@ -63,7 +63,7 @@ def line_cost(
 
 
 @compiled
-def _keep(cells: Array, costs: Array, prices: Array, to_occupied: Array, inflation: float, cell: float) -> Integers:
+def _keep(cells: Array, costs: Array, prices: Floats, to_occupied: Floats, inflation: float, cell: float) -> Integers:
     """Indices of the corners: from each, the farthest cell that a line reaches at no more cost. The search goes by
     doubling and halving, so that a long way costs few lines."""
     last = cells.shape[0] - 1

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from companion.avoidance.astar import AStar, AStarSettings, GridPath
-from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, Bytes, MapView, distance_to
+from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, Bytes, Floats, MapView, distance_to
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from protocol.frames import Array
 
@@ -28,13 +28,13 @@ def field(rng: np.random.Generator, cells: int = 40, density: float = 0.01) -> B
     return states
 
 
-def plan(view: MapView, start: Array, goal: Array) -> tuple[GridPath | None, Array]:
+def plan(view: MapView, start: Array, goal: Array) -> tuple[GridPath | None, Floats]:
     search = AStar(SETTINGS, view.states.shape[0])
     prices = search.prices(view)
     return search.plan(view, prices, start, goal), prices
 
 
-def graph_of(view: MapView, prices: Array) -> csr_array:
+def graph_of(view: MapView, prices: Floats) -> csr_array:
     rows, columns = prices.shape
     edges: list[tuple[int, int, float]] = []
     clear = view.to_occupied
@@ -138,7 +138,7 @@ def test_a_map_of_another_size_is_refused() -> None:
     with pytest.raises(ValueError, match=r"64.*40"):
         search.prices(larger)
     with pytest.raises(ValueError, match=r"64.*40"):
-        search.plan(larger, np.ones((64, 64)), np.ones(2), np.full(2, 5.0))
+        search.plan(larger, np.ones((64, 64), np.float32), np.ones(2), np.full(2, 5.0))
     assert search.plan(view, search.prices(view), np.ones(2), np.full(2, 5.0)) is not None
 
 

@@ -256,7 +256,7 @@ def test_distances_against_scipy() -> None:
         marked = rng.random((70, 70)) < density
         marked[5, 60] = True
         exact = 0.2 * ndimage.distance_transform_edt(~marked)
-        assert np.allclose(distance_to(marked, 0.2), np.minimum(exact, FAR_M), rtol=1e-12)
+        assert np.allclose(distance_to(marked, 0.2), np.minimum(exact, FAR_M), rtol=1e-6)
     assert (distance_to(np.zeros((16, 16), bool), 0.2) == FAR_M).all()
 
 
@@ -270,8 +270,8 @@ def test_free_is_free_all_the_way_from_the_sensor() -> None:
 
 
 def test_a_size_that_can_not_wrap_is_refused() -> None:
-    with pytest.raises(ValueError, match="power of two"):
-        OccupancyGrid(GridSettings(cell=0.2, cells=250, layer=1.5, memory_s=40.0, hull=0.36))
+    with pytest.raises(ValueError, match="251: not an even"):
+        OccupancyGrid(GridSettings(cell=0.2, cells=251, layer=1.5, memory_s=40.0, hull=0.36))
 
 
 def test_a_free_beam_has_the_direction_that_the_frames_say() -> None:

@@ -153,7 +153,7 @@ def test_what_can_t_be_true_is_passed_over() -> None:
 def test_the_picture_has_north_above_and_east_on_the_right() -> None:
     states = np.full((4, 4), UNKNOWN, np.uint8)
     states[3, 0], states[0, 2] = OCCUPIED, FREE  # the north-west corner, and east of the south-west one
-    view = MapView(states, np.zeros((4, 4)), (0, 0), 0.2)
+    view = MapView(states, np.zeros((4, 4), np.float32), (0, 0), 0.2)
     shown = picture(view)
     assert np.argwhere(shown[..., 3]).tolist() == [[0, 0], [3, 2]]
     assert shown[0, 0, 3] > shown[3, 2, 3], "what stands there is the clearer"
