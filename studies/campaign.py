@@ -119,6 +119,14 @@ class Row:
     wall_s: float
     log: str | None
     """Of a failure."""
+    map_us: float | None = None
+    """Wall time, the median of the flight's rings: tracks and map; None where there is no map."""
+    way_us: float | None = None
+    """The way over the map, by the method."""
+    space_us: float | None = None
+    """What the guard needs of the map."""
+    step_us: float | None = None
+    """Wall time, the median of the flight's control steps: message in, guard and all, message out."""
 
     @property
     def way_over_shortest(self) -> float:
@@ -156,13 +164,49 @@ def fly(job: Job) -> Row:
     _, mission_file = site.save(job.folder / "worlds", job.speed)
     mission = site.mission(job.speed, job.folder / "worlds" / f"{site.name}.toml")
     joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=job.setup.vehicle_overrides)
-    watch = _Watch(job, site)
+    watch, stages = _Watch(job, site), _Stages(joined)
     joined.fly(limit_s=job.setup.limit_s + 30.0, until=watch.over)
     row = watch.row(joined)
     if not row.succeeded:
         folder = keep(job, site, mission_file, joined)
         row = dataclasses.replace(row, log=str(folder.relative_to(job.folder)))
-    return dataclasses.replace(row, wall_s=time.perf_counter() - began)
+    return dataclasses.replace(row, wall_s=time.perf_counter() - began, **stages.medians())
+
+
+class _Stages:
+    """Wall times (ns) of what the companion of a flight does."""
+
+    def __init__(self, joined: Joined) -> None:
+        outlook = joined.thinker.outlook
+        surroundings, planner = outlook.surroundings, outlook.planner
+        self._map = [_timed(surroundings, "add"), _timed(surroundings, "look")]
+        self._way = [] if planner is None else [_timed(planner, "way"), _timed(planner, "blocked")]
+        self._space = [_timed(surroundings, "free_space")]
+        self._steps = [_timed(joined.autopilot, "handle", lambda reaction: reaction.trace is not None)]
+
+    def medians(self) -> dict[str, Any]:
+        """As a Row has them."""
+        parts = {"map_us": self._map, "way_us": self._way, "space_us": self._space, "step_us": self._steps}
+        return {
+            name: sum(1e-3 * float(np.median(times)) for times in stage if times) if any(stage) else None
+            for name, stage in parts.items()
+        }
+
+
+def _timed(owner: object, name: str, counts: Callable[[Any], bool] = lambda result: True) -> list[int]:
+    """Where the wall time (ns) of each call of a method goes from now on, if its result counts."""
+    method = getattr(owner, name)
+    times: list[int] = []
+
+    def watched(*arguments: Any, **options: Any) -> Any:
+        start = time.perf_counter_ns()
+        result = method(*arguments, **options)
+        if counts(result):
+            times.append(time.perf_counter_ns() - start)
+        return result
+
+    setattr(owner, name, watched)
+    return times
 
 
 class _Watch:

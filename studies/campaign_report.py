@@ -13,6 +13,7 @@ from studies.report import Report
 
 HEADERS = ("set-up", "method", "commanded", "success (95 %)", "speed on the way", "to the goal", "least clearance",
            "its median", "way over shortest", "guarded (%)", "wall (s)")  # fmt: skip
+STAGES = {"map (us)": "map_us", "way (us)": "way_us", "guard's space (us)": "space_us", "control step (us)": "step_us"}
 _NOT_WORTH_A_LINE = 12
 """Failures beyond so many are counted, not listed."""
 
@@ -72,6 +73,7 @@ def fly_and_tell(report: Report, setups: Sequence[Setup], floors: Sequence[Floor
         "hand where traps, mazes, gaps and fields are, the straight one elsewhere. Guarded is the share of control "
         "steps that the guard changed.",
     )
+    _stages(report, cases)
     for floor in floors:
         _check(report, floor, cases)
     report.figure(_successes(cases), report.name, "Success with its 95 % interval")
@@ -111,6 +113,31 @@ def _line(case: Case) -> list[str | float]:
         case.mean(lambda row: None if row.guarded_share is None else 100.0 * row.guarded_share, reached=False),
         round(case.mean(lambda row: row.wall_s, reached=False), 1),
     ]
+
+
+def _stages(report: Report, cases: Sequence[Case]) -> None:
+    timed = [case for case in cases if any(row.step_us is not None for row in case.rows)]
+    if timed:
+        report.table(
+            ("set-up", "method", "commanded", *STAGES),
+            [
+                [
+                    case.setup.title,
+                    case.method,
+                    f"{case.speed:.3g}",
+                    *(_typical(case, name) for name in STAGES.values()),
+                ]
+                for case in timed
+            ],
+            "Time a stage on the machine that flew, as many flights side by side as it has cores: medians of the "
+            "flights' medians. Map, way and the guard's space are looked at once a ring, outside of the loop that "
+            "flies; a control step is the loop's answer to an attitude, the guard's filter included.",
+        )
+
+
+def _typical(case: Case, name: str) -> float | str:
+    values = [value for row in case.rows if (value := getattr(row, name)) is not None]
+    return round(median(values)) if values else "-"
 
 
 def _check(report: Report, floor: Floor, cases: Iterable[Case]) -> None:

@@ -86,7 +86,7 @@ class Outlook:
 
     def __init__(self, settings: Avoidance) -> None:
         self.surroundings = Surroundings(settings)
-        self._planner = Planner(settings) if settings.mapped else None
+        self.planner = Planner(settings) if settings.mapped else None
 
     def answer(self, question: Question) -> Answer:
         """Take a ring in, and say what is free and where to go."""
@@ -94,9 +94,9 @@ class Outlook:
         surroundings.add(question.scan, question.pose, question.ground_down, question.asked_ns)
         view = surroundings.look(question.asked_ns)
         way, blocked = NO_WAY, False
-        if self._planner is not None and goal is not None:
-            way = self._planner.way(view, here, question.velocity, goal, question.speed)
-            blocked = self._planner.blocked(view, here, goal)
+        if self.planner is not None and goal is not None:
+            way = self.planner.way(view, here, question.velocity, goal, question.speed)
+            blocked = self.planner.blocked(view, here, goal)
         space = surroundings.free_space(here, question.asked_ns, tight=way.tight)
         clearance = surroundings.clearance(here)
         return Answer(question.number, question.asked_ns, space, clearance, way, blocked)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from scipy.stats import binomtest
 from typer.testing import CliRunner
@@ -70,7 +71,10 @@ def test_a_flight_that_arrives(tmp_path: Path) -> None:
     assert flown.path_m >= flown.straight_m - campaign.GOAL_M - 0.5
     assert flown.goal_speed <= flown.path_speed <= flown.top_speed < 3.5
     assert flown.least_clearance is not None and flown.least_clearance > 0.0
-    assert dataclasses.replace(campaign.fly(job), wall_s=flown.wall_s) == flown
+    assert flown.step_us is not None and flown.step_us > 0.0 and flown.way_us is None, "this method has no map"
+    same = ("wall_s", "map_us", "way_us", "space_us", "step_us")
+    again = dataclasses.replace(campaign.fly(job), **{name: getattr(flown, name) for name in same})
+    assert again == flown
     assert not (tmp_path / "failed").exists()
 
 
@@ -139,6 +143,22 @@ def test_a_section_holds_its_floors_against_the_default_alone(tmp_path: Path) ->
     text = markdown(report.section(), "avoidance")
     assert "| forest25, 3 m/s, seed 99 | contact | tree 7 | 2 | - |" in text
     assert (tmp_path / "forest.png").is_file()
+
+
+def test_a_section_tells_what_each_stage_takes(tmp_path: Path) -> None:
+    """Of the flights that were timed; older rows, without these columns, are read as before."""
+    folder = tmp_path / "logs" / "forest"
+    timed = [row(seed=seed, map_us=500.0 + seed, way_us=200.0, space_us=100.0, step_us=150.0) for seed in range(1, 4)]
+    campaign.write(timed, folder / "forest25_astar_3.parquet")
+    untimed = pq.read_table(folder / "forest25_astar_3.parquet").drop_columns(
+        ["map_us", "way_us", "space_us", "step_us"]
+    )
+    untimed = untimed.set_column(1, "method", [["paper"] * 3])
+    pq.write_table(untimed, folder / "forest25_paper_3.parquet")
+    report = Report("forest", "Forests", tmp_path, choice=Choice(seeds=0, logs=tmp_path / "logs"))
+    assert len(fly_and_tell(report, [FOREST], [])) == 2
+    text = markdown(report.section(), "avoidance")
+    assert "| forest | astar | 3 | 502 | 200 | 100 | 150 |" in text and "| forest | paper | 3 | - |" not in text
 
 
 ABLE = Abilities(acceleration=5.0, reaction_s=0.2, hull=0.36)
