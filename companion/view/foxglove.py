@@ -38,6 +38,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from companion.avoidance.guard import Reason
+from companion.planning import PLANNED
 from companion.trace import LOGGED
 from companion.view.history import quaternions
 from companion.view.lines import Floats, Track
@@ -72,6 +73,8 @@ class Converter:
         self._due: dict[str, float] = {}
         self._place: Array | None = None
         self._tracks = {name: Track(8, _PATH_POINTS) for name in ("path", "reference_path")}
+        self._way = np.empty((0, 2))
+        """(k, 2) north and east of the corners that were planned last, the first where the vehicle was then."""
         self._mapper = Mapper(avoidance_of(log.attachments.get("settings.json", b"{}")))
         self._started = False
         self._unpacks = {topic: kind.unpack for topic, kind in log.topics.items()}
@@ -130,6 +133,9 @@ class Converter:
                 self._plan(record.time_ns, trace)
             if trace.get("guard_reason") and self._is_due("guard", record.time_ns, _PLAN_EVERY_S):
                 self._guard(record.time_ns, trace)
+        elif record.topic == PLANNED.topic:
+            planned = self._fields(record)
+            self._way = np.reshape(planned["way_ned"], (-1, 2))[: planned["corners"]]
         elif record.topic == TEXT.topic:
             said = self._fields(record)
             self._say(record.time_ns, said["level"], said["name"], said["message"])
@@ -193,6 +199,7 @@ class Converter:
         self._add("reference", time_ns, PoseInFrame(timestamp=stamp, frame_id=WORLD_FRAME, pose=pose))
         self._walk("reference_path", time_ns, wanted, turn)
         color = _color(0.91, 0.63, 0.16) if trace["blocked"] else _color(0.23, 0.49, 0.87)
+        ahead = [_point(np.array([east, north, target[2]])) for north, east in self._way[1:]]
         entity = SceneEntity(timestamp=stamp, frame_id=WORLD_FRAME, id="plan")
         size = Vector3(x=0.5, y=0.5, z=0.5)
         entity.spheres.append(SpherePrimitive(pose=_at(target), size=size, color=color))
@@ -202,7 +209,7 @@ class Converter:
                 pose=_at(np.zeros(3)),
                 thickness=2.0,
                 scale_invariant=True,
-                points=[_point(place), _point(target)],
+                points=[_point(place), *(ahead or [_point(target)])],
                 color=color,
             )
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.avoidance.guard import Reason
+from companion.planning import PLANNED
 from companion.state import BoolArray, Scan
 from companion.trace import TRACE
 from companion.vehicles import firmware_of
@@ -29,6 +30,7 @@ _GUARD: dict[int, str] = {
     Reason.STALE: "sees nothing",
 }
 _SECTORS = 72
+_COORDINATES = PLANNED.dtype["way_ned"].shape[0]
 _CLOCK_S = 5.0
 """A ring that is not between 0 and this older than the attitude then has a clock of its own."""
 _GAP_S = 0.5
@@ -45,6 +47,9 @@ class Plan:
 
     reference_ned: Floats
     target_ned: Floats
+    way_ned: Floats
+    """(k, 2) the corners of the way over the map, as far as the log keeps them, the first where the vehicle was when it
+    asked; none without a map."""
     clearance: float
     speed_limit: float
     blocked: bool
@@ -110,6 +115,7 @@ class History:
         self._begun = False
         self._vehicles: dict[str, _Vehicle] = {}
         self._plans = Track(19, MOST)
+        self._ways = Track(2 + _COORDINATES, MOST)
         self._modes: dict[int, str] = {}
         self._has_quaternion = False
         self._has_log = False
@@ -124,6 +130,8 @@ class History:
         parts = topic.split("/")
         if topic == TRACE.topic:
             self._trace(times, table)
+        elif topic == PLANNED.topic:
+            self._ways.add(times, np.column_stack((table["corners"], table["way_ned"])))
         elif topic == TEXT.topic:
             rows = zip(times.tolist(), table, strict=True)
             if not self._has_log:
@@ -228,6 +236,8 @@ class History:
         row, _ = _row(self._plans, time)
         if row is None:
             return None
+        way, _ = _row(self._ways, time)
+        corners = 0 if way is None else int(way[0])
         clearance, limit, blocked, limited, phase, state = row[6:12]
         lately = _between(self._plans.rows(), time - GUARD_SHOWN_S, time)
         changed = lately[(lately[:, 14] != Reason.NONE) & (lately[:, 0] <= time)]
@@ -235,6 +245,7 @@ class History:
         return Plan(
             row[:3],
             row[3:6],
+            np.empty((0, 2)) if way is None else way[1 : 1 + 2 * corners].reshape(-1, 2),
             float(clearance),
             float(limit),
             bool(blocked),

@@ -303,7 +303,7 @@ class Page:
             self._reference.position = _enu(plan.reference_ned)
             self._target.position = _enu(plan.target_ned)
             if place is not None:
-                self._way.points = np.stack((_enu(place), _enu(plan.target_ned)))[None]
+                self._way.points = ahead(place, plan)
         self._draw_guard(place, plan)
 
     def _draw_guard(self, place: Floats | None, plan: Plan | None) -> None:
@@ -340,6 +340,14 @@ class Page:
         self._returns.points = points
         nearest = int((moment.returns_frd**2).sum(axis=1).argmin())
         self._rays.points = np.stack((_enu(place), points[nearest]))[None]
+
+
+def ahead(place_ned: Floats, plan: Plan) -> Array:
+    """(n, 2, 3) from the vehicle along the planned way, at the target's height; without one, straight to the target."""
+    target, way = plan.target_ned, plan.way_ned[1:]
+    corners = np.column_stack((way, np.full(len(way), target[2]))) if len(way) else [target]
+    points = _enu(np.vstack((place_ned, corners)))
+    return np.stack((points[:-1], points[1:]), axis=1)
 
 
 def _enu(vectors_ned: Floats) -> Array:

@@ -1,13 +1,14 @@
 """Logs with known contents, written by the recorder as a flight's are."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from companion.mission import Phase
+from companion.planning import PLANNED
 from companion.runner import LOOP, RECORD_TYPES, TICK
 from companion.supervisor import State
 from companion.trace import LOGGED, TRACE, Thinning
@@ -61,12 +62,13 @@ def make(
     result: Mapping[str, str] | None = None,
     trace_rate: float = 250.0,
     motion_every: int = 5,
+    planned: Callable[[float], Sequence[tuple[float, float]]] | None = None,
 ) -> Path:
     """A log of `seconds`, 250 control steps in each, with the vehicle's telemetry beside them.
 
     The log keeps `trace_rate` (Hz) of the trace. `change` may edit each step's; the vehicle tells its motion each
     `motion_every` steps; `late_ms` by number of the step; the vehicle is silent between two times and
-    its position is 1.5 m off from `jump_at` on.
+    its position is 1.5 m off from `jump_at` on. `planned` tells the corners of the way that is planned at a time.
     """
     vehicle, thinning = Encoder(1, 1), Thinning(trace_rate)
     log = FlightLog.open(
@@ -90,6 +92,8 @@ def make(
             log.datagram(time_ns, Direction.IN, VEHICLE, said)
         for at_ns, record in thinning.step(time_ns, packed(values)):
             log.record(LOGGED, at_ns, record)
+        if planned is not None and step % 16 == 0:
+            log.record(PLANNED, time_ns, plan(step, planned(time)))
         if step % 25 == 24:
             log.record(LOOP, time_ns, LOOP.pack(200_000, [200_000] * 25))
     for at_ns, record in thinning.rest():
@@ -97,6 +101,14 @@ def make(
     log.text(0, 20, "companion", "armed, taking off")
     log.close({"result": dict(result or {"delivered": "True", "landed": "True", "fault": "", "messages_lost": "0"})})
     return log.path
+
+
+def plan(number: int, corners: Sequence[tuple[float, float]]) -> bytes:
+    """A record of PLANNED."""
+    record = np.zeros(1, PLANNED.dtype)
+    record["number"], record["corners"] = number, len(corners)
+    record["way_ned"][0, : 2 * len(corners)] = np.ravel(corners)
+    return record.tobytes()
 
 
 def telemetry(

@@ -164,6 +164,18 @@ def test_the_guard_is_shown_while_it_acts_and_why(tmp_path: Path) -> None:
     assert 0 < entity.lifetime.nanos < 1_000_000_000
 
 
+def test_the_plan_is_the_way_over_the_map(tmp_path: Path) -> None:
+    around = [(3.9, 0.0), (4.0, 1.0), (8.0, 1.5), (12.0, 0.0)]
+    log = make(tmp_path, 4.0, planned=lambda time: around if time >= 2.0 else [])
+    for time, message in decoded(convert(log)[0])["/foxglove/plan"]:
+        (entity,) = message.entities
+        (line,) = entity.lines
+        wanted = [(0.0, SPEED * time * 1e-9)]
+        wanted += [(east, north) for north, east in around[1:]] if time >= 2.1e9 else [(0.0, 0.0)]
+        if not 2.0e9 <= time < 2.1e9:
+            assert np.array([(point.x, point.y) for point in line.points]) == pytest.approx(np.array(wanted), abs=0.01)
+
+
 @pytest.mark.parametrize("name", ["px4_offboard", "ardupilot_guided"])
 def test_flights_of_other_systems_are_drawn_too(tmp_path: Path, name: str) -> None:
     log = from_tlog(DATA / f"{name}.tlog", tmp_path)

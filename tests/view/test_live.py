@@ -15,7 +15,7 @@ from playwright.sync_api import Locator
 
 from companion.avoidance.guard import Reason
 from companion.view.history import History, quaternions
-from companion.view.live import Page, turned, words
+from companion.view.live import Page, ahead, turned, words
 from companion.view.sources import GrowingLog, Link, Source, newest, open_log
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
@@ -64,6 +64,21 @@ def test_the_guard_s_intervention_is_seen_for_a_while_and_only_then(tmp_path: Pa
     assert plan is not None
     assert plan.guard_change == pytest.approx(4.6, abs=0.01)
     assert plan.pushed_ned == pytest.approx([-2.0, 0.5, 0.0])
+
+
+def test_the_planned_way_is_that_of_the_moment(tmp_path: Path) -> None:
+    """From the vehicle over the corners, at the height of the target; straight to the target where none is planned."""
+    around = [(3.9, 0.0), (4.0, 1.0), (8.0, 1.0), (12.0, 0.0)]
+    history = filled(open_log(make(tmp_path, 6.0, planned=lambda time: around if 2.0 <= time < 4.0 else [])))
+    for time, corners in ((1.5, 0), (3.0, 4), (5.0, 0)):
+        moment = history.at(time)
+        assert moment.plan is not None and moment.position_ned is not None and len(moment.plan.way_ned) == corners
+        segments = ahead(moment.position_ned, moment.plan)
+        assert segments.shape == (max(corners - 1, 1), 2, 3)
+        assert segments[0, 0] == pytest.approx([0.0, SPEED * time, 3.0], abs=0.05)
+        assert segments[:-1, 1] == pytest.approx(segments[1:, 0])
+        if corners:
+            assert segments[:, 1] == pytest.approx(np.array([(east, north, 0.0) for north, east in around[1:]]))
 
 
 def test_what_has_become_too_old_is_not_shown(tmp_path: Path) -> None:
