@@ -176,3 +176,63 @@ def test_what_may_be_a_gap_is_gone_and_looked_at() -> None:
     end = way.corners[-1]
     assert 3.0 < end[0] < 4.0 and abs(end[1] - 0.1) < 0.3
     assert all(view.to_occupied[view.cell_of(corner)] >= 0.38 for corner in way.corners)
+
+
+def crossing(way: Way, north: float) -> float:
+    """East (m) where a way comes over a line across it."""
+    return float(np.interp(north, way.corners[:, 0], way.corners[:, 1]))
+
+
+@pytest.mark.parametrize("from_east", [-1.5, 0.1, 1.5])
+def test_a_tight_way_leads_through_the_middle(from_east: float) -> None:
+    """A gap of 0.9 m in cells of 5 cm: wherever it is come from, both sides are as far away as can be."""
+    states = np.full((512, 512), FREE, np.uint8)
+    states[336:338] = OCCUPIED
+    states[336:338, 248:266] = FREE
+    view = MapView(states, distance_to(states == OCCUPIED, 0.05), (-256, -256), 0.05)
+    view = dataclasses.replace(view, certain=states == OCCUPIED)
+    planner = Planner(Avoidance(method="astar", map=AvoidanceMap(cell=0.05, cells=512)))
+    way = planner.way(view, np.array([0.0, from_east, -3.0]), np.zeros(3), np.array([10.0, from_east, -3.0]), 5.0)
+    assert way.tight
+    assert all(abs(crossing(way, north) - 0.05) < 0.04 for north in (4.0, 4.05, 4.1))
+
+
+def test_a_tight_way_is_gone_on_with_unless_another_is_much_cheaper() -> None:
+    """Two gaps in a wall 4 m ahead, 3 m to the left and to the right: which is the nearer one changes from ring to
+    ring, and the first that was chosen is flown to."""
+    spans = ((0, 111), (115, 141), (145, 256))
+    view = view_with(*((slice(148, 150), slice(*span)) for span in spans))
+    view = dataclasses.replace(view, certain=view.states == OCCUPIED)
+    goal = np.array([10.0, 0.0, -3.0])
+    for first in (1.0, -1.0):
+        planner = Planner(ON_A_MAP)
+        for k in range(6):
+            here = np.array([0.1 * k, first * (-1) ** k * 0.15, -3.0])
+            fresh = Planner(ON_A_MAP).way(view, here, np.zeros(3), goal, 5.0)
+            way = planner.way(view, here, np.zeros(3), goal, 5.0)
+            assert way.tight and fresh.tight
+            assert np.sign(crossing(fresh, 4.1)) == np.sign(here[1])
+            assert np.sign(crossing(way, 4.1)) == first
+        far = np.array([1.5, -6.0 * first, -3.0])
+        assert np.sign(crossing(planner.way(view, far, np.zeros(3), goal, 5.0), 4.1)) == -first, "it was left"
+
+
+def test_in_a_gap_the_way_stays_tight() -> None:
+    """In the middle of it the way out leads away from both sides, with room: only who came in by a tight way knows
+    that it is still in one, and that the guard may not push it back out."""
+    view, goal = gap_view(4, certain=True), np.array([10.0, 0.1, -3.0])
+    inside = np.array([4.1, 0.0, -3.0])
+    planner = Planner(ON_A_MAP)
+    assert planner.way(view, np.array([2.0, 0.1, -3.0]), np.zeros(3), goal, 5.0).tight
+    assert planner.way(view, inside, np.zeros(3), goal, 5.0).tight
+    assert not planner.way(view, np.array([6.0, 0.1, -3.0]), np.zeros(3), goal, 5.0).tight
+    assert not Planner(ON_A_MAP).way(view, inside, np.zeros(3), goal, 5.0).tight
+
+
+def test_at_a_doubt_without_space_before_it_the_vehicle_goes_on_to_it() -> None:
+    """A corridor so narrow that nowhere there is room to spare, and at its end a wall that was seen from afar alone."""
+    view = view_with((slice(0, 150), slice(0, 127)), (slice(0, 150), slice(131, 256)), (slice(150, 151), slice(0, 256)))
+    sure = (view.states == OCCUPIED) & (np.arange(256)[:, None] < 150)
+    view = dataclasses.replace(view, certain=sure)
+    way = Planner(ON_A_MAP).way(view, np.array([0.1, 0.1, -3.0]), np.zeros(3), np.array([10.0, 0.1, -3.0]), 5.0)
+    assert way.tight and 3.6 < way.corners[-1][0] < 4.4
