@@ -163,7 +163,8 @@ def fly(job: Job) -> Row:
     site = job.setup.site(job.seed)
     _, mission_file = site.save(job.folder / "worlds", job.speed)
     mission = site.mission(job.speed, job.folder / "worlds" / f"{site.name}.toml")
-    joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=job.setup.vehicle_overrides)
+    vehicle = job.setup.vehicle_overrides
+    joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, remembers=False)
     watch, stages = _Watch(job, site), _Stages(joined)
     joined.fly(limit_s=job.setup.limit_s + 30.0, until=watch.over)
     row = watch.row(joined)

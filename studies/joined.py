@@ -35,6 +35,8 @@ class Joined:
     world_overrides: tuple[str, ...] = ()
     """As "wind.mean_ned=[0.0, 5.0, 0.0]"."""
     meddle: Callable[[int, bytes], bytes] = lambda time_ns, data: data
+    remembers: bool = True
+    """Whether `events` and `sent` are kept: half a megabyte an answer of the planner."""
     said: list[str] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     sent: list[bytes] = field(default_factory=list)
@@ -67,11 +69,13 @@ class Joined:
             answer += self._handle(Planned(now, planned))
         answer += self._handle(Tick(now))
         if answer:
-            self.sent.append(answer)
+            if self.remembers:
+                self.sent.append(answer)
             self.vehicle.receive(answer)
 
     def _handle(self, event: Event) -> bytes:
-        self.events.append(event)
+        if self.remembers:
+            self.events.append(event)
         reaction = self.autopilot.handle(event)
         self.said += [f"{event.time_ns * 1e-9:.2f} {each.text}" for each in reaction.announcements]
         if reaction.question is not None:
