@@ -677,13 +677,16 @@ class Autopilot:
         base = self._reference.at(time_ns)
         if not self._course.active:
             return base
-        place, velocity, acceleration = self._course.at(time_ns)
+        rows = np.zeros((5, 3))  # position to snap
+        rows[:3, :2] = self._course.at(time_ns)
+        vertical = (base.position_ned, base.velocity_ned, base.acceleration_ned, base.jerk_ned)
+        rows[:4, 2] = [each[2] for each in vertical]
         return Reference(
-            np.array([*place, base.position_ned[2]]),
-            np.array([*velocity, base.velocity_ned[2]]),
-            np.array([*acceleration, base.acceleration_ned[2]]),
-            np.array([0.0, 0.0, base.jerk_ned[2]]),
-            np.zeros(3),
+            rows[0],
+            rows[1],
+            rows[2],
+            rows[3],
+            rows[4],
             base.yaw,
             base.yaw_rate,
             base.yaw_acceleration,

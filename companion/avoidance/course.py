@@ -171,11 +171,19 @@ class Course:
     def at(self, time_ns: int) -> Array:
         """(3, 2) position, velocity and acceleration, a little after the last step."""
         assert self._time_ns is not None
-        dt = (time_ns - self._time_ns) * 1e-9
-        position, velocity, acceleration = self._motion
-        return np.array(
-            [position + dt * velocity + 0.5 * dt * dt * acceleration, velocity + dt * acceleration, acceleration]
-        )
+        return _onward(self._motion, (time_ns - self._time_ns) * 1e-9)
+
+
+@compiled
+def _onward(motion: Array, dt: float) -> Array:
+    """The motion (3, 2) `dt` later, with the same acceleration."""
+    result = np.empty((3, 2))
+    for axis in range(2):
+        position, velocity, acceleration = motion[0, axis], motion[1, axis], motion[2, axis]
+        result[0, axis] = position + dt * velocity + 0.5 * dt * dt * acceleration
+        result[1, axis] = velocity + dt * acceleration
+        result[2, axis] = acceleration
+    return result
 
 
 @compiled
