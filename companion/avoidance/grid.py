@@ -199,9 +199,11 @@ class OccupancyGrid:
         )
         self._mark_disc(here, settings.hull, FLOOR, time_ns)
 
-    def forget(self, place: Array, radius: float, time_ns: int) -> None:
-        """All within `radius` (m) of a place (2,) becomes unknown: what stood there has moved."""
+    def forget(self, place: Array, radius: float, around: float, time_ns: int) -> None:
+        """All within `radius` (m) of a place (2,) becomes unknown: it is there, and moves. What stood within `around`
+        has moved on; what was seen free there stays so."""
         if self._corner is not None:
+            self._mark_disc(place, around, 0.0, time_ns, occupied_alone=True)
             self._mark_disc(place, radius, 0.0, time_ns)
 
     def view(self, time_ns: int) -> MapView:
@@ -230,12 +232,23 @@ class OccupancyGrid:
             _clear_what_enters(self._log_odds, *self._corner, *corner)
         self._corner = corner
 
-    def _mark_disc(self, place: Array, radius: float, log_odds: float, time_ns: int) -> None:
+    def _mark_disc(
+        self, place: Array, radius: float, log_odds: float, time_ns: int, *, occupied_alone: bool = False
+    ) -> None:
         assert self._corner is not None
         settings = self._settings
         north, east = float(place[0]), float(place[1])
         _set_disc(
-            self._log_odds, self._seen_s, *self._corner, settings.cell, north, east, radius, log_odds, time_ns * 1e-9
+            self._log_odds,
+            self._seen_s,
+            *self._corner,
+            settings.cell,
+            north,
+            east,
+            radius,
+            log_odds,
+            time_ns * 1e-9,
+            occupied_alone,
         )
 
 
@@ -309,15 +322,17 @@ def _set_disc(
     radius: float,
     value: float,
     now_s: float,
+    occupied_alone: bool,
 ) -> None:
-    """Cells of the window whose centre lies in a disc get a value."""
+    """Cells of the window whose centre lies in a disc get a value, or those alone of which more than nothing is held to
+    be occupied."""
     size = log_odds.shape[0]
     reach = math.ceil(radius / cell)
     row, column = math.floor(north / cell), math.floor(east / cell)
     for i in range(max(row - reach, corner_row), min(row + reach + 1, corner_row + size)):
         for j in range(max(column - reach, corner_column), min(column + reach + 1, corner_column + size)):
             dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
-            if dn * dn + de * de <= radius * radius:
+            if dn * dn + de * de <= radius * radius and (not occupied_alone or log_odds[i % size, j % size] > 0.0):
                 log_odds[i % size, j % size] = value
                 seen_s[i % size, j % size] = now_s
 

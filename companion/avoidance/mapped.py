@@ -33,7 +33,7 @@ _LEAST_ROOM, _MOST_ROOM = 0.15, 1.5
 _UNKNOWN_ROOM = 0.5
 """m of room at a corner, beyond the window."""
 _AROUND_MOVING = 0.3
-"""m around what moves that its passing leaves unknown."""
+"""m around what moves in which nothing else is held to stand."""
 
 
 T = TypeVar("T")
@@ -117,7 +117,7 @@ class Surroundings:
         moving = self._tracker.add(scan, *pose, ground_down)
         self._grid.add(scan, *pose, ground_down, moving)
         for track in self._tracker.moving:
-            self._grid.forget(track.mean[:2], track.radius + _AROUND_MOVING, now_ns)
+            self._grid.forget(track.mean[:2], track.radius, track.radius + _AROUND_MOVING, now_ns)
 
     def look(self, now_ns: int) -> MapView:
         """At the map as it is now."""

@@ -245,9 +245,15 @@ def test_a_change_of_height_begins_a_new_map() -> None:
 def test_forgetting_a_place() -> None:
     chart = OccupancyGrid(SETTINGS)
     chart.add(scan_of(np.full(72, 3.0)), HERE, LEVEL, GROUND)
-    chart.forget(np.array([3.0, 0.0]), 0.8, 0)
+    before = chart.view(0).states.copy()
+    chart.forget(np.array([3.0, 0.0]), 0.3, 0.8, 0)
     view = chart.view(0)
     assert state_at(view, 3.05, 0.0) == UNKNOWN and state_at(view, -2.99, -0.03) == OCCUPIED
+    centres = np.moveaxis(np.array([[view.centre_of((i, j)) for j in range(256)] for i in range(256)]), 2, 0)
+    away = np.hypot(centres[0] - 3.0, centres[1])
+    assert (view.states[away <= 0.3] == UNKNOWN).all() and not (view.states[away <= 0.8] == OCCUPIED).any()
+    was_free = (away > 0.31) & (before == FREE)
+    assert (was_free & (away < 0.8)).any() and (view.states[was_free] == FREE).all(), "what was seen free stays so"
 
 
 def test_distances_against_scipy() -> None:
