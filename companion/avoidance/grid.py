@@ -324,8 +324,7 @@ def _set_disc(
     now_s: float,
     occupied_alone: bool,
 ) -> None:
-    """Cells of the window whose centre lies in a disc get a value, or those alone of which more than nothing is held to
-    be occupied."""
+    """Cells of the window whose centre lies in a disc get a value; or those of them alone that may be occupied."""
     size = log_odds.shape[0]
     reach = math.ceil(radius / cell)
     row, column = math.floor(north / cell), math.floor(east / cell)
@@ -656,7 +655,10 @@ def _classify_run(log_odds: Floats, seen_s: Floats, now_s: np.float32, fading: n
 
 @compiled
 def _refine(to_occupied: Floats, hits: Array, corner_row: int, corner_column: int, cell: float, near: float) -> None:
-    """Distances below `near` (m), which no other cell may have, become those to the hits."""
+    """Distances below `near` (m), which no other cell may have, become those to the hits.
+
+    `squares` is set, and read, in each row from the first to the last cell that a hit is near to.
+    """
     rows, columns = to_occupied.shape
     reach = math.ceil(near / cell) + 1
     farthest = np.float32((near / cell + 1e-4) ** 2)
@@ -671,7 +673,7 @@ def _refine(to_occupied: Floats, hits: Array, corner_row: int, corner_column: in
         squares[i, first[i] : last[i]] = np.float32(math.inf)
     for k in range(hits.shape[0]):
         north, east = hits[k, 0] / cell - corner_row - 0.5, hits[k, 1] / cell - corner_column - 0.5
-        row, column = math.floor(north + 0.5), math.floor(east + 0.5)
+        row, column = math.floor(hits[k, 0] / cell) - corner_row, math.floor(hits[k, 1] / cell) - corner_column
         left, right = max(column - reach, 0), min(column + reach + 1, columns)
         aside = np.float32(left - east)
         for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
