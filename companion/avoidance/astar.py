@@ -24,6 +24,8 @@ from protocol.frames import Array
 Integers = NDArray[np.int64]
 
 _STEPS = 8
+_YARD = 12_000
+"""Cells around a goal in which it is looked for being closed in."""
 _LEFT_M = 0.5
 """A way that is so far away was left."""
 _SQRT2 = math.sqrt(2.0)
@@ -106,6 +108,8 @@ class AStar:
         if view.contains(last):
             reach = math.ceil(self.settings.comfort / view.cell) + 1
             last = _nearest_allowed(to_occupied, last[0], last[1], inflation, reach)
+            if _closed_in(to_occupied, inflation, first, last):
+                return None
         frontier = _frontier(view.states, first, last)
         self._round += 1
         found, cost = _search(
@@ -191,6 +195,30 @@ def _nearest_allowed(to_occupied: Floats, row: int, column: int, inflation: floa
             if square < best and to_occupied[i, j] >= inflation:
                 best, best_row, best_column = square, i, j
     return best_row, best_column
+
+
+@compiled
+def _closed_in(to_occupied: Floats, inflation: float, first: tuple[int, int], last: tuple[int, int]) -> bool:
+    """Whether the last cell can be reached from a few cells only, the first not among them: then there is no way, and
+    the whole window need not be searched to know it. The steps are the search's, backwards."""
+    rows, columns = to_occupied.shape
+    seen = np.zeros((rows, columns), np.bool_)
+    found = np.empty((_YARD + 8, 2), np.int64)
+    found[0, 0], found[0, 1] = last
+    seen[last] = True
+    at, count = 0, 1
+    while at < count:
+        row, column = found[at, 0], found[at, 1]
+        at += 1
+        if (row == first[0] and column == first[1]) or count >= _YARD:
+            return False
+        for i in range(max(row - 1, 0), min(row + 2, rows)):
+            for j in range(max(column - 1, 0), min(column + 2, columns)):
+                if not seen[i, j] and to_occupied[row, column] >= min(inflation, to_occupied[i, j]):
+                    seen[i, j] = True
+                    found[count, 0], found[count, 1] = i, j
+                    count += 1
+    return True
 
 
 @compiled

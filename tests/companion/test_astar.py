@@ -130,6 +130,23 @@ def test_closed_in_there_is_no_way() -> None:
     assert plan(view_of(states), np.array([4.1, 4.1]), np.array([30.0, 4.1]))[0] is None
 
 
+@pytest.mark.parametrize(("half", "closed"), [(6, True), (6, False), (18, True)])
+def test_a_goal_that_is_closed_in_is_not_reached_from_anywhere(half: int, closed: bool) -> None:
+    """A yard around the goal, with and without a door, small and large; from within it there is a way."""
+    states = np.full((160, 160), FREE, np.uint8)
+    middle = 110
+    for side in (-half, half):
+        states[middle + side, middle - half : middle + half + 1] = OCCUPIED
+        states[middle - half : middle + half + 1, middle + side] = OCCUPIED
+    if not closed:
+        states[middle - half, middle - half + 1 : middle + half] = FREE
+    view = view_of(states)
+    goal = CELL * np.array([middle + 0.5, middle + 0.5])
+    assert (plan(view, np.array([2.0, 2.0]), goal)[0] is None) == closed
+    assert plan(view, goal - [0.3, 0.3], goal)[0] is not None
+    assert (plan(view, goal, np.array([2.0, 2.0]))[0] is None) == closed
+
+
 def test_a_map_of_another_size_is_refused() -> None:
     """What would be written beside the search's memory."""
     view = view_of(np.full((40, 40), FREE, np.uint8))

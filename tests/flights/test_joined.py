@@ -459,6 +459,6 @@ def test_no_progress_ends_in_a_landing() -> None:
     """A goal inside a closed yard: it holds before the wall, and lands when the step is overdue."""
     waypoint = msgspec.structs.replace(COURIER.waypoints[0], north=128.0)  # within the customer's house
     mission = msgspec.structs.replace(COURIER, waypoints=[waypoint], delivery=None)
-    joined = Joined(mission, overrides=("supervision.step_timeout=5.0",)).fly()
+    joined = Joined(mission, overrides=("supervision.step_timeout=5.0", "avoidance.map.cells=192")).fly()
     assert joined.vehicle.summary().outcome == "landed" and joined.vehicle.summary().contacts == 0
     assert "no progress" in (joined.autopilot.supervisor.fault or "")

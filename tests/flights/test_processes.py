@@ -72,6 +72,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return demo(tmp_path_factory.mktemp("flown"), "--output", "actuators", "--seed", "2", "--set", EVERY_STEP)
 
 
+@pytest.mark.xdist_group("flown")
 def test_log_holds_everything(flown: dict[str, Any]) -> None:
     log = LogReader(flown["log"])
     assert log.complete and log.problem is None
@@ -85,6 +86,7 @@ def test_log_holds_everything(flown: dict[str, Any]) -> None:
     assert "/mavlink/1/191/SET_ACTUATOR_CONTROL_TARGET" in topics
 
 
+@pytest.mark.xdist_group("flown")
 def test_trace_agrees_with_the_ground_truth_in_the_log(flown: dict[str, Any]) -> None:
     """The companion's state against HIL_STATE_QUATERNION, which no stage of it reads."""
     log = LogReader(flown["log"])
@@ -98,6 +100,7 @@ def test_trace_agrees_with_the_ground_truth_in_the_log(flown: dict[str, Any]) ->
     assert inner.min() > 0.9999
 
 
+@pytest.mark.xdist_group("flown")
 def test_every_datagram_is_whole_frames(flown: dict[str, Any]) -> None:
     framer = Framer()
     count = dict.fromkeys(Direction, 0)
@@ -108,6 +111,7 @@ def test_every_datagram_is_whole_frames(flown: dict[str, Any]) -> None:
     assert abs(count[Direction.IN] - count[Direction.OUT]) < 10 and count[Direction.IN] > 10_000
 
 
+@pytest.mark.xdist_group("flown")
 def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
     """Its events, fed to a new autopilot, lead to the same bytes as were sent."""
     log = LogReader(flown["log"])
@@ -226,7 +230,7 @@ def test_recorder_killed(tmp_path: Path) -> None:
 
 def test_planner_killed(tmp_path: Path) -> None:
     """On the way: it is said to everybody, the vehicle brakes, holds and lands unhurt, and the log replays."""
-    simulator, companion = pair(tmp_path, "1")
+    simulator, companion = pair(tmp_path, UNHURRIED)
     with simulator, companion:
         companion.wait_for("route, step")
         (planner,) = (pid for pid in children(companion) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
