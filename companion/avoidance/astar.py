@@ -145,16 +145,18 @@ class AStar:
         to_occupied: Floats,
     ) -> GridPath | None:
         """An earlier way, cells (n, 2) of this view, with today's costs, from where it comes nearest to `start` on; see
-        `plan` for the rest. None if it was left or can't be flown any more."""
+        `plan` for the rest. None if it was left, can't be flown any more or does not lead to the goal: nobody has
+        looked at what lies between its end and there."""
         first, last = view.cell_of(start), view.cell_of(goal)
         away = np.hypot(cells[:, 0] - first[0], cells[:, 1] - first[1])
         nearest = int(np.argmin(away))
         rest = cells[nearest:]
         if away[nearest] * view.cell > _LEFT_M or rest.min() < 0 or rest.max() >= len(prices):
             return None
+        if view.cell * math.hypot(*(rest[-1] - last).tolist()) > self.settings.comfort:
+            return None
         costs = _costs_along(rest, prices, to_occupied, inflation, view.cell)
-        left = math.hypot(*(rest[-1] - last).tolist())
-        cost = float(costs[-1]) + view.cell * (1.0 + self.settings.unknown) * left
+        cost = float(costs[-1])
         return None if cost == math.inf else GridPath(rest, costs, cost, 0.0)
 
     def _check(self, cells: NDArray[Any]) -> None:

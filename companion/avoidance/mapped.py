@@ -178,10 +178,10 @@ class Planner:
         prices = self._astar.prices(view)
         path = self._astar.plan(view, prices, here, goal)
         before, self._tight = self._tight, None
-        narrow = before is not None and view.to_occupied[view.cell_of(here)] < plan.inflation
+        cell, near = view.cell_of(here), view.to_occupied
+        narrow = before is not None and view.contains(cell) and near[cell] < plan.inflation
         if path is not None and path.detour <= plan.detour and not narrow:
             return self._flyable(path, view, prices, here, goal, speed, plan.inflation)
-        near = view.to_occupied
         squeezed = prices + plan.squeeze * np.maximum(1.0 - near / plan.inflation, 0.0) ** 2
         squeezed += plan.doubt * np.maximum(1.0 - near / plan.tight, 0.0) ** 2
         certain = to_certain(view)

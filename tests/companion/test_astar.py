@@ -130,11 +130,12 @@ def test_closed_in_there_is_no_way() -> None:
     assert plan(view_of(states), np.array([4.1, 4.1]), np.array([30.0, 4.1]))[0] is None
 
 
-@pytest.mark.parametrize(("half", "closed"), [(6, True), (6, False), (18, True)])
+@pytest.mark.parametrize(("half", "closed"), [(6, True), (6, False), (62, True)])
 def test_a_goal_that_is_closed_in_is_not_reached_from_anywhere(half: int, closed: bool) -> None:
-    """A yard around the goal, with and without a door, small and large; from within it there is a way."""
-    states = np.full((160, 160), FREE, np.uint8)
-    middle = 110
+    """A yard around the goal, with and without a door, and one with more cells than are looked at backwards; from
+    within it there is a way."""
+    states = np.full((200, 200), FREE, np.uint8)
+    middle = 130
     for side in (-half, half):
         states[middle + side, middle - half : middle + half + 1] = OCCUPIED
         states[middle - half : middle + half + 1, middle + side] = OCCUPIED

@@ -217,6 +217,22 @@ def test_a_tight_way_is_gone_on_with_unless_another_is_much_cheaper() -> None:
         assert np.sign(crossing(planner.way(view, far, np.zeros(3), goal, 5.0), 4.1)) == -first, "it was left"
 
 
+def test_an_earlier_tight_way_counts_for_its_own_goal_alone() -> None:
+    """In a corridor 0.8 m wide, at the goal: the next one is 3 m aside, behind the wall, and the way to it leads around
+    the corridor's end."""
+    walls = [(slice(100, 160), slice(column, column + 1)) for column in (126, 131)]
+    view = view_with(*walls)
+    view = dataclasses.replace(view, certain=view.states == OCCUPIED)
+    start, end, aside = (np.array([north, east, -3.0]) for north, east in ((2.0, 0.1), (4.1, 0.1), (4.1, 3.1)))
+    planner = Planner(ON_A_MAP)
+    assert planner.way(view, start, np.zeros(3), end, 5.0).tight
+    assert planner.way(view, end, np.zeros(3), end, 5.0).tight
+    around = planner.way(view, end, np.zeros(3), aside, 5.0)
+    assert around.tight and len(around.corners) > 2 and around.corners[:, 0].max() > 6.4
+    away = np.array([200.0, 0.0, -3.0])
+    assert not len(planner.way(view, away, np.zeros(3), aside, 5.0).corners), "outside of the window nothing is known"
+
+
 def test_in_a_gap_the_way_stays_tight() -> None:
     """In the middle of it the way out leads away from both sides, with room: only who came in by a tight way knows
     that it is still in one, and that the guard may not push it back out."""
