@@ -17,6 +17,7 @@ from companion import trace, wire
 from companion.avoidance import course, method
 from companion.avoidance.course import NO_WAY, Course
 from companion.avoidance.guard import Guard, GuardSettings, Reason, Verdict
+from companion.avoidance.heights import Heights
 from companion.avoidance.mapped import Answer, Question, picked
 from companion.avoidance.memory import RecentReturns
 from companion.avoidance.progress import Progress, Trail
@@ -172,6 +173,7 @@ class Autopilot:
         self._verdict: Verdict | None = None
         self._trail = Trail()
         self._progress = Progress()
+        self._heights = Heights(settings.avoidance.heights)
         self._gave_up = False
         self._commander = Commander(settings.supervision.command_interval)
         rates = settings.rates
@@ -355,7 +357,7 @@ class Autopilot:
         if pose is None:
             return
         ground_down = self._ground_down - self.settings.avoidance.ground_height
-        state, goal, speed = self.state, self._goal_of(self.state), self.mission.speed
+        state, goal, speed = self.state, self._goal_of(self.state), self._heights.slowed(self.mission.speed)
         if self._guard is not None:
             self._asked += 1
             self._map_ns = self._map_ns or now
@@ -367,9 +369,11 @@ class Autopilot:
             self.decision = self._avoidance.decide(points, state.position_ned, state.velocity_ned, goal, speed)
 
     def _goal_of(self, state: VehicleState) -> Array:
-        """The present step's."""
-        target = self.steps[self.step_index].target_ned
-        return state.position_ned if target is None else target
+        """The present step's, at the height that is flown."""
+        target, above = self.steps[self.step_index].target_ned, self._heights.above
+        if target is None:
+            return state.position_ned
+        return target if above == 0.0 else target - np.array([0.0, 0.0, above])
 
     def _take_up(self, answer: Answer, now: int) -> None:
         """What is free, and the way; give the goal up if there has been no progress for too long."""
@@ -388,8 +392,23 @@ class Autopilot:
             self._trail.add(here)
             distance = math.hypot(*(goal - here)[:2].tolist())
             lacking = self._progress.lacking_s(self.step_index, distance, now)
-            if lacking > self.settings.avoidance.give_up_s and distance > _NOT_NEAR:
+            stuck = lacking > self.settings.avoidance.give_up_s
+            if distance < _NOT_NEAR or not (stuck or self._heights.too_dear(answer.way.detour, now)):
+                return
+            if not self._change_height(now) and stuck:
                 self._give_up(self.state, now)
+
+    def _change_height(self, now: int) -> bool:
+        """To the next one that is allowed on this leg, with time anew; whether there is one."""
+        target = self.steps[self.step_index].target_ned
+        assert target is not None
+        height = self._ground_down - float(target[2])
+        if not self._heights.next(height - self.settings.avoidance.heights.lowest):
+            return False
+        self._progress = Progress()
+        self._phase_since_ns = now
+        self._say(Severity.INFO, f"no way or a long one: trying at {height + self._heights.above:.1f} m of height")
+        return True
 
     def _give_up(self, state: VehicleState, now: int) -> None:
         """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""
@@ -400,6 +419,7 @@ class Autopilot:
         way = "back the way it came" if back else "landing"
         text = f"no progress for {self.settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
         self._gave_up = True
+        self._heights.begin()
         self.supervisor.failed(text)
         self._say(Severity.ERROR, text)
         rest = (*back, Step(Phase.LAND))
@@ -748,6 +768,8 @@ class Autopilot:
             self._next_step(state, now)
 
     def _next_step(self, state: VehicleState, now: int) -> None:
+        if not self.steps[self.step_index].passes:
+            self._heights.begin()
         self.step_index += 1
         self._track = None
         self._phase_since_ns = self._steer_at_ns = now
@@ -769,7 +791,7 @@ class Autopilot:
         if self._reference.following:
             return
         if self._plans and step.avoids and not self._arrives(step, state):
-            self._steer_over_map(step.target_ned, state, now)
+            self._steer_over_map(self._goal_of(state), state, now)
             return
         self._leave_course(now)
         settings = self.settings.trajectory
@@ -818,8 +840,12 @@ class Autopilot:
         assert self._guard is not None
         settings, generator = self.settings.avoidance, self._reference
         here, velocity = state.position_ned, state.velocity_ned
-        wish = course.wish(self._way, here[:2], velocity[:2], goal[:2], self.mission.speed, settings.course.braking)
+        highest = self._heights.slowed(self.mission.speed)
+        wish = course.wish(self._way, here[:2], velocity[:2], goal[:2], highest, settings.course.braking)
         wanted, speed = wish.velocity, math.hypot(*wish.velocity.tolist())
+        if self._heights.changing:  # where it is
+            self._heights.arrived(float(goal[2] - here[2]))
+            wanted, speed = np.zeros(2), 0.0
         limit = self._guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
         self._free = limit.free
         if speed > limit.speed:
@@ -851,12 +877,12 @@ class Autopilot:
                 self._reference.leave(now)
                 return True
             return False
+        settings = self.settings.trajectory
+        if step.passes:
+            return math.dist(self._goal_of(state).tolist(), state.position_ned.tolist()) < settings.acceptance_radius
         track = self._track_to_join(step)
         target = step.target_ned if track is None else track.start_ned
         distance = math.dist(target.tolist(), state.position_ned.tolist())
-        settings = self.settings.trajectory
-        if step.passes:
-            return distance < settings.acceptance_radius
         speed = math.hypot(*state.velocity_ned.tolist())
         if self._arrived_ns is None and distance < settings.settled_distance and speed < settings.settled_speed:
             self._arrived_ns = now

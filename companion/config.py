@@ -227,6 +227,27 @@ class AvoidanceVfh(Table, frozen=True):
     """m/s2 sideways, for the turning circles."""
 
 
+class AvoidanceHeights(Table, frozen=True):
+    """Other heights than the route's, with "astar", "rrt" and "vfh" (`avoidance.heights`). No sensor sees what is over
+    the vehicle or, beyond the range finder, under it: allow what the place is known to leave free."""
+
+    above: NotNegative = 0.0
+    """m over the route's height that it may climb to get over what stands in the way; 0: not at all."""
+    below: NotNegative = 0.0
+    """m under the route's height that it may descend to get under what hangs in the way; 0: not at all."""
+    lowest: Positive = 1.5
+    """m above the take-off point that it never goes below for that."""
+    step: Positive = 2.0
+    """m between two heights that are tried. A change by half of `map.layer` begins a new map."""
+    price: Positive = 5.0
+    """m of detour that a metre of height is worth."""
+    speed: Positive = 2.0
+    """m/s, at most, at another height than the route's: a ring that is tilted far looks past edges that are near to the
+    height of flight, and nobody chose this one for having none."""
+    patience: NotNegative = 1.0
+    """s that the detour must be dearer than a step before that is taken."""
+
+
 class AvoidanceCourse(Table, frozen=True):
     """The motion along a way (`avoidance.course`)."""
 
@@ -332,6 +353,7 @@ class Avoidance(Table, frozen=True):
     plan: AvoidancePlan = AvoidancePlan()
     rrt: AvoidanceRrt = AvoidanceRrt()
     vfh: AvoidanceVfh = AvoidanceVfh()
+    heights: AvoidanceHeights = AvoidanceHeights()
     course: AvoidanceCourse = AvoidanceCourse()
     tracks: AvoidanceTracks = AvoidanceTracks()
     guard: AvoidanceGuard = AvoidanceGuard()

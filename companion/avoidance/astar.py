@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.avoidance.grid import UNKNOWN, Bytes, Floats, MapView
+from companion.avoidance.grid import UNKNOWN, Bytes, Cell, Floats, MapView
 from protocol.compiled import compiled
 from protocol.frames import Array
 
@@ -56,7 +56,7 @@ class GridPath:
     cost: float
     """Of the whole way (m), with the straight line beyond the window."""
     detour: float
-    """What of that (m) is more than was expected before anything in the way was looked at; 0 of an earlier way."""
+    """What of that (m) is more than was expected before anything in the way was looked at."""
     whole: bool = True
     """It leads to the goal, or to where the straight line to it begins."""
 
@@ -131,8 +131,7 @@ class AStar:
         if found < 0:
             return None
         cells, costs = _trace_back(found, self._parent, self._cost, view.states.shape[1])
-        expected = view.cell * _to_go(*first, last, self.settings.unknown, *frontier)
-        return GridPath(cells, costs, cost, cost - expected)
+        return GridPath(cells, costs, cost, self._detour(cost, view, first, last, frontier))
 
     def again(
         self,
@@ -157,7 +156,14 @@ class AStar:
             return None
         costs = _costs_along(rest, prices, to_occupied, inflation, view.cell)
         cost = float(costs[-1])
-        return None if cost == math.inf else GridPath(rest, costs, cost, 0.0)
+        if cost == math.inf:
+            return None
+        return GridPath(rest, costs, cost, self._detour(cost, view, first, last, _frontier(view.states, first, last)))
+
+    def _detour(
+        self, cost: float, view: MapView, first: Cell, last: Cell, frontier: tuple[float, float, float]
+    ) -> float:
+        return cost - view.cell * _to_go(*first, last, self.settings.unknown, *frontier)
 
     def _check(self, cells: NDArray[Any]) -> None:
         """The search's memory is written to without a look at its bounds."""

@@ -38,6 +38,8 @@ class Way:
     """rad from north; None with corners, or if the vehicle is to stay."""
     tight: bool = False
     """There is no way with room but a long one, if any: this one is tight, or leads to where there may be one."""
+    detour: float = 0.0
+    """What it costs (m) beyond the least that was to be expected; inf: there is none, but a direction; 0: not known."""
 
 
 NO_WAY = Way(np.empty((0, 2)), np.empty(0))

@@ -162,7 +162,7 @@ class Planner:
         if way is not None:
             return way
         bearing = self._vfh.choose(view, here, velocity, goal)
-        return NO_WAY if bearing is None else Way(NO_WAY.corners, NO_WAY.speeds, bearing)
+        return replace(NO_WAY, bearing=bearing, detour=0.0 if self._settings.method == "vfh" else math.inf)
 
     def blocked(self, view: MapView, here: Array, goal: Array) -> bool:
         """The straight line to the goal comes too near to something."""
@@ -214,7 +214,7 @@ class Planner:
         corners[0] = here[:2]
         if len(corners) == 1:
             corners = np.vstack([corners, goal[:2] if path.whole else here[:2]])
-        return self._timed(corners, view, speed)
+        return self._timed(corners, view, speed, path.detour)
 
     def _sampled(self, rrt: Rrt, view: MapView, here: Array, goal: Array, speed: float) -> Way | None:
         corners = rrt.plan(view, here, goal)
@@ -222,12 +222,14 @@ class Planner:
             return None
         if not view.contains(view.cell_of(goal)):
             corners = np.vstack([corners, goal[:2]])
-        return self._timed(corners, view, speed)
+        length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
+        return self._timed(corners, view, speed, length - math.dist(here[:2].tolist(), goal[:2].tolist()))
 
-    def _timed(self, corners: Array, view: MapView, speed: float) -> Way:
+    def _timed(self, corners: Array, view: MapView, speed: float, detour: float) -> Way:
         room = np.array([_room(view, corner) for corner in corners])
         course = self._settings.course
-        return Way(corners, corner_speeds(corners, room, speed, course.acceleration, course.braking))
+        speeds = corner_speeds(corners, room, speed, course.acceleration, course.braking)
+        return Way(corners, speeds, detour=detour)
 
 
 def _up_to_doubt(path: GridPath, view: MapView, room: float) -> GridPath:

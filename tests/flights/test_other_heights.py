@@ -1,0 +1,65 @@
+"""Whole flights to goals that the route's height does not lead to."""
+
+from pathlib import Path
+
+import numpy as np
+
+from companion.state import BoolArray
+from protocol.frames import Array
+from studies.joined import Joined
+from studies.worlds import Site
+
+COURT = [(8.0, -4.0), (16.0, -4.0), (16.0, 4.0), (8.0, 4.0)]
+GOAL = (12.0, 0.0)
+
+
+def inside(places: Array) -> BoolArray:
+    """(n,) of places (n, 2) or more: in the court."""
+    result: BoolArray = (np.abs(places[:, 0] - GOAL[0]) < 4.0) & (np.abs(places[:, 1]) < 4.0)
+    return result
+
+
+def flown(folder: Path, height: object, *overrides: str, route_height: float = 3.0) -> Joined:
+    """To the middle of a court with walls on all four sides, over `height`."""
+    walls = [
+        {"name": f"wall {k}", "start": COURT[k], "end": COURT[(k + 1) % 4], "thickness": 0.3, "height": height}
+        for k in range(4)
+    ]
+    origin = {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_m": 488.0}
+    site = Site("court", {"name": "court", "origin": origin, "wall": walls}, (GOAL,), route_height)
+    mission = site.mission(4.0, site.save(folder)[0])
+    changes = (
+        "avoidance.give_up_s=3.0",
+        "avoidance.map.cells=192",
+        *(f"avoidance.heights.{each}" for each in overrides),
+    )
+    return Joined(mission, overrides=changes, remembers=False).fly(limit_s=150.0)
+
+
+def test_over_the_walls_of_a_court_and_down_to_the_goal(tmp_path: Path) -> None:
+    joined = flown(tmp_path, 4.0, "above=6.0")
+    summary = joined.vehicle.summary()
+    assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
+    assert np.hypot(summary.final_position_ned[0] - GOAL[0], summary.final_position_ned[1]) < 0.5
+    path = joined.trace()["position_ned"]
+    entered = np.flatnonzero(inside(path))[0]
+    assert path[entered, 2] < -4.4
+    assert any("trying at 5.0 m" in text for text in joined.said)
+
+
+def test_under_walls_that_hang(tmp_path: Path) -> None:
+    joined = flown(tmp_path, [3.6, 12.0], "below=4.0", route_height=6.0)
+    summary = joined.vehicle.summary()
+    assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
+    assert np.hypot(summary.final_position_ned[0] - GOAL[0], summary.final_position_ned[1]) < 0.5
+    assert any("trying at 2.0 m" in text for text in joined.said)
+
+
+def test_heights_that_do_not_help_are_left_and_the_goal_given_up(tmp_path: Path) -> None:
+    joined = flown(tmp_path, 30.0, "above=4.0")
+    summary = joined.vehicle.summary()
+    assert summary.outcome == "landed" and summary.contacts == 0
+    assert not inside(joined.trace()["position_ned"]).any()
+    assert "given up" in (joined.autopilot.supervisor.fault or "")
+    tried = [text.split("trying at ")[1] for text in joined.said if "trying" in text]
+    assert [each.split(" m")[0] for each in tried] == ["5.0", "7.0", "3.0"]
