@@ -88,10 +88,8 @@ class Ours:
 
     def _reference(self, time: float) -> Reference:
         flat = self._trajectory.update(time)
-        position, velocity, acceleration, jerk, snap = (
-            flu_to_frd(flat[key]) for key in ("x", "x_dot", "x_ddot", "x_dddot", "x_ddddot")
-        )
-        return Reference(position, velocity, acceleration, jerk, snap, 0.0, 0.0, 0.0)
+        motion = [flu_to_frd(flat[key]) for key in ("x", "x_dot", "x_ddot", "x_dddot", "x_ddddot")]
+        return Reference(np.array([*motion, np.zeros(3)]))
 
 
 def rmse(controller: Any, abstraction: str, parameters: dict[str, Any], trajectory: Any) -> float:

@@ -694,23 +694,10 @@ class Autopilot:
 
     def _reference_at(self, time_ns: int) -> Reference:
         """The generator's; on a course its height and heading only."""
-        base = self._reference.at(time_ns)
-        if not self._course.active:
-            return base
-        rows = np.zeros((5, 3))  # position to snap
-        rows[:3, :2] = self._course.at(time_ns)
-        vertical = (base.position_ned, base.velocity_ned, base.acceleration_ned, base.jerk_ned)
-        rows[:4, 2] = [each[2] for each in vertical]
-        return Reference(
-            rows[0],
-            rows[1],
-            rows[2],
-            rows[3],
-            rows[4],
-            base.yaw,
-            base.yaw_rate,
-            base.yaw_acceleration,
-        )
+        reference = self._reference.at(time_ns)
+        if self._course.active:
+            self._course.put(time_ns, reference.rows)
+        return reference
 
     def _guards(self) -> bool:
         """The guard has the last word at this step: not on vertical ones, on tracks and where the reference jumps."""

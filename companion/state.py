@@ -79,14 +79,35 @@ class Scan:
 class Reference:
     """Where to be, and how that changes (m, rad and their derivatives by s)."""
 
-    position_ned: Array
-    velocity_ned: Array
-    acceleration_ned: Array
-    jerk_ned: Array
-    snap_ned: Array
-    yaw: float
-    yaw_rate: float
-    yaw_acceleration: float
+    rows: Array
+    """(6, 3) position, velocity, acceleration, jerk and snap, NED; yaw, its rate and its acceleration."""
+
+    @property
+    def position_ned(self) -> Array:
+        row: Array = self.rows[0]
+        return row
+
+    @property
+    def velocity_ned(self) -> Array:
+        row: Array = self.rows[1]
+        return row
+
+    @property
+    def acceleration_ned(self) -> Array:
+        row: Array = self.rows[2]
+        return row
+
+    @property
+    def yaw(self) -> float:
+        return float(self.rows[5, 0])
+
+    @property
+    def yaw_rate(self) -> float:
+        return float(self.rows[5, 1])
+
+    @property
+    def yaw_acceleration(self) -> float:
+        return float(self.rows[5, 2])
 
 
 @dataclass(frozen=True, slots=True)

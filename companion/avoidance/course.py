@@ -170,22 +170,21 @@ class Course:
         own = np.array([here[:2], velocity[:2], acceleration[:2]])
         self._motion = self._motion + min(self._dt / _GIVING_IN_S, 1.0) * (own - self._motion)
 
-    def at(self, time_ns: int) -> Array:
-        """(3, 2) position, velocity and acceleration, a little after the last step."""
+    def put(self, time_ns: int, rows: Array) -> None:
+        """North and east of a reference's rows (6, 3), a little after the last step."""
         assert self._time_ns is not None
-        return _onward(self._motion, (time_ns - self._time_ns) * 1e-9)
+        _put(self._motion, (time_ns - self._time_ns) * 1e-9, rows)
 
 
 @compiled
-def _onward(motion: Array, dt: float) -> Array:
-    """The motion (3, 2) `dt` later, with the same acceleration."""
-    result = np.empty((3, 2))
+def _put(motion: Array, dt: float, rows: Array) -> None:
+    """The motion (3, 2) `dt` later, with the same acceleration; from jerk on all is 0."""
     for axis in range(2):
         position, velocity, acceleration = motion[0, axis], motion[1, axis], motion[2, axis]
-        result[0, axis] = position + dt * velocity + 0.5 * dt * dt * acceleration
-        result[1, axis] = velocity + dt * acceleration
-        result[2, axis] = acceleration
-    return result
+        rows[0, axis] = position + dt * velocity + 0.5 * dt * dt * acceleration
+        rows[1, axis] = velocity + dt * acceleration
+        rows[2, axis] = acceleration
+        rows[3, axis] = rows[4, axis] = 0.0
 
 
 @compiled

@@ -149,7 +149,7 @@ class Cascade:
 
         The state was measured at `measured_ns`; `mass` in kg; what a flight teaches is learnt while `airborne`.
         """
-        self._reference = _flat(reference)
+        self._reference = reference.rows.ravel()
         return wish(
             state.position_ned,
             state.velocity_ned,
@@ -179,22 +179,8 @@ class Cascade:
 
         `changed`: it is not that of `wish`, so that the integrals wait.
         """
-        return obey(
-            acceleration_ned, now_ns, self._reference, _flat(ahead), mass, changed, self._parameters, self._memory
-        )
-
-
-def _flat(reference: Reference) -> Array:
-    return np.concatenate(
-        (
-            reference.position_ned,
-            reference.velocity_ned,
-            reference.acceleration_ned,
-            reference.jerk_ned,
-            reference.snap_ned,
-            (reference.yaw, reference.yaw_rate, reference.yaw_acceleration),
-        )
-    )
+        flat = ahead.rows.ravel()
+        return obey(acceleration_ned, now_ns, self._reference, flat, mass, changed, self._parameters, self._memory)
 
 
 def _parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.void]:

@@ -32,6 +32,8 @@ class _Motion:
         self._start_ns = 0
         self._profile: Profile | None = None
         self._rest: list[float] = [0.0] * axes
+        self._end: tuple[list[float], list[float], list[float]] | None = None
+        """What `at` gives from the profile's end on, once it was asked for."""
 
     def rest(self, place: list[float]) -> None:
         self._profile = None
@@ -42,8 +44,14 @@ class _Motion:
         if self._profile is None:
             zero = [0.0] * self._axes
             return self._rest, zero, zero
-        position, velocity, acceleration = self._profile.at_time((time_ns - self._start_ns) * 1e-9)
-        return position, velocity, acceleration
+        time_s = (time_ns - self._start_ns) * 1e-9
+        if time_s < self._profile.duration:
+            position, velocity, acceleration = self._profile.at_time(time_s)
+            return position, velocity, acceleration
+        if self._end is None:
+            position, velocity, acceleration = self._profile.at_time(time_s)
+            self._end = position, velocity, acceleration
+        return self._end
 
     def jerk(self, time_ns: int, acceleration: list[float]) -> list[float]:
         """It is constant between the profile's corners; from the acceleration then, which `at` gives."""
@@ -66,6 +74,7 @@ class _Motion:
             return False
         self._profile = profile
         self._start_ns = time_ns
+        self._end = None
         return True
 
 
@@ -201,18 +210,14 @@ class ReferenceGenerator:
         """The reference at a time not before the last change."""
         track = self._track
         if track is not None:
-            motion = track.at((time_ns - self._track_ns) * 1e-9)
-            heading = motion[5].tolist() if track.along else self._heading_at(time_ns)
-            return Reference(motion[0], motion[1], motion[2], motion[3], motion[4], *heading)
+            rows = track.at((time_ns - self._track_ns) * 1e-9)
+            if not track.along:
+                rows[5] = self._heading_at(time_ns)
+            return Reference(rows)
         position, velocity, acceleration = self._translation.at(time_ns)
-        return Reference(
-            np.array(position),
-            np.array(velocity),
-            np.array(acceleration),
-            np.array(self._translation.jerk(time_ns, acceleration)),
-            np.zeros(3),
-            *self._heading_at(time_ns),
-        )
+        jerk = self._translation.jerk(time_ns, acceleration)
+        values = (*position, *velocity, *acceleration, *jerk, 0.0, 0.0, 0.0, *self._heading_at(time_ns))
+        return Reference(np.array(values).reshape(6, 3))
 
     def _heading_at(self, time_ns: int) -> tuple[float, float, float]:
         yaw, rate, acceleration = self._heading.at(time_ns)

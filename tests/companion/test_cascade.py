@@ -49,7 +49,7 @@ def circle(time: float, speed: float = 4.0, radius: float = 3.0) -> Reference:
     phase = np.array([math.pi / 2, 0.0, 0.0])
     size = np.array([radius, radius, 0.0])
     motion = [size * rate**n * np.sin(rate * time + phase + n * math.pi / 2) for n in range(5)]
-    return Reference(motion[0], motion[1], motion[2], motion[3], motion[4], 0.0, 0.0, 0.0)
+    return Reference(np.array([*motion, np.zeros(3)]))
 
 
 def tracked(
@@ -215,8 +215,8 @@ def test_jumps_of_the_reference_are_let_through_gently() -> None:
 
     def rates(tick: int, jerk: float) -> Array:
         now = START_NS + tick * TICK_NS
-        zero = np.zeros(3)
-        reference = Reference(zero, zero, zero, np.array([jerk, 0.0, 0.0]), zero, 0.0, 0.0, 0.0)
+        reference = Reference(np.zeros((6, 3)))
+        reference.rows[3, 0] = jerk
         wanted = controller.wish(state, now, now, reference, BODY.mass_kg, False)
         out, _ = controller.obey(wanted, now, reference, BODY.mass_kg)
         return out[cascade.RATES]
