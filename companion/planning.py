@@ -5,7 +5,7 @@ vehicle waits anyway and no clock is looked at, it counts a fixed simulated time
 """
 
 import contextlib
-import fcntl
+import math
 import multiprocessing
 import select
 import signal
@@ -17,6 +17,7 @@ import numpy as np
 
 from companion.avoidance.mapped import Answer, Outlook, Question
 from companion.config import Avoidance
+from companion.mailbox import Outbox, mailbox
 from companion.state import Scan
 from protocol.flightlog import record_type
 
@@ -37,10 +38,31 @@ PLANNED = record_type(
     {"way_ned": "m north, m east of each corner", "speeds": "m/s at each"},
 )
 """An answer's arrival, an event; for people to look at, the first corners of its way."""
+ASKED = record_type(
+    "/companion/asked",
+    "courier/Asked",
+    [
+        ("number", "uint32"),
+        ("asked_ns", "int64"),
+        ("ring_ns", "int64"),
+        ("ring_boot_us", "uint64"),
+        ("position_ned", "float64[3]"),
+        ("attitude_ned_frd", "float64[4]"),
+        ("ground_down", "float64"),
+        ("here_ned", "float64[3]"),
+        ("velocity_ned", "float64[3]"),
+        ("goal_ned", "float64[3]"),
+        ("speed", "float64"),
+    ],
+    {
+        "ring_ns": "when it arrived; ring_boot_us: when it was measured, on the vehicle's clock",
+        "position_ned": "of the ring, with attitude_ned_frd; here_ned: of the vehicle now",
+        "goal_ned": "NaN: no way is asked for",
+    },
+)
+"""A question, with what a replay need not wait for to answer it; no event, it follows from those before."""
 _PATIENCE_S = 10.0
 """For an answer that must be waited for."""
-_PIPE_BYTES = 1 << 20
-"""Room for an answer as a whole, so that none is read in pieces."""
 _MOST_OPEN = 24
 """Questions, each 2 kB: so many fit into any pipe. They are 1.6 s; the failsafe for a lost ring has acted before."""
 _ENDED = "the planner's process has ended by itself"
@@ -88,9 +110,7 @@ class Elsewhere:
     def __init__(self, settings: Avoidance) -> None:
         context = multiprocessing.get_context("spawn")
         asked, self._questions = context.Pipe(duplex=False)
-        self._answers, answered = context.Pipe(duplex=False)
-        with contextlib.suppress(OSError):  # a user may have used up what the system grants for pipes
-            fcntl.fcntl(self._answers.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        self._answers, answered = mailbox(context, _MOST_OPEN + 2)
         arguments = (asked, answered, settings)
         self._process = context.Process(target=_think, args=arguments, name="courier-planner", daemon=True)
         self._process.start()
@@ -101,7 +121,7 @@ class Elsewhere:
         self._open = 0
         self._trouble: str | None = None
         try:
-            self._answers.recv()  # it is ready
+            self._answers.take()  # it is ready
         except (EOFError, OSError):
             self._trouble = _ENDED
             self._process.join(_PATIENCE_S)
@@ -134,7 +154,7 @@ class Elsewhere:
         if self._trouble is not None or not self._open or not self._poll.poll(1e3 * patience_s):
             return None
         try:
-            answer: Answer = self._answers.recv()
+            answer: Answer = self._answers.take()
         except (EOFError, OSError):
             self._trouble = _ENDED
             return None
@@ -149,16 +169,16 @@ class Elsewhere:
             self._process.kill()
 
 
-def _think(questions: "Connection", answers: "Connection", settings: Avoidance) -> None:
+def _think(questions: "Connection", answers: Outbox, settings: Avoidance) -> None:
     """The process: answer until the other side is gone."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     rehearse(settings)
     outlook = Outlook(settings)
     with contextlib.suppress(EOFError, OSError):
-        answers.send(None)
+        answers.put(None)
         while True:
-            answers.send(outlook.answer(questions.recv()))
+            answers.put(outlook.answer(questions.recv()))
 
 
 def rehearse(settings: Avoidance) -> None:
@@ -209,6 +229,24 @@ class Planning:
 
     def close(self) -> None:
         self._thinker.close()
+
+
+def packed_question(question: Question) -> bytes:
+    """The payload of an ASKED record."""
+    position, attitude = question.pose
+    return ASKED.pack(
+        question.number,
+        question.asked_ns,
+        question.scan.time_ns,
+        question.scan.boot_time_us,
+        *position.tolist(),
+        *attitude.tolist(),
+        question.ground_down,
+        *question.here.tolist(),
+        *question.velocity.tolist(),
+        *((math.nan,) * 3 if question.goal is None else question.goal.tolist()),
+        question.speed,
+    )
 
 
 def packed(answer: Answer) -> bytes:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, PlannerFault, Reaction, Request, Tick
-from companion.planning import PLANNED, Planning, packed
+from companion.planning import ASKED, PLANNED, Planning, packed, packed_question
 from companion.supervisor import FLYING, State
 from companion.trace import LOGGED, Thinning
 from protocol.clock import RealClock
@@ -29,7 +29,7 @@ PLANNER_FAULT = "planner fault: "
 LOOP = record_type("/companion/loop", "courier/Loop", [("worst_ns", "uint32"), ("latency_ns", "uint32[]")])
 """Wall time from the receipt of a datagram with a new attitude to the command's departure, for those of a tenth of a
 second: how the machine did, not an event."""
-RECORD_TYPES = (LOGGED, TICK, REQUEST, PLANNED, LOOP)
+RECORD_TYPES = (LOGGED, TICK, REQUEST, ASKED, PLANNED, LOOP)
 
 _LOG_LEVEL = {0: 50, 1: 50, 2: 50, 3: 40, 4: 30, 5: 20, 6: 20}
 """MAV_SEVERITY -> `logging`'s level."""
@@ -211,6 +211,7 @@ class Runner:
             self._keep(self._thinning.step(event.time_ns, reaction.trace))
         if reaction.question is not None:
             self._planning.ask(reaction.question)
+            self._log.record(ASKED, event.time_ns, packed_question(reaction.question))
         for announcement in reaction.announcements:
             self._log.text(event.time_ns, _LOG_LEVEL[announcement.severity], "companion", announcement.text)
         return reaction

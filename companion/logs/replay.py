@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, PlannerFault, Request, Tick
+from companion.logs.ahead import Ahead, DivergedError, worth_it
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
 from companion.logs.writer import Writer
-from companion.planning import PLANNED, Here, Planning
+from companion.planning import PLANNED, Here, Planning, Thinker
 from companion.runner import LOG_FAULT, PLANNER_FAULT, REQUEST, TICK, lockstep_time
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
@@ -37,7 +38,7 @@ class Replay:
     flown_s: float
     """From the first event to the last."""
     wall_s: float
-    """What feeding and comparing them took."""
+    """What it took, but for opening the log."""
     series: dict[tuple[str, str], Series]
     """By message and field, if asked for."""
 
@@ -61,12 +62,15 @@ def replay(
     for what is no log of a flight or if that can't be written, DataFileError for settings that can't be used.
     """
     flight = open_flight(path, settings, overrides)
-    with _copy(flight, trace) as writer:
-        second = _Second(flight, writer, keeps_series=keeps_series)
-        clock = RealClock()
-        with _no_garbage_collection():
+    clock = RealClock()
+    second = None
+    if settings is None and not overrides and trace is None and worth_it(flight.log):
+        second = _flown_ahead(flight, keeps_series=keeps_series)
+    if second is None:
+        with _copy(flight, trace) as writer, _no_garbage_collection():
+            second = _Second(flight, Here(flight.settings.avoidance), writer, keeps_series=keeps_series)
             second.fly()
-        wall_s = clock.now_ns() * 1e-9
+    wall_s = clock.now_ns() * 1e-9
     differ = second.differ
     if not differ.datagrams:
         raise FlightLogError(f"{path}: there is nothing in it that was sent")
@@ -81,6 +85,20 @@ def replay(
         wall_s=wall_s,
         series=dict(differ.series),
     )
+
+
+def _flown_ahead(flight: Recorded, *, keeps_series: bool) -> "_Second | None":
+    """With the planner's answers from a process that runs ahead; None if this flight asks something else."""
+    thinker = Ahead(flight.log.path, flight.settings.avoidance, whole_datagrams=flight.whole_datagrams)
+    second = _Second(flight, thinker, None, keeps_series=keeps_series)
+    try:
+        with _no_garbage_collection():
+            second.fly()
+    except DivergedError:
+        return None
+    finally:
+        thinker.close()
+    return second
 
 
 def _copy(flight: Recorded, target: Path | None) -> AbstractContextManager[Writer | None]:
@@ -108,7 +126,7 @@ def _no_garbage_collection() -> Iterator[None]:
 class _Second:
     """The second flight. Which event's answer goes into which datagram is as in `runner.Runner`."""
 
-    def __init__(self, flight: Recorded, writer: Writer | None, *, keeps_series: bool) -> None:
+    def __init__(self, flight: Recorded, thinker: Thinker, writer: Writer | None, *, keeps_series: bool) -> None:
         recorded = flight.log.topics.get(TRACE.topic)
         known = [kind for kind in (LOGGED, TRACE) if recorded is not None and kind.definition == recorded.definition]
         self._compares_trace = bool(known)
@@ -123,7 +141,7 @@ class _Second:
         """Records in the copy, but for messages: these have the number of their datagram."""
         self._datagram_number = 0
         self._autopilot = Autopilot(flight.settings, flight.body, flight.mission, flight.output)
-        self._thinker = Here(flight.settings.avoidance)
+        self._thinker = thinker
         self._planning: Planning | None = None
         """For a flight whose companion asked nothing: what it asks now is answered as in lockstep."""
         if PLANNED.topic not in self._topics:

@@ -1,0 +1,155 @@
+"""What a recorded flight's planner answered, made again by a process that runs ahead of the replay which needs it.
+
+The log tells what was asked, so nobody need wait for the autopilot to ask it once more. What it does ask is compared:
+if it is anything else, the answers made ahead are of no use.
+"""
+
+import contextlib
+import multiprocessing
+import os
+import threading
+from collections import OrderedDict, deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion import wire
+from companion.avoidance.mapped import Answer, Outlook, Question
+from companion.config import Avoidance
+from companion.mailbox import Outbox, mailbox
+from companion.planning import ASKED, packed_question
+from companion.state import Scan
+from protocol.flightlog import DATAGRAM, Direction, LogReader
+from protocol.framing import Framer
+from protocol.messages import decode, dialect
+
+_RING = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE.to_bytes(3, "little")
+_RINGS = 64
+"""The latest, of which a question is about one."""
+_WORTH_IT = 2_000_000
+"""Bytes of log, some 20 s of flight; for less the process is hardly started."""
+
+
+_SLOTS = 16
+"""Answers that are ready, or in use."""
+_LOOK_S = 1.0
+
+
+class DivergedError(Exception):
+    """The replay asks something else than the flight did, or there are no more answers."""
+
+
+def worth_it(log: LogReader) -> bool:
+    """The log says what was asked, it is long enough, and there is a core for it."""
+    kind = log.topics.get(ASKED.topic)
+    tells = kind is not None and kind.definition == ASKED.definition
+    return tells and log.path.stat().st_size >= _WORTH_IT and len(os.sched_getaffinity(0)) > 1
+
+
+class Ahead:
+    """A `planning.Thinker` whose `take` raises DivergedError."""
+
+    fault: str | None = None
+
+    def __init__(self, path: Path, settings: Avoidance, *, whole_datagrams: bool) -> None:
+        # A copy of this process has all that is needed; it would copy the locks that other threads hold, too.
+        context: Any = multiprocessing.get_context("fork" if threading.active_count() == 1 else "spawn")
+        self._answers, theirs = mailbox(context, _SLOTS)
+        self._free = context.Semaphore(_SLOTS - 2)
+        arguments = (theirs, self._free, os.getpid(), path, settings, whole_datagrams)
+        self._process = context.Process(target=_run, args=arguments, name="courier-ahead", daemon=True)
+        self._process.start()
+        theirs.close()
+        self._open: deque[Question] = deque()
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process."""
+        pid: int | None = self._process.pid
+        return pid
+
+    def ask(self, question: Question) -> None:
+        self._open.append(question)
+
+    def take(self, patience_s: float) -> Answer | None:
+        if not self._open:
+            return None
+        question = self._open.popleft()
+        try:
+            asked, answer = self._answers.take()
+        except (EOFError, OSError):
+            raise DivergedError from None
+        self._free.release()
+        if asked != _identity(question):
+            raise DivergedError
+        result: Answer = answer
+        return result
+
+    def close(self) -> None:
+        self._answers.close()
+        self._process.kill()
+        self._process.join()
+
+
+def _identity(question: Question) -> bytes:
+    """All that an answer depends on."""
+    scan = question.scan
+    ring = (scan.bearings_frd, scan.ranges_m, scan.hit, scan.known)
+    return b"".join((packed_question(question), *(values.tobytes() for values in ring)))
+
+
+def _run(answers: Outbox, free: Any, replay: int, path: Path, settings: Avoidance, whole_datagrams: bool) -> None:
+    """The process: answer what the log asks, up to its end or to a question that it does not tell whole."""
+    with contextlib.suppress(OSError), contextlib.closing(answers):  # the replay is gone
+        outlook, framer = Outlook(settings), Framer()
+        rings: OrderedDict[tuple[int, int], Scan] = OrderedDict()
+        for record in LogReader(path).records((DATAGRAM.topic, ASKED.topic)):
+            if record.topic == ASKED.topic:
+                question = _question(ASKED.unpack(record.data), rings)
+                if question is None:
+                    return
+                answer = outlook.answer(question)
+                while not free.acquire(timeout=_LOOK_S):
+                    if os.getppid() != replay:  # it was killed
+                        return
+                answers.put((_identity(question), answer))
+            elif record.data[0] == Direction.IN:
+                data = record.data[9 + int.from_bytes(record.data[1:5], "little") :]
+                if not whole_datagrams or _RING in data:
+                    _rings(framer, data, record.time_ns, rings, whole_datagrams=whole_datagrams)
+
+
+def _rings(
+    framer: Framer, data: bytes, time_ns: int, rings: OrderedDict[tuple[int, int], Scan], *, whole_datagrams: bool
+) -> None:
+    """Add those in the data."""
+    for frame in framer.datagram(data) if whole_datagrams else framer.feed(data):
+        if frame.message_id != dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE:
+            continue
+        with contextlib.suppress(wire.RefusedError):
+            scan = wire.obstacle_distance(decode(frame), time_ns)
+            rings[scan.time_ns, scan.boot_time_us] = scan
+    while len(rings) > _RINGS:
+        rings.popitem(last=False)
+
+
+def _question(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) -> Question | None:
+    """The question of a record; None if its ring is not there."""
+    scan = rings.get((asked["ring_ns"], asked["ring_boot_us"]))
+    if scan is None:
+        return None
+    position, attitude, here, velocity, goal = (
+        np.array(asked[name]) for name in ("position_ned", "attitude_ned_frd", "here_ned", "velocity_ned", "goal_ned")
+    )
+    return Question(
+        asked["number"],
+        asked["asked_ns"],
+        scan,
+        (position, attitude),
+        asked["ground_down"],
+        here,
+        velocity,
+        None if np.isnan(goal).any() else goal,
+        asked["speed"],
+    )

@@ -1,0 +1,76 @@
+"""Objects through memory that two processes have."""
+
+import multiprocessing
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from companion.mailbox import Inbox, Outbox, mailbox
+
+SPAWN = multiprocessing.get_context("spawn")
+
+
+def echo(inbox: Inbox, outbox: Outbox) -> None:
+    """The other process: everything back, until there is nothing more."""
+    try:
+        while True:
+            outbox.put(inbox.take())
+    except EOFError:
+        outbox.close()
+
+
+def things() -> list[tuple[int, NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_]]]:
+    random = np.random.default_rng(1)
+    return [(k, random.random((200, 100 + k), np.float32), np.empty((0, 2)), random.random(k) > 0.5) for k in range(10)]
+
+
+def test_what_is_put_is_taken_in_its_order_to_the_bit() -> None:
+    there, outbox = mailbox(SPAWN, 4)
+    inbox, back = mailbox(SPAWN, 4)
+    process = SPAWN.Process(target=echo, args=(there, back), daemon=True)
+    process.start()
+    there.close()
+    back.close()
+    for thing in things():
+        outbox.put(thing)
+        number, *arrays = inbox.take()
+        assert number == thing[0]
+        for mine, theirs in zip(thing[1:], arrays, strict=True):
+            assert mine.dtype == theirs.dtype and mine.shape == theirs.shape and (mine == theirs).all()
+            assert not theirs.flags.owndata and theirs.flags.aligned and theirs.flags.writeable
+    outbox.close()
+    with pytest.raises(EOFError):
+        inbox.take()
+    process.join(20.0)
+    assert process.exitcode == 0
+
+
+def test_what_was_taken_holds_until_as_many_more_as_there_are_slots() -> None:
+    inbox, outbox = mailbox(SPAWN, 3)
+    outbox.put(np.full(1000, 0.0))
+    first = inbox.take()
+    for k in (1.0, 2.0):
+        outbox.put(np.full(1000, k))
+        inbox.take()
+        assert (first == 0.0).all()
+    outbox.put(np.full(1000, 3.0))
+    assert (first == 3.0).all(), "it is the same memory"
+
+
+def test_what_is_too_large_for_a_slot_comes_whole() -> None:
+    inbox, outbox = mailbox(SPAWN, 2)
+    large = np.arange(200_000, dtype=np.float64)
+    small = np.arange(3)
+    pair = [small, large, small] * 2
+    process = SPAWN.Process(target=put_all, args=(outbox, [pair, small]), daemon=True)
+    process.start()
+    outbox.close()
+    assert all((mine == theirs).all() for mine, theirs in zip(pair, inbox.take(), strict=True))
+    assert (inbox.take() == small).all()
+    process.join(20.0)
+
+
+def put_all(outbox: Outbox, what: list[object]) -> None:
+    for each in what:
+        outbox.put(each)

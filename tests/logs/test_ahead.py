@@ -1,0 +1,114 @@
+"""Replays whose planner's answers come from a process that runs ahead."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.avoidance.mapped import Answer, Question
+from companion.logs import ahead
+from companion.logs.ahead import Ahead, DivergedError
+from companion.logs.replay import replay
+from companion.planning import ASKED, PLANNED
+from protocol.flightlog import LogReader, Record
+from tests.logs.changed_logs import Flyer, rewritten
+
+ALONE = """
+import sys
+from pathlib import Path
+from companion.logs import ahead, replay
+
+ahead._WORTH_IT = 0
+taken = []
+take = ahead.Ahead.take
+ahead.Ahead.take = lambda *arguments: taken.append(take(*arguments)) or taken[-1]
+result = replay.replay(Path(sys.argv[1]))
+print(len(result.differences), result.datagrams, len(taken), None in taken)
+"""
+
+
+class Watched:
+    """What was taken, and whether the flight asked something else."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.taken: list[Answer | None] = []
+        self.diverged = 0
+        take = Ahead.take
+        monkeypatch.setattr(ahead, "_WORTH_IT", 0)
+        monkeypatch.setattr(Ahead, "take", lambda its, patience_s: self.take(take, its, patience_s))
+
+    def take(self, take: Callable[[Ahead, float], Answer | None], its: Ahead, patience_s: float) -> Answer | None:
+        try:
+            answer = take(its, patience_s)
+        except DivergedError:
+            self.diverged += 1
+            raise
+        self.taken.append(answer)
+        return answer
+
+
+@pytest.fixture
+def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
+    return Watched(monkeypatch)
+
+
+def count(log: LogReader, topic: str) -> int:
+    return sum(1 for _ in log.records((topic,)))
+
+
+def test_the_log_says_what_was_asked(fly: Flyer) -> None:
+    log = LogReader(fly())
+    asked, planned = (count(log, topic) for topic in (ASKED.topic, PLANNED.topic))
+    assert asked >= planned > 100
+    numbers = log.array(ASKED.topic)["number"]
+    assert (numbers == np.arange(1, asked + 1)).all()
+
+
+@pytest.mark.parametrize("pace", ["lockstep", "2"])
+def test_in_a_copy_of_the_process(fly: Flyer, pace: str) -> None:
+    path = fly("--output", "rates", "--pace", pace)
+    done = subprocess.run([sys.executable, "-c", ALONE, str(path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    result = replay(path)
+    assert done.stdout.split() == ["0", str(result.datagrams), str(count(LogReader(path), PLANNED.topic)), "False"]
+
+
+def test_in_a_new_process(fly: Flyer, watched: Watched) -> None:
+    path = fly()
+    assert replay(path).differences == [] and not watched.diverged
+    assert len(watched.taken) == count(LogReader(path), PLANNED.topic)
+
+
+def test_what_was_not_asked_is_answered_here(fly: Flyer, watched: Watched, tmp_path: Path) -> None:
+    """A log in which a question reads otherwise than the flight asks it."""
+
+    def change(record: Record) -> list[Record]:
+        if record.topic != ASKED.topic:
+            return [record]
+        row = np.frombuffer(record.data, ASKED.dtype).copy()
+        row["speed"] += row["number"] == 60
+        return [record._replace(data=row.tobytes())]
+
+    path = rewritten(fly(), tmp_path / "changed.mcap", change)
+    result = replay(path)
+    assert result.differences == [] and result.datagrams == replay(fly()).datagrams
+    assert watched.diverged == 1
+
+
+def test_a_process_that_ends_is_done_without(fly: Flyer, watched: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
+    ask = Ahead.ask
+
+    def fatal(its: Ahead, question: Question) -> None:
+        if question.number == 40:
+            assert its.pid is not None
+            os.kill(its.pid, signal.SIGKILL)
+        ask(its, question)
+
+    monkeypatch.setattr(Ahead, "ask", fatal)
+    assert replay(fly()).differences == []
+    assert watched.diverged == 1
