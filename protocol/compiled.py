@@ -74,11 +74,11 @@ def _cache_folder() -> Path | None:
     return None
 
 
-_FOLDER = _cache_folder()
-numba.config.CACHE_DIR = str(_FOLDER or "")
+CACHE_FOLDER = _cache_folder()
+numba.config.CACHE_DIR = str(CACHE_FOLDER or "")
 
 
 def compiled(function: F) -> F:
     """Compile on the first call for its argument types; IEEE arithmetic throughout, so that runs repeat to the bit."""
-    result: F = numba.njit(cache=_FOLDER is not None, error_model="numpy")(function)
+    result: F = numba.njit(cache=CACHE_FOLDER is not None, error_model="numpy")(function)
     return result

@@ -20,6 +20,8 @@ LOST_AFTERWARDS_S = 0.3
 """The same once the flight is over: the companion may have left."""
 UNHEARD_S = 20.0
 """With `once`: given up if nobody is heard for this long while it stands on the ground."""
+UNHEARD_AGAIN_S = 5.0
+"""The same once somebody was."""
 GRACE_LANDED_NS = 500_000_000
 GRACE_CRASHED_NS = 2_000_000_000
 """With `once`: simulated time after the end, so that the last telemetry is out."""
@@ -63,7 +65,7 @@ class Runner:
         return self._once and vehicle.time_ns - self._finished_ns >= grace_ns
 
     def _unheard(self) -> bool:
-        return time.monotonic() - self._heard_at > UNHEARD_S
+        return time.monotonic() - self._heard_at > (UNHEARD_AGAIN_S if self._locked else UNHEARD_S)
 
     def _receive(self, timeout_s: float) -> bool:
         """Hand one datagram on; False if none came in time."""

@@ -20,6 +20,7 @@ import numpy as np
 from protocol.body import Body
 from protocol.compiled import compiled
 from protocol.frames import Array, conjugate, multiply, to_rotation_vector
+from protocol.kept import kept
 
 
 def attitude_model(body: Body) -> tuple[Array, Array]:
@@ -38,6 +39,7 @@ def attitude_model(body: Body) -> tuple[Array, Array]:
     return A, B
 
 
+@kept("control", "scipy")
 def attitude_gain(
     body: Body, angle_weight: Sequence[float], rate_weight: Sequence[float], input_weight: Sequence[float]
 ) -> Array:
@@ -74,6 +76,7 @@ def rate_gain(K: Array) -> Array:
     return np.array([[K[axis, 2 * axis] / K[axis, 2 * axis + 1], 0.0, 0.0] for axis in range(3)])
 
 
+@kept("control", "scipy")
 def sampled_gain(
     rate_loop: Sequence[float] | None,
     entries: Sequence[float],

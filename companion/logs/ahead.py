@@ -7,6 +7,7 @@ if it is anything else, the answers made ahead are of no use.
 import contextlib
 import multiprocessing
 import os
+import signal
 import threading
 from collections import OrderedDict, deque
 from pathlib import Path
@@ -101,7 +102,8 @@ def _identity(question: Question) -> bytes:
 
 def _run(answers: Outbox, free: Any, replay: int, path: Path, settings: Avoidance, whole_datagrams: bool) -> None:
     """The process: answer what the log asks, up to its end or to a question that it does not tell whole."""
-    with contextlib.suppress(OSError), contextlib.closing(answers):  # the replay is gone
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the replay ends, and ends this
+    with contextlib.suppress(Exception), contextlib.closing(answers):  # what is wrong with the log the replay says
         outlook, framer = Outlook(settings), Framer()
         rings: OrderedDict[tuple[int, int], Scan] = OrderedDict()
         for record in LogReader(path).records((DATAGRAM.topic, ASKED.topic)):

@@ -11,6 +11,14 @@ from tests.flights.processes import run
 from tests.logs.changed_logs import Flyer
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What looks at flown logs goes to one worker, which flies each of them once."""
+    for item in items:
+        if "fly" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.xdist_group("logs"))
+
+
 @pytest.fixture(scope="session")
 def fly(tmp_path_factory: pytest.TempPathFactory) -> Flyer:
     """Flies the hover in two processes, once for each set of options; the log."""

@@ -222,6 +222,21 @@ def test_nobody_there_is_no_flight(monkeypatch: pytest.MonkeyPatch) -> None:
             assert vehicle.summary().outcome == "stopped"
 
 
+def test_who_was_heard_and_left_before_the_start_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "UNHEARD_AGAIN_S", 0.3)
+    for lockstep in (True, False):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as brief:
+            brief.bind(("127.0.0.1", 0))
+            vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=lockstep)
+            transport = Udp("127.0.0.1", brief.getsockname()[1], bind=False)
+            transport.send(b"here")
+            brief.sendto(b"here, too", brief.recvfrom(64)[1])
+            flight = Runner(vehicle, transport, once=True)
+            flight.run_lockstep() if lockstep else flight.run_timed(1.0)
+            transport.close()
+        assert vehicle.summary().outcome == "stopped"
+
+
 def test_compiling_before_the_start_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
     with started(Companion(hop)) as companion:
         vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=True)
