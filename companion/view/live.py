@@ -321,14 +321,18 @@ class Page:
             client.camera.look_at = self._seen_at
 
     def _move_cameras(self, place_enu: Floats) -> None:
-        """Each person's own camera goes along with the vehicle, from where it was put."""
-        before, self._seen_at = self._seen_at, place_enu
-        if before is None or not self._chase.value:
+        """Each person's own camera looks at the vehicle, from the side and the distance that it was brought to. Nothing
+        is added up: what a slow browser tells of its camera is of a while ago."""
+        moved = self._seen_at is not None and bool((self._seen_at != place_enu).any())
+        self._seen_at = place_enu
+        if not moved or not self._chase.value:
             return
         for client in self._server.get_clients().values():
-            gone = place_enu - before
-            client.camera.position = client.camera.position + gone
-            client.camera.look_at = client.camera.look_at + gone
+            camera = client.camera
+            away = camera.position - camera.look_at
+            with client.atomic():
+                camera.position = place_enu + away
+                camera.look_at = place_enu
 
     def _draw_ring(self, moment: Moment) -> None:
         place, attitude = moment.position_ned, moment.attitude_ned_frd

@@ -15,7 +15,7 @@ from playwright.sync_api import Locator
 
 from companion.avoidance.guard import Reason
 from companion.view.history import History, quaternions
-from companion.view.live import Page, ahead, turned, words
+from companion.view.live import _BEHIND, Page, ahead, turned, words
 from companion.view.sources import GrowingLog, Link, Source, newest, open_log
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
@@ -217,6 +217,13 @@ def test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider(tmp_path
             wait_for(lambda: read(place), lambda text: text.startswith("north 4.0"))
             drawn(1.0)
             wait_for(lambda: read(place), lambda text: text.startswith("north 6.0"))
+            (client,) = live._server.get_clients().values()
+            wait_for(
+                lambda: (page.screenshot(), client.camera.look_at)[1],
+                lambda at: np.allclose(at, (0.0, 6.0, 3.0), atol=0.05),
+            )
+            away = np.linalg.norm(client.camera.position - client.camera.look_at)
+            assert away == pytest.approx(np.linalg.norm(_BEHIND), rel=0.05)
             for label in ("camera follows", "play"):
                 page.get_by_label(label, exact=True).evaluate("box => box.click()")
 
