@@ -1,7 +1,7 @@
 """Places to fly through, made by seed: `python -m studies worlds NAME --seed N --picture`.
 
 All are NED with the take-off at (0, 0) and the way to the goal roughly north. Everything stands `TALL` above the
-ground, so that there is no way over it. The file is the world: what is flown is read from it.
+ground, so that there is no way over it, but for a court's walls. The file is the world: what is flown is read from it.
 """
 
 import itertools
@@ -132,8 +132,8 @@ def _disc(north: float, east: float, radius: float) -> dict[str, Any]:
     return {"center": _place(north, east), "radius": _m(radius), "height": TALL}
 
 
-def _wall(start: Place, end: Place, thickness: float = 0.2) -> dict[str, Any]:
-    return {"start": _place(*start), "end": _place(*end), "thickness": thickness, "height": TALL}
+def _wall(start: Place, end: Place, thickness: float = 0.2, height: float = TALL) -> dict[str, Any]:
+    return {"start": _place(*start), "end": _place(*end), "thickness": thickness, "height": height}
 
 
 # --- what there is ---
@@ -165,6 +165,16 @@ def u_trap(seed: int) -> Site:
         _wall((back - depth, right), (back, right)),
     ]
     return _site("utrap", seed, {"wall": walls}, (32.0, 0.0))
+
+
+def court(seed: int) -> Site:
+    """Four walls around the goal, 8-12 m apart, turned, 4-6 m high: there is no way but over them."""
+    rng = np.random.default_rng(seed)
+    goal, half, turn, height = (22.0, 0.0), rng.uniform(4.0, 6.0), rng.uniform(0.0, math.pi / 2), rng.uniform(4.0, 6.0)
+    away, angles = math.sqrt(2.0) * half, turn + 0.5 * math.pi * np.arange(5)
+    corners = [(goal[0] + away * math.cos(angle), goal[1] + away * math.sin(angle)) for angle in angles.tolist()]
+    walls = [_wall(start, end, 0.3, _m(height)) for start, end in itertools.pairwise(corners)]
+    return _site("court", seed, {"wall": walls}, goal)
 
 
 def gap(seed: int, width: float = 0.9) -> Site:
@@ -317,6 +327,7 @@ def fig6(seed: int) -> Site:
 SITES: dict[str, Callable[[int], Site]] = {
     "forest": forest,
     "utrap": u_trap,
+    "court": court,
     "gap": gap,
     "pole": pole,
     "maze": maze,

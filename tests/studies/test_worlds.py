@@ -89,6 +89,17 @@ def test_the_trap_catches_who_flies_straight(seed: int) -> None:
     assert shortest(site, HULL) > 32.3
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_court_is_entered_from_above_alone(seed: int) -> None:
+    site = worlds.court(seed)
+    assert shortest(site, 0.1) == math.inf
+    ahead = np.array([1.0, 0.0, 0.0])
+    (height,) = {wall["height"] for wall in site.tables["wall"]}
+    assert 4.0 <= height <= 6.0
+    assert 12.0 < site.world().range_along(at(0.0, 0.0, height - 0.01), ahead, 30.0) < 19.0
+    assert site.world().range_along(at(0.0, 0.0, height + 0.01), ahead, 30.0) == math.inf
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_all_rooms_of_the_maze_can_be_reached_and_none_from_outside(seed: int) -> None:
     site = worlds.maze(seed)
