@@ -17,7 +17,7 @@ from companion import trace, wire
 from companion.avoidance import course, method
 from companion.avoidance.course import NO_WAY, Course
 from companion.avoidance.guard import Guard, GuardSettings, Reason, Verdict
-from companion.avoidance.heights import Heights
+from companion.avoidance.heights import Heights, Place
 from companion.avoidance.mapped import Answer, Question, picked
 from companion.avoidance.memory import RecentReturns
 from companion.avoidance.progress import Progress, Trail
@@ -370,10 +370,11 @@ class Autopilot:
 
     def _goal_of(self, state: VehicleState) -> Array:
         """The present step's, at the height that is flown."""
-        target, above = self.steps[self.step_index].target_ned, self._heights.above
+        target = self.steps[self.step_index].target_ned
         if target is None:
             return state.position_ned
-        return target if above == 0.0 else target - np.array([0.0, 0.0, above])
+        down = self._heights.flown(float(target[2]))
+        return target if down == target[2] else np.array([*target[:2], down])
 
     def _take_up(self, answer: Answer, now: int) -> None:
         """What is free, and the way; give the goal up if there has been no progress for too long."""
@@ -390,24 +391,27 @@ class Autopilot:
         self.decision = AvoidanceDecision(target, limit, answer.clearance, answer.blocked)
         if step.avoids and self.supervisor.state is State.FLY:
             self._trail.add(here)
+            if self._heights.busy:
+                self._progress = Progress()
             distance = math.hypot(*(goal - here)[:2].tolist())
             lacking = self._progress.lacking_s(self.step_index, distance, now)
             stuck = lacking > self.settings.avoidance.give_up_s
-            if distance < _NOT_NEAR or not (stuck or self._heights.too_dear(answer.way.detour, now)):
+            if distance < _NOT_NEAR:
                 return
-            if not self._change_height(now) and stuck:
+            if not self._change_height(answer.way.detour, stuck, now) and stuck:
                 self._give_up(self.state, now)
 
-    def _change_height(self, now: int) -> bool:
-        """To the next one that is allowed on this leg, with time anew; whether there is one."""
-        target = self.steps[self.step_index].target_ned
-        assert target is not None
-        height = self._ground_down - float(target[2])
-        if not self._heights.next(height - self.settings.avoidance.heights.lowest):
+    def _change_height(self, detour: float, stuck: bool, now: int) -> bool:
+        """To another one that is allowed, if that may help; whether there is a change."""
+        target, settings = self.steps[self.step_index].target_ned, self.settings.avoidance.heights
+        assert target is not None and self.state is not None
+        place = Place(self.state.position_ned, float(target[2]), self._ground_down - settings.lowest)
+        change = self._heights.consider(detour, stuck, place, now)
+        if change is None:
             return False
         self._progress = Progress()
         self._phase_since_ns = now
-        self._say(Severity.INFO, f"no way or a long one: trying at {height + self._heights.above:.1f} m of height")
+        self._say(Severity.INFO, f"{change.why}: {self._ground_down - change.down:.1f} m of height")
         return True
 
     def _give_up(self, state: VehicleState, now: int) -> None:
@@ -419,7 +423,7 @@ class Autopilot:
         way = "back the way it came" if back else "landing"
         text = f"no progress for {self.settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
         self._gave_up = True
-        self._heights.begin()
+        self._heights.forbid()
         self.supervisor.failed(text)
         self._say(Severity.ERROR, text)
         rest = (*back, Step(Phase.LAND))
@@ -543,7 +547,7 @@ class Autopilot:
         way = 0.0 if start is None or step.target_ned is None else math.dist(start.tolist(), step.target_ned.tolist())
         track = self._tracks[self.step_index]
         taken = step.hold_s if track is None else track.duration_s
-        allowed = self.settings.supervision.step_timeout + taken + 3.0 * way / self.mission.speed
+        allowed = self.settings.supervision.step_timeout + taken + 3.0 * way / self._heights.slowed(self.mission.speed)
         return max((now - self._phase_since_ns) * 1e-9 - allowed, 0.0)
 
     def _reason(self, now: int) -> str:
@@ -625,6 +629,7 @@ class Autopilot:
         self._phase_since_ns += now - self._relinquished_ns
         self._arrived_ns = None
         self._progress = Progress()
+        self._heights.begin()
 
     def _ask(self, now: int) -> None:
         """Keep asking the vehicle for what the state needs."""
@@ -755,8 +760,7 @@ class Autopilot:
             self._next_step(state, now)
 
     def _next_step(self, state: VehicleState, now: int) -> None:
-        if not self.steps[self.step_index].passes:
-            self._heights.begin()
+        self._heights.next_leg(stopped=not self.steps[self.step_index].passes)
         self.step_index += 1
         self._track = None
         self._phase_since_ns = self._steer_at_ns = now
@@ -830,8 +834,8 @@ class Autopilot:
         highest = self._heights.slowed(self.mission.speed)
         wish = course.wish(self._way, here[:2], velocity[:2], goal[:2], highest, settings.course.braking)
         wanted, speed = wish.velocity, math.hypot(*wish.velocity.tolist())
-        if self._heights.changing:  # where it is
-            self._heights.arrived(float(goal[2] - here[2]))
+        if self._heights.busy:
+            self._heights.advance(float(here[2]), math.hypot(*velocity[:2].tolist()), now)
             wanted, speed = np.zeros(2), 0.0
         limit = self._guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
         self._free = limit.free

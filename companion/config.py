@@ -232,20 +232,25 @@ class AvoidanceHeights(Table, frozen=True):
     the vehicle or, beyond the range finder, under it: allow what the place is known to leave free."""
 
     above: NotNegative = 0.0
-    """m over the route's height that it may climb to get over what stands in the way; 0: not at all."""
+    """m over the route's height that it may climb to get over what stands in the way, `margin` included; 0: not at
+    all."""
     below: NotNegative = 0.0
-    """m under the route's height that it may descend to get under what hangs in the way; 0: not at all."""
+    """m under the route's height that it may descend to get under what hangs in the way, `margin` included; 0: not at
+    all."""
+    margin: NotNegative = 1.0
+    """m beyond the height from which a way was seen: the ring is flat, and what ends just below it is not seen."""
     lowest: Positive = 1.5
     """m above the take-off point that it never goes below for that."""
     step: Positive = 2.0
     """m between two heights that are tried. A change by half of `map.layer` begins a new map."""
-    price: Positive = 5.0
-    """m of detour that a metre of height is worth."""
+    price: Positive = 10.0
+    """What a metre of height is worth, as `plan` counts: a way that costs more than that times `step` beyond what was
+    to be expected, for tightness and doubt as well as for its length, is left for another height."""
     speed: Positive = 2.0
     """m/s, at most, at another height than the route's: a ring that is tilted far looks past edges that are near to the
     height of flight, and nobody chose this one for having none."""
     patience: NotNegative = 1.0
-    """s that the detour must be dearer than a step before that is taken."""
+    """s that the way must be too dear before a height is left, and that are looked around at another."""
 
 
 class AvoidanceCourse(Table, frozen=True):

@@ -1,8 +1,6 @@
 """Objects that one process hands to another: their arrays lie in memory that both have, and who takes one copies
 nothing."""
 
-import contextlib
-import fcntl
 import pickle
 from itertools import accumulate
 from multiprocessing.context import BaseContext
@@ -12,21 +10,17 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 _ALIGNED = 64
-_SLOT_BYTES = 1 << 20
-_PIPE_BYTES = 1 << 20
-"""Room for what does not fit into a slot, so that it is not read in pieces."""
 
 
-def mailbox(context: BaseContext, slots: int) -> tuple["Inbox", "Outbox"]:
+def mailbox(context: BaseContext, slots: int, slot_bytes: int) -> tuple["Inbox", "Outbox"]:
     """Both ends; the one for the other process goes among its arguments, and is closed here once it runs.
 
-    What is taken holds until `slots` more were put: the two sides see to it that none is put too early.
+    What is taken holds until `slots` more were put: the two sides see to it that none is put too early. Arrays of more
+    than `slot_bytes` in all come through the pipe, in pieces that the taker waits for.
     """
     receiver, sender = context.Pipe(duplex=False)
-    with contextlib.suppress(OSError):  # a user may have used up what the system grants for pipes
-        fcntl.fcntl(receiver.fileno(), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-    memory = context.RawArray("B", slots * _SLOT_BYTES)
-    return Inbox(receiver, memory), Outbox(sender, memory, slots)
+    memory = context.RawArray("B", slots * slot_bytes)
+    return Inbox(receiver, memory), Outbox(sender, memory, slots, slot_bytes)
 
 
 class Inbox:
@@ -53,10 +47,11 @@ class Inbox:
 class Outbox:
     """The end that puts."""
 
-    def __init__(self, pipe: "Connection", memory: Any, slots: int) -> None:
+    def __init__(self, pipe: "Connection", memory: Any, slots: int, slot_bytes: int) -> None:
         self._pipe = pipe
         self._memory = memory
         self._slots = slots
+        self._slot_bytes = slot_bytes
         self._next = 0
 
     def put(self, thing: object) -> None:
@@ -64,8 +59,8 @@ class Outbox:
         buffers: list[pickle.PickleBuffer] = []
         data = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
         views = [memoryview(buffer) for buffer in buffers]
-        start, sizes = self._next * _SLOT_BYTES, [view.nbytes for view in views]
-        if sum(_padded(size) for size in sizes) > _SLOT_BYTES:
+        start, sizes = self._next * self._slot_bytes, [view.nbytes for view in views]
+        if sum(_padded(size) for size in sizes) > self._slot_bytes:
             self._pipe.send((0, [], pickle.dumps(thing, protocol=5)))
             return
         shared = memoryview(self._memory).cast("B")

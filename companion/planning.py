@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 import numpy as np
 
-from companion.avoidance.mapped import Answer, Outlook, Question
+from companion.avoidance.mapped import Answer, Outlook, Question, answer_bytes
 from companion.config import Avoidance
 from companion.mailbox import Outbox, mailbox
 from companion.state import Scan
@@ -110,7 +110,7 @@ class Elsewhere:
     def __init__(self, settings: Avoidance) -> None:
         context = multiprocessing.get_context("spawn")
         asked, self._questions = context.Pipe(duplex=False)
-        self._answers, answered = mailbox(context, _MOST_OPEN + 2)
+        self._answers, answered = mailbox(context, _MOST_OPEN + 2, answer_bytes(settings))
         arguments = (asked, answered, settings)
         self._process = context.Process(target=_think, args=arguments, name="courier-planner", daemon=True)
         self._process.start()

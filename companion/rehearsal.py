@@ -6,7 +6,7 @@ import math
 import msgspec
 
 from companion.autopilot import Autopilot, Datagram, Planned, Tick
-from companion.config import Settings
+from companion.config import AvoidanceHeights, Settings
 from companion.mission import Mission
 from companion.planning import Here, Planning
 from companion.state import Output
@@ -40,7 +40,9 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
 
 
 def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
-    autopilot = Autopilot(settings, body, _hurried(mission), output)
+    # At the route's heights, where the vehicle here is.
+    avoidance = msgspec.structs.replace(settings.avoidance, heights=AvoidanceHeights())
+    autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
     planning = Planning(Here(settings.avoidance), settings.avoidance.answer_delay)
     encoder = Encoder(1, 1)
     step, step_began = -1, 0

@@ -80,7 +80,8 @@ class Reference:
     """Where to be, and how that changes (m, rad and their derivatives by s)."""
 
     rows: Array
-    """(6, 3) position, velocity, acceleration, jerk and snap, NED; yaw, its rate and its acceleration."""
+    """(6, 3) position, velocity, acceleration, jerk and snap, NED; yaw, its rate and its acceleration. Nobody else has
+    it: whoever asked for a reference may write into it."""
 
     @property
     def position_ned(self) -> Array:

@@ -24,6 +24,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 ROOT = Path(__file__).resolve().parent.parent
 _PACKAGES = ("protocol", "companion", "vehicle_sim")
+_SIGNS = (b"protocol.compiled", b"import compiled", b"protocol.kept")
 
 
 def _imported(source: bytes) -> Iterator[Path]:
@@ -46,7 +47,7 @@ def _imported(source: bytes) -> Iterator[Path]:
 
 def _sources_digest() -> str:
     sources = {path: path.read_bytes() for package in _PACKAGES for path in (ROOT / package).rglob("*.py")}
-    unread = [path for path, text in sources.items() if b"protocol.compiled" in text or b"import compiled" in text]
+    unread = [path for path, text in sources.items() if any(sign in text for sign in _SIGNS)]
     relevant: set[Path] = set()
     while unread:
         path = unread.pop()

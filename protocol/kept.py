@@ -32,10 +32,10 @@ def kept(*packages: str) -> Callable[[F], F]:
             with contextlib.suppress(OSError, ValueError, EOFError):
                 return np.load(path)
             result = function(*arguments)
-            with contextlib.suppress(OSError), tempfile.NamedTemporaryFile(dir=CACHE_FOLDER, delete=False) as file:
-                np.save(file, result)
-                file.close()
-                Path(file.name).replace(path)
+            with contextlib.suppress(OSError), tempfile.TemporaryDirectory(dir=CACHE_FOLDER) as folder:
+                whole = Path(folder) / path.name
+                np.save(whole, result)
+                whole.replace(path)
             return result
 
         kept_function: Any = read_or_computed

@@ -21,7 +21,7 @@ LOST_AFTERWARDS_S = 0.3
 UNHEARD_S = 20.0
 """With `once`: given up if nobody is heard for this long while it stands on the ground."""
 UNHEARD_AGAIN_S = 5.0
-"""The same once somebody was."""
+"""The same once somebody was; where time runs slower than the clock, by its measure."""
 GRACE_LANDED_NS = 500_000_000
 GRACE_CRASHED_NS = 2_000_000_000
 """With `once`: simulated time after the end, so that the last telemetry is out."""
@@ -46,6 +46,7 @@ class Runner:
         self._once = once
         self._heard_at = time.monotonic()
         self._locked = False
+        self._unheard_again_s = UNHEARD_AGAIN_S
         self._finished_ns: int | None = None
 
     def _begin(self) -> None:
@@ -65,7 +66,7 @@ class Runner:
         return self._once and vehicle.time_ns - self._finished_ns >= grace_ns
 
     def _unheard(self) -> bool:
-        return time.monotonic() - self._heard_at > (UNHEARD_AGAIN_S if self._locked else UNHEARD_S)
+        return time.monotonic() - self._heard_at > (self._unheard_again_s if self._locked else UNHEARD_S)
 
     def _receive(self, timeout_s: float) -> bool:
         """Hand one datagram on; False if none came in time."""
@@ -85,6 +86,7 @@ class Runner:
         """Ticks at absolute deadlines of a clock `factor` times as fast as the wall's; late ones are caught up."""
         vehicle = self._vehicle
         self._begin()
+        self._unheard_again_s = UNHEARD_AGAIN_S / min(factor, 1.0)
         clock = RealClock(factor)
         while not self._over():
             deadline_ns = vehicle.time_ns + TICK_NS

@@ -167,6 +167,12 @@ def free_space(
     return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight)
 
 
+def space_bytes(cells: int, cell: float) -> int:
+    """Of the two maps of a FreeSpace, at the most."""
+    side = min(cells, math.ceil(2.0 * _KEPT_M / cell) + 1)
+    return 2 * np.dtype(np.float32).itemsize * side * side
+
+
 class Guard:
     """Told of each new free space, asked at each control step."""
 

@@ -16,7 +16,7 @@ import numpy as np
 from companion.avoidance.astar import AStar, AStarSettings, GridPath, Integers
 from companion.avoidance.course import NO_WAY, Way
 from companion.avoidance.grid import FAR_M, Floats, GridSettings, MapView, OccupancyGrid, to_certain
-from companion.avoidance.guard import FreeSpace, GuardSettings, free_space
+from companion.avoidance.guard import FreeSpace, GuardSettings, free_space, space_bytes
 from companion.avoidance.rrt import Rrt, RrtSettings
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from companion.avoidance.tracks import Tracker, TrackSettings
@@ -35,6 +35,9 @@ _UNKNOWN_ROOM = 0.5
 _AROUND_MOVING = 0.3
 """m around what moves in which nothing else is held to stand."""
 
+
+_SMALL_BYTES = 1 << 16
+"""For an answer's way and its points."""
 
 T = TypeVar("T")
 
@@ -79,6 +82,11 @@ class Answer:
     way: Way
     blocked: bool
     """The straight line to the goal comes too near to something."""
+
+
+def answer_bytes(settings: Avoidance) -> int:
+    """No answer's arrays are larger than that."""
+    return space_bytes(settings.map.cells, settings.map.cell) + _SMALL_BYTES
 
 
 class Outlook:

@@ -39,7 +39,7 @@ def attitude_model(body: Body) -> tuple[Array, Array]:
     return A, B
 
 
-@kept("control", "scipy")
+@kept("control", "scipy", "numpy")
 def attitude_gain(
     body: Body, angle_weight: Sequence[float], rate_weight: Sequence[float], input_weight: Sequence[float]
 ) -> Array:
@@ -76,7 +76,7 @@ def rate_gain(K: Array) -> Array:
     return np.array([[K[axis, 2 * axis] / K[axis, 2 * axis + 1], 0.0, 0.0] for axis in range(3)])
 
 
-@kept("control", "scipy")
+@kept("control", "scipy", "numpy")
 def sampled_gain(
     rate_loop: Sequence[float] | None,
     entries: Sequence[float],

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from companion import wire
-from companion.avoidance.mapped import Answer, Outlook, Question
+from companion.avoidance.mapped import Answer, Outlook, Question, answer_bytes
 from companion.config import Avoidance
-from companion.mailbox import Outbox, mailbox
+from companion.mailbox import Inbox, Outbox, mailbox
 from companion.planning import ASKED, packed_question
 from companion.state import Scan
 from protocol.flightlog import DATAGRAM, Direction, LogReader
@@ -49,16 +49,17 @@ def worth_it(log: LogReader) -> bool:
 
 
 class Ahead:
-    """A `planning.Thinker` whose `take` raises DivergedError."""
+    """A `planning.Thinker` whose `take` waits as long as it takes, and raises DivergedError."""
 
     fault: str | None = None
 
     def __init__(self, path: Path, settings: Avoidance, *, whole_datagrams: bool) -> None:
         # A copy of this process has all that is needed; it would copy the locks that other threads hold, too.
         context: Any = multiprocessing.get_context("fork" if threading.active_count() == 1 else "spawn")
-        self._answers, theirs = mailbox(context, _SLOTS)
+        self._answers, theirs = mailbox(context, _SLOTS, answer_bytes(settings))
         self._free = context.Semaphore(_SLOTS - 2)
-        arguments = (theirs, self._free, os.getpid(), path, settings, whole_datagrams)
+        ours = self._answers if context.get_start_method() == "fork" else None
+        arguments = (theirs, ours, self._free, os.getpid(), path, settings, whole_datagrams)
         self._process = context.Process(target=_run, args=arguments, name="courier-ahead", daemon=True)
         self._process.start()
         theirs.close()
@@ -100,8 +101,18 @@ def _identity(question: Question) -> bytes:
     return b"".join((packed_question(question), *(values.tobytes() for values in ring)))
 
 
-def _run(answers: Outbox, free: Any, replay: int, path: Path, settings: Avoidance, whole_datagrams: bool) -> None:
+def _run(
+    answers: Outbox,
+    copied: Inbox | None,
+    free: Any,
+    replay: int,
+    path: Path,
+    settings: Avoidance,
+    whole_datagrams: bool,
+) -> None:
     """The process: answer what the log asks, up to its end or to a question that it does not tell whole."""
+    if copied is not None:  # with this end open here, nobody would notice that the replay's is closed
+        copied.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the replay ends, and ends this
     with contextlib.suppress(Exception), contextlib.closing(answers):  # what is wrong with the log the replay says
         outlook, framer = Outlook(settings), Framer()

@@ -90,9 +90,9 @@ def replay(
 def _flown_ahead(flight: Recorded, *, keeps_series: bool) -> "_Second | None":
     """With the planner's answers from a process that runs ahead; None if this flight asks something else."""
     thinker = Ahead(flight.log.path, flight.settings.avoidance, whole_datagrams=flight.whole_datagrams)
-    second = _Second(flight, thinker, None, keeps_series=keeps_series)
     try:
         with _no_garbage_collection():
+            second = _Second(flight, thinker, None, keeps_series=keeps_series)
             second.fly()
     except DivergedError:
         return None

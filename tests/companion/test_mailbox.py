@@ -1,6 +1,7 @@
 """Objects through memory that two processes have."""
 
 import multiprocessing
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,8 +27,8 @@ def things() -> list[tuple[int, NDArray[np.float32], NDArray[np.float64], NDArra
 
 
 def test_what_is_put_is_taken_in_its_order_to_the_bit() -> None:
-    there, outbox = mailbox(SPAWN, 4)
-    inbox, back = mailbox(SPAWN, 4)
+    there, outbox = mailbox(SPAWN, 4, 1 << 18)
+    inbox, back = mailbox(SPAWN, 4, 1 << 18)
     process = SPAWN.Process(target=echo, args=(there, back), daemon=True)
     process.start()
     there.close()
@@ -36,7 +37,8 @@ def test_what_is_put_is_taken_in_its_order_to_the_bit() -> None:
         outbox.put(thing)
         number, *arrays = inbox.take()
         assert number == thing[0]
-        for mine, theirs in zip(thing[1:], arrays, strict=True):
+        own: list[NDArray[Any]] = [*thing[1:]]
+        for mine, theirs in zip(own, arrays, strict=True):
             assert mine.dtype == theirs.dtype and mine.shape == theirs.shape and (mine == theirs).all()
             assert not theirs.flags.owndata and theirs.flags.aligned and theirs.flags.writeable
     outbox.close()
@@ -47,7 +49,7 @@ def test_what_is_put_is_taken_in_its_order_to_the_bit() -> None:
 
 
 def test_what_was_taken_holds_until_as_many_more_as_there_are_slots() -> None:
-    inbox, outbox = mailbox(SPAWN, 3)
+    inbox, outbox = mailbox(SPAWN, 3, 1 << 14)
     outbox.put(np.full(1000, 0.0))
     first = inbox.take()
     for k in (1.0, 2.0):
@@ -59,7 +61,7 @@ def test_what_was_taken_holds_until_as_many_more_as_there_are_slots() -> None:
 
 
 def test_what_is_too_large_for_a_slot_comes_whole() -> None:
-    inbox, outbox = mailbox(SPAWN, 2)
+    inbox, outbox = mailbox(SPAWN, 2, 1 << 20)
     large = np.arange(200_000, dtype=np.float64)
     small = np.arange(3)
     pair = [small, large, small] * 2

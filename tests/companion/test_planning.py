@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -9,11 +10,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
-from companion.avoidance.mapped import Answer, Question
-from companion.config import Avoidance
+from companion.avoidance.mapped import Answer, Question, answer_bytes
+from companion.config import Avoidance, AvoidanceMap
 from companion.mission import Phase
 from companion.planning import PLANNED, Elsewhere, Here, Planning, packed
 from companion.state import Scan
@@ -68,6 +70,21 @@ def test_another_process_answers_the_same(elsewhere: Elsewhere) -> None:
         assert mine is not None and mine.number == question.number and len(mine.way.corners) > 1
         assert told(mine) == told(theirs)
     assert elsewhere.take(0.0) is None and elsewhere.fault is None
+
+
+@pytest.mark.parametrize(("cells", "cell"), [(384, 0.125), (384, 0.05), (96, 0.3)])
+def test_an_answer_is_never_larger_than_it_may_be(cells: int, cell: float) -> None:
+    """It would be read in pieces then, and the loop that flies would wait."""
+    settings = msgspec.structs.replace(SETTINGS, map=AvoidanceMap(cells=cells, cell=cell))
+    here, sizes = Here(settings), []
+    for question in questions():
+        here.ask(question)
+        answer = here.take(0.0)
+        assert answer is not None
+        buffers: list[pickle.PickleBuffer] = []
+        pickle.dumps(answer, protocol=5, buffer_callback=buffers.append)
+        sizes.append(sum(memoryview(buffer).nbytes + 64 for buffer in buffers))
+    assert 0.5 * answer_bytes(settings) < max(sizes) <= answer_bytes(settings)
 
 
 def test_a_planner_that_is_killed_is_a_fault_and_no_exception(elsewhere: Elsewhere) -> None:

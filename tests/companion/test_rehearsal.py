@@ -58,9 +58,9 @@ print(sorted(compiled() - before), sorted(set(sys.modules) - modules))
 @pytest.mark.parametrize(
     ("mission", "output", "unheard_ns"),
     [
-        ("courier", Output.RATES, 500_000_000),
+        ("courier", Output.RATES, 0),
         ("lemniscate", Output.ATTITUDE, 500_000_000),
-        ("hover", Output.ACTUATORS, 0),
+        ("hover", Output.ACTUATORS, 500_000_000),
     ],
 )
 def test_nothing_is_compiled_or_imported_in_flight(

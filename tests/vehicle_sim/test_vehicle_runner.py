@@ -224,6 +224,7 @@ def test_nobody_there_is_no_flight(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_who_was_heard_and_left_before_the_start_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "UNHEARD_AGAIN_S", 0.3)
+    monkeypatch.setattr(runner, "UNHEARD_S", 1000.0)
     for lockstep in (True, False):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as brief:
             brief.bind(("127.0.0.1", 0))
