@@ -21,7 +21,7 @@ from companion.avoidance.heights import Heights, Place
 from companion.avoidance.mapped import Answer, Question, picked
 from companion.avoidance.memory import RecentReturns
 from companion.avoidance.progress import Progress, Trail
-from companion.avoidance.ring import obstacle_points
+from companion.avoidance.ring import SectorRing, obstacle_points
 from companion.commands import Commander
 from companion.config import Settings
 from companion.control import cascade
@@ -195,6 +195,8 @@ class Autopilot:
         self._heard_ns: int | None = None
         self._scan_ns: int | None = None
         self._scan_boot_us: int | None = None
+        self._sectors: SectorRing | None = SectorRing(wire.SECTORS)
+        """For rings that come as sectors; None once one has come whole."""
         self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
         self._refusal = ""
         self._unsound: str | None = None
@@ -216,6 +218,7 @@ class Autopilot:
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_euler_attitude,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._on_position,
             dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE: self._on_obstacle_distance,
+            dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
@@ -340,7 +343,22 @@ class Autopilot:
             self._say(Severity.ERROR, "the vehicle has started anew")
 
     def _on_obstacle_distance(self, message: Any, now: int) -> None:
-        scan = wire.obstacle_distance(message, now)
+        self._sectors = None
+        self._take_ring(wire.obstacle_distance(message, now), now)
+
+    def _on_distance_sensor(self, message: Any, now: int) -> None:
+        """Of a vehicle that reports its ring so, as ArduPilot does."""
+        if self._sectors is None:
+            return
+        sector = wire.sector_distance(message)
+        if sector is None:
+            return
+        ring = self._sectors.add(sector.sector, sector.range_m, sector.hit, sector.known, sector.boot_time_ms, now)
+        if ring is not None:
+            self._rates.count(dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, now)
+            self._take_ring(ring, now)
+
+    def _take_ring(self, scan: Scan, now: int) -> None:
         if not scan.known.any() or scan.boot_time_us == self._scan_boot_us:
             return  # blind, or the same ring again: it grows stale
         self._scan, self._scan_ns, self._scan_boot_us = scan, now, scan.boot_time_us
@@ -481,7 +499,11 @@ class Autopilot:
             return
         self._send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now, 1)))
         if self.supervisor.state in STREAMING or self.supervisor.state is State.CHECK:
-            self._request_rates(self._rates.lacking(now))
+            lacking = self._rates.lacking(now)
+            self._request_rates(lacking)
+            if dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE in lacking and self._sectors is not None:
+                sectors, interval_us = dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, 1e6 / self.settings.rates.scan
+                self._command_once(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, float(sectors), interval_us)
 
     def _request_rates(self, message_ids: Iterable[int]) -> None:
         for message_id in message_ids:

@@ -22,6 +22,11 @@ _POSITION_LIMIT_M = 1e5
 _VELOCITY_LIMIT = 150.0
 _RATE_LIMIT = 40.0
 _NOTHING = 65535
+SECTORS = 8
+"""MAV_SENSOR_ORIENTATION counts them first: 0 forward, clockwise."""
+_HALF_SECTOR = math.pi / SECTORS
+_ARDUPILOT_RING = 10
+"""PROXIMITY_SENSOR_ID_START"""
 
 
 class RefusedError(Exception):
@@ -40,6 +45,19 @@ class PositionReport:
     boot_time_ms: int
     position_ned: Array
     velocity_ned: Array
+
+
+@dataclass(frozen=True, slots=True)
+class SectorReport:
+    """An eighth of a ring."""
+
+    boot_time_ms: int
+    sector: int
+    """0 forward, clockwise."""
+    range_m: float
+    hit: bool
+    """Something stands at that range; else nothing up to it."""
+    known: bool
 
 
 def _vector(name: str, limit: float, x: float, y: float, z: float) -> Array:
@@ -94,6 +112,27 @@ def obstacle_distance(message: Any, time_ns: int) -> Scan:
     hit = known & (distances <= message.max_distance)
     ranges = np.minimum(distances, message.max_distance) * 0.01
     return Scan(time_ns, message.time_usec, bearings, ranges, hit, known)
+
+
+def sector_distance(message: Any) -> SectorReport | None:
+    """DISTANCE_SENSOR (132), in the body's frame: cm -> m. None of one that does not cover its eighth of the ring: up
+    and down, and narrow beams, beside which the vehicle may hit what they miss.
+
+    ArduPilot reports its rings so, with ids from 10 on and no field of view; beyond `max_distance` nothing is there.
+    """
+    is_ring = message.id >= _ARDUPILOT_RING if message.horizontal_fov == 0.0 else message.horizontal_fov > _HALF_SECTOR
+    if message.orientation >= SECTORS or not is_ring:
+        return None
+    near, far, distance = message.min_distance, message.max_distance, message.current_distance
+    if far <= near:
+        raise RefusedError(f"DISTANCE_SENSOR from {near} to {far} cm")
+    return SectorReport(
+        message.time_boot_ms,
+        message.orientation,
+        min(distance, far) * 0.01,
+        hit=distance <= far,
+        known=message.signal_quality != 1,
+    )
 
 
 def setpoint_fields(

@@ -25,6 +25,8 @@ from protocol.frames import Array, rotate
 _GATE = 11.8
 """Squared distance in standard deviations, two dimensions: 99.7 %."""
 _LONGEST_STEP_S = 0.5
+_WIDEST_SECTOR = math.radians(15.0)
+"""Where a nearest return stands within a wider one is not known well enough to say that it moves."""
 _RANGE_SIGMA = 0.08
 """m along the beam: the sensor's noise and the round front of what it sees."""
 
@@ -122,6 +124,8 @@ class Tracker:
         points = place(scan.bearings_frd, scan.ranges_m, position_ned, attitude_ned_frd)
         usable = scan.hit & (points[:, 2] < ground_down)
         width = abs(scan.bearings_frd[1] - scan.bearings_frd[0]) if count > 1 else math.radians(5.0)
+        if width > _WIDEST_SECTOR:
+            return np.zeros(count, np.bool_)
         found = clusters(points, scan.ranges_m, usable, position_ned, self._settings, width)
         elapsed = 0.0 if self._time_ns is None else (scan.time_ns - self._time_ns) * 1e-9
         self._time_ns = scan.time_ns

@@ -1,0 +1,95 @@
+"""Flights with a ring that comes as DISTANCE_SENSOR, an eighth each, as ArduPilot reports it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.avoidance.ring import SectorRing
+from companion.wire import RefusedError, sector_distance
+from protocol.framing import Framer
+from protocol.messages import Encoder, decode, dialect
+from studies.joined import Joined
+from studies.worlds import Site, pole
+
+RING = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
+FAR_CM = 1500
+
+
+def sensor(sector: int, cm: int, number: int = 10, fov: float = 0.0, quality: int = 0) -> tuple[object, ...]:
+    """The fields of DISTANCE_SENSOR."""
+    return (0, 20, FAR_CM, cm, 0, number + sector, sector, 0, fov, fov, (0.0,) * 4, quality)
+
+
+class Sectors:
+    """A meddler that hands each ring on as eight nearest distances, and nothing else of it."""
+
+    def __init__(self) -> None:
+        self._encoder = Encoder(1, 1)
+        self.asked = 0
+
+    def __call__(self, time_ns: int, data: bytes) -> bytes:
+        parts = []
+        for frame in Framer().datagram(data):
+            if frame.message_id == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
+                continue  # the simulator's own are narrow
+            if frame.message_id != RING:
+                parts.append(frame.raw)
+                continue
+            message = decode(frame)
+            assert message is not None
+            bins = np.roll(np.array(message.distances), 4)  # 9 of 5 degrees around each middle, the first at -20
+            for sector in range(8):
+                nearest = int(bins[9 * sector : 9 * sector + 9].min())
+                fields = list(sensor(sector, nearest))
+                fields[0] = message.time_usec // 1000
+                parts.append(self._encoder.encode_fields(dialect.MAVLink_distance_sensor_message, *fields))
+        return b"".join(parts)
+
+
+def flown(site: Site, folder: Path, speed: float) -> Joined:
+    mission = site.mission(speed, site.save(folder)[0])
+    overrides = ("avoidance.map.cells=192",)
+    return Joined(mission, meddle=Sectors(), overrides=overrides, remembers=True).fly(limit_s=120.0)
+
+
+def test_a_pole_is_flown_around(tmp_path: Path) -> None:
+    joined = flown(pole(1), tmp_path, 2.0)
+    summary = joined.vehicle.summary()
+    assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
+    assert np.hypot(*(np.array(summary.final_position_ned[:2]) - pole(1).goal)) < 0.5
+    assert summary.least_clearance_m is not None and summary.least_clearance_m > 0.1
+
+
+def test_the_ring_is_whole_or_ends_where_the_next_one_begins() -> None:
+    ring = SectorRing(8)
+    for sector in (0, 2, 4):
+        assert ring.add(sector, 1.0 + sector, True, True, 100, 5) is None
+    scan = ring.add(0, 9.0, False, True, 200, 6)
+    assert scan is not None and scan.boot_time_us == 100_000 and scan.time_ns == 6
+    assert scan.known.tolist() == [True, False] * 2 + [True] + [False] * 3
+    assert scan.ranges_m[[0, 2, 4]].tolist() == [1.0, 3.0, 5.0]
+    assert scan.bearings_frd[2] == pytest.approx(np.pi / 2)
+    whole = [ring.add(sector, 2.0, True, True, 200, 7) for sector in range(1, 8)]
+    assert whole[:-1] == [None] * 6 and whole[-1] is not None
+    assert whole[-1].known.all() and not whole[-1].hit[0] and whole[-1].hit[1:].all()
+
+
+def message_of(fields: tuple[object, ...]) -> object:
+    (frame,) = Framer().datagram(Encoder(1, 1).encode_fields(dialect.MAVLink_distance_sensor_message, *fields))
+    return decode(frame)
+
+
+def test_which_sensors_cover_a_sector() -> None:
+    report = sector_distance(message_of(sensor(2, 300)))
+    assert report is not None and (report.sector, report.range_m, report.hit, report.known) == (2, 3.0, True, True)
+    nothing = sector_distance(message_of(sensor(0, FAR_CM + 1)))
+    assert nothing is not None and not nothing.hit and nothing.range_m == 15.0
+    wide = sector_distance(message_of(sensor(0, 300, number=0, fov=0.8, quality=1)))
+    assert wide is not None and not wide.known
+    assert sector_distance(message_of(sensor(0, 300, number=0))) is None, "a narrow beam"
+    assert sector_distance(message_of(sensor(0, 300, number=10, fov=0.05))) is None
+    for up_or_down in (24, 25):
+        assert sector_distance(message_of(sensor(up_or_down, 300))) is None
+    with pytest.raises(RefusedError, match="from 20 to 10"):
+        sector_distance(message_of((0, 20, 10, 15, 0, 10, 0, 0, 0.0, 0.0, (0.0,) * 4, 0)))
