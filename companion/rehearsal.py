@@ -81,6 +81,8 @@ def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> No
         )
         data += send(dialect.MAVLink_local_position_ned_message, tick * 4, north, east, down, 0.1, 0.0, 0.0)
         if tick % 16 == 1:
+            sensor = (tick * 4, 20, 1500, 300, 0, 10, 0, 0, 0.0, 0.0, (0.0,) * 4, 0)
+            data += send(dialect.MAVLink_distance_sensor_message, *sensor)
             ring = rings[tick // 16 % _RINGS >= _RINGS_WITH_A_THING]
             data += send(dialect.MAVLink_obstacle_distance_message, tick * 4000, 0, ring, 5, 20, 1500, 5.0, 0.0, 12)
             flies = dialect.MAV_LANDED_STATE_IN_AIR if state is State.FLY else dialect.MAV_LANDED_STATE_ON_GROUND

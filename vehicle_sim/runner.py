@@ -21,7 +21,7 @@ LOST_AFTERWARDS_S = 0.3
 UNHEARD_S = 20.0
 """With `once`: given up if nobody is heard for this long while it stands on the ground."""
 UNHEARD_AGAIN_S = 5.0
-"""The same once somebody was; where time runs slower than the clock, by its measure."""
+"""The same once somebody was, and it is disarmed; where time runs slower than the clock, by its measure."""
 GRACE_LANDED_NS = 500_000_000
 GRACE_CRASHED_NS = 2_000_000_000
 """With `once`: simulated time after the end, so that the last telemetry is out."""
@@ -66,7 +66,8 @@ class Runner:
         return self._once and vehicle.time_ns - self._finished_ns >= grace_ns
 
     def _unheard(self) -> bool:
-        return time.monotonic() - self._heard_at > (self._unheard_again_s if self._locked else UNHEARD_S)
+        again = self._locked and not self._vehicle.flight.armed
+        return time.monotonic() - self._heard_at > (self._unheard_again_s if again else UNHEARD_S)
 
     def _receive(self, timeout_s: float) -> bool:
         """Hand one datagram on; False if none came in time."""
