@@ -46,6 +46,14 @@ DemoOverrides = Annotated[
         metavar="KEY=VALUE",
     ),
 ]
+Avoid = Annotated[
+    str | None,
+    typer.Option(
+        "--avoid",
+        help="astar, rrt, vfh, paper, paper-literal or none: short for --set avoidance.method=...",
+        metavar="METHOD",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the end table as one JSON object.")]
 
 
@@ -54,6 +62,7 @@ def demo(
     mission: MissionName = "courier",
     output: OutputName = "rates",
     pace: PaceName = "lockstep",
+    avoid: Avoid = None,
     seed: Annotated[int, typer.Option(help="Of the simulator's noise.", min=0)] = 1,
     log: LogFolder = Path("logs"),
     settings: SettingsFile = None,
@@ -65,7 +74,7 @@ def demo(
     as_json: AsJson = False,
 ) -> None:
     """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
-    plan = _plan(mission, output, pace, settings, overrides, seed)
+    plan = _plan(mission, output, pace, settings, _chosen(avoid, overrides), seed)
     _say("getting ready (the first time on a machine, some 20 s of compiling)")
     from companion.demo import demo as fly_demo
 
@@ -89,13 +98,14 @@ def fly(
     ] = "udpin:127.0.0.1:14540",
     output: OutputName = "rates",
     pace: PaceName = "realtime",
+    avoid: Avoid = None,
     log: LogFolder = Path("logs"),
     settings: SettingsFile = None,
     overrides: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
-    plan = _plan(mission, output, pace, settings, overrides, None)
+    plan = _plan(mission, output, pace, settings, _chosen(avoid, overrides), None)
     from companion.flight import end_table, prepare
     from companion.flight import fly as fly_plan
     from companion.summary import summarize
@@ -130,9 +140,12 @@ def main() -> None:
     app()
 
 
-def _plan(
-    mission: str, output: str, pace: str, settings: Path | None, overrides: list[str] | None, seed: int | None
-) -> Any:
+def _chosen(avoid: str | None, overrides: list[str] | None) -> list[str]:
+    """The overrides with that of --avoid as the last word."""
+    return [*(overrides or ()), *([] if avoid is None else [f"avoidance.method={json.dumps(avoid)}"])]
+
+
+def _plan(mission: str, output: str, pace: str, settings: Path | None, overrides: list[str], seed: int | None) -> Any:
     def read() -> Any:
         from companion import mission as missions
         from companion.config import load_body, load_settings
@@ -141,7 +154,7 @@ def _plan(
         from companion.state import Output
         from protocol import datafile
 
-        changes = datafile.by_first_word(overrides or [], ("mission", *SIMULATOR_FILES))
+        changes = datafile.by_first_word(overrides, ("mission", *SIMULATOR_FILES))
         if seed is None and any(changes[word] for word in SIMULATOR_FILES):
             raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
         read_settings = load_settings(settings, changes[""])
@@ -155,7 +168,7 @@ def _plan(
             chosen = Output(output)
         except ValueError:
             raise PlanError(f"--output {output}: there are attitude, rates and actuators") from None
-        body, given = load_body(flown.vehicle), tuple(overrides or ())
+        body, given = load_body(flown.vehicle), tuple(overrides)
         plan = Plan(read_settings, body, flown, chosen, _pace(pace), files, seed, given)
         check(plan)
         return plan

@@ -37,6 +37,11 @@ def test_settings_on_the_command_line(setting: str, words: list[str], tmp_path: 
     assert all(word in line for word in words), line
 
 
+def test_a_method_that_there_is_not(tmp_path: Path) -> None:
+    line = refused(*FLY, "--log", str(tmp_path), "--avoid", 'side"ways')
+    assert 'side"ways' in line and "vfh" in line, line
+
+
 def test_settings_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("[avoidance]\nlateral_margn = 2.0\n")

@@ -26,12 +26,13 @@ def test_a_vehicle_other_than_the_companion_thinks(tmp_path: Path) -> None:
     ]
     given += ["mission.waypoints=[{north=0.0, east=0.0, height=4.0, hold_s=4.0}]"]
     options = [part for override in given for part in ("--set", override)]
-    done = run("companion", "demo", "hover", "--truth", "--json", "--log", str(tmp_path), *options)
+    done = run("companion", "demo", "hover", "--truth", "--json", "--log", str(tmp_path), "--avoid", "paper", *options)
     assert done.returncode == 0, done.stderr
     path = Path(json.loads(done.stdout)["log"])
     log = LogReader(path)
-    assert json.loads(log.metadata["flight"]["overrides"]) == given
-    assert json.loads(log.attachments["settings.json"])["rates"]["scan"] == 10
+    assert json.loads(log.metadata["flight"]["overrides"]) == [*given, 'avoidance.method="paper"']
+    flown_with = json.loads(log.attachments["settings.json"])
+    assert flown_with["rates"]["scan"] == 10 and flown_with["avoidance"]["method"] == "paper"
     rows = np.load(path.parent / "truth.npy")
     height = -rows["state"][:, 2]
     assert height.max() == pytest.approx(4.0, abs=0.5)
