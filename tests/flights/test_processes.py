@@ -32,7 +32,8 @@ from tests.flights import table_3
 from tests.flights.processes import Process, free_port, pair, run
 
 EVERY_STEP = "log.trace_rate=250"
-KILLS = 20
+KILLS = 12
+"""bench/log.py kills fifty."""
 KILL_PACE = 2.0
 UNHURRIED = "2"
 """A pace at which a busy machine may stand still for a quarter of a second: at 4 that is a failsafe."""
