@@ -343,8 +343,10 @@ class Autopilot:
             self._say(Severity.ERROR, "the vehicle has started anew")
 
     def _on_obstacle_distance(self, message: Any, now: int) -> None:
-        self._sectors = None
-        self._take_ring(wire.obstacle_distance(message, now), now)
+        scan = wire.obstacle_distance(message, now)
+        if scan.known.any():
+            self._sectors = None
+        self._take_ring(scan, now)
 
     def _on_distance_sensor(self, message: Any, now: int) -> None:
         """Of a vehicle that reports its ring so, as ArduPilot does."""

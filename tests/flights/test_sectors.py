@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.autopilot import Datagram
 from companion.avoidance.ring import SectorRing
 from companion.wire import RefusedError, sector_distance
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
-from studies.joined import Joined
+from studies.joined import Joined, mission_of
 from studies.worlds import Site, pole
 
 RING = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
@@ -59,6 +60,23 @@ def test_a_pole_is_flown_around(tmp_path: Path) -> None:
     assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
     assert np.hypot(*(np.array(summary.final_position_ned[:2]) - pole(1).goal)) < 0.5
     assert summary.least_clearance_m is not None and summary.least_clearance_m > 0.1
+
+
+@pytest.mark.parametrize(("frame", "cm", "kept"), [(0, 300, True), (12, 65535, True), (12, 300, False)])
+def test_sectors_count_until_a_whole_ring_says_something(frame: int, cm: int, kept: bool) -> None:
+    """One that is refused, or blind, takes nothing away."""
+    autopilot = Joined(mission_of("hover")).autopilot
+    encoder = Encoder(1, 1)
+    heartbeat = encoder.encode_fields(dialect.MAVLink_heartbeat_message, 2, dialect.MAV_AUTOPILOT_PX4, 81, 0, 4, 3)
+    ring = encoder.encode_fields(
+        dialect.MAVLink_obstacle_distance_message, 1, 0, [cm] * 72, 5, 20, FAR_CM, 5.0, 0.0, frame
+    )
+    autopilot.handle(Datagram(1, heartbeat + ring))
+    assert (autopilot._scan is None) is kept
+    for sector in range(8):
+        fields = (40, *sensor(sector, 500)[1:])
+        autopilot.handle(Datagram(2, encoder.encode_fields(dialect.MAVLink_distance_sensor_message, *fields)))
+    assert autopilot._scan is not None and autopilot._scan.ranges_m.size == (8 if kept else 72)
 
 
 def test_the_ring_is_whole_or_ends_where_the_next_one_begins() -> None:
