@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from companion import trace, wire
@@ -65,8 +66,7 @@ _NOT_NEAR = 2.0
 """until it is farther than this again."""
 
 
-@dataclass(frozen=True, slots=True)
-class Datagram:
+class Datagram(msgspec.Struct, frozen=True, gc=False):
     """Bytes arrived. `whole`: it is one datagram of a transport that keeps them apart."""
 
     time_ns: int
@@ -74,8 +74,7 @@ class Datagram:
     whole: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Tick:
+class Tick(msgspec.Struct, frozen=True, gc=False):
     """The loop's own beat, `late_ns` after it was due."""
 
     time_ns: int
@@ -536,7 +535,7 @@ class Autopilot:
         state = self.supervisor.state
         return Health(
             seen=self.vehicle is not None,
-            missing=self._missing(now) if state.value < State.FLY.value else None,
+            missing=self._missing(now) if state < State.FLY else None,
             mode=self._status.mode,
             armed=self._status.armed,
             failsafe=self._status.failsafe,

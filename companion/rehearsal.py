@@ -54,8 +54,8 @@ def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> No
     for tick in range(1, _LONGEST_TICKS):
         now = tick * _TICK_NS
         state = autopilot.supervisor.state
-        armed = state.value >= State.ARM.value and state is not State.LAND
-        mode = _LANDING if state is State.LAND else _OFFBOARD if state.value >= State.ENGAGE.value else 3 << 16
+        armed = state >= State.ARM and state is not State.LAND
+        mode = _LANDING if state is State.LAND else _OFFBOARD if state >= State.ENGAGE else 3 << 16
         place = [0.0, 0.0, 0.0]
         if state is State.FLY and autopilot.steps:
             if autopilot.step_index != step:

@@ -4,6 +4,7 @@ made."""
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,8 +35,7 @@ class Output(Enum):
     ACTUATORS = "actuators"
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(msgspec.Struct, frozen=True, gc=False):
     """The rigid body at `time_ns` (the companion's clock)."""
 
     time_ns: int
@@ -75,8 +75,7 @@ class Scan:
     """(n,) the sector was measured at all."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reference:
+class Reference(msgspec.Struct, frozen=True, gc=False):
     """Where to be, and how that changes (m, rad and their derivatives by s)."""
 
     rows: Array
@@ -111,8 +110,7 @@ class Reference:
         return float(self.rows[5, 2])
 
 
-@dataclass(frozen=True, slots=True)
-class AvoidanceDecision:
+class AvoidanceDecision(msgspec.Struct, frozen=True, gc=False):
     """What the rings make of a wish to go somewhere."""
 
     target_ned: Array
@@ -124,8 +122,7 @@ class AvoidanceDecision:
     """Something stands in the way to the target that was wished for."""
 
 
-@dataclass(frozen=True, slots=True)
-class Setpoint:
+class Setpoint(msgspec.Struct, frozen=True, gc=False):
     """What goes to the vehicle, in the units of the wire."""
 
     attitude_ned_frd: Array

@@ -14,13 +14,15 @@ again gives it back, and the mission goes on. In every other case it is RELEASED
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
+from enum import IntEnum
+
+import msgspec
 
 from companion.config import Supervision
 from companion.state import Announcement, FlightMode, Setpoint, Severity
 
 
-class State(Enum):
+class State(IntEnum):
     """The numbers go into the log."""
 
     FIND = 0
@@ -43,8 +45,7 @@ FLYING = frozenset({State.FLY, State.HOLD, State.WITHDRAW, State.LAND, State.REL
 """States between arming and the end in which the companion answers for the vehicle, or is ready to."""
 
 
-@dataclass(frozen=True, slots=True)
-class Health:
+class Health(msgspec.Struct, frozen=True, gc=False):
     """Everything that the table asks about, at one tick. Ages in s, infinite for what never came."""
 
     seen: bool

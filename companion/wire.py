@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from companion.state import Output, Scan, Setpoint
@@ -33,15 +34,13 @@ class RefusedError(Exception):
     """Telemetry that can't be true; the text names the message and what is wrong with it."""
 
 
-@dataclass(frozen=True, slots=True)
-class AttitudeReport:
+class AttitudeReport(msgspec.Struct, frozen=True, gc=False):
     boot_time_ms: int
     attitude_ned_frd: Array
     rates_frd: Array
 
 
-@dataclass(frozen=True, slots=True)
-class PositionReport:
+class PositionReport(msgspec.Struct, frozen=True, gc=False):
     boot_time_ms: int
     position_ned: Array
     velocity_ned: Array

@@ -8,6 +8,7 @@ on a short leash and gives in where the guard has changed the command: what can'
 import math
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from companion.config import AvoidanceCourse
@@ -45,8 +46,7 @@ class Way:
 NO_WAY = Way(np.empty((0, 2)), np.empty(0))
 
 
-@dataclass(frozen=True, slots=True)
-class Wish:
+class Wish(msgspec.Struct, frozen=True, gc=False):
     """What to do now."""
 
     velocity: Array

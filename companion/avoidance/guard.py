@@ -22,6 +22,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
+import msgspec
 import numpy as np
 
 from companion.avoidance.braking import stopping_speed
@@ -94,8 +95,7 @@ class GuardSettings:
     stale_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class SpeedLimit:
+class SpeedLimit(msgspec.Struct, frozen=True, gc=False):
     """What may be flown."""
 
     speed: float
@@ -104,8 +104,7 @@ class SpeedLimit:
     """m of seen free way, the shorter of both directions."""
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(msgspec.Struct, frozen=True, gc=False):
     """An acceleration that may be flown."""
 
     acceleration_ned: Array
