@@ -184,6 +184,7 @@ class Autopilot:
         self._rates = TelemetryRates(needed, rates.least_share)
 
         self._cascade = cascade.Cascade(settings, body, output)
+        self._longest_prediction_ns = round(settings.control.prediction.longest * 1e9)
 
         self._firmware: Firmware | None = None
         self._version: int | None = None
@@ -253,13 +254,11 @@ class Autopilot:
                 self._log_fault = event.text
             case PlannerFault():
                 self._say(Severity.CRITICAL, f"no map any more: {event.text}")
-        datagram = b"".join(self._outbox)
-        announcements = tuple(self._announcements)
-        traced, question = self._trace, self._question
+        reaction = Reaction(b"".join(self._outbox), self._trace, tuple(self._announcements), self._question)
         self._outbox.clear()
         self._announcements.clear()
         self._trace = self._question = None
-        return Reaction(datagram, traced, announcements, question)
+        return reaction
 
     @property
     def ended(self) -> bool:
@@ -277,24 +276,29 @@ class Autopilot:
 
     def _receive(self, event: Datagram) -> None:
         frames = self._framer.datagram(event.data) if event.whole else self._framer.feed(event.data)
+        now, peer, handlers, count = event.time_ns, self.peer, self._handlers, self._rates.count
         fresh_attitude = False
         for frame in frames:
-            if self.vehicle is None and frame.message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                self._find(frame.system, frame.component, decode(frame))
-            if self.peer is None or frame.system != self.peer.system or frame.component != VEHICLE_COMPONENT:
+            message_id = frame.message_id
+            if peer is None:
+                if message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                    self._find(frame.system, frame.component, decode(frame))
+                    peer = self.peer
+                if peer is None:
+                    continue
+            if not peer.observe(frame, now):
                 continue
-            self.peer.observe(frame, event.time_ns)
-            self._heard_ns = event.time_ns
-            self._rates.count(frame.message_id, event.time_ns)
-            handler = self._handlers.get(frame.message_id)
+            self._heard_ns = now
+            count(message_id, now)
+            handler = handlers.get(message_id)
             if handler is None:
                 continue
             try:
-                handler(decode(frame), event.time_ns)
-                fresh_attitude = fresh_attitude or frame.message_id in _ATTITUDES
+                handler(decode(frame), now)
+                fresh_attitude = fresh_attitude or message_id in _ATTITUDES
             except wire.RefusedError as refused:
                 self.refused_messages += 1
-                self._refusals.append(event.time_ns)
+                self._refusals.append(now)
                 self._refusal = str(refused)
                 if self.refused_messages == 1:
                     self._say(Severity.WARNING, f"telemetry refused: {refused}")
@@ -303,7 +307,7 @@ class Autopilot:
             if self.state is not None:
                 if self.supervisor.state is State.RELINQUISHED:
                     self._follow_along(self.state)
-                self._control(self.state, event.time_ns)
+                self._control(self.state, now)
 
     def _find(self, system: int, component: int, heartbeat: Any) -> None:
         firmware = firmware_of(heartbeat.autopilot)
@@ -703,8 +707,9 @@ class Autopilot:
         if supervised not in FLYING:  # a stream that does nothing
             control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = 0.0
             self._cascade.reset()
+        values = control.tolist()
         setpoint = Setpoint(
-            control[cascade.ATTITUDE], control[cascade.RATES], control[cascade.TORQUE], float(control[cascade.THRUST])
+            values[cascade.ATTITUDE], values[cascade.RATES], values[cascade.TORQUE], values[cascade.THRUST]
         )
         self._emit(setpoint, now)
         self._trace = trace.pack(
@@ -761,8 +766,8 @@ class Autopilot:
         assert self.peer is not None
         if self.peer.offset_ns is None:
             return now
-        longest = round(self.settings.control.prediction.longest * 1e9)
-        return min(max(self._estimator.boot_time_ms * 1_000_000 - self.peer.offset_ns, now - longest), now)
+        measured_ns = self._estimator.boot_time_ms * 1_000_000 - self.peer.offset_ns
+        return min(max(measured_ns, now - self._longest_prediction_ns), now)
 
     def _emit(self, setpoint: Setpoint, now: int) -> None:
         """The last gate: an unsound setpoint stays here, and the supervisor hears of it."""
@@ -826,9 +831,11 @@ class Autopilot:
     def _arrives(self, step: Step, state: VehicleState) -> bool:
         """So near to a goal that is stopped at that no way over the map is needed."""
         assert step.target_ned is not None
+        if step.passes:
+            return False
         away = math.hypot(*(step.target_ned - state.position_ned)[:2].tolist())
-        if step.passes or not self._course.active:
-            return not step.passes and away < _NOT_NEAR
+        if not self._course.active:
+            return away < _NOT_NEAR
         return away < _SLOW_AND_NEAR and math.hypot(*state.velocity_ned[:2].tolist()) < _SLOW_AND_NEAR
 
     def _steer_over_map(self, goal: Array, state: VehicleState, now: int) -> None:

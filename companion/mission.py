@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import IntEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -65,7 +65,7 @@ class Mission(Table, frozen=True):
             raise ValueError("delivery: it is at the last waypoint, and a [trajectory] has none")
 
 
-class Phase(Enum):
+class Phase(IntEnum):
     """What the flight is about at the moment; the numbers go into the log."""
 
     PREPARE = 0

@@ -43,7 +43,8 @@ _LOCKSTEP_PATIENCE_S = 3.0
 _START_PATIENCE_S = 0.2
 LATE_NS = 2_000_000
 """Half a period: a tick later than that has missed its deadline."""
-_TIMESYNC = 111
+_TIMESYNC_ASKS = bytes((111, 0, 0)) + bytes(8)
+"""The message's id and tc1 = 0."""
 
 
 class Runner:
@@ -257,14 +258,13 @@ def progress(autopilot: Autopilot, now: int) -> str:
 def lockstep_time(datagram: bytes) -> int | None:
     """The time (ns) that the datagram's last frame, TIMESYNC with tc1 = 0, says it is; None if that is not its last
     frame."""
-    size = len(datagram)
-    for length in range(9, 17):  # tc1 is zero, ts1 is cut of its zero bytes
-        start = size - length - 12
-        if start >= 0 and datagram[start] == 0xFD and datagram[start + 1] == length:
-            frame = datagram[start:]
-            if frame[7:10] == bytes((_TIMESYNC, 0, 0)) and not any(frame[10:18]):
-                return int.from_bytes(frame[18:-2], "little")
-    return None
+    start = datagram.rfind(_TIMESYNC_ASKS) - 7  # what follows in such a frame is too short to hold that once more
+    if start < 0 or datagram[start] != 0xFD:
+        return None
+    length = len(datagram) - start - 12
+    if not 8 < length <= 16 or datagram[start + 1] != length:  # ts1 is cut of its zero bytes
+        return None
+    return int.from_bytes(datagram[start + 18 : -2], "little")
 
 
 @contextlib.contextmanager

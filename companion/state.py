@@ -1,6 +1,7 @@
 """What flows between the stages. Every record is frozen; arrays are float64 and never written to after they were
 made."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
@@ -125,10 +126,10 @@ class AvoidanceDecision(msgspec.Struct, frozen=True, gc=False):
 class Setpoint(msgspec.Struct, frozen=True, gc=False):
     """What goes to the vehicle, in the units of the wire."""
 
-    attitude_ned_frd: Array
-    rates_frd: Array
-    torque: Array
-    """(3,) of full torque, -1..1."""
+    attitude_ned_frd: Sequence[float]
+    rates_frd: Sequence[float]
+    torque: Sequence[float]
+    """Three of full torque, -1..1."""
     thrust: float
     """0..1 of full thrust."""
 

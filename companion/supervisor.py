@@ -437,19 +437,14 @@ _ROWS_OF = {state: tuple(row for row in TABLE if state in row.states) for state 
 
 def unsound(setpoint: Setpoint) -> str | None:
     """Why a setpoint must not leave: what PX4 would turn into zero thrust, or ArduPilot into a stop. None if it may."""
-    values = (
-        *setpoint.attitude_ned_frd.tolist(),
-        *setpoint.rates_frd.tolist(),
-        *setpoint.torque.tolist(),
-        setpoint.thrust,
-    )
-    if not all(map(math.isfinite, values)):
+    w, x, y, z = setpoint.attitude_ned_frd
+    roll, pitch, yaw = setpoint.torque
+    if not all(map(math.isfinite, (w, x, y, z, *setpoint.rates_frd, roll, pitch, yaw, setpoint.thrust))):
         return "not finite"
-    w, x, y, z = values[:4]
     if abs(w * w + x * x + y * y + z * z - 1.0) > 1e-3:
         return "quaternion not of length 1"
     if not 0.0 <= setpoint.thrust <= 1.0:
         return f"thrust {setpoint.thrust:g}"
-    if max(map(abs, values[7:10])) > 1.0:
+    if not (-1.0 <= roll <= 1.0 and -1.0 <= pitch <= 1.0 and -1.0 <= yaw <= 1.0):
         return "torque above 1"
     return None

@@ -84,7 +84,7 @@ def pack(
     reason, change = (Reason.NONE, 0.0) if verdict is None else (verdict.reason, verdict.changed)
     return b"".join(
         (
-            _HEAD.pack(state.value, phase.value, step, decision.blocked, limited, reason),
+            _HEAD.pack(state, phase, step, decision.blocked, limited, reason),
             vehicle.position_ned.tobytes(),
             vehicle.velocity_ned.tobytes(),
             vehicle.attitude_ned_frd.tobytes(),

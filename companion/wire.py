@@ -139,19 +139,15 @@ def setpoint_fields(
 ) -> tuple[type[Any], tuple[Any, ...]]:
     """The message's class and fields for a setpoint on the layer `output`; `target` is (system, component)."""
     if output is Output.ACTUATORS:
-        torque = setpoint.torque.tolist()
-        controls = [torque[0], torque[1], torque[2], setpoint.thrust, 0.0, 0.0, 0.0, 0.0]
+        controls = [*setpoint.torque, setpoint.thrust, 0.0, 0.0, 0.0, 0.0]
         return dialect.MAVLink_set_actuator_control_target_message, (boot_time_ms * 1000, 0, *target, controls)
     mask = ATTITUDE_IGNORE_RATES if output is Output.ATTITUDE else RATES_IGNORE_ATTITUDE
-    roll, pitch, yaw = setpoint.rates_frd.tolist()
     return dialect.MAVLink_set_attitude_target_message, (
         boot_time_ms,
         *target,
         mask,
-        setpoint.attitude_ned_frd.tolist(),
-        roll,
-        pitch,
-        yaw,
+        setpoint.attitude_ned_frd,
+        *setpoint.rates_frd,
         setpoint.thrust,
     )
 

@@ -140,9 +140,11 @@ class RecordType:
     values, "time" as seconds and nanoseconds; "string" takes a str, "uint8[]" bytes, other open arrays a sequence.
     """
 
-    __slots__ = ("_parts", "definition", "fields", "pack", "schema_name", "size", "topic")
+    __slots__ = ("_parts", "definition", "fields", "pack", "schema_name", "size", "topic", "values")
 
     pack: Callable[..., bytes]
+    values: Callable[[bytes], tuple[Any, ...]]
+    """What `pack` was given, where records have one size. Raises struct.error for another size."""
     size: int | None
     """Bytes of each record, or None if they vary."""
 
@@ -162,6 +164,7 @@ class RecordType:
             layout = struct.Struct("<" + "".join(field.format for field in self.fields))
             self.size = layout.size
             self.pack = layout.pack
+            self.values = layout.unpack
 
     def _compile(self) -> list[_Fixed | _Field]:
         parts: list[_Fixed | _Field] = []
@@ -261,6 +264,14 @@ TEXT = record_type(
     ],
     {"level": "0 unknown, 1 debug, 2 info, 3 warning, 4 error, 5 fatal"},
 )
+_datagram_head = struct.Struct("<BI").unpack_from
+
+
+def datagram_of(record: bytes) -> tuple[int, bool, bytes]:
+    """A record of DATAGRAM, quicker than by `unpack`: its direction, whether it has an address, and its data."""
+    direction, address = _datagram_head(record)
+    return direction, address > 0, record[9 + address :]
+
 
 # --------------------------------------------------------------------------------------------- what both sides share
 

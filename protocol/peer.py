@@ -48,15 +48,17 @@ class Peer:
         self._boot_time_ms: int | None = None
         self._requests: deque[int] = deque(maxlen=_REQUESTS_KEPT)
 
-    def observe(self, frame: Frame, now_ns: int) -> None:
-        """Count a frame that arrived; those of other senders are ignored."""
+    def observe(self, frame: Frame, now_ns: int) -> bool:
+        """Count a frame that arrived; False for one of another sender, which is ignored."""
         if frame.system != self.system or frame.component != self.component:
-            return
+            return False
         self.received += 1
         self.heard_ns = now_ns
         ahead = 1 if self._sequence is None else (frame.sequence - self._sequence) & 0xFF
         back = -ahead & 0xFF
-        if 0 < ahead <= 128:
+        if ahead == 1 and not self._missing:
+            pass
+        elif 0 < ahead <= 128:
             self.lost += ahead - 1
             self._missing = (self._missing << ahead | (1 << ahead) - 2) & (1 << _REORDERED + 1) - 1
         elif back <= _REORDERED:
@@ -66,11 +68,12 @@ class Peer:
                 self.lost -= 1
             else:
                 self.duplicates += 1
-            return
+            return True
         else:
             self.restarts += 1
             self._missing = 0
         self._sequence = frame.sequence
+        return True
 
     def heartbeat(self, now_ns: int) -> None:
         """A HEARTBEAT of this peer arrived."""

@@ -404,8 +404,8 @@ class Messages:
 
     def add(self, datagram: bytes, sequence: int, log_time: int) -> None:
         """`datagram` is a record of DATAGRAM."""
-        data = datagram[9 + int.from_bytes(datagram[1:5], "little") :]
-        framer = self._framers[datagram[0]]
+        direction, _, data = flightlog.datagram_of(datagram)
+        framer = self._framers[direction]
         for frame in framer.datagram(data) if self._preserves_datagrams else framer.feed(data):
             known = frame.known
             key = frame.message_id, frame.system, frame.component, known

@@ -67,6 +67,9 @@ class Reason(IntEnum):
     """Nothing was seen for too long."""
 
 
+_REASONS = tuple(Reason)
+
+
 @dataclass(frozen=True, slots=True)
 class GuardSettings:
     """Of the guard."""
@@ -201,9 +204,9 @@ class Guard:
         s = self._settings
         space = self._space
         if space is None or now_ns - space.seen_ns > s.stale_s * 1e9:
-            found, reason = straight_stop(velocity_ned, s.braking), int(Reason.STALE)
+            found, number = straight_stop(velocity_ned, s.braking), int(Reason.STALE)
         else:
-            found, reason = guarded(
+            found, number = guarded(
                 space.points,
                 (now_ns - space.seen_ns) * 1e-9,
                 space.to_occupied,
@@ -222,8 +225,13 @@ class Guard:
                 s.lag_s,
                 s.horizon_s,
             )
-        north, east = float(found[0] - acceleration_ned[0]), float(found[1] - acceleration_ned[1])
-        return Verdict(np.array([found[0], found[1], acceleration_ned[2]]), math.hypot(north, east), Reason(reason))
+        reason = _REASONS[number]
+        if reason is Reason.NONE:
+            return Verdict(acceleration_ned, 0.0, reason)
+        north, east = found.tolist()
+        command = acceleration_ned.tolist()
+        changed = math.hypot(north - command[0], east - command[1])
+        return Verdict(np.array([north, east, command[2]]), changed, reason)
 
     def _free(self, position_ned: Array, velocity_ned: Array, way: Array, occupied: float, unseen: float) -> float:
         """m along the way, or along the present course if that is less."""

@@ -21,7 +21,7 @@ from companion.config import Avoidance
 from companion.mailbox import Inbox, Outbox, mailbox
 from companion.planning import ASKED, packed_question
 from companion.state import Scan
-from protocol.flightlog import DATAGRAM, Direction, LogReader
+from protocol.flightlog import DATAGRAM, Direction, LogReader, datagram_of
 from protocol.framing import Framer
 from protocol.messages import decode, dialect
 
@@ -30,8 +30,6 @@ _RINGS = 64
 """The latest, of which a question is about one."""
 _WORTH_IT = 2_000_000
 """Bytes of log, some 20 s of flight; for less the process is hardly started."""
-
-
 _SLOTS = 16
 """Answers that are ready, or in use."""
 _LOOK_S = 1.0
@@ -127,10 +125,10 @@ def _run(
                     if os.getppid() != replay:  # it was killed
                         return
                 answers.put((_identity(question), answer))
-            elif record.data[0] == Direction.IN:
-                data = record.data[9 + int.from_bytes(record.data[1:5], "little") :]
-                if not whole_datagrams or _RING in data:
-                    _rings(framer, data, record.time_ns, rings, whole_datagrams=whole_datagrams)
+                continue
+            direction, _, data = datagram_of(record.data)
+            if direction == Direction.IN and (not whole_datagrams or _RING in data):
+                _rings(framer, data, record.time_ns, rings, whole_datagrams=whole_datagrams)
 
 
 def _rings(

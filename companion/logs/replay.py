@@ -1,7 +1,7 @@
 """A flight flown again: the recorded events into a new autopilot, what it sends beside what was sent."""
 
 import gc
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from companion.planning import PLANNED, Here, Planning, Thinker
 from companion.runner import LOG_FAULT, PLANNER_FAULT, REQUEST, TICK, lockstep_time
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
-from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record
+from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record, datagram_of
 
 _MOST_BETWEEN = 2
 """Records that follow each other in the file may be that far apart in their sequence: a line of progress is counted
@@ -154,30 +154,42 @@ class _Second:
         """Sent now, and not yet seen in the log."""
         self._traces: list[bytes] = []
         self._now = 0
+        self._events: dict[str, Callable[[int, bytes], None]] = {
+            DATAGRAM.topic: self._datagram,
+            TICK.topic: self._tick,
+            PLANNED.topic: self._planned,
+            REQUEST.topic: self._requested,
+        }
+        """What to do with the time and the data of each."""
 
     def fly(self) -> None:
         """All events up to the log's end, or to where records are missing."""
-        log, topics = self._flight.log, self._topics
+        log, topics, writer, events = self._flight.log, self._topics, self._writer, self._events
         if TRACE.topic in topics and not self._compares_trace:
             self._say("the log's trace is not today's, and is not compared")
         first_ns, last_ns, sequence = None, 0, None
-        events = [topic for topic in topics if not topic.startswith("/mavlink/")]
-        for record in log.records(events if self._writer is None else topics):
-            if self._writer is not None and record.topic.startswith("/mavlink/"):
-                self._copy(record)
+        wanted = [topic for topic in topics if not topic.startswith("/mavlink/")]
+        for record in log.records(wanted if writer is None else topics):
+            topic, now, number, data = record
+            if writer is not None and topic.startswith("/mavlink/"):
+                self._copy(writer, record)
                 continue
-            if sequence is not None and (record.sequence - sequence) & 0xFFFF_FFFF > _MOST_BETWEEN:
+            if sequence is not None and (number - sequence) & 0xFFFF_FFFF > _MOST_BETWEEN:
                 self._say(f"records are missing after {last_ns * 1e-9:.3f} s: flown again up to there")
                 break
-            sequence = record.sequence
-            if record.topic == TRACE.topic:
+            sequence = number
+            if topic == TRACE.topic:
                 if self._compares_trace:
-                    self._trace(record)
+                    self._trace(now, data)
                 continue
-            self._copy(record)
-            if self._event(record):
-                first_ns = record.time_ns if first_ns is None else first_ns
-                last_ns = record.time_ns
+            if writer is not None:
+                self._copy(writer, record)
+            event = events.get(topic)
+            if event is not None:
+                event(now, data)
+                last_ns = now
+                if first_ns is None:
+                    first_ns = now
         else:
             if log.complete:
                 self._overdue()
@@ -188,71 +200,64 @@ class _Second:
             self._say(f"{dropped} records were dropped in flight, so it can't come out the same")
         self.flown_s = (last_ns - (first_ns or 0)) * 1e-9
 
-    def _copy(self, record: Record) -> None:
-        if self._writer is None:
-            return
+    def _copy(self, writer: Writer, record: Record) -> None:
         number = self._datagram_number
         if not record.topic.startswith("/mavlink/"):
             self._copied += 1
             number = self._copied
             if record.topic == DATAGRAM.topic:
                 self._datagram_number = number
-        self._writer.record(self._topics[record.topic], record.time_ns, number, record.data)
+        writer.record(self._topics[record.topic], record.time_ns, number, record.data)
 
     def _say(self, note: str) -> None:
         self.notes.append(note)
 
-    def _event(self, record: Record) -> bool:
-        """Whether it was one; what was sent is compared."""
-        now = record.time_ns
-        if record.topic == DATAGRAM.topic:
-            data = record.data[9 + int.from_bytes(record.data[1:5], "little") :]
-            if record.data[0] == Direction.OUT:
-                self._sent(now, data)
-            else:
-                self._datagram(now, data, has_sender=record.data[1:5] != bytes(4))
-        elif record.topic == TICK.topic:
+    def _datagram(self, now: int, record: bytes) -> None:
+        """One that was received, or sent."""
+        direction, has_address, data = datagram_of(record)
+        if direction == Direction.OUT:
+            self._somebody = True
+            self.differ.datagram(now, data, self._due.pop(0)[1] if self._due else b"")
+            return
+        if self._due or self._traces:
             self._overdue()
-            if self._planning is not None:
-                while (planned := self._planning.due(now)) is not None:
-                    self._held += self._take(Planned(now, planned))
-            answer = self._held + self._take(Tick(now, TICK.unpack(record.data)["late_ns"]))
-            self._held = b""
-            self._send(now, answer)
-        elif record.topic == PLANNED.topic:
-            self._planned(now, PLANNED.unpack(record.data)["number"])
-        elif record.topic == REQUEST.topic:
-            what = REQUEST.unpack(record.data)["what"]
-            self._held += self._take(_request(now, what))
-        else:
-            return False
-        return True
-
-    def _planned(self, now: int, number: int) -> None:
-        """The answer of that number; it depends on all questions before, whose answers may have been lost."""
-        answer = self._thinker.take(0.0)
-        while answer is not None and answer.number < number:
-            answer = self._thinker.take(0.0)
-        if answer is not None:
-            self._held += self._take(Planned(now, answer))
-
-    def _datagram(self, now: int, data: bytes, *, has_sender: bool) -> None:
-        self._overdue()
-        self._somebody = self._somebody or has_sender
+        self._somebody = self._somebody or has_address
         answer = self._take(Datagram(now, data, self._flight.whole_datagrams))
         if not self._flight.lockstep:
             self._send(now, answer)
         elif lockstep_time(data) is not None:
             self._held += answer
 
+    def _tick(self, now: int, record: bytes) -> None:
+        if self._due or self._traces:
+            self._overdue()
+        if self._planning is not None:
+            while (planned := self._planning.due(now)) is not None:
+                self._held += self._take(Planned(now, planned))
+        answer = self._held + self._take(Tick(now, *TICK.values(record)))
+        self._held = b""
+        self._send(now, answer)
+
+    def _planned(self, now: int, record: bytes) -> None:
+        """The answer of that number; it depends on all questions before, whose answers may have been lost."""
+        number = PLANNED.unpack(record)["number"]
+        answer = self._thinker.take(0.0)
+        while answer is not None and answer.number < number:
+            answer = self._thinker.take(0.0)
+        if answer is not None:
+            self._held += self._take(Planned(now, answer))
+
+    def _requested(self, now: int, record: bytes) -> None:
+        self._held += self._take(_request(now, REQUEST.unpack(record)["what"]))
+
     def _take(self, event: Event) -> bytes:
-        reaction = self._autopilot.handle(event)
+        datagram, trace, _, question = self._autopilot.handle(event)
         self._now = event.time_ns
-        if reaction.question is not None:
-            (self._planning or self._thinker).ask(reaction.question)
-        if reaction.trace is not None:
-            self._thought(event.time_ns, reaction.trace)
-        return reaction.datagram
+        if question is not None:
+            (self._planning or self._thinker).ask(question)
+        if trace is not None:
+            self._thought(event.time_ns, trace)
+        return datagram
 
     def _thought(self, now: int, trace: bytes) -> None:
         if self._writer is not None:
@@ -267,11 +272,6 @@ class _Second:
         if data:
             self._due.append((now, data))
 
-    def _sent(self, now: int, recorded: bytes) -> None:
-        self._somebody = True
-        replayed = self._due.pop(0)[1] if self._due else b""
-        self.differ.datagram(now, recorded, replayed)
-
     def _overdue(self) -> None:
         """The next event is there: what is still due was not sent the first time."""
         if self._due and self._somebody:
@@ -283,10 +283,10 @@ class _Second:
                 self.differ.trace(self._now, b"", data)
         self._traces.clear()
 
-    def _trace(self, record: Record) -> None:
+    def _trace(self, now: int, record: bytes) -> None:
         if not self._traces and self._thinning is not None:  # the flight's end: what was left over
             self._traces = [data for _, data in self._thinning.rest()]
-        self.differ.trace(record.time_ns, record.data, self._traces.pop(0) if self._traces else b"")
+        self.differ.trace(now, record, self._traces.pop(0) if self._traces else b"")
 
 
 def _request(now: int, what: str) -> Event:

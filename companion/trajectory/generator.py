@@ -23,6 +23,10 @@ _LEAST_SHARE = 0.35
 """Of the speed that each horizontal axis keeps when the way is along the other: room to turn."""
 
 
+_Moment = tuple[list[float], list[float], list[float]]
+"""Position, velocity, acceleration of some axes."""
+
+
 class _Motion:
     """A motion of some axes: at rest, or along the profile that was calculated last."""
 
@@ -31,26 +35,26 @@ class _Motion:
         self._generator = Ruckig(axes)
         self._start_ns = 0
         self._profile: Profile | None = None
-        self._rest: list[float] = [0.0] * axes
-        self._end: tuple[list[float], list[float], list[float]] | None = None
-        """What `at` gives from the profile's end on, once it was asked for."""
+        self._end: _Moment | None = None
+        """What `at` gives at rest: without a profile, or from its end on once that was asked for."""
+        self.rest([0.0] * axes)
 
     def rest(self, place: list[float]) -> None:
         self._profile = None
-        self._rest = place
+        zero = [0.0] * self._axes
+        self._end = place, zero, zero
 
-    def at(self, time_ns: int) -> tuple[list[float], list[float], list[float]]:
-        """Position, velocity, acceleration."""
-        if self._profile is None:
-            zero = [0.0] * self._axes
-            return self._rest, zero, zero
-        time_s = (time_ns - self._start_ns) * 1e-9
-        if time_s < self._profile.duration:
-            position, velocity, acceleration = self._profile.at_time(time_s)
-            return position, velocity, acceleration
-        if self._end is None:
-            position, velocity, acceleration = self._profile.at_time(time_s)
-            self._end = position, velocity, acceleration
+    def at(self, time_ns: int) -> _Moment:
+        """Position, velocity, acceleration; at rest always the same object."""
+        if self._profile is not None:
+            time_s = (time_ns - self._start_ns) * 1e-9
+            if time_s < self._profile.duration or self._end is None:
+                position, velocity, acceleration = self._profile.at_time(time_s)
+                moment = position, velocity, acceleration
+                if time_s < self._profile.duration:
+                    return moment
+                self._end = moment
+        assert self._end is not None
         return self._end
 
     def jerk(self, time_ns: int, acceleration: list[float]) -> list[float]:
@@ -101,6 +105,8 @@ class ReferenceGenerator:
         self._yaw_goal: float | None = 0.0
         self._track: Track | None = None
         self._track_ns = 0
+        self._last: tuple[_Moment | None, _Moment | None, Array] = None, None, np.zeros((6, 3))
+        """Translation, heading and the reference's rows at the last look."""
 
     def place(self, position_ned: Array, yaw: float | None = None) -> None:
         """Stand there from now on: a step of the reference. The heading stays unless it is given."""
@@ -214,10 +220,15 @@ class ReferenceGenerator:
             if not track.along:
                 rows[5] = self._heading_at(time_ns)
             return Reference(rows)
-        position, velocity, acceleration = self._translation.at(time_ns)
+        motion, turning = self._translation.at(time_ns), self._heading.at(time_ns)
+        last_motion, last_turning, last_rows = self._last
+        if motion is last_motion and turning is last_turning:  # both at rest
+            return Reference(last_rows.copy())
+        (position, velocity, acceleration), ((yaw,), (rate,), (yawing,)) = motion, turning
         jerk = self._translation.jerk(time_ns, acceleration)
-        values = (*position, *velocity, *acceleration, *jerk, 0.0, 0.0, 0.0, *self._heading_at(time_ns))
-        return Reference(np.array(values).reshape(6, 3))
+        rows = np.array((*position, *velocity, *acceleration, *jerk, 0.0, 0.0, 0.0, yaw, rate, yawing)).reshape(6, 3)
+        self._last = motion, turning, rows
+        return Reference(rows.copy())
 
     def _heading_at(self, time_ns: int) -> tuple[float, float, float]:
         yaw, rate, acceleration = self._heading.at(time_ns)

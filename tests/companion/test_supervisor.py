@@ -1,10 +1,9 @@
 """The table of transitions: every fault has its answer, nothing is a dead end, and the pilot is never fought."""
 
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.config import Supervision
 from companion.state import FlightMode, Setpoint
@@ -272,7 +271,7 @@ def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle() -> None:
         assert any(row.to is State.ENDED and row.condition(silent, SETTINGS, 0.0) for row in rows)
 
 
-SOUND = Setpoint(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3), 0.5)
+SOUND = Setpoint([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, 0.5)
 
 
 def test_the_gate() -> None:
@@ -283,12 +282,12 @@ def test_the_gate() -> None:
             values[1] = bad
             assert unsound(replace(SOUND, **{name: values})) is not None
         assert unsound(replace(SOUND, thrust=bad)) is not None
-    assert unsound(replace(SOUND, attitude_ned_frd=np.array([0.99, 0.0, 0.0, 0.0]))) is not None
-    assert unsound(replace(SOUND, attitude_ned_frd=np.zeros(4))) is not None
-    assert unsound(replace(SOUND, attitude_ned_frd=np.array([-1.0, 0.0, 0.0, 0.0]))) is None
+    assert unsound(replace(SOUND, attitude_ned_frd=[0.99, 0.0, 0.0, 0.0])) is not None
+    assert unsound(replace(SOUND, attitude_ned_frd=[0.0] * 4)) is not None
+    assert unsound(replace(SOUND, attitude_ned_frd=[-1.0, 0.0, 0.0, 0.0])) is None
     assert unsound(replace(SOUND, thrust=1.01)) is not None
     assert unsound(replace(SOUND, thrust=-0.01)) is not None
-    assert unsound(replace(SOUND, torque=np.array([0.0, -1.1, 0.0]))) is not None
+    assert unsound(replace(SOUND, torque=[0.0, -1.1, 0.0])) is not None
 
 
 def test_a_pilot_who_stops_the_landing_keeps_the_vehicle() -> None:

@@ -90,7 +90,7 @@ def test_impossible_rings_are_refused(changes: dict[str, float]) -> None:
         wire.obstacle_distance(ring([500] * 72, **changes), 0)
 
 
-SETPOINT = Setpoint(np.array([0.5, -0.5, 0.5, -0.5]), np.array([0.1, 0.2, 0.3]), np.array([-0.1, 0.2, 0.4]), 0.45)
+SETPOINT = Setpoint([0.5, -0.5, 0.5, -0.5], [0.1, 0.2, 0.3], [-0.1, 0.2, 0.4], 0.45)
 
 
 def test_setpoints() -> None:
