@@ -7,14 +7,18 @@ import math
 import struct
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.avoidance.guard import Reason, Verdict
 from companion.control import cascade
 from companion.mission import Phase
 from companion.state import AvoidanceDecision, Reference, VehicleState
 from companion.supervisor import State
+from protocol.compiled import compiled
 from protocol.flightlog import record_type
 from protocol.frames import Array
+
+Floats = NDArray[np.float32]
 
 _FLAGS = (
     ("state", "uint8"),
@@ -65,6 +69,8 @@ _STATE_BYTES = 4
 _TAIL = struct.Struct("<7d")
 _WORST_OF_TAIL = 5
 """Its last so many values."""
+_STEP = TRACE.dtype
+_OWN = sum(size for _, size in _WORST)
 
 
 def pack(
@@ -104,28 +110,6 @@ def pack(
     )
 
 
-def _layout(*wanted: str) -> struct.Struct:
-    """Of a TRACE record: its flags from `blocked` on and these of its vectors, in their order; the rest is skipped."""
-    parts = [f"{size}d" if name in wanted else f"{8 * size}x" for name, size in _VECTORS]
-    return struct.Struct(f"<{_STATE_BYTES}x??B" + "".join(parts))
-
-
-_JUDGED = _layout(
-    "position_ned",
-    "reference_position_ned",
-    "torque_command",
-    "thrust_command",
-    "position_age",
-    "speed_limit",
-    "clearance",
-    "free_distance",
-    "guard_change",
-)
-_Worst = tuple[bool, bool, int, float, float, float, float, float, float, float, float, float, float]
-"""The error is squared."""
-_NONE: _Worst = (False, False, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, math.inf, math.inf, 0.0)
-
-
 class Thinning:
     """Chooses the records of the log: `rate` (Hz) of them, and the steps before and after a change of state, phase or
     step of the mission, so that no stretch is longer or shorter than it was."""
@@ -134,8 +118,10 @@ class Thinning:
         self._period_ns = round(1e9 / rate)
         self._due_ns = 0
         self._state = b""
-        self._last: tuple[int, bytes] | None = None
-        self._worst = _NONE
+        self._steps: list[bytes] = []
+        """Those since the last record."""
+        self._time_ns = 0
+        """Of the last of them."""
 
     def step(self, time_ns: int, trace: bytes) -> list[tuple[int, bytes]]:
         """Take a TRACE record in; the LOGGED ones that are due, with their times."""
@@ -143,8 +129,8 @@ class Thinning:
         if trace[:_STATE_BYTES] != self._state:
             records = self.rest()
             self._state, self._due_ns = trace[:_STATE_BYTES], time_ns
-        self._worst = _worse(self._worst, trace)
-        self._last = time_ns, trace
+        self._steps.append(trace)
+        self._time_ns = time_ns
         if time_ns >= self._due_ns:
             self._due_ns += self._period_ns
             if self._due_ns <= time_ns:
@@ -154,39 +140,47 @@ class Thinning:
 
     def rest(self) -> list[tuple[int, bytes]]:
         """What came since the last record, as one more; none if nothing did."""
-        if self._last is None:
+        if not self._steps:
             return []
-        (time_ns, trace), self._last = self._last, None
-        worst, self._worst = self._worst, _NONE
-        return [(time_ns, _logged(trace, worst))]
+        record = _logged(self._steps)
+        self._steps.clear()
+        return [(self._time_ns, record)]
 
 
-def _worse(known: _Worst, trace: bytes) -> _Worst:
-    """With one step more. At each step, so nothing is called that an expression can do."""
-    blocked, limited, reason, error, roll, pitch, yaw, thrust, age, speed, clearance, free, change = known
-    (now_blocked, now_limited, now_reason, north, east, down, to_north, to_east, to_down, *rest) = _JUDGED.unpack(trace)
-    now_roll, now_pitch, now_yaw, now_thrust, now_age, now_speed, now_clearance, now_free, now_change = rest
-    now_error = (to_north - north) ** 2 + (to_east - east) ** 2 + (to_down - down) ** 2
-    return (
-        blocked or now_blocked,
-        limited or now_limited,
-        now_reason if now_reason > reason else reason,
-        now_error if now_error > error else error,
-        now_roll if abs(now_roll) > abs(roll) else roll,
-        now_pitch if abs(now_pitch) > abs(pitch) else pitch,
-        now_yaw if abs(now_yaw) > abs(yaw) else yaw,
-        now_thrust if abs(now_thrust) > abs(thrust) else thrust,
-        now_age if now_age > age else age,
-        now_speed if now_speed < speed else speed,
-        now_clearance if now_clearance < clearance else clearance,
-        now_free if now_free < free else free,
-        now_change if now_change > change else change,
-    )
+def _logged(steps: list[bytes]) -> bytes:
+    last = steps[-1]
+    floats = np.frombuffer(last, "<f8", offset=_HEAD.size).astype("<f4")
+    own = np.zeros(_OWN, "<f4")
+    blocked, limited, reason = _worst(np.frombuffer(b"".join(steps), _STEP), floats[-_WORST_OF_TAIL:], own)
+    flags = struct.pack("<??B", blocked, limited, reason)
+    return b"".join((last[:_STATE_BYTES], flags, floats.tobytes(), own.tobytes()))
 
 
-def _logged(trace: bytes, worst: _Worst) -> bytes:
-    blocked, limited, reason, error, *actuation = worst[:-_WORST_OF_TAIL]
-    floats = np.frombuffer(trace, "<f8", offset=_HEAD.size).astype("<f4")
-    floats[-_WORST_OF_TAIL:] = worst[-_WORST_OF_TAIL:]
-    flags, own = struct.pack("<??B", blocked, limited, reason), struct.pack("<5f", math.sqrt(error), *actuation)
-    return b"".join((trace[:_STATE_BYTES], flags, floats.tobytes(), own))
+@compiled
+def _worst(steps: NDArray[np.void], tail: Floats, own: Floats) -> tuple[bool, bool, int]:
+    """Fill in `tail`, whose values are those of the last step, and `own`, _WORST's, with the worst of the steps."""
+    blocked, limited, reason, error = False, False, 0, 0.0
+    age, speed, clearance, free, change = 0.0, math.inf, math.inf, math.inf, 0.0
+    roll, pitch, yaw, thrust = 0.0, 0.0, 0.0, 0.0
+    for k in range(steps.shape[0]):
+        step = steps[k]
+        blocked, limited = blocked or step.blocked, limited or step.limited
+        reason = max(reason, step.guard_reason)
+        place, wanted, torque = step.position_ned, step.reference_position_ned, step.torque_command
+        square = 0.0
+        for axis in range(3):
+            square += (wanted[axis] - place[axis]) ** 2
+        error = max(error, square)
+        roll = torque[0] if abs(torque[0]) > abs(roll) else roll
+        pitch = torque[1] if abs(torque[1]) > abs(pitch) else pitch
+        yaw = torque[2] if abs(torque[2]) > abs(yaw) else yaw
+        thrust = step.thrust_command if abs(step.thrust_command) > abs(thrust) else thrust
+        age, change = max(age, step.position_age), max(change, step.guard_change)
+        speed, clearance, free = (
+            min(speed, step.speed_limit),
+            min(clearance, step.clearance),
+            min(free, step.free_distance),
+        )
+    tail[0], tail[1], tail[2], tail[3], tail[4] = age, speed, clearance, free, change
+    own[0], own[1], own[2], own[3], own[4] = math.sqrt(error), roll, pitch, yaw, thrust
+    return blocked, limited, reason
