@@ -37,6 +37,20 @@ def remember(sent: NDArray[np.void], count: int, time_ns: int, thrust_n: float, 
 
 
 @compiled
+def _in_force(sent: NDArray[np.void], count: int, index: int, time_ns: int) -> int:
+    """The number of the command at a time, `index` or a later one."""
+    while index + 1 < count and sent[(index + 1) % KEPT].time_ns <= time_ns:
+        index += 1
+    return index
+
+
+@compiled
+def _share(dt: float, lag: float) -> float:
+    """How much of the way to its command a lag goes within `dt`."""
+    return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
+
+
+@compiled
 def predict(
     position: Array,
     velocity: Array,
@@ -58,44 +72,51 @@ def predict(
 
     `mass`, `drag` as the thrust's scale makes them appear; `disturbance` (3,) in m/s2, NED.
     """
-    p, v, q, w = position.copy(), velocity.copy(), attitude.copy(), rates.copy()
-    turning = np.zeros(3)
+    p, v, q, w, turning = position.copy(), velocity.copy(), attitude.copy(), rates.copy(), np.zeros(3)
     if count == 0:
         return p, v, q, w, turning, 0.0, 0.0
-    index = max(count - KEPT, 0)
-    time = measured_ns - _MEMORY_NS
-    while index + 1 < count and sent[(index + 1) % KEPT].time_ns <= time:
-        index += 1
-    thrust = sent[index % KEPT].thrust_n
-    rate = sent[index % KEPT].input.copy()  # of the model that the lags' states come from
-    thrust_then = thrust
     known = kind == ANGULAR_ACCELERATION or (kind == RATES and rate_loop[0] > 0.0)
-    while time < until_ns:
-        while index + 1 < count and sent[(index + 1) % KEPT].time_ns <= time:
-            index += 1
-        measured = time >= measured_ns
-        end = min(time + _STEP_NS, until_ns) if measured else min(time + _COARSE_NS, measured_ns)
+    # The past, where the lags alone are followed. `rate` is that of the model that their states come from.
+    time = measured_ns - _MEMORY_NS
+    index = _in_force(sent, count, max(count - KEPT, 0), time)
+    thrust, rate = sent[index % KEPT].thrust_n, sent[index % KEPT].input.copy()
+    step, share = 0, 0.0
+    while time < measured_ns:
+        index = _in_force(sent, count, index, time)
+        end = min(time + _COARSE_NS, measured_ns)
         dt = (end - time) * 1e-9
-        share = 1.0 - math.exp(-dt / rotor_lag) if rotor_lag > 0.0 else 1.0
+        if end - time != step:  # the steps are alike but for the last one, and an exponential costs more than a step
+            step, share = end - time, _share(dt, rotor_lag)
         command = sent[index % KEPT]
         thrust += share * (command.thrust_n - thrust)
         if known:
             for i in range(3):
                 wanted = command.input[i]
                 if kind == RATES:
-                    wanted = rate_loop[i] * (wanted - (w[i] if measured else rate[i]))
+                    wanted = rate_loop[i] * (wanted - rate[i])
                 turning[i] += share * (wanted - turning[i])
-                if not measured:
-                    rate[i] += dt * turning[i]
-        if measured:
-            w = w + dt * turning
-            force = rotate(q, np.array([0.0, 0.0, -thrust])) - rotate(q, drag * rotate_inverse(q, v))
-            change = dt * (force / mass + disturbance)
-            change[2] += dt * GRAVITY
-            p = p + dt * (v + 0.5 * change)
-            v = v + change
-            q = multiply(q, from_rotation_vector(dt * w))
-        else:
-            thrust_then = thrust
+                rate[i] += dt * turning[i]
+        time = end
+    thrust_then = thrust
+    while time < until_ns:
+        index = _in_force(sent, count, index, time)
+        end = min(time + _STEP_NS, until_ns)
+        dt = (end - time) * 1e-9
+        share = _share(dt, rotor_lag)
+        command = sent[index % KEPT]
+        thrust += share * (command.thrust_n - thrust)
+        if known:
+            for i in range(3):
+                wanted = command.input[i]
+                if kind == RATES:
+                    wanted = rate_loop[i] * (wanted - w[i])
+                turning[i] += share * (wanted - turning[i])
+        w = w + dt * turning
+        force = rotate(q, np.array([0.0, 0.0, -thrust])) - rotate(q, drag * rotate_inverse(q, v))
+        change = dt * (force / mass + disturbance)
+        change[2] += dt * GRAVITY
+        p = p + dt * (v + 0.5 * change)
+        v = v + change
+        q = multiply(q, from_rotation_vector(dt * w))
         time = end
     return p, v, q, w, turning, thrust, thrust_then
