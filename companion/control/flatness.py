@@ -20,21 +20,71 @@ _LEAST_FORCE = 0.05
 """Of the weight: in free fall the attitude is undefined."""
 _LEAST_ACROSS = 0.1
 
+_Vector = tuple[float, float, float]
+"""Within compiled code: an array would be taken from the heap each time."""
+
+
+@compiled
+def _dot(a: _Vector, b: _Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _cross(a: _Vector, b: _Vector) -> _Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def _scaled(a: _Vector, b: _Vector) -> _Vector:
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@compiled
+def _vector(a: Array) -> _Vector:
+    return a[0], a[1], a[2]
+
+
+@compiled
+def _matrix(columns: tuple[_Vector, _Vector, _Vector]) -> Array:
+    x, y, z = columns
+    return np.array([[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]]])
+
+
+@compiled
+def _against(columns: tuple[_Vector, _Vector, _Vector], v: _Vector) -> _Vector:
+    """World -> body."""
+    return _dot(columns[0], v), _dot(columns[1], v), _dot(columns[2], v)
+
+
+@compiled
+def _bracket(w: _Vector, drag: _Vector, v: _Vector) -> _Vector:
+    """([w] D - D [w]) v, how turning with w changes the drag of a velocity v; all in the body."""
+    a, b = _cross(w, _scaled(drag, v)), _scaled(drag, _cross(w, v))
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def cross(a: Array, b: Array) -> Array:
+    return np.array(_cross(_vector(a), _vector(b)))
+
+
+@compiled
+def _axes(thrust: _Vector, yaw: float) -> tuple[_Vector, _Vector, _Vector]:
+    """The columns of `axes_of`."""
+    size = -math.sqrt(_dot(thrust, thrust))
+    down = thrust[0] / size, thrust[1] / size, thrust[2] / size
+    # y = down x heading, heading = (cos, sin, 0)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    y = -down[2] * sin, down[2] * cos, down[0] * sin - down[1] * cos
+    size = math.sqrt(_dot(y, y))
+    y = y[0] / size, y[1] / size, y[2] / size
+    return _cross(y, down), y, down
+
 
 @compiled
 def axes_of(thrust_ned: Array, yaw: float) -> Array:
     """Rotation (3, 3) whose -z column is along `thrust_ned` (not zero) and whose x column heads to `yaw` (rad)."""
-    down = -thrust_ned / math.sqrt(np.sum(thrust_ned * thrust_ned))
-    # y = down x heading, heading = (cos, sin, 0)
-    y = np.array([-down[2] * math.sin(yaw), down[2] * math.cos(yaw), down[0] * math.sin(yaw) - down[1] * math.cos(yaw)])
-    y = y / math.sqrt(np.sum(y * y))
-    r = np.empty((3, 3))
-    r[0, 0] = y[1] * down[2] - y[2] * down[1]
-    r[1, 0] = y[2] * down[0] - y[0] * down[2]
-    r[2, 0] = y[0] * down[1] - y[1] * down[0]
-    r[:, 1] = y
-    r[:, 2] = down
-    return r
+    return _matrix(_axes(_vector(thrust_ned), yaw))
 
 
 @compiled
@@ -44,32 +94,6 @@ def attitude_command(thrust_ned: Array, yaw: float) -> Array:
     At 90 degrees of tilt across the heading the yaw is undefined; the limits on tilt keep away from it.
     """
     return from_matrix(axes_of(thrust_ned, yaw))
-
-
-@compiled
-def _dot(a: Array, b: Array) -> float:
-    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-@compiled
-def _times(r: Array, v: Array) -> Array:
-    return np.array([_dot(r[0], v), _dot(r[1], v), _dot(r[2], v)])
-
-
-@compiled
-def _against(r: Array, v: Array) -> Array:
-    return np.array([_dot(r[:, 0], v), _dot(r[:, 1], v), _dot(r[:, 2], v)])
-
-
-@compiled
-def cross(a: Array, b: Array) -> Array:
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-@compiled
-def _bracket(w: Array, drag: Array, v: Array) -> Array:
-    """([w] D - D [w]) v, how turning with w changes the drag of a velocity v; all in the body."""
-    return cross(w, drag * v) - drag * cross(w, v)
 
 
 @compiled
@@ -114,42 +138,54 @@ def refined(
 ) -> tuple[Array, Array, Array, float]:
     """As `inverse`, by so many rounds of substitution from a guess (3, 3), which becomes the result's."""
     yaw, yaw_rate, yaw_acceleration = heading_motion
-    heading = np.array([math.cos(yaw), math.sin(yaw), 0.0])
-    heading1 = yaw_rate * np.array([-heading[1], heading[0], 0.0])
-    heading2 = yaw_acceleration * np.array([-heading[1], heading[0], 0.0]) - yaw_rate * yaw_rate * heading
-    wanted = mass * acceleration
-    wanted[2] -= mass * GRAVITY
-    force, rates, turning = guess[0].copy(), guess[1].copy(), guess[2].copy()
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    heading = cos, sin, 0.0
+    heading1 = -yaw_rate * sin, yaw_rate * cos, 0.0
+    squared = yaw_rate * yaw_rate
+    heading2 = -yaw_acceleration * sin - squared * cos, yaw_acceleration * cos - squared * sin, 0.0
+    d, moves, pulls = _vector(drag), _vector(velocity), _vector(acceleration)
+    jerks, snaps = _vector(jerk), _vector(snap)
+    wanted = mass * pulls[0], mass * pulls[1], mass * pulls[2] - mass * GRAVITY
+    force, rates, turning = _vector(guess[0]), _vector(guess[1]), _vector(guess[2])
     thrust = 0.0
-    r = np.eye(3)
+    axes = _axes((0.0, 0.0, -1.0), 0.0)
     for _ in range(rounds):
         size = math.sqrt(_dot(force, force))
         if size < _LEAST_FORCE * mass * GRAVITY:
-            force = np.array([0.0, 0.0, -_LEAST_FORCE * mass * GRAVITY])
             size = _LEAST_FORCE * mass * GRAVITY
-        r = axes_of(force, yaw)
-        v, a, j = _against(r, velocity), _against(r, acceleration), _against(r, jerk)
-        force = wanted + _times(r, drag * v)
-        thrust = -_dot(force, r[:, 2])
-        turn = _bracket(rates, drag, v)
-        turn_on = cross(rates, turn) - _bracket(rates, drag, cross(rates, v)) + _bracket(turning, drag, v)
-        # in the body: F', F''
-        force1 = mass * j + drag * a + turn
-        force2 = mass * _against(r, snap) + drag * j + 2.0 * _bracket(rates, drag, a) + turn_on
+            force = 0.0, 0.0, -size
+        axes = _axes(force, yaw)
+        x, y, z = axes
+        v, a, j, s = _against(axes, moves), _against(axes, pulls), _against(axes, jerks), _against(axes, snaps)
+        pull = _scaled(d, v)
+        force = (
+            wanted[0] + (x[0] * pull[0] + y[0] * pull[1] + z[0] * pull[2]),
+            wanted[1] + (x[1] * pull[0] + y[1] * pull[1] + z[1] * pull[2]),
+            wanted[2] + (x[2] * pull[0] + y[2] * pull[1] + z[2] * pull[2]),
+        )
+        thrust = -_dot(force, z)
+        turn, turn_a = _bracket(rates, d, v), _bracket(rates, d, a)
+        on, on_v, on_w = _cross(rates, turn), _bracket(rates, d, _cross(rates, v)), _bracket(turning, d, v)
+        # in the body: F', F'' of x and y
+        force1_x = mass * j[0] + d[0] * a[0] + turn[0]
+        force1_y = mass * j[1] + d[1] * a[1] + turn[1]
+        force1_z = mass * j[2] + d[2] * a[2] + turn[2]
+        force2_x = mass * s[0] + d[0] * j[0] + 2.0 * turn_a[0] + (on[0] - on_v[0] + on_w[0])
+        force2_y = mass * s[1] + d[1] * j[1] + 2.0 * turn_a[1] + (on[1] - on_v[1] + on_w[1])
         # u = F / |F| = -z: u', u'' across z
-        size1 = -force1[2]
-        ux, uy = force1[0] / size, force1[1] / size
-        size2x = (force2[0] - 2.0 * size1 * ux) / size
-        size2y = (force2[1] - 2.0 * size1 * uy) / size
-        h, h1, h2 = _against(r, heading), _against(r, heading1), _against(r, heading2)
+        size1 = -force1_z
+        ux, uy = force1_x / size, force1_y / size
+        size2x = (force2_x - 2.0 * size1 * ux) / size
+        size2y = (force2_y - 2.0 * size1 * uy) / size
+        h, h1, h2 = _against(axes, heading), _against(axes, heading1), _against(axes, heading2)
         across = h[0] if abs(h[0]) > _LEAST_ACROSS else math.copysign(_LEAST_ACROSS, h[0])
         wx, wy = uy, -ux
         wz = (wx * h[2] + h1[1]) / across
-        rates = np.array([wx, wy, wz])
+        rates = wx, wy, wz
         ax = wy * wz + size2y
         ay = -size2x - wx * wz
         y1 = -wz * h1[0] + wx * h1[2]  # y' . h'
         az = wx * wy + ((ax + wz * wy) * h[2] + 2.0 * y1 + h2[1]) / across
-        turning = np.array([ax, ay, az])
+        turning = ax, ay, az
     guess[0], guess[1], guess[2] = force, rates, turning
-    return from_matrix(r), rates, turning, thrust
+    return from_matrix(_matrix(axes)), np.array(rates), np.array(turning), thrust
