@@ -19,6 +19,7 @@ that near instead of building their lower envelope, which the processor does eig
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -261,13 +262,14 @@ def distance_to(marked: BoolArray, cell: float) -> Floats:
 
 def fill_distances(distances: Floats, marked: BoolArray, cell: float, far: float = FAR_M, least: float = 0.0) -> None:
     """The same into `distances`, exact from `least` (m) to below `far` and that much on either side."""
-    distances.fill(far)
     reach = math.ceil(far / cell)
-    rows, columns = (np.flatnonzero(marked.any(axis=axis)) for axis in (1, 0))
-    if len(rows):
-        near = tuple(slice(max(int(at[0]) - reach, 0), int(at[-1]) + reach + 1) for at in (rows, columns))
-        lengths = np.clip(cell * np.sqrt(np.arange(reach * reach + 1)), least, far).astype(np.float32)
-        _distances(marked[near], reach, lengths, distances[near])
+    _distances(marked, reach, _lengths(cell, reach, far, least), distances)
+
+
+@cache
+def _lengths(cell: float, reach: int, far: float, least: float) -> Floats:
+    """(reach * reach + 1,) m for each square of a distance in cells."""
+    return np.clip(cell * np.sqrt(np.arange(reach * reach + 1)), least, far).astype(np.float32)
 
 
 def to_certain(view: MapView) -> Floats:
@@ -706,32 +708,69 @@ def between(distances: NDArray[np.floating[Any]], row: float, column: float) -> 
 def _distances(marked: BoolArray, reach: int, lengths: Floats, result: Floats) -> None:
     """Fill `result` with the `lengths` (reach * reach + 1,) of squares of distances in cells."""
     rows, columns = marked.shape
-    up = np.empty((rows, columns), np.int16)
     none, one, zero = np.int16(reach), np.int16(1), np.int16(0)
-    up[0] = np.where(marked[0], zero, none)
-    for i in range(1, rows):
+    far = np.int16(reach * reach)
+    top, bottom = _marked_rows(marked)
+    if bottom < 0:
+        result[:, :] = lengths[far]
+        return
+    top, bottom = max(top - reach, 0), min(bottom + reach + 1, rows)
+    result[:top], result[bottom:] = lengths[far], lengths[far]
+    up = np.empty((rows, columns), np.int16)
+    up[top] = np.where(marked[top], zero, none)
+    for i in range(top + 1, bottom):
         above, row, marks = up[i - 1], up[i], marked[i]
         for j in range(columns):
             more = np.int16(above[j] + one)
             row[j] = zero if marks[j] else (more if more < none else none)
-    for i in range(rows - 2, -1, -1):
+    for i in range(bottom - 2, top - 1, -1):
         below, row = up[i + 1], up[i]
         for j in range(columns):
             more = np.int16(below[j] + one)
             row[j] = more if more < row[j] else row[j]
-    squares = np.full(columns + 2 * reach, np.int16(reach * reach), np.int16)
-    here = squares[reach : reach + columns]
-    nearest = np.empty(columns, np.int16)
-    for i in range(rows):
-        row, filled = up[i], result[i]
-        for j in range(columns):
+    squares = np.full(columns + 2 * reach, far, np.int16)
+    near_row = np.empty(columns, np.int16)
+    for i in range(top, bottom):
+        first, last = _below(up[i], none)
+        first, last = max(first - reach, 0), min(last + reach + 1, columns)
+        result[i, :first], result[i, last:] = lengths[far], lengths[far]
+        row, filled, nearest = up[i, first:last], result[i, first:last], near_row[first:last]
+        size = last - first
+        here = squares[reach : reach + size]
+        for j in range(size):
             here[j] = np.int16(row[j] * row[j])
+        squares[reach + size : 2 * reach + size] = far
         nearest[:] = here
         for shift in range(1, reach):
             square = np.int16(shift * shift)
-            left, right = squares[reach - shift : reach - shift + columns], squares[reach + shift :]
-            for j in range(columns):
+            left, right = squares[reach - shift : reach - shift + size], squares[reach + shift :]
+            for j in range(size):
                 near = left[j] if left[j] < right[j] else right[j]
                 nearest[j] = min(nearest[j], np.int16(near + square))
-        for j in range(columns):
+        for j in range(size):
             filled[j] = lengths[nearest[j]]
+
+
+@compiled
+def _marked_rows(marked: BoolArray) -> tuple[int, int]:
+    """The first and the last row with a mark; the last is -1 if there is none."""
+    first, last = marked.shape[0], -1
+    for i in range(marked.shape[0]):
+        found = False
+        for j in range(marked.shape[1]):
+            found |= marked[i, j]
+        if found:
+            first, last = min(first, i), i
+    return first, last
+
+
+@compiled
+def _below(row: NDArray[np.int16], limit: np.int16) -> tuple[int, int]:
+    """The first and the last of a row's values that are less than the limit; a row apart if none is."""
+    size = row.shape[0]
+    first, last = 0, size - 1
+    while first < size and row[first] >= limit:
+        first += 1
+    while last >= first and row[last] >= limit:
+        last -= 1
+    return first, last
