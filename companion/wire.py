@@ -6,6 +6,7 @@ refused (`RefusedError`).
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -106,11 +107,18 @@ def obstacle_distance(message: Any, time_ns: int) -> Scan:
     if message.max_distance <= message.min_distance:
         raise RefusedError(f"OBSTACLE_DISTANCE from {message.min_distance} to {message.max_distance} cm")
     distances = np.array(message.distances, dtype=np.float64)
-    bearings = np.radians(message.angle_offset + increment * np.arange(distances.size))
+    bearings = _bearings(message.angle_offset, increment, distances.size)
     known = distances != _NOTHING
     hit = known & (distances <= message.max_distance)
     ranges = np.minimum(distances, message.max_distance) * 0.01
     return Scan(time_ns, message.time_usec, bearings, ranges, hit, known)
+
+
+@lru_cache(maxsize=8)
+def _bearings(offset_deg: float, increment_deg: float, count: int) -> Array:
+    """(count,) rad; the same from ring to ring."""
+    bearings: Array = np.radians(offset_deg + increment_deg * np.arange(count))
+    return bearings
 
 
 def sector_distance(message: Any) -> SectorReport | None:

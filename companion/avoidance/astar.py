@@ -22,6 +22,7 @@ from protocol.compiled import compiled
 from protocol.frames import Array
 
 Integers = NDArray[np.int64]
+Nodes = NDArray[np.int32]
 
 _STEPS = 8
 _YARD = 12_000
@@ -69,11 +70,11 @@ class AStar:
         count = cells * cells
         self._prices = np.empty((cells, cells), np.float32)
         self._cost = np.empty(count)
-        self._parent = np.empty(count + 1, np.int64)
-        self._reached = np.zeros(count + 1, np.int64)
+        self._parent = np.empty(count + 1, np.int32)
+        self._reached = np.zeros(count + 1, np.int32)
         self._round = 0
         self._keys = np.empty(_STEPS * count + 2)
-        self._nodes = np.empty(_STEPS * count + 2, np.int64)
+        self._nodes = np.empty(_STEPS * count + 2, np.int32)
 
     def prices(self, view: MapView) -> Floats:
         """(cells, cells) what a metre in each cell costs; the forbidden ones have one too. It holds until the next
@@ -230,7 +231,7 @@ def _closed_in(to_occupied: Floats, inflation: float, first: tuple[int, int], la
 
 
 @compiled
-def _push(keys: Array, nodes: Integers, size: int, key: float, node: int) -> int:
+def _push(keys: Array, nodes: Nodes, size: int, key: float, node: int) -> int:
     """Into the binary heap; its new size."""
     at = size
     while at > 0:
@@ -244,7 +245,7 @@ def _push(keys: Array, nodes: Integers, size: int, key: float, node: int) -> int
 
 
 @compiled
-def _pop(keys: Array, nodes: Integers, size: int) -> int:
+def _pop(keys: Array, nodes: Nodes, size: int) -> int:
     """Take the first out of the heap; its new size."""
     size -= 1
     key, node = keys[size], nodes[size]
@@ -309,11 +310,11 @@ def _search(
     ahead_column: float,
     farthest: float,
     cost: Array,
-    parent: Integers,
-    reached: Integers,
+    parent: Nodes,
+    reached: Nodes,
     opened: int,
     keys: Array,
-    nodes: Integers,
+    nodes: Nodes,
 ) -> tuple[int, float]:
     """The last cell of the way (row * columns + column; -1: there is none) and the whole way's cost (m).
 
@@ -375,7 +376,7 @@ def _costs_along(cells: Integers, prices: Floats, to_occupied: Floats, inflation
 
 
 @compiled
-def _trace_back(node: int, parent: Integers, cost: Array, columns: int) -> tuple[Integers, Array]:
+def _trace_back(node: int, parent: Nodes, cost: Array, columns: int) -> tuple[Integers, Array]:
     count = 0
     at = node
     while at >= 0:

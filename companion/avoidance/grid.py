@@ -150,8 +150,8 @@ class OccupancyGrid:
         """A ring taken at one pose. `ground_down` is the NED height below which a return is the ground; returns that
         are `moving` (n,) show what is free before them and leave no mark."""
         count = scan.bearings_frd.size
-        positions = np.broadcast_to(position_ned, (count, 3)).copy()
-        attitudes = np.broadcast_to(attitude_ned_frd, (count, 4)).copy()
+        positions, attitudes = np.empty((count, 3)), np.empty((count, 4))
+        positions[:], attitudes[:] = position_ned, attitude_ned_frd
         width = abs(scan.bearings_frd[1] - scan.bearings_frd[0]) if count > 1 else math.radians(5.0)
         hit = scan.hit if moving is None else scan.hit & ~moving
         self.add_beams(

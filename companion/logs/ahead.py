@@ -126,8 +126,10 @@ def _run(
                         return
                 answers.put((_identity(question), answer))
                 continue
+            if whole_datagrams and _RING not in record.data:
+                continue
             direction, _, data = datagram_of(record.data)
-            if direction == Direction.IN and (not whole_datagrams or _RING in data):
+            if direction == Direction.IN:
                 _rings(framer, data, record.time_ns, rings, whole_datagrams=whole_datagrams)
 
 

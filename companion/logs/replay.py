@@ -68,7 +68,8 @@ def replay(
         second = _flown_ahead(flight, keeps_series=keeps_series)
     if second is None:
         with _copy(flight, trace) as writer, _no_garbage_collection():
-            second = _Second(flight, Here(flight.settings.avoidance), writer, keeps_series=keeps_series)
+            thinker = Here(flight.settings.avoidance)
+            second = _Second(flight, _autopilot(flight), thinker, writer, keeps_series=keeps_series)
             second.fly()
     wall_s = clock.now_ns() * 1e-9
     differ = second.differ
@@ -89,16 +90,21 @@ def replay(
 
 def _flown_ahead(flight: Recorded, *, keeps_series: bool) -> "_Second | None":
     """With the planner's answers from a process that runs ahead; None if this flight asks something else."""
+    autopilot = _autopilot(flight)  # before the process starts, which then has what that loads
     thinker = Ahead(flight.log.path, flight.settings.avoidance, whole_datagrams=flight.whole_datagrams)
     try:
         with _no_garbage_collection():
-            second = _Second(flight, thinker, None, keeps_series=keeps_series)
+            second = _Second(flight, autopilot, thinker, None, keeps_series=keeps_series)
             second.fly()
     except DivergedError:
         return None
     finally:
         thinker.close()
     return second
+
+
+def _autopilot(flight: Recorded) -> Autopilot:
+    return Autopilot(flight.settings, flight.body, flight.mission, flight.output)
 
 
 def _copy(flight: Recorded, target: Path | None) -> AbstractContextManager[Writer | None]:
@@ -126,7 +132,9 @@ def _no_garbage_collection() -> Iterator[None]:
 class _Second:
     """The second flight. Which event's answer goes into which datagram is as in `runner.Runner`."""
 
-    def __init__(self, flight: Recorded, thinker: Thinker, writer: Writer | None, *, keeps_series: bool) -> None:
+    def __init__(
+        self, flight: Recorded, autopilot: Autopilot, thinker: Thinker, writer: Writer | None, *, keeps_series: bool
+    ) -> None:
         recorded = flight.log.topics.get(TRACE.topic)
         known = [kind for kind in (LOGGED, TRACE) if recorded is not None and kind.definition == recorded.definition]
         self._compares_trace = bool(known)
@@ -140,7 +148,7 @@ class _Second:
         self._copied = 0
         """Records in the copy, but for messages: these have the number of their datagram."""
         self._datagram_number = 0
-        self._autopilot = Autopilot(flight.settings, flight.body, flight.mission, flight.output)
+        self._autopilot = autopilot
         self._thinker = thinker
         self._planning: Planning | None = None
         """For a flight whose companion asked nothing: what it asks now is answered as in lockstep."""
