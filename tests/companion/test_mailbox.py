@@ -60,6 +60,23 @@ def test_what_was_taken_holds_until_as_many_more_as_there_are_slots() -> None:
     assert (first == 3.0).all(), "it is the same memory"
 
 
+def test_an_array_made_where_it_goes_is_not_copied() -> None:
+    inbox, outbox = mailbox(SPAWN, 2, 1 << 14)
+    for k in range(5):  # the slots come round
+        ours, beside = outbox.empty((30, 40)), np.full(7, 1.0 + k)
+        ours[:] = k
+        outbox.put((beside, ours))
+        theirs_beside, theirs = inbox.take()
+        assert (theirs == k).all() and theirs.shape == ours.shape and (theirs_beside == beside).all()
+        ours[3, 3] = -1.0
+        assert theirs[3, 3] == -1.0 and (theirs_beside == beside).all()
+    too_large, nothing = outbox.empty((100, 100)), outbox.empty((0, 5))
+    too_large[:] = 7.0
+    outbox.put((too_large, nothing))
+    theirs, nothing = inbox.take()
+    assert (theirs == 7.0).all() and nothing.shape == (0, 5)
+
+
 def test_what_is_too_large_for_a_slot_comes_whole() -> None:
     inbox, outbox = mailbox(SPAWN, 2, 1 << 20)
     large = np.arange(200_000, dtype=np.float64)
