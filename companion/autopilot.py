@@ -7,7 +7,7 @@ datagram -> frames -> messages -> VehicleState, Scan -> mission -> reference -> 
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -843,15 +843,15 @@ class Autopilot:
         if not self._course.active:
             base = self._reference.at(now)
             self._course.start(now, base.position_ned, base.velocity_ned, base.acceleration_ned)
-            self._start_ned = base.position_ned
+            self._start_ned = base.position_ned[:2].tolist()
             self._steer_at_ns = now
         if now >= self._steer_at_ns:
             self._steer_at_ns = now + _STEER_EVERY_NS
             self._wanted = self._velocity_over_map(goal, state, now)
         self._course.advance(now, self._wanted, state.position_ned[:2])
 
-    _start_ned = np.zeros(3)
-    """Where the course began and the generator waits for its end."""
+    _start_ned: Sequence[float] = (0.0, 0.0)
+    """Where the course began (north, east) and the generator waits for its end."""
     _steer_at_ns = 0
     _wanted = np.zeros(2)
     """m/s, north and east: what the course takes up."""
@@ -873,10 +873,11 @@ class Autopilot:
             wanted = wanted * (limit.speed / speed)
         if speed > 1.0:
             generator.turn(now, math.atan2(wish.velocity[1], wish.velocity[0]))
-        climbs = goal[2] < generator.at(now).position_ned[2]
+        down = float(goal[2])
+        climbs = down < generator.at(now).position_ned[2]
         vertical_speed = self.settings.trajectory.climb_speed if climbs else self.settings.trajectory.descent_speed
-        generator.go(now, np.array([*self._start_ned[:2], goal[2]]), self.mission.speed, vertical_speed)
-        target = np.array([*wish.places[0], goal[2]])
+        generator.go(now, np.array((*self._start_ned, down)), self.mission.speed, vertical_speed)
+        target = np.array((*wish.places[0].tolist(), down))
         self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
         return wanted
 

@@ -237,9 +237,18 @@ class Guard:
         """m along the way, or along the present course if that is less."""
         space = self._space
         assert space is not None
-        here = position_ned[:2] - np.array(space.corner) * space.cell
-        places = way - np.array(space.corner) * space.cell
-        return free_ahead(space.to_occupied, space.to_unseen, space.cell, here, velocity_ned, places, occupied, unseen)
+        return free_ahead(
+            space.to_occupied,
+            space.to_unseen,
+            space.cell,
+            space.corner[0] * space.cell,
+            space.corner[1] * space.cell,
+            position_ned,
+            velocity_ned,
+            way,
+            occupied,
+            unseen,
+        )
 
 
 @compiled
@@ -323,21 +332,27 @@ def free_ahead(
     to_occupied: Floats,
     to_unseen: Floats,
     cell: float,
+    corner_n: float,
+    corner_e: float,
     here: Array,
     velocity: Array,
     way: Array,
     occupied: float,
     unseen: float,
 ) -> float:
-    """Distance (m) free along a way (k, 2) from `here` (2,), or straight on with the velocity if that is less."""
+    """Distance (m) free along a way (k, 2) from `here` (2,) or more, or straight on with the velocity if that is less.
+    `corner_n`, `corner_e` (m): the window's corner."""
     places = np.empty((way.shape[0] + 1, 2))
-    places[0], places[1:] = here, way
+    places[0], places[1:] = here[:2], way
+    places[:, 0] -= corner_n
+    places[:, 1] -= corner_e
     free = free_way(to_occupied, to_unseen, cell, places, occupied, unseen)
     speed = math.hypot(velocity[0], velocity[1])
     if speed > _MOVES:
         onward = np.empty((2, 2))
-        onward[0] = here
-        onward[1, 0], onward[1, 1] = here[0] + _FAR / speed * velocity[0], here[1] + _FAR / speed * velocity[1]
+        onward[0] = places[0]
+        onward[1, 0] = places[0, 0] + _FAR / speed * velocity[0]
+        onward[1, 1] = places[0, 1] + _FAR / speed * velocity[1]
         free = min(free, free_way(to_occupied, to_unseen, cell, onward, occupied, unseen))
     return free
 
