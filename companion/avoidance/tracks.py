@@ -270,13 +270,32 @@ def clusters(
 ) -> list[Cluster]:
     """The small things of a ring: runs of neighbouring returns (n, 3) NED, with what is behind or nothing on both
     sides. What another thing hides a part of has no known middle and is left out."""
+    spans, middles, noises, extents = _small_things(
+        points, ranges, usable, position_ned, settings.gap, settings.widest, width
+    )
     found = []
-    for first, length in runs(points, usable, settings.gap).tolist():
-        middle, noise, extent, hidden = _measured(points, ranges, usable, position_ned, first, length, width)
-        if not hidden and extent <= settings.widest:
-            members = (first + np.arange(length)) % ranges.size
-            found.append(Cluster(middle, noise, max(0.5 * extent, _LEAST_RADIUS), members))
+    for k, ((first, length), extent) in enumerate(zip(spans.tolist(), extents.tolist(), strict=True)):
+        members = (first + np.arange(length)) % ranges.size
+        found.append(Cluster(middles[k], noises[k], max(0.5 * extent, _LEAST_RADIUS), members))
     return found
+
+
+@compiled
+def _small_things(
+    points: Array, ranges: Array, usable: BoolArray, position: Array, gap: float, widest: float, width: float
+) -> tuple[Integers, Array, Array, Array]:
+    """Of each run of beams that is one: its first beam and length (n, 2), middle (n, 2), its covariance (n, 2, 2) and
+    its extent (n,)."""
+    spans = runs(points, usable, gap)
+    middles, noises = np.empty((spans.shape[0], 2)), np.empty((spans.shape[0], 2, 2))
+    extents = np.empty(spans.shape[0])
+    count = 0
+    for k in range(spans.shape[0]):
+        middle, noise, extent, hidden = _measured(points, ranges, usable, position, spans[k, 0], spans[k, 1], width)
+        if not hidden and extent <= widest:
+            spans[count], middles[count], noises[count], extents[count] = spans[k], middle, noise, extent
+            count += 1
+    return spans[:count], middles[:count], noises[:count], extents[:count]
 
 
 @compiled
