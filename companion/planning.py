@@ -174,7 +174,7 @@ def _think(questions: "Connection", answers: Outbox, settings: Avoidance) -> Non
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     rehearse(settings)
-    outlook = Outlook(settings)
+    outlook = Outlook(settings, answers.empty)
     with contextlib.suppress(EOFError, OSError):
         answers.put(None)
         while True:

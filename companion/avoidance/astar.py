@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,8 +47,7 @@ class AStarSettings:
     """What a metre of unknown costs on top."""
 
 
-@dataclass(frozen=True, slots=True)
-class GridPath:
+class GridPath(msgspec.Struct, frozen=True):
     """Cells from the start to the goal or to the window's border."""
 
     cells: Integers

@@ -6,7 +6,6 @@ on a short leash and gives in where the guard has changed the command: what can'
 """
 
 import math
-from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -27,8 +26,7 @@ _GIVING_IN_S = 0.1
 _LONGEST_S = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Way:
+class Way(msgspec.Struct, frozen=True):
     """What to fly along, as of one scan."""
 
     corners: Array

@@ -19,6 +19,7 @@ vehicle. Down is left alone.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -68,6 +69,8 @@ class Reason(IntEnum):
 
 
 _REASONS = tuple(Reason)
+Empty = Callable[[tuple[int, ...]], Floats]
+"""Gives an array whose values are not set yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +119,7 @@ class Verdict(msgspec.Struct, frozen=True, gc=False):
     reason: Reason
 
 
-@dataclass(frozen=True, slots=True)
-class FreeSpace:
+class FreeSpace(msgspec.Struct, frozen=True):
     """What a guard needs of the map around the vehicle, as one ring left it."""
 
     seen_ns: int
@@ -135,6 +137,11 @@ class FreeSpace:
     """There is no other way than one nearer than `keep_out` to something."""
 
 
+def empty_here(shape: tuple[int, ...]) -> Floats:
+    """In this process's own memory."""
+    return np.empty(shape, np.float32)
+
+
 def free_space(
     view: MapView,
     position_ned: Array,
@@ -143,8 +150,9 @@ def free_space(
     moving: Array | None = None,
     *,
     tight: bool = False,
+    empty: Empty = empty_here,
 ) -> FreeSpace:
-    """Of a view, around a place. `moving` (n, POINT): tracked things."""
+    """Of a view, around a place. `moving` (n, POINT): tracked things; `empty`: where the maps are to lie."""
     north, east = (float(position_ned[axis]) - view.corner[axis] * view.cell for axis in (0, 1))
     hits = view.hits
     if hits is None:
@@ -162,9 +170,9 @@ def free_space(
     )
     unseen_cells = view.states[rows, columns] != FREE
     unseen_cells[:1] = unseen_cells[-1:] = unseen_cells[:, :1] = unseen_cells[:, -1:] = True
-    to_unseen = np.empty(unseen_cells.shape, np.float32)
+    to_unseen, to_occupied = empty(unseen_cells.shape), empty(unseen_cells.shape)
     fill_distances(to_unseen, unseen_cells, view.cell, _FAR_UNSEEN_M)
-    to_occupied = view.to_occupied[rows, columns].copy()
+    to_occupied[:] = view.to_occupied[rows, columns]
     corner = view.corner[0] + rows.start, view.corner[1] + columns.start
     return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight)
 

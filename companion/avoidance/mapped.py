@@ -7,16 +7,16 @@ came.
 
 import dataclasses
 import math
-from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from companion.avoidance.astar import AStar, AStarSettings, GridPath, Integers
 from companion.avoidance.course import NO_WAY, Way
 from companion.avoidance.grid import FAR_M, Floats, GridSettings, MapView, OccupancyGrid, to_certain
-from companion.avoidance.guard import FreeSpace, GuardSettings, free_space, space_bytes
+from companion.avoidance.guard import Empty, FreeSpace, GuardSettings, empty_here, free_space, space_bytes
 from companion.avoidance.rrt import Rrt, RrtSettings
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from companion.avoidance.tracks import Tracker, TrackSettings
@@ -48,8 +48,7 @@ def picked(kind: type[T], table: msgspec.Struct, **more: Any) -> T:
     return kind(**{name: getattr(table, name) for name in names}, **more)
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
+class Question(msgspec.Struct, frozen=True):
     """A ring, and where the vehicle was and wanted to when it was heard."""
 
     number: int
@@ -70,8 +69,7 @@ class Question:
     """m/s, the highest."""
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(msgspec.Struct, frozen=True):
     """To one question."""
 
     number: int
@@ -92,8 +90,9 @@ def answer_bytes(settings: Avoidance) -> int:
 class Outlook:
     """Answers questions, in their order."""
 
-    def __init__(self, settings: Avoidance) -> None:
-        self.surroundings = Surroundings(settings)
+    def __init__(self, settings: Avoidance, empty: Empty = empty_here) -> None:
+        """`empty`: where the large arrays of the next answer are to lie."""
+        self.surroundings = Surroundings(settings, empty)
         self.planner = Planner(settings) if settings.mapped else None
 
     def answer(self, question: Question) -> Answer:
@@ -113,8 +112,10 @@ class Outlook:
 class Surroundings:
     """The map and what moves on it."""
 
-    def __init__(self, settings: Avoidance) -> None:
+    def __init__(self, settings: Avoidance, empty: Empty = empty_here) -> None:
         self._settings = settings
+        self._guard = picked(GuardSettings, settings.guard)
+        self._empty = empty
         self._grid = OccupancyGrid(picked(GridSettings, settings.map, hull=settings.vehicle_radius))
         self._tracker = Tracker(picked(TrackSettings, settings.tracks))
         self.view: MapView | None = None
@@ -136,7 +137,7 @@ class Surroundings:
         """For the guard, after a `look`."""
         assert self.view is not None
         moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving)
-        return free_space(self.view, here, now_ns, picked(GuardSettings, self._settings.guard), moving, tight=tight)
+        return free_space(self.view, here, now_ns, self._guard, moving, tight=tight, empty=self._empty)
 
     def clearance(self, here: Array) -> float:
         """m from the hull at a place to the nearest occupied cell's centre; inf if that is FAR_M away or more."""

@@ -113,18 +113,17 @@ def _run(
         copied.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the replay ends, and ends this
     with contextlib.suppress(Exception), contextlib.closing(answers):  # what is wrong with the log the replay says
-        outlook, framer = Outlook(settings), Framer()
+        outlook, framer = Outlook(settings, answers.empty), Framer()
         rings: OrderedDict[tuple[int, int], Scan] = OrderedDict()
         for record in LogReader(path).records((DATAGRAM.topic, ASKED.topic)):
             if record.topic == ASKED.topic:
                 question = _question(ASKED.unpack(record.data), rings)
                 if question is None:
                     return
-                answer = outlook.answer(question)
                 while not free.acquire(timeout=_LOOK_S):
                     if os.getppid() != replay:  # it was killed
                         return
-                answers.put((_identity(question), answer))
+                answers.put((_identity(question), outlook.answer(question)))
                 continue
             if whole_datagrams and _RING not in record.data:
                 continue
