@@ -846,27 +846,37 @@ class LogReader:
         return {kind.topic: kind for kind in self._channels.values()}
 
     def array(self, topic: str) -> "NDArray[np.void]":
-        """A topic whose records have one size as a structured array: `time_ns`, then the schema's fields.
+        """`arrays` of one topic."""
+        return self.arrays((topic,))[topic]
 
-        Raises FlightLogError if the topic isn't there or its records vary in size.
+    def arrays(self, topics: Collection[str]) -> "dict[str, NDArray[np.void]]":
+        """Topics whose records have one size as structured arrays: `time_ns`, then the schema's fields.
+
+        Raises FlightLogError if one isn't there or its records vary in size.
         """
+        known = self.topics
+        for topic in topics:
+            if topic not in known:
+                raise FlightLogError(f"{self.path}: there is no topic {topic}")
+        layouts = {topic: known[topic].dtype for topic in topics}
+        found: dict[str, list[Record]] = {topic: [] for topic in topics}
+        for record in self.records(topics):
+            found[record.topic].append(record)
+        return {topic: self._table(topic, layouts[topic], records) for topic, records in found.items()}
+
+    def _table(self, topic: str, layout: "np.dtype[np.void]", records: list[Record]) -> "NDArray[np.void]":
         import numpy as np
 
-        kind = self.topics.get(topic)
-        if kind is None:
-            raise FlightLogError(f"{self.path}: there is no topic {topic}")
-        layout = kind.dtype
-        found = list(self.records((topic,)))
-        if any(len(record.data) != layout.itemsize for record in found):
+        if any(len(record.data) != layout.itemsize for record in records):
             raise FlightLogError(f"{self.path}: a record on {topic} is not as its schema says")
-        values = np.frombuffer(b"".join(record.data for record in found), layout)
+        values = np.frombuffer(b"".join([record.data for record in records]), layout)
         names = layout.names or ()
         columns: list[Any] = [
             ("time_ns", "<i8"),
             *((name, values[name].dtype, values[name].shape[1:]) for name in names),
         ]
-        table = np.empty(len(found), columns)
-        table["time_ns"] = [record.time_ns for record in found]
+        table = np.empty(len(records), columns)
+        table["time_ns"] = [record.time_ns for record in records]
         for name in names:
             table[name] = values[name]
         return table

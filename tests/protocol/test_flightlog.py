@@ -165,6 +165,24 @@ def test_arrays(start: Opener) -> None:
         LogReader(log.path).array("/nothing")
 
 
+def test_arrays_of_many_topics_are_those_of_each(start: Opener) -> None:
+    log = start()
+    for index in range(50):
+        log.record(TRACE, 3 * index, TRACE.pack(index, 0.0, 0.0, 1, True, 0.5))
+        attitude = frame_of(dialect.MAVLink_attitude_message(index, 0.1 * index, 0, 0, 0, 0, 0), 1, 1)
+        log.datagram(3 * index + 1, Direction.IN, "", attitude)
+    log.close()
+    reader = LogReader(log.path)
+    topics = (TRACE.topic, "/mavlink/1/1/ATTITUDE")
+    tables = reader.arrays(topics)
+    assert list(tables) == [*topics] and [len(tables[topic]) for topic in topics] == [50, 50]
+    for topic in topics:
+        np.testing.assert_array_equal(tables[topic], reader.array(topic))
+    assert tables["/mavlink/1/1/ATTITUDE"]["time_boot_ms"].tolist() == list(range(50))
+    with pytest.raises(FlightLogError, match="there is no topic /nothing"):
+        reader.arrays((TRACE.topic, "/nothing"))
+
+
 def test_varying_records_are_no_array(start: Opener) -> None:
     log = start()
     count(log, range(3))
