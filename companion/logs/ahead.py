@@ -11,6 +11,7 @@ import signal
 import threading
 from collections import OrderedDict, deque
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,9 @@ from companion.config import Avoidance
 from companion.mailbox import Inbox, Outbox, mailbox
 from companion.planning import ASKED, packed_question
 from companion.state import Scan
-from protocol.flightlog import DATAGRAM, Direction, LogReader, datagram_of
-from protocol.framing import Framer
-from protocol.messages import decode, dialect
+from protocol.flightlog import LogReader
 
-_RING = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE.to_bytes(3, "little")
+_RING = "/OBSTACLE_DISTANCE"
 _RINGS = 64
 """The latest, of which a question is about one."""
 _WORTH_IT = 2_000_000
@@ -51,13 +50,13 @@ class Ahead:
 
     fault: str | None = None
 
-    def __init__(self, path: Path, settings: Avoidance, *, whole_datagrams: bool) -> None:
+    def __init__(self, path: Path, settings: Avoidance) -> None:
         # A copy of this process has all that is needed; it would copy the locks that other threads hold, too.
         context: Any = multiprocessing.get_context("fork" if threading.active_count() == 1 else "spawn")
         self._answers, theirs = mailbox(context, _SLOTS, answer_bytes(settings))
         self._free = context.Semaphore(_SLOTS - 2)
         ours = self._answers if context.get_start_method() == "fork" else None
-        arguments = (theirs, ours, self._free, os.getpid(), path, settings, whole_datagrams)
+        arguments = (theirs, ours, self._free, os.getpid(), path, settings)
         self._process = context.Process(target=_run, args=arguments, name="courier-ahead", daemon=True)
         self._process.start()
         theirs.close()
@@ -106,44 +105,31 @@ def _run(
     replay: int,
     path: Path,
     settings: Avoidance,
-    whole_datagrams: bool,
 ) -> None:
     """The process: answer what the log asks, up to its end or to a question that it does not tell whole."""
     if copied is not None:  # with this end open here, nobody would notice that the replay's is closed
         copied.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the replay ends, and ends this
     with contextlib.suppress(Exception), contextlib.closing(answers):  # what is wrong with the log the replay says
-        outlook, framer = Outlook(settings, answers.empty), Framer()
+        outlook, log = Outlook(settings, answers.empty), LogReader(path)
+        kinds = {topic: kind for topic, kind in log.topics.items() if topic.endswith(_RING)}
         rings: OrderedDict[tuple[int, int], Scan] = OrderedDict()
-        for record in LogReader(path).records((DATAGRAM.topic, ASKED.topic)):
-            if record.topic == ASKED.topic:
-                question = _question(ASKED.unpack(record.data), rings)
-                if question is None:
+        for record in log.records((*kinds, ASKED.topic)):
+            if record.topic != ASKED.topic:
+                with contextlib.suppress(wire.RefusedError):
+                    message = SimpleNamespace(**kinds[record.topic].unpack(record.data))
+                    scan = wire.obstacle_distance(message, record.time_ns)
+                    rings[scan.time_ns, scan.boot_time_us] = scan
+                while len(rings) > _RINGS:
+                    rings.popitem(last=False)
+                continue
+            question = _question(ASKED.unpack(record.data), rings)
+            if question is None:
+                return
+            while not free.acquire(timeout=_LOOK_S):
+                if os.getppid() != replay:  # it was killed
                     return
-                while not free.acquire(timeout=_LOOK_S):
-                    if os.getppid() != replay:  # it was killed
-                        return
-                answers.put((_identity(question), outlook.answer(question)))
-                continue
-            if whole_datagrams and _RING not in record.data:
-                continue
-            direction, _, data = datagram_of(record.data)
-            if direction == Direction.IN:
-                _rings(framer, data, record.time_ns, rings, whole_datagrams=whole_datagrams)
-
-
-def _rings(
-    framer: Framer, data: bytes, time_ns: int, rings: OrderedDict[tuple[int, int], Scan], *, whole_datagrams: bool
-) -> None:
-    """Add those in the data."""
-    for frame in framer.datagram(data) if whole_datagrams else framer.feed(data):
-        if frame.message_id != dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE:
-            continue
-        with contextlib.suppress(wire.RefusedError):
-            scan = wire.obstacle_distance(decode(frame), time_ns)
-            rings[scan.time_ns, scan.boot_time_us] = scan
-    while len(rings) > _RINGS:
-        rings.popitem(last=False)
+            answers.put((_identity(question), outlook.answer(question)))
 
 
 def _question(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) -> Question | None:

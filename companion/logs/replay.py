@@ -91,7 +91,7 @@ def replay(
 def _flown_ahead(flight: Recorded, *, keeps_series: bool) -> "_Second | None":
     """With the planner's answers from a process that runs ahead; None if this flight asks something else."""
     autopilot = _autopilot(flight)  # before the process starts, which then has what that loads
-    thinker = Ahead(flight.log.path, flight.settings.avoidance, whole_datagrams=flight.whole_datagrams)
+    thinker = Ahead(flight.log.path, flight.settings.avoidance)
     try:
         with _no_garbage_collection():
             second = _Second(flight, autopilot, thinker, None, keeps_series=keeps_series)
