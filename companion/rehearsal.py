@@ -11,6 +11,7 @@ from companion.mission import Mission
 from companion.planning import Here, Planning
 from companion.state import Output
 from companion.supervisor import State
+from companion.trace import Thinning
 from protocol.body import Body
 from protocol.messages import Encoder, dialect
 
@@ -44,6 +45,7 @@ def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> No
     avoidance = msgspec.structs.replace(settings.avoidance, heights=AvoidanceHeights())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
     planning = Planning(Here(settings.avoidance), settings.avoidance.answer_delay)
+    thinning = Thinning(settings.log.trace_rate)
     encoder = Encoder(1, 1)
     step, step_began = -1, 0
     rings = ([300] * 4 + [1501] * 68, [1501] * 72)
@@ -97,7 +99,9 @@ def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> No
             data += send(dialect.MAVLink_timesync_message, now, now)
             data += send(dialect.MAVLink_sys_status_message, *[0] * 13)
             data += send(dialect.MAVLink_statustext_message, dialect.MAV_SEVERITY_INFO, b"rehearsal")
-        autopilot.handle(Datagram(now, data))
+        trace = autopilot.handle(Datagram(now, data)).trace
+        if trace is not None:
+            thinning.step(now, trace)
         while (answer := planning.due(now)) is not None:
             autopilot.handle(Planned(now, answer))
         question = autopilot.handle(Tick(now)).question

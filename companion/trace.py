@@ -176,11 +176,8 @@ def _worst(steps: NDArray[np.void], tail: Floats, own: Floats) -> tuple[bool, bo
         yaw = torque[2] if abs(torque[2]) > abs(yaw) else yaw
         thrust = step.thrust_command if abs(step.thrust_command) > abs(thrust) else thrust
         age, change = max(age, step.position_age), max(change, step.guard_change)
-        speed, clearance, free = (
-            min(speed, step.speed_limit),
-            min(clearance, step.clearance),
-            min(free, step.free_distance),
-        )
+        speed, free = min(speed, step.speed_limit), min(free, step.free_distance)
+        clearance = min(clearance, step.clearance)
     tail[0], tail[1], tail[2], tail[3], tail[4] = age, speed, clearance, free, change
     own[0], own[1], own[2], own[3], own[4] = math.sqrt(error), roll, pitch, yaw, thrust
     return blocked, limited, reason

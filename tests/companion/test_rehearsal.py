@@ -35,6 +35,7 @@ from companion.autopilot import Autopilot
 from companion.config import load_body, load_settings
 from companion.rehearsal import rehearse
 from companion.state import Output
+from companion.trace import Thinning
 
 def compiled():
     return {{
@@ -48,8 +49,11 @@ flown = load_settings(None, {coarse!r}), load_body("paper_quad"), mission.load({
 rehearse(*flown)
 before, modules = compiled(), set(sys.modules)
 autopilot = Autopilot(*flown)
+thinning = Thinning(flown[0].log.trace_rate)
 for event in pickle.load(open({events!r}, "rb")):
-    autopilot.handle(event)
+    trace = autopilot.handle(event).trace
+    if trace is not None:
+        thinning.step(event.time_ns, trace)
 assert autopilot.ended
 print(sorted(compiled() - before), sorted(set(sys.modules) - modules))
 """
