@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.avoidance.grid import UNKNOWN, Bytes, Cell, Floats, MapView
+from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, Floats, MapView, has
 from protocol.compiled import compiled
 from protocol.frames import Array
 
@@ -273,6 +273,8 @@ def _frontier(states: Bytes, first: tuple[int, int], last: tuple[int, int]) -> t
     ahead_row, ahead_column = (last[0] - first[0]) / distance, (last[1] - first[1]) / distance
     farthest = -math.inf
     for i in range(rows):
+        if not (has(states[i], FREE) or has(states[i], OCCUPIED)):
+            continue
         for k in range(columns):
             j = columns - 1 - k if ahead_column > 0.0 else k
             if states[i, j] != UNKNOWN:  # none of its row is farther

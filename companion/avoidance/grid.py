@@ -752,14 +752,20 @@ def _distances(marked: BoolArray, reach: int, lengths: Floats, result: Floats) -
 
 
 @compiled
+def has(row: NDArray[Any], value: int) -> bool:
+    """Whether a value is among them; without a way out, so that the processor looks at many at a time."""
+    found = False
+    for j in range(row.shape[0]):
+        found |= row[j] == value
+    return found
+
+
+@compiled
 def _marked_rows(marked: BoolArray) -> tuple[int, int]:
     """The first and the last row with a mark; the last is -1 if there is none."""
     first, last = marked.shape[0], -1
     for i in range(marked.shape[0]):
-        found = False
-        for j in range(marked.shape[1]):
-            found |= marked[i, j]
-        if found:
+        if has(marked[i], True):
             first, last = min(first, i), i
     return first, last
 

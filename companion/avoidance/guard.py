@@ -27,7 +27,18 @@ import msgspec
 import numpy as np
 
 from companion.avoidance.braking import stopping_speed
-from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, Floats, MapView, between, fill_distances
+from companion.avoidance.grid import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Bytes,
+    Cell,
+    Floats,
+    MapView,
+    between,
+    fill_distances,
+    has,
+)
 from protocol.compiled import compiled
 from protocol.frames import Array
 
@@ -275,6 +286,8 @@ def nearest_points(
     first_row, last_row = max(math.floor((north - reach) / cell), 0), min(math.ceil((north + reach) / cell), rows)
     first, last = max(math.floor((east - reach) / cell), 0), min(math.ceil((east + reach) / cell), columns)
     for i in range(first_row, last_row):
+        if not has(states[i, first:last], UNKNOWN):
+            continue
         for j in range(first, last):
             if states[i, j] == UNKNOWN:
                 dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
