@@ -4,15 +4,18 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test check paper control clean
+.PHONY: demo test check compiled paper control clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
 
-# A flight first: it compiles what is compiled once, before the tests would do so side by side.
-test: check
-	$(BIN)/companion demo hover --log .cache/warm-up
+test: .venv/tested
+	$(MAKE) --jobs 2 --output-sync=target check compiled
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
+
+# A flight: it compiles what is compiled once, before the tests would do so side by side.
+compiled: .venv/tested
+	$(BIN)/companion demo hover --log .cache/warm-up
 
 # The paper's experiments, into docs/paper.md.
 paper: .venv/tested

@@ -140,11 +140,9 @@ class RecordType:
     values, "time" as seconds and nanoseconds; "string" takes a str, "uint8[]" bytes, other open arrays a sequence.
     """
 
-    __slots__ = ("_parts", "definition", "fields", "pack", "schema_name", "size", "topic", "values")
+    __slots__ = ("_parts", "definition", "fields", "pack", "schema_name", "size", "topic")
 
     pack: Callable[..., bytes]
-    values: Callable[[bytes], tuple[Any, ...]]
-    """What `pack` was given, where records have one size. Raises struct.error for another size."""
     size: int | None
     """Bytes of each record, or None if they vary."""
 
@@ -164,7 +162,6 @@ class RecordType:
             layout = struct.Struct("<" + "".join(field.format for field in self.fields))
             self.size = layout.size
             self.pack = layout.pack
-            self.values = layout.unpack
 
     def _compile(self) -> list[_Fixed | _Field]:
         parts: list[_Fixed | _Field] = []

@@ -772,7 +772,7 @@ def _marked_rows(marked: BoolArray) -> tuple[int, int]:
 
 @compiled
 def _below(row: NDArray[np.int16], limit: np.int16) -> tuple[int, int]:
-    """The first and the last of a row's values that are less than the limit; a row apart if none is."""
+    """The first and the last of a row's values that are less than the limit; beyond each other if none is."""
     size = row.shape[0]
     first, last = 0, size - 1
     while first < size and row[first] >= limit:

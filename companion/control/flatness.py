@@ -166,7 +166,7 @@ def refined(
         thrust = -_dot(force, z)
         turn, turn_a = _bracket(rates, d, v), _bracket(rates, d, a)
         on, on_v, on_w = _cross(rates, turn), _bracket(rates, d, _cross(rates, v)), _bracket(turning, d, v)
-        # in the body: F', F'' of x and y
+        # in the body: F', and F'' across z
         force1_x = mass * j[0] + d[0] * a[0] + turn[0]
         force1_y = mass * j[1] + d[1] * a[1] + turn[1]
         force1_z = mass * j[2] + d[2] * a[2] + turn[2]

@@ -39,9 +39,10 @@ class DivergedError(Exception):
 
 
 def worth_it(log: LogReader) -> bool:
-    """The log says what was asked, it is long enough, and there is a core for it."""
+    """The log says what was asked and has the rings, it is long enough, and there is a core for it."""
     kind = log.topics.get(ASKED.topic)
     tells = kind is not None and kind.definition == ASKED.definition
+    tells = tells and any(topic.endswith(_RING) for topic in log.topics)
     return tells and log.path.stat().st_size >= _WORTH_IT and len(os.sched_getaffinity(0)) > 1
 
 

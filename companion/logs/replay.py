@@ -242,7 +242,7 @@ class _Second:
         if self._planning is not None:
             while (planned := self._planning.due(now)) is not None:
                 self._held += self._take(Planned(now, planned))
-        answer = self._held + self._take(Tick(now, *TICK.values(record)))
+        answer = self._held + self._take(Tick(now, TICK.unpack(record)["late_ns"]))
         self._held = b""
         self._send(now, answer)
 

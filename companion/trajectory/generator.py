@@ -45,7 +45,7 @@ class _Motion:
         self._end = place, zero, zero
 
     def at(self, time_ns: int) -> _Moment:
-        """Position, velocity, acceleration; at rest always the same object."""
+        """Position, velocity, acceleration; the same object as long as it rests."""
         if self._profile is not None:
             time_s = (time_ns - self._start_ns) * 1e-9
             if time_s < self._profile.duration or self._end is None:
