@@ -126,7 +126,7 @@ class Surroundings:
         moving = self._tracker.add(scan, *pose, ground_down)
         self._grid.add(scan, *pose, ground_down, moving)
         for track in self._tracker.moving:
-            self._grid.forget(track.mean[:2], track.radius, track.radius + _AROUND_MOVING, now_ns)
+            self._grid.forget(track["mean"][:2], track["radius"], track["radius"] + _AROUND_MOVING, now_ns)
 
     def look(self, now_ns: int) -> MapView:
         """At the map as it is now."""

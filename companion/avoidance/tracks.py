@@ -12,7 +12,8 @@ no middle that could be followed: its visible part travels with the vehicle.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,186 +61,184 @@ class TrackSettings:
     """Scans in a row without it after which what moved stands: a walker who turns is slow for a moment."""
 
 
-@dataclass(slots=True)
-class Track:
-    """One thing. Mean (4,): north, east (m) and their rates; `covariance` (4, 4)."""
+TRACK = np.dtype(
+    [
+        ("number", "i8"),
+        ("mean", "f8", 4),  # north, east (m) and their rates
+        ("covariance", "f8", (4, 4)),
+        ("radius", "f8"),  # m around the middle that hold all of it
+        ("hits", "i8"),
+        ("misses", "i8"),
+        ("steady", "i8"),
+        ("slow", "i8"),
+        ("moving", "b1"),
+    ],
+    align=True,
+)
+"""One thing that is followed."""
+Tracks = NDArray[np.void]
+"""(n,) TRACK"""
 
-    number: int
-    mean: Array
-    covariance: Array
-    radius: float
-    """m around the middle that hold all of it."""
-    hits: int = 1
-    misses: int = 0
-    steady: int = 0
-    slow: int = 0
-    moving: bool = False
-
-    def at(self, seconds: float) -> Array:
-        """(2,) where it will be."""
-        place: Array = self.mean[:2] + seconds * self.mean[2:]
-        return place
-
-
-@dataclass(frozen=True, slots=True)
-class Cluster:
-    """One thing in one scan."""
-
-    middle: Array
-    """(2,) NED."""
-    noise: Array
-    """(2, 2) covariance of `middle`."""
-    radius: float
-    members: Integers
-    """Indices of its beams."""
+_RULES = np.dtype([(field.name, field.type) for field in fields(TrackSettings)])
 
 
 class Tracker:
     """Follows what the rings show, scan by scan."""
 
     def __init__(self, settings: TrackSettings) -> None:
-        self._settings = settings
-        self._tracks: list[Track] = []
+        self._rules = np.array([astuple(settings)], _RULES)
         self._born = 0
         self._time_ns: int | None = None
-
-    @property
-    def tracks(self) -> tuple[Track, ...]:
+        self.tracks: Tracks = np.empty(0, TRACK)
         """All of them, the oldest first."""
-        return tuple(self._tracks)
 
     @property
-    def moving(self) -> tuple[Track, ...]:
+    def moving(self) -> Tracks:
         """Those that are believed and move."""
-        return tuple(track for track in self._tracks if track.moving)
+        moving: Tracks = self.tracks[self.tracks["moving"]]
+        return moving
 
     def points(self, seconds: float, keep_out: float) -> Array:
         """(n, 5) what moves, `seconds` after the last scan, as the guard's POINTs; `keep_out` widens each radius."""
-        rows = [[*track.at(seconds), *track.mean[2:], track.radius + keep_out] for track in self.moving]
-        return np.array(rows).reshape(-1, POINT)
+        moving = self.moving
+        points = np.empty((moving.size, POINT))
+        points[:, 2:4] = moving["mean"][:, 2:]
+        points[:, :2] = moving["mean"][:, :2] + seconds * points[:, 2:4]
+        points[:, 4] = moving["radius"] + keep_out
+        return points
 
     def add(self, scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float) -> BoolArray:
         """Take a scan in; which of its returns (n,) belong to something that moves. See `OccupancyGrid.add`."""
-        count = scan.bearings_frd.size
-        points = place(scan.bearings_frd, scan.ranges_m, position_ned, attitude_ned_frd)
-        usable = scan.hit & (points[:, 2] < ground_down)
-        width = abs(scan.bearings_frd[1] - scan.bearings_frd[0]) if count > 1 else math.radians(5.0)
+        bearings = scan.bearings_frd
+        width = abs(bearings[1] - bearings[0]) if bearings.size > 1 else math.radians(5.0)
         if width > _WIDEST_SECTOR:
-            return np.zeros(count, np.bool_)
-        found = clusters(points, scan.ranges_m, usable, position_ned, self._settings, width)
+            return np.zeros(bearings.size, np.bool_)
         elapsed = 0.0 if self._time_ns is None else (scan.time_ns - self._time_ns) * 1e-9
         self._time_ns = scan.time_ns
-        for track in self._tracks:
-            predict(track, min(elapsed, _LONGEST_STEP_S), self._settings.acceleration)
-        moving = np.zeros(count, np.bool_)
-        for track, cluster in self._pairs(found):
-            if track.moving:
-                moving[cluster.members] = True
+        self.tracks, self._born, moving = _follow(
+            self.tracks,
+            self._rules,
+            self._born,
+            min(elapsed, _LONGEST_STEP_S),
+            bearings,
+            scan.ranges_m,
+            scan.hit,
+            position_ned,
+            attitude_ned_frd,
+            ground_down,
+            width,
+        )
         return moving
 
-    def _pairs(self, found: list[Cluster]) -> list[tuple[Track, Cluster]]:
-        """Pair tracks and clusters, update, bear and drop tracks; the pairs."""
-        squares = squared_distances(
-            np.array([track.mean for track in self._tracks]).reshape(-1, 4),
-            np.array([track.covariance for track in self._tracks]).reshape(-1, 4, 4),
-            np.array([cluster.middle for cluster in found]).reshape(-1, 2),
-            np.array([cluster.noise for cluster in found]).reshape(-1, 2, 2),
-        )
-        costs = sorted((squares[t, c], t, c) for t, c in np.argwhere(squares < _GATE).tolist())
-        of_track: dict[int, int] = {}
-        taken: set[int] = set()
-        for _, t, c in costs:
-            if t not in of_track and c not in taken:
-                of_track[t] = c
-                taken.add(c)
-        pairs = []
-        for t, track in enumerate(self._tracks):
-            if t in of_track:
-                cluster = found[of_track[t]]
-                correct(track, cluster)
-                self._judge(track)
-                pairs.append((track, cluster))
-            else:
-                track.misses += 1
-        s = self._settings
-        self._tracks = [each for each in self._tracks if each.misses < (s.misses if each.hits >= s.hits else 1)]
-        for c, cluster in enumerate(found):
-            if c not in taken:
-                self._tracks.append(born(self._born, cluster))
-                self._born += 1
-        return pairs
 
-    def _judge(self, track: Track) -> None:
-        s = self._settings
-        fast = math.hypot(track.mean[2], track.mean[3]) > s.slowest
-        fast = fast and square_in_sigmas(track.covariance[2:, 2:], track.mean[2:]) > s.certainty**2
-        track.steady, track.slow = (track.steady + 1, 0) if fast else (0, track.slow + 1)
-        known = track.hits >= s.hits
-        track.moving = known and (track.steady >= s.steady or (track.moving and track.slow < s.rest))
-
-
-def born(number: int, cluster: Cluster) -> Track:
-    """At rest as far as is known, within a walker's speeds."""
-    covariance = np.zeros((4, 4))
-    covariance[:2, :2] = cluster.noise
-    covariance[2, 2] = covariance[3, 3] = 1.5**2
-    return Track(number, np.array([*cluster.middle, 0.0, 0.0]), covariance, cluster.radius)
-
-
-def predict(track: Track, dt: float, acceleration: float) -> None:
-    """The track `dt` s later; `acceleration` (m/s2) is the white noise's standard deviation, held over the step."""
-    track.mean, track.covariance = _predicted(track.mean, track.covariance, dt, acceleration)
-
-
-def correct(track: Track, cluster: Cluster) -> None:
-    """Take a measurement in."""
-    track.mean, track.covariance = _corrected(track.mean, track.covariance, cluster.middle, cluster.noise)
-    track.radius += 0.2 * (cluster.radius - track.radius)
-    track.hits += 1
-    track.misses = 0
+@compiled
+def _follow(
+    tracks: Tracks,
+    rules: NDArray[np.void],
+    born: int,
+    dt: float,
+    bearings: Array,
+    ranges: Array,
+    hit: BoolArray,
+    position: Array,
+    attitude: Array,
+    ground_down: float,
+    width: float,
+) -> tuple[Tracks, int, BoolArray]:
+    """The tracks after a scan, how many were ever born, and which beams (n,) see something that moves."""
+    points = place(bearings, ranges, position, attitude)
+    usable = hit & (points[:, 2] < ground_down)
+    spans, middles, noises, extents = small_things(points, ranges, usable, position, rules[0], width)
+    predict(tracks, dt, rules[0]["acceleration"])
+    seen_by = pairs(tracks, middles, noises)
+    moving = np.zeros(bearings.size, np.bool_)
+    kept = np.empty(tracks.size + middles.shape[0], tracks.dtype)
+    count = 0
+    for t in range(tracks.size):
+        c = seen_by[t]
+        if c >= 0:
+            correct(tracks[t], middles[c], noises[c], _radius(extents[c]))
+            _judge(tracks[t], rules[0])
+            for k in range(spans[c, 0], spans[c, 0] + spans[c, 1]):
+                moving[k % bearings.size] |= tracks[t]["moving"]
+        else:
+            tracks[t]["misses"] += 1
+        if tracks[t]["misses"] < (rules[0]["misses"] if tracks[t]["hits"] >= rules[0]["hits"] else 1):
+            kept[count] = tracks[t]
+            count += 1
+    for c in range(middles.shape[0]):
+        if not np.any(seen_by == c):
+            bear(kept[count], born, middles[c], noises[c], _radius(extents[c]))
+            count += 1
+            born += 1
+    return kept[:count], born, moving
 
 
 @compiled
-def square_in_sigmas(covariance: Array, offset: Array) -> float:
-    """offset' covariance^-1 offset, two dimensions."""
-    a, b, d = covariance[0, 0], covariance[0, 1], covariance[1, 1]
-    x, y = offset[0], offset[1]
-    square: float = (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
-    return square
-
-
-@compiled
-def squared_distances(means: Array, covariances: Array, middles: Array, noises: Array) -> Array:
-    """(tracks, clusters) squared distances in standard deviations; means (t, 4), covariances (t, 4, 4), middles (c, 2),
-    noises (c, 2, 2)."""
-    result = np.empty((means.shape[0], middles.shape[0]))
-    for t in range(means.shape[0]):
+def pairs(tracks: Tracks, middles: Array, noises: Array) -> Integers:
+    """(tracks,) the thing, of middles (c, 2) and noises (c, 2, 2), that each track goes on with; -1: none."""
+    squares = np.empty((tracks.size, middles.shape[0]))
+    for t in range(tracks.size):
         for c in range(middles.shape[0]):
-            spread = covariances[t, :2, :2] + noises[c]
-            result[t, c] = square_in_sigmas(spread, middles[c] - means[t, :2])
-    return result
+            spread = tracks[t]["covariance"][:2, :2] + noises[c]
+            squares[t, c] = square_in_sigmas(spread, middles[c] - tracks[t]["mean"][:2])
+    chosen = np.full(tracks.size, -1)
+    while True:
+        least, first, second = _GATE, -1, -1
+        for t in range(tracks.size):
+            for c in range(middles.shape[0]):
+                if squares[t, c] < least:
+                    least, first, second = squares[t, c], t, c
+        if first < 0:
+            return chosen
+        chosen[first] = second
+        squares[first, :] = squares[:, second] = math.inf
 
 
 @compiled
-def _predicted(mean: Array, covariance: Array, dt: float, acceleration: float) -> tuple[Array, Array]:
+def _judge(track: Any, rule: Any) -> None:
+    """Whether it is believed, and moves."""
+    mean = track["mean"]
+    fast = math.hypot(mean[2], mean[3]) > rule["slowest"]
+    fast = fast and square_in_sigmas(track["covariance"][2:, 2:], mean[2:]) > rule["certainty"] ** 2
+    track["steady"] = track["steady"] + 1 if fast else 0
+    track["slow"] = 0 if fast else track["slow"] + 1
+    goes_on = track["steady"] >= rule["steady"] or (track["moving"] and track["slow"] < rule["rest"])
+    track["moving"] = track["hits"] >= rule["hits"] and goes_on
+
+
+@compiled
+def bear(track: Any, number: int, middle: Array, noise: Array, radius: float) -> None:
+    """A new track: at rest as far as is known, within a walker's speeds."""
+    track["number"], track["radius"], track["moving"] = number, radius, False
+    track["hits"], track["misses"], track["steady"], track["slow"] = 1, 0, 0, 0
+    track["mean"][:2], track["mean"][2:] = middle, 0.0
+    track["covariance"][:] = 0.0
+    track["covariance"][:2, :2] = noise
+    track["covariance"][2, 2] = track["covariance"][3, 3] = 1.5**2
+
+
+@compiled
+def predict(tracks: Tracks, dt: float, acceleration: float) -> None:
+    """The tracks `dt` s later; `acceleration` (m/s2) is the white noise's standard deviation, held over the step."""
     step = np.eye(4)
     step[0, 2] = step[1, 3] = dt
-    result = _sandwich(step, covariance)
     place, speed = 0.5 * dt * dt * acceleration, dt * acceleration
-    for k in range(2):
-        result[k, k] += place * place
-        result[k + 2, k + 2] += speed * speed
-        result[k, k + 2] += place * speed
-        result[k + 2, k] += place * speed
-    moved = mean.copy()
-    moved[0] += dt * mean[2]
-    moved[1] += dt * mean[3]
-    return moved, result
+    for t in range(tracks.size):
+        mean, covariance = tracks[t]["mean"], tracks[t]["covariance"]
+        covariance[:] = _sandwich(step, covariance)
+        for k in range(2):
+            covariance[k, k] += place * place
+            covariance[k + 2, k + 2] += speed * speed
+            covariance[k, k + 2] += place * speed
+            covariance[k + 2, k] += place * speed
+            mean[k] += dt * mean[k + 2]
 
 
 @compiled
-def _corrected(mean: Array, covariance: Array, middle: Array, noise: Array) -> tuple[Array, Array]:
-    """Joseph's form, which stays symmetric and positive."""
+def correct(track: Any, middle: Array, noise: Array, radius: float) -> None:
+    """Take a measurement in. Joseph's form, which stays symmetric and positive."""
+    mean, covariance = track["mean"], track["covariance"]
     spread = covariance[:2, :2] + noise
     determinant = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
     gain = np.empty((4, 2))
@@ -249,7 +248,20 @@ def _corrected(mean: Array, covariance: Array, middle: Array, noise: Array) -> t
     left = np.eye(4)
     left[:, :2] -= gain
     north, east = middle[0] - mean[0], middle[1] - mean[1]
-    return mean + gain[:, 0] * north + gain[:, 1] * east, _sandwich(left, covariance) + _sandwich(gain, noise)
+    covariance[:] = _sandwich(left, covariance) + _sandwich(gain, noise)
+    mean[:] = mean + gain[:, 0] * north + gain[:, 1] * east
+    track["radius"] += 0.2 * (radius - track["radius"])
+    track["hits"] += 1
+    track["misses"] = 0
+
+
+@compiled
+def square_in_sigmas(covariance: Array, offset: Array) -> float:
+    """offset' covariance^-1 offset, two dimensions."""
+    a, b, d = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    x, y = offset[0], offset[1]
+    square: float = (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
+    return square
 
 
 @compiled
@@ -265,34 +277,26 @@ def _sandwich(left: Array, middle: Array) -> Array:
     return result
 
 
-def clusters(
-    points: Array, ranges: Array, usable: BoolArray, position_ned: Array, settings: TrackSettings, width: float
-) -> list[Cluster]:
-    """The small things of a ring: runs of neighbouring returns (n, 3) NED, with what is behind or nothing on both
-    sides. What another thing hides a part of has no known middle and is left out."""
-    spans, middles, noises, extents = _small_things(
-        points, ranges, usable, position_ned, settings.gap, settings.widest, width
-    )
-    found = []
-    for k, ((first, length), extent) in enumerate(zip(spans.tolist(), extents.tolist(), strict=True)):
-        members = (first + np.arange(length)) % ranges.size
-        found.append(Cluster(middles[k], noises[k], max(0.5 * extent, _LEAST_RADIUS), members))
-    return found
+@compiled
+def _radius(extent: float) -> float:
+    """m: of a thing that is so wide."""
+    return max(0.5 * extent, _LEAST_RADIUS)
 
 
 @compiled
-def _small_things(
-    points: Array, ranges: Array, usable: BoolArray, position: Array, gap: float, widest: float, width: float
+def small_things(
+    points: Array, ranges: Array, usable: BoolArray, position: Array, rule: Any, width: float
 ) -> tuple[Integers, Array, Array, Array]:
-    """Of each run of beams that is one: its first beam and length (n, 2), middle (n, 2), its covariance (n, 2, 2) and
-    its extent (n,)."""
-    spans = runs(points, usable, gap)
+    """The small things of a ring: runs of neighbouring returns (n, 3) NED, with what is behind or nothing on both
+    sides. What another thing hides a part of has no known middle and is left out. Of each its first beam and length
+    (k, 2), middle (k, 2), that one's covariance (k, 2, 2) and its extent (k,) m."""
+    spans = runs(points, usable, rule["gap"])
     middles, noises = np.empty((spans.shape[0], 2)), np.empty((spans.shape[0], 2, 2))
     extents = np.empty(spans.shape[0])
     count = 0
     for k in range(spans.shape[0]):
         middle, noise, extent, hidden = _measured(points, ranges, usable, position, spans[k, 0], spans[k, 1], width)
-        if not hidden and extent <= widest:
+        if not hidden and extent <= rule["widest"]:
             spans[count], middles[count], noises[count], extents[count] = spans[k], middle, noise, extent
             count += 1
     return spans[:count], middles[:count], noises[:count], extents[:count]

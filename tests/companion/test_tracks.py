@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from companion.avoidance.tracks import (
-    Cluster,
-    Track,
+    TRACK,
     Tracker,
+    Tracks,
     TrackSettings,
-    born,
+    bear,
     correct,
+    pairs,
     predict,
     runs,
-    squared_distances,
+    square_in_sigmas,
 )
 from companion.state import Scan
 from protocol.frames import Array, from_euler
@@ -53,43 +54,59 @@ class Scene:
         return scan
 
 
+def track_of(mean: Array, covariance: Array) -> Tracks:
+    tracks = np.zeros(1, TRACK)
+    tracks["mean"], tracks["covariance"], tracks["hits"] = mean, covariance, 1
+    return tracks
+
+
 def test_filter_against_the_information_form() -> None:
     """Prediction and correction against the same written as inverse covariances."""
     rng = np.random.default_rng(1)
     root = rng.normal(size=(4, 4))
-    track = Track(0, rng.normal(size=4), root @ root.T + np.eye(4), 0.3)
+    mean, covariance = rng.normal(size=4), root @ root.T + np.eye(4)
+    tracks = track_of(mean, covariance)
     noise_root = rng.normal(size=(2, 2))
-    cluster = Cluster(rng.normal(size=2), noise_root @ noise_root.T + np.eye(2), 0.3, np.arange(2))
-    mean, covariance = track.mean, track.covariance
-    predict(track, 0.2, 1.5)
+    middle, noise = rng.normal(size=2), noise_root @ noise_root.T + np.eye(2)
+    predict(tracks, 0.2, 1.5)
     step = np.eye(4)
     step[:2, 2:] = 0.2 * np.eye(2)
     shape = np.vstack([0.02 * np.eye(2), 0.2 * np.eye(2)])
-    assert np.allclose(track.mean, step @ mean)
-    assert np.allclose(track.covariance, step @ covariance @ step.T + 1.5**2 * shape @ shape.T)
-    mean, covariance = track.mean, track.covariance
-    distances = squared_distances(mean[None], covariance[None], cluster.middle[None], cluster.noise[None])
-    assert distances[0, 0] == pytest.approx(
-        (cluster.middle - mean[:2]) @ np.linalg.inv(covariance[:2, :2] + cluster.noise) @ (cluster.middle - mean[:2])
-    )
-    correct(track, cluster)
+    mean, covariance = step @ mean, step @ covariance @ step.T + 1.5**2 * shape @ shape.T
+    assert np.allclose(tracks["mean"], mean)
+    assert np.allclose(tracks["covariance"], covariance)
+    spread, offset = covariance[:2, :2] + noise, middle - mean[:2]
+    assert square_in_sigmas(spread, offset) == pytest.approx(offset @ np.linalg.inv(spread) @ offset)
+    correct(tracks[0], middle, noise, 0.3)
     seen = np.eye(2, 4)
-    information = np.linalg.inv(covariance) + seen.T @ np.linalg.inv(cluster.noise) @ seen
-    expected = np.linalg.solve(
-        information, np.linalg.solve(covariance, mean) + seen.T @ np.linalg.solve(cluster.noise, cluster.middle)
-    )
-    assert np.allclose(track.covariance, np.linalg.inv(information)) and np.allclose(track.mean, expected)
-    assert track.hits == 2
+    information = np.linalg.inv(covariance) + seen.T @ np.linalg.inv(noise) @ seen
+    expected = np.linalg.solve(information, np.linalg.solve(covariance, mean) + seen.T @ np.linalg.solve(noise, middle))
+    assert np.allclose(tracks["covariance"], np.linalg.inv(information)) and np.allclose(tracks["mean"], expected)
+    assert tracks["hits"] == 2
 
 
 def test_two_measurements_of_a_straight_flight_give_its_velocity() -> None:
     """With little noise the velocity is the difference of places over time: to the right is east."""
     noise = 1e-8 * np.eye(2)
-    track = born(0, Cluster(np.array([3.0, 1.0]), noise, 0.3, np.arange(1)))
-    predict(track, 0.5, 0.0)
-    correct(track, Cluster(np.array([3.2, 1.6]), noise, 0.3, np.arange(1)))
-    assert np.allclose(track.mean, [3.2, 1.6, 0.4, 1.2], atol=1e-5)
-    assert np.allclose(track.at(2.0), [4.0, 4.0], atol=1e-4)
+    tracks = np.zeros(1, TRACK)
+    bear(tracks[0], 7, np.array([3.0, 1.0]), noise, 0.3)
+    predict(tracks, 0.5, 0.0)
+    correct(tracks[0], np.array([3.2, 1.6]), noise, 0.3)
+    assert np.allclose(tracks["mean"], [3.2, 1.6, 0.4, 1.2], atol=1e-5)
+    assert tracks["number"] == 7
+
+
+def test_the_nearest_pair_is_taken_first() -> None:
+    """Each track goes on with one thing and each thing with one track; what is farther than the gate with none."""
+    tracks = np.concatenate([track_of(np.array([place, 0.0, 0.0, 0.0]), 0.01 * np.eye(4)) for place in (0.0, 0.3, 9.0)])
+    things = np.array([[0.2, 0.0], [0.5, 0.0], [20.0, 0.0]])
+    noises = np.broadcast_to(0.01 * np.eye(2), (3, 2, 2)).copy()
+    assert pairs(tracks, things, noises).tolist() == [-1, 0, -1]  # the first is farther from the second than the gate
+    assert pairs(tracks, things[:1], noises[:1]).tolist() == [-1, 0, -1]
+    assert pairs(tracks[:1], things, noises).tolist() == [0]
+    assert (
+        pairs(tracks[:0], things, noises).tolist() == [] and pairs(tracks, things[:0], noises[:0]).tolist() == [-1] * 3
+    )
 
 
 def test_the_filter_believes_what_is_true() -> None:
@@ -99,15 +116,16 @@ def test_the_filter_believes_what_is_true() -> None:
     values = []
     for _ in range(300):
         truth = np.array([5.0, 0.0, *rng.normal(0.0, 1.5, 2)])
-        track = born(0, Cluster(truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3, np.arange(1)))
+        tracks = np.zeros(1, TRACK)
+        bear(tracks[0], 0, truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3)
         for _ in range(20):
             push = rng.normal(0.0, 1.5, 2)
             truth[:2] += 0.1 * truth[2:] + 0.005 * push
             truth[2:] += 0.1 * push
-            predict(track, 0.1, 1.5)
-            correct(track, Cluster(truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3, np.arange(1)))
-        error = track.mean - truth
-        values.append(error @ np.linalg.solve(track.covariance, error))
+            predict(tracks, 0.1, 1.5)
+            correct(tracks[0], truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3)
+        error = tracks["mean"][0] - truth
+        values.append(error @ np.linalg.solve(tracks["covariance"][0], error))
     assert np.mean(values) == pytest.approx(4.0, abs=0.5)
 
 
@@ -117,16 +135,18 @@ def test_a_walker_is_found_with_his_velocity() -> None:
     for k in range(40):
         scene.see([(2.0 - 1.4 * k / 15.0, 5.0)], yaw=math.pi / 2)
     (track,) = scene.tracker.moving
-    assert track.mean[2] == pytest.approx(-1.4, abs=0.35) and abs(track.mean[3]) < 0.35
-    assert math.hypot(track.mean[0] - (2.0 - 1.4 * 39 / 15.0), track.mean[1] - 5.0) < 0.4
+    assert track["mean"][2] == pytest.approx(-1.4, abs=0.35) and abs(track["mean"][3]) < 0.35
+    assert math.hypot(track["mean"][0] - (2.0 - 1.4 * 39 / 15.0), track["mean"][1] - 5.0) < 0.4
     bearings = BEARINGS[scene.moving] + math.pi / 2
     assert scene.moving.sum() >= 1
     assert np.allclose(
-        np.hypot(*(5.0 * np.array([np.cos(bearings), np.sin(bearings)]) - track.mean[:2, None])), 0, atol=0.9
+        np.hypot(*(5.0 * np.array([np.cos(bearings), np.sin(bearings)]) - track["mean"][:2, None])), 0, atol=0.9
     )
     (point,) = scene.tracker.points(0.5, 0.6)
-    assert np.allclose(point[:2], track.at(0.5)) and np.allclose(point[2:4], track.mean[2:])
-    assert point[4] == pytest.approx(track.radius + 0.6)
+    assert np.allclose(point[:2], track["mean"][:2] + 0.5 * track["mean"][2:]) and np.allclose(
+        point[2:4], track["mean"][2:]
+    )
+    assert point[4] == pytest.approx(track["radius"] + 0.6)
 
 
 def test_trees_stand_still_and_leave_the_tracks_that_move_empty() -> None:
@@ -151,17 +171,17 @@ def test_two_who_pass_each_other_keep_their_tracks() -> None:
         t = k / 15.0
         scene.see([(6.0, -3.0 + 1.5 * t), (3.5, 3.0 - 1.5 * t)])
         if k == 15:
-            numbers = sorted(track.number for track in scene.tracker.moving)
+            numbers = sorted(track["number"] for track in scene.tracker.moving)
     assert len(numbers) == 2
-    last = {track.number: track.mean[3] for track in scene.tracker.moving}
+    last = {track["number"]: track["mean"][3] for track in scene.tracker.moving}
     assert any(number in last for number in numbers)
-    assert all((track.mean[0] > 4.75) == (track.mean[3] > 0.0) for track in scene.tracker.moving)
+    assert all((track["mean"][0] > 4.75) == (track["mean"][3] > 0.0) for track in scene.tracker.moving)
 
 
 def test_birth_and_death() -> None:
     scene = Scene()
     scene.see([(4.0, 0.0)])
-    assert len(scene.tracker.tracks) == 1 and not scene.tracker.moving
+    assert len(scene.tracker.tracks) == 1 and len(scene.tracker.moving) == 0
     for _ in range(5):
         scene.see([(4.0, 0.0)])
     assert len(scene.tracker.tracks) == 1
@@ -169,7 +189,7 @@ def test_birth_and_death() -> None:
         scene.see([])
         assert len(scene.tracker.tracks) == 1, left
     scene.see([])
-    assert not scene.tracker.tracks
+    assert len(scene.tracker.tracks) == 0
     assert scene.tracker.points(0.0, 0.6).shape == (0, 5)
 
 
@@ -177,7 +197,7 @@ def test_a_flicker_is_forgotten_at_once() -> None:
     scene = Scene()
     scene.see([(4.0, 0.0)])
     scene.see([])
-    assert not scene.tracker.tracks
+    assert len(scene.tracker.tracks) == 0
 
 
 def test_runs_go_around_the_ring() -> None:
@@ -201,4 +221,4 @@ def test_a_walker_who_turns_goes_on_being_followed() -> None:
     assert all(moved[40:])
     for _ in range(40):
         scene.see([(north, 5.0)], yaw=math.pi / 2)
-    assert not scene.tracker.moving
+    assert len(scene.tracker.moving) == 0
