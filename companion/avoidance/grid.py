@@ -66,6 +66,8 @@ _NEW_PLACE = 0.5
 """How much a return moves the place that its cell remembers."""
 
 Bytes = NDArray[np.uint8]
+Marks = NDArray[np.int16]
+Integers = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Cell = tuple[int, int]
 
@@ -377,6 +379,9 @@ def _add_beams(
     count = bearings.shape[0]
     sides, slopes = _directions(bearings, attitudes, 0.5 * width)
     arc = np.empty(count)
+    beams, spans = np.zeros((size, size), np.int16), np.empty((size, 2), np.int64)
+    spans[:, 0], spans[:, 1] = size, 0
+    origins, levels = np.empty((count, 2)), np.empty(count)
     for k in range(count):
         arc[k] = -1.0
         if not known[k]:
@@ -388,9 +393,12 @@ def _add_beams(
         if hit[k] and ranges[k] <= reach and origin[2] + ranges[k] * down < ground_down:
             arc[k] = ranges[k]
             free = ranges[k] - _STANDOFF_M
-        level = _within_layer(0.0, down, _LEVEL)
         if free > 0.0:
-            _free_wedge(log_odds, seen_s, cell, fading, now_s, origin[0], origin[1], sides[k], free, level)
+            level = _within_layer(0.0, down, _LEVEL) / cell
+            levels[k] = level**2 * (sides[k, 0] * sides[k, 0] + sides[k, 1] * sides[k, 1])
+            origins[k, 0], origins[k, 1] = origin[0] / cell, origin[1] / cell
+            _mark_wedge(beams, spans, corner_row, corner_column, k + 1, cell, origins[k], sides[k], free)
+    _lower(log_odds, seen_s, beams, spans, corner_row, corner_column, fading, now_s, origins, levels)
     spots = _spots(positions, sides, arc)
     _link(log_odds, seen_s, places, cell, fading, now_s, spots, arc)
     for k in range(count):
@@ -454,32 +462,30 @@ def _directions(bearings: Array, attitudes: Array, half: float) -> tuple[Array, 
 
 
 @compiled
-def _free_wedge(
-    log_odds: Floats,
-    seen_s: Floats,
+def _mark_wedge(
+    beams: Marks,
+    spans: Integers,
+    corner_row: int,
+    corner_column: int,
+    number: int,
     cell: float,
-    fading: float,
-    now_s: float,
-    north: float,
-    east: float,
+    origin: Array,
     sides: Array,
     reach: float,
-    level: float,
 ) -> None:
-    """Cells whose centre lies in the triangle from the sensor to both ends of the arc, row by row.
+    """Write a beam's number into the cells of the window whose centre lies in the triangle from the sensor to both ends
+    of the arc, row by row; `spans` (rows, 2) holds the columns that are written to.
 
     `sides` (4,) are north and east of the left and of the right edge's direction. Neighbouring wedges share an edge:
     each cell belongs to one of them.
     """
-    size = log_odds.shape[0]
-    y0, x0 = north / cell, east / cell
+    y0, x0 = origin[0], origin[1]
     y1, x1 = y0 + reach * sides[0] / cell, x0 + reach * sides[1] / cell
     y2, x2 = y0 + reach * sides[2] / cell, x0 + reach * sides[3] / cell
     # An edge along a row is crossed by none: its slope is not used.
     slope_01 = (x1 - x0) / (y1 - y0) if y1 != y0 else 0.0
     slope_12 = (x2 - x1) / (y2 - y1) if y2 != y1 else 0.0
     slope_02 = (x2 - x0) / (y2 - y0) if y2 != y0 else 0.0
-    level_square = (level / cell) ** 2 * (sides[0] * sides[0] + sides[1] * sides[1])
     for i in range(math.ceil(min(y0, y1, y2) - 0.5), math.ceil(max(y0, y1, y2) - 0.5)):
         y = i + 0.5
         low, high = math.inf, -math.inf
@@ -494,24 +500,85 @@ def _free_wedge(
             low, high = min(low, x), max(high, x)
         if low > high:
             continue
-        row = i % size
-        first, last = math.ceil(low - 0.5), math.ceil(high - 0.5)
-        column = first % size - 1
+        row, first, last = i - corner_row, math.ceil(low - 0.5) - corner_column, math.ceil(high - 0.5) - corner_column
         for j in range(first, last):
-            column = column + 1 if column + 1 < size else 0
-            before = log_odds[row, column]
-            if before > _STRONG:
-                dn, de = y - y0, j + 0.5 - x0
-                faded = _faded(before, now_s - seen_s[row, column], fading)
-                if faded > _STRONG and dn * dn + de * de > level_square:
-                    continue
-                before = faded
-            elif before > 0.0:
-                before = max(before - fading * (now_s - seen_s[row, column]), 0.0)
-            else:
-                before = min(before + fading * (now_s - seen_s[row, column]), 0.0)
-            log_odds[row, column] = max(before - FREE_STEP, FLOOR)
-            seen_s[row, column] = now_s
+            beams[row, j] = number
+        if last > first:
+            spans[row, 0], spans[row, 1] = min(spans[row, 0], first), max(spans[row, 1], last)
+
+
+@compiled
+def _lower(
+    log_odds: Floats,
+    seen_s: Floats,
+    beams: Marks,
+    spans: Integers,
+    corner_row: int,
+    corner_column: int,
+    fading: float,
+    now_s: float,
+    origins: Array,
+    levels: Array,
+) -> None:
+    """All marked cells of the window; each of its rows is up to two runs in the memory."""
+    size = beams.shape[0]
+    wrap = size - corner_column % size  # the window's column that is the memory's first one
+    for i in range(size):
+        row = (corner_row + i) % size
+        for first, last, shift in (
+            (spans[i, 0], min(spans[i, 1], wrap), size - wrap),
+            (max(spans[i, 0], wrap), spans[i, 1], -wrap),
+        ):
+            if first < last:
+                _lower_run(
+                    log_odds[row, first + shift : last + shift],
+                    seen_s[row, first + shift : last + shift],
+                    beams[i, first:last],
+                    fading,
+                    now_s,
+                    corner_row + i + 0.5,
+                    corner_column + first,
+                    origins,
+                    levels,
+                )
+
+
+@compiled
+def _lower_run(
+    log_odds: Floats,
+    seen_s: Floats,
+    beams: Marks,
+    fading: float,
+    now_s: float,
+    row: float,
+    column: int,
+    origins: Array,
+    levels: Array,
+) -> None:
+    """Neighbouring cells (n,) of a row, of which those with a beam's number were seen free.
+
+    All but the strong marks in one go, without a branch; these give way if they have faded or lie no farther from the
+    beam's origin (beams, 2) than its level (beams,), a square: in cells, whose middles lie at `row` and from half a
+    cell after `column` on.
+    """
+    strong = False
+    for j in range(beams.size):
+        value, age = float(log_odds[j]), now_s - seen_s[j]
+        faded = max(value - fading * age, 0.0) if value > 0.0 else min(value + fading * age, 0.0)
+        seen, weak = beams[j] > 0, value <= _STRONG
+        log_odds[j] = max(faded - FREE_STEP, FLOOR) if seen & weak else value
+        seen_s[j] = now_s if seen & weak else seen_s[j]
+        strong |= seen & (not weak)
+    if not strong:
+        return
+    for j in range(beams.size):
+        k = beams[j] - 1
+        if k < 0 or log_odds[j] <= _STRONG:
+            continue
+        faded = _faded(log_odds[j], now_s - seen_s[j], fading)
+        dn, de = row - origins[k, 0], column + j + 0.5 - origins[k, 1]
+        if faded <= _STRONG or dn * dn + de * de <= levels[k]:
+            log_odds[j], seen_s[j] = max(faded - FREE_STEP, FLOOR), now_s
 
 
 @compiled
