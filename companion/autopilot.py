@@ -127,6 +127,9 @@ class Reaction(NamedTuple):
     """What is to be answered outside of the loop."""
 
 
+_NOTHING = Reaction(b"", None, (), None)
+
+
 class Autopilot:
     """One flight of one mission."""
 
@@ -254,6 +257,8 @@ class Autopilot:
                 self._log_fault = event.text
             case PlannerFault():
                 self._say(Severity.CRITICAL, f"no map any more: {event.text}")
+        if not (self._outbox or self._announcements or self._trace or self._question):
+            return _NOTHING
         reaction = Reaction(b"".join(self._outbox), self._trace, tuple(self._announcements), self._question)
         self._outbox.clear()
         self._announcements.clear()
@@ -833,7 +838,7 @@ class Autopilot:
         assert step.target_ned is not None
         if step.passes:
             return False
-        away = math.hypot(*(step.target_ned - state.position_ned)[:2].tolist())
+        away = math.dist(step.target_ned.tolist()[:2], state.position_ned.tolist()[:2])
         if not self._course.active:
             return away < _NOT_NEAR
         return away < _SLOW_AND_NEAR and math.hypot(*state.velocity_ned[:2].tolist()) < _SLOW_AND_NEAR

@@ -438,8 +438,9 @@ _ROWS_OF = {state: tuple(row for row in TABLE if state in row.states) for state 
 def unsound(setpoint: Setpoint) -> str | None:
     """Why a setpoint must not leave: what PX4 would turn into zero thrust, or ArduPilot into a stop. None if it may."""
     w, x, y, z = setpoint.attitude_ned_frd
+    p, q, r = setpoint.rates_frd
     roll, pitch, yaw = setpoint.torque
-    if not all(map(math.isfinite, (w, x, y, z, *setpoint.rates_frd, roll, pitch, yaw, setpoint.thrust))):
+    if not math.isfinite(w + x + y + z + p + q + r + roll + pitch + yaw + setpoint.thrust):
         return "not finite"
     if abs(w * w + x * x + y * y + z * z - 1.0) > 1e-3:
         return "quaternion not of length 1"
