@@ -1,5 +1,6 @@
 """The cache of compiled code: used, never stale, and done without where it can't be written."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -79,6 +80,38 @@ def test_the_cache_is_used_and_never_stale(checkout: Path, run: Run) -> None:
     edit(package / "numbers.py", "10.0", "5.0")  # numba looks at caller.py alone, which is as it was
     assert run() == (-8.0, False)
     assert len(list(cache.iterdir())) == 3
+
+
+FORMS = (
+    b"from companion import (  # of (two)\n    trace,\n    wire as other,\n)\n",
+    b"from companion import trace, \\\n    wire\n",
+    b"import companion.trace as t, companion.wire\n",
+    b"if True: import companion.trace; import companion.wire\n",
+    b"def late():\n    from companion import trace; from companion import wire\n",
+)
+
+
+def parsed(source: bytes) -> set[Path]:
+    """The modules that Python's own parser finds."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            path = compiled.ROOT / name.replace(".", "/")
+            found |= {path.with_suffix(".py"), path / "__init__.py"}
+    packages = [compiled.ROOT / name for name in ("protocol", "companion", "vehicle_sim")]
+    return {path for path in found if path.is_file() and any(path.is_relative_to(each) for each in packages)}
+
+
+def test_no_import_is_missed() -> None:
+    sources = [path.read_bytes() for path in compiled.ROOT.glob("*/**/*.py") if ".venv" not in path.parts]
+    assert len(sources) > 100
+    for source in (*sources, *FORMS):
+        assert parsed(source) <= set(compiled.imported(source)), source[:200]
+    for source in FORMS:
+        assert {path.stem for path in parsed(source)} >= {"trace", "wire"}
 
 
 # A file where the folder should be refuses even root, whom a read-only mode would not stop.
