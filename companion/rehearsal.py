@@ -18,7 +18,8 @@ from protocol.messages import Encoder, dialect
 _TICK_NS = 4_000_000
 _LONGEST_TICKS = 50_000
 _ON_THE_WAY_TICKS = 250
-"""So long it is still short of each waypoint, with obstacles before it; then it is there."""
+"""So long it is still short of the first waypoint, with obstacles before it; then it is there."""
+_ON_OTHER_WAYS_TICKS = 50
 _RINGS, _RINGS_WITH_A_THING = 16, 14
 """Of so many rings so many show something; it turns with the vehicle, long enough to be seen to move."""
 _REHEARSED_LAPS = 0.1
@@ -47,7 +48,7 @@ def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> No
     planning = Planning(Here(settings.avoidance), settings.avoidance.answer_delay)
     thinning = Thinning(settings.log.trace_rate)
     encoder = Encoder(1, 1)
-    step, step_began = -1, 0
+    step, step_began, on_the_way = -1, 0, 0
     rings = ([300] * 4 + [1501] * 68, [1501] * 72)
 
     def send(message: type, *fields: object) -> bytes:
@@ -62,9 +63,10 @@ def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> No
         if state is State.FLY and autopilot.steps:
             if autopilot.step_index != step:
                 step, step_began = autopilot.step_index, tick
+                on_the_way = _ON_THE_WAY_TICKS if step == 1 else _ON_OTHER_WAYS_TICKS
             target = autopilot.steps[step].target_ned
             place = target.tolist() if target is not None else place
-            if tick - step_began < _ON_THE_WAY_TICKS:
+            if tick - step_began < on_the_way:
                 place[0] -= 12.0
         north, east, down = place
         yaw = 0.5 * math.sin(tick * 0.01)

@@ -32,7 +32,7 @@ from tests.flights import table_3
 from tests.flights.processes import Process, free_port, pair, run
 
 EVERY_STEP = "log.trace_rate=250"
-KILLS = 8
+KILLS = 12
 """bench/log.py kills fifty."""
 KILL_PACE = 2.0
 UNHURRIED = "2"
