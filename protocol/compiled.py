@@ -27,8 +27,8 @@ _PACKAGES = ("protocol", "companion", "vehicle_sim")
 _SIGNS = (b"protocol.compiled", b"import compiled", b"protocol.kept")
 _IMPORT = re.compile(
     rb"""(?:^|[;:])[ \t]*
-    (?:from[ \t]+([\w.]+)[ \t]+import[ \t]*(\((?:[^)\#]|\#[^\n]*)*\)|(?:[^\n\\\#;]|\\\n)*)
-    |import[ \t]+((?:[^\n\\\#;]|\\\n)*))""",
+    (?:from[ \t]+([\w.]+)[ \t]+import[ \t]*(\((?:[^)\#]|\#[^\n]*+)*+\)|(?:[^\n\\\#;]|\\\n)*+)
+    |import[ \t]+((?:[^\n\\\#;]|\\\n)*+))""",
     re.MULTILINE | re.VERBOSE,
 )
 """Module and names, or modules. Parsing the sources properly would take every process a quarter of a second."""
