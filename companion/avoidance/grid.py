@@ -692,8 +692,7 @@ def _classify(
         row = (corner_row + i) % size
         _classify_run(log_odds[row, size - wrap :], seen_s[row, size - wrap :], now, rate, states[i, :wrap])
         _classify_run(log_odds[row, : size - wrap], seen_s[row, : size - wrap], now, rate, states[i, wrap:])
-        for j in range(size):
-            counts[i] += states[i, j] == OCCUPIED
+        counts[i] = _occupied(states[i])
     hits = np.empty((counts.sum(), 2))
     certain[:] = False
     count = 0
@@ -708,6 +707,15 @@ def _classify(
                 hits[count, 0], hits[count, 1] = places[row, column, 0], places[row, column, 1]
                 count += 1
     return hits
+
+
+@compiled
+def _occupied(states: Bytes) -> int:
+    """How many; in 32 bits, which is half the time of 64."""
+    count = np.int32(0)
+    for j in range(states.size):
+        count = np.int32(count + np.int32(states[j] == np.uint8(OCCUPIED)))
+    return int(count)
 
 
 @compiled
