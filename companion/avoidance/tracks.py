@@ -145,7 +145,8 @@ def _follow(
     ground_down: float,
     width: float,
 ) -> tuple[Tracks, int, BoolArray]:
-    """The tracks after a scan, how many were ever born, and which beams (n,) see something that moves."""
+    """The tracks after a scan, how many were ever born, and which beams (n,) see something that moves. The tracks of
+    before are used up."""
     points = place(bearings, ranges, position, attitude)
     usable = hit & (points[:, 2] < ground_down)
     spans, middles, noises, extents = small_things(points, ranges, usable, position, rules[0], width)
@@ -209,7 +210,7 @@ def _judge(track: Any, rule: Any) -> None:
 
 @compiled
 def bear(track: Any, number: int, middle: Array, noise: Array, radius: float) -> None:
-    """A new track: at rest as far as is known, within a walker's speeds."""
+    """Fill in a new track: at rest as far as is known, within a walker's speeds."""
     track["number"], track["radius"], track["moving"] = number, radius, False
     track["hits"], track["misses"], track["steady"], track["slow"] = 1, 0, 0, 0
     track["mean"][:2], track["mean"][2:] = middle, 0.0
@@ -220,7 +221,8 @@ def bear(track: Any, number: int, middle: Array, noise: Array, radius: float) ->
 
 @compiled
 def predict(tracks: Tracks, dt: float, acceleration: float) -> None:
-    """The tracks `dt` s later; `acceleration` (m/s2) is the white noise's standard deviation, held over the step."""
+    """Move the tracks on by `dt` s; `acceleration` (m/s2) is the white noise's standard deviation, held over the
+    step."""
     step = np.eye(4)
     step[0, 2] = step[1, 3] = dt
     place, speed = 0.5 * dt * dt * acceleration, dt * acceleration
@@ -237,7 +239,7 @@ def predict(tracks: Tracks, dt: float, acceleration: float) -> None:
 
 @compiled
 def correct(track: Any, middle: Array, noise: Array, radius: float) -> None:
-    """Take a measurement in. Joseph's form, which stays symmetric and positive."""
+    """Take a measurement into the track. Joseph's form, which stays symmetric and positive."""
     mean, covariance = track["mean"], track["covariance"]
     spread = covariance[:2, :2] + noise
     determinant = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]

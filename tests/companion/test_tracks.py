@@ -104,9 +104,10 @@ def test_the_nearest_pair_is_taken_first() -> None:
     assert pairs(tracks, things, noises).tolist() == [-1, 0, -1]  # the first is farther from the second than the gate
     assert pairs(tracks, things[:1], noises[:1]).tolist() == [-1, 0, -1]
     assert pairs(tracks[:1], things, noises).tolist() == [0]
-    assert (
-        pairs(tracks[:0], things, noises).tolist() == [] and pairs(tracks, things[:0], noises[:0]).tolist() == [-1] * 3
-    )
+    # Within the gate by the track's and the thing's own uncertainty together, by neither alone.
+    assert pairs(tracks[:1], np.array([[0.0, 0.45]]), noises[:1]).tolist() == [0]
+    assert pairs(tracks[:0], things, noises).tolist() == []
+    assert pairs(tracks, things[:0], noises[:0]).tolist() == [-1] * 3
 
 
 def test_the_filter_believes_what_is_true() -> None:
@@ -143,9 +144,8 @@ def test_a_walker_is_found_with_his_velocity() -> None:
         np.hypot(*(5.0 * np.array([np.cos(bearings), np.sin(bearings)]) - track["mean"][:2, None])), 0, atol=0.9
     )
     (point,) = scene.tracker.points(0.5, 0.6)
-    assert np.allclose(point[:2], track["mean"][:2] + 0.5 * track["mean"][2:]) and np.allclose(
-        point[2:4], track["mean"][2:]
-    )
+    assert np.allclose(point[:2], track["mean"][:2] + 0.5 * track["mean"][2:])
+    assert np.allclose(point[2:4], track["mean"][2:])
     assert point[4] == pytest.approx(track["radius"] + 0.6)
 
 

@@ -106,7 +106,8 @@ def parsed(source: bytes) -> set[Path]:
 
 
 def test_no_import_is_missed() -> None:
-    sources = [path.read_bytes() for path in compiled.ROOT.glob("*/**/*.py") if ".venv" not in path.parts]
+    packages = ("protocol", "companion", "vehicle_sim")
+    sources = [path.read_bytes() for package in packages for path in (compiled.ROOT / package).rglob("*.py")]
     assert len(sources) > 100
     for source in (*sources, *FORMS):
         assert parsed(source) <= set(compiled.imported(source)), source[:200]
