@@ -563,6 +563,8 @@ class _Chunk(NamedTuple):
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")  # start time, end time, size, CRC, length of the compression's name
 _MESSAGE = struct.Struct("<BQHIQ")
+_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of pairs of a time and an offset
+_new = tuple.__new__  # of a Record: half the time of the class's own constructor
 _CHUNK_MARK = b"\x04\x00\x00\x00zstd"
 _MARK_OFFSET = _RECORD.size + _CHUNK.size - 4
 _PIECE = 1 << 22
@@ -590,6 +592,7 @@ class LogReader:
         self._foreign: set[int] = set()  # channels whose schema is not ours
         self._summarised = False
         self._data_ended = False
+        self._verified = False  # by the checksum over all of the data
         self._passed = 0
         self._data = self._open()
         self._scan()
@@ -667,7 +670,8 @@ class LogReader:
                 self._take(opcode, data[start:stop])
             elif opcode == Opcode.DATA_END:
                 (crc,) = _LENGTH.unpack_from(data, start)
-                if crc and crc != self._crc(0, position):
+                self._verified = bool(crc) and crc == self._crc(0, position)
+                if crc and not self._verified:
                     self._report("bytes in it are damaged")
                 self._data_ended = True
             elif opcode == Opcode.FOOTER:
@@ -795,6 +799,10 @@ class LogReader:
         """The messages of `topics` (None: of all) in the order in which they were written."""
         wanted: dict[int, str | None] = {}
         for chunk in self._chunks:
+            indexed = None if topics is None else self._indexed(chunk, topics, wanted)
+            if indexed is not None:
+                yield from indexed
+                continue
             content = self._content(chunk)
             if content is not None:
                 try:
@@ -806,8 +814,7 @@ class LogReader:
         """The records of one chunk; `wanted` remembers each channel's topic, None for those to leave out."""
         found: list[Record] = []
         epoch_ns = self.epoch_ns
-        unpack = _MESSAGE.unpack_from
-        new = tuple.__new__  # half the time of the class's own constructor
+        unpack, new = _MESSAGE.unpack_from, _new
         position = 0
         while position < len(content):
             opcode, length, channel, sequence, log_time = unpack(content, position)
@@ -822,6 +829,51 @@ class LogReader:
             elif opcode in _READERS:
                 self._take(opcode, content[position + 9 : stop])
             position = stop
+        return found
+
+    def _indexed(self, chunk: _Chunk, topics: Collection[str], wanted: dict[int, str | None]) -> list[Record] | None:
+        """As `_walk`, by the indexes behind the chunk, so that nobody looks at other topics' records; None if there are
+        none, or they are not to be trusted."""
+        if not (self._verified and self._summarised):
+            return None
+        try:
+            places = self._places(chunk, topics, wanted)
+            if not places:
+                return None if places is None else []
+            content = self._content(chunk)
+            return None if content is None else self._pick(content, wanted, places)
+        except (IndexError, KeyError, struct.error):
+            return None
+
+    def _places(self, chunk: _Chunk, topics: Collection[str], wanted: dict[int, str | None]) -> list[int] | None:
+        """Where in the chunk's content the wanted messages begin. Raises KeyError for a channel that is only described
+        in there."""
+        data, places, position = self._data, list[int](), chunk.stop
+        while data[position] == Opcode.MESSAGE_INDEX:
+            _, length, channel, pairs = _INDEX.unpack_from(data, position)
+            if channel not in wanted:
+                if channel not in self._channels and channel not in self._foreign:
+                    raise KeyError(channel)
+                wanted[channel] = self._topic(channel, topics)
+            if wanted[channel] is not None:
+                places += struct.unpack_from(f"<{pairs // 8}Q", data, position + _INDEX.size)[1::2]
+            position += 9 + length
+        if position == chunk.stop:
+            return None
+        places.sort()
+        return places
+
+    def _pick(self, content: bytes, wanted: dict[int, str | None], places: list[int]) -> list[Record]:
+        """The messages at these places. Raises KeyError or struct.error where there is something else."""
+        found: list[Record] = []
+        epoch_ns, unpack, new = self.epoch_ns, _MESSAGE.unpack_from, _new
+        for position in places:
+            opcode, length, channel, sequence, log_time = unpack(content, position)
+            topic = wanted[channel]
+            if opcode != 5 or topic is None:
+                raise KeyError(channel)
+            data = content[position + 31 : position + 9 + length]
+            found.append(new(Record, (topic, log_time - epoch_ns, sequence, data)))
         return found
 
     def _topic(self, channel: int, topics: Collection[str] | None) -> str | None:

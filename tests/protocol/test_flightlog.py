@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,11 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message, MessageIndex
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
+from mcap.writer import IndexType, Writer
 from mcap_ros1.decoder import DecoderFactory
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -357,6 +360,60 @@ def test_message_indexes_lead_to_their_messages(start: Opener) -> None:
                 assert (opcode, number, time_there) == (5, channel, log_time)
             total += len(entries)
     assert total == 2000
+
+
+def test_topics_are_found_by_the_index(start: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the order of the file, without a look at other records; by such looks where the index lies though all
+    checksums are right, where there is none, and where the chunks alone describe the channels."""
+    log = start()
+    for number in range(3000):
+        log.record(COUNT, number, COUNT.pack(number, bytes(number % 5)))
+        if number % 7 == 0:
+            log.record(TRACE, number, TRACE.pack(1.0, 2.0, 3.0, 4, True, 0.5))
+        if number % 100 == 0:
+            log.text(number, 20, "name", "message")
+    log.close()
+    everything = list(read(log.path))
+
+    def agrees(path: Path) -> bool:
+        reader = LogReader(path)
+        selections = [(COUNT.topic,), ("/log", TRACE.topic), (TRACE.topic, "/nothing"), ("/nothing",), ()]
+        found = [list(reader.records(topics)) for topics in selections]
+        wanted = [[record for record in everything if record.topic in topics] for topics in selections]
+        return reader.problem is None and found == wanted
+
+    with monkeypatch.context() as patch:
+        patch.delattr(LogReader, "_walk")
+        assert agrees(log.path)
+
+    with log.path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    lying = bytearray(log.path.read_bytes())
+    first, second, *_ = (place + 9 + 6 + 8 for place in summary.chunk_indexes[0].message_index_offsets.values())
+    lying[first : first + 8] = lying[second : second + 8]  # the first of them is said to be the second's
+    end = lying.rindex(struct.pack("<BQ", Opcode.DATA_END, 4))
+    lying[end + 9 : end + 13] = struct.pack("<I", zlib.crc32(lying[:end]))
+    liar = log.path.with_name("liar.mcap")
+    liar.write_bytes(lying)
+    assert agrees(liar)
+
+    for name, index_types, repeats in (("none", IndexType.NONE, True), ("all", IndexType.ALL, False)):
+        other = log.path.with_name(f"{name}.mcap")
+        writer = Writer(
+            str(other), index_types=index_types, repeat_channels=repeats, repeat_schemas=repeats, enable_data_crcs=True
+        )
+        writer.start()
+        writer.add_metadata("flightlog", {"epoch_ns": str(EPOCH_NS)})
+        channels = {}
+        for topic, kind in LogReader(log.path).topics.items():
+            schema = writer.register_schema(kind.schema_name, "ros1msg", kind.definition.encode())
+            channels[topic] = writer.register_channel(topic, "ros1", schema)
+        for record in everything:
+            log_time = EPOCH_NS + record.time_ns
+            writer.add_message(channels[record.topic], log_time, record.data, log_time, record.sequence)
+        writer.finish()  # type: ignore[no-untyped-call]
+        assert agrees(other)
 
 
 def test_units_and_enums_are_in_the_schema() -> None:
