@@ -249,17 +249,14 @@ def _pop(keys: Array, nodes: Nodes, size: int) -> int:
     """Take the first out of the heap; its new size."""
     size -= 1
     key, node = keys[size], nodes[size]
-    at = 0
-    while True:
-        below = 2 * at + 1
-        if below >= size:
-            break
-        if below + 1 < size and keys[below + 1] < keys[below]:
-            below += 1
+    keys[size] = math.inf  # is chosen from no pair, so that the choice needs no branch that the processor can't foresee
+    at, below = 0, 1
+    while below < size:
+        below += int(keys[below + 1] < keys[below])
         if keys[below] >= key:
             break
         keys[at], nodes[at] = keys[below], nodes[below]
-        at = below
+        at, below = below, 2 * below + 1
     keys[at], nodes[at] = key, node
     return size
 
