@@ -814,8 +814,8 @@ def _distances(marked: BoolArray, reach: int, lengths: Floats, result: Floats) -
         here = squares[reach : reach + size]
         for j in range(size):
             here[j] = np.int16(row[j] * row[j])
+            nearest[j] = here[j]
         squares[reach + size : 2 * reach + size] = far
-        nearest[:] = here
         for shift in range(1, reach):
             square = np.int16(shift * shift)
             left, right = squares[reach - shift : reach - shift + size], squares[reach + shift :]
