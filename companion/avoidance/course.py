@@ -161,7 +161,7 @@ class Course:
         s = self._settings
         self._dt = dt = min(max((now_ns - self._time_ns) * 1e-9, 0.0), _LONGEST_S)
         self._time_ns = now_ns
-        self._motion = advanced(self._motion, wanted, here, dt, s.follow, s.acceleration, s.jerk, s.leash)
+        _advance(self._motion, wanted, here, dt, s.follow, s.acceleration, s.jerk, s.leash)
 
     def give_in(self, here: Array, velocity: Array, acceleration: Array) -> None:
         """Towards the vehicle's own motion, (2,) or more each, for as long as the last step took."""
@@ -194,13 +194,12 @@ def _shortened(vector: Array, most: float) -> Array:
 
 
 @compiled
-def advanced(
+def _advance(
     motion: Array, wanted: Array, here: Array, dt: float, follow: float, most: float, jerk: float, leash: float
-) -> Array:
-    """The motion (3, 2) `dt` later, at most `most` (m/s2) and `jerk` (m/s3), within `leash` (m) of the vehicle."""
+) -> None:
+    """Make the motion (3, 2) that of `dt` later, at most `most` (m/s2) and `jerk` (m/s3), within `leash` (m) of the
+    vehicle."""
     asked = _shortened(follow * (wanted - motion[1]), most)
-    result = np.empty((3, 2))
-    result[2] = motion[2] + _shortened(asked - motion[2], jerk * dt)
-    result[0] = here + _shortened(motion[0] + dt * motion[1] + 0.5 * dt * dt * result[2] - here, leash)
-    result[1] = motion[1] + dt * result[2]
-    return result
+    motion[2] += _shortened(asked - motion[2], jerk * dt)
+    motion[0] = here + _shortened(motion[0] + dt * motion[1] + 0.5 * dt * dt * motion[2] - here, leash)
+    motion[1] += dt * motion[2]

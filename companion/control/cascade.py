@@ -150,7 +150,8 @@ class Cascade:
         The state was measured at `measured_ns`; `mass` in kg; what a flight teaches is learnt while `airborne`.
         """
         self._reference = reference.rows.ravel()
-        return wish(
+        acceleration = np.empty(3)
+        wish(
             state.position_ned,
             state.velocity_ned,
             state.attitude_ned_frd,
@@ -163,7 +164,9 @@ class Cascade:
             airborne,
             self._parameters,
             self._memory,
+            acceleration,
         )
+        return acceleration
 
     def obey(
         self,
@@ -179,8 +182,11 @@ class Cascade:
 
         `changed`: it is not that of `wish`, so that the integrals wait.
         """
-        flat = ahead.rows.ravel()
-        return obey(acceleration_ned, now_ns, self._reference, flat, mass, changed, self._parameters, self._memory)
+        flat, out = ahead.rows.ravel(), np.empty(SIZE)
+        limited = obey(
+            acceleration_ned, now_ns, self._reference, flat, mass, changed, self._parameters, self._memory, out
+        )
+        return out, limited
 
 
 def _parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.void]:
@@ -288,8 +294,10 @@ def wish(
     airborne: bool,
     parameters: NDArray[np.void],
     memory: NDArray[np.void],
-) -> Array:
-    """Estimation, prediction and the position law: the acceleration (3,) in m/s2, NED, that it asks for.
+    out: Array,
+) -> None:
+    """Estimation, prediction and the position law: fills `out` with the acceleration (3,) in m/s2, NED, that it asks
+    for (what compiled code returns as an array costs more than all that it is passed).
 
     `mass` in kg; the reference (18,) is position to snap, yaw, its rate and acceleration, for `until_ns`.
     """
@@ -348,7 +356,7 @@ def wish(
         )
     elif p.law == _PID:
         acceleration = pid.acceleration_command(e1, error_rate, m.integral, p.gain_1, p.gain_3, p.gain_2)
-    return acceleration
+    out[:] = acceleration
 
 
 @compiled
@@ -361,8 +369,10 @@ def obey(
     changed: bool,
     parameters: NDArray[np.void],
     memory: NDArray[np.void],
-) -> tuple[Array, bool]:
-    """Thrust, attitude, and rates or torque for an acceleration (3,): FIELDS (SIZE,) and whether a limit bit.
+    out: Array,
+) -> bool:
+    """Thrust, attitude, and rates or torque for an acceleration (3,): fills `out` with FIELDS (SIZE,) and says whether
+    a limit bit.
 
     The state is that of the last `wish`; `ahead` is the reference a rotor's lag later.
     """
@@ -420,7 +430,6 @@ def obey(
     m.count = prediction.remember(m.sent, m.count, now_ns, collective, sent_input)
 
     v, v_rate = backstepping.lyapunov(m.e1, m.e2, p.c1, p.c2)
-    out = np.empty(SIZE)
     out[0:3] = m.e1
     out[3:6] = m.e2
     out[6:9] = v
@@ -434,4 +443,4 @@ def obey(
     out[29:32] = m.disturbance
     out[32] = m.scale
     out[33] = m.drag_scale
-    return out, limited
+    return limited

@@ -35,27 +35,27 @@ class _Motion:
         self._generator = Ruckig(axes)
         self._start_ns = 0
         self._profile: Profile | None = None
-        self._end: _Moment | None = None
+        self.end: _Moment | None = None
         """What `at` gives at rest: without a profile, or from its end on once that was asked for."""
         self.rest([0.0] * axes)
 
     def rest(self, place: list[float]) -> None:
         self._profile = None
         zero = [0.0] * self._axes
-        self._end = place, zero, zero
+        self.end = place, zero, zero
 
     def at(self, time_ns: int) -> _Moment:
         """Position, velocity, acceleration; the same object as long as it rests."""
         if self._profile is not None:
             time_s = (time_ns - self._start_ns) * 1e-9
-            if time_s < self._profile.duration or self._end is None:
+            if time_s < self._profile.duration or self.end is None:
                 position, velocity, acceleration = self._profile.at_time(time_s)
                 moment = position, velocity, acceleration
                 if time_s < self._profile.duration:
                     return moment
-                self._end = moment
-        assert self._end is not None
-        return self._end
+                self.end = moment
+        assert self.end is not None
+        return self.end
 
     def jerk(self, time_ns: int, acceleration: list[float]) -> list[float]:
         """It is constant between the profile's corners; from the acceleration then, which `at` gives."""
@@ -78,7 +78,7 @@ class _Motion:
             return False
         self._profile = profile
         self._start_ns = time_ns
-        self._end = None
+        self.end = None
         return True
 
 
@@ -105,8 +105,8 @@ class ReferenceGenerator:
         self._yaw_goal: float | None = 0.0
         self._track: Track | None = None
         self._track_ns = 0
-        self._last: tuple[_Moment | None, _Moment | None, Array] = None, None, np.zeros((6, 3))
-        """Translation, heading and the reference's rows at the last look."""
+        self._rest: tuple[_Moment | None, _Moment | None, Array] = None, None, np.zeros((6, 3))
+        """Translation, heading and the reference's rows where both rested last."""
 
     def place(self, position_ned: Array, yaw: float | None = None) -> None:
         """Stand there from now on: a step of the reference. The heading stays unless it is given."""
@@ -221,14 +221,15 @@ class ReferenceGenerator:
                 rows[5] = self._heading_at(time_ns)
             return Reference(rows)
         motion, turning = self._translation.at(time_ns), self._heading.at(time_ns)
-        last_motion, last_turning, last_rows = self._last
-        if motion is last_motion and turning is last_turning:  # both at rest
-            return Reference(last_rows.copy())
+        resting, still, rows = self._rest
+        if motion is resting and turning is still:
+            return Reference(rows.copy())
         (position, velocity, acceleration), ((yaw,), (rate,), (yawing,)) = motion, turning
         jerk = self._translation.jerk(time_ns, acceleration)
         rows = np.array((*position, *velocity, *acceleration, *jerk, 0.0, 0.0, 0.0, yaw, rate, yawing)).reshape(6, 3)
-        self._last = motion, turning, rows
-        return Reference(rows.copy())
+        if motion is self._translation.end and turning is self._heading.end:
+            self._rest = motion, turning, rows.copy()
+        return Reference(rows)
 
     def _heading_at(self, time_ns: int) -> tuple[float, float, float]:
         yaw, rate, acceleration = self._heading.at(time_ns)
