@@ -223,9 +223,10 @@ class Guard:
         s = self._settings
         space = self._space
         if space is None or now_ns - space.seen_ns > s.stale_s * 1e9:
-            found, number = straight_stop(velocity_ned, s.braking), int(Reason.STALE)
+            north, east = straight_stop(velocity_ned[0], velocity_ned[1], s.braking)
+            number = int(Reason.STALE)
         else:
-            found, number = guarded(
+            north, east, number = guarded(
                 space.points,
                 (now_ns - space.seen_ns) * 1e-9,
                 space.to_occupied,
@@ -247,7 +248,6 @@ class Guard:
         reason = _REASONS[number]
         if reason is Reason.NONE:
             return Verdict(acceleration_ned, 0.0, reason)
-        north, east = found.tolist()
         command = acceleration_ned.tolist()
         changed = math.hypot(north - command[0], east - command[1])
         return Verdict(np.array([north, east, command[2]]), changed, reason)
@@ -279,43 +279,51 @@ def nearest_points(
     All places count from the window's corner (m); `occupied` and `unseen` are the keep-outs.
     """
     rows, columns = states.shape
-    nearest = np.full((2, _BINS), reach * reach)
     points = np.zeros((2 * _BINS, POINT))
-    for k in range(hits.shape[0]):
-        _nearer(points, nearest[0], 0, hits[k, 0] - north, hits[k, 1] - east, north, east, occupied)
+    _take_nearest(points[:_BINS], hits[:, 0] - north, hits[:, 1] - east, north, east, reach, occupied)
     first_row, last_row = max(math.floor((north - reach) / cell), 0), min(math.ceil((north + reach) / cell), rows)
     first, last = max(math.floor((east - reach) / cell), 0), min(math.ceil((east + reach) / cell), columns)
+    size = max(last_row - first_row, 0) * max(last - first, 0)
+    dn, de = np.empty(size), np.empty(size)
+    count = 0
     for i in range(first_row, last_row):
         if not has(states[i, first:last], UNKNOWN):
             continue
-        for j in range(first, last):
-            if states[i, j] == UNKNOWN:
-                dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
-                _nearer(points, nearest[1], _BINS, dn, de, north, east, unseen)
+        for j in range(first, last):  # each is written, and stays if it counts: no branch
+            dn[count], de[count] = (i + 0.5) * cell - north, (j + 0.5) * cell - east
+            count += int(states[i, j] == UNKNOWN)
+    _take_nearest(points[_BINS:], dn[:count], de[:count], north, east, reach, unseen)
     return points[points[:, 4] > 0.0]
 
 
 @compiled
-def _quadrants(north: float, east: float) -> float:
-    """0 to 4 with the angle, from south over west: exact at each quarter, and cheaper than an arcus in between."""
+def _sector(north: float, east: float) -> int:
+    """0 to _BINS - 1 with the angle, from south over west: exact at each quarter, and cheaper than an arcus in
+    between."""
     size = abs(north) + abs(east)
     share = east / size if size > 0.0 else 0.0
-    if north >= 0.0:
-        return 2.0 + share
-    return -share if east < 0.0 else 4.0 - share
+    quarters = 2.0 + share if north >= 0.0 else (-share if east < 0.0 else 4.0 - share)
+    sector = int(quarters * _BINS / 4.0)
+    return sector if sector < _BINS else 0
 
 
 @compiled
-def _nearer(
-    points: Array, nearest: Array, start: int, dn: float, de: float, north: float, east: float, keep_out: float
+def _take_nearest(
+    points: Array, dn: Array, de: Array, north: float, east: float, reach: float, keep_out: float
 ) -> None:
-    """Take a point in if it is the nearest of its sector so far; `nearest` (_BINS,) are squares."""
-    square = dn * dn + de * de
-    part = int(_quadrants(dn, de) * _BINS / 4.0) % _BINS
-    if square < nearest[part]:
-        nearest[part] = square
-        points[start + part, 0], points[start + part, 1] = north + dn, east + de
-        points[start + part, 4] = keep_out
+    """Write the nearest within `reach` of each sector to `points` (_BINS, POINT); `dn`, `de` (n,) are how far they are
+    away from `north` and `east`."""
+    count = dn.size
+    nearest = np.full(_BINS, reach * reach)
+    squares, sectors = np.empty(count), np.empty(count, np.int32)
+    for k in range(count):  # without a branch: the processor does some at a time
+        squares[k] = dn[k] * dn[k] + de[k] * de[k]
+        sectors[k] = np.int32(_sector(dn[k], de[k]))
+    for k in range(count):
+        sector = sectors[k]
+        if squares[k] < nearest[sector]:
+            nearest[sector] = squares[k]
+            points[sector, 0], points[sector, 1], points[sector, 4] = north + dn[k], east + de[k], keep_out
 
 
 @compiled
@@ -570,11 +578,10 @@ def best_stop(
 
 
 @compiled
-def straight_stop(velocity: Array, braking: float) -> Array:
-    """Acceleration (2,) that brakes, gently at the end."""
-    speed = math.hypot(velocity[0], velocity[1])
-    share = -braking / max(speed, 0.5)
-    return np.array([share * velocity[0], share * velocity[1]])
+def straight_stop(velocity_n: float, velocity_e: float, braking: float) -> tuple[float, float]:
+    """Acceleration north and east that brakes, gently at the end."""
+    share = -braking / max(math.hypot(velocity_n, velocity_e), 0.5)
+    return share * velocity_n, share * velocity_e
 
 
 @compiled
@@ -596,9 +603,9 @@ def guarded(
     nearness: float,
     lag: float,
     horizon: float,
-) -> tuple[Array, int]:
-    """Acceleration (2,) and the Reason's number; `corner_n`, `corner_e` (m): the window's corner; `age` (s): of the
-    points, which move on meanwhile."""
+) -> tuple[float, float, int]:
+    """Acceleration north and east and the Reason's number; `corner_n`, `corner_e` (m): the window's corner; `age` (s):
+    of the points, which move on meanwhile."""
     vn, ve = velocity[0], velocity[1]
     soon = points.copy()
     soon[:, 0] += (age + lag) * points[:, 2]
@@ -634,9 +641,8 @@ def guarded(
         lag,
     )
     if share == 1.0:
-        return np.array([n, e]), reason
+        return n, e, reason
     swerve, share = best_stop(to_occupied, to_unseen, cell, north, east, vn, ve, occupied, unseen, braking, lag)
-    stop = straight_stop(velocity, braking)
+    n, e = straight_stop(vn, ve, braking)
     c, s = math.cos(swerve), math.sin(swerve)
-    turned = np.array([c * stop[0] + s * stop[1], c * stop[1] - s * stop[0]])
-    return turned, 2 if share == 1.0 else 3
+    return c * n + s * e, c * e - s * n, 2 if share == 1.0 else 3

@@ -1,6 +1,7 @@
 """The guard: it leaves alone what is safe, improves what is not, stops within what was seen free, and has its sides
 right."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -359,9 +360,13 @@ def test_nearest_points_are_those_a_search_finds() -> None:
     points = nearest_points(states, CELL, 6.13, 5.77, standing, 4.0, 0.7, 0.45)
     for kind, keep_out in ((OCCUPIED, 0.7), (UNKNOWN, 0.45)):
         centres = (np.argwhere(states == kind) + 0.5) * CELL
-        nearest = np.hypot(*(centres - [6.13, 5.77]).T).min()
+        offsets = centres - [6.13, 5.77]
         mine = points[points[:, 4] == keep_out]
-        assert np.hypot(*(mine[:, :2] - [6.13, 5.77]).T).min() == pytest.approx(nearest)
+        found = mine[:, :2] - [6.13, 5.77]
+        for quarter in itertools.product((False, True), repeat=2):
+            all_there, found_there = (p[((p >= 0.0) == quarter).all(axis=1)] for p in (offsets, found))
+            assert len(found_there) > 3
+            assert np.hypot(*found_there.T).min() == pytest.approx(np.hypot(*all_there.T).min())
         known = {tuple(np.round(c, 6)) for c in centres}
         assert all(tuple(np.round(p, 6)) in known for p in mine[:, :2])
         assert (mine[:, 2:4] == 0.0).all() and 20 < len(mine) <= 36
