@@ -255,6 +255,11 @@ def progress(autopilot: Autopilot, now: int) -> str:
     )
 
 
+def late_ns_of(tick: bytes) -> int:
+    """What a record of TICK says, quicker than by its `unpack`."""
+    return int.from_bytes(tick, "little", signed=True)
+
+
 def lockstep_time(datagram: bytes) -> int | None:
     """The time (ns) that the datagram's last frame, TIMESYNC with tc1 = 0, says it is; None if that is not its last
     frame."""

@@ -12,7 +12,7 @@ from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
 from companion.logs.writer import Writer
 from companion.planning import PLANNED, Here, Planning, Thinker
-from companion.runner import LOG_FAULT, PLANNER_FAULT, REQUEST, TICK, lockstep_time
+from companion.runner import LOG_FAULT, PLANNER_FAULT, REQUEST, TICK, late_ns_of, lockstep_time
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record, datagram_of
@@ -242,7 +242,7 @@ class _Second:
         if self._planning is not None:
             while (planned := self._planning.due(now)) is not None:
                 self._held += self._take(Planned(now, planned))
-        answer = self._held + self._take(Tick(now, TICK.unpack(record)["late_ns"]))
+        answer = self._held + self._take(Tick(now, late_ns_of(record)))
         self._held = b""
         self._send(now, answer)
 
