@@ -37,35 +37,48 @@ def conjugate(q: Array) -> Array:
 
 
 @compiled
-def rotate(q: Array, v: Array) -> Array:
-    """Body vector -> world vector."""
-    tx = 2.0 * (q[2] * v[2] - q[3] * v[1])
-    ty = 2.0 * (q[3] * v[0] - q[1] * v[2])
-    tz = 2.0 * (q[1] * v[1] - q[2] * v[0])
+def _rotated(w: float, x: float, y: float, z: float, v: Array) -> Array:
+    tx = 2.0 * (y * v[2] - z * v[1])
+    ty = 2.0 * (z * v[0] - x * v[2])
+    tz = 2.0 * (x * v[1] - y * v[0])
     return np.array(
         [
-            v[0] + q[0] * tx + q[2] * tz - q[3] * ty,
-            v[1] + q[0] * ty + q[3] * tx - q[1] * tz,
-            v[2] + q[0] * tz + q[1] * ty - q[2] * tx,
+            v[0] + w * tx + y * tz - z * ty,
+            v[1] + w * ty + z * tx - x * tz,
+            v[2] + w * tz + x * ty - y * tx,
         ]
     )
 
 
 @compiled
+def rotate(q: Array, v: Array) -> Array:
+    """Body vector -> world vector."""
+    return _rotated(q[0], q[1], q[2], q[3], v)
+
+
+@compiled
 def rotate_inverse(q: Array, v: Array) -> Array:
     """World vector -> body vector."""
-    return rotate(conjugate(q), v)
+    return _rotated(q[0], -q[1], -q[2], -q[3], v)
+
+
+@compiled
+def _length(v: Array) -> float:
+    square = 0.0
+    for component in v:
+        square += component * component
+    return math.sqrt(square)
 
 
 @compiled
 def normalized(v: Array) -> Array:
-    return v / math.sqrt(np.sum(v * v))
+    return v / _length(v)
 
 
 @compiled
 def from_rotation_vector(rotation: Array) -> Array:
     """Axis times angle (rad) -> quaternion."""
-    angle = math.sqrt(np.sum(rotation * rotation))
+    angle = _length(rotation)
     scale = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
     return np.array([math.cos(0.5 * angle), scale * rotation[0], scale * rotation[1], scale * rotation[2]])
 

@@ -322,7 +322,7 @@ def _measured(
     across = along + (distance * width) ** 2 / 12.0
     un, ue = north / distance, east / distance
     cross = (along - across) * un * ue
-    noise = np.array([[along * un * un + across * ue * ue, cross], [cross, along * ue * ue + across * un * un]])
+    noise = np.array(((along * un * un + across * ue * ue, cross), (cross, along * ue * ue + across * un * un)))
     extent = math.hypot(points[last, 0] - points[first, 0], points[last, 1] - points[first, 1])
     return middle, noise, extent, hidden
 
@@ -332,7 +332,7 @@ def place(bearings: Array, ranges: Array, position: Array, attitude: Array) -> A
     """(n, 3) NED of each return."""
     points = np.empty((bearings.size, 3))
     for k in range(bearings.size):
-        beam = np.array([ranges[k] * math.cos(bearings[k]), ranges[k] * math.sin(bearings[k]), 0.0])
+        beam = np.array((ranges[k] * math.cos(bearings[k]), ranges[k] * math.sin(bearings[k]), 0.0))
         points[k] = position + rotate(attitude, beam)
     return points
 

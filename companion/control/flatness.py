@@ -47,7 +47,7 @@ def _vector(a: Array) -> _Vector:
 @compiled
 def _matrix(columns: tuple[_Vector, _Vector, _Vector]) -> Array:
     x, y, z = columns
-    return np.array([[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]]])
+    return np.array(((x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])))  # lists are slow in there
 
 
 @compiled

@@ -38,4 +38,4 @@ def thrust_vector(
 @compiled
 def collective(thrust_ned: Array, attitude_ned_frd: Array) -> float:
     """Thrust (N) along the body's axis that comes nearest to `thrust_ned` at the present attitude."""
-    return float(-np.sum(rotate_inverse(attitude_ned_frd, thrust_ned) * np.array([0.0, 0.0, 1.0])))
+    return float(-rotate_inverse(attitude_ned_frd, thrust_ned)[2])

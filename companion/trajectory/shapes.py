@@ -21,13 +21,13 @@ def harmonic_at(along: float, across: float, twice: float, climb: float, angle: 
     s, c = math.sin(angle), math.cos(angle)
     s2, c2 = math.sin(2.0 * angle), math.cos(2.0 * angle)
     return np.array(
-        [
-            [along * s, across * (1.0 - c) + twice * s2, -climb * angle],
-            [along * c, across * s + 2.0 * twice * c2, -climb],
-            [-along * s, across * c - 4.0 * twice * s2, 0.0],
-            [-along * c, -across * s - 8.0 * twice * c2, 0.0],
-            [along * s, -across * c + 16.0 * twice * s2, 0.0],
-        ]
+        (
+            (along * s, across * (1.0 - c) + twice * s2, -climb * angle),
+            (along * c, across * s + 2.0 * twice * c2, -climb),
+            (-along * s, across * c - 4.0 * twice * s2, 0.0),
+            (-along * c, -across * s - 8.0 * twice * c2, 0.0),
+            (along * s, -across * c + 16.0 * twice * s2, 0.0),
+        )
     )
 
 
