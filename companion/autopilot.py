@@ -909,10 +909,13 @@ class Autopilot:
             return math.dist(self._goal_of(state).tolist(), state.position_ned.tolist()) < settings.acceptance_radius
         track = self._track_to_join(step)
         target = step.target_ned if track is None else track.start_ned
-        distance = math.dist(target.tolist(), state.position_ned.tolist())
-        speed = math.hypot(*state.velocity_ned.tolist())
-        if self._arrived_ns is None and distance < settings.settled_distance and speed < settings.settled_speed:
-            self._arrived_ns = now
+        if self._arrived_ns is None:
+            distance = math.dist(target.tolist(), state.position_ned.tolist())
+            if (
+                distance < settings.settled_distance
+                and math.hypot(*state.velocity_ned.tolist()) < settings.settled_speed
+            ):
+                self._arrived_ns = now
         if self.mission.profile == "step" and self._arrived_ns is None:
             self._arrived_ns = now
         if track is not None:

@@ -173,8 +173,8 @@ def free_space(
     corner_m = np.array(view.corner) * view.cell
     points = nearest_points(view.states, view.cell, north, east, hits - corner_m, settings.reach, keep_out, unseen)
     points[:, :2] += corner_m
-    if moving is not None:
-        points = np.vstack([points, moving])
+    if moving is not None and len(moving):
+        points = np.concatenate((points, moving))
     rows, columns = (
         slice(max(math.floor((at - _KEPT_M) / view.cell), 0), max(math.ceil((at + _KEPT_M) / view.cell), 0))
         for at in (north, east)

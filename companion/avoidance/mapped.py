@@ -217,12 +217,12 @@ class Planner:
         last = view.cell_of(goal)
         if path.whole:
             if not view.contains(last):
-                corners = np.vstack([corners, goal[:2]])
+                corners = np.concatenate((corners, goal[None, :2]))
             elif view.to_occupied[last] >= inflation:
                 corners[-1] = goal[:2]
         corners[0] = here[:2]
         if len(corners) == 1:
-            corners = np.vstack([corners, goal[:2] if path.whole else here[:2]])
+            corners = np.concatenate((corners, (goal if path.whole else here)[None, :2]))
         return self._timed(corners, view, speed, path.detour)
 
     def _sampled(self, rrt: Rrt, view: MapView, here: Array, goal: Array, speed: float) -> Way | None:
@@ -230,7 +230,7 @@ class Planner:
         if corners is None:
             return None
         if not view.contains(view.cell_of(goal)):
-            corners = np.vstack([corners, goal[:2]])
+            corners = np.concatenate((corners, goal[None, :2]))
         length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
         return self._timed(corners, view, speed, length - math.dist(here[:2].tolist(), goal[:2].tolist()))
 
