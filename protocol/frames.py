@@ -14,21 +14,29 @@ from protocol.compiled import compiled
 
 Array = NDArray[np.float64]
 
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""Within compiled code: an array would be taken from the heap each time."""
+
 GRAVITY = 9.81
 """m/s2, the paper's Table 1."""
 
 
 @compiled
+def product(a: Array | Quaternion, b: Array | Quaternion) -> Quaternion:
+    """As `multiply`, for compiled code."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@compiled
 def multiply(a: Array, b: Array) -> Array:
     """Hamilton product."""
-    return np.array(
-        [
-            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-        ]
-    )
+    return np.array(product(a, b))
 
 
 @compiled
@@ -37,50 +45,58 @@ def conjugate(q: Array) -> Array:
 
 
 @compiled
-def _rotated(w: float, x: float, y: float, z: float, v: Array) -> Array:
+def _turned(w: float, x: float, y: float, z: float, v: Array | Vector) -> Vector:
     tx = 2.0 * (y * v[2] - z * v[1])
     ty = 2.0 * (z * v[0] - x * v[2])
     tz = 2.0 * (x * v[1] - y * v[0])
-    return np.array(
-        [
-            v[0] + w * tx + y * tz - z * ty,
-            v[1] + w * ty + z * tx - x * tz,
-            v[2] + w * tz + x * ty - y * tx,
-        ]
+    return (
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
     )
+
+
+@compiled
+def to_world(q: Array | Quaternion, v: Array | Vector) -> Vector:
+    """As `rotate`, for compiled code."""
+    return _turned(q[0], q[1], q[2], q[3], v)
+
+
+@compiled
+def to_body(q: Array | Quaternion, v: Array | Vector) -> Vector:
+    """As `rotate_inverse`, for compiled code."""
+    return _turned(q[0], -q[1], -q[2], -q[3], v)
 
 
 @compiled
 def rotate(q: Array, v: Array) -> Array:
     """Body vector -> world vector."""
-    return _rotated(q[0], q[1], q[2], q[3], v)
+    return np.array(to_world(q, v))
 
 
 @compiled
 def rotate_inverse(q: Array, v: Array) -> Array:
     """World vector -> body vector."""
-    return _rotated(q[0], -q[1], -q[2], -q[3], v)
-
-
-@compiled
-def _length(v: Array) -> float:
-    square = 0.0
-    for component in v:
-        square += component * component
-    return math.sqrt(square)
+    return np.array(to_body(q, v))
 
 
 @compiled
 def normalized(v: Array) -> Array:
-    return v / _length(v)
+    return v / math.sqrt(np.sum(v * v))
+
+
+@compiled
+def turn_of(x: float, y: float, z: float) -> Quaternion:
+    """As `from_rotation_vector`, for compiled code."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    scale = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
+    return math.cos(0.5 * angle), scale * x, scale * y, scale * z
 
 
 @compiled
 def from_rotation_vector(rotation: Array) -> Array:
     """Axis times angle (rad) -> quaternion."""
-    angle = _length(rotation)
-    scale = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
-    return np.array([math.cos(0.5 * angle), scale * rotation[0], scale * rotation[1], scale * rotation[2]])
+    return np.array(turn_of(rotation[0], rotation[1], rotation[2]))
 
 
 @compiled
@@ -131,23 +147,30 @@ def yaw_of(q: Array) -> float:
 
 
 @compiled
-def from_matrix(r: Array) -> Array:
-    """Rotation matrix (3, 3), columns = body axes in the world -> quaternion with w >= 0.
+def from_axes(x: Vector, y: Vector, z: Vector) -> Array:
+    """The body's axes in the world -> quaternion with w >= 0.
 
     The largest of the four components is computed first, so it is exact for every attitude (Shepperd 1978).
     """
-    trace = r[0, 0] + r[1, 1] + r[2, 2]
-    if trace > max(r[0, 0], r[1, 1], r[2, 2]):
-        q = np.array([1.0 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    elif r[0, 0] >= r[1, 1] and r[0, 0] >= r[2, 2]:
-        q = np.array([r[2, 1] - r[1, 2], 1.0 + 2.0 * r[0, 0] - trace, r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]])
-    elif r[1, 1] >= r[2, 2]:
-        q = np.array([r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], 1.0 + 2.0 * r[1, 1] - trace, r[1, 2] + r[2, 1]])
+    trace = x[0] + y[1] + z[2]
+    if trace > max(x[0], y[1], z[2]):
+        a, b, c, d = 1.0 + trace, y[2] - z[1], z[0] - x[2], x[1] - y[0]
+    elif x[0] >= y[1] and x[0] >= z[2]:
+        a, b, c, d = y[2] - z[1], 1.0 + 2.0 * x[0] - trace, y[0] + x[1], z[0] + x[2]
+    elif y[1] >= z[2]:
+        a, b, c, d = z[0] - x[2], y[0] + x[1], 1.0 + 2.0 * y[1] - trace, z[1] + y[2]
     else:
-        q = np.array([r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1.0 + 2.0 * r[2, 2] - trace])
-    if q[0] < 0.0:
-        q = -q
-    return normalized(q)
+        a, b, c, d = x[1] - y[0], z[0] + x[2], z[1] + y[2], 1.0 + 2.0 * z[2] - trace
+    length = math.sqrt(a * a + b * b + c * c + d * d)
+    if a < 0.0:
+        length = -length
+    return np.array([a / length, b / length, c / length, d / length])
+
+
+@compiled
+def from_matrix(r: Array) -> Array:
+    """Rotation matrix (3, 3), columns = body axes in the world -> quaternion with w >= 0."""
+    return from_axes((r[0, 0], r[1, 0], r[2, 0]), (r[0, 1], r[1, 1], r[2, 1]), (r[0, 2], r[1, 2], r[2, 2]))
 
 
 @compiled

@@ -15,7 +15,15 @@ from companion.control import backstepping, estimation, flatness, lqr, pid, pred
 from companion.state import Output, Reference, VehicleState
 from protocol.body import Body
 from protocol.compiled import compiled
-from protocol.frames import Array, from_rotation_vector, multiply, rotate, rotate_inverse
+from protocol.frames import (
+    Array,
+    Vector,
+    from_axes,
+    from_rotation_vector,
+    multiply,
+    to_body,
+    to_world,
+)
 
 LAWS = ("backstepping", "se3", "sliding_mode", "pid")
 _BACKSTEPPING, _SE3, _SLIDING_MODE, _PID = range(4)
@@ -264,20 +272,31 @@ def _parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.vo
 
 
 @compiled
-def _fade_jumps(reference_rates: Array, reference_turning: Array, dt: float, memory: Any) -> None:
+def _sum(a: Vector, b: Array) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@compiled
+def _difference(a: Array | Vector, b: Array) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def _fade_jumps(reference_rates: Vector, reference_turning: Vector, dt: float, memory: Any) -> None:
     """What the reference's rates jumped by, where the jerk does, is held back in `memory.jump` and let through like the
     step response of a critically damped filter: neither rates nor angular acceleration (`memory.letting`) step. Rates
     that their own derivative explains pass untouched.
     """
-    if dt > 0.0:
-        expected = memory.reference_rates + 0.5 * dt * (memory.reference_turning + reference_turning)
-        jump = memory.jump + reference_rates - expected
-        pull = (jump / _FADING_S - memory.letting) * dt
-        left = math.exp(-dt / _FADING_S)
-        memory.jump[:] = left * (jump + pull)
-        memory.letting[:] = left * (memory.letting + pull / _FADING_S)
-    memory.reference_rates[:] = reference_rates
-    memory.reference_turning[:] = reference_turning
+    left = math.exp(-dt / _FADING_S)
+    for i in range(3):
+        if dt > 0.0:
+            expected = memory.reference_rates[i] + 0.5 * dt * (memory.reference_turning[i] + reference_turning[i])
+            jump = memory.jump[i] + reference_rates[i] - expected
+            pull = (jump / _FADING_S - memory.letting[i]) * dt
+            memory.jump[i] = left * (jump + pull)
+            memory.letting[i] = left * (memory.letting[i] + pull / _FADING_S)
+        memory.reference_rates[i] = reference_rates[i]
+        memory.reference_turning[i] = reference_turning[i]
 
 
 @compiled
@@ -331,8 +350,8 @@ def wish(
                 estimate,
                 measured_ns,
                 velocity,
-                rotate(attitude, np.array([0.0, 0.0, -thrust_then / mass])),
-                -rotate(attitude, p.model_drag_kg_s * rotate_inverse(attitude, velocity)) / mass,
+                np.array(to_world(attitude, (0.0, 0.0, -thrust_then / mass))),
+                -thrust.drag_compensation(velocity, attitude, p.model_drag_kg_s, mass),
                 p.noise,
                 p.walk,
             )
@@ -386,14 +405,12 @@ def obey(
     command = flatness.attitude_command(thrust_ned, reference[15])
     collective = thrust.collective(thrust_ned, m.turned)
     reference_attitude = command
-    reference_rates = np.array([0.0, 0.0, reference[16]])
-    reference_turning = np.zeros(3)
-    turning_ahead = np.zeros(3)
+    reference_rates, reference_turning, turning_ahead = (0.0, 0.0, reference[16]), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if p.feed_attitude:
-        wanted, wanted_ahead = reference[6:9] - m.disturbance, ahead[6:9] - m.disturbance
+        wanted, wanted_ahead = _difference(reference[6:9], m.disturbance), _difference(ahead[6:9], m.disturbance)
         if not m.guess.any():
-            m.guess[:] = flatness.first_guess(reference[3:6], wanted, seen_mass, seen_drag)
-        reference_attitude, reference_rates, reference_turning, thrust_now = flatness.refined(
+            m.guess[:] = flatness.first_guess(reference[3:6], np.array(wanted), seen_mass, seen_drag)
+        axes, reference_rates, reference_turning, thrust_now = flatness.refined(
             reference[3:6], wanted, reference[9:12], reference[12:15], reference[15:18], seen_mass, seen_drag,
             m.guess, _ROUNDS,
         )  # fmt: skip
@@ -401,32 +418,35 @@ def obey(
             ahead[3:6], wanted_ahead, ahead[9:12], ahead[12:15], ahead[15:18], seen_mass, seen_drag,
             m.guess.copy(), _ROUNDS,
         )  # fmt: skip
+        reference_attitude = from_axes(*axes)
         if p.predicts:
             collective += thrust_ahead - thrust_now
     _fade_jumps(reference_rates, reference_turning, m.dt, m)
-    reference_rates = rotate_inverse(m.turned, rotate(reference_attitude, reference_rates - m.jump))
-    reference_turning = rotate_inverse(m.turned, rotate(reference_attitude, reference_turning + m.letting))
-    turning_ahead = rotate_inverse(m.turned, rotate(reference_attitude, turning_ahead + m.letting))
+    reference_rates = to_body(m.turned, to_world(reference_attitude, _difference(reference_rates, m.jump)))
+    reference_turning = to_body(m.turned, to_world(reference_attitude, _sum(reference_turning, m.letting)))
+    turning_ahead = to_body(m.turned, to_world(reference_attitude, _sum(turning_ahead, m.letting)))
     collective = min(max(collective, p.lowest_n), p.highest_n)
 
     error = se3.attitude_error(m.turned, command) if p.law == _SE3 else lqr.attitude_error(m.turned, command)
-    rate_error, turning_error = reference_rates - m.turns, reference_turning - m.turning
-    rates_command = reference_rates + lqr.feedback(error, rate_error, turning_error, p.rates_gain)
+    turns, inertia = m.turns, p.inertia
+    gyroscopic = flatness.cross(turns, (inertia[0] * turns[0], inertia[1] * turns[1], inertia[2] * turns[2]))
+    rates_command, torque, sent_input = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
+        rate_error, turning_error = reference_rates[i] - turns[i], reference_turning[i] - m.turning[i]
+        rate = reference_rates[i] + lqr.feedback(error[i], rate_error, turning_error, p.rates_gain[i])
         if p.rate_loop[i] > 0.0:
-            rates_command[i] += turning_ahead[i] / p.rate_loop[i]
-    rates_command = np.minimum(np.maximum(rates_command, -p.rate_limit), p.rate_limit)
-    gyroscopic = flatness.cross(m.turns, p.inertia * m.turns)
-    torque = lqr.feedback(error, rate_error, turning_error, p.torque_gain) * p.torque_scale
-    torque += (p.inertia * turning_ahead + gyroscopic) / p.full_torque
-    torque = np.minimum(np.maximum(torque, -1.0), 1.0)
+            rate += turning_ahead[i] / p.rate_loop[i]
+        rates_command[i] = np.minimum(np.maximum(rate, -p.rate_limit[i]), p.rate_limit[i])
+        push = lqr.feedback(error[i], rate_error, turning_error, p.torque_gain[i]) * p.torque_scale[i]
+        push += (inertia[i] * turning_ahead[i] + gyroscopic[i]) / p.full_torque[i]
+        torque[i] = np.minimum(np.maximum(push, -1.0), 1.0)
+        sent_input[i] = rates_command[i]
+        if p.input_kind == prediction.ANGULAR_ACCELERATION:
+            sent_input[i] = (torque[i] * p.full_torque[i] - gyroscopic[i]) / inertia[i]
     if p.attitude_lead > 0.0 and p.feed_attitude and p.input_kind == prediction.UNKNOWN:
-        command = multiply(command, from_rotation_vector(p.attitude_lead * reference_rates))
+        command = multiply(command, from_rotation_vector(p.attitude_lead * np.array(reference_rates)))
 
     m.limited = limited or changed
-    sent_input = rates_command
-    if p.input_kind == prediction.ANGULAR_ACCELERATION:
-        sent_input = (torque * p.full_torque - gyroscopic) / p.inertia
     m.count = prediction.remember(m.sent, m.count, now_ns, collective, sent_input)
 
     v, v_rate = backstepping.lyapunov(m.e1, m.e2, p.c1, p.c2)

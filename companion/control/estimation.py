@@ -88,13 +88,13 @@ def update(
             variance[k, i] += dt * variance[k, 3 + i] + f[i] * variance[k, 6] + r[i] * variance[k, 7]
     for k in range(8):
         variance[k, k] += dt * walk[k] * walk[k]
+    gain, row = np.empty(8), np.empty(8)
     for i in range(3):
         innovation = velocity[i] - m[i]
         total = variance[i, i] + noise * noise
-        gain = variance[:, i] / total
         for k in range(8):
+            gain[k], row[k] = variance[k, i] / total, variance[i, k]
             m[k] += gain[k] * innovation
-        row = variance[i].copy()
         for k in range(8):
             for n in range(8):
                 variance[k, n] -= gain[k] * row[n]

@@ -13,64 +13,50 @@ import math
 import numpy as np
 
 from protocol.compiled import compiled
-from protocol.frames import GRAVITY, Array, from_matrix
+from protocol.frames import GRAVITY, Array, Vector, from_axes
 
 _ROUNDS = 6
 _LEAST_FORCE = 0.05
 """Of the weight: in free fall the attitude is undefined."""
 _LEAST_ACROSS = 0.1
 
-_Vector = tuple[float, float, float]
-"""Within compiled code: an array would be taken from the heap each time."""
-
 
 @compiled
-def _dot(a: _Vector, b: _Vector) -> float:
+def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
-def _cross(a: _Vector, b: _Vector) -> _Vector:
+def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
-def _scaled(a: _Vector, b: _Vector) -> _Vector:
+def _scaled(a: Vector, b: Vector) -> Vector:
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @compiled
-def _vector(a: Array) -> _Vector:
+def _vector(a: Array | Vector) -> Vector:
     return a[0], a[1], a[2]
 
 
 @compiled
-def _matrix(columns: tuple[_Vector, _Vector, _Vector]) -> Array:
-    x, y, z = columns
-    return np.array(((x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])))  # lists are slow in there
-
-
-@compiled
-def _against(columns: tuple[_Vector, _Vector, _Vector], v: _Vector) -> _Vector:
+def _against(columns: tuple[Vector, Vector, Vector], v: Vector) -> Vector:
     """World -> body."""
     return _dot(columns[0], v), _dot(columns[1], v), _dot(columns[2], v)
 
 
 @compiled
-def _bracket(w: _Vector, drag: _Vector, v: _Vector) -> _Vector:
+def _bracket(w: Vector, drag: Vector, v: Vector) -> Vector:
     """([w] D - D [w]) v, how turning with w changes the drag of a velocity v; all in the body."""
-    a, b = _cross(w, _scaled(drag, v)), _scaled(drag, _cross(w, v))
+    a, b = cross(w, _scaled(drag, v)), _scaled(drag, cross(w, v))
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
-def cross(a: Array, b: Array) -> Array:
-    return np.array(_cross(_vector(a), _vector(b)))
-
-
-@compiled
-def _axes(thrust: _Vector, yaw: float) -> tuple[_Vector, _Vector, _Vector]:
-    """The columns of `axes_of`."""
+def _axes(thrust: Vector, yaw: float) -> tuple[Vector, Vector, Vector]:
+    """The body's axes with -z along `thrust` (not zero) and x heading to `yaw` (rad)."""
     size = -math.sqrt(_dot(thrust, thrust))
     down = thrust[0] / size, thrust[1] / size, thrust[2] / size
     # y = down x heading, heading = (cos, sin, 0)
@@ -78,13 +64,7 @@ def _axes(thrust: _Vector, yaw: float) -> tuple[_Vector, _Vector, _Vector]:
     y = -down[2] * sin, down[2] * cos, down[0] * sin - down[1] * cos
     size = math.sqrt(_dot(y, y))
     y = y[0] / size, y[1] / size, y[2] / size
-    return _cross(y, down), y, down
-
-
-@compiled
-def axes_of(thrust_ned: Array, yaw: float) -> Array:
-    """Rotation (3, 3) whose -z column is along `thrust_ned` (not zero) and whose x column heads to `yaw` (rad)."""
-    return _matrix(_axes(_vector(thrust_ned), yaw))
+    return cross(y, down), y, down
 
 
 @compiled
@@ -93,7 +73,8 @@ def attitude_command(thrust_ned: Array, yaw: float) -> Array:
 
     At 90 degrees of tilt across the heading the yaw is undefined; the limits on tilt keep away from it.
     """
-    return from_matrix(axes_of(thrust_ned, yaw))
+    x, y, z = _axes(_vector(thrust_ned), yaw)
+    return from_axes(x, y, z)
 
 
 @compiled
@@ -112,7 +93,10 @@ def inverse(
     kg/s along the body's axes.
     """
     guess = first_guess(velocity, acceleration, mass, drag)
-    return refined(velocity, acceleration, jerk, snap, heading_motion, mass, drag, guess, _ROUNDS)
+    axes, rates, turning, thrust = refined(
+        velocity, acceleration, jerk, snap, heading_motion, mass, drag, guess, _ROUNDS
+    )
+    return from_axes(*axes), np.array(rates), np.array(turning), thrust
 
 
 @compiled
@@ -127,7 +111,7 @@ def first_guess(velocity: Array, acceleration: Array, mass: float, drag: Array) 
 @compiled
 def refined(
     velocity: Array,
-    acceleration: Array,
+    acceleration: Array | Vector,
     jerk: Array,
     snap: Array,
     heading_motion: Array,
@@ -135,8 +119,9 @@ def refined(
     drag: Array,
     guess: Array,
     rounds: int,
-) -> tuple[Array, Array, Array, float]:
-    """As `inverse`, by so many rounds of substitution from a guess (3, 3), which becomes the result's."""
+) -> tuple[tuple[Vector, Vector, Vector], Vector, Vector, float]:
+    """As `inverse`, by so many rounds of substitution from a guess (3, 3), which becomes the result's; the attitude as
+    the body's axes."""
     yaw, yaw_rate, yaw_acceleration = heading_motion
     cos, sin = math.cos(yaw), math.sin(yaw)
     heading = cos, sin, 0.0
@@ -165,7 +150,7 @@ def refined(
         )
         thrust = -_dot(force, z)
         turn, turn_a = _bracket(rates, d, v), _bracket(rates, d, a)
-        on, on_v, on_w = _cross(rates, turn), _bracket(rates, d, _cross(rates, v)), _bracket(turning, d, v)
+        on, on_v, on_w = cross(rates, turn), _bracket(rates, d, cross(rates, v)), _bracket(turning, d, v)
         # in the body: F', and F'' across z
         force1_x = mass * j[0] + d[0] * a[0] + turn[0]
         force1_y = mass * j[1] + d[1] * a[1] + turn[1]
@@ -188,4 +173,4 @@ def refined(
         az = wx * wy + ((ax + wz * wy) * h[2] + 2.0 * y1 + h2[1]) / across
         turning = ax, ay, az
     guess[0], guess[1], guess[2] = force, rates, turning
-    return from_matrix(_matrix(axes)), np.array(rates), np.array(turning), thrust
+    return axes, rates, turning, thrust

@@ -120,7 +120,7 @@ def attitude_error(attitude_ned_frd: Array, command_ned_frd: Array) -> Array:
 
 
 @compiled
-def feedback(angle_error: Array, rate_error: Array, acceleration_error: Array, gain: Array) -> Array:
-    """(3,): gain (3, 3) times the errors (3,) of angle (rad), rate (rad/s) and angular acceleration (rad/s2): of
-    `axis_gain` U2, U3 (N) and U4 (N m), of `rate_gain` rates (rad/s)."""
-    return gain[:, 0] * angle_error + gain[:, 1] * rate_error + gain[:, 2] * acceleration_error
+def feedback(angle_error: float, rate_error: float, acceleration_error: float, gain: Array) -> float:
+    """An axis's row (3,) of a gain times its errors of angle (rad), rate (rad/s) and angular acceleration (rad/s2): of
+    `axis_gain` U2, U3 (N) or U4 (N m), of `rate_gain` a rate (rad/s)."""
+    return float(gain[0] * angle_error + gain[1] * rate_error + gain[2] * acceleration_error)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.compiled import compiled
-from protocol.frames import GRAVITY, Array, from_rotation_vector, multiply, rotate, rotate_inverse
+from protocol.frames import GRAVITY, Array, Quaternion, product, to_body, to_world, turn_of
 
 SENT = np.dtype([("time_ns", "i8"), ("thrust_n", "f8"), ("input", "f8", 3)], align=True)
 """A command: from `time_ns` on in force at the vehicle; `input` is rates (rad/s) or angular acceleration (rad/s2)."""
@@ -66,13 +66,14 @@ def predict(
     mass: float,
     drag: Array,
     disturbance: Array,
-) -> tuple[Array, Array, Array, Array, Array, float, float]:
+) -> tuple[Array, Array, Quaternion, Array, Array, float, float]:
     """The state at `until_ns` from that at `measured_ns`: position, velocity (NED), attitude, rates, angular
     acceleration (FRD), thrust (N), and the thrust (N) at `measured_ns`.
 
     `mass`, `drag` as the thrust's scale makes them appear; `disturbance` (3,) in m/s2, NED.
     """
-    p, v, q, w, turning = position.copy(), velocity.copy(), attitude.copy(), rates.copy(), np.zeros(3)
+    p, v, w, turning = position.copy(), velocity.copy(), rates.copy(), np.zeros(3)
+    q = attitude[0], attitude[1], attitude[2], attitude[3]
     if count == 0:
         return p, v, q, w, turning, 0.0, 0.0
     known = kind == ANGULAR_ACCELERATION or (kind == RATES and rate_loop[0] > 0.0)
@@ -111,12 +112,15 @@ def predict(
                 if kind == RATES:
                     wanted = rate_loop[i] * (wanted - w[i])
                 turning[i] += share * (wanted - turning[i])
-        w = w + dt * turning
-        force = rotate(q, np.array([0.0, 0.0, -thrust])) - rotate(q, drag * rotate_inverse(q, v))
-        change = dt * (force / mass + disturbance)
-        change[2] += dt * GRAVITY
-        p = p + dt * (v + 0.5 * change)
-        v = v + change
-        q = multiply(q, from_rotation_vector(dt * w))
+        x, y, z = to_body(q, v)
+        lift, pull = to_world(q, (0.0, 0.0, -thrust)), to_world(q, (drag[0] * x, drag[1] * y, drag[2] * z))
+        for i in range(3):
+            w[i] += dt * turning[i]
+            change = dt * ((lift[i] - pull[i]) / mass + disturbance[i])
+            if i == 2:
+                change += dt * GRAVITY
+            p[i] += dt * (v[i] + 0.5 * change)
+            v[i] += change
+        q = product(q, turn_of(dt * w[0], dt * w[1], dt * w[2]))
         time = end
     return p, v, q, w, turning, thrust, thrust_then

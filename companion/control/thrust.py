@@ -5,13 +5,15 @@ import math
 import numpy as np
 
 from protocol.compiled import compiled
-from protocol.frames import GRAVITY, Array, rotate, rotate_inverse
+from protocol.frames import GRAVITY, Array, to_body, to_world
 
 
 @compiled
 def drag_compensation(velocity_ned: Array, attitude_ned_frd: Array, drag: Array, mass: float) -> Array:
     """Acceleration (m/s2, NED) that makes up for linear drag (kg/s, body axes) at a velocity through still air."""
-    return rotate(attitude_ned_frd, drag * rotate_inverse(attitude_ned_frd, velocity_ned)) / mass
+    x, y, z = to_body(attitude_ned_frd, velocity_ned)
+    force = to_world(attitude_ned_frd, (drag[0] * x, drag[1] * y, drag[2] * z))
+    return np.array([force[0] / mass, force[1] / mass, force[2] / mass])
 
 
 @compiled
@@ -38,4 +40,4 @@ def thrust_vector(
 @compiled
 def collective(thrust_ned: Array, attitude_ned_frd: Array) -> float:
     """Thrust (N) along the body's axis that comes nearest to `thrust_ned` at the present attitude."""
-    return float(-rotate_inverse(attitude_ned_frd, thrust_ned)[2])
+    return -to_body(attitude_ned_frd, thrust_ned)[2]

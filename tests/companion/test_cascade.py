@@ -116,7 +116,7 @@ def test_nothing_to_predict_is_the_measurement() -> None:
         np.zeros(3), np.zeros(3),
     )  # fmt: skip
     for given, back in zip(state, found[:4], strict=True):
-        assert np.array_equal(given, back)
+        assert np.array_equal(given, np.array(back))
 
 
 def test_each_estimate_finds_its_own() -> None:
