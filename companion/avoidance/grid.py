@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from companion.state import BoolArray, Scan
 from protocol.compiled import compiled
-from protocol.frames import Array, rotate
+from protocol.frames import Array, to_world
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 """States of a cell in a `MapView`."""
@@ -447,11 +447,8 @@ def _directions(bearings: Array, attitudes: Array, half: float) -> tuple[Array, 
     """North and east of each beam's left and right edge (n, 4), and the down component of its middle (n,)."""
     count = bearings.shape[0]
     sides, slopes = np.empty((count, 4)), np.empty(count)
-    forward, right = np.zeros(3), np.zeros(3)
     for k in range(count):
-        if k == 0 or np.any(attitudes[k] != attitudes[k - 1]):
-            forward = rotate(attitudes[k], np.array([1.0, 0.0, 0.0]))
-            right = rotate(attitudes[k], np.array([0.0, 1.0, 0.0]))
+        forward, right = to_world(attitudes[k], (1.0, 0.0, 0.0)), to_world(attitudes[k], (0.0, 1.0, 0.0))
         for edge in range(2):
             bearing = bearings[k] - half if edge == 0 else bearings[k] + half
             cos, sin = math.cos(bearing), math.sin(bearing)

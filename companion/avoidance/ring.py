@@ -6,7 +6,7 @@ import numpy as np
 
 from companion.state import Scan
 from protocol.compiled import compiled
-from protocol.frames import Array, rotate
+from protocol.frames import Array, to_world
 
 
 def obstacle_points(scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float) -> Array:
@@ -15,7 +15,7 @@ def obstacle_points(scan: Scan, position_ned: Array, attitude_ned_frd: Array, gr
     `ground_down` is the NED height below which a return is the ground: a tilted ring looks down.
     """
     bearings, ranges = scan.bearings_frd[scan.hit], scan.ranges_m[scan.hit]
-    points = _place(bearings, ranges, position_ned, attitude_ned_frd)
+    points = place(bearings, ranges, position_ned, attitude_ned_frd)
     return points[points[:, 2] < ground_down]
 
 
@@ -49,9 +49,12 @@ class SectorRing:
 
 
 @compiled
-def _place(bearings: Array, ranges: Array, position_ned: Array, attitude_ned_frd: Array) -> Array:
+def place(bearings: Array, ranges: Array, position_ned: Array, attitude_ned_frd: Array) -> Array:
+    """(n, 3) NED of returns with bearings (n,) and ranges (n,)."""
     points = np.empty((bearings.size, 3))
     for i in range(bearings.size):
-        beam = np.array([ranges[i] * math.cos(bearings[i]), ranges[i] * math.sin(bearings[i]), 0.0])
-        points[i] = position_ned + rotate(attitude_ned_frd, beam)
+        beam = ranges[i] * math.cos(bearings[i]), ranges[i] * math.sin(bearings[i]), 0.0
+        turned = to_world(attitude_ned_frd, beam)
+        for axis in range(3):
+            points[i, axis] = position_ned[axis] + turned[axis]
     return points

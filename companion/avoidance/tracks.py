@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.guard import POINT
+from companion.avoidance.ring import place
 from companion.state import BoolArray, Scan
 from protocol.compiled import compiled
-from protocol.frames import Array, rotate
+from protocol.frames import Array
 
 _GATE = 11.8
 """Squared distance in standard deviations, two dimensions: 99.7 %."""
@@ -325,16 +326,6 @@ def _measured(
     noise = np.array(((along * un * un + across * ue * ue, cross), (cross, along * ue * ue + across * un * un)))
     extent = math.hypot(points[last, 0] - points[first, 0], points[last, 1] - points[first, 1])
     return middle, noise, extent, hidden
-
-
-@compiled
-def place(bearings: Array, ranges: Array, position: Array, attitude: Array) -> Array:
-    """(n, 3) NED of each return."""
-    points = np.empty((bearings.size, 3))
-    for k in range(bearings.size):
-        beam = np.array((ranges[k] * math.cos(bearings[k]), ranges[k] * math.sin(bearings[k]), 0.0))
-        points[k] = position + rotate(attitude, beam)
-    return points
 
 
 @compiled
