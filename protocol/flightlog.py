@@ -842,12 +842,12 @@ class LogReader:
                 return None if places is None else []
             content = self._content(chunk)
             return None if content is None else self._pick(content, wanted, places)
-        except (IndexError, KeyError, struct.error):
+        except (IndexError, KeyError, OverflowError, struct.error):
             return None
 
     def _places(self, chunk: _Chunk, topics: Collection[str], wanted: dict[int, str | None]) -> list[int] | None:
-        """Where in the chunk's content the wanted messages begin. Raises KeyError for a channel that is only described
-        in there."""
+        """Where in the chunk's content the wanted messages begin; None without an index. Raises KeyError for a channel
+        that is only described in there, and where one place is said to be two messages'."""
         data, places, position = self._data, list[int](), chunk.stop
         while data[position] == Opcode.MESSAGE_INDEX:
             _, length, channel, pairs = _INDEX.unpack_from(data, position)
@@ -860,6 +860,8 @@ class LogReader:
             position += 9 + length
         if position == chunk.stop:
             return None
+        if len(set(places)) < len(places):
+            raise KeyError(chunk.offset)
         places.sort()
         return places
 

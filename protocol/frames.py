@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-"""Within compiled code: an array would be taken from the heap each time."""
+"""Both within compiled code: an array would be taken from the heap each time."""
 
 GRAVITY = 9.81
 """m/s2, the paper's Table 1."""

@@ -323,6 +323,7 @@ def _measured(
     across = along + (distance * width) ** 2 / 12.0
     un, ue = north / distance, east / distance
     cross = (along - across) * un * ue
+    # compiled, a list of lists would go by the heap
     noise = np.array(((along * un * un + across * ue * ue, cross), (cross, along * ue * ue + across * un * un)))
     extent = math.hypot(points[last, 0] - points[first, 0], points[last, 1] - points[first, 1])
     return middle, noise, extent, hidden

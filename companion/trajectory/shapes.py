@@ -20,7 +20,7 @@ def harmonic_at(along: float, across: float, twice: float, climb: float, angle: 
     `climb` up for each radian."""
     s, c = math.sin(angle), math.cos(angle)
     s2, c2 = math.sin(2.0 * angle), math.cos(2.0 * angle)
-    return np.array(
+    return np.array(  # compiled, a list of lists would go by the heap
         (
             (along * s, across * (1.0 - c) + twice * s2, -climb * angle),
             (along * c, across * s + 2.0 * twice * c2, -climb),

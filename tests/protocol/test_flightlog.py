@@ -378,6 +378,7 @@ def test_topics_are_found_by_the_index(start: Opener, monkeypatch: pytest.Monkey
     def agrees(path: Path) -> bool:
         reader = LogReader(path)
         selections = [(COUNT.topic,), ("/log", TRACE.topic), (TRACE.topic, "/nothing"), ("/nothing",), ()]
+        selections += [(COUNT.topic, TRACE.topic)]
         found = [list(reader.records(topics)) for topics in selections]
         wanted = [[record for record in everything if record.topic in topics] for topics in selections]
         return reader.problem is None and found == wanted
@@ -389,14 +390,16 @@ def test_topics_are_found_by_the_index(start: Opener, monkeypatch: pytest.Monkey
     with log.path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
-    lying = bytearray(log.path.read_bytes())
+    content = log.path.read_bytes()
     first, second, *_ = (place + 9 + 6 + 8 for place in summary.chunk_indexes[0].message_index_offsets.values())
-    lying[first : first + 8] = lying[second : second + 8]  # the first of them is said to be the second's
-    end = lying.rindex(struct.pack("<BQ", Opcode.DATA_END, 4))
-    lying[end + 9 : end + 13] = struct.pack("<I", zlib.crc32(lying[:end]))
-    liar = log.path.with_name("liar.mcap")
-    liar.write_bytes(lying)
-    assert agrees(liar)
+    for lie in (content[second : second + 8], bytes(8), b"\xff" * 8, b"\xff\xff\xff" + bytes(5)):
+        lying = bytearray(content)
+        lying[first : first + 8] = lie  # another topic's message, no message, and places that are none
+        end = lying.rindex(struct.pack("<BQ", Opcode.DATA_END, 4))
+        lying[end + 9 : end + 13] = struct.pack("<I", zlib.crc32(lying[:end]))
+        liar = log.path.with_name("liar.mcap")
+        liar.write_bytes(lying)
+        assert agrees(liar)
 
     for name, index_types, repeats in (("none", IndexType.NONE, True), ("all", IndexType.ALL, False)):
         other = log.path.with_name(f"{name}.mcap")
