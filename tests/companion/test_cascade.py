@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -228,3 +229,47 @@ def test_jumps_of_the_reference_are_let_through_gently() -> None:
     steps = np.diff([0.0, *course])
     assert np.abs(steps).max() < 0.1 * abs(course[-1])
     assert np.abs(np.diff(steps)).max() < 0.05 * abs(course[-1])
+
+
+def turned(controller: Cascade, now: int, rates: Array, yaw_rate: float = 0.0) -> Array:
+    """FIELDS of a vehicle that hovers level and turns, with a reference that heads north and is to turn."""
+    state = VehicleState(now, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), rates, 0)
+    reference = Reference(np.zeros((6, 3)))
+    reference.rows[5, 1] = yaw_rate
+    wanted = controller.wish(state, now, now, reference, BODY.mass_kg, False)
+    return controller.obey(wanted, now, reference, BODY.mass_kg)[0]
+
+
+def test_torque_makes_up_for_the_gyroscopic_one() -> None:
+    """All else of it is odd in the rates; it is remembered as the acceleration that Euler's equation makes of it."""
+    inertia, full, rates = np.array(BODY.inertia_kgm2), np.array(BODY.full_torque_nm), np.array([0.3, -0.2, 0.1])
+    torques = []
+    for sign in (1.0, -1.0):
+        controller = Cascade(load_settings(None, []), BODY, Output.ACTUATORS)
+        torque = full * turned(controller, START_NS, sign * rates)[cascade.TORQUE]
+        assert (np.abs(torque) < full).all()
+        spin = np.cross(rates, inertia * rates)
+        assert controller._memory["sent"]["input"][0, 0] == pytest.approx((torque - spin) / inertia)
+        torques.append(torque)
+    assert sum(torques) == pytest.approx(2.0 * spin, abs=1e-12)
+
+
+@pytest.mark.parametrize("design", ["continuous", "sampled"])
+def test_torque_turns_the_vehicle_as_the_rates_change_that_are_asked_for(design: str) -> None:
+    """A yaw rate that jumps is let through gently, and the torque beyond what the errors ask for is what that takes;
+    that there is no angular acceleration yet is an error, too, for one of the designs."""
+    body = msgspec.structs.replace(BODY, rate_loop_gain_1_s=(0.0, 0.0, 0.0))
+    settings = load_settings(None, [f"control.attitude.design={design}"])
+    full, turn = body.full_torque_nm[2], np.array([0.0, 0.0, 0.1])
+    damping = -full * turned(Cascade(settings, body, Output.ACTUATORS), START_NS, turn)[cascade.TORQUE][2] / turn[2]
+    controller = Cascade(settings, body, Output.ACTUATORS)
+    course = []
+    for tick in range(100):
+        out = turned(controller, START_NS + tick * TICK_NS, np.zeros(3), 0.0 if tick < 3 else 0.2)
+        course.append((out[cascade.RATES][2], full * out[cascade.TORQUE][2]))
+    rates, torques = np.array(course).T
+    lacking = controller._parameters["torque_gain"][0, 2, 2]
+    assert (lacking > 0.0) == (design == "sampled")
+    accelerations = (torques - damping * rates) / (body.inertia_kgm2[2] + lacking)
+    assert np.abs(torques).max() < full and accelerations.max() > 1.0
+    assert np.diff(rates) / 0.004 == pytest.approx(0.5 * (accelerations[1:] + accelerations[:-1]), abs=0.05)

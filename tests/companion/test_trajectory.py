@@ -32,6 +32,15 @@ def test_stands_where_it_is_placed() -> None:
     assert (reference.yaw, reference.yaw_rate) == (0.5, 0.0)
 
 
+def test_whoever_asked_may_write_into_a_reference() -> None:
+    """At rest, too, where the same one is given again."""
+    generator = standing()
+    for _ in range(3):
+        reference = generator.at(12345)
+        assert np.array_equal(reference.rows[:2], [[1.0, 2.0, -3.0], [0.0, 0.0, 0.0]])
+        reference.rows[:] = 7.0
+
+
 def test_a_leg_is_straight_and_keeps_to_speed_and_acceleration() -> None:
     generator = standing()
     target = np.array([31.0, 42.0, -3.0])
