@@ -157,8 +157,8 @@ class Trajectory(Table, frozen=True):
 class AvoidanceMap(Table, frozen=True):
     """The occupancy grid of "astar", "vfh" and the guard (`avoidance.grid`)."""
 
-    cell: Annotated[float, msgspec.Meta(ge=0.02)] = 0.125
-    """m"""
+    cell: Annotated[float, msgspec.Meta(ge=0.025)] = 0.125
+    """m, from 0.025 on."""
     cells: int = 384
     """Along each side of the window around the vehicle; an even number."""
     layer: Positive = 3.0

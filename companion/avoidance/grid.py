@@ -77,7 +77,7 @@ class GridSettings:
     """Of the map."""
 
     cell: float
-    """m, from 0.02 on: squares of distances in cells are counted in 16 bits."""
+    """m, from 0.025 on: sums of two squares of distances in cells are counted in 16 bits."""
     cells: int
     """Along each side of the window; an even number."""
     layer: float

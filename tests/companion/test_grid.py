@@ -9,7 +9,9 @@ from scipy import ndimage
 
 from companion.avoidance import grid
 from companion.avoidance.grid import FAR_M, FREE, OCCUPIED, UNKNOWN, GridSettings, MapView, OccupancyGrid, distance_to
+from companion.config import load_settings
 from companion.state import BoolArray, Scan
+from protocol.datafile import DataFileError
 from protocol.frames import Array, from_euler, rotate, rotate_inverse
 
 SETTINGS = GridSettings(cell=0.2, cells=256, layer=1.5, memory_s=40.0, hull=0.36)
@@ -264,6 +266,17 @@ def test_distances_against_scipy() -> None:
         exact = 0.2 * ndimage.distance_transform_edt(~marked)
         assert np.allclose(distance_to(marked, 0.2), np.minimum(exact, FAR_M), rtol=1e-6)
     assert (distance_to(np.zeros((16, 16), bool), 0.2) == FAR_M).all()
+
+
+def test_distances_at_the_smallest_cell_that_settings_allow() -> None:
+    smallest = 0.025
+    with pytest.raises(DataFileError, match=r"avoidance\.map\.cell"):
+        load_settings(None, [f"avoidance.map.cell={math.nextafter(smallest, 0.0)}"])
+    assert load_settings(None, [f"avoidance.map.cell={smallest}"]).avoidance.map.cell == smallest
+    marked = np.zeros((320, 320), bool)
+    marked[[140, 200, 310], [160, 90, 10]] = True
+    exact = ndimage.distance_transform_edt(~marked) * smallest
+    assert np.allclose(distance_to(marked, smallest), np.minimum(exact, FAR_M), rtol=1e-6)
 
 
 def test_free_is_free_all_the_way_from_the_sensor() -> None:
