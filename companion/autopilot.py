@@ -656,8 +656,9 @@ class Autopilot:
 
     def _take_back(self, now: int) -> None:
         """Brake from the present motion; the time that others flew counts for nothing."""
-        assert self.state is not None
-        self._reference.carry_on(now, self.state.position_ned, self.state.velocity_ned, np.zeros(3))
+        state = self.state or self._estimator.state()  # after a restart its position may have come since the attitude
+        assert state is not None  # the telemetry is fresh
+        self._reference.carry_on(now, state.position_ned, state.velocity_ned, np.zeros(3))
         self._phase_since_ns += now - self._relinquished_ns
         self._arrived_ns = None
         self._progress = Progress()

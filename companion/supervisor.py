@@ -320,6 +320,14 @@ TABLE: tuple[Row, ...] = (
     ),
     _row(
         State.RELINQUISHED,
+        lambda h, s, t: h.mode is FlightMode.EXTERNAL and h.telemetry_age > s.telemetry_timeout,
+        State.WITHDRAW,
+        _C,
+        "control is given back without telemetry for {health.telemetry_age:.2f} s: the vehicle is asked to hold",
+        fault=True,
+    ),
+    _row(
+        State.RELINQUISHED,
         lambda h, s, t: h.mode is FlightMode.EXTERNAL,
         State.HOLD,
         _N,

@@ -168,11 +168,14 @@ def test_the_pilot_keeps_the_vehicle() -> None:
 
 
 def test_only_who_gives_control_back_ends_the_waiting_for_it() -> None:
-    """The one way back into flight is a mode of external control, and it leads through a hold."""
+    """The one way back into flight is a mode of external control, and it leads through a hold: its own, or the
+    vehicle's where its own would be blind."""
     ways = [row for row in TABLE if State.RELINQUISHED in row.states and row.to in FLYING]
-    assert [row.to for row in ways] == [State.HOLD]
+    assert [row.to for row in ways] == [State.WITHDRAW, State.HOLD]
     others = set(FlightMode) - {FlightMode.EXTERNAL}
-    assert not any(ways[0].condition(replace(WELL, mode=mode), SETTINGS, 1e6) for mode in others)
+    for health in (WELL, FAULTS["telemetry"][0]):
+        assert not any(way.condition(replace(health, mode=mode), SETTINGS, 1e6) for way in ways for mode in others)
+    assert not ways[0].condition(WELL, SETTINGS, 1e6)
     supervisor, now = relinquished()
     now = settle(supervisor, OTHERS, now, 0.9 * SETTINGS.resume_within)
     assert state_of(supervisor) is State.RELINQUISHED

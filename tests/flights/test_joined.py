@@ -211,6 +211,49 @@ def test_a_vehicle_given_back_at_speed_and_elsewhere_brakes_first() -> None:
     assert state_of(joined) is State.FLY and joined.autopilot.supervisor.fault is None
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_a_vehicle_that_restarts_in_other_hands_is_given_back(known: bool) -> None:
+    """Its clock falls to 0, and control is given back as soon as its position has come, or before: the companion flies
+    on, or asks the vehicle to hold."""
+    attitude, position = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    values = {attitude: 7, position: 6}
+    restart_ns, held_back, encoder = [10**18], {position}, Encoder(1, 1)
+
+    def meddle(now: int, data: bytes) -> bytes:
+        if now < restart_ns[0]:
+            return data
+        heard = b""
+        for frame in Framer().datagram(data):
+            if frame.message_id in values:
+                message = decode(frame)
+                assert message is not None
+                fields = [getattr(message, name) for name in message.fieldnames[1 : 1 + values[frame.message_id]]]
+                renewed = encoder.encode_fields(type(message), (now - restart_ns[0]) // 1_000_000, *fields)
+                heard += b"" if frame.message_id in held_back else renewed
+            else:
+                heard += frame.raw
+        return heard
+
+    joined = Joined(HOVER, overrides=QUICK, meddle=meddle).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=1.0)
+    ask_mode(joined, 4.0, 3.0)
+    joined.fly(limit_s=1.0)
+    restart_ns[0] = joined.vehicle.time_ns
+    joined.fly(limit_s=0.3)
+    assert any("started anew" in text for text in joined.said) and joined.autopilot.state is None
+    ask_mode(joined, 6.0, 0.0)
+    if known:  # and no attitude after it, before the companion hears of the mode
+        held_back.clear()
+        held_back.add(attitude)
+    joined.fly(limit_s=2.0, until=lambda joined: joined.autopilot.supervisor.state is not State.RELINQUISHED)
+    assert joined.autopilot.state is None
+    held_back.clear()
+    joined.fly(limit_s=1.2)
+    assert state_of(joined) is (State.FLY if known else State.WITHDRAW)
+    joined.fly()
+    assert joined.vehicle.summary().outcome == "landed"
+    assert joined.autopilot.supervisor.fault is None if known else joined.autopilot.supervisor.fault is not None
+
+
 def test_a_vehicle_that_failed_over_by_itself_is_not_taken_back() -> None:
     """Its stream was lost on the way: it holds and lands, and hears no setpoint that would bring it back."""
     joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
