@@ -105,6 +105,13 @@ class LogFault:
 
 
 @dataclass(frozen=True, slots=True)
+class LogRecovered:
+    """The flight log is written again."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class PlannerFault:
     """There will be no more answers."""
 
@@ -112,7 +119,7 @@ class PlannerFault:
     text: str
 
 
-Event = Datagram | Tick | Planned | Request | LogFault | PlannerFault
+Event = Datagram | Tick | Planned | Request | LogFault | LogRecovered | PlannerFault
 
 
 class Reaction(NamedTuple):
@@ -255,6 +262,9 @@ class Autopilot:
                 if self._log_fault is None:
                     self._say(Severity.CRITICAL, f"the flight log fails: {event.text}")
                 self._log_fault = event.text
+            case LogRecovered():
+                self._log_fault = None
+                self._say(Severity.NOTICE, "the flight log is written again")
             case PlannerFault():
                 self._say(Severity.CRITICAL, f"no map any more: {event.text}")
         if not (self._outbox or self._announcements or self._trace or self._question):

@@ -11,7 +11,18 @@ import traceback
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, PlannerFault, Reaction, Request, Tick
+from companion.autopilot import (
+    Autopilot,
+    Datagram,
+    Event,
+    LogFault,
+    LogRecovered,
+    Planned,
+    PlannerFault,
+    Reaction,
+    Request,
+    Tick,
+)
 from companion.planning import ASKED, PLANNED, Planning, packed, packed_question
 from companion.supervisor import FLYING, State
 from companion.trace import LOGGED, Thinning
@@ -23,8 +34,10 @@ TICK_NS = 4_000_000
 """250 Hz"""
 TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
 REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
-"""Events that are neither ticks nor datagrams: "land", or LOG_FAULT or PLANNER_FAULT and what is wrong."""
+"""Events that are neither ticks nor datagrams: "land", LOG_RECOVERED, or what is wrong after LOG_FAULT or
+PLANNER_FAULT."""
 LOG_FAULT = "log fault: "
+LOG_RECOVERED = "log recovered"
 PLANNER_FAULT = "planner fault: "
 LOOP = record_type("/companion/loop", "courier/Loop", [("worst_ns", "uint32"), ("latency_ns", "uint32[]")])
 """Wall time from the receipt of a datagram with a new attitude to the command's departure, for those of a tenth of a
@@ -62,7 +75,7 @@ class Runner:
         self._locked = False
         self._now = 0
         self._checked_log_ns = 0
-        self._log_fault: str | None = None
+        self._log_failed = False
         self._planning_failed = False
         self._thinning = Thinning(autopilot.settings.log.trace_rate)
         self._latencies: list[int] = []
@@ -199,10 +212,11 @@ class Runner:
             self._log.record(REQUEST, now, REQUEST.pack(f"{PLANNER_FAULT}{fault}"))
             answer += self._handle(PlannerFault(now, fault)).datagram
         fault = self._log.fault
-        if fault is not None and fault != self._log_fault:
-            self._log_fault = fault
-            self._log.record(REQUEST, now, REQUEST.pack(f"{LOG_FAULT}{fault}"))
-            answer += self._handle(LogFault(now, fault)).datagram
+        if (fault is not None) != self._log_failed:  # its words change with the time that it lasts
+            self._log_failed = fault is not None
+            event = LogRecovered(now) if fault is None else LogFault(now, fault)
+            self._log.record(REQUEST, now, REQUEST.pack(LOG_RECOVERED if fault is None else f"{LOG_FAULT}{fault}"))
+            answer += self._handle(event).datagram
         return answer
 
     def _handle(self, event: Event) -> Reaction:

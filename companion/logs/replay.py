@@ -6,13 +6,13 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.autopilot import Autopilot, Datagram, Event, LogFault, Planned, PlannerFault, Request, Tick
+from companion.autopilot import Autopilot, Datagram, Event, LogFault, LogRecovered, Planned, PlannerFault, Request, Tick
 from companion.logs.ahead import Ahead, DivergedError, worth_it
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
 from companion.logs.writer import Writer
 from companion.planning import PLANNED, Here, Planning, Thinker
-from companion.runner import LOG_FAULT, PLANNER_FAULT, REQUEST, TICK, late_ns_of, lockstep_time
+from companion.runner import LOG_FAULT, LOG_RECOVERED, PLANNER_FAULT, REQUEST, TICK, late_ns_of, lockstep_time
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record, datagram_of
@@ -301,6 +301,8 @@ def _request(now: int, what: str) -> Event:
     """The event that a REQUEST record stands for."""
     if what.startswith(LOG_FAULT):
         return LogFault(now, what.removeprefix(LOG_FAULT))
+    if what == LOG_RECOVERED:
+        return LogRecovered(now)
     if what.startswith(PLANNER_FAULT):
         return PlannerFault(now, what.removeprefix(PLANNER_FAULT))
     return Request(now)

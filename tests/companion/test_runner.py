@@ -1,0 +1,113 @@
+"""The loop itself in lockstep, with the simulated vehicle at the other end of a queue."""
+
+from collections import deque
+from pathlib import Path
+from typing import Any, cast
+
+import msgspec
+
+from companion.autopilot import Autopilot
+from companion.config import load_body, load_settings
+from companion.logs.replay import replay
+from companion.planning import Here, Planning
+from companion.runner import RECORD_TYPES, REQUEST, Runner
+from companion.state import Output
+from companion.supervisor import State
+from protocol import datafile
+from protocol.flightlog import FlightLog, LogReader
+from studies.joined import mission_of
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.vehicle import Vehicle
+from vehicle_sim.world import World
+
+HOVER = mission_of("hover")
+SETTINGS = load_settings(None, ["avoidance.method=none"])
+
+
+class Queue:
+    """A transport to a vehicle that goes on as soon as it is listened to; `strange` comes before all that it says."""
+
+    preserves_datagrams = True
+    peer = "memory:vehicle"
+
+    def __init__(self, *strange: bytes) -> None:
+        frame = Airframe.load(datafile.find("vehicles", HOVER.vehicle), ())
+        self.vehicle = Vehicle(frame, World.load(datafile.find("worlds", HOVER.world), ()), seed=1, lockstep=True)
+        self._waiting = deque(strange)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        while not self._waiting:
+            self._waiting += self.vehicle.advance()
+        return self._waiting.popleft()
+
+    def send(self, data: bytes) -> None:
+        self.vehicle.receive(data)
+
+    def lock(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class Faulty:
+    """A flight log whose faults are as told: from a time (s) on, and until another one."""
+
+    def __init__(self, log: FlightLog, *faults: tuple[float, float]) -> None:
+        self._log = log
+        self._faults = faults
+        self._now_s = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._log, name)
+
+    def datagram(self, time_ns: int, *rest: Any) -> None:
+        self._now_s = time_ns * 1e-9
+        self._log.datagram(time_ns, *rest)
+
+    @property
+    def fault(self) -> str | None:
+        for start, stop in self._faults:
+            if start <= self._now_s < stop:
+                return f"it has not moved for {self._now_s - start:.1f} s"
+        return None
+
+
+def opened(folder: Path, *, console: bool = False) -> FlightLog:
+    flight = {"mission": HOVER.name, "output": "rates", "pace": "lockstep", "overrides": "[]"}
+    kinds = {"mission": "missions", "vehicle": "vehicles", "world": "worlds"}
+    names = {"mission": HOVER.name, "vehicle": HOVER.vehicle, "world": HOVER.world}
+    files = {f"{kind}.toml": datafile.find(kinds[kind], names[kind]).read_bytes() for kind in kinds}
+    return FlightLog.open(
+        folder,
+        metadata={"flight": {**flight, "whole_datagrams": "True"}},
+        attachments={**files, "settings.json": msgspec.json.encode(SETTINGS)},
+        types=RECORD_TYPES,
+        on_full="wait",
+        console=console,
+    )
+
+
+def runner_of(transport: Queue, log: FlightLog | Faulty) -> Runner:
+    autopilot = Autopilot(SETTINGS, load_body(HOVER.vehicle), HOVER, Output.RATES)
+    planning = Planning(Here(SETTINGS.avoidance), SETTINGS.avoidance.answer_delay)
+    return Runner(autopilot, transport, cast(FlightLog, log), None, planning)
+
+
+def test_a_stall_of_the_recorder_before_the_start_delays_it_and_no_more(tmp_path: Path) -> None:
+    """Each fault is handed over once, however its words change, and so is its end; the log of it replays."""
+    with opened(tmp_path / "log") as log:
+        runner = runner_of(Queue(), Faulty(log, (0.0, 4.0), (12.0, 13.0)))
+        runner.run()
+        assert runner.failure is None and runner._autopilot.supervisor.fault is None
+    reader = LogReader(tmp_path / "log" / "flight.mcap")
+    events = [(each.time_ns, REQUEST.unpack(each.data)["what"]) for each in reader.records((REQUEST.topic,))]
+    assert [what for _, what in events] == [
+        "log fault: it has not moved for 0.1 s",
+        "log recovered",
+        "log fault: it has not moved for 0.0 s",
+        "log recovered",
+    ]
+    trace = reader.array("/companion/trace")
+    first = trace["time_ns"][trace["state"] == State.FLY.value][0]
+    assert 4e9 <= events[1][0] < 4.2e9 < first < 10e9 < events[2][0]
+    result = replay(reader.path)
+    assert result.differences == [] and result.datagrams > 1000
