@@ -60,6 +60,8 @@ class Result:
     fault: str | None
     """What went wrong first; None if nothing did."""
     log: Path
+    simulated_s: float
+    """From the first event to the last, on the companion's clock; also where the log does not reach so far."""
     wall_s: float
     messages_lost: int
     missed_deadlines: int
@@ -114,7 +116,7 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
         epoch_ns=0 if clock is None else round(began * 1e9),
         preserves_datagrams=transport.preserves_datagrams,
     )
-    runner = Runner(autopilot, transport, log, clock, planning)
+    runner = Runner(autopilot, transport, log, clock, planning, console=console)
     wall = time.monotonic()
     try:
         runner.run()
@@ -126,6 +128,7 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
             landed=fault is None and autopilot.supervisor.state is State.ENDED,
             fault=fault,
             log=log.path,
+            simulated_s=runner.flown_s,
             wall_s=time.monotonic() - wall,
             messages_lost=autopilot.peer.lost if autopilot.peer is not None else 0,
             missed_deadlines=runner.missed_deadlines,
@@ -148,13 +151,16 @@ def _outcome(result: Result) -> dict[str, object]:
 
 
 def end_table(result: Result, summary: Summary) -> dict[str, object]:
-    """What the companion itself knows of a flight, for a table or JSON; per axis north, east, down."""
-    factor = summary.simulated_s / result.wall_s if result.wall_s else None
+    """What the companion itself knows of a flight, for a table or JSON; per axis north, east, down.
+
+    What is measured along the flight is as the log has it: where that was cut, up to there.
+    """
+    factor = result.simulated_s / result.wall_s if result.wall_s else None
     return {
         "delivered": result.delivered,
         "landed": result.landed,
         "duration_s": _rounded(result.wall_s, 3),
-        "simulated_s": _rounded(summary.simulated_s, 3),
+        "simulated_s": _rounded(result.simulated_s, 3),
         "real_time_factor": _rounded(factor, 2),
         "distance_m": _rounded(summary.distance_m, 1),
         "tracking_mae_m": _axes(summary.mae_m),

@@ -28,6 +28,7 @@ from companion.supervisor import FLYING, State
 from companion.trace import LOGGED, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, record_type
+from protocol.recorder import Console
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, TransportError, Udp
 
 TICK_NS = 4_000_000
@@ -56,6 +57,8 @@ _LOCKSTEP_PATIENCE_S = 3.0
 _START_PATIENCE_S = 0.2
 LATE_NS = 2_000_000
 """Half a period: a tick later than that has missed its deadline."""
+_LATEST_NS = 2**61
+"""73 years: later times, and what is reckoned from them, leave the log's fields."""
 _TIMESYNC_ASKS = bytes((111, 0, 0)) + bytes(8)
 """The message's id and tc1 = 0."""
 
@@ -64,7 +67,14 @@ class Runner:
     """Flies an autopilot over a transport until it has ended; without a clock in lockstep."""
 
     def __init__(
-        self, autopilot: Autopilot, transport: Transport, log: FlightLog, clock: RealClock | None, planning: Planning
+        self,
+        autopilot: Autopilot,
+        transport: Transport,
+        log: FlightLog,
+        clock: RealClock | None,
+        planning: Planning,
+        *,
+        console: bool = False,
     ) -> None:
         self._autopilot = autopilot
         self._planning = planning
@@ -73,6 +83,9 @@ class Runner:
         self._clock = clock
         self._landing_requested = False
         self._locked = False
+        self._console = Console() if console else None
+        """For when the log's recorder, which shows what is in the log, has gone."""
+        self._began_ns: int | None = None
         self._now = 0
         self._checked_log_ns = 0
         self._log_failed = False
@@ -89,24 +102,35 @@ class Runner:
     def run(self) -> None:
         """Fly. Ends when the autopilot has ended, the link is gone for good, or the loop itself has failed."""
         with _landing_on_signal(self._request_landing), _no_garbage_collection():
-            try:
-                if self._clock is None:
-                    self._lockstep()
-                else:
-                    with _real_time_priority():
-                        self._real_time(self._clock)
-            except TransportError as error:
-                self.failure = f"the link is gone: {error}"
-            except Exception as error:
-                # A broken invariant: stop commanding, and the vehicle's own failsafe takes it down.
-                self.failure = f"the companion's loop failed: {error!r}"
-                self._log.text(self._now, logging.CRITICAL, "companion", traceback.format_exc())
-            self._keep(self._thinning.rest())
-            self._tell_latencies(self._now)
+            for part in (self._fly, self._keep_rest):
+                try:
+                    part()
+                except TransportError as error:
+                    self.failure = f"the link is gone: {error}"
+                except Exception as error:
+                    # A broken invariant: stop commanding, and the vehicle's own failsafe takes it down.
+                    self.failure = self.failure or f"the companion's loop failed: {error!r}"
+                    self._say(logging.CRITICAL, traceback.format_exc())
             if self.failure is not None:
                 flying = self._autopilot.supervisor.state in FLYING - {State.RELINQUISHED}
                 rest = "; setpoints have stopped, the vehicle holds and lands by itself" if flying else ""
-                self._log.text(self._now, logging.CRITICAL, "companion", self.failure + rest)
+                self._say(logging.CRITICAL, self.failure + rest)
+
+    def _fly(self) -> None:
+        if self._clock is None:
+            self._lockstep()
+        else:
+            with _real_time_priority():
+                self._real_time(self._clock)
+
+    def _keep_rest(self) -> None:
+        self._keep(self._thinning.rest())
+        self._tell_latencies(self._now)
+
+    @property
+    def flown_s(self) -> float:
+        """From the first event to the last, on the companion's clock."""
+        return 0.0 if self._began_ns is None else (self._now - self._began_ns) * 1e-9
 
     def _request_landing(self) -> None:
         self._landing_requested = True
@@ -204,7 +228,11 @@ class Runner:
         wall = time.monotonic()
         if wall >= self._status_due:
             self._status_due = wall + _STATUS_EVERY_S
-            self._log.status(progress(self._autopilot, now))
+            line = progress(self._autopilot, now)
+            if self._recorder_speaks():
+                self._log.status(line)
+            elif self._console is not None:
+                self._console.status(line)
         answer = b""
         fault = self._planning.fault
         if fault is not None and not self._planning_failed:
@@ -221,6 +249,8 @@ class Runner:
 
     def _handle(self, event: Event) -> Reaction:
         self._now = event.time_ns
+        if self._began_ns is None:
+            self._began_ns = self._now
         reaction = self._autopilot.handle(event)
         if reaction.trace is not None:
             self._keep(self._thinning.step(event.time_ns, reaction.trace))
@@ -228,8 +258,29 @@ class Runner:
             self._planning.ask(reaction.question)
             self._log.record(ASKED, event.time_ns, packed_question(reaction.question))
         for announcement in reaction.announcements:
-            self._log.text(event.time_ns, _LOG_LEVEL[announcement.severity], "companion", announcement.text)
+            self._say(_LOG_LEVEL[announcement.severity], announcement.text)
         return reaction
+
+    def _say(self, level: int, text: str) -> None:
+        """Into the log, and by its recorder on the console; straight to the console where the log can't take it."""
+        try:
+            self._log.text(self._now, level, "companion", text)
+        except Exception:  # whatever is wrong: a word of it, and no end of the flight
+            said = False
+        else:
+            said = self._recorder_speaks()
+        if not said and self._console is not None:
+            self._console.text(f"{self._now * 1e-9:9.3f} {logging.getLevelName(level):7} companion: {text}")
+
+    def _recorder_speaks(self) -> bool:
+        """The console's lines are the recorder's, as long as there is one."""
+        if not self._log_failed:
+            return True
+        try:
+            os.kill(self._log.recorder_pid, 0)
+        except ProcessLookupError:
+            return False
+        return True
 
     def _keep(self, traces: list[tuple[int, bytes]]) -> None:
         for time_ns, trace in traces:
@@ -276,14 +327,15 @@ def late_ns_of(tick: bytes) -> int:
 
 def lockstep_time(datagram: bytes) -> int | None:
     """The time (ns) that the datagram's last frame, TIMESYNC with tc1 = 0, says it is; None if that is not its last
-    frame."""
+    frame, or the time is negative or beyond 73 years."""
     start = datagram.rfind(_TIMESYNC_ASKS) - 7  # what follows in such a frame is too short to hold that once more
     if start < 0 or datagram[start] != 0xFD:
         return None
     length = len(datagram) - start - 12
     if not 8 < length <= 16 or datagram[start + 1] != length:  # ts1 is cut of its zero bytes
         return None
-    return int.from_bytes(datagram[start + 18 : -2], "little")
+    time_ns = int.from_bytes(datagram[start + 18 : -2], "little")  # a negative one is beyond all, too
+    return time_ns if time_ns <= _LATEST_NS else None
 
 
 @contextlib.contextmanager

@@ -17,10 +17,8 @@ Axes = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Lengths in m, times in s; per axis north, east, down. None where nothing was flown."""
+    """Lengths in m; per axis north, east, down. None where nothing was flown."""
 
-    simulated_s: float
-    """From the first tick to the last, on the companion's clock."""
     distance_m: float
     mae_m: Axes | None
     rmse_m: Axes | None
@@ -37,13 +35,8 @@ def summarize(path: Path) -> Summary:
     try:
         log = LogReader(path)
     except FlightLogError:
-        return Summary(0.0, 0.0, None, None, None, None, None, 0, 0)
-    first_ns, last_ns = None, 0
-    counts: Counter[str] = Counter()
-    for record in log.records():
-        counts[record.topic] += 1
-        first_ns = record.time_ns if first_ns is None else first_ns
-        last_ns = max(last_ns, record.time_ns)
+        return Summary(0.0, None, None, None, None, None, 0, 0)
+    counts = Counter(record.topic for record in log.records())
     trace = _array(log, TRACE)
     flown = trace[trace["state"] == State.FLY.value]
     error = flown["position_ned"] - flown["reference_position_ned"]
@@ -51,7 +44,6 @@ def summarize(path: Path) -> Summary:
     clearance = flown["clearance"][np.isfinite(flown["clearance"])]
     latency_us = latencies_us(log)
     return Summary(
-        simulated_s=(last_ns - (first_ns or 0)) * 1e-9,
         distance_m=float(np.sqrt((steps**2).sum(axis=1)).sum()),
         mae_m=_axes(np.abs(error).mean(axis=0)) if len(flown) else None,
         rmse_m=_axes(np.sqrt((error**2).mean(axis=0))) if len(flown) else None,

@@ -1,20 +1,26 @@
 """The loop itself in lockstep, with the simulated vehicle at the other end of a queue."""
 
+import os
+import signal
+import struct
+import time
 from collections import deque
 from pathlib import Path
 from typing import Any, cast
 
 import msgspec
+import pytest
 
 from companion.autopilot import Autopilot
 from companion.config import load_body, load_settings
 from companion.logs.replay import replay
 from companion.planning import Here, Planning
-from companion.runner import RECORD_TYPES, REQUEST, Runner
+from companion.runner import RECORD_TYPES, REQUEST, Runner, lockstep_time
 from companion.state import Output
 from companion.supervisor import State
 from protocol import datafile
 from protocol.flightlog import FlightLog, LogReader
+from protocol.messages import Encoder, dialect
 from studies.joined import mission_of
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.vehicle import Vehicle
@@ -86,10 +92,10 @@ def opened(folder: Path, *, console: bool = False) -> FlightLog:
     )
 
 
-def runner_of(transport: Queue, log: FlightLog | Faulty) -> Runner:
+def runner_of(transport: Queue, log: FlightLog | Faulty, *, console: bool = False) -> Runner:
     autopilot = Autopilot(SETTINGS, load_body(HOVER.vehicle), HOVER, Output.RATES)
     planning = Planning(Here(SETTINGS.avoidance), SETTINGS.avoidance.answer_delay)
-    return Runner(autopilot, transport, cast(FlightLog, log), None, planning)
+    return Runner(autopilot, transport, cast(FlightLog, log), None, planning, console=console)
 
 
 def test_a_stall_of_the_recorder_before_the_start_delays_it_and_no_more(tmp_path: Path) -> None:
@@ -111,3 +117,68 @@ def test_a_stall_of_the_recorder_before_the_start_delays_it_and_no_more(tmp_path
     assert 4e9 <= events[1][0] < 4.2e9 < first < 10e9 < events[2][0]
     result = replay(reader.path)
     assert result.differences == [] and result.datagrams > 1000
+
+
+class Kill(Queue):
+    """A transport that kills the log's recorder at 6 s, and goes on when that is noticed."""
+
+    log: FlightLog
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        if self.vehicle.time_ns == 6_000_000_000 and self.log.fault is None:
+            os.kill(self.log.recorder_pid, signal.SIGKILL)
+            deadline = time.monotonic() + 20.0
+            while self.log.fault is None and time.monotonic() < deadline:
+                pass
+        return super().receive(timeout_s)
+
+
+def test_without_a_recorder_the_flight_is_told_all_the_same(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    transport = Kill()
+    with opened(tmp_path / "log", console=True) as transport.log:
+        runner = runner_of(transport, transport.log, console=True)
+        runner.run()
+    flown_s = transport.vehicle.time_ns * 1e-9
+    assert transport.vehicle.summary().outcome == "landed" and runner.flown_s == pytest.approx(flown_s, abs=0.01)
+    said = capfd.readouterr().err.splitlines()
+    for text in ("armed, taking off", "the flight log fails: ", "landed and disarmed"):
+        assert len([line for line in said if text in line]) == 1, (text, said)
+
+
+@pytest.mark.parametrize("time_ns", [-1, -(2**63), 2**63 - 1, 2**32 * 10**9, 2**61 + 1])
+def test_a_time_that_can_not_be_is_none(time_ns: int, tmp_path: Path) -> None:
+    """It is answered as anybody's question, the clock stays, and the flight is flown."""
+    encoder = Encoder(1, 1)
+    strange = (
+        encoder.encode_fields(dialect.MAVLink_heartbeat_message, 2, 12, 81, 0, 4, 3),
+        encoder.encode_fields(dialect.MAVLink_timesync_message, 0, time_ns),
+    )
+    assert lockstep_time(strange[1]) is None
+    assert lockstep_time(encoder.encode_fields(dialect.MAVLink_timesync_message, 0, 2**61)) == 2**61
+    with opened(tmp_path / "log") as log:
+        runner = runner_of(Queue(*strange), log)
+        runner.run()
+    assert runner.failure is None and runner._autopilot.supervisor.fault is None and runner.flown_s < 60.0
+
+
+class Broken(Faulty):
+    """A log that takes no text and no record from a time on."""
+
+    def text(self, *arguments: Any) -> None:
+        if self._now_s >= self._faults[0][0]:
+            raise struct.error("argument out of range")
+        self._log.text(*arguments)
+
+    def record(self, *arguments: Any) -> None:
+        if self._now_s >= self._faults[0][0]:
+            raise struct.error("argument out of range")
+        self._log.record(*arguments)
+
+
+def test_whatever_the_log_does_the_loop_ends_with_a_word(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with opened(tmp_path / "log") as log:
+        runner = runner_of(Queue(), Broken(log, (6.0, 99.0)), console=True)
+        runner.run()
+    assert runner.failure == "the companion's loop failed: error('argument out of range')"
+    said = capfd.readouterr().err
+    assert "Traceback" in said and f"{runner.failure}; setpoints have stopped" in said
