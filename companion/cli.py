@@ -113,7 +113,8 @@ def fly(
 
     transport = _usable(open_url, connect)
     _usable(prepare, plan)
-    result = _usable(fly_plan, plan, transport, log, console=True)
+    left = "; a vehicle in the air holds and lands by itself"
+    result = _usable(fly_plan, plan, transport, log, console=True, left=left)
     outcome = result.fault or ("delivered" if result.delivered else "flown")
     summary = summarize(result.log)
     if summary.distance_m > 0.0 or as_json:
@@ -192,12 +193,12 @@ def _pace(text: str) -> Any:
     return factor
 
 
-def _usable(function: Any, *arguments: Any, **options: Any) -> Any:
-    """As `shell.usable`, for what flies."""
+def _usable(function: Any, *arguments: Any, left: str = "", **options: Any) -> Any:
+    """As `shell.usable`; whoever interrupts it is told what is `left` then."""
     try:
         return usable(function, *arguments, **options)
     except KeyboardInterrupt:
-        _say("companion: abandoned; a vehicle in the air holds and lands by itself")
+        _say(f"companion: abandoned{left}")
         raise typer.Exit(ABANDONED) from None
 
 

@@ -90,7 +90,9 @@ class Row:
     text: str
     """Formatted with the health and the settings."""
     fault: bool = False
-    """The flight has failed: the outcome says so."""
+    """The flight has failed: the outcome says so,"""
+    outcome: str = ""
+    """in these words; left out, in those of `text`."""
 
 
 def _row(
@@ -101,8 +103,10 @@ def _row(
     text: str,
     *,
     fault: bool = False,
+    outcome: str = "",
 ) -> Row:
-    return Row(states if isinstance(states, frozenset) else frozenset({states}), condition, to, severity, text, fault)
+    states = states if isinstance(states, frozenset) else frozenset({states})
+    return Row(states, condition, to, severity, text, fault, outcome)
 
 
 _OWN = frozenset({State.FLY, State.HOLD})
@@ -254,6 +258,7 @@ TABLE: tuple[Row, ...] = (
         _N,
         "landing on request (interrupt again to abandon)",
         fault=True,
+        outcome="called off in flight",
     ),
     _row(
         State.FLY,
@@ -428,7 +433,7 @@ class Supervisor:
             if row.condition(health, self._settings, seconds):
                 text = row.text.format(health=health, settings=self._settings)
                 if row.fault and self.fault is None:
-                    self.fault = text
+                    self.fault = row.outcome or text
                 self.state = row.to
                 self._since_ns = now_ns
                 return Announcement(row.severity, text)

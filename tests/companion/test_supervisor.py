@@ -185,6 +185,15 @@ def test_only_who_gives_control_back_ends_the_waiting_for_it() -> None:
     assert state_of(supervisor) is State.FLY and supervisor.fault is None
 
 
+def test_a_flight_that_was_called_off_is_said_to_be_so_when_it_is_over() -> None:
+    """What to do now is said then, and is not the outcome."""
+    supervisor, now = flying()
+    said = supervisor.update(FAULTS["request"][0], now)
+    assert said is not None and said.text == "landing on request (interrupt again to abandon)"
+    supervisor.update(replace(IDLE, land_requested=True), now + 10 * SECOND)
+    assert state_of(supervisor) is State.ENDED and supervisor.fault == "called off in flight"
+
+
 def test_what_is_not_given_back_in_time_is_let_go() -> None:
     supervisor, now = relinquished()
     now = settle(supervisor, OTHERS, now, SETTINGS.resume_within + 0.1)
