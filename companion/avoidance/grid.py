@@ -62,6 +62,8 @@ _LINK = 0.8
 """Log-odds of what is taken to stand between two returns of one wall."""
 _STRAIGHT, _LONGER = 0.9, 3.0
 """Cosine of the turn and ratio of the steps, at the most, between three returns of one wall."""
+_CLOCK_NS = 4096 * 1_000_000_000
+"""Each map's clock starts at a multiple of this before its first ring: in 32 bits a second of 2026 is two minutes."""
 _NEW_PLACE = 0.5
 """How much a return moves the place that its cell remembers."""
 
@@ -138,6 +140,7 @@ class OccupancyGrid:
         self._certain = np.empty(shape, np.bool_)
         self._to_occupied = np.empty(shape, np.float32)
         self._corner: Cell | None = None
+        self._start_ns: int | None = None
         self._height = 0.0
         """Down (m) of the layer's middle."""
 
@@ -178,6 +181,8 @@ class OccupancyGrid:
         """
         settings = self._settings
         here = positions_ned[-1]
+        if self._start_ns is None:
+            self._start_ns = time_ns - time_ns % _CLOCK_NS
         self._follow(here)
         assert self._corner is not None
         _add_beams(
@@ -190,7 +195,7 @@ class OccupancyGrid:
             self._height,
             settings.layer,
             CEILING / settings.memory_s,
-            time_ns * 1e-9,
+            self._seconds(time_ns),
             bearings_frd,
             ranges_m,
             hit,
@@ -215,11 +220,16 @@ class OccupancyGrid:
         corner = self._corner or (-settings.cells // 2, -settings.cells // 2)
         fading = CEILING / settings.memory_s
         states, certain, to_occupied = self._states, self._certain, self._to_occupied
+        now_s = self._seconds(time_ns)
         hits = _classify(
-            self._log_odds, self._seen_s, self._places, corner[0], corner[1], time_ns * 1e-9, fading, states, certain
+            self._log_odds, self._seen_s, self._places, corner[0], corner[1], now_s, fading, states, certain
         )
         _measure(to_occupied, states == OCCUPIED, hits, corner, settings.cell)
         return MapView(states, to_occupied, corner, settings.cell, hits, certain)
+
+    def _seconds(self, time_ns: int) -> float:
+        """On the map's clock."""
+        return (time_ns - (self._start_ns or 0)) * 1e-9
 
     def _follow(self, position_ned: Array) -> None:
         settings = self._settings
@@ -250,7 +260,7 @@ class OccupancyGrid:
             east,
             radius,
             log_odds,
-            time_ns * 1e-9,
+            self._seconds(time_ns),
             occupied_alone,
         )
 

@@ -116,6 +116,27 @@ def test_evidence_adds_up_is_bounded_and_fades() -> None:
     assert state_at(chart.view(60_000_000_000), HERE[0] + 2.0, HERE[1]) == UNKNOWN
 
 
+@pytest.mark.parametrize("start_s", [0.001, 10 * 86_400, 1_790_000_000, 2**31])
+def test_what_was_seen_fades_alike_whatever_the_clock_says(start_s: float) -> None:
+    start_ns = round(start_s * 1e9)
+    bearings, attitude = np.radians(np.arange(0.0, 360.0, 5.0)), np.array([1.0, 0.0, 0.0, 0.0])
+    ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
+    ranges[0], hit[0] = 2.0, True
+
+    def counts(start_ns: int) -> list[tuple[int, int]]:
+        grid = OccupancyGrid(SETTINGS)
+        for k in range(20):
+            time_ns = start_ns + k * 66_000_000
+            scan = Scan(time_ns, time_ns // 1000, bearings, ranges, hit, np.ones(72, bool))
+            grid.add(scan, np.array([0.0, 0.0, -3.0]), attitude, -0.5)
+        views = (grid.view(start_ns + round(s * 1e9)) for s in (2.0, 7.0, 20.0, 35.0, 36.5, 37.0, 45.0))
+        return [(int((view.states == OCCUPIED).sum()), int((view.states == FREE).sum())) for view in views]
+
+    found = counts(start_ns)
+    assert found == counts(0)
+    assert found[0][0] > 0 and found[0][1] > 1000 and found[-1] == (0, 0)
+
+
 def test_a_wide_arc_is_believed_less() -> None:
     """At 12 m the arc is five cells wide: all are occupied, and one free ring from there takes them away; a return at
     2 m takes more."""
