@@ -177,6 +177,11 @@ class Autopilot:
         self._map_ns: int | None = None
         """When the ring arrived that the guard knows of; before, when it was asked for the first time."""
         self._course = Course(settings.avoidance.course)
+        self._start_ned: Sequence[float] = (0.0, 0.0)
+        """Where the course began (north, east) and the generator waits for its end."""
+        self._wanted = np.zeros(2)
+        """m/s, north and east: what the course takes up."""
+        self._steer_at_ns = 0
         self._way = NO_WAY
         self._free = math.inf
         self._verdict: Verdict | None = None
@@ -216,6 +221,8 @@ class Autopilot:
         self._vehicle_said = ""
         self._vehicle_said_ns = 0
         self._mode_reached = False
+        self._ground_down = 0.0
+        self._relinquished_ns = 0
         self._phase_since_ns = 0
         self._arrived_ns: int | None = None
         self._next_supervision_ns = 0
@@ -656,9 +663,6 @@ class Autopilot:
             self._commander.forget(dialect.MAV_CMD_DO_SET_MODE)
             self._mode_reached = False
 
-    _ground_down = 0.0
-    _relinquished_ns = 0
-
     def _follow_along(self, state: VehicleState) -> None:
         """Others fly: what is sent would keep the vehicle wherever it is; nothing is learnt meanwhile."""
         self._reference.place(state.position_ned, yaw_of(state.attitude_ned_frd))
@@ -865,12 +869,6 @@ class Autopilot:
             self._steer_at_ns = now + _STEER_EVERY_NS
             self._wanted = self._velocity_over_map(goal, state, now)
         self._course.advance(now, self._wanted, state.position_ned[:2])
-
-    _start_ned: Sequence[float] = (0.0, 0.0)
-    """Where the course began (north, east) and the generator waits for its end."""
-    _steer_at_ns = 0
-    _wanted = np.zeros(2)
-    """m/s, north and east: what the course takes up."""
 
     def _velocity_over_map(self, goal: Array, state: VehicleState, now: int) -> Array:
         """(2,) What is wanted of the course; heading and height follow."""
