@@ -231,6 +231,34 @@ def test_jumps_of_the_reference_are_let_through_gently() -> None:
     assert np.abs(np.diff(steps)).max() < 0.05 * abs(course[-1])
 
 
+def test_rates_that_their_own_derivative_explains_pass_untouched() -> None:
+    """Faded is a jump alone; the trapezium's own error is a thousandth of it."""
+    memory = np.zeros(1, cascade.MEMORY)
+    dt, rate = 0.004, 2.0 * math.pi
+    for tick in range(500):
+        phase = rate * tick * dt + np.array([0.0, 1.0, 2.0])
+        cascade._fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt if tick else 0.0, memory[0])
+        assert np.abs(memory["jump"]).max() < 1e-3 and np.abs(memory["letting"]).max() < 2e-2
+    memory["reference_rates"] += 0.5
+    cascade._fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt, memory[0])
+    assert np.abs(memory["jump"]).max() > 0.4
+
+
+@pytest.mark.parametrize("climb", [2.0, -2.0])
+def test_thrust_that_takes_time_is_asked_for_ahead(climb: float) -> None:
+    """By as much more as the reference will need of it a rotor's lag later."""
+    state = VehicleState(0, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
+    thrusts = []
+    for soon in (0.0, climb):
+        controller = Cascade(load_settings(None, []), BODY, Output.RATES)
+        reference, ahead = Reference(np.zeros((6, 3))), Reference(np.zeros((6, 3)))
+        ahead.rows[2, 2] = -soon
+        wanted = controller.wish(state, START_NS, START_NS, reference, BODY.mass_kg, False)
+        out, _ = controller.obey(wanted, START_NS, ahead, BODY.mass_kg)
+        thrusts.append(float(out[cascade.THRUST]) * BODY.max_thrust_n)
+    assert thrusts[1] - thrusts[0] == pytest.approx(BODY.mass_kg * climb, rel=1e-6)
+
+
 def turned(controller: Cascade, now: int, rates: Array, yaw_rate: float = 0.0) -> Array:
     """FIELDS of a vehicle that hovers level and turns, with a reference that heads north and is to turn."""
     state = VehicleState(now, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), rates, 0)

@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
+from companion.avoidance.astar import GridPath
 from companion.avoidance.course import NO_WAY, Course, Way, wish
-from companion.avoidance.grid import FREE, OCCUPIED, MapView, distance_to
-from companion.avoidance.mapped import Planner
+from companion.avoidance.grid import FAR_M, FREE, OCCUPIED, MapView, distance_to
+from companion.avoidance.mapped import Planner, _up_to_doubt
 from companion.avoidance.progress import Progress, Trail
 from companion.config import Avoidance, AvoidanceCourse, AvoidanceMap
 from protocol.frames import Array
@@ -74,6 +75,9 @@ def test_a_wish_keeps_to_the_way_and_slows_down_before_a_corner() -> None:
     assert np.linalg.norm(near.velocity) == pytest.approx(math.sqrt(4.0 + 2.0 * BRAKING * 0.5))
     assert near.velocity[1] > 0.0  # looks round the corner
     assert far.places[-1] == pytest.approx(corners[-1]) and len(far.places) == 3 and len(near.places) == 2
+    onward = wish(way, np.array([7.0, 0.0]), np.array([5.0, 0.0]), corners[-1], 6.0, BRAKING)
+    left = 3.0 - 0.1 * 5.0  # it brakes a tenth of a second later
+    assert np.linalg.norm(onward.velocity) == pytest.approx(math.sqrt(4.0 + 2.0 * BRAKING * left))
     beside = wish(way, np.array([10.0, 19.6]), velocity, corners[-1], 6.0, BRAKING)
     assert beside.velocity == pytest.approx([0.0, 0.6])
 
@@ -85,7 +89,22 @@ def test_a_bearing_across_the_motion_is_taken_slowly_and_none_is_a_stop() -> Non
     across = wish(east, np.zeros(2), np.array([5.0, 0.0]), goal, 5.0, BRAKING)
     assert straight.velocity == pytest.approx([0.0, 5.0], abs=1e-9)
     assert across.velocity == pytest.approx([0.0, 1.0], abs=1e-9)
+    aslant = wish(east, np.zeros(2), 5.0 * np.array([math.sin(1.0), math.cos(1.0)]), goal, 5.0, BRAKING)
+    assert aslant.velocity == pytest.approx([0.0, 5.0 * math.cos(1.0) ** 2], abs=1e-9)
     assert not wish(NO_WAY, np.zeros(2), np.zeros(2), goal, 5.0, BRAKING).velocity.any()
+
+
+def test_what_may_be_a_gap_is_looked_at_from_a_little_before_it() -> None:
+    """A path down the middle of a funnel: it ends where there is still a little more than the room that is needed."""
+    room = 0.38
+    near = np.full((64, 64), np.float32(FAR_M))
+    near[:, 32] = np.maximum(1.5 - 0.03 * np.arange(64), 0.0)
+    view = MapView(np.full((64, 64), FREE, np.uint8), near, (0, 0), 0.2)
+    cells = np.column_stack([np.arange(64), np.full(64, 32)])
+    path = _up_to_doubt(GridPath(cells, 0.2 * np.arange(64.0), 12.6, 0.0), view, room)
+    rows = path.cells[:, 0]
+    assert not path.whole and (rows == np.arange(len(rows))).all() and len(path.costs) == len(rows)
+    assert near[rows[-1], 32] >= room + 0.08 > near[rows[-1] + 1, 32]
 
 
 def view_with(*walls: tuple[slice, slice]) -> MapView:

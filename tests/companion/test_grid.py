@@ -300,6 +300,27 @@ def test_distances_at_the_smallest_cell_that_settings_allow() -> None:
     assert np.allclose(distance_to(marked, smallest), np.minimum(exact, FAR_M), rtol=1e-6)
 
 
+@pytest.mark.parametrize("aside", [0.0, 0.09, 0.19])
+def test_a_ring_that_sees_beyond_the_window_leaves_its_border_unknown(aside: float) -> None:
+    """Wherever in its cell the vehicle is; all before the border is free."""
+    view = seen(np.full(72, 100.0), np.zeros(72, bool), here=HERE + np.array([aside, -aside, 0.0]))
+    assert (view.states == OCCUPIED).sum() == 0
+    for border in (view.states[:2], view.states[-2:], view.states[:, :2], view.states[:, -2:]):
+        assert (border == UNKNOWN).all()
+    size = SETTINGS.cells
+    middle = size // 2
+    for cell in ((4, middle), (size - 5, middle), (middle, 4), (middle, size - 5)):
+        assert view.states[cell] == FREE
+
+
+def test_a_beam_is_followed_to_the_edge_of_the_layer() -> None:
+    rng = np.random.default_rng(4)
+    for above, down in zip(rng.uniform(-1.4, 1.4, 200), rng.uniform(-0.5, 0.5, 200), strict=True):
+        there = above + grid._within_layer(above, down, 1.5) * down
+        assert there == pytest.approx(math.copysign(1.5, down))
+    assert grid._within_layer(0.3, 0.0, 1.5) == math.inf and grid._within_layer(-1.6, 0.2, 1.5) == 0.0
+
+
 def test_free_is_free_all_the_way_from_the_sensor() -> None:
     """No pinholes: a free disc, and every cell of it is."""
     view = seen(np.full(72, 10.0), np.zeros(72, bool))

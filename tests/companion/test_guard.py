@@ -15,6 +15,7 @@ from companion.avoidance.guard import (
     Guard,
     GuardSettings,
     Reason,
+    _stop_free,
     closing_limit,
     free_space,
     half_planes,
@@ -262,6 +263,60 @@ def test_without_a_view_or_with_an_old_one_it_stops() -> None:
         assert verdict.reason is Reason.STALE
         assert np.allclose(verdict.acceleration_ned[:2] / SETTINGS.braking, -velocity[:2] / math.hypot(3.0, 2.0))
         assert verdict.acceleration_ned[2] == 0.5
+
+
+def test_what_moves_goes_on_moving_while_the_view_of_it_ages() -> None:
+    """0.2 s after the ring, it is the same as if it had been seen where it is by now."""
+    rng = np.random.default_rng(6)
+    acted = 0
+    for _ in range(50):
+        walker = np.array([[*rng.uniform((2.0, -2.0), (5.0, 2.0)), *rng.uniform(-1.5, 1.5, 2), 1.0]])
+        by_now = walker.copy()
+        by_now[:, :2] += 0.2 * walker[:, 2:4]
+        velocity, command = np.array([*rng.uniform((2.0, -1.0), (4.0, 1.0)), 0.0]), np.array([2.0, 0.0, 0.0])
+        verdicts = []
+        for moving, now in ((walker, 200_000_000), (by_now, 0)):
+            guard = Guard(SETTINGS)
+            guard.look(free_space(view_of(free_field()), STILL, 0, SETTINGS, moving))
+            verdicts.append(guard.filter(STILL, velocity, command, now))
+        assert verdicts[0].reason is verdicts[1].reason
+        assert verdicts[0].acceleration_ned == pytest.approx(verdicts[1].acceleration_ned, abs=1e-9)
+        acted += verdicts[0].reason is Reason.BARRIER
+    assert acted > 10
+
+
+@pytest.mark.parametrize("swerve", [0.4, -0.8, 1.1])
+@pytest.mark.parametrize("part", [0.5, 1.0])
+def test_a_swerve_is_looked_at_where_it_leads(swerve: float, part: float) -> None:
+    """Its accelerations, integrated twice: to rest, beside the straight stop. A pillar that stands there is met."""
+    braking, lag, velocity = 4.5, 0.15, np.array([4.0, 3.0])
+    speed = math.hypot(*velocity)
+    onward = velocity / speed
+    aside = np.array([-onward[1], onward[0]])
+    duration = speed / (braking * math.cos(swerve))
+    count = 4000
+    times = np.arange(count) * (lag + duration) / count
+    late = times - lag
+    sides = np.where(late < 0.0, 0.0, np.where(late < 0.5 * duration, 1.0, -1.0))
+    backs = np.where(late < 0.0, 0.0, 1.0)
+    force = sides[:, None] * math.sin(swerve) * aside - backs[:, None] * math.cos(swerve) * onward
+    step = times[1]
+    moves = velocity + np.cumsum(braking * force, axis=0) * step
+    path = np.cumsum(moves, axis=0) * step
+    assert np.linalg.norm(moves[-1]) < 0.02 and abs(path[-1] @ aside) > 0.3
+
+    def share(place: Array) -> float:
+        rows, columns = np.mgrid[:CELLS, :CELLS]
+        centres = (np.stack([rows, columns], axis=-1) + 0.5) * CELL - MIDDLE
+        pillar = np.linalg.norm(centres - place, axis=-1).astype(np.float32)
+        unseen = np.full_like(pillar, 2.0)
+        north, east = velocity.tolist()
+        found: float = _stop_free(pillar, unseen, CELL, MIDDLE, MIDDLE, north, east, swerve, 0.3, 0.2, braking, lag)
+        return found
+
+    place = path[round(part * count) - 1]
+    met = np.flatnonzero(np.linalg.norm(path - place, axis=1) < 0.3)[0] / count
+    assert share(place) == pytest.approx(met, abs=0.1) and met < 1.0
 
 
 def flown(

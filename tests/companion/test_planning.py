@@ -17,7 +17,7 @@ import pytest
 from companion.avoidance.mapped import Answer, Question, answer_bytes
 from companion.config import Avoidance, AvoidanceMap
 from companion.mission import Phase
-from companion.planning import PLANNED, Elsewhere, Here, Planning, packed
+from companion.planning import _MOST_OPEN, PLANNED, Elsewhere, Here, Planning, packed
 from companion.state import Scan
 from companion.supervisor import State
 from studies.joined import Joined, mission_of
@@ -34,7 +34,7 @@ def questions(count: int = 8) -> list[Question]:
     for k in range(count):
         ranges = rng.uniform(6.0, 15.0, 72)
         here = np.array([0.2 * k, 0.0, -3.0])
-        ranges[[71, 0, 1]] = 5.0 - 0.2 * k
+        ranges[[71, 0, 1]] = max(5.0 - 0.2 * k, 1.0)
         scan = Scan(k * PERIOD_NS, k * PERIOD_NS // 1000, BEARINGS, ranges, ranges < 12.0, np.ones(72, bool))
         pose = (here, np.array([1.0, 0.0, 0.0, 0.0]))
         goal = np.array([30.0, 0.0, -3.0])
@@ -70,6 +70,19 @@ def test_another_process_answers_the_same(elsewhere: Elsewhere) -> None:
         assert mine is not None and mine.number == question.number and len(mine.way.corners) > 1
         assert told(mine) == told(theirs)
     assert elsewhere.take(0.0) is None and elsewhere.fault is None
+
+
+def test_what_was_taken_last_holds_while_as_many_are_open_as_may_be(elsewhere: Elsewhere) -> None:
+    """The loop that flies looks at an answer's arrays where they lie, until it has taken another one up."""
+    asked = questions(_MOST_OPEN + 2)
+    for question in asked[:2]:
+        elsewhere.ask(question)
+    held = [elsewhere.take(20.0) for _ in range(2)]
+    before = [told(answer) for answer in held]
+    for question in asked[2:]:
+        elsewhere.ask(question)
+    assert [told(elsewhere.take(20.0))[6] for _ in asked[2:]] == [question.number for question in asked[2:]]
+    assert [told(answer) for answer in held] == before and elsewhere.fault is None
 
 
 @pytest.mark.parametrize(("cells", "cell"), [(384, 0.125), (384, 0.05), (96, 0.3)])

@@ -10,6 +10,7 @@ from companion.avoidance.tracks import (
     Tracker,
     Tracks,
     TrackSettings,
+    _judge,
     bear,
     correct,
     pairs,
@@ -94,6 +95,21 @@ def test_two_measurements_of_a_straight_flight_give_its_velocity() -> None:
     correct(tracks[0], np.array([3.2, 1.6]), noise, 0.3)
     assert np.allclose(tracks["mean"], [3.2, 1.6, 0.4, 1.2], atol=1e-5)
     assert tracks["number"] == 7
+
+
+def test_who_is_slow_in_so_many_rings_rests() -> None:
+    """In `rest` of them one after the other, and not a ring later; a fast one in between begins the count anew."""
+    tracker = Tracker(SETTINGS)
+    tracks = track_of(np.zeros(4), 1e-4 * np.eye(4))
+    tracks["hits"], tracks["moving"] = 10, True
+
+    def moves(speed: float) -> bool:
+        tracks["mean"][0, 2] = speed
+        _judge(tracks[0], tracker._rules[0])
+        return bool(tracks["moving"][0])
+
+    assert all(moves(0.0) for _ in range(SETTINGS.rest - 1)) and moves(1.5)
+    assert all(moves(0.0) for _ in range(SETTINGS.rest - 1)) and not moves(0.0)
 
 
 def test_the_nearest_pair_is_taken_first() -> None:

@@ -57,6 +57,14 @@ def test_a_leg_is_straight_and_keeps_to_speed_and_acceleration() -> None:
     assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_no_way_is_faster_than_what_is_asked_for_not_even_up_or_down() -> None:
+    for height in (-20.0, 20.0):
+        generator = standing()
+        generator.go(0, np.array([1.0, 2.0, height]), 0.5, 1.5)
+        fastest = max(float(np.linalg.norm(r.velocity_ned)) for r in run(generator, 60.0))
+        assert fastest == pytest.approx(0.5, rel=1e-6)
+
+
 def test_derivatives_belong_to_the_position() -> None:
     generator = standing()
     generator.go(0, np.array([11.0, -5.0, -6.0]), 3.0, 1.0)

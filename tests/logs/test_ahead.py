@@ -4,13 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from companion.avoidance.mapped import Answer, Question
+from companion.avoidance.mapped import Answer, Outlook, Question
 from companion.logs import ahead
 from companion.logs.ahead import Ahead, DivergedError
 from companion.logs.replay import replay
@@ -75,6 +76,37 @@ def test_in_a_copy_of_the_process(fly: Flyer) -> None:
     assert done.returncode == 0, done.stderr
     result = replay(path)
     assert done.stdout.split() == ["0", str(result.datagrams), str(count(LogReader(path), PLANNED.topic)), "False"]
+
+
+def test_what_was_taken_last_holds_when_all_is_ready(fly: Flyer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its arrays lie where the process that runs ahead writes, which has gone as far as it may."""
+    kept: list[Answer] = []
+    take, answered, here = Ahead.take, Outlook.answer, os.getpid()
+
+    def marked(its: Outlook, question: Question) -> Answer:
+        answer = answered(its, question)
+        if os.getpid() != here:  # a copy of this process; a vehicle that stands sees the same again and again
+            answer.space.to_unseen[:] = question.number
+        return answer
+
+    def watched(its: Ahead, patience_s: float) -> Answer | None:
+        answer = take(its, patience_s)
+        assert answer is not None
+        kept.append(answer)
+        deadline = time.monotonic() + 20.0
+        while its._free.get_value() and time.monotonic() < deadline:
+            os.sched_yield()
+        for held in kept[-2:]:
+            assert (held.space.to_unseen == held.number).all(), f"{held.number} when {answer.number} was taken"
+        if len(kept) == 20:
+            raise DivergedError
+        return answer
+
+    monkeypatch.setattr("threading.active_count", lambda: 1)
+    monkeypatch.setattr(ahead, "_WORTH_IT", 0)
+    monkeypatch.setattr(Outlook, "answer", marked)
+    monkeypatch.setattr(Ahead, "take", watched)
+    assert replay(fly()).differences == [] and len(kept) == 20
 
 
 def test_in_a_new_process(fly: Flyer, watched: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
