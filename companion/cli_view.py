@@ -67,6 +67,9 @@ def view(
         if control:
             say("companion: --control needs the URL of a vehicle")
             raise typer.Exit(UNUSABLE)
+        if world is not None:
+            say("companion: --world is for a link; a log has its own")
+            raise typer.Exit(UNUSABLE)
         log = Path(source) if source is not None else usable(newest, logs)
         with flight_log(log) as readable:
             serve(usable(Page, usable(open_log, readable), port, asked), typer.echo)
