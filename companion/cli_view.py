@@ -72,7 +72,9 @@ def view(
             raise typer.Exit(UNUSABLE)
         log = Path(source) if source is not None else usable(newest, logs)
         with flight_log(log) as readable:
-            serve(usable(Page, usable(open_log, readable), port, asked), typer.echo)
+            chosen = usable(open_log, readable)
+            chosen.name = str(log)
+            serve(usable(Page, chosen, port, asked), typer.echo)
         return
     serve(usable(Page, chosen, port, asked), typer.echo)
 

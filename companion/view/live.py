@@ -29,6 +29,8 @@ FRAME_S = 0.05
 """Between two pictures of the vehicle; words and plots take every fifth."""
 PLOT_S = 30.0
 """What the plots show, up to the moment that is shown."""
+_ROOM = (10, 8, 0, 0)
+"""Pixels above, right of, below and left of a plot, so that no number is cut."""
 _PATH_POINTS = 1500
 _PLOT_POINTS = 400
 _MAP_HEIGHT = 0.03
@@ -166,10 +168,6 @@ class Page:
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         gui.set_panel_label("Courier")
-        self._words = gui.add_html("")
-        self._panel: Panel | None = None
-        if self._control is not None:
-            self._panel = Panel(self._server, self._control, self._here, lambda: self._source.world)
         with gui.add_folder("Time"):
             self._slider: Any = gui.add_slider("s", 0.0, 1.0, 0.01, 0.0)
             self._play = gui.add_checkbox("play", True)
@@ -177,6 +175,10 @@ class Page:
             self._now = gui.add_button("now")
             self._chase = gui.add_checkbox("camera follows", True)
             self._maps = gui.add_checkbox("map", True)
+        self._words = gui.add_html("")
+        self._panel: Panel | None = None
+        if self._control is not None:
+            self._panel = Panel(self._server, self._control, self._here, lambda: self._source.world)
         self._now.on_click(lambda _: self._follow())
         self._play.on_update(lambda _: self._again())
         x, axis = uplot.Series(label="s"), uplot.Axis(size=44)
@@ -193,13 +195,24 @@ class Page:
                 scales=still,
                 axes=(uplot.Axis(), axis),
                 height=170,
+                padding=_ROOM,
             )
         with gui.add_folder("Clearance, m, and speed, m/s"):
             self._clearance = gui.add_uplot(
-                (empty,) * 2, series(("clearance", "#4c9f50")), scales=still, axes=(uplot.Axis(), axis), height=150
+                (empty,) * 2,
+                series(("clearance", "#4c9f50")),
+                scales=still,
+                axes=(uplot.Axis(), axis),
+                height=150,
+                padding=_ROOM,
             )
             self._speeds = gui.add_uplot(
-                (empty,) * 2, series(("speed", "#d08a1d")), scales=still, axes=(uplot.Axis(), axis), height=150
+                (empty,) * 2,
+                series(("speed", "#d08a1d")),
+                scales=still,
+                axes=(uplot.Axis(), axis),
+                height=150,
+                padding=_ROOM,
             )
 
     def _here(self) -> Floats | None:
@@ -453,7 +466,7 @@ def words(moment: Moment, name: str, when: str, problem: str | None, *, quiet: b
         rows.append(("clearance", ", ".join([clear, *notes])))
         rows.append(("guard", f"{plan.guard}, {plan.guard_change:.1f} m/s²" if plan.guard else "quiet"))
     if moment.nearest is not None:
-        rows.append(("nearest return", f"{moment.nearest:.2f} m"))
+        rows.append(("nearest", f"{moment.nearest:.2f} m"))
     if moment.battery is not None:
         rows.append(("battery", f"{moment.battery:.0f} %"))
     notable = {
