@@ -31,6 +31,8 @@ ASKED = {
 }
 GO_TO = "go to"
 _QUESTIONS = {
+    "hold": "The vehicle stops, and stays where it is. A companion that flies it waits to be given control back.",
+    "land": "The vehicle comes down where it is, whatever is below it.",
     "resume": "The vehicle obeys its companion again, which goes on with its mission. It is refused where no companion "
     "sends setpoints.",
     "return": "The vehicle flies home by itself. It looks out for nothing on its way.",
@@ -200,8 +202,7 @@ class Panel:
     def _confirm(self, wish: str) -> None:
         self._stop_aiming()
         with self._server.gui.add_modal(f"Ask the vehicle to {wish}?") as question:
-            if wish in _QUESTIONS:
-                self._server.gui.add_markdown(_QUESTIONS[wish])
+            self._server.gui.add_markdown(_QUESTIONS[wish])
             self._buttons(question, wish, lambda: self._ask(wish), lambda: None)
 
     def _ask(self, wish: str) -> None:

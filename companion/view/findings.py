@@ -139,7 +139,8 @@ def _failsafes(flight: Gathered) -> list[Finding]:
     for sender, stretches in flight.critical.items():
         for stretch in stretches.finish():
             if stretch.value:
-                text = f"The vehicle {sender} reported a critical state for {stretch.seconds:.1f} s."
+                lasting = f" for {stretch.seconds:.1f} s" if stretch.seconds >= 0.05 else ""
+                text = f"The vehicle {sender} reported a critical state{lasting}."
                 found.append(
                     Finding(Level.PROBLEM, "failsafe", text, (f"from {_at(stretch.start)}",), (stretch.start,))
                 )
