@@ -38,7 +38,7 @@ import mcap.records
 import msgspec
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 
 if TYPE_CHECKING:  # numpy is imported where it is needed: the recorder starts 0.1 s sooner without it
@@ -558,6 +558,8 @@ class _Chunk(NamedTuple):
     crc: int
     torn: bool = False
     """The file ends within it."""
+    loose: bool = False
+    """No chunk, but messages outside of chunks, one behind the other; nothing vouches for them but the file's CRC."""
 
 
 _RECORD = struct.Struct("<BQ")
@@ -567,6 +569,8 @@ _INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of pairs of a 
 _new = tuple.__new__  # of a Record: half the time of the class's own constructor
 _CHUNK_MARK = b"\x04\x00\x00\x00zstd"
 _MARK_OFFSET = _RECORD.size + _CHUNK.size - 4
+_DAMAGE = (McapError, ValueError, struct.error, KeyError, OverflowError)
+"""What reading bytes raises that are not what they seem to be."""
 _PIECE = 1 << 22
 _LARGEST_CHUNK = 1 << 30
 _PIECE_OF_TORN = 1 << 12
@@ -596,6 +600,7 @@ class LogReader:
         self._passed = 0
         self._data = self._open()
         self._scan()
+        self._doubt_loose()
         epoch = self.metadata.get("flightlog", {}).get("epoch_ns", "")
         known = epoch.isascii() and epoch.isdigit()
         self.epoch_ns = int(epoch) if known else 0
@@ -644,7 +649,7 @@ class LogReader:
                 self._report(f"damaged after byte {suspect}, resumed at byte {found}")
                 position = found
                 continue
-            if self._chunks and self._chunks[-1].offset == position:
+            if self._chunks and self._chunks[-1].offset == position and not self._chunks[-1].loose:
                 suspect = stop
             position = stop
             self._pass(position)
@@ -666,6 +671,10 @@ class LogReader:
                 if chunk is None:
                     return None
                 self._chunks.append(chunk)
+            elif opcode == Opcode.MESSAGE:
+                if length < LENGTH_OF_EMPTY:
+                    return None
+                self._add_loose(position, stop)
             elif opcode in _READERS:
                 self._take(opcode, data[start:stop])
             elif opcode == Opcode.DATA_END:
@@ -678,7 +687,7 @@ class LogReader:
                 self._finish(position, stop)
             elif not Opcode.HEADER <= opcode <= Opcode.DATA_END:
                 return None
-        except (McapError, ValueError, struct.error, KeyError):
+        except _DAMAGE:
             return None
         return stop
 
@@ -702,6 +711,21 @@ class LogReader:
             self.metadata[record.name] = record.metadata
         elif isinstance(record, mcap.records.Attachment):
             self.attachments[record.name] = record.data
+
+    def _add_loose(self, start: int, stop: int) -> None:
+        """A message outside of chunks, to those before it: as many as are read at once."""
+        last = self._chunks[-1] if self._chunks else None
+        if last is not None and last.loose and last.stop == start and last.size < _PIECE:
+            self._chunks[-1] = last._replace(stop=stop, size=stop - last.start)
+        else:
+            self._chunks.append(_Chunk(start, start, stop, "", stop - start, 0, loose=True))
+
+    def _doubt_loose(self) -> None:
+        """In a damaged file of chunks, what looks like messages between them may be the damage."""
+        chunks = [chunk for chunk in self._chunks if not chunk.loose]
+        if self._problems and 0 < len(chunks) < len(self._chunks):
+            self._chunks = chunks
+            self._report("messages between its chunks are left out, nothing vouches for them")
 
     def _finish(self, position: int, stop: int) -> None:
         data = self._data
@@ -805,14 +829,20 @@ class LogReader:
                 continue
             content = self._content(chunk)
             if content is not None:
+                found: list[Record] = []
                 try:
-                    yield from self._walk(content, topics, wanted)
-                except (McapError, ValueError, struct.error, KeyError):
+                    self._walk(content, topics, wanted, found)
+                except _DAMAGE:
                     self._report(f"chunk at byte {chunk.offset} holds something else than messages")
+                yield from found
 
-    def _walk(self, content: bytes, topics: Collection[str] | None, wanted: dict[int, str | None]) -> list[Record]:
-        """The records of one chunk; `wanted` remembers each channel's topic, None for those to leave out."""
-        found: list[Record] = []
+    def _walk(
+        self, content: bytes, topics: Collection[str] | None, wanted: dict[int, str | None], found: list[Record]
+    ) -> None:
+        """Add a chunk's records to `found`; `wanted` remembers each channel's topic, None for those to leave out.
+
+        Raises one of _DAMAGE behind the last whole record.
+        """
         epoch_ns = self.epoch_ns
         unpack, new = _MESSAGE.unpack_from, _new
         position = 0
@@ -829,12 +859,15 @@ class LogReader:
             elif opcode in _READERS:
                 self._take(opcode, content[position + 9 : stop])
             position = stop
-        return found
+        if position > len(content):  # only the last record can be longer than what there is
+            if opcode == 5 and topic is not None:
+                found.pop()
+            raise EndOfFile
 
     def _indexed(self, chunk: _Chunk, topics: Collection[str], wanted: dict[int, str | None]) -> list[Record] | None:
         """As `_walk`, by the indexes behind the chunk, so that nobody looks at other topics' records; None if there are
         none, or they are not to be trusted."""
-        if not (self._verified and self._summarised):
+        if chunk.loose or not (self._verified and self._summarised):
             return None
         try:
             places = self._places(chunk, topics, wanted)
@@ -876,6 +909,8 @@ class LogReader:
                 raise KeyError(channel)
             data = content[position + 31 : position + 9 + length]
             found.append(new(Record, (topic, log_time - epoch_ns, sequence, data)))
+        if position + 9 + length > len(content):
+            raise KeyError(channel)
         return found
 
     def _topic(self, channel: int, topics: Collection[str] | None) -> str | None:

@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.data_stream import ReadDataStream
+import zstandard
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message, MessageIndex
+from mcap.records import Channel, Chunk, Header, McapRecord, Message, MessageIndex, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import IndexType, Writer
 from mcap_ros1.decoder import DecoderFactory
@@ -28,6 +29,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from protocol.flightlog import (
     DATAGRAM,
+    HEADER,
+    LENGTH_OF_EMPTY,
+    MAGIC,
     Direction,
     FlightLog,
     FlightLogError,
@@ -406,16 +410,7 @@ def test_topics_are_found_by_the_index(start: Opener, monkeypatch: pytest.Monkey
         writer = Writer(
             str(other), index_types=index_types, repeat_channels=repeats, repeat_schemas=repeats, enable_data_crcs=True
         )
-        writer.start()
-        writer.add_metadata("flightlog", {"epoch_ns": str(EPOCH_NS)})
-        channels = {}
-        for topic, kind in LogReader(log.path).topics.items():
-            schema = writer.register_schema(kind.schema_name, "ros1msg", kind.definition.encode())
-            channels[topic] = writer.register_channel(topic, "ros1", schema)
-        for record in everything:
-            log_time = EPOCH_NS + record.time_ns
-            writer.add_message(channels[record.topic], log_time, record.data, log_time, record.sequence)
-        writer.finish()  # type: ignore[no-untyped-call]
+        rewrite(LogReader(log.path), everything, writer)
         assert agrees(other)
 
 
@@ -769,6 +764,40 @@ def written(content: bytes, path: Path) -> tuple[list[Record], LogReader]:
     return list(reader.records()), reader
 
 
+def rewrite(source: LogReader, records: list[Record], writer: Writer) -> None:
+    """The records as the mcap package writes them."""
+    writer.start()
+    writer.add_metadata("flightlog", {"epoch_ns": str(source.epoch_ns)})
+    channels = {}
+    for topic, kind in source.topics.items():
+        schema = writer.register_schema(kind.schema_name, "ros1msg", kind.definition.encode())
+        channels[topic] = writer.register_channel(topic, "ros1", schema)
+    for record in records:
+        log_time = source.epoch_ns + record.time_ns
+        writer.add_message(channels[record.topic], log_time, record.data, log_time, record.sequence)
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def encoded(*records: McapRecord) -> bytes:
+    """As the mcap package writes them."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+DEFINITION = encoded(Schema(1, b"float64 a", "ros1msg", "x/X"), Channel(1, "/x", "ros1", {}, 1))
+"""Of channel 1, as long as a record is."""
+START = MAGIC + encoded(Header("", ""), Metadata("flightlog", {"epoch_ns": "0"}))
+
+
+def chunked(content: bytes, *, packed: bytes | None = None, size: int | None = None, cut: int = 0) -> bytes:
+    """A log of one chunk that has no checksum, without its end; `cut` bytes of the chunk are missing."""
+    packed = zstandard.compress(content) if packed is None else packed
+    chunk = encoded(Chunk("zstd", packed + bytes(cut), 0, 0, 0, len(content) if size is None else size))
+    return START + chunk[: len(chunk) - cut]
+
+
 A_SLICE = 40_000
 """Bytes that are enough for a compressed slice (16 KiB) and what frames a chunk."""
 
@@ -840,6 +869,46 @@ def test_flip_in_an_unfinished_file_costs_its_chunk_alone(finished: bytes, tmp_p
         if place > ends[0][0] + 100:
             assert records != whole
             assert "damaged" in reader.problem
+
+
+def test_messages_outside_of_chunks_are_read(finished: bytes, tmp_path: Path) -> None:
+    """All of a whole file, up to the cut of one that is cut; and none where they may be a damage between chunks."""
+    whole, source = written(finished, tmp_path / "whole.mcap")
+    path = tmp_path / "loose.mcap"
+    writer = Writer(str(path), use_chunking=False)
+    rewrite(source, whole, writer)
+    with path.open("rb") as file:
+        theirs = [(channel.topic, m.sequence, m.data) for _, channel, m in make_reader(file).iter_messages()]
+    reader = LogReader(path)
+    assert [(record.topic, record.sequence, record.data) for record in reader.records()] == theirs
+    assert list(reader.records()) == whole
+    assert reader.problem is None and reader.complete
+    assert list(reader.records((COUNT.topic,))) == [record for record in whole if record.topic == COUNT.topic]
+    content = path.read_bytes()
+    generator = random.Random(13)
+    for cut in [generator.randrange(len(content)) for _ in range(20)]:
+        records, reader = written(content[:cut], path)
+        assert records == whole[: len(records)]
+        assert sum(31 + len(record.data) for record in records) >= cut - 10_000
+        assert reader.problem is not None
+
+    (end, _), *_ = chunk_ends(source.path)
+    assert finished[end] == Opcode.MESSAGE_INDEX
+    flipped = finished[:end] + bytes([Opcode.MESSAGE]) + finished[end + 1 :]
+    records, reader = written(flipped, path)
+    assert records == whole
+    assert "messages between its chunks are left out" in str(reader.problem)
+
+
+def test_a_message_longer_than_its_chunk_is_damage_and_those_before_it_are_kept(tmp_path: Path) -> None:
+    first, last = (HEADER.pack(5, LENGTH_OF_EMPTY + length, 1, 0, 0, 0) for length in (8, 1000))
+    content = DEFINITION + first + bytes(8) + last + bytes(999)
+    records, reader = written(chunked(content), tmp_path / "long.mcap")
+    assert records == [Record("/x", 0, 0, bytes(8))]
+    assert "something else than messages" in str(reader.problem)
+    records, reader = written(chunked(content + b"\0"), tmp_path / "long.mcap")
+    assert len(records) == 2
+    assert str(reader.problem).endswith(f"cut off at byte {reader.path.stat().st_size}")
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
