@@ -76,6 +76,8 @@ SCALARS = {  # as ROS 1 and as struct name them
     "float64": "d",
 }
 _VARIABLE = -1
+_LARGEST_RECORD = 1 << 24
+"""Bytes of a record's fields of fixed size; whatever asks for more is no schema of a log."""
 _LENGTH = struct.Struct("<I")
 
 
@@ -89,6 +91,16 @@ class _Field(NamedTuple):
     @property
     def is_variable(self) -> bool:
         return self.kind == "string" or self.length == _VARIABLE
+
+    @property
+    def values(self) -> int:
+        """So many of them, where that is fixed."""
+        return 2 if self.kind == "time" else self.length or 1
+
+    @property
+    def size(self) -> int:
+        """Bytes, where that is fixed."""
+        return self.values * struct.calcsize("<" + SCALARS.get(self.kind, "I"))
 
     @property
     def format(self) -> str:
@@ -111,10 +123,9 @@ def _fixed(fields: list[_Field]) -> _Fixed:
     places: list[tuple[str, int | slice]] = []
     count = 0
     for field in fields:
-        values = len(struct.unpack("<" + field.format, bytes(struct.calcsize("<" + field.format))))
         single = field.length is None and field.kind != "time"
-        places.append((field.name, count if single else slice(count, count + values)))
-        count += values
+        places.append((field.name, count if single else slice(count, count + field.values)))
+        count += field.values
     return _Fixed(struct.Struct("<" + "".join(field.format for field in fields)), count, tuple(places))
 
 
@@ -134,7 +145,7 @@ def _parse_field(name: str, text: str) -> _Field:
 
 
 class RecordType:
-    """One topic and the layout of what is on it; made by `record_type` or read from a file.
+    """One topic and the layout of what is on it; made by `record_type` or read from a file. ValueError if it is none.
 
     `pack(*values)` gives the bytes. Values come in the order of the fields, arrays of fixed size spread into single
     values, "time" as seconds and nanoseconds; "string" takes a str, "uint8[]" bytes, other open arrays a sequence.
@@ -154,6 +165,10 @@ class RecordType:
         lines = (line.partition("#")[0] for line in definition.splitlines())
         words = (line.split() for line in lines if line.strip() and "=" not in line)  # with "=" it is a constant
         self.fields = tuple(_parse_field(name, kind) for kind, name in words)
+        if len({field.name for field in self.fields}) < len(self.fields):
+            raise ValueError(f"{topic}: two fields have one name")
+        if sum(field.size for field in self.fields if not field.is_variable) > _LARGEST_RECORD:
+            raise ValueError(f"{topic}: a record would have more than {_LARGEST_RECORD} bytes")
         self._parts = self._compile()
         if any(field.is_variable for field in self.fields):
             self.size = None
@@ -593,7 +608,7 @@ class LogReader:
         self._chunks: list[_Chunk] = []
         self._schemas: dict[int, mcap.records.Schema] = {}
         self._channels: dict[int, RecordType] = {}
-        self._foreign: set[int] = set()  # channels whose schema is not ours
+        self._foreign: set[int] = set()  # channels without a schema that is one of ours
         self._summarised = False
         self._data_ended = False
         self._verified = False  # by the checksum over all of the data
@@ -699,18 +714,24 @@ class LogReader:
         if isinstance(record, mcap.records.Schema):
             self._schemas[record.id] = record
         elif isinstance(record, mcap.records.Channel):
-            schema = self._schemas[record.schema_id]
-            if schema.encoding != "ros1msg":
-                self._foreign.add(record.id)
-                return
-            known = self._channels.get(record.id)
-            definition = schema.data.decode()
-            if known is None or known.topic != record.topic or known.definition != definition:
-                self._channels[record.id] = RecordType(record.topic, schema.name, definition)
+            self._take_channel(record)
         elif isinstance(record, mcap.records.Metadata):
             self.metadata[record.name] = record.metadata
         elif isinstance(record, mcap.records.Attachment):
             self.attachments[record.name] = record.data
+
+    def _take_channel(self, channel: mcap.records.Channel) -> None:
+        schema = self._schemas.get(channel.schema_id)
+        if channel.schema_id == 0 or (schema is not None and schema.encoding != "ros1msg"):
+            self._foreign.add(channel.id)
+        elif schema is not None:  # otherwise it is lost with a damaged chunk, and so is what this channel holds
+            known = self._channels.get(channel.id)
+            try:
+                definition = schema.data.decode()
+                if known is None or known.topic != channel.topic or known.definition != definition:
+                    self._channels[channel.id] = RecordType(channel.topic, schema.name, definition)
+            except ValueError:
+                self._foreign.add(channel.id)
 
     def _add_loose(self, start: int, stop: int) -> None:
         """A message outside of chunks, to those before it: as many as are read at once."""

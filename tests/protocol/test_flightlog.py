@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -410,6 +410,7 @@ def test_topics_are_found_by_the_index(start: Opener, monkeypatch: pytest.Monkey
         writer = Writer(
             str(other), index_types=index_types, repeat_channels=repeats, repeat_schemas=repeats, enable_data_crcs=True
         )
+        writer.start()
         rewrite(LogReader(log.path), everything, writer)
         assert agrees(other)
 
@@ -764,16 +765,17 @@ def written(content: bytes, path: Path) -> tuple[list[Record], LogReader]:
     return list(reader.records()), reader
 
 
-def rewrite(source: LogReader, records: list[Record], writer: Writer) -> None:
-    """The records as the mcap package writes them."""
-    writer.start()
+def rewrite(source: LogReader, records: list[Record], writer: Writer, between: Sequence[int] = ()) -> None:
+    """The records as the mcap package writes them, and now and then a message on each of the channels `between`."""
     writer.add_metadata("flightlog", {"epoch_ns": str(source.epoch_ns)})
     channels = {}
     for topic, kind in source.topics.items():
         schema = writer.register_schema(kind.schema_name, "ros1msg", kind.definition.encode())
         channels[topic] = writer.register_channel(topic, "ros1", schema)
-    for record in records:
+    for number, record in enumerate(records):
         log_time = source.epoch_ns + record.time_ns
+        for channel in between if number % 50 == 0 else ():
+            writer.add_message(channel, log_time, bytes(10), log_time)
         writer.add_message(channels[record.topic], log_time, record.data, log_time, record.sequence)
     writer.finish()  # type: ignore[no-untyped-call]
 
@@ -876,6 +878,7 @@ def test_messages_outside_of_chunks_are_read(finished: bytes, tmp_path: Path) ->
     whole, source = written(finished, tmp_path / "whole.mcap")
     path = tmp_path / "loose.mcap"
     writer = Writer(str(path), use_chunking=False)
+    writer.start()
     rewrite(source, whole, writer)
     with path.open("rb") as file:
         theirs = [(channel.topic, m.sequence, m.data) for _, channel, m in make_reader(file).iter_messages()]
@@ -898,6 +901,32 @@ def test_messages_outside_of_chunks_are_read(finished: bytes, tmp_path: Path) ->
     records, reader = written(flipped, path)
     assert records == whole
     assert "messages between its chunks are left out" in str(reader.problem)
+
+
+def test_channels_of_other_tools_cost_their_own_messages_alone(finished: bytes, tmp_path: Path) -> None:
+    """Without a schema, of another encoding, with a nested or an unknown type, with more values than there is memory,
+    and a name twice: in a whole file, in one that is cut, and outside of chunks."""
+    whole, source = written(finished, tmp_path / "whole.mcap")
+    texts = ["Header header\nstring child", "string[] a", "float64[999999999999] a", f"uint8[{'9' * 5000}] a"]
+    texts += ["uint8[9000000] a\nuint8[9000000] b", "float32 a\nfloat32 a", "float32", "\xff \xfe", "duration a"]
+    path = tmp_path / "foreign.mcap"
+    for chunks in (True, False):
+        writer = Writer(str(path), chunk_size=1 << 18, use_chunking=chunks)
+        writer.start()
+        channels = [writer.register_channel("/without", "json", 0)]
+        for number, text in enumerate(texts):
+            schema = writer.register_schema(f"x/{number}", "ros1msg", text.encode("latin-1"))
+            channels.append(writer.register_channel(f"/{number}", "ros1", schema))
+        schema = writer.register_schema("x/Json", "jsonschema", b"{}")
+        channels.append(writer.register_channel("/json", "json", schema))
+        rewrite(source, whole, writer, channels)
+        records, reader = written(path.read_bytes(), path)
+        assert records == whole
+        assert reader.problem is None
+        assert reader.topics.keys() == source.topics.keys()
+        records, reader = written(path.read_bytes()[:400_000], path)
+        assert records == whole[: len(records)] and len(records) > 200
+        assert str(reader.problem).count(";") == chunks  # the cut, and the checksum of a chunk that is cut
 
 
 def test_a_message_longer_than_its_chunk_is_damage_and_those_before_it_are_kept(tmp_path: Path) -> None:
