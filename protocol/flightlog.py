@@ -588,7 +588,9 @@ _DAMAGE = (McapError, ValueError, struct.error, KeyError, OverflowError)
 """What reading bytes raises that are not what they seem to be."""
 _PIECE = 1 << 22
 _LARGEST_CHUNK = 1 << 30
-_PIECE_OF_TORN = 1 << 12
+_PIECE_OF_TORN = 1 << 8
+"""Unpacked at once: no more than 8 MB come of it, since four bytes of zstd hold 128 KiB at the most."""
+_UNSTATED = -1
 
 
 class LogReader:
@@ -611,17 +613,17 @@ class LogReader:
         self._foreign: set[int] = set()  # channels without a schema that is one of ours
         self._summarised = False
         self._data_ended = False
-        self._verified = False  # by the checksum over all of the data
+        self._checked = self._verified = False  # by the checksum over all of the data
         self._passed = 0
         self._data = self._open()
         self._scan()
         self._doubt_loose()
         epoch = self.metadata.get("flightlog", {}).get("epoch_ns", "")
-        known = epoch.isascii() and epoch.isdigit()
+        known = epoch.isascii() and epoch.isdigit() and len(epoch) <= 19 and int(epoch) < 1 << 63
         self.epoch_ns = int(epoch) if known else 0
-        """log_time of time 0."""
+        """log_time of time 0; from 0 to the greatest number of 63 bits."""
         if not known:
-            self._report("its start time is missing, times count from 1970")
+            self._report(f"its start time is {'damaged' if epoch else 'missing'}, times count from 1970")
 
     def _open(self) -> "mmap.mmap | bytes":
         try:
@@ -694,9 +696,11 @@ class LogReader:
                 self._take(opcode, data[start:stop])
             elif opcode == Opcode.DATA_END:
                 (crc,) = _LENGTH.unpack_from(data, start)
-                self._verified = bool(crc) and crc == self._crc(0, position)
-                if crc and not self._verified:
-                    self._report("bytes in it are damaged")
+                if crc and not self._checked:
+                    self._checked = True
+                    self._verified = crc == self._crc(0, position)
+                    if not self._verified:
+                        self._report("bytes in it are damaged")
                 self._data_ended = True
             elif opcode == Opcode.FOOTER:
                 self._finish(position, stop)
@@ -751,13 +755,13 @@ class LogReader:
     def _finish(self, position: int, stop: int) -> None:
         data = self._data
         summary_start, _, crc = struct.unpack_from("<QQI", data, position + _RECORD.size)
-        if crc and crc != self._crc(summary_start, stop - 4):
+        self.complete = self._data_ended and stop + len(MAGIC) == len(data) and data[stop:] == MAGIC
+        if not self.complete:
+            self._report("its last bytes are damaged or missing")
+        elif crc and crc != self._crc(summary_start, stop - 4):
             self._report("its summary is damaged")
         elif summary_start:
             self._summarised = True
-        self.complete = self._data_ended and data[stop:] == MAGIC
-        if not self.complete:
-            self._report("its last bytes are damaged or missing")
 
     def _crc(self, start: int, stop: int) -> int:
         """Of the file's bytes, some at a time."""
@@ -824,7 +828,7 @@ class LogReader:
             if chunk.torn:
                 content = _beginning(packed, chunk.size)
             elif chunk.compression == "zstd":
-                content = zstandard.ZstdDecompressor().decompress(packed, max_output_size=chunk.size)
+                content = decompressed(packed, chunk.size)
             elif chunk.compression == "":
                 content = packed
             else:
@@ -959,12 +963,15 @@ class LogReader:
     def arrays(self, topics: Collection[str]) -> "dict[str, NDArray[np.void]]":
         """Topics whose records have one size as structured arrays: `time_ns`, then the schema's fields.
 
-        Raises FlightLogError if one isn't there or its records vary in size.
+        Raises FlightLogError if one isn't there, its records vary in size or aren't as its schema says, a field of its
+        own is called `time_ns`, or a time is beyond 63 bits.
         """
         known = self.topics
         for topic in topics:
             if topic not in known:
                 raise FlightLogError(f"{self.path}: there is no topic {topic}")
+            if any(field.name == "time_ns" for field in known[topic].fields):
+                raise FlightLogError(f"{self.path}: {topic} has a field time_ns of its own; read it one by one")
         layouts = {topic: known[topic].dtype for topic in topics}
         found: dict[str, list[Record]] = {topic: [] for topic in topics}
         for record in self.records(topics):
@@ -976,17 +983,29 @@ class LogReader:
 
         if any(len(record.data) != layout.itemsize for record in records):
             raise FlightLogError(f"{self.path}: a record on {topic} is not as its schema says")
-        values = np.frombuffer(b"".join([record.data for record in records]), layout)
+        values = np.ndarray(len(records), layout, b"".join([record.data for record in records]))
         names = layout.names or ()
         columns: list[Any] = [
             ("time_ns", "<i8"),
             *((name, values[name].dtype, values[name].shape[1:]) for name in names),
         ]
         table = np.empty(len(records), columns)
-        table["time_ns"] = [record.time_ns for record in records]
+        try:
+            table["time_ns"] = [record.time_ns for record in records]
+        except OverflowError:
+            raise FlightLogError(f"{self.path}: a record on {topic} has a time beyond all clocks") from None
         for name in names:
             table[name] = values[name]
         return table
+
+
+def decompressed(packed: bytes, size: int) -> bytes:
+    """What a zstd frame holds, at most `size` bytes: a frame that says itself that it holds something else is refused
+    before any of it is unpacked. Raises zstandard.ZstdError if it is refused or damaged."""
+    stated = zstandard.frame_content_size(packed)
+    if stated not in (_UNSTATED, size):
+        raise zstandard.ZstdError(f"a frame of {stated} bytes, not of {size}")
+    return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
 
 
 def _beginning(packed: bytes, size: int) -> bytes:
@@ -995,6 +1014,8 @@ def _beginning(packed: bytes, size: int) -> bytes:
     content = bytearray()
     with contextlib.suppress(zstandard.ZstdError):
         for start in range(0, len(packed), _PIECE_OF_TORN):
+            if len(content) >= size:
+                break
             content += unpack.decompress(packed[start : start + _PIECE_OF_TORN])
     del content[size:]
     position = 0

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import time
+import tracemalloc
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -21,7 +22,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Header, McapRecord, Message, MessageIndex, Metadata, Schema
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, MessageIndex, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import IndexType, Writer
 from mcap_ros1.decoder import DecoderFactory
@@ -39,6 +40,7 @@ from protocol.flightlog import (
     Record,
     RecordType,
     datagrams,
+    decompressed,
     digest,
     read,
     record_type,
@@ -938,6 +940,76 @@ def test_a_message_longer_than_its_chunk_is_damage_and_those_before_it_are_kept(
     records, reader = written(chunked(content + b"\0"), tmp_path / "long.mcap")
     assert len(records) == 2
     assert str(reader.problem).endswith(f"cut off at byte {reader.path.stat().st_size}")
+
+
+def test_what_unpacks_to_more_than_its_chunk_is_refused_before_it_does(tmp_path: Path) -> None:
+    """With the frame's own size in it and without, whole and cut."""
+    many = DEFINITION + bytes(1 << 26)
+    stated, unstated = (zstandard.ZstdCompressor(write_content_size=states).compress(many) for states in (True, False))
+    for packed in (stated, unstated):
+        with pytest.raises(zstandard.ZstdError):
+            decompressed(packed, 10)
+        for cut in (0, 1000):
+            path = tmp_path / "bomb.mcap"
+            path.write_bytes(chunked(b"", packed=packed, size=100, cut=cut))
+            tracemalloc.start()
+            reader = LogReader(path)
+            assert list(reader.records()) == []
+            most = tracemalloc.get_traced_memory()[1]
+            tracemalloc.stop()
+            assert most < 30_000_000
+            assert ("cut off at byte" if cut else "is damaged") in str(reader.problem)
+
+
+@pytest.mark.parametrize("epoch", ["9" * 400, "9" * 5000, str(1 << 63), "-1", "1.5", "²", ""])
+def test_a_start_time_that_is_none_is_said(epoch: str, tmp_path: Path) -> None:
+    table = encoded(Metadata("flightlog", {"epoch_ns": "0"})), encoded(Metadata("flightlog", {"epoch_ns": epoch}))
+    content = chunked(DEFINITION + HEADER.pack(5, LENGTH_OF_EMPTY + 8, 1, 0, 7, 7) + bytes(8)).replace(*table)
+    records, reader = written(content, tmp_path / "epoch.mcap")
+    assert reader.epoch_ns == 0 and [record.time_ns for record in records] == [7]
+    assert f"its start time is {'damaged' if epoch else 'missing'}" in str(reader.problem)
+
+
+def test_the_latest_start_time(tmp_path: Path) -> None:
+    latest = str((1 << 63) - 1)
+    table = encoded(Metadata("flightlog", {"epoch_ns": "0"})), encoded(Metadata("flightlog", {"epoch_ns": latest}))
+    _, reader = written(chunked(DEFINITION).replace(*table), tmp_path / "epoch.mcap")
+    assert str(reader.epoch_ns) == latest and "start time" not in str(reader.problem)
+
+
+@pytest.mark.parametrize("end", [DataEnd(1), Footer(1, 0, 1)])
+def test_the_data_is_summed_once_however_many_ends_there_are(
+    end: McapRecord, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    summed = []
+    crc = LogReader._crc
+
+    def counted(reader: LogReader, start: int, stop: int) -> int:
+        summed.append(stop - start)
+        return crc(reader, start, stop)
+
+    monkeypatch.setattr(LogReader, "_crc", counted)
+    _, reader = written(chunked(DEFINITION) + 1000 * encoded(end) + MAGIC, tmp_path / "ends.mcap")
+    assert len(summed) <= 1
+    assert reader.problem is not None
+
+
+def test_what_is_no_table_is_said(tmp_path: Path) -> None:
+    """A field that is called as the time is, no fields at all, and a time that numpy has no number for."""
+    for text, data in ((b"int64 time_ns", bytes(8)), (b"", b"")):
+        kind = encoded(Schema(1, text, "ros1msg", "x/X"), Channel(1, "/x", "ros1", {}, 1))
+        message = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), 1, 0, 7, 7) + data
+        _, reader = written(chunked(kind + message), tmp_path / "table.mcap")
+        if text:
+            with pytest.raises(FlightLogError, match="a field time_ns of its own"):
+                reader.array("/x")
+        else:
+            table = reader.array("/x")
+            assert table["time_ns"].tolist() == [7] and table.dtype.names == ("time_ns",)
+    late = HEADER.pack(5, LENGTH_OF_EMPTY + 8, 1, 0, 1 << 63, 0) + bytes(8)
+    _, reader = written(chunked(DEFINITION + late), tmp_path / "late.mcap")
+    with pytest.raises(FlightLogError, match="time beyond all clocks"):
+        reader.array("/x")
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
