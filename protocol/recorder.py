@@ -84,7 +84,8 @@ class McapFile:
         self._counts: dict[int, int] = {}
         self._first_time = 0
         self._last_time = 0
-        self._chunk_indexes: list[mcap_records.ChunkIndex] = []
+        self._chunks = 0
+        self._chunk_indexes = bytearray()  # encoded: there are many in a long flight
         self._attachment_indexes: list[mcap_records.AttachmentIndex] = []
         self._metadata_indexes: list[mcap_records.MetadataIndex] = []
         self._write(flightlog.MAGIC + _encoded(mcap_records.Header(profile="", library="courier")))
@@ -233,7 +234,8 @@ class McapFile:
         self._last_time = max(self._last_time, end_time)
         for channel, index in self._indexes.items():
             self._counts[channel] = self._counts.get(channel, 0) + len(index) // 2
-        self._chunk_indexes.append(
+        self._chunks += 1
+        self._chunk_indexes += _encoded(
             mcap_records.ChunkIndex(
                 chunk_length=len(chunk),
                 chunk_start_offset=chunk_offset,
@@ -261,25 +263,24 @@ class McapFile:
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunks,
             message_count=sum(self._counts.values()),
             message_end_time=self._last_time,
             message_start_time=self._first_time,
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._schemas),
         )
-        groups: list[tuple[Opcode, list[McapRecord]]] = [
-            (Opcode.SCHEMA, [*self._schemas.values()]),
-            (Opcode.CHANNEL, [*self._channels]),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, [*self._chunk_indexes]),
-            (Opcode.ATTACHMENT_INDEX, [*self._attachment_indexes]),
-            (Opcode.METADATA_INDEX, [*self._metadata_indexes]),
+        groups = [
+            (Opcode.SCHEMA, _encoded(*self._schemas.values())),
+            (Opcode.CHANNEL, _encoded(*self._channels)),
+            (Opcode.STATISTICS, _encoded(statistics)),
+            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, _encoded(*self._attachment_indexes)),
+            (Opcode.METADATA_INDEX, _encoded(*self._metadata_indexes)),
         ]
         summary = b""
         offsets: list[McapRecord] = []
-        for opcode, records in groups:
-            data = _encoded(*records)
+        for opcode, data in groups:
             if data:
                 offsets.append(mcap_records.SummaryOffset(opcode, start + len(summary), len(data)))
             summary += data
@@ -400,7 +401,7 @@ class Messages:
         self._file = file
         self._preserves_datagrams = preserves_datagrams
         self._framers = [Framer() for _ in flightlog.Direction]
-        self._targets: dict[tuple[int, int, int, bool], _Target | None] = {}
+        self._targets: dict[tuple[int, int, int, bool], _Target] = {}
 
     def add(self, datagram: bytes, sequence: int, log_time: int) -> None:
         """`datagram` is a record of DATAGRAM."""
@@ -410,12 +411,11 @@ class Messages:
             known = frame.known
             key = frame.message_id, frame.system, frame.component, known
             try:
-                target = self._targets[key]
+                channel, size, convert = self._targets[key]
             except KeyError:
-                target = self._targets[key] = self._new_target(*key)
-            if target is None:
-                continue
-            channel, size, convert = target
+                if len(self._targets) >= _MOST_TARGETS:
+                    continue  # noise that looks like frames must not use up the file's channels, nor the memory
+                channel, size, convert = self._targets[key] = self._new_target(*key)
             payload = frame.payload
             if len(payload) != size and known:
                 payload = payload.ljust(size, b"\0")[:size]
@@ -424,9 +424,7 @@ class Messages:
             header = HEADER.pack(5, flightlog.LENGTH_OF_EMPTY + len(payload), channel, sequence, log_time, log_time)
             self._file.add_message(channel, log_time, header + payload)
 
-    def _new_target(self, message_id: int, system: int, component: int, known: bool) -> _Target | None:
-        if len(self._targets) >= _MOST_TARGETS:
-            return None  # noise that looks like frames must not use up the file's channels
+    def _new_target(self, message_id: int, system: int, component: int, known: bool) -> _Target:
         folder = f"/mavlink/{system}/{component}"
         if known:
             kind, size, convert = message_type(message_id, f"{folder}/{layout(message_id).name}")
@@ -535,7 +533,6 @@ class Recorder:
                 continue
             record = memory[start : start + 9 + length]
             tail += len(record)
-            count += 1
             if channel == DATAGRAM_CHANNEL:
                 file.add_message(channel, log_time, record)
                 try:
@@ -547,16 +544,22 @@ class Recorder:
                 if channel == TEXT_CHANNEL and self._setup.console:
                     self._show(log_time, record[HEADER.size :])
             else:
-                self._obey(channel, record[HEADER.size :])
-            if count == _BATCH or file.pending_bytes >= CHUNK_BYTES:
-                self._taken += count
+                self._advance(count, tail)
                 count = 0
-                self._words[flightlog.TAIL] = tail
-                self._words[flightlog.BEAT] = time.monotonic_ns()
+                self._obey(channel, record[HEADER.size :])
+            count += 1
+            if count == _BATCH or file.pending_bytes >= CHUNK_BYTES:
+                self._advance(count, tail)
+                count = 0
                 if file.pending_bytes >= CHUNK_BYTES:
                     self._end_chunk()
+        self._advance(count, tail)
+
+    def _advance(self, count: int, tail: int) -> None:
+        """So many more records are taken, up to there: always before a chunk is ended, which counts them."""
         self._taken += count
         self._tail = self._words[flightlog.TAIL] = tail
+        self._words[flightlog.BEAT] = time.monotonic_ns()
 
     def _say_dropped(self, now_ns: int) -> None:
         dropped = self._words[flightlog.DROPPED]
@@ -581,6 +584,7 @@ class Recorder:
             self._file.add_metadata(name, table)
         except OSError as error:
             self._fail(error)
+            self._lost += 1
 
     def _show(self, log_time: int, data: bytes) -> None:
         text = TEXT.unpack(data)

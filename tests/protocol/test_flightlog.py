@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import zstandard
@@ -33,6 +34,7 @@ from protocol.flightlog import (
     HEADER,
     LENGTH_OF_EMPTY,
     MAGIC,
+    METADATA_CHANNEL,
     Direction,
     FlightLog,
     FlightLogError,
@@ -45,7 +47,7 @@ from protocol.flightlog import (
     read,
     record_type,
 )
-from protocol.recorder import CHUNK_AGE_NS, CHUNK_BYTES, message_type
+from protocol.recorder import CHUNK_AGE_NS, CHUNK_BYTES, McapFile, Messages, message_type
 
 COUNT = record_type("/courier/count", "courier/Count", [("number", "int64"), ("filling", "uint8[]")])
 TRACE = record_type(
@@ -344,28 +346,93 @@ def test_the_mcap_package_and_its_ros1_decoder_read_every_topic(start: Opener) -
     assert decoded["/log"].timestamp.secs * 10**9 + decoded["/log"].timestamp.nsecs == EPOCH_NS + 102
 
 
-def test_message_indexes_lead_to_their_messages(start: Opener) -> None:
-    log = start()
-    count(log, range(2000), noise(4))
-    log.close()
-    content = log.path.read_bytes()
-    with log.path.open("rb") as file:
+def indexed(path: Path) -> list[int]:
+    """How many messages each chunk's indexes lead to, as the mcap package reads them, and that they are these."""
+    content = path.read_bytes()
+    with path.open("rb") as file:
         summary = make_reader(file).get_summary()
-        assert summary is not None
-        found = {index.chunk_start_offset: index for index in summary.chunk_indexes}
-    assert len(found) > 2
-    total = 0
-    for offset, index in found.items():
+    assert summary is not None
+    counts = []
+    for index in summary.chunk_indexes:
+        offset = index.chunk_start_offset
         chunk = Chunk.read(ReadDataStream(io.BytesIO(content[offset + 9 : offset + index.chunk_length])))
         inner, _ = get_chunk_data_stream(chunk, validate_crc=True)
         records = inner.read(chunk.uncompressed_size)
+        counts.append(0)
         for channel, place in index.message_index_offsets.items():
             entries = MessageIndex.read(ReadDataStream(io.BytesIO(content[place + 9 :]))).records
             for log_time, start_of_message in entries:
                 opcode, _, number, _, time_there = struct.unpack_from("<BQHIQ", records, start_of_message)
                 assert (opcode, number, time_there) == (5, channel, log_time)
-            total += len(entries)
-    assert total == 2000
+            counts[-1] += len(entries)
+    return counts
+
+
+def test_message_indexes_lead_to_their_messages(start: Opener) -> None:
+    log = start()
+    count(log, range(2000), noise(4))
+    log.close()
+    counts = indexed(log.path)
+    assert len(counts) > 2 and sum(counts) == 2000
+
+
+def test_indexes_lead_to_their_messages_in_joined_chunks(tmp_path: Path) -> None:
+    """In a chunk that was three."""
+    path = tmp_path / "joined.mcap"
+    file = McapFile(path, tidies=True)
+    channels = [file.add_channel(record_type(f"/{name}", "x/X", [("a", "uint8[]")])) for name in "ab"]
+    for number in range(30):
+        head = HEADER.pack(5, LENGTH_OF_EMPTY + number, channels[number % 2], number, number, number)
+        file.add_message(channels[number % 2], number, head + bytes(number))
+        if number % 10 == 9:
+            file.end_chunk()
+    file.finish()
+    assert indexed(path) == [30]
+
+
+def grown(what: Callable[[], object]) -> int:
+    """Bytes that are still held after it."""
+    tracemalloc.start()
+    what()
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return held
+
+
+def test_strange_senders_cost_no_memory_beyond_the_first(tmp_path: Path) -> None:
+    file = McapFile(tmp_path / "noise.mcap")
+    messages = Messages(file, preserves_datagrams=True)
+
+    def strange(numbers: range) -> None:
+        for number in numbers:
+            frame = bytes([0xFD, 0, 0, 0, number & 255, 7, 1]) + (1_000_000 + number).to_bytes(3, "little") + bytes(2)
+            messages.add(DATAGRAM.pack(0, "", frame), number, number)
+
+    strange(range(5000))
+    file.end_chunk()
+    assert grown(lambda: strange(range(5000, 10_000))) < 50_000
+    file.finish()
+    assert 4000 < len(LogReader(tmp_path / "noise.mcap").topics) < 5000
+
+
+def test_a_chunk_costs_little_memory_for_the_rest_of_the_flight(tmp_path: Path) -> None:
+    file = McapFile(tmp_path / "long.mcap")
+    channels = [file.add_channel(record_type(f"/{number}", "x/X", [("a", "uint8")])) for number in range(30)]
+
+    def chunks(numbers: range) -> None:
+        for number in numbers:
+            for channel in channels:
+                head = HEADER.pack(5, LENGTH_OF_EMPTY + 1, channel, number, number, number)
+                file.add_message(channel, number, head + b"a")
+            file.end_chunk()
+
+    chunks(range(10))
+    assert grown(lambda: chunks(range(10, 310))) < 300 * 700  # 100 of each are in the index itself
+    file.finish()
+    with (tmp_path / "long.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics is not None
+    assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 310
 
 
 def test_topics_are_found_by_the_index(start: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -719,6 +786,24 @@ def test_full_disk_in_flight_is_said_and_what_is_written_stays_readable(start: O
     assert int(reader.metadata["flightlog end"]["lost"]) == 2100 - len(numbers)
     with log.path.open("rb") as file:
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == len(numbers)
+
+
+def test_what_a_full_disk_takes_is_counted_where_metadata_ends_the_chunk(start: Opener) -> None:
+    log = start()
+    limit = log.path.stat().st_size
+    resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    os.kill(log.recorder_pid, signal.SIGSTOP)
+    count(log, range(10))
+    log._put(METADATA_CHANNEL, 0, msgspec.msgpack.encode(("landed", {"at": "home"})))
+    os.kill(log.recorder_pid, signal.SIGCONT)
+    until(lambda: log.fault is not None)
+    resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    count(log, range(10, 13))
+    until(lambda: log.written == 3)
+    log.close()
+    assert numbers_of(log.path) == [10, 11, 12]
+    end = LogReader(log.path).metadata["flightlog end"]
+    assert (end["records"], end["lost"]) == ("3", "11")
 
 
 def test_first_chunk_that_fails_does_not_take_the_channels_with_it(start: Opener) -> None:
