@@ -65,11 +65,12 @@ class McapFile:
     """An MCAP file written chunk by chunk; what is on disk ends with a whole chunk at any time.
 
     A chunk that can't be written is given up and its remains are cut off, so that later ones may still follow.
-    `tidies`: the finished file has large chunks, whatever `end_chunk` ended.
+    `tidies`: the finished file has large chunks, whatever `end_chunk` ended. Raises OSError, and leaves no file then.
     """
 
     def __init__(self, path: Path, *, tidies: bool = False) -> None:
         self._path = path
+        self._twin: _Twin | None = None
         self._file = self._open()
         self.size = 0
         """Bytes in the file."""
@@ -88,8 +89,13 @@ class McapFile:
         self._chunk_indexes = bytearray()  # encoded: there are many in a long flight
         self._attachment_indexes: list[mcap_records.AttachmentIndex] = []
         self._metadata_indexes: list[mcap_records.MetadataIndex] = []
-        self._write(flightlog.MAGIC + _encoded(mcap_records.Header(profile="", library="courier")))
-        self._twin = _Twin.beside(self) if tidies else None
+        try:
+            self._write(flightlog.MAGIC + _encoded(mcap_records.Header(profile="", library="courier")))
+        except OSError:
+            self.discard()
+            raise
+        if tidies:
+            self._twin = _Twin.beside(self)
 
     def _open(self) -> int:
         return os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
@@ -141,7 +147,7 @@ class McapFile:
     def _part(self) -> None:
         """The twin's space on the disk is free again."""
         if self._twin is not None:
-            os.close(self._twin._file)
+            self._twin.close()
             self._twin = None
 
     def add_channel(self, kind: RecordType) -> int:
@@ -250,11 +256,31 @@ class McapFile:
         )
 
     def finish(self) -> None:
-        """Write the summary and the end, and see it onto the disk. Raises OSError; the file then ends with a chunk."""
+        """Write the summary and the end, see it onto the disk, and close.
+
+        Raises OSError; the file then ends with a chunk and is still open.
+        """
         self._write_summary()
         self._repeat(lambda twin: twin.take_place())
         if self._twin is None:
             os.fsync(self._file)
+        self.close()
+
+    def close(self) -> None:
+        """Nothing more is written; what is on disk stays as it is."""
+        self._part()
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def discard(self) -> None:
+        """Close, and take the file away; nothing if it is closed."""
+        if self._file >= 0:
+            self.close()
+            self._take_away()
+
+    def _take_away(self) -> None:
+        self._path.unlink(missing_ok=True)
 
     def _write_summary(self) -> None:
         end = _encoded(mcap_records.DataEnd(self._crc))
@@ -306,6 +332,9 @@ class _Twin(McapFile):
 
     def _open(self) -> int:
         return os.open(self._path.parent, os.O_WRONLY | os.O_TMPFILE | os.O_CLOEXEC, 0o644)
+
+    def _take_away(self) -> None:
+        """It has no name: it is gone when it is closed."""
 
     def add_content(self, content: bytes, indexes: dict[int, list[int]]) -> None:
         """Of another chunk, with its indexes. Raises OSError."""
