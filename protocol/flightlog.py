@@ -597,7 +597,8 @@ class LogReader:
     """A log, finished or cut off or damaged: what is whole is read, and what is not is said.
 
     `problem` knows at once of a torn end and of damage to a finished file, and of damaged chunks of an unfinished
-    one when `records` has come by. Raises FlightLogError only if the file can't be opened or is no MCAP at all.
+    one when `records` has come by. Topics whose schema isn't one of ROS 1's plain ones are left out. Raises
+    FlightLogError only if the file can't be opened or is no MCAP at all, whatever it holds.
     """
 
     def __init__(self, path: Path | str) -> None:

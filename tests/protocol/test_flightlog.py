@@ -1,7 +1,9 @@
 """The flight log, against the mcap package's own readers and ROS 1 decoder, and against kills, cuts and full disks."""
 
+import contextlib
 import functools
 import io
+import itertools
 import os
 import random
 import resource
@@ -23,7 +25,19 @@ import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, MessageIndex, Metadata, Schema
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    Schema,
+)
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import IndexType, Writer
 from mcap_ros1.decoder import DecoderFactory
@@ -847,6 +861,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def written(content: bytes, path: Path) -> tuple[list[Record], LogReader]:
+    path.unlink(missing_ok=True)  # quicker than to cut it, and nobody's reader loses the bytes that it has mapped
     path.write_bytes(content)
     reader = LogReader(path)
     return list(reader.records()), reader
@@ -1095,6 +1110,30 @@ def test_what_is_no_table_is_said(tmp_path: Path) -> None:
     _, reader = written(chunked(DEFINITION + late), tmp_path / "late.mcap")
     with pytest.raises(FlightLogError, match="time beyond all clocks"):
         reader.array("/x")
+
+
+def test_no_content_of_a_chunk_raises_anything(tmp_path: Path) -> None:
+    """Bytes changed below the checksums: the reader knows nothing of the damage, and stumbles over none of it."""
+    messages = b"".join(
+        HEADER.pack(5, LENGTH_OF_EMPTY + 8, 1, number, number, number) + bytes(8) for number in range(3)
+    )
+    attachment = encoded(Attachment(0, 0, "a", "b", b"c"))
+    content = DEFINITION + messages + encoded(Metadata("m", {"k": "v"})) + attachment + messages
+    lies = [bytes(8), b"\xff" * 8, b"\xff" * 7 + b"\x7f", b"\x01" + bytes(7)]
+    for place, lie, size in itertools.product(range(len(content)), lies, (1, 2, 4, 8)):
+        damaged = content[:place] + lie[:size] + content[place + size :]
+        _, reader = written(chunked(damaged), tmp_path / "lie.mcap")
+        for topic in reader.topics:
+            with contextlib.suppress(FlightLogError):
+                reader.array(topic)
+
+
+def test_an_attachment_longer_than_any_file(tmp_path: Path) -> None:
+    attachment = bytearray(encoded(Attachment(0, 0, "a", "b", b"c"))[:-4])
+    attachment[-9:-1] = b"\xff" * 8
+    attachment += struct.pack("<I", zlib.crc32(attachment[9:]))
+    _, reader = written(chunked(DEFINITION) + attachment, tmp_path / "long.mcap")
+    assert reader.attachments == {} and "cut off at byte" in str(reader.problem)
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
