@@ -712,8 +712,8 @@ class LogReader:
         return stop
 
     def _take(self, opcode: int, content: bytes) -> None:
-        if opcode == Opcode.ATTACHMENT and zlib.crc32(content[:-4]) != _LENGTH.unpack(content[-4:])[0]:
-            self._report("an attachment is damaged")
+        if opcode == Opcode.ATTACHMENT and _LENGTH.unpack(content[-4:])[0] not in (0, zlib.crc32(content[:-4])):
+            self._report("an attachment is damaged")  # with a checksum of 0 it has none
             return
         record = _READERS[opcode](ReadDataStream(BytesIO(content)))
         if isinstance(record, mcap.records.Schema):

@@ -1005,6 +1005,17 @@ def test_messages_outside_of_chunks_are_read(finished: bytes, tmp_path: Path) ->
     assert "messages between its chunks are left out" in str(reader.problem)
 
 
+def test_messages_before_and_behind_a_chunk_and_attachments_without_a_checksum_are_read(tmp_path: Path) -> None:
+    first, second, third = (HEADER.pack(5, LENGTH_OF_EMPTY + 8, 1, n, n, n) + bytes(8) for n in range(3))
+    attachment = encoded(Attachment(0, 0, "a", "b", b"c"))[:-4] + bytes(4)
+    chunk = chunked(second).removeprefix(START)
+    content = START + DEFINITION + first + chunk + third + attachment
+    end = encoded(DataEnd(zlib.crc32(content)), Footer(0, 0, 0)) + MAGIC
+    records, reader = written(content + end, tmp_path / "mixed.mcap")
+    assert [record.sequence for record in records] == [0, 1, 2]
+    assert reader.problem is None and reader.attachments == {"a": b"c"}
+
+
 def test_channels_of_other_tools_cost_their_own_messages_alone(finished: bytes, tmp_path: Path) -> None:
     """Without a schema, of another encoding, with a nested or an unknown type, with more values than there is memory,
     and a name twice: in a whole file, in one that is cut, and outside of chunks."""
