@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 
 from companion.view.gather import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
-from protocol.flightlog import DATAGRAM, FILE_NAME, MAGIC, FlightLogError, LogReader, RecordType
+from protocol.flightlog import DATAGRAM, FILE_NAME, MAGIC, FlightLogError, LogReader, RecordType, decompressed
 from protocol.framing import Framer
 from protocol.messages import layout
 from protocol.recorder import message_type
@@ -169,7 +169,7 @@ def _content(data: mmap.mmap, start: int) -> bytes:
         return content
     if size > _LARGEST_CHUNK:
         raise ValueError(f"a chunk of {size} bytes")
-    return zstandard.ZstdDecompressor().decompress(content, max_output_size=size)
+    return decompressed(content, size)
 
 
 class Link:
