@@ -65,7 +65,7 @@ def test_every_topic_is_there_with_foxgloves_own_schema_and_all_that_was_recorde
 
     log = make(tmp_path, 4.0, change=change)
     before = log.read_bytes()
-    target, added = convert(log)
+    target, added, _ = convert(log)
     assert target == tmp_path / "flight_foxglove.mcap"
     found = decoded(target)
     mine = {topic for topic in found if topic.startswith("/foxglove/")}
