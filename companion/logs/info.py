@@ -173,7 +173,7 @@ class _Summary:
                 self._file.seek(index.offset + _RECORD.size)
                 content = self._file.read(index.length - _RECORD.size)
                 metadata[index.name] = records.Metadata.read(ReadDataStream(BytesIO(content))).metadata
-            attached = self._group(Opcode.ATTACHMENT_INDEX, records.AttachmentIndex.read)
+            attached = list(self._group(Opcode.ATTACHMENT_INDEX, records.AttachmentIndex.read))
             topics: Counter[str] = Counter()
             for channel, count in statistics.channel_message_counts.items():
                 topics[channels[channel]] += count

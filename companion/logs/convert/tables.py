@@ -25,23 +25,21 @@ def to_tables(log: LogReader, folder: Path, kind: Literal["csv", "parquet"]) -> 
     """Write a file for each topic but the datagrams themselves; the rows in each by its name.
 
     Arrays of fixed length become columns `name[0]`, `name[1]`, ... in CSV and lists in Parquet; bytes are hexadecimal
-    in CSV. Raises FlightLogError if the log can't be read, the folder is there already, or pyarrow is missing.
+    in CSV. Raises FlightLogError if the log can't be read or pyarrow is missing, OSError if the folder is there
+    already or can't be written.
     """
     kinds = {topic: record_type for topic, record_type in log.topics.items() if topic != DATAGRAM.topic}
     table = _Csv if kind == "csv" else _parquet()
-    try:
-        folder.mkdir()
-        names: set[str] = set()
-        with ExitStack() as stack:
-            tables: dict[str, _Table] = {}
-            for record in records(log, kinds):
-                each = tables.get(record.topic)
-                if each is None:
-                    path = folder / f"{_file_name(record.topic, names)}.{kind}"
-                    each = tables[record.topic] = stack.enter_context(table(path, log, kinds[record.topic]))
-                each.add(record)
-    except OSError as error:
-        raise FlightLogError(f"{error.filename or folder}: {error.strerror or error}") from error
+    folder.mkdir()
+    names: set[str] = set()
+    with ExitStack() as stack:
+        tables: dict[str, _Table] = {}
+        for record in records(log, kinds):
+            each = tables.get(record.topic)
+            if each is None:
+                path = folder / f"{_file_name(record.topic, names)}.{kind}"
+                each = tables[record.topic] = stack.enter_context(table(path, log, kinds[record.topic]))
+            each.add(record)
     return {each.path.name: each.rows for each in tables.values()}
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from companion.logs.convert.records import records, unpack
 from companion.recordings import has_texts
-from protocol.flightlog import SCALARS, TEXT, FlightLogError, LogReader, Record, RecordType
+from protocol.flightlog import SCALARS, TEXT, LogReader, Record, RecordType
 from protocol.messages import dialect, layout
 
 _HEADER = b"ULog\x01\x12\x35\x01"
@@ -61,13 +61,13 @@ class _Shape(NamedTuple):
 
 
 def to_ulog(log: LogReader, target: Path) -> int:
-    """Write a ULog file; how many records of data it has. Raises FlightLogError if it can't be read or made."""
+    """Write a ULog file; how many records of data it has.
+
+    Raises FlightLogError if the log can't be read, OSError if the file can't be made.
+    """
     writer = _Ulog(log)
-    try:
-        with target.open("xb") as file:
-            file.writelines(writer.parts())
-    except OSError as error:
-        raise FlightLogError(f"{target}: {error.strerror or error}") from error
+    with target.open("xb") as file:
+        file.writelines(writer.parts())
     return writer.count
 
 
