@@ -2,23 +2,26 @@
 
 import contextlib
 import math
+import struct
 from collections.abc import Mapping
 from pathlib import Path
+
+from mcap.opcode import Opcode
 
 from protocol.flightlog import MAGIC, TEXT, FlightLogError, LogReader
 from protocol.tlog import is_tlog
 
 DRAWN = "courier foxglove"
 """The library in the header of what `companion foxglove` writes: made from a recording, and at any time again."""
-_HEAD = 64
+_DRAWN_HEAD = MAGIC + struct.pack("<BQII", Opcode.HEADER, 8 + len(DRAWN), 0, len(DRAWN)) + DRAWN.encode()
+"""Without a profile."""
 _EARLIEST_S, _LATEST_S = 0.0, 253_402_214_400.0
 """1970 and the end of the year 9999, where dates end."""
 
 
 def is_drawn(path: Path) -> bool:
     """Whether `companion foxglove` made that file."""
-    head = _head(path)
-    return head.startswith(MAGIC) and DRAWN.encode() in head
+    return _head(path) == _DRAWN_HEAD
 
 
 def is_recording(path: Path) -> bool:
@@ -39,7 +42,7 @@ def _head(path: Path) -> bytes:
     with contextlib.suppress(OSError):
         if path.is_file():
             with path.open("rb") as file:
-                return file.read(_HEAD)
+                return file.read(len(_DRAWN_HEAD))
     return b""
 
 
