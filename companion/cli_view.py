@@ -105,17 +105,18 @@ class Shown(NamedTuple):
 def flight_log(log: Path) -> Iterator[Shown]:
     """The flight log that is meant; a telemetry log becomes one for as long as it is needed."""
     from companion.logs.convert.telemetry import to_flight_log
-    from companion.logs.traffic import open_traffic
+    from companion.logs.traffic import open_log, traffic_of
     from companion.recordings import printable
-    from protocol.tlog import is_tlog
+    from protocol.flightlog import LogReader
 
     path = log_file(log)
-    if not is_tlog(path):
+    opened = usable(open_log, path)
+    if isinstance(opened, LogReader):
         yield Shown(path, None)
         return
     with TemporaryDirectory() as folder:
         converted = Path(folder) / f"{path.stem}.mcap"
-        traffic = usable(open_traffic, path)
+        traffic = traffic_of(opened)
         flight = {"source": printable(path)}
         if traffic.epoch_ns:
             flight["started_unix_s"] = repr(traffic.epoch_ns * 1e-9)

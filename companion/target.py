@@ -50,11 +50,14 @@ def output(
 
 def writable(target: Path, *, source: Path | None = None, replaces: bool = False) -> None:
     """Raises FlightLogError if `output` would refuse the target, as far as can be told before."""
-    if not target.parent.is_dir():
-        raise FlightLogError(f"{target}: no such folder")
-    if not target.exists() and not target.is_symlink():
-        return
-    if not replaces or target.is_dir():
-        raise FlightLogError(f"{target}: exists already")
-    if is_recording(target) or (source is not None and source.exists() and target.samefile(source)):
-        raise FlightLogError(f"{target}: a log is never written over")
+    try:
+        if not target.parent.is_dir():
+            raise FlightLogError(f"{target}: no such folder")
+        if not target.exists() and not target.is_symlink():
+            return
+        if not replaces or target.is_dir():
+            raise FlightLogError(f"{target}: exists already")
+        if is_recording(target) or (source is not None and source.exists() and target.samefile(source)):
+            raise FlightLogError(f"{target}: a log is never written over")
+    except OSError as error:
+        raise FlightLogError(f"{target}: can't be written: {error.strerror or error}") from error

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from companion.cli import app
 from companion.recordings import as_date, is_recording, printable, started_unix_s
 from companion.shell import UNUSABLE
-from companion.target import output
+from companion.target import output, writable
 from protocol.flightlog import FlightLogError
 from tests.view.made_logs import make
 
@@ -43,6 +43,14 @@ def test_nothing_is_left_of_what_did_not_end(tmp_path: Path, error: BaseExceptio
         assert str(raised.value) == f"{tmp_path / 'old.html'}: can't be written: No space left"
     assert [path.name for path in tmp_path.iterdir()] == ["old.html"]
     assert (tmp_path / "old.html").read_text() == "old"
+
+
+def test_a_place_that_can_not_be_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "none" / "a", tmp_path / "file" / "a", tmp_path / ("x" * 300), tmp_path):
+        with pytest.raises(FlightLogError) as raised:
+            writable(place, replaces=True)
+        assert str(raised.value).startswith(f"{place}: ")
 
 
 def test_an_error_that_names_the_draft_names_the_target(tmp_path: Path) -> None:

@@ -72,6 +72,15 @@ def test_what_is_whole_of_a_damaged_log_is_drawn_and_it_is_said(tmp_path: Path) 
         assert log.with_name("cut_foxglove.mcap").exists()
 
 
+@pytest.mark.parametrize("command", ["report", "foxglove", "view"])
+def test_nothing_is_made_of_nothing(tmp_path: Path, command: str) -> None:
+    log = tmp_path / "empty.tlog"
+    log.touch()
+    done = CliRunner().invoke(app, [command, str(log)])
+    assert done.exit_code == UNUSABLE and done.output == f"companion: {log}: an empty file\n"
+    assert list(tmp_path.iterdir()) == [log]
+
+
 def test_ctrl_c_while_drawing_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where it comes while protobuf works, which makes something else of it."""
     log = make(tmp_path, 1.0)
