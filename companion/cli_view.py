@@ -67,9 +67,14 @@ def view(
         if control:
             say("companion: --control needs the URL of a vehicle")
             raise typer.Exit(UNUSABLE)
+        if world is not None:
+            say("companion: --world is for a link; a log has its own")
+            raise typer.Exit(UNUSABLE)
         log = Path(source) if source is not None else usable(newest, logs)
         with flight_log(log) as shown:
-            serve(usable(Page, usable(open_log, shown.path), port, asked), typer.echo)
+            chosen = usable(open_log, shown.path)
+            chosen.name = str(log)
+            serve(usable(Page, chosen, port, asked), typer.echo)
         return
     serve(usable(Page, chosen, port, asked), typer.echo)
 

@@ -1,6 +1,7 @@
 """Logs cut and damaged anywhere: nothing escapes, everything whole is kept, the rest is said."""
 
 import random
+import resource
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -10,13 +11,15 @@ from mcap.reader import make_reader
 
 from companion.logs.info import info
 from companion.logs.repair import repair
-from protocol.flightlog import FlightLogError, LogReader
+from companion.logs.writer import Writer
+from protocol.flightlog import Direction, FlightLogError, LogReader
 from protocol.messages import dialect
 from protocol.tlog import Entry, TlogReader, write
 from tests.flights.processes import run
 from tests.logs.changed_logs import Flyer, telemetry_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
+DESCRIPTORS = Path("/proc/self/fd")
 DAMAGES = 200
 A_CHUNK = 50
 
@@ -190,3 +193,35 @@ def test_what_is_empty_or_named_as_another_kind(many_chunks: Path, tmp_path: Pat
     misnamed = cut.rename(tmp_path / "misnamed.tlog")
     assert repair(misnamed).target == tmp_path / "misnamed_repaired.mcap"
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".mcap", ".tlog", ".tlog"]
+
+
+def test_a_disk_that_is_full_at_any_byte_leaves_no_file_and_no_descriptor(tmp_path: Path) -> None:
+    """Also where the writer is not used as a context yet, as with a trace that is written again."""
+    target, open_before = tmp_path / "full.mcap", len(list(DESCRIPTORS.iterdir()))
+    noise = random.Random(7).randbytes(2000)
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def write() -> None:
+        writer = Writer(target, 0, {"m": {"a": "b" * 100}})
+        writer.attach("x", noise)
+        for number in range(300):  # more than a chunk
+            writer.datagram(number, number, Direction.IN, "a", noise)
+        with writer:
+            writer.attach("y", noise)
+
+    write()
+    size = target.stat().st_size
+    target.unlink()
+    for limit in (10, 40, 70, 120, 1000, 4000, size - 10_000, size - 3000, size - 1):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, unlimited[1]))
+        try:
+            with pytest.raises(FlightLogError, match=f"^{target}: File too large$"):
+                write()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+        assert list(tmp_path.iterdir()) == []
+    target.write_bytes(b"precious")
+    with pytest.raises(FlightLogError, match="exists"):
+        write()
+    assert target.read_bytes() == b"precious"
+    assert len(list(DESCRIPTORS.iterdir())) == open_before
