@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from companion.config import Settings
+from companion.target import output
 from companion.view.findings import Event, Finding, events, findings, phase_name, state_name
 from companion.view.gather import CLEARANCE_BIN_M, Gathered
 from companion.view.lines import Floats, Line
@@ -128,7 +129,7 @@ class Page(msgspec.Struct, frozen=True):
 def write(log: Path, target: Path | None = None) -> Path:
     """Write the report of a log, by default beside it (`beside`), and return where.
 
-    Raises FlightLogError if the log can't be read or the file can't be written.
+    An older report makes room. Raises FlightLogError if the log can't be read or it can't be written or is a log.
     """
     flight = Gathered(log)
     target = beside(log) if target is None else target
@@ -137,12 +138,9 @@ def write(log: Path, target: Path | None = None) -> Path:
     data = msgspec.json.encode(page).decode().replace("</", "<\\/").replace("<!--", "<\\!--")
     parts = PAGE.read_text(encoding="utf-8").split("@@")
     values = {"title": html.escape(page.title), "plotly": _plotly(), "data": data}
-    try:
-        with target.open("w", encoding="utf-8") as file:
-            for index, part in enumerate(parts):
-                file.write(values[part] if index % 2 else part)
-    except OSError as error:
-        raise FlightLogError(f"{target}: the report can't be written: {error.strerror}") from error
+    with output(target, source=log, replaces=True) as draft, draft.open("w", encoding="utf-8") as file:
+        for index, part in enumerate(parts):
+            file.write(values[part] if index % 2 else part)
     return target
 
 

@@ -13,9 +13,10 @@ from companion.logs.info import info
 from companion.logs.repair import repair
 from companion.logs.writer import Writer
 from protocol.flightlog import Direction, FlightLogError, LogReader
-from protocol.tlog import TlogReader
+from protocol.messages import dialect
+from protocol.tlog import Entry, TlogReader, write
 from tests.flights.processes import run
-from tests.logs.changed_logs import Flyer
+from tests.logs.changed_logs import Flyer, telemetry_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 DESCRIPTORS = Path("/proc/self/fd")
@@ -150,6 +151,48 @@ def test_telemetry_logs_too(tmp_path: Path) -> None:
     entries = list(TlogReader(result.target).entries())
     assert {entry.data for entry in entries} <= good and len(entries) == 8760 == result.kept
     assert repair(result.target).target is None
+
+
+def attitude(number: int) -> bytes:
+    return bytes(dialect.MAVLink_attitude_message(number, 0.1, 0, 0, 0, 0, 0).pack(dialect.MAVLink(None, 1, 1)))
+
+
+def test_every_sound_frame_of_an_entry_is_kept(tmp_path: Path) -> None:
+    """Where a stamp is missing, the frame behind it has that of the one before."""
+    source = telemetry_log(tmp_path / "a.tlog", *(attitude(n) + attitude(n + 1) for n in range(0, 10, 2)))
+    result = repair(source)
+    assert result.target == tmp_path / "a_repaired.tlog" and result.kept == 10
+    assert not any("no sound frame" in line for line in result.lost)
+    entries = list(TlogReader(result.target).entries())
+    assert [entry.data for entry in entries] == [attitude(number) for number in range(10)]
+    assert [entry.time_us for entry in entries] == [entries[2 * (n // 2)].time_us for n in range(10)]
+    assert repair(result.target).target is None
+
+
+def test_a_whole_telemetry_log_needs_no_room(tmp_path: Path) -> None:
+    source = telemetry_log(tmp_path / "a.tlog", attitude(1), attitude(2))
+    (tmp_path / "a_repaired.tlog").write_text("mine")
+    assert repair(source).target is None
+    assert (tmp_path / "a_repaired.tlog").read_text() == "mine"
+
+
+def test_the_greatest_time_is_told_and_not_the_last(tmp_path: Path) -> None:
+    stamps = [9_000_000, 10_000_000, 14_500_000, 900_000]
+    write(tmp_path / "a.tlog", (Entry(stamp, attitude(number)) for number, stamp in enumerate(stamps)))
+    assert repair(tmp_path / "a.tlog").last_s == pytest.approx(13.6)
+
+
+def test_what_is_empty_or_named_as_another_kind(many_chunks: Path, tmp_path: Path) -> None:
+    cut, empty = tmp_path / "cut.mcap", tmp_path / "empty.tlog"
+    cut.write_bytes(many_chunks.read_bytes()[:20_000])
+    empty.touch()
+    with pytest.raises(FlightLogError, match="an empty file"):
+        repair(empty)
+    with pytest.raises(FlightLogError, match=r"a\.tlog: .*cut\.mcap is repaired as what it is, a \.mcap"):
+        repair(cut, tmp_path / "a.tlog")
+    misnamed = cut.rename(tmp_path / "misnamed.tlog")
+    assert repair(misnamed).target == tmp_path / "misnamed_repaired.mcap"
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".mcap", ".tlog", ".tlog"]
 
 
 def test_a_disk_that_is_full_at_any_byte_leaves_no_file_and_no_descriptor(tmp_path: Path) -> None:
