@@ -230,7 +230,7 @@ def flown(folder: Path, pace: str) -> dict[str, float]:
     command = [sys.executable, "-m", "companion", "demo", "courier", "--no-report", "--pace", pace]
     subprocess.run([*command, "--log", str(folder)], check=True, capture_output=True)
     (log,) = folder.glob("*/flight.mcap")
-    from_flight_log(log, folder / "same.tlog")
+    from_flight_log(LogReader(log), folder / "same.tlog")
     again = sorted(replayed(log) for _ in range(REPLAYS))
     return {
         f"courier, {pace}: log, bytes": log.stat().st_size,

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from companion import cli_logs, cli_view
-from companion.shell import ABANDONED, FAILED, usable
+from companion.shell import ABANDONED, FAILED, run, usable
 from companion.shell import say as _say
 
 app = typer.Typer(
@@ -138,7 +138,7 @@ def settings() -> None:
 
 def main() -> None:
     """The program `companion`."""
-    app()
+    run(app)
 
 
 def _chosen(avoid: str | None, overrides: list[str] | None) -> list[str]:

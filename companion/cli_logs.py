@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from companion.shell import ABANDONED, FAILED, UNUSABLE, say, usable
+from companion.shell import ABANDONED, FAILED, UNUSABLE, judge, log_file, say, usable
 
 if TYPE_CHECKING:
     from companion.logs.info import Info
@@ -18,6 +18,7 @@ LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mca
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 _MOST_SHOWN = 40
 _NO_TERMINAL_WIDTH = 200
+_FASTEST = 1e6
 
 
 def register(app: typer.Typer) -> None:
@@ -42,13 +43,19 @@ def replay(
     as_json: AsJson = False,
 ) -> None:
     """Feed a flight's recorded events into the same autopilot again and compare what it sends with what was sent, bit
-    for bit. Exit code 1 and a table of the fields that differ if it does not come out the same."""
+    for bit. Exit code 1 and a table of the fields that differ if it does not come out the same; 1, too, if LOG is
+    damaged, which is flown again as far as it goes."""
     from companion.logs.replay import replay as fly_again
 
-    path = _file(log)
+    path = log_file(log)
     what_if = settings is not None or bool(overrides)
     if what_if and plot is None:
         plot = path.with_name("replay.png")
+    if plot is not None:
+        from companion.logs.plot import check
+        from companion.logs.plot import plot as draw
+
+        usable(check, plot)
     result = usable(fly_again, path, settings, overrides or [], keeps_series=plot is not None, trace=trace)
     for note in result.notes:
         say(f"companion: {note}")
@@ -59,14 +66,14 @@ def replay(
     if trace is not None:
         say(f"log: {trace}")
     if plot is not None:
-        from companion.logs.plot import plot as draw
-
         changed = " ".join(
             [f"--settings {settings}"] * (settings is not None) + [f"--set {each}" for each in overrides or []]
         )
         if usable(draw, result.series, f"{path} {changed}", plot):
             say(f"plot: {plot}")
-    if result.differences:
+        else:
+            say("plot: nothing differs, so there is none")
+    if result.differences or result.problem is not None:  # which is among the notes
         raise typer.Exit(FAILED)
 
 
@@ -124,14 +131,12 @@ def info(
     cut off, as far as was looked."""
     from companion.logs.info import info as describe
 
-    found = usable(describe, _file(log), check=check)
+    found = usable(describe, log_file(log), check=check)
     if as_json:
         typer.echo(json.dumps(_info_table(found)))
     else:
         _show_info(found)
-    if found.problem is not None:
-        say(f"companion: {found.problem}")
-        raise typer.Exit(FAILED)
+    judge(found.problem)
 
 
 def _info_table(found: "Info") -> dict[str, Any]:
@@ -175,11 +180,10 @@ def digest(log: LogFile) -> None:
     byte."""
     from companion.logs.traffic import digest as digest_of
 
-    found = usable(digest_of, _file(log))
-    if found.problem is not None:
-        say(f"companion: {found.problem}")
+    found = usable(digest_of, log_file(log))
     for direction, value in found.hashes.items():
         typer.echo(f"{direction.name.lower():3} {value}")
+    judge(found.problem)
 
 
 def repair(
@@ -189,7 +193,7 @@ def repair(
     """Make a log that was cut off or damaged whole again, in a new file, and say what of it is lost."""
     from companion.logs.repair import repair as mend
 
-    result = usable(mend, _file(log), to)
+    result = usable(mend, log_file(log), to)
     for line in result.lost:
         typer.echo(f"lost: {line}")
     if result.target is None:
@@ -213,9 +217,9 @@ def play(
     from companion.logs.play import play as send_again
     from protocol.transport import open_url
 
-    path = _file(log)
-    if not 0.0 < speed < float("inf"):
-        say(f"companion: --speed {speed:g}: not a positive number")
+    path = log_file(log)
+    if not 0.0 < speed <= _FASTEST:
+        say(f"companion: --speed {speed:g}: not a positive number up to {_FASTEST:g}")
         raise typer.Exit(UNUSABLE)
     transport = usable(open_url, to)
     try:
@@ -227,6 +231,7 @@ def play(
             start_s=start,
             loop=loop,
             progress=lambda time_s: typer.echo(f"\r{time_s:9.1f} s", err=True, nl=False),
+            pausing=lambda wait_s: say(f"\rcompanion: {path}: the next datagram comes in {wait_s:.0f} s"),
         )
     except KeyboardInterrupt:
         say("")
@@ -245,11 +250,13 @@ def convert(
     ] = None,
 ) -> None:
     """Write a log in another form: telemetry logs (.tlog) to flight logs (.mcap) and back, a CSV or Parquet file for
-    each kind of message, ULog."""
+    each kind of message, ULog. Exit code 1 if LOG is damaged: what is whole of it is written."""
     from companion.logs.convert import convert as write
 
-    for line in usable(write, _file(log), to, form):
+    converted = usable(write, log_file(log), to, form)
+    for line in converted.written:
         typer.echo(line)
+    judge(converted.problem)
 
 
 def logs(
@@ -266,19 +273,6 @@ def logs(
         return
     headers = ("log", "date", "mission", "result", "duration, s", "distance, m", "clearance, m", "faults")
     _table(headers, [row.cells() for row in rows])
-
-
-def _file(log: Path) -> Path:
-    """The log that is meant: a folder of a flight stands for its file."""
-    if not log.is_dir():
-        return log
-    from protocol.flightlog import FILE_NAME
-
-    inside = log / FILE_NAME
-    if inside.is_file():
-        return inside
-    say(f"companion: {log}: a folder without {FILE_NAME}")
-    raise typer.Exit(UNUSABLE)
 
 
 def _table(headers: Sequence[str] | None, rows: Iterable[Sequence[str]]) -> None:

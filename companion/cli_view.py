@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
-from companion.shell import UNUSABLE, say, usable
+from companion.shell import ABANDONED, UNUSABLE, judge, log_file, say, usable
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap), a folder with one, or a .tlog.")]
 
@@ -28,8 +28,8 @@ def report(
     """Write one HTML file that shows a flight: findings, path, plots, events. It needs no network and no other file."""
     from companion.view.report import beside, write
 
-    with flight_log(log) as readable:
-        typer.echo(f"report: {usable(write, readable, to or beside(file_of(log)))}")
+    with flight_log(log) as shown:
+        typer.echo(f"report: {usable(write, shown.path, to or beside(log_file(log)))}")
 
 
 def view(
@@ -67,9 +67,14 @@ def view(
         if control:
             say("companion: --control needs the URL of a vehicle")
             raise typer.Exit(UNUSABLE)
+        if world is not None:
+            say("companion: --world is for a link; a log has its own")
+            raise typer.Exit(UNUSABLE)
         log = Path(source) if source is not None else usable(newest, logs)
-        with flight_log(log) as readable:
-            serve(usable(Page, usable(open_log, readable), port, asked), typer.echo)
+        with flight_log(log) as shown:
+            chosen = usable(open_log, shown.path)
+            chosen.name = str(log)
+            serve(usable(Page, chosen, port, asked), typer.echo)
         return
     serve(usable(Page, chosen, port, asked), typer.echo)
 
@@ -79,32 +84,46 @@ def foxglove(
     to: Annotated[Path | None, typer.Option(help="The file; otherwise NAME_foxglove.mcap beside LOG.")] = None,
 ) -> None:
     """Write a log that Foxglove draws as it is: poses, path, ring, world, places on earth, texts, beside all that was
-    recorded. docs/foxglove_layout.json is a layout for it."""
+    recorded but the bare datagrams. docs/foxglove_layout.json is a layout for it. Exit code 1 if LOG is damaged: what
+    is whole of it is drawn."""
     from companion.view.foxglove import beside, convert
 
-    with flight_log(log) as readable:
-        target, added = usable(convert, readable, to or beside(file_of(log)))
-    typer.echo(f"foxglove: {target}, {added} messages added")
+    try:
+        with flight_log(log) as shown:
+            drawn = usable(convert, shown.path, to or beside(log_file(log)))
+    except KeyboardInterrupt:
+        raise typer.Exit(ABANDONED) from None
+    typer.echo(f"foxglove: {drawn.path}, {drawn.added} messages added")
+    judge(shown.problem or drawn.problem)
+
+
+class Shown(NamedTuple):
+    """A log to show."""
+
+    path: Path
+    """A flight log."""
+    problem: str | None
+    """What is wrong with the telemetry log that it was made of."""
 
 
 @contextmanager
-def flight_log(log: Path) -> Iterator[Path]:
+def flight_log(log: Path) -> Iterator[Shown]:
     """The flight log that is meant; a telemetry log becomes one for as long as it is needed."""
     from companion.logs.convert.telemetry import to_flight_log
-    from protocol.tlog import is_tlog
+    from companion.logs.traffic import open_log, traffic_of
+    from companion.recordings import printable
+    from protocol.flightlog import LogReader
 
-    path = file_of(log)
-    if not path.is_file() or not is_tlog(path):
-        yield path
+    path = log_file(log)
+    opened = usable(open_log, path)
+    if isinstance(opened, LogReader):
+        yield Shown(path, None)
         return
     with TemporaryDirectory() as folder:
         converted = Path(folder) / f"{path.stem}.mcap"
-        usable(to_flight_log, path, converted)
-        yield converted
-
-
-def file_of(log: Path) -> Path:
-    """The log that is meant: a folder stands for the log in it."""
-    from protocol.flightlog import FILE_NAME
-
-    return log / FILE_NAME if log.is_dir() else log
+        traffic = traffic_of(opened)
+        flight = {"source": printable(path)}
+        if traffic.epoch_ns:
+            flight["started_unix_s"] = repr(traffic.epoch_ns * 1e-9)
+        usable(to_flight_log, traffic, converted, {"flight": flight})
+        yield Shown(converted, traffic.problem)

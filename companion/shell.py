@@ -1,6 +1,12 @@
 """What all commands share: exit codes, words to the person, and errors from outside as one line."""
 
+import errno
+import os
+import stat
+import sys
 from collections.abc import Callable
+from io import TextIOWrapper
+from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 import typer
@@ -36,6 +42,50 @@ def _from_outside() -> tuple[type[Exception], ...]:
     from protocol.transport import TransportError
 
     return DataFileError, FlightLogError, PlanError, RehearsalError, TransportError
+
+
+def run(app: typer.Typer) -> None:
+    """The whole program: names that are not UTF-8 are printed all the same, and an output that is full is one line."""
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+    try:
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
+    except OSError as error:
+        if error.errno != errno.ENOSPC or error.filename is not None:
+            raise
+        say(f"companion: standard output: {error.strerror}")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left in the buffer has nowhere to go
+        sys.exit(UNUSABLE)
+
+
+def log_file(log: Path) -> Path:
+    """The log that is meant: a folder of a flight stands for its file. Without one the program ends with one line."""
+    from protocol.flightlog import FILE_NAME
+
+    path = log
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            path = log / FILE_NAME
+            mode = path.stat().st_mode
+    except OSError as error:
+        inside = path is not log and isinstance(error, FileNotFoundError)
+        say(f"companion: {log}: " + (f"a folder without {FILE_NAME}" if inside else error.strerror or str(error)))
+        raise typer.Exit(UNUSABLE) from None
+    if not stat.S_ISREG(mode):
+        say(f"companion: {path}: not a file")
+        raise typer.Exit(UNUSABLE)
+    return path
+
+
+def judge(problem: str | None) -> None:
+    """Say what is wrong with a log, if anything is, and end with exit code 1; after all that could be done with it."""
+    if problem is not None:
+        say(f"companion: {problem}")
+        raise typer.Exit(FAILED)
 
 
 def say(text: str) -> None:

@@ -38,7 +38,7 @@ import mcap.records
 import msgspec
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 
 if TYPE_CHECKING:  # numpy is imported where it is needed: the recorder starts 0.1 s sooner without it
@@ -76,6 +76,8 @@ SCALARS = {  # as ROS 1 and as struct name them
     "float64": "d",
 }
 _VARIABLE = -1
+_LARGEST_RECORD = 1 << 24
+"""Bytes of a record's fields of fixed size; whatever asks for more is no schema of a log."""
 _LENGTH = struct.Struct("<I")
 
 
@@ -89,6 +91,16 @@ class _Field(NamedTuple):
     @property
     def is_variable(self) -> bool:
         return self.kind == "string" or self.length == _VARIABLE
+
+    @property
+    def values(self) -> int:
+        """So many of them, where that is fixed."""
+        return 2 if self.kind == "time" else self.length or 1
+
+    @property
+    def size(self) -> int:
+        """Bytes, where that is fixed."""
+        return self.values * struct.calcsize("<" + SCALARS.get(self.kind, "I"))
 
     @property
     def format(self) -> str:
@@ -111,10 +123,9 @@ def _fixed(fields: list[_Field]) -> _Fixed:
     places: list[tuple[str, int | slice]] = []
     count = 0
     for field in fields:
-        values = len(struct.unpack("<" + field.format, bytes(struct.calcsize("<" + field.format))))
         single = field.length is None and field.kind != "time"
-        places.append((field.name, count if single else slice(count, count + values)))
-        count += values
+        places.append((field.name, count if single else slice(count, count + field.values)))
+        count += field.values
     return _Fixed(struct.Struct("<" + "".join(field.format for field in fields)), count, tuple(places))
 
 
@@ -134,7 +145,7 @@ def _parse_field(name: str, text: str) -> _Field:
 
 
 class RecordType:
-    """One topic and the layout of what is on it; made by `record_type` or read from a file.
+    """One topic and the layout of what is on it; made by `record_type` or read from a file. ValueError if it is none.
 
     `pack(*values)` gives the bytes. Values come in the order of the fields, arrays of fixed size spread into single
     values, "time" as seconds and nanoseconds; "string" takes a str, "uint8[]" bytes, other open arrays a sequence.
@@ -154,6 +165,10 @@ class RecordType:
         lines = (line.partition("#")[0] for line in definition.splitlines())
         words = (line.split() for line in lines if line.strip() and "=" not in line)  # with "=" it is a constant
         self.fields = tuple(_parse_field(name, kind) for kind, name in words)
+        if len({field.name for field in self.fields}) < len(self.fields):
+            raise ValueError(f"{topic}: two fields have one name")
+        if sum(field.size for field in self.fields if not field.is_variable) > _LARGEST_RECORD:
+            raise ValueError(f"{topic}: a record would have more than {_LARGEST_RECORD} bytes")
         self._parts = self._compile()
         if any(field.is_variable for field in self.fields):
             self.size = None
@@ -558,6 +573,8 @@ class _Chunk(NamedTuple):
     crc: int
     torn: bool = False
     """The file ends within it."""
+    loose: bool = False
+    """No chunk, but messages outside of chunks, one behind the other; nothing vouches for them but the file's CRC."""
 
 
 _RECORD = struct.Struct("<BQ")
@@ -567,16 +584,21 @@ _INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of pairs of a 
 _new = tuple.__new__  # of a Record: half the time of the class's own constructor
 _CHUNK_MARK = b"\x04\x00\x00\x00zstd"
 _MARK_OFFSET = _RECORD.size + _CHUNK.size - 4
+_DAMAGE = (McapError, ValueError, struct.error, KeyError, OverflowError)
+"""What reading bytes raises that are not what they seem to be."""
 _PIECE = 1 << 22
 _LARGEST_CHUNK = 1 << 30
-_PIECE_OF_TORN = 1 << 12
+_PIECE_OF_TORN = 1 << 8
+"""Unpacked at once: no more than 8 MB come of it, since four bytes of zstd hold 128 KiB at the most."""
+_UNSTATED = -1
 
 
 class LogReader:
     """A log, finished or cut off or damaged: what is whole is read, and what is not is said.
 
     `problem` knows at once of a torn end and of damage to a finished file, and of damaged chunks of an unfinished
-    one when `records` has come by. Raises FlightLogError only if the file can't be opened or is no MCAP at all.
+    one when `records` has come by. Topics whose schema isn't one of ROS 1's plain ones are left out. Raises
+    FlightLogError only if the file can't be opened or is no MCAP at all, whatever it holds.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -589,19 +611,20 @@ class LogReader:
         self._chunks: list[_Chunk] = []
         self._schemas: dict[int, mcap.records.Schema] = {}
         self._channels: dict[int, RecordType] = {}
-        self._foreign: set[int] = set()  # channels whose schema is not ours
+        self._foreign: set[int] = set()  # channels without a schema that is one of ours
         self._summarised = False
         self._data_ended = False
-        self._verified = False  # by the checksum over all of the data
+        self._checked = self._verified = False  # by the checksum over all of the data
         self._passed = 0
         self._data = self._open()
         self._scan()
+        self._doubt_loose()
         epoch = self.metadata.get("flightlog", {}).get("epoch_ns", "")
-        known = epoch.isascii() and epoch.isdigit()
+        known = epoch.isascii() and epoch.isdigit() and len(epoch) <= 19 and int(epoch) < 1 << 63
         self.epoch_ns = int(epoch) if known else 0
-        """log_time of time 0."""
+        """log_time of time 0; from 0 to the greatest number of 63 bits."""
         if not known:
-            self._report("its start time is missing, times count from 1970")
+            self._report(f"its start time is {'damaged' if epoch else 'missing'}, times count from 1970")
 
     def _open(self) -> "mmap.mmap | bytes":
         try:
@@ -644,7 +667,7 @@ class LogReader:
                 self._report(f"damaged after byte {suspect}, resumed at byte {found}")
                 position = found
                 continue
-            if self._chunks and self._chunks[-1].offset == position:
+            if self._chunks and self._chunks[-1].offset == position and not self._chunks[-1].loose:
                 suspect = stop
             position = stop
             self._pass(position)
@@ -666,53 +689,80 @@ class LogReader:
                 if chunk is None:
                     return None
                 self._chunks.append(chunk)
+            elif opcode == Opcode.MESSAGE:
+                if length < LENGTH_OF_EMPTY:
+                    return None
+                self._add_loose(position, stop)
             elif opcode in _READERS:
                 self._take(opcode, data[start:stop])
             elif opcode == Opcode.DATA_END:
                 (crc,) = _LENGTH.unpack_from(data, start)
-                self._verified = bool(crc) and crc == self._crc(0, position)
-                if crc and not self._verified:
-                    self._report("bytes in it are damaged")
+                if crc and not self._checked:
+                    self._checked = True
+                    self._verified = crc == self._crc(0, position)
+                    if not self._verified:
+                        self._report("bytes in it are damaged")
                 self._data_ended = True
             elif opcode == Opcode.FOOTER:
                 self._finish(position, stop)
             elif not Opcode.HEADER <= opcode <= Opcode.DATA_END:
                 return None
-        except (McapError, ValueError, struct.error, KeyError):
+        except _DAMAGE:
             return None
         return stop
 
     def _take(self, opcode: int, content: bytes) -> None:
-        if opcode == Opcode.ATTACHMENT and zlib.crc32(content[:-4]) != _LENGTH.unpack(content[-4:])[0]:
-            self._report("an attachment is damaged")
+        if opcode == Opcode.ATTACHMENT and _LENGTH.unpack(content[-4:])[0] not in (0, zlib.crc32(content[:-4])):
+            self._report("an attachment is damaged")  # with a checksum of 0 it has none
             return
         record = _READERS[opcode](ReadDataStream(BytesIO(content)))
         if isinstance(record, mcap.records.Schema):
             self._schemas[record.id] = record
         elif isinstance(record, mcap.records.Channel):
-            schema = self._schemas[record.schema_id]
-            if schema.encoding != "ros1msg":
-                self._foreign.add(record.id)
-                return
-            known = self._channels.get(record.id)
-            definition = schema.data.decode()
-            if known is None or known.topic != record.topic or known.definition != definition:
-                self._channels[record.id] = RecordType(record.topic, schema.name, definition)
+            self._take_channel(record)
         elif isinstance(record, mcap.records.Metadata):
             self.metadata[record.name] = record.metadata
         elif isinstance(record, mcap.records.Attachment):
             self.attachments[record.name] = record.data
 
+    def _take_channel(self, channel: mcap.records.Channel) -> None:
+        schema = self._schemas.get(channel.schema_id)
+        if channel.schema_id == 0 or (schema is not None and schema.encoding != "ros1msg"):
+            self._foreign.add(channel.id)
+        elif schema is not None:  # otherwise it is lost with a damaged chunk, and so is what this channel holds
+            known = self._channels.get(channel.id)
+            try:
+                definition = schema.data.decode()
+                if known is None or known.topic != channel.topic or known.definition != definition:
+                    self._channels[channel.id] = RecordType(channel.topic, schema.name, definition)
+            except ValueError:
+                self._foreign.add(channel.id)
+
+    def _add_loose(self, start: int, stop: int) -> None:
+        """A message outside of chunks, to those before it: as many as are read at once."""
+        last = self._chunks[-1] if self._chunks else None
+        if last is not None and last.loose and last.stop == start and last.size < _PIECE:
+            self._chunks[-1] = last._replace(stop=stop, size=stop - last.start)
+        else:
+            self._chunks.append(_Chunk(start, start, stop, "", stop - start, 0, loose=True))
+
+    def _doubt_loose(self) -> None:
+        """In a damaged file of chunks, what looks like messages between them may be the damage."""
+        chunks = [chunk for chunk in self._chunks if not chunk.loose]
+        if self._problems and 0 < len(chunks) < len(self._chunks):
+            self._chunks = chunks
+            self._report("messages between its chunks are left out, nothing vouches for them")
+
     def _finish(self, position: int, stop: int) -> None:
         data = self._data
         summary_start, _, crc = struct.unpack_from("<QQI", data, position + _RECORD.size)
-        if crc and crc != self._crc(summary_start, stop - 4):
+        self.complete = self._data_ended and stop + len(MAGIC) == len(data) and data[stop:] == MAGIC
+        if not self.complete:
+            self._report("its last bytes are damaged or missing")
+        elif crc and crc != self._crc(summary_start, stop - 4):
             self._report("its summary is damaged")
         elif summary_start:
             self._summarised = True
-        self.complete = self._data_ended and data[stop:] == MAGIC
-        if not self.complete:
-            self._report("its last bytes are damaged or missing")
 
     def _crc(self, start: int, stop: int) -> int:
         """Of the file's bytes, some at a time."""
@@ -779,7 +829,7 @@ class LogReader:
             if chunk.torn:
                 content = _beginning(packed, chunk.size)
             elif chunk.compression == "zstd":
-                content = zstandard.ZstdDecompressor().decompress(packed, max_output_size=chunk.size)
+                content = decompressed(packed, chunk.size)
             elif chunk.compression == "":
                 content = packed
             else:
@@ -805,14 +855,20 @@ class LogReader:
                 continue
             content = self._content(chunk)
             if content is not None:
+                found: list[Record] = []
                 try:
-                    yield from self._walk(content, topics, wanted)
-                except (McapError, ValueError, struct.error, KeyError):
+                    self._walk(content, topics, wanted, found)
+                except _DAMAGE:
                     self._report(f"chunk at byte {chunk.offset} holds something else than messages")
+                yield from found
 
-    def _walk(self, content: bytes, topics: Collection[str] | None, wanted: dict[int, str | None]) -> list[Record]:
-        """The records of one chunk; `wanted` remembers each channel's topic, None for those to leave out."""
-        found: list[Record] = []
+    def _walk(
+        self, content: bytes, topics: Collection[str] | None, wanted: dict[int, str | None], found: list[Record]
+    ) -> None:
+        """Add a chunk's records to `found`; `wanted` remembers each channel's topic, None for those to leave out.
+
+        Raises one of _DAMAGE behind the last whole record.
+        """
         epoch_ns = self.epoch_ns
         unpack, new = _MESSAGE.unpack_from, _new
         position = 0
@@ -829,12 +885,15 @@ class LogReader:
             elif opcode in _READERS:
                 self._take(opcode, content[position + 9 : stop])
             position = stop
-        return found
+        if position > len(content):  # only the last record can be longer than what there is
+            if opcode == 5 and topic is not None:
+                found.pop()
+            raise EndOfFile
 
     def _indexed(self, chunk: _Chunk, topics: Collection[str], wanted: dict[int, str | None]) -> list[Record] | None:
         """As `_walk`, by the indexes behind the chunk, so that nobody looks at other topics' records; None if there are
         none, or they are not to be trusted."""
-        if not (self._verified and self._summarised):
+        if chunk.loose or not (self._verified and self._summarised):
             return None
         try:
             places = self._places(chunk, topics, wanted)
@@ -876,6 +935,8 @@ class LogReader:
                 raise KeyError(channel)
             data = content[position + 31 : position + 9 + length]
             found.append(new(Record, (topic, log_time - epoch_ns, sequence, data)))
+        if position + 9 + length > len(content):
+            raise KeyError(channel)
         return found
 
     def _topic(self, channel: int, topics: Collection[str] | None) -> str | None:
@@ -903,12 +964,15 @@ class LogReader:
     def arrays(self, topics: Collection[str]) -> "dict[str, NDArray[np.void]]":
         """Topics whose records have one size as structured arrays: `time_ns`, then the schema's fields.
 
-        Raises FlightLogError if one isn't there or its records vary in size.
+        Raises FlightLogError if one isn't there, its records vary in size or aren't as its schema says, a field of its
+        own is called `time_ns`, or a time is beyond 63 bits.
         """
         known = self.topics
         for topic in topics:
             if topic not in known:
                 raise FlightLogError(f"{self.path}: there is no topic {topic}")
+            if any(field.name == "time_ns" for field in known[topic].fields):
+                raise FlightLogError(f"{self.path}: {topic} has a field time_ns of its own; read it one by one")
         layouts = {topic: known[topic].dtype for topic in topics}
         found: dict[str, list[Record]] = {topic: [] for topic in topics}
         for record in self.records(topics):
@@ -920,17 +984,29 @@ class LogReader:
 
         if any(len(record.data) != layout.itemsize for record in records):
             raise FlightLogError(f"{self.path}: a record on {topic} is not as its schema says")
-        values = np.frombuffer(b"".join([record.data for record in records]), layout)
+        values = np.ndarray(len(records), layout, b"".join([record.data for record in records]))
         names = layout.names or ()
         columns: list[Any] = [
             ("time_ns", "<i8"),
             *((name, values[name].dtype, values[name].shape[1:]) for name in names),
         ]
         table = np.empty(len(records), columns)
-        table["time_ns"] = [record.time_ns for record in records]
+        try:
+            table["time_ns"] = [record.time_ns for record in records]
+        except OverflowError:
+            raise FlightLogError(f"{self.path}: a record on {topic} has a time beyond all clocks") from None
         for name in names:
             table[name] = values[name]
         return table
+
+
+def decompressed(packed: bytes, size: int) -> bytes:
+    """What a zstd frame holds, at most `size` bytes: a frame that says itself that it holds something else is refused
+    before any of it is unpacked. Raises zstandard.ZstdError if it is refused or damaged."""
+    stated = zstandard.frame_content_size(packed)
+    if stated not in (_UNSTATED, size):
+        raise zstandard.ZstdError(f"a frame of {stated} bytes, not of {size}")
+    return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
 
 
 def _beginning(packed: bytes, size: int) -> bytes:
@@ -939,6 +1015,8 @@ def _beginning(packed: bytes, size: int) -> bytes:
     content = bytearray()
     with contextlib.suppress(zstandard.ZstdError):
         for start in range(0, len(packed), _PIECE_OF_TORN):
+            if len(content) >= size:
+                break
             content += unpack.decompress(packed[start : start + _PIECE_OF_TORN])
     del content[size:]
     position = 0

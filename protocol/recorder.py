@@ -65,11 +65,12 @@ class McapFile:
     """An MCAP file written chunk by chunk; what is on disk ends with a whole chunk at any time.
 
     A chunk that can't be written is given up and its remains are cut off, so that later ones may still follow.
-    `tidies`: the finished file has large chunks, whatever `end_chunk` ended.
+    `tidies`: the finished file has large chunks, whatever `end_chunk` ended. Raises OSError, and leaves no file then.
     """
 
     def __init__(self, path: Path, *, tidies: bool = False) -> None:
         self._path = path
+        self._twin: _Twin | None = None
         self._file = self._open()
         self.size = 0
         """Bytes in the file."""
@@ -84,11 +85,17 @@ class McapFile:
         self._counts: dict[int, int] = {}
         self._first_time = 0
         self._last_time = 0
-        self._chunk_indexes: list[mcap_records.ChunkIndex] = []
+        self._chunks = 0
+        self._chunk_indexes = bytearray()  # encoded: there are many in a long flight
         self._attachment_indexes: list[mcap_records.AttachmentIndex] = []
         self._metadata_indexes: list[mcap_records.MetadataIndex] = []
-        self._write(flightlog.MAGIC + _encoded(mcap_records.Header(profile="", library="courier")))
-        self._twin = _Twin.beside(self) if tidies else None
+        try:
+            self._write(flightlog.MAGIC + _encoded(mcap_records.Header(profile="", library="courier")))
+        except OSError:
+            self.discard()
+            raise
+        if tidies:
+            self._twin = _Twin.beside(self)
 
     def _open(self) -> int:
         return os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
@@ -140,7 +147,7 @@ class McapFile:
     def _part(self) -> None:
         """The twin's space on the disk is free again."""
         if self._twin is not None:
-            os.close(self._twin._file)
+            self._twin.close()
             self._twin = None
 
     def add_channel(self, kind: RecordType) -> int:
@@ -233,7 +240,8 @@ class McapFile:
         self._last_time = max(self._last_time, end_time)
         for channel, index in self._indexes.items():
             self._counts[channel] = self._counts.get(channel, 0) + len(index) // 2
-        self._chunk_indexes.append(
+        self._chunks += 1
+        self._chunk_indexes += _encoded(
             mcap_records.ChunkIndex(
                 chunk_length=len(chunk),
                 chunk_start_offset=chunk_offset,
@@ -248,11 +256,31 @@ class McapFile:
         )
 
     def finish(self) -> None:
-        """Write the summary and the end, and see it onto the disk. Raises OSError; the file then ends with a chunk."""
+        """Write the summary and the end, see it onto the disk, and close.
+
+        Raises OSError; the file then ends with a chunk and is still open.
+        """
         self._write_summary()
         self._repeat(lambda twin: twin.take_place())
         if self._twin is None:
             os.fsync(self._file)
+        self.close()
+
+    def close(self) -> None:
+        """Nothing more is written; what is on disk stays as it is."""
+        self._part()
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def discard(self) -> None:
+        """Close, and take the file away; nothing if it is closed."""
+        if self._file >= 0:
+            self.close()
+            self._take_away()
+
+    def _take_away(self) -> None:
+        self._path.unlink(missing_ok=True)
 
     def _write_summary(self) -> None:
         end = _encoded(mcap_records.DataEnd(self._crc))
@@ -261,25 +289,24 @@ class McapFile:
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunks,
             message_count=sum(self._counts.values()),
             message_end_time=self._last_time,
             message_start_time=self._first_time,
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._schemas),
         )
-        groups: list[tuple[Opcode, list[McapRecord]]] = [
-            (Opcode.SCHEMA, [*self._schemas.values()]),
-            (Opcode.CHANNEL, [*self._channels]),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, [*self._chunk_indexes]),
-            (Opcode.ATTACHMENT_INDEX, [*self._attachment_indexes]),
-            (Opcode.METADATA_INDEX, [*self._metadata_indexes]),
+        groups = [
+            (Opcode.SCHEMA, _encoded(*self._schemas.values())),
+            (Opcode.CHANNEL, _encoded(*self._channels)),
+            (Opcode.STATISTICS, _encoded(statistics)),
+            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, _encoded(*self._attachment_indexes)),
+            (Opcode.METADATA_INDEX, _encoded(*self._metadata_indexes)),
         ]
         summary = b""
         offsets: list[McapRecord] = []
-        for opcode, records in groups:
-            data = _encoded(*records)
+        for opcode, data in groups:
             if data:
                 offsets.append(mcap_records.SummaryOffset(opcode, start + len(summary), len(data)))
             summary += data
@@ -305,6 +332,9 @@ class _Twin(McapFile):
 
     def _open(self) -> int:
         return os.open(self._path.parent, os.O_WRONLY | os.O_TMPFILE | os.O_CLOEXEC, 0o644)
+
+    def _take_away(self) -> None:
+        """It has no name: it is gone when it is closed."""
 
     def add_content(self, content: bytes, indexes: dict[int, list[int]]) -> None:
         """Of another chunk, with its indexes. Raises OSError."""
@@ -400,7 +430,7 @@ class Messages:
         self._file = file
         self._preserves_datagrams = preserves_datagrams
         self._framers = [Framer() for _ in flightlog.Direction]
-        self._targets: dict[tuple[int, int, int, bool], _Target | None] = {}
+        self._targets: dict[tuple[int, int, int, bool], _Target] = {}
 
     def add(self, datagram: bytes, sequence: int, log_time: int) -> None:
         """`datagram` is a record of DATAGRAM."""
@@ -410,12 +440,11 @@ class Messages:
             known = frame.known
             key = frame.message_id, frame.system, frame.component, known
             try:
-                target = self._targets[key]
+                channel, size, convert = self._targets[key]
             except KeyError:
-                target = self._targets[key] = self._new_target(*key)
-            if target is None:
-                continue
-            channel, size, convert = target
+                if len(self._targets) >= _MOST_TARGETS:
+                    continue  # noise that looks like frames must not use up the file's channels, nor the memory
+                channel, size, convert = self._targets[key] = self._new_target(*key)
             payload = frame.payload
             if len(payload) != size and known:
                 payload = payload.ljust(size, b"\0")[:size]
@@ -424,9 +453,7 @@ class Messages:
             header = HEADER.pack(5, flightlog.LENGTH_OF_EMPTY + len(payload), channel, sequence, log_time, log_time)
             self._file.add_message(channel, log_time, header + payload)
 
-    def _new_target(self, message_id: int, system: int, component: int, known: bool) -> _Target | None:
-        if len(self._targets) >= _MOST_TARGETS:
-            return None  # noise that looks like frames must not use up the file's channels
+    def _new_target(self, message_id: int, system: int, component: int, known: bool) -> _Target:
         folder = f"/mavlink/{system}/{component}"
         if known:
             kind, size, convert = message_type(message_id, f"{folder}/{layout(message_id).name}")
@@ -535,7 +562,6 @@ class Recorder:
                 continue
             record = memory[start : start + 9 + length]
             tail += len(record)
-            count += 1
             if channel == DATAGRAM_CHANNEL:
                 file.add_message(channel, log_time, record)
                 try:
@@ -547,16 +573,22 @@ class Recorder:
                 if channel == TEXT_CHANNEL and self._setup.console:
                     self._show(log_time, record[HEADER.size :])
             else:
-                self._obey(channel, record[HEADER.size :])
-            if count == _BATCH or file.pending_bytes >= CHUNK_BYTES:
-                self._taken += count
+                self._advance(count, tail)
                 count = 0
-                self._words[flightlog.TAIL] = tail
-                self._words[flightlog.BEAT] = time.monotonic_ns()
+                self._obey(channel, record[HEADER.size :])
+            count += 1
+            if count == _BATCH or file.pending_bytes >= CHUNK_BYTES:
+                self._advance(count, tail)
+                count = 0
                 if file.pending_bytes >= CHUNK_BYTES:
                     self._end_chunk()
+        self._advance(count, tail)
+
+    def _advance(self, count: int, tail: int) -> None:
+        """So many more records are taken, up to there: always before a chunk is ended, which counts them."""
         self._taken += count
         self._tail = self._words[flightlog.TAIL] = tail
+        self._words[flightlog.BEAT] = time.monotonic_ns()
 
     def _say_dropped(self, now_ns: int) -> None:
         dropped = self._words[flightlog.DROPPED]
@@ -581,6 +613,7 @@ class Recorder:
             self._file.add_metadata(name, table)
         except OSError as error:
             self._fail(error)
+            self._lost += 1
 
     def _show(self, log_time: int, data: bytes) -> None:
         text = TEXT.unpack(data)

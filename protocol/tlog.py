@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from protocol.flightlog import FlightLogError
+from protocol.flightlog import MAGIC, FlightLogError
 from protocol.framing import Frame, Framer
 
 STAMP = 8
@@ -45,8 +45,8 @@ class TlogReader:
                 self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b""
         except OSError as error:
             raise FlightLogError(f"{self.path}: {error.strerror or error}") from error
-        self._start = self._next(0)
-        if self._start >= min(len(self._data), _LOOK):
+        self._start = self._first()
+        if self._data[: len(MAGIC)] == MAGIC or self._start >= min(len(self._data), _LOOK):
             raise FlightLogError(f"{self.path}: neither a flight log (MCAP) nor a telemetry log")
 
     @property
@@ -93,10 +93,25 @@ class TlogReader:
         stop = self._end(position)
         return position < stop <= len(self._data) and self._stamp(position) < _LATEST_US
 
-    def _next(self, position: int) -> int:
-        """Where the next entry with a sound frame starts, or the end."""
+    def _first(self) -> int:
+        """Where the first entry starts; the end, if that is not within `_LOOK`.
+
+        It is at once, if entry follows on entry from there to a sound frame or as far as is looked: messages that the
+        dialect lacks have no checksum to go by.
+        """
+        position, stop = 0, min(len(self._data), _LOOK)
+        while position < stop and self._starts(position):
+            end = self._end(position)
+            if _sound(self._data[position + STAMP : end]):
+                return 0
+            position = end
+        return 0 if position >= stop else self._next(0, _LOOK)
+
+    def _next(self, position: int, limit: int | None = None) -> int:
+        """Where the next entry with a sound frame starts, before `limit`, or the end."""
         data = self._data
-        while found := _find_magic(data, position + STAMP):
+        stop = len(data) if limit is None else limit + STAMP
+        while found := _find_magic(data, position + STAMP, stop):
             position = found.start() - STAMP
             if self._starts(position) and _sound(data[found.start() : self._end(position)]):
                 return position

@@ -1,7 +1,6 @@
 """Many logs: what each came to, from an index that is made anew where it is stale."""
 
 import contextlib
-import os
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -11,13 +10,15 @@ import numpy as np
 
 from companion.logs.info import Info, info
 from companion.logs.traffic import open_traffic
+from companion.recordings import is_drawn, printable
 from companion.summary import summarize
+from companion.target import DRAFTS, output
 from companion.trace import TRACE
 from protocol.flightlog import Direction, FlightLogError
 from protocol.framing import Framer
 from protocol.messages import decode, dialect
 
-INDEX_NAME = "index.json"
+INDEX_NAME = ".courier-index.json"
 _VERSION = 1
 _SUFFIXES = frozenset((".mcap", ".tlog"))
 
@@ -68,7 +69,7 @@ def listing(folder: Path) -> list[Row]:
     known = _read(folder / INDEX_NAME)
     entries: dict[str, _Entry] = {}
     for path in _logs(folder):
-        name = str(path.relative_to(folder))
+        name = printable(path.relative_to(folder))
         with contextlib.suppress(OSError):  # gone meanwhile
             state = path.stat()
             entry = known.get(name)
@@ -81,7 +82,12 @@ def listing(folder: Path) -> list[Row]:
 
 
 def _logs(folder: Path) -> Iterator[Path]:
-    return (path for path in sorted(folder.rglob("*")) if path.suffix in _SUFFIXES and path.is_file())
+    """Recordings only: not what was drawn from one, and no drafts."""
+    for path in sorted(folder.rglob("*")):
+        with contextlib.suppress(OSError):
+            draft = any(part.startswith(DRAFTS) for part in path.relative_to(folder).parts)
+            if path.suffix in _SUFFIXES and not draft and path.is_file() and not is_drawn(path):
+                yield path
 
 
 def _read(path: Path) -> dict[str, _Entry]:
@@ -95,20 +101,28 @@ def _read(path: Path) -> dict[str, _Entry]:
 
 def _write(path: Path, entries: dict[str, _Entry]) -> None:
     """Whole or not at all; a folder that can't be written to is listed all the same."""
-    draft = path.with_name(f"{path.name}.{os.getpid()}")
-    with contextlib.suppress(OSError):
-        draft.write_bytes(msgspec.json.encode(_Index(_VERSION, entries)))
-        draft.replace(path)
+    with contextlib.suppress(FlightLogError):
+        if not path.exists() or _is_index(path):
+            with output(path, replaces=True) as draft:
+                draft.write_bytes(msgspec.json.encode(_Index(_VERSION, entries)))
+
+
+def _is_index(path: Path) -> bool:
+    """Of any version."""
+    with contextlib.suppress(OSError, msgspec.DecodeError):
+        found = msgspec.json.decode(path.read_bytes())
+        return isinstance(found, dict) and found.keys() == set(_Index.__struct_fields__)
+    return False
 
 
 def describe(path: Path, name: str) -> Row:
     """One log's row; of a log that can't be read it says so."""
     try:
         found = info(path)
-    except FlightLogError as error:
-        return Row(name, None, None, "unreadable", 0.0, None, None, (str(error),))
-    distance, clearance = _flown(found)
-    problem = (found.problem.removeprefix(f"{path}: "),) if found.problem else ()
+        distance, clearance = _flown(found)
+    except Exception as error:  # what nobody foresaw in one log must not hide all the others
+        return Row(name, None, None, "unreadable", 0.0, None, None, (printable(error or type(error).__name__),))
+    problem = (printable(found.problem.removeprefix(f"{path}: ")),) if found.problem else ()
     fault = (found.result["fault"],) if found.result.get("fault") else ()
     return Row(
         log=name,

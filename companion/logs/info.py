@@ -14,6 +14,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
+from companion.logs.traffic import open_log
+from companion.recordings import as_date, started_unix_s
 from protocol.flightlog import MAGIC, FlightLogError, LogReader
 from protocol.framing import Framer
 from protocol.messages import layout
@@ -57,13 +59,8 @@ def info(path: Path, *, check: bool = False) -> Info:
         summarised = _from_summary(path)
         if summarised is not None:
             return summarised
-    try:
-        log = LogReader(path)
-    except FlightLogError:
-        if not path.is_file():
-            raise
-        return _telemetry(TlogReader(path))
-    return _read(log)
+    log = open_log(path)
+    return _read(log) if isinstance(log, LogReader) else _telemetry(log)
 
 
 def _read(log: LogReader) -> Info:
@@ -87,12 +84,9 @@ def _read(log: LogReader) -> Info:
 def _flight_info(path: Path, metadata: dict[str, dict[str, str]], span_ns: tuple[int, int], **rest: Any) -> Info:
     first_ns, last_ns = span_ns
     flight = metadata.get("flight", {})
-    started: float | None = None
-    try:
-        started = float(flight["started_unix_s"])
-    except (KeyError, ValueError):
-        if metadata.get("flightlog", {}).get("epoch_ns", "0") != "0":
-            started = first_ns * 1e-9
+    started = started_unix_s(metadata)
+    if started is None and metadata.get("flightlog", {}).get("epoch_ns", "0") != "0":
+        started = as_date(first_ns * 1e-9)
     return Info(
         path=path,
         kind="flight log",
@@ -125,7 +119,7 @@ def _telemetry(log: TlogReader) -> Info:
         path=log.path,
         kind="telemetry log",
         size_bytes=log.path.stat().st_size,
-        started_unix_s=(first_us or 0) * 1e-6,
+        started_unix_s=as_date((first_us or 0) * 1e-6),
         duration_s=(last_us - (first_us or 0)) * 1e-6,
         topics=dict(sorted(topics.items())),
         problem=problem,
@@ -162,15 +156,16 @@ class _Summary:
     def __init__(self, path: Path, file: BinaryIO, summary_start: int, content: bytes, offsets_at: int) -> None:
         self._path = path
         self._file = file
+        self._start = summary_start
         self._content = content
-        self._groups = {
-            offset.group_opcode: (offset.group_start - summary_start, offset.group_length)
-            for offset in self._parse(offsets_at, len(content), records.SummaryOffset.read)
-        }
+        self._offsets_at = offsets_at
+        self._groups: dict[int, tuple[int, int]] = {}
 
     def info(self) -> Info | None:
         """None if it is not such a summary as a flight log's."""
         try:
+            for offset in self._parse(self._offsets_at, len(self._content), records.SummaryOffset.read):
+                self._groups[offset.group_opcode] = offset.group_start - self._start, offset.group_length
             channels = {each.id: each.topic for each in self._group(Opcode.CHANNEL, records.Channel.read)}
             (statistics,) = self._group(Opcode.STATISTICS, records.Statistics.read)
             metadata = {}
@@ -178,11 +173,11 @@ class _Summary:
                 self._file.seek(index.offset + _RECORD.size)
                 content = self._file.read(index.length - _RECORD.size)
                 metadata[index.name] = records.Metadata.read(ReadDataStream(BytesIO(content))).metadata
-            attached = self._group(Opcode.ATTACHMENT_INDEX, records.AttachmentIndex.read)
+            attached = list(self._group(Opcode.ATTACHMENT_INDEX, records.AttachmentIndex.read))
             topics: Counter[str] = Counter()
             for channel, count in statistics.channel_message_counts.items():
                 topics[channels[channel]] += count
-        except (McapError, ValueError, struct.error, KeyError):
+        except (McapError, ValueError, struct.error, KeyError, OverflowError, MemoryError):
             return None
         return _flight_info(
             self._path,

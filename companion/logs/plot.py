@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from companion.logs.difference import Series
+from companion.target import output, writable
 from protocol.flightlog import FlightLogError
 
 _MOST_PANELS = 8
@@ -17,11 +19,7 @@ def plot(series: Mapping[tuple[str, str], Series], title: str, path: Path) -> in
 
     Returns how many there are; with none there is no file. Raises FlightLogError if it can't be written.
     """
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
+    pyplot = _pyplot()
     chosen = _most_different(series)
     if not chosen:
         return 0
@@ -45,12 +43,30 @@ def plot(series: Mapping[tuple[str, str], Series], title: str, path: Path) -> in
         axes.set_xlabel("time, s", fontsize=8)
     figure.suptitle(title, fontsize=9)
     try:
-        figure.savefig(path, dpi=130)
-    except (OSError, ValueError) as error:
-        raise FlightLogError(f"{path}: {error}") from error
+        with output(path, replaces=True) as draft:
+            figure.savefig(draft, dpi=130)
     finally:
         pyplot.close(figure)
     return len(chosen)
+
+
+def check(path: Path) -> None:
+    """Raises FlightLogError if no picture can be written there, before there is one."""
+    kinds = _pyplot().Figure().canvas.get_supported_filetypes()
+    if path.suffix.removeprefix(".").lower() not in kinds:
+        raise FlightLogError(f"{path}: which kind of picture? There are .{', .'.join(kinds)}")
+    writable(path, replaces=True)
+
+
+def _pyplot() -> Any:
+    try:
+        import matplotlib as mpl
+    except ImportError:
+        raise FlightLogError("a plot needs matplotlib, which is not installed: pip install matplotlib") from None
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
 
 
 def _most_different(series: Mapping[tuple[str, str], Series]) -> list[tuple[str, str]]:

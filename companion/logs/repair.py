@@ -1,10 +1,12 @@
 """A log that was cut off or damaged made whole again, in a file of its own, and what of it is lost."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from companion.logs.traffic import open_log
 from companion.logs.writer import Writer
+from companion.recordings import printable
+from companion.target import output
 from protocol import tlog
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader
 from protocol.framing import Framer
@@ -22,7 +24,7 @@ class Repair:
     kept: int
     """Messages or entries."""
     last_s: float
-    """Time of the last one kept, from the flight's or the file's start."""
+    """The latest time of those kept, from the flight's start or the file's earliest."""
     lost: list[str]
     """A line each."""
 
@@ -30,22 +32,24 @@ class Repair:
 def repair(source: Path, target: Path | None = None) -> Repair:
     """Write what is whole of `source` to `target` (`NAME_repaired` beside it), which may not exist yet.
 
-    Raises FlightLogError if the one can't be read or the other not be written.
+    Raises FlightLogError if the one can't be read or the other not be written, or is named as the other kind of log.
     """
-    target = target or source.with_name(f"{source.stem}_repaired{source.suffix}")
-    try:
-        log = LogReader(source)
-    except FlightLogError:
-        if not source.is_file():
-            raise
-        return _telemetry(tlog.TlogReader(source), target)
+    log = open_log(source)
+    suffix = ".mcap" if isinstance(log, LogReader) else ".tlog"
+    target = target or source.with_name(f"{source.stem}_repaired{suffix}")
+    if target.suffix in (".mcap", ".tlog") and target.suffix != suffix:
+        raise FlightLogError(f"{target}: {source} is repaired as what it is, a {suffix}")
+    return _flight(log, target) if isinstance(log, LogReader) else _telemetry(log, target)
+
+
+def _flight(log: LogReader, target: Path) -> Repair:
     kept, last_ns, gaps = _look(log)
     if log.problem is None:
         return Repair(None, kept, last_ns * 1e-9, [])
-    lost = [log.problem.removeprefix(f"{source}: "), *gaps]
+    lost = [log.problem.removeprefix(f"{log.path}: "), *gaps]
     metadata = {name: table for name, table in log.metadata.items() if name not in ("flightlog", "flightlog end")}
-    metadata["repair"] = {"source": source.name, "lost": "\n".join(lost)}
-    with Writer(target, log.epoch_ns, metadata) as writer:
+    metadata["repair"] = {"source": printable(log.path.name), "lost": "\n".join(lost)}
+    with output(target) as draft, Writer(draft, log.epoch_ns, metadata) as writer:
         for name, content in log.attachments.items():
             writer.attach(name, content)
         kinds = log.topics
@@ -71,24 +75,25 @@ def _look(log: LogReader) -> tuple[int, int, list[str]]:
 
 
 def _telemetry(log: tlog.TlogReader, target: Path) -> Repair:
-    lost_bytes = 0
+    kept, lost_bytes = 0, 0
     first_us, last_us = None, 0
-
-    def sound() -> Iterator[tlog.Entry]:
-        nonlocal lost_bytes, first_us, last_us
-        framer = Framer()
-        for entry in log.entries():
-            whole = b"".join(frame.raw for frame in framer.datagram(entry.data)[:1])
-            lost_bytes += len(entry.data) - len(whole)
-            if whole:
-                first_us = entry.time_us if first_us is None else first_us
-                last_us = entry.time_us
-                yield tlog.Entry(entry.time_us, whole)
-
-    kept = tlog.write(target, sound())
+    for entry in log.entries():
+        sound = _sound(entry)
+        kept += len(sound)
+        lost_bytes += len(entry.data) - sum(len(each.data) for each in sound)
+        if sound:
+            first_us = entry.time_us if first_us is None else min(first_us, entry.time_us)
+            last_us = max(last_us, entry.time_us)
     last_s = (last_us - (first_us or 0)) * 1e-6
-    if not lost_bytes and log.problem is None:
-        target.unlink()
-        return Repair(None, kept, last_s, [])
     lost = [log.problem.removeprefix(f"{log.path}: ")] if log.problem else []
-    return Repair(target, kept, last_s, [*lost, f"{lost_bytes} bytes that belong to no sound frame"])
+    lost += [f"{lost_bytes} bytes that belong to no sound frame"] * bool(lost_bytes)
+    if not lost:
+        return Repair(None, kept, last_s, [])
+    with output(target) as draft:
+        tlog.write(draft, (each for entry in log.entries() for each in _sound(entry)))
+    return Repair(target, kept, last_s, lost)
+
+
+def _sound(entry: tlog.Entry) -> list[tlog.Entry]:
+    """An entry for each sound frame in one: there is more than one where a stamp is damaged or missing."""
+    return [tlog.Entry(entry.time_us, frame.raw) for frame in Framer().datagram(entry.data)]

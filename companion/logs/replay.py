@@ -1,10 +1,13 @@
 """A flight flown again: the recorded events into a new autopilot, what it sends beside what was sent."""
 
 import gc
+import json
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from companion.autopilot import Autopilot, Datagram, Event, LogFault, LogRecovered, Planned, PlannerFault, Request, Tick
 from companion.logs.ahead import Ahead, DivergedError, worth_it
@@ -13,6 +16,7 @@ from companion.logs.recorded import Recorded, open_flight, other_commit, other_v
 from companion.logs.writer import Writer
 from companion.planning import PLANNED, Here, Planning, Thinker
 from companion.runner import LOG_FAULT, LOG_RECOVERED, PLANNER_FAULT, REQUEST, TICK, late_ns_of, lockstep_time
+from companion.target import output
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record, datagram_of
@@ -41,6 +45,8 @@ class Replay:
     """What it took, but for opening the log."""
     series: dict[tuple[str, str], Series]
     """By message and field, if asked for."""
+    problem: str | None
+    """What is wrong with the log."""
 
     @property
     def times_real_time(self) -> float:
@@ -58,7 +64,8 @@ def replay(
 ) -> Replay:
     """Fly the log's flight again, with other settings if any are given.
 
-    `trace`: a new file, where the log goes with the trace of every control step, as it is now. Raises FlightLogError
+    `trace`: a new file, where the log goes with the trace of every control step, as it is now, and the settings that it
+    was made with. Raises FlightLogError
     for what is no log of a flight or if that can't be written, DataFileError for settings that can't be used.
     """
     flight = open_flight(path, settings, overrides)
@@ -67,7 +74,7 @@ def replay(
     if settings is None and not overrides and trace is None and worth_it(flight.log):
         second = _flown_ahead(flight, keeps_series=keeps_series)
     if second is None:
-        with _copy(flight, trace) as writer, _no_garbage_collection():
+        with _copy(flight, trace, settings, overrides) as writer, _no_garbage_collection():
             thinker = Here(flight.settings.avoidance)
             second = _Second(flight, _autopilot(flight), thinker, writer, keeps_series=keeps_series)
             second.fly()
@@ -85,6 +92,7 @@ def replay(
         flown_s=second.flown_s,
         wall_s=wall_s,
         series=dict(differ.series),
+        problem=flight.log.problem,
     )
 
 
@@ -107,16 +115,26 @@ def _autopilot(flight: Recorded) -> Autopilot:
     return Autopilot(flight.settings, flight.body, flight.mission, flight.output)
 
 
-def _copy(flight: Recorded, target: Path | None) -> AbstractContextManager[Writer | None]:
+@contextmanager
+def _copy(
+    flight: Recorded, target: Path | None, settings: Path | None, overrides: Sequence[str]
+) -> Iterator[Writer | None]:
     """A log with all that is around the messages of the one that is flown again; none without a file for it."""
     if target is None:
-        return nullcontext()
-    log = flight.log
+        yield None
+        return
+    log, attachments = flight.log, flight.log.attachments
     metadata = {name: table for name, table in log.metadata.items() if name not in ("flightlog", "flightlog end")}
-    writer = Writer(target, log.epoch_ns, metadata)
-    for name, content in log.attachments.items():
-        writer.attach(name, content)
-    return writer
+    if settings is not None or overrides:
+        attachments = {**attachments, "settings.json": msgspec.json.encode(flight.settings)}
+        flown = metadata["flight"]
+        given = [*msgspec.json.decode(flown.get("overrides", "[]")), *overrides]
+        metadata["flight"] = {**flown, "overrides": json.dumps(given)}
+        metadata["what if"] = {"settings": str(settings or ""), "overrides": json.dumps(list(overrides))}
+    with output(target) as draft, Writer(draft, log.epoch_ns, metadata) as writer:
+        for name, content in attachments.items():
+            writer.attach(name, content)
+        yield writer
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """The datagrams of a log, whoever wrote it."""
 
 import hashlib
+import stat
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from protocol import tlog
-from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader
+from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader, Record
 from protocol.framing import Framer
 
 
@@ -40,25 +41,48 @@ class Traffic:
         """What each side sent; in a telemetry log each frame is a datagram."""
         if isinstance(self.log, LogReader):
             for record in self.log.records((DATAGRAM.topic,)):
-                values = DATAGRAM.unpack(record.data)
-                yield Sent(record.time_ns, Direction(values["direction"]), values["address"], values["data"])
+                yield self._unpacked(record)
             return
         framer = Framer()
         for time_us, data in self.log.entries():
             incoming = all(map(tlog.from_vehicle, framer.datagram(data)))
             yield Sent(time_us * 1000 - self.epoch_ns, Direction.IN if incoming else Direction.OUT, "", data)
 
+    def _unpacked(self, record: Record) -> Sent:
+        try:
+            values = DATAGRAM.unpack(record.data)
+            return Sent(record.time_ns, Direction(values["direction"]), values["address"], values["data"])
+        except (struct.error, ValueError) as error:
+            at_s = record.time_ns * 1e-9
+            raise FlightLogError(f"{self.log.path}: the datagram at {at_s:.3f} s is damaged: {error}") from error
+
+
+def open_log(path: Path) -> LogReader | tlog.TlogReader:
+    """A flight log or a telemetry log. Raises FlightLogError if it is neither, is empty or can't be opened."""
+    try:
+        state = path.stat()
+    except OSError as error:
+        raise FlightLogError(f"{path}: {error.strerror or error}") from error
+    if not stat.S_ISREG(state.st_mode):
+        raise FlightLogError(f"{path}: not a file")
+    if not state.st_size:
+        raise FlightLogError(f"{path}: an empty file")
+    try:
+        return LogReader(path)
+    except FlightLogError:
+        return tlog.TlogReader(path)
+
 
 def open_traffic(path: Path) -> Traffic:
-    """A flight log's or a telemetry log's. Raises FlightLogError if it is neither or can't be opened."""
-    try:
-        log = LogReader(path)
-    except FlightLogError:
-        if not path.is_file():
-            raise
-        telemetry = tlog.TlogReader(path)
-        return Traffic(telemetry, next(iter(telemetry.entries())).time_us * 1000)
-    return Traffic(log, log.epoch_ns)
+    """A flight log's or a telemetry log's. Raises FlightLogError as `open_log`."""
+    return traffic_of(open_log(path))
+
+
+def traffic_of(log: LogReader | tlog.TlogReader) -> Traffic:
+    """What was sent, of a log that is open."""
+    if isinstance(log, LogReader):
+        return Traffic(log, log.epoch_ns)
+    return Traffic(log, next(iter(log.entries())).time_us * 1000)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """A flight log made from another one: whole, indexed, in chunks of half a megabyte."""
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -12,7 +13,7 @@ from protocol.recorder import CHUNK_BYTES, McapFile, Messages
 class Writer:
     """Use it as a context: left with an error, it takes its file away again.
 
-    Raises FlightLogError if the file is there already or can't be written.
+    Raises FlightLogError if the file is there already or can't be written, and leaves no part of one then.
     """
 
     def __init__(self, path: Path, epoch_ns: int, metadata: Mapping[str, Mapping[str, str]]) -> None:
@@ -26,9 +27,20 @@ class Writer:
         except OSError as error:
             raise FlightLogError(f"{path}: {error.strerror or error}") from error
         self._messages = Messages(self._file, preserves_datagrams=True)
-        self._file.add_metadata("flightlog", {"version": "1", "epoch_ns": str(epoch_ns)})
-        for name, table in metadata.items():
-            self._file.add_metadata(name, dict(table))
+        with self._all_or_nothing():
+            self._file.add_metadata("flightlog", {"version": "1", "epoch_ns": str(epoch_ns)})
+            for name, table in metadata.items():
+                self._file.add_metadata(name, dict(table))
+
+    @contextlib.contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException as error:
+            self._file.discard()
+            if isinstance(error, OSError):
+                raise FlightLogError(f"{self.path}: {error.strerror or error}") from error
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -36,21 +48,16 @@ class Writer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
+        with self._all_or_nothing():
             if error is not None:
                 raise error
             self._file.end_chunk()
             self._file.finish()
-        except OSError as failure:
-            self.path.unlink(missing_ok=True)
-            raise FlightLogError(f"{self.path}: {failure.strerror or failure}") from failure
-        except BaseException:
-            self.path.unlink(missing_ok=True)
-            raise
 
     def attach(self, name: str, content: bytes) -> None:
         """A file as it is."""
-        self._file.add_attachment(name, self._epoch_ns, content)
+        with self._all_or_nothing():
+            self._file.add_attachment(name, self._epoch_ns, content)
 
     def record(self, kind: RecordType, time_ns: int, sequence: int, data: bytes) -> None:
         """One message as `kind.pack` made it; time and sequence as in `flightlog.Record`."""
@@ -62,7 +69,8 @@ class Writer:
         self._file.add_message(channel, log_time, header + data)
         self.count += 1
         if self._file.pending_bytes >= CHUNK_BYTES:
-            self._file.end_chunk()
+            with self._all_or_nothing():
+                self._file.end_chunk()
 
     def datagram(self, time_ns: int, sequence: int, direction: Direction, address: str, data: bytes) -> None:
         """A datagram, and the messages in it under their own topics."""

@@ -31,6 +31,8 @@ ASKED = {
 }
 GO_TO = "go to"
 _QUESTIONS = {
+    "hold": "The vehicle stops, and stays where it is. A companion that flies it waits to be given control back.",
+    "land": "The vehicle comes down where it is, whatever is below it.",
     "resume": "The vehicle obeys its companion again, which goes on with its mission. It is refused where no companion "
     "sends setpoints.",
     "return": "The vehicle flies home by itself. It looks out for nothing on its way.",
@@ -136,6 +138,9 @@ class Control:
         if self._vehicle is None or known is None:
             self.answer = f"{GO_TO}: the vehicle has not said where on earth it is"
             return
+        if refused := out_of_bounds(target_ned):
+            self.answer = f"{GO_TO}: {refused}"
+            return
         latitude, longitude, altitude = to_geodetic(np.asarray(target_ned, np.float64) - known[0], known[1])
         degrees_e7 = round(math.degrees(latitude) * 1e7), round(math.degrees(longitude) * 1e7)
         command, frame = dialect.MAV_CMD_DO_REPOSITION, dialect.MAV_FRAME_GLOBAL_INT
@@ -176,7 +181,8 @@ class Panel:
         self, server: Any, control: Control, here: Callable[[], Floats | None], world: Callable[[], bytes]
     ) -> None:
         self._server, self._control, self._here, self._world = server, control, here, world
-        self._aims = False
+        self._aim_says = ""
+        """What to click, while a click is waited for."""
         with server.gui.add_folder("Control"):
             for wish in ASKED:
                 button = server.gui.add_button(wish)
@@ -191,12 +197,12 @@ class Panel:
 
     def show(self) -> None:
         """The latest answer."""
-        self._answer.content = "click on the ground" if self._aims else self._control.answer
+        self._answer.content = "\n\n".join(filter(None, (self._control.answer, self._aim_says)))
 
     def _confirm(self, wish: str) -> None:
+        self._stop_aiming()
         with self._server.gui.add_modal(f"Ask the vehicle to {wish}?") as question:
-            if wish in _QUESTIONS:
-                self._server.gui.add_markdown(_QUESTIONS[wish])
+            self._server.gui.add_markdown(_QUESTIONS[wish])
             self._buttons(question, wish, lambda: self._ask(wish), lambda: None)
 
     def _ask(self, wish: str) -> None:
@@ -215,18 +221,27 @@ class Panel:
         rather_not.on_click(lambda _: close(not_wanted))
 
     def _aim(self) -> None:
-        """The next click on the ground is the place."""
-        if not self._aims:
-            self._aims = True
-            self._server.scene.on_click()(self._clicked)
+        """The next click on the ground is the place; asked once more, it is not."""
+        if self._aim_says:
+            self._stop_aiming()
+            return
+        self._aim_says = "click on the ground, or on the button again for nowhere"
+        self._server.scene.on_click()(self._clicked)
+
+    def _stop_aiming(self) -> None:
+        if self._aim_says:
+            self._aim_says = ""
+            self._server.scene.remove_click_callback(self._clicked)
 
     def _clicked(self, event: Any) -> None:
         here, place = self._here(), on_ground(event.ray_origin, event.ray_direction)
-        if here is None or place is None or math.dist(place[:2], here[:2]) > _FARTHEST_M:
-            return  # the sky
-        self._aims = False
-        self._server.scene.remove_click_callback(self._clicked)
-        self._ask_height(place, here)
+        if here is None:
+            self._aim_says = "where the vehicle is is not known: click again later"
+        elif place is None or math.dist(place[:2], here[:2]) > _FARTHEST_M:
+            self._aim_says = f"that is the sky, or more than {_FARTHEST_M:.0f} m away: click on the ground"
+        else:
+            self._stop_aiming()
+            self._ask_height(place, here)
 
     def _ask_height(self, place: Floats, here: Floats) -> None:
         """The question names place and height, and what is known to stand in the way."""
@@ -271,8 +286,16 @@ def place_words(place_ned: Floats) -> str:
     return f"north {north:.1f}, east {east:.1f}" + (f", {-down:.1f} m high" if down else "")
 
 
+def out_of_bounds(target_ned: Floats) -> str:
+    """Why nobody is sent to a place (3,), in words; empty for one that is not too high or low."""
+    height = -float(target_ned[2])
+    return "" if _LOWEST_M <= height <= _HIGHEST_M else f"{height:.1f} m is not between {_LOWEST_M} and {_HIGHEST_M} m"
+
+
 def go_to_words(here_ned: Floats, target_ned: Floats, world: bytes) -> str:
     """What the question says."""
+    if refused := out_of_bounds(target_ned):
+        return f"**Not sent: {refused}.**"
     distance = math.dist(here_ned, target_ned)
     text = f"To **{place_words(target_ned)}**: {distance:.0f} m, straight. Nothing is avoided on the way."
     standing = in_the_way(world, here_ned, target_ned)

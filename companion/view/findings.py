@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
 
-import msgspec
 import numpy as np
 
 from companion.avoidance.guard import Reason
-from companion.config import Settings
 from companion.mission import Phase
 from companion.supervisor import State
 from companion.view.gather import Gathered, Worst
@@ -19,6 +17,8 @@ _MATTERS_FROM_S = 0.05
 """A gap is judged in streams that come at least this often; slower ones are not flown by."""
 _GAPS = 10.0
 """A gap is so many times the usual interval."""
+_SILENT_END_S = 0.5
+"""A stream that ends so long before the log does has stopped."""
 _SATURATED = 0.98
 _VIBRATION_NOTE, _VIBRATION_WARNING = 30.0, 60.0
 """m/s2: the bounds that ArduPilot's documentation gives for VIBRATION's three values."""
@@ -139,7 +139,8 @@ def _failsafes(flight: Gathered) -> list[Finding]:
     for sender, stretches in flight.critical.items():
         for stretch in stretches.finish():
             if stretch.value:
-                text = f"The vehicle {sender} reported a critical state for {stretch.seconds:.1f} s."
+                lasting = f" for {stretch.seconds:.1f} s" if stretch.seconds >= 0.05 else ""
+                text = f"The vehicle {sender} reported a critical state{lasting}."
                 found.append(
                     Finding(Level.PROBLEM, "failsafe", text, (f"from {_at(stretch.start)}",), (stretch.start,))
                 )
@@ -150,11 +151,10 @@ def _clearance(flight: Gathered) -> list[Finding]:
     if flight.least_clearance is None:
         return []
     least, at = flight.least_clearance
-    wanted = _settings(flight).avoidance.safe_distance
+    wanted = flight.safe_distance
     text = f"Nothing was seen nearer than {least:.2f} m to the hull."
     total = int(flight.clearance_counts.sum())
-    near = int(flight.clearance_counts[: int(wanted / 0.25)].sum())
-    share = f"{100.0 * near / total:.1f} % of the control steps with something in sight were within {wanted:g} m"
+    share = f"{100.0 * flight.near_steps / total:.1f} % of the steps with something near were within {wanted:g} m"
     level = Level.PROBLEM if least <= 0.1 else Level.WARNING if least < 0.5 * wanted else Level.GOOD
     return [Finding(level, "clearance", text, (f"at {_at(at)}", share), (at,))]
 
@@ -220,14 +220,18 @@ def _gaps(flight: Gathered) -> list[Finding]:
         parts = topic.split("/")
         if len(parts) != 5 or parts[1] != "mavlink" or f"{parts[2]}/{parts[3]}" != flight.vehicle or clock.count < 20:
             continue
-        usual = max(clock.quantile(0.5), 1.0 / clock.rate)  # several may come at once
+        usual = clock.usual
         if usual > _MATTERS_FROM_S:
             continue
         judged += 1
         limit = max(_GAPS * usual, 0.1)
         gaps = [gap for gap in clock.gaps if gap[0] > limit]
+        silence = flight.end - clock.last
+        if silence > max(limit, _SILENT_END_S):
+            gaps.append((silence, clock.last))
         if not gaps:
             continue
+        gaps.sort(reverse=True)
         rows = tuple(f"{seconds * 1e3:.0f} ms from {_at(start)}" for seconds, start in gaps)
         text = f"{parts[4]} paused for up to {gaps[0][0]:.2f} s; it usually comes every {usual * 1e3:.1f} ms."
         level = Level.WARNING if gaps[0][0] > 0.25 else Level.NOTE
@@ -243,7 +247,7 @@ def _gaps(flight: Gathered) -> list[Finding]:
 
 def _deadlines(flight: Gathered) -> list[Finding]:
     p50, p99 = flight.latency_quantile(0.5), flight.latency_quantile(0.99)
-    evidence = () if p50 is None or p99 is None else (f"attitude to command: median {p50:.0f} us, 99 % {p99:.0f} us",)
+    evidence = () if p50 is None or p99 is None else (f"attitude to command: median {p50:.0f} µs, 99 % {p99:.0f} µs",)
     if flight.late.count:
         worst, at = flight.late.examples[0]
         text = f"The loop was more than 2 ms late {_times(flight.late.count, 'time')}, {worst * 1e3:.1f} ms at most."
@@ -312,7 +316,7 @@ def _vibration(flight: Gathered) -> list[Finding]:
             if level_m_s2 > _VIBRATION_NOTE
             else Level.GOOD
         )
-        text = f"Vibration of the inertial sensors reached {level_m_s2:.1f} m/s2."
+        text = f"Vibration of the inertial sensors reached {level_m_s2:.1f} m/s²."
         found.append(Finding(level, "vibration", text, (f"at {_at(at)}; up to {_VIBRATION_NOTE:g} is usual",), (at,)))
     spectrum = flight.rates
     if spectrum is not None:
@@ -337,14 +341,6 @@ def _battery(flight: Gathered) -> list[Finding]:
         text = f"The battery went from {values[0]:.0f} % to {values[-1]:.0f} %."
         return [Finding(level, "power", text, (f"lowest {lowest:.0f} %",), (float(times[values.argmin()]),))]
     return []
-
-
-def _settings(flight: Gathered) -> Settings:
-    """As they were flown; the defaults where the log has none that this version reads."""
-    try:
-        return msgspec.json.decode(flight.log.attachments.get("settings.json", b"{}"), type=Settings, strict=False)
-    except msgspec.MsgspecError:
-        return Settings()
 
 
 def phase_name(number: int) -> str:

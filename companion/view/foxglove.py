@@ -1,12 +1,14 @@
-"""`companion foxglove`: a log with what Foxglove draws without an extension beside what was recorded.
+"""`companion foxglove`: a log with what Foxglove draws without an extension beside what was recorded, all but the bare
+datagrams.
 
 Made after the flight, so that it costs the flight nothing. Frames as in Foxglove's own converter for PX4:
 `local_origin` (east, north, up) and `base_link` (forward, left, up). Schemas are Foxglove's, encoded as protobuf.
 """
 
 import math
+import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -39,6 +41,8 @@ from mcap_protobuf.schema import register_schema
 
 from companion.avoidance.guard import Reason
 from companion.planning import PLANNED
+from companion.recordings import DRAWN, has_texts
+from companion.target import output
 from companion.trace import LOGGED
 from companion.view.history import quaternions
 from companion.view.lines import Floats, Track
@@ -77,6 +81,7 @@ class Converter:
         """(k, 2) north and east of the corners that were planned last, the first where the vehicle was then."""
         self._mapper = Mapper(avoidance_of(log.attachments.get("settings.json", b"{}")))
         self._started = False
+        self._has_texts = has_texts(log)
         self._unpacks = {topic: kind.unpack for topic, kind in log.topics.items()}
 
     def run(self) -> int:
@@ -155,13 +160,18 @@ class Converter:
             self._ring(record.time_ns, self._fields(record))
         elif name == "GLOBAL_POSITION_INT":
             self._fix(record.time_ns, self._fields(record))
-        elif name == "STATUSTEXT":
+        elif name == "STATUSTEXT" and not self._has_texts:
             said = self._fields(record)
             level = _LEVELS[min(said["severity"], len(_LEVELS) - 1)]
-            self._say(record.time_ns, level, "vehicle", said["text"])
+            _, _, system, component, _ = record.topic.split("/")
+            self._say(record.time_ns, level, f"{system}/{component}", said["text"])
 
     def _fields(self, record: Record) -> dict[str, Any]:
-        return self._unpacks[record.topic](record.data)
+        try:
+            return self._unpacks[record.topic](record.data)
+        except struct.error as error:
+            where = f"the record on {record.topic} at {record.time_ns * 1e-9:.3f} s"
+            raise FlightLogError(f"{self._log.path}: {where} is not as its schema says") from error
 
     def _pose(self, time_ns: int, attitude_ned_frd: Array) -> None:
         assert self._place is not None
@@ -358,25 +368,33 @@ def beside(log: Path) -> Path:
     return log.with_name(f"{log.stem}_foxglove.mcap")
 
 
-def convert(log: Path, target: Path | None = None) -> tuple[Path, int]:
-    """Write the log that Foxglove draws, by default NAME_foxglove.mcap beside it: where, and how many messages more.
+class Drawn(NamedTuple):
+    """What was written."""
 
-    Raises FlightLogError if the log can't be read, the file can't be written or would be the log itself.
+    path: Path
+    added: int
+    """Messages, beside those of the log."""
+    problem: str | None
+    """What is wrong with the log; what is whole of it was written."""
+
+
+def convert(log: Path, target: Path | None = None) -> Drawn:
+    """Write the log that Foxglove draws, by default NAME_foxglove.mcap beside it, in place of an older one.
+
+    Raises FlightLogError if the log can't be read, the file can't be written or is a recording itself.
     """
     reader = LogReader(log)
     target = beside(log) if target is None else target
-    if target.exists() and target.samefile(log):
-        raise FlightLogError(f"{target}: a log is never written over")
-    try:
-        with target.open("wb") as file:
-            writer = Writer(file)
-            writer.start("", "courier")
-            for name, table in reader.metadata.items():
-                writer.add_metadata(name, table)
-            for name, content in reader.attachments.items():
-                writer.add_attachment(reader.epoch_ns, reader.epoch_ns, name, "application/octet-stream", content)
+    with output(target, source=log, replaces=True) as draft, draft.open("wb") as file:
+        writer = Writer(file)
+        writer.start("", DRAWN)
+        for name, table in reader.metadata.items():
+            writer.add_metadata(name, table)
+        for name, content in reader.attachments.items():
+            writer.add_attachment(reader.epoch_ns, reader.epoch_ns, name, "application/octet-stream", content)
+        try:
             added = Converter(reader, writer).run()
-            writer.finish()  # type: ignore[no-untyped-call]
-    except OSError as error:
-        raise FlightLogError(f"{target}: can't be written: {error.strerror}") from error
-    return target, added
+        except SystemError as error:  # what protobuf makes of a Ctrl-C
+            raise (error.__cause__ or error) from None
+        writer.finish()  # type: ignore[no-untyped-call]
+    return Drawn(target, added, reader.problem)

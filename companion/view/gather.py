@@ -6,12 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.config import Settings
 from companion.mission import Phase
 from companion.runner import LOOP, TICK
-from companion.supervisor import State
+from companion.supervisor import FLYING, State
 from companion.trace import TRACE
 from companion.vehicles import firmware_of
 from companion.view.lines import (
@@ -27,6 +29,7 @@ from companion.view.lines import (
     Track,
 )
 from protocol.flightlog import DATAGRAM, TEXT, LogReader, RecordType
+from protocol.messages import dialect
 
 Table = NDArray[np.void]
 Batch = tuple[str, RecordType, NDArray[np.int64], Any]
@@ -42,6 +45,15 @@ _DAY_NS = 86_400_000_000_000
 _INVALID_AUTOPILOT = 8
 _ARMED = 128
 _SILENCE_S = 10.0
+_INTEGERS = {
+    dialect.MAV_PARAM_TYPE_UINT8: "<B",
+    dialect.MAV_PARAM_TYPE_INT8: "<b",
+    dialect.MAV_PARAM_TYPE_UINT16: "<H",
+    dialect.MAV_PARAM_TYPE_INT16: "<h",
+    dialect.MAV_PARAM_TYPE_UINT32: "<I",
+    dialect.MAV_PARAM_TYPE_INT32: "<i",
+}
+_FLYING = [state.value for state in FLYING]
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +143,10 @@ class Gathered:
         """m/s2"""
         self.tracking: dict[int, Errors] = {}
         self.clearance_counts = np.zeros(CLEARANCE_BINS, np.int64)
+        self.safe_distance = settings_of(self.log).avoidance.safe_distance
+        """m, as it was flown"""
+        self.near_steps = 0
+        """Control steps with less clearance than that."""
         self.least_clearance: tuple[float, float] | None = None
         """m, when."""
         self.late = Worst()
@@ -154,7 +170,10 @@ class Gathered:
         self.distance_m = 0.0
         self.energy_wh: dict[str, float] = {}
         """By the message that told voltage and current."""
-        self.parameters: dict[str, float] = {}
+        self._parameters: dict[str, tuple[str, float, int]] = {}
+        """Who said it, the value and its type."""
+        self._bytewise: set[str] = set()
+        """Senders that put an integer's bits where the message has a float."""
         self._last: dict[str, Table] = {}
         self._home: dict[str, tuple[float, float]] = {}
         self._power: dict[str, tuple[Floats, Floats]] = {}
@@ -222,7 +241,9 @@ class Gathered:
         self.line("trace:error_cm", times, 100.0 * size)
         self.line("trace:worst_torque", times, torque)
         self.line("trace:worst_thrust", times, thrust)
-        self.line("trace:euler_deg", times, euler_deg(table["attitude_ned_frd"]))
+        euler = euler_deg(table["attitude_ned_frd"])
+        self.line("trace:euler_deg", times, euler)
+        self.line("trace:tilt_deg", times, tilt_deg(euler))
         self.line("trace:euler_command_deg", times, euler_deg(table["attitude_command_ned_frd"]))
         self.line("trace:rates_deg", times, np.degrees(table["rates_frd"]))
         self.line("trace:rates_command_deg", times, np.degrees(table["rates_command_frd"]))
@@ -241,17 +262,18 @@ class Gathered:
         self._torques.add(times, table["torque_command"])
         self.states.add(times, table["state"])
         self.phases.add(times, table["phase"])
-        self.limited.add(times, table["limited"].astype(np.int64))
-        self.blocked.add(times, table["blocked"].astype(np.int64))
+        flown = table["state"] == State.FLY.value  # otherwise what is commanded is not what moves the vehicle
+        self.limited.add(times, (table["limited"] & flown).astype(np.int64))
+        self.blocked.add(times, (table["blocked"] & flown).astype(np.int64))
         if "guard_reason" in names:
             self.guard.add(times, table["guard_reason"].astype(np.int64))
             self.guard_changes.add(times, table["guard_change"], np.where(table["guard_reason"] > 0, 0.0, np.inf))
-        flown = table["state"] == State.FLY.value
         self._response.add_pairs(times[flown], table["rates_command_frd"][flown], table["rates_frd"][flown])
         for phase in np.unique(table["phase"][flown]):
             chosen = flown & (table["phase"] == phase)
             self.tracking.setdefault(int(phase), Errors()).add(times[chosen], error[chosen], size[chosen])
-        self._clearances(times[flown], table["clearance"][flown])
+        airborne = np.isin(table["state"], _FLYING) & (table["phase"] > Phase.PREPARE.value)
+        self._clearances(times[airborne], table["clearance"][airborne])
         moved = self._continued("trace", table)
         airborne = moved["phase"][1:] > Phase.PREPARE.value
         steps = np.linalg.norm(np.diff(moved["position_ned"], axis=0), axis=1)
@@ -264,6 +286,7 @@ class Gathered:
             return
         bins = (clearance.clip(min=0.0) / CLEARANCE_BIN_M).astype(np.int64).clip(max=CLEARANCE_BINS - 1)
         self.clearance_counts += np.bincount(bins, minlength=CLEARANCE_BINS)
+        self.near_steps += int((clearance < self.safe_distance).sum())
         nearest = int(clearance.argmin())
         if self.least_clearance is None or clearance[nearest] < self.least_clearance[0]:
             self.least_clearance = float(clearance[nearest]), float(times[nearest])
@@ -284,8 +307,8 @@ class Gathered:
             del self.vehicle_texts[MOST_TEXTS:]
             return
         if name == "PARAM_VALUE":
-            for row in table[:MOST_TEXTS] if len(self.parameters) < MOST_TEXTS else ():
-                self.parameters[row["param_id"]] = row["param_value"]
+            for row in table[:MOST_TEXTS] if len(self._parameters) < MOST_TEXTS else ():
+                self._parameters[row["param_id"]] = sender, row["param_value"], row["param_type"]
             return
         if isinstance(table, list):
             return
@@ -335,6 +358,8 @@ class Gathered:
         if not len(table):
             return
         for autopilot, mode in {(int(row["autopilot"]), int(row["custom_mode"])) for row in table}:
+            if autopilot == dialect.MAV_AUTOPILOT_PX4:
+                self._bytewise.add(sender)
             firmware = firmware_of(autopilot)
             self.mode_names[mode] = firmware.mode_of(mode).value if firmware else f"mode {mode}"
         self.modes.setdefault(sender, Stretches()).add(times, table["custom_mode"].astype(np.int64))
@@ -400,6 +425,14 @@ class Gathered:
         return max(counts, key=lambda sender: counts[sender], default="")
 
     @property
+    def parameters(self) -> dict[str, float]:
+        """The vehicle's, as it told them last; PX4 sends an integer's bits, ArduPilot its value."""
+        return {
+            name: _integer(value, _INTEGERS[kind]) if kind in _INTEGERS and sender in self._bytewise else value
+            for name, (sender, value, kind) in self._parameters.items()
+        }
+
+    @property
     def rates(self) -> Spectrum | None:
         """Of the body rates, from what tells them most often; None where nothing does."""
         own = [self._vehicle_rates.get(f"{self.vehicle}/{name}") for name in ("ATTITUDE_QUATERNION", "ATTITUDE")]
@@ -423,6 +456,12 @@ class Gathered:
         return float(10 ** ((int(np.searchsorted(np.cumsum(self.latency_counts), share * total)) + 0.5) / 20.0))
 
 
+def _integer(value: float, form: str) -> int:
+    """What a float's bits are as an integer."""
+    (whole,) = struct.unpack_from(form, struct.pack("<f", value))
+    return int(whole)
+
+
 S = TypeVar("S", bound=Segments)
 
 
@@ -441,6 +480,14 @@ def _latencies(times: Floats, table: Any) -> tuple[Floats, Floats]:
     late = [(np.arange(count) + 1 - count) / max(count, 1) for count in counts]
     when = np.repeat(times, counts) + np.hstack(late) * np.repeat(since, counts)
     return when, np.hstack([row["latency_ns"] for row in table]) * 1e-3
+
+
+def settings_of(log: LogReader) -> Settings:
+    """As they were flown; the defaults where the log has none that this version reads."""
+    try:
+        return msgspec.json.decode(log.attachments.get("settings.json", b"{}"), type=Settings, strict=False)
+    except msgspec.MsgspecError:
+        return Settings()
 
 
 def batches(log: LogReader) -> Iterator[Batch]:
@@ -497,6 +544,13 @@ def euler_deg(attitude: NDArray[Any]) -> Floats:
     return angles
 
 
+def tilt_deg(euler: Floats) -> Floats:
+    """(n, 3) roll, pitch, yaw (deg) -> (n,) the angle between the body's down axis and the world's (deg)."""
+    roll, pitch = np.radians(euler[:, :2]).T
+    angles: Floats = np.degrees(np.arccos((np.cos(roll) * np.cos(pitch)).clip(-1.0, 1.0)))
+    return angles
+
+
 # -------------------------------------------------------------------------------------------------- fields of messages
 
 
@@ -505,15 +559,19 @@ def _stack(table: Table, *names: str) -> Floats:
 
 
 def _attitude(table: Table) -> Columns:
+    euler = np.degrees(_stack(table, "roll", "pitch", "yaw"))
     return {
-        "euler_deg": np.degrees(_stack(table, "roll", "pitch", "yaw")),
+        "euler_deg": euler,
+        "tilt_deg": tilt_deg(euler),
         "rates_deg": np.degrees(_stack(table, "rollspeed", "pitchspeed", "yawspeed")),
     }
 
 
 def _attitude_quaternion(table: Table) -> Columns:
+    euler = euler_deg(_stack(table, "q1", "q2", "q3", "q4"))
     return {
-        "euler_deg": euler_deg(_stack(table, "q1", "q2", "q3", "q4")),
+        "euler_deg": euler,
+        "tilt_deg": tilt_deg(euler),
         "rates_deg": np.degrees(_stack(table, "rollspeed", "pitchspeed", "yawspeed")),
     }
 

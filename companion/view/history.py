@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from companion.avoidance.grid import FAR_M
 from companion.avoidance.guard import Reason
 from companion.planning import PLANNED
 from companion.state import BoolArray, Scan
@@ -271,13 +272,13 @@ class History:
         return rows[:, 0], euler_deg(rows[:, 1:5])
 
     def clearance(self, start: float, stop: float) -> tuple[Floats, Floats]:
-        """Times (n,) and clearance of the hull (n,) as the companion had it; without one, the ring's nearest return."""
+        """Times (n,) and clearance of the hull (n,) as the companion had it, up to FAR_M; without a companion, the
+        ring's nearest return, or its reach."""
         plans = _between(self._plans.rows(), start, stop)
         if len(plans):
-            return plans[:, 0], np.where(np.isfinite(plans[:, 7]), plans[:, 7], np.nan)
+            return plans[:, 0], np.minimum(plans[:, 7], FAR_M)
         rings = _between(self._vehicle.rings.rows(), start, stop)
-        nearest = np.fmin.reduce(rings[:, 3:], axis=1)
-        return rings[:, 0], np.where(np.isfinite(nearest), nearest, np.nan)
+        return rings[:, 0], np.fmin(np.fmin.reduce(rings[:, 3:], axis=1), rings[:, 2])
 
     def speed(self, start: float, stop: float) -> tuple[Floats, Floats]:
         """Times (n,) and speed (n,)."""

@@ -176,6 +176,8 @@ class Stretches:
 
 _PER_DECADE = 20
 _SHORTEST = 1e-5
+_AT_ONCE = 0.05
+"""Of the mean interval: what is shorter lies within a burst."""
 
 
 class Regularity:
@@ -184,6 +186,7 @@ class Regularity:
     def __init__(self, longest: int = 5) -> None:
         self._longest = longest
         self._counts = np.zeros(9 * _PER_DECADE, np.int64)
+        self._sums = np.zeros(9 * _PER_DECADE)
         self._gaps: list[tuple[float, float]] = []
         self.count = 0
         self.first = 0.0
@@ -205,7 +208,9 @@ class Regularity:
         if not len(intervals):
             return
         bins = (np.log10(np.maximum(intervals, _SHORTEST) / _SHORTEST) * _PER_DECADE).astype(np.int64)
-        self._counts += np.bincount(bins.clip(max=len(self._counts) - 1), minlength=len(self._counts))
+        bins = bins.clip(max=len(self._counts) - 1)
+        self._counts += np.bincount(bins, minlength=len(self._counts))
+        self._sums += np.bincount(bins, intervals, len(self._counts))
         top = np.argsort(intervals)[-self._longest :]
         found = [(float(intervals[index]), float(starts[index])) for index in top]
         self._gaps = sorted([*self._gaps, *found], reverse=True)[: self._longest]
@@ -215,23 +220,20 @@ class Regularity:
         """The longest intervals, longest first: seconds, and when each began."""
         return self._gaps
 
-    def quantile(self, share: float) -> float:
-        """Of the intervals (s), to 12 %; 0 where there is none."""
+    @property
+    def usual(self) -> float:
+        """s from one to the next: the median, to 12 %; the mean where several come at once. 0 for less than two."""
         total = int(self._counts.sum())
         if not total:
             return 0.0
-        index = int(np.searchsorted(np.cumsum(self._counts), share * total))
-        return float(_SHORTEST * 10 ** ((index + 0.5) / _PER_DECADE))
+        index = int(np.searchsorted(np.cumsum(self._counts), 0.5 * total))
+        median, mean = float(self._sums[index] / self._counts[index]), (self.last - self.first) / total
+        return mean if median < _AT_ONCE * mean else median
 
     @property
     def rate(self) -> float:
         """Mean, in Hz."""
         return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
-
-    def longer_than(self, seconds: float) -> int:
-        """How many intervals were, to 12 %."""
-        first = int(np.ceil(np.log10(max(seconds, _SHORTEST) / _SHORTEST) * _PER_DECADE))
-        return int(self._counts[min(max(first, 0), len(self._counts)) :].sum())
 
 
 SEGMENT = 1024

@@ -29,6 +29,8 @@ FRAME_S = 0.05
 """Between two pictures of the vehicle; words and plots take every fifth."""
 PLOT_S = 30.0
 """What the plots show, up to the moment that is shown."""
+_ROOM = (10, 8, 0, 0)
+"""Pixels above, right of, below and left of a plot, so that no number is cut."""
 _PATH_POINTS = 1500
 _PLOT_POINTS = 400
 _MAP_HEIGHT = 0.03
@@ -37,6 +39,10 @@ _BEHIND = np.array([-4.0, -9.0, 5.0])
 """Where a camera starts, from the vehicle (east, north, up)."""
 _ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
 _FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
+_QUIET_S = 3.0
+"""A flight of which nothing new came for so long is said to be silent."""
+_LATE_S = 0.5
+"""A vehicle that was not heard for so long is said so loudly: the companion's own patience."""
 _LOUD = ' style="color:#e2007a;font-weight:600"'
 _WALL, _GUARD = (190, 30, 60), (226, 0, 122)
 _STONE, _LEAF, _BLUE, _RED, _AMBER, _INK, _RETURN = (
@@ -68,9 +74,16 @@ class Page:
         self._map_drawn = -math.inf
         self._following = True
         self._slid_to = 0.0
+        self._heard_until = 0.0
+        self._quiet_s = 0.0
+        """Since anything new came, while more may come."""
+        self._somebody = False
+        """Whether anybody has looked yet; a log that is played waits for it."""
         self._problem: str | None = None
         self._server = viser.ViserServer(host="127.0.0.1", port=port, label=f"Courier · {source.name}", verbose=False)
         self.port = self._server.get_port()
+        self.wanted_port = port
+        """Another one is taken where that is in use; 0 is any."""
         self._set_the_stage()
         self._make_panel()
 
@@ -118,19 +131,33 @@ class Page:
             self._problem = str(error)
 
     def _advance(self, seconds: float) -> None:
-        start, end = self.history.start, max(self.history.end, self.history.start + 0.1)
+        """Time goes on where nothing new comes: what was heard last grows old."""
+        history, ended = self.history, self._source.ended
+        self._quiet_s = 0.0 if ended or history.end != self._heard_until else self._quiet_s + seconds
+        self._heard_until = history.end
+        # The slider's steps are of 0.01 s, and what it can't show it would give back as another time.
+        start = math.floor(100.0 * history.start) / 100.0
+        end = max(math.ceil(100.0 * (history.end + self._quiet_s)) / 100.0, start + 0.1)
         if self._slider.max != end or self._slider.min != start:
             self._slider.min, self._slider.max = start, end
         if self._slider.value != self._slid_to:  # by a person
             self._time, self._following = float(self._slider.value), False
         elif self._play.value:
-            if self._following and not self._source.ended:
-                self._time = end
-            else:
-                self._time = min(self._time + seconds * float(self._speed.value.removesuffix("x")), end)
-        self._now.visible = not self._source.ended and not (self._following and self._play.value)
+            if self._following and not ended:
+                self._time = history.end + self._quiet_s
+            elif self._somebody:
+                self._time += seconds * float(self._speed.value.removesuffix("x"))
+        self._now.visible = not ended and not (self._following and self._play.value)
         self._time = min(max(self._time, start), end)
-        self._slider.value = self._slid_to = min(round(self._time, 2), end)
+        self._slider.value = self._slid_to = round(self._time, 2)
+
+    def _when(self) -> str:
+        """What the moment that is shown is of the flight, in words."""
+        if self._quiet_s > _QUIET_S:
+            return f", nothing new for {self._quiet_s:.0f} s"
+        if self._following and self._play.value and not self._source.ended:
+            return ", live"
+        return f" of {self._slider.max:.1f} s"
 
     # ---------------------------------------------------------------------------------------------------- the panel
 
@@ -141,10 +168,6 @@ class Page:
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         gui.set_panel_label("Courier")
-        self._words = gui.add_html("")
-        self._panel: Panel | None = None
-        if self._control is not None:
-            self._panel = Panel(self._server, self._control, self._here, lambda: self._source.world)
         with gui.add_folder("Time"):
             self._slider: Any = gui.add_slider("s", 0.0, 1.0, 0.01, 0.0)
             self._play = gui.add_checkbox("play", True)
@@ -152,7 +175,12 @@ class Page:
             self._now = gui.add_button("now")
             self._chase = gui.add_checkbox("camera follows", True)
             self._maps = gui.add_checkbox("map", True)
+        self._words = gui.add_html("")
+        self._panel: Panel | None = None
+        if self._control is not None:
+            self._panel = Panel(self._server, self._control, self._here, lambda: self._source.world)
         self._now.on_click(lambda _: self._follow())
+        self._play.on_update(lambda _: self._again())
         x, axis = uplot.Series(label="s"), uplot.Axis(size=44)
         empty = np.zeros(1)
 
@@ -167,13 +195,24 @@ class Page:
                 scales=still,
                 axes=(uplot.Axis(), axis),
                 height=170,
+                padding=_ROOM,
             )
         with gui.add_folder("Clearance, m, and speed, m/s"):
             self._clearance = gui.add_uplot(
-                (empty,) * 2, series(("clearance", "#4c9f50")), scales=still, axes=(uplot.Axis(), axis), height=150
+                (empty,) * 2,
+                series(("clearance", "#4c9f50")),
+                scales=still,
+                axes=(uplot.Axis(), axis),
+                height=150,
+                padding=_ROOM,
             )
             self._speeds = gui.add_uplot(
-                (empty,) * 2, series(("speed", "#d08a1d")), scales=still, axes=(uplot.Axis(), axis), height=150
+                (empty,) * 2,
+                series(("speed", "#d08a1d")),
+                scales=still,
+                axes=(uplot.Axis(), axis),
+                height=150,
+                padding=_ROOM,
             )
 
     def _here(self) -> Floats | None:
@@ -183,8 +222,14 @@ class Page:
     def _follow(self) -> None:
         self._following = self._play.value = True
 
+    def _again(self) -> None:
+        """A log that is played at its end begins anew."""
+        if self._play.value and self._source.ended and self._time >= self._slider.max:
+            self._time = self._slider.min
+
     def _draw_words(self, moment: Moment) -> None:
-        self._words.content = words(moment, self._source.ended, self._problem)
+        problem = self._problem or self._source.problem
+        self._words.content = words(moment, self._source.name, self._when(), problem, quiet=self._quiet_s > _QUIET_S)
         if self._panel is not None:
             self._panel.show()
 
@@ -192,15 +237,13 @@ class Page:
         start, stop = self._time - PLOT_S, self._time
         times, attitude = self.history.attitude_deg(start, stop)
         pick = _every(len(times), _PLOT_POINTS)
-        if len(pick) > 1:
-            self._attitude.data = (times[pick], *attitude[pick].T.copy())
+        self._attitude.data = (times[pick], *attitude[pick].T.copy())
         for plot, (when, values) in (
             (self._clearance, self.history.clearance(start, stop)),
             (self._speeds, self.history.speed(start, stop)),
         ):
             pick = _every(len(when), _PLOT_POINTS)
-            if len(pick) > 1:
-                plot.data = (when[pick], values[pick])
+            plot.data = (when[pick], values[pick])
 
     # ----------------------------------------------------------------------------------------------------- the scene
 
@@ -316,6 +359,7 @@ class Page:
 
     def _show_around(self, client: "viser.ClientHandle") -> None:
         """Who comes later starts behind the vehicle too."""
+        self._somebody = True
         if self._seen_at is not None:
             client.camera.position = self._seen_at + _BEHIND
             client.camera.look_at = self._seen_at
@@ -399,33 +443,41 @@ def _airframe() -> tuple[Floats, Any]:
     return _meshes(parts, enu=False)
 
 
-def words(moment: Moment, ended: bool, problem: str | None) -> str:
-    """The panel's table, as HTML; what comes from outside is escaped."""
+def words(moment: Moment, name: str, when: str, problem: str | None, *, quiet: bool = False) -> str:
+    """The panel's table of a flight of that name, as HTML; what comes from outside is escaped. `when` follows the
+    time; `quiet`: nothing new comes."""
     plan = moment.plan
-    rows = [("time", f"{moment.time:.2f} s" + (" of a log" if ended else ", live"))]
+    rows = [("flight", name), ("time", f"{moment.time:.2f} s{when}")]
     if plan is not None:
         rows += [("phase", plan.phase), ("companion", plan.state)]
-    rows.append(("mode", moment.mode + (", armed" if moment.armed else ", disarmed")))
-    rows.append(("failsafe", "YES" if moment.failsafe else "no"))
-    rows.append(("link", "silent" if moment.link_age is None else f"heard {1e3 * moment.link_age:.0f} ms ago"))
+    if moment.link_age is None:
+        rows += [("mode", "unknown"), ("failsafe", "unknown"), ("link", "silent")]
+    else:
+        rows.append(("mode", moment.mode + (", armed" if moment.armed else ", disarmed")))
+        rows.append(("failsafe", "YES" if moment.failsafe else "no"))
+        rows.append(("link", f"heard {1e3 * moment.link_age:.0f} ms ago"))
     if moment.position_ned is not None and moment.velocity_ned is not None:
         north, east, down = moment.position_ned
         rows.append(("place", f"north {north:.1f}, east {east:.1f}, height {-down:.1f} m"))
         rows.append(("speed", f"{np.linalg.norm(moment.velocity_ned):.1f} m/s"))
     if plan is not None:
-        clear = f"{plan.clearance:.2f} m" if math.isfinite(plan.clearance) else "nothing in sight"
+        clear = f"{plan.clearance:.2f} m" if math.isfinite(plan.clearance) else "nothing near"
         notes = [note for note, holds in (("avoiding", plan.blocked), ("at a limit", plan.limited)) if holds]
         rows.append(("clearance", ", ".join([clear, *notes])))
         rows.append(("guard", f"{plan.guard}, {plan.guard_change:.1f} m/s²" if plan.guard else "quiet"))
-    elif moment.nearest is not None:
-        rows.append(("nearest return", f"{moment.nearest:.2f} m"))
+    if moment.nearest is not None:
+        rows.append(("nearest", f"{moment.nearest:.2f} m"))
     if moment.battery is not None:
         rows.append(("battery", f"{moment.battery:.0f} %"))
-    loud = {"failsafe"} if moment.failsafe else set()
-    loud |= {"guard"} if plan is not None and plan.guard else set()
+    notable = {
+        "time": quiet,
+        "failsafe": moment.failsafe,
+        "link": moment.link_age is not None and moment.link_age > _LATE_S,
+        "guard": plan is not None and bool(plan.guard),
+    }
     cells = "".join(
         f'<tr><td style="opacity:.65;padding-right:12px">{name}</td>'
-        f'<td id="{name}"{_LOUD if name in loud else ""}>{escape(value)}</td></tr>'
+        f'<td id="{name}"{_LOUD if notable.get(name) else ""}>{escape(value)}</td></tr>'
         for name, value in rows
     )
     said = "".join(f"<div>{text.time:.1f} {escape(text.text)}</div>" for text in moment.texts)
@@ -437,7 +489,8 @@ def words(moment: Moment, ended: bool, problem: str | None) -> str:
 
 def serve(page: Page, say: Callable[[str], None]) -> None:
     """Say where the page is, and serve it until an interrupt."""
-    say(f"view: http://127.0.0.1:{page.port}")
+    taken = f" ({page.wanted_port} is in use)" if page.wanted_port not in (0, page.port) else ""
+    say(f"view: http://127.0.0.1:{page.port}{taken}")
     try:
         page.run()
     except KeyboardInterrupt:

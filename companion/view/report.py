@@ -11,9 +11,10 @@ import msgspec
 import numpy as np
 
 from companion.config import Settings
+from companion.target import output
 from companion.view.findings import Event, Finding, events, findings, phase_name, state_name
 from companion.view.gather import CLEARANCE_BIN_M, Gathered
-from companion.view.lines import Floats, Line, Stretch
+from companion.view.lines import Floats, Line
 from companion.view.scene import mesh, solids
 from protocol.flightlog import FILE_NAME as LOG_NAME
 from protocol.flightlog import FlightLogError
@@ -35,6 +36,7 @@ _EULER = ("roll", "pitch", "yaw")
 _BAND_COLORS = (BLUE, AMBER, GREEN, VIOLET, TEAL)
 _MOST_BANDS = 60
 _RESPONSE_S = 0.6
+_AROUND_M = 25.0
 
 
 class Curve(msgspec.Struct, frozen=True):
@@ -127,7 +129,7 @@ class Page(msgspec.Struct, frozen=True):
 def write(log: Path, target: Path | None = None) -> Path:
     """Write the report of a log, by default beside it (`beside`), and return where.
 
-    Raises FlightLogError if the log can't be read or the file can't be written.
+    An older report makes room. Raises FlightLogError if the log can't be read or it can't be written or is a log.
     """
     flight = Gathered(log)
     target = beside(log) if target is None else target
@@ -136,12 +138,9 @@ def write(log: Path, target: Path | None = None) -> Path:
     data = msgspec.json.encode(page).decode().replace("</", "<\\/").replace("<!--", "<\\!--")
     parts = PAGE.read_text(encoding="utf-8").split("@@")
     values = {"title": html.escape(page.title), "plotly": _plotly(), "data": data}
-    try:
-        with target.open("w", encoding="utf-8") as file:
-            for index, part in enumerate(parts):
-                file.write(values[part] if index % 2 else part)
-    except OSError as error:
-        raise FlightLogError(f"{target}: the report can't be written: {error.strerror}") from error
+    with output(target, source=log, replaces=True) as draft, draft.open("w", encoding="utf-8") as file:
+        for index, part in enumerate(parts):
+            file.write(values[part] if index % 2 else part)
     return target
 
 
@@ -165,7 +164,7 @@ def compose(flight: Gathered) -> Page:
     when = float(started) if started else flight.start_ns * 1e-9
     return Page(
         title=flown.get("mission", "") or flight.log.path.stem,
-        subtitle=" · ".join(filter(None, (_date(when), *_how(flown), str(flight.log.path)))),
+        subtitle=" · ".join(filter(None, (_date(when), *_how(flown), flown.get("source") or str(flight.log.path)))),
         tiles=_tiles(flight),
         findings=tuple(findings(flight)),
         events=tuple(events(flight)),
@@ -177,7 +176,7 @@ def compose(flight: Gathered) -> Page:
         ways=_ways(flight),
         topics=_topics(flight),
         changed=_changed(flight),
-        parameters=tuple((name, f"{value:g}") for name, value in sorted(flight.parameters.items())),
+        parameters=tuple((name, f"{value:.7g}") for name, value in sorted(flight.parameters.items())),
         versions=tuple((name, value) for name, value in flown.items() if value),
     )
 
@@ -202,14 +201,14 @@ def _tiles(flight: Gathered) -> tuple[tuple[str, str], ...]:
     tiles = [("duration", _duration(flight.end - (flight.begin or 0.0)))]
     if flight.distance_m:
         tiles.append(("distance", f"{flight.distance_m:.0f} m"))
-    for label, quantity, unit in (("greatest height", "height", "m"), ("top speed", "speed", "m/s")):
+    for label, quantity, form in (
+        ("greatest height", "height", "{:.1f} m"),
+        ("top speed", "speed", "{:.1f} m/s"),
+        ("greatest tilt", "tilt_deg", "{:.0f}°"),
+    ):
         best = _first(flight, quantity)
         if best is not None:
-            tiles.append((label, f"{best.points()[1].max():.1f} {unit}"))
-    euler = [_first(flight, f"euler_deg.{axis}") for axis in (0, 1)]
-    tilts = [float(np.abs(line.points()[1]).max()) for line in euler if line is not None]
-    if tilts:
-        tiles.append(("greatest tilt", f"{max(tilts):.0f}°"))
+            tiles.append((label, form.format(best.points()[1].max())))
     for message in ("BATTERY_STATUS", "SYS_STATUS"):
         energy = flight.energy_wh.get(f"{flight.vehicle}/{message}")
         if energy is not None:
@@ -246,6 +245,7 @@ _SOURCES = {
     "position_ned": ("LOCAL_POSITION_NED:position_ned",),
     "velocity_ned": ("LOCAL_POSITION_NED:velocity_ned", "GLOBAL_POSITION_INT:velocity_ned"),
     "euler_deg": ("ATTITUDE_QUATERNION:euler_deg", "ATTITUDE:euler_deg"),
+    "tilt_deg": ("ATTITUDE_QUATERNION:tilt_deg", "ATTITUDE:tilt_deg"),
     "rates_deg": ("ATTITUDE_QUATERNION:rates_deg", "ATTITUDE:rates_deg"),
     "reference_position_ned": ("POSITION_TARGET_LOCAL_NED:position_ned",),
     "reference_velocity_ned": ("POSITION_TARGET_LOCAL_NED:velocity_ned",),
@@ -255,16 +255,18 @@ _SOURCES = {
     "thrust_command": ("ATTITUDE_TARGET:thrust",),
     "clearance": ("OBSTACLE_DISTANCE:nearest",),
 }
-"""Where a quantity is found in a log without a trace, the best first."""
+"""Where a quantity is found in the vehicle's own messages, the best first."""
+_MEASURED = frozenset({"height", "speed", "position_ned", "velocity_ned", "euler_deg", "tilt_deg", "rates_deg"})
+"""What the vehicle tells for longer than the companion's trace lasts, so it goes first; of all else the trace does."""
 
 
 def _first(flight: Gathered, quantity: str) -> Line | None:
     """The line of a quantity from its best source that has any points."""
     name, _, column = quantity.partition(".")
     suffix = f".{column}" if column else ""
-    # The vehicle's own telemetry lasts longer than the trace; what it lacks is the trace's.
-    keys = [f"trace:{quantity}"] + [f"{flight.vehicle}/{source}{suffix}" for source in _SOURCES.get(name, ())]
-    for key in keys:
+    told = [f"{flight.vehicle}/{source}{suffix}" for source in _SOURCES.get(name, ())]
+    traced = [f"trace:{quantity}"]
+    for key in told + traced if name in _MEASURED else traced + told:
         line = flight.lines.get(key)
         if line is not None and len(line.points()[0]):
             return line
@@ -361,7 +363,7 @@ def _commands(flight: Gathered) -> list[Chart]:
         Chart(section, "Thrust", "of the whole", _curve(_first(flight, "thrust_command"), "thrust", BLUE)),
         _three(flight, section, "Torque", "of the whole", "torque_command", _EULER),
         Chart(section, "Outputs of the vehicle", "µs", _own(flight, *outputs)),
-        _three(flight, section, "Lyapunov functions of the position loop", "V", "lyapunov", _NED),
+        _three(flight, section, "Lyapunov functions of the position loop", "", "lyapunov", _NED),
     ]
 
 
@@ -512,8 +514,14 @@ def _health(flight: Gathered) -> list[Chart]:
 
 
 def _solids(flight: Gathered) -> tuple[Solid, ...]:
+    """What stands within _AROUND_M of the box around the path: the rest of a world would make the flight small."""
+    flown = _flown(flight)[:, 1:3]
+    low, high = (flown.min(axis=0), flown.max(axis=0)) if len(flown) else (np.zeros(2), np.zeros(2))
     found = []
     for prism in solids(flight.log.attachments.get("world.toml", b"")):
+        outside = (np.max(prism.outline, axis=0) < low - _AROUND_M) | (np.min(prism.outline, axis=0) > high + _AROUND_M)
+        if outside.any():
+            continue
         corners, faces = mesh(prism)
         outline = (*prism.outline, prism.outline[0])
         found.append(
@@ -530,18 +538,18 @@ def _solids(flight: Gathered) -> tuple[Solid, ...]:
 
 
 def _ways(flight: Gathered) -> tuple[Way, ...]:
-    rows = flight.path.rows()
-    if len(rows):
-        return (
-            _way("reference", RED, rows[:, 0], rows[:, 4:7], "dot"),
-            _way("flown", BLUE, rows[:, 0], rows[:, 1:4]),
-        )
+    wanted = flight.path.rows()
+    ways = [_way("reference", RED, wanted[:, 0], wanted[:, 4:7], "dot")] if len(wanted) else []
+    flown = _flown(flight)
+    return (*ways, _way("flown", BLUE, flown[:, 0], flown[:, 1:4])) if len(flown) else tuple(ways)
+
+
+def _flown(flight: Gathered) -> Floats:
+    """(n, 4) times and positions NED, from what tells them for longest."""
     for sender in (flight.vehicle, f"{flight.vehicle} global"):
-        track = flight.paths.get(sender)
-        if track is not None:
-            table = track.rows()
-            return (_way("flown", BLUE, table[:, 0], table[:, 1:4]),)
-    return ()
+        if sender in flight.paths:
+            return flight.paths[sender].rows()
+    return flight.path.rows()[:, :4]
 
 
 def _way(name: str, color: str, times: Floats, places_ned: Floats, dash: str = "solid") -> Way:
@@ -550,27 +558,26 @@ def _way(name: str, color: str, times: Floats, places_ned: Floats, dash: str = "
 
 
 def _bands(flight: Gathered) -> tuple[Band, ...]:
-    stretches, name = flight.phases.finish(), phase_name
-    if not stretches:
-        modes = flight.modes.get(flight.vehicle)
-        stretches = modes.finish() if modes is not None else []
-
-        def name(number: int) -> str:
-            return flight.mode_names.get(number, state_name(number))
-
-    longest = sorted(stretches, key=lambda stretch: -stretch.seconds)[:_MOST_BANDS]
-    kinds = {value: index for index, value in enumerate(sorted({stretch.value for stretch in stretches}))}
-
-    def band(stretch: Stretch) -> Band:
-        color = _BAND_COLORS[kinds[stretch.value] % len(_BAND_COLORS)]
-        return Band(stretch.start, stretch.stop, name(stretch.value), color)
-
-    return tuple(map(band, sorted(longest, key=lambda stretch: stretch.start)))
+    """The companion's phases, and the vehicle's modes from where these end."""
+    phases = flight.phases.finish()
+    until = phases[-1].stop if phases else -math.inf
+    modes = flight.modes.get(flight.vehicle)
+    named = [(stretch.start, stretch.stop, phase_name(stretch.value)) for stretch in phases]
+    for stretch in modes.finish() if modes is not None else ():
+        if stretch.stop > until:
+            name = flight.mode_names.get(stretch.value, state_name(stretch.value))
+            named.append((max(stretch.start, until), stretch.stop, name))
+    names = sorted({name for _, _, name in named})
+    longest = sorted(named, key=lambda band: band[0] - band[1])[:_MOST_BANDS]
+    return tuple(
+        Band(start, stop, name, _BAND_COLORS[names.index(name) % len(_BAND_COLORS)])
+        for start, stop, name in sorted(longest)
+    )
 
 
 def _topics(flight: Gathered) -> tuple[Row, ...]:
     return tuple(
-        Row(topic, clock.count, clock.rate, 1e3 * clock.quantile(0.5), 1e3 * clock.gaps[0][0] if clock.gaps else 0.0)
+        Row(topic, clock.count, clock.rate, 1e3 * clock.usual, 1e3 * clock.gaps[0][0] if clock.gaps else 0.0)
         for topic, clock in sorted(flight.clocks.items())
     )
 

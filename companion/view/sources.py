@@ -4,6 +4,7 @@ what they have as the same batches, and none of them says a word to anybody."""
 import mmap
 import os
 import struct
+import time
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -17,7 +18,7 @@ from mcap.opcode import Opcode
 
 from companion.view.gather import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
-from protocol.flightlog import DATAGRAM, FILE_NAME, MAGIC, FlightLogError, LogReader, RecordType
+from protocol.flightlog import DATAGRAM, FILE_NAME, MAGIC, FlightLogError, LogReader, RecordType, decompressed
 from protocol.framing import Framer
 from protocol.messages import layout
 from protocol.recorder import message_type
@@ -29,6 +30,8 @@ _CHUNK = struct.Struct("<QQQII")
 _LARGEST_CHUNK = 1 << 30
 _DATAGRAMS_A_POLL = 5000
 _MOST_KINDS = 4096
+_GROWS_S = 10.0
+"""A flight's log is written to each tenth of a second; one that was not for so long was cut off."""
 
 
 class Source(Protocol):
@@ -41,25 +44,28 @@ class Source(Protocol):
     """The companion's, as JSON; the same."""
     ended: bool
     """Nothing more will come."""
+    problem: str | None
+    """Why it is not whole."""
 
     def poll(self) -> Iterator[Batch]:
         """What is new, without waiting. Raises FlightLogError if it can't be read any more."""
 
 
 class FinishedLog:
-    """A whole log, all of it at the first poll."""
+    """A log that nobody writes to any more, all of it at the first poll."""
 
     def __init__(self, log: LogReader) -> None:
         self.name = str(log.path)
         self.world = log.attachments.get("world.toml", b"")
         self.settings = log.attachments.get("settings.json", b"")
         self.ended = False
+        self.problem = log.problem
         self._log = log
 
     def poll(self) -> Iterator[Batch]:
         if not self.ended:
             yield from batches(self._log)
-            self.ended = True
+            self.ended, self.problem = True, self._log.problem
 
 
 class GrowingLog:
@@ -72,6 +78,7 @@ class GrowingLog:
         self.name = str(path)
         self.world = self.settings = b""
         self.ended = False
+        self.problem: str | None = None
         self._path = path
         self._file: BinaryIO | None = None
         """Kept open: at its end another file takes the place of the one that was written (see protocol/recorder.py)."""
@@ -162,7 +169,7 @@ def _content(data: mmap.mmap, start: int) -> bytes:
         return content
     if size > _LARGEST_CHUNK:
         raise ValueError(f"a chunk of {size} bytes")
-    return zstandard.ZstdDecompressor().decompress(content, max_output_size=size)
+    return decompressed(content, size)
 
 
 class Link:
@@ -173,6 +180,7 @@ class Link:
         self.world = world
         self.settings = b""
         self.ended = False
+        self.problem: str | None = None
         self._transport = transport
         self._clock = RealClock()
         self._framer = Framer()
@@ -217,6 +225,8 @@ def newest(logs: Path) -> Path:
 
 
 def open_log(path: Path) -> Source:
-    """A finished log as it is, any other as one that is being written. Raises FlightLogError."""
+    """A log as it is, or as one that is being written if it has no end yet and was written to lately. Raises
+    FlightLogError."""
     log = LogReader(path)
-    return FinishedLog(log) if log.complete else GrowingLog(path)
+    written_s = time.time() - path.stat().st_mtime
+    return GrowingLog(path) if not log.complete and written_s < _GROWS_S else FinishedLog(log)

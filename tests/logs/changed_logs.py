@@ -2,10 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
+
+import mcap.writer
 
 from companion.logs.writer import Writer
 from protocol.flightlog import DATAGRAM, Direction, LogReader, Record
 from protocol.messages import Encoder, dialect
+from protocol.tlog import Entry, write
 
 Flyer = Callable[..., Path]
 
@@ -42,3 +46,29 @@ def sent(record: Record) -> bytes | None:
     data = DATAGRAM.unpack(record.data)["data"]
     assert isinstance(data, bytes)
     return data
+
+
+def foreign(
+    target: Path, topics: dict[str, tuple[str, str, list[tuple[int, bytes]]]], metadata: Any = None, **options: Any
+) -> Path:
+    """A log by the mcap package: of each topic the schema's name, its ROS 1 text, and the records with their times."""
+    with target.open("wb") as file:
+        writer = mcap.writer.Writer(file, **options)
+        writer.start()
+        for name, table in (metadata or {"flightlog": {"epoch_ns": "0"}}).items():
+            writer.add_metadata(name, table)
+        for topic, (name, definition, records) in topics.items():
+            schema = writer.register_schema(name, "ros1msg", definition.encode())
+            channel = writer.register_channel(topic, "ros1", schema)
+            for number, (time_ns, data) in enumerate(records):
+                writer.add_message(channel, time_ns, data, time_ns, number)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return target
+
+
+def telemetry_log(target: Path, *messages: Any, every_us: int = 100_000, start_us: int = 1_700_000_000_000_000) -> Path:
+    """A telemetry log of pymavlink's messages from the vehicle 1/1, or of frames as they are."""
+    sender = dialect.MAVLink(None, 1, 1)
+    frames = [each if isinstance(each, bytes) else bytes(each.pack(sender)) for each in messages]
+    write(target, (Entry(start_us + number * every_us, frame) for number, frame in enumerate(frames)))
+    return target

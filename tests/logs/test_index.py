@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from companion.logs.index import INDEX_NAME, listing
-from protocol.flightlog import FlightLogError, LogReader
+from companion.view.foxglove import convert as draw
+from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
+from protocol.messages import dialect
 from tests.flights.processes import run
-from tests.logs.changed_logs import Flyer
+from tests.logs.changed_logs import Flyer, foreign, rewritten, telemetry_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 
@@ -78,3 +80,59 @@ def test_the_command(folder: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
     assert run("companion", "logs", str(empty)).returncode == 0
+
+
+def test_files_of_others_are_left_alone(folder: Path) -> None:
+    """An index.json is somebody's, and what has the index's name is replaced only if it is one, of any version."""
+    (folder / "index.json").write_text("[1]")
+    for content in (b"[1]", b'{"entries": 3}', b"mine"):
+        (folder / INDEX_NAME).write_bytes(content)
+        assert len(listing(folder)) == 4
+        assert (folder / INDEX_NAME).read_bytes() == content
+    (folder / INDEX_NAME).write_bytes(b'{"version": 0, "entries": {}}')
+    listing(folder)
+    assert msgspec.json.decode((folder / INDEX_NAME).read_bytes())["version"] == 1
+    assert (folder / "index.json").read_text() == "[1]"
+
+
+def test_what_was_drawn_from_a_flight_is_none(folder: Path) -> None:
+    before = listing(folder)
+    drawn = draw(folder / "one" / "flight.mcap").path
+    drawn.rename(folder / "drawn.mcap")
+    assert listing(folder) == before
+
+
+def test_one_bad_log_hides_no_other(fly: Flyer, tmp_path: Path) -> None:
+    """Damage that no checksum tells, nonsense for a date, a name that is not UTF-8."""
+    for number, started in enumerate(("nan", "inf", "1e300", "-1e11")):
+        rewritten(fly(), tmp_path / f"{number}.mcap", flight={"started_unix_s": started})
+
+    def damaged(data: bytes, name: str) -> None:
+        topics = {DATAGRAM.topic: (DATAGRAM.schema_name, DATAGRAM.definition, [(0, data)])}
+        foreign(tmp_path / name, topics)
+
+    damaged(DATAGRAM.pack(7, "", b"x"), "direction.mcap")
+    damaged(DATAGRAM.pack(0, "", b"x" * 50)[:20], "short.mcap")
+    stray = b"h\xf6ver.tlog".decode(errors="surrogateescape")
+    telemetry_log(tmp_path / stray, dialect.MAVLink_heartbeat_message(2, 3, 81, 5, 4, 3))
+    for _ in range(2):  # the second time from the index
+        rows = {row.log: row for row in listing(tmp_path)}
+        assert len(rows) == 7 and (tmp_path / INDEX_NAME).exists()
+        for name in ("direction.mcap", "short.mcap"):
+            assert rows[name].result == "unreadable" and "the datagram at 0.000 s is damaged" in rows[name].faults[0]
+        for number in range(4):
+            row = rows[f"{number}.mcap"]
+            assert row.result == "landed" and (row.started_unix_s is None or row.started_unix_s > 0.0)
+        (other,) = (row for row in rows.values() if "ver.tlog" in row.log)
+        assert other.result == "recorded"
+    done = run("companion", "logs", str(tmp_path))
+    assert done.returncode == 0 and all(name in done.stdout for name in rows)
+
+
+def test_a_trace_that_is_cut_is_said(fly: Flyer, tmp_path: Path) -> None:
+    def cut(record: Record) -> list[Record]:
+        return [record._replace(data=record.data[:3]) if record.topic == "/companion/loop" else record]
+
+    rewritten(fly(), tmp_path / "a.mcap", cut)
+    (row,) = listing(tmp_path)
+    assert row.result == "unreadable" and row.faults[0]

@@ -1,16 +1,23 @@
 """What is said of a log, at once and after reading all of it."""
 
 import json
+import os
+import random
+import struct
+import subprocess
+import sys
+import zlib
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from companion.logs.info import info
-from protocol.flightlog import FlightLog, FlightLogError, LogReader, digest
+from protocol.flightlog import DATAGRAM, FlightLog, FlightLogError, LogReader, digest
+from protocol.messages import dialect
 from protocol.tlog import TlogReader
 from tests.flights.processes import run
-from tests.logs.changed_logs import Flyer
+from tests.logs.changed_logs import Flyer, foreign, rewritten, telemetry_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 
@@ -93,3 +100,55 @@ def test_what_is_no_log_is_one_line(tmp_path: Path) -> None:
         assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and str(path) in done.stderr
     with pytest.raises(FlightLogError):
         info(tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize("started", ["nan", "inf", "1e300", "-1e11"])
+def test_a_start_that_is_none(fly: Flyer, tmp_path: Path, started: str) -> None:
+    path = rewritten(fly(), tmp_path / "a.mcap", flight={"started_unix_s": started})
+    assert info(path) == info(path, check=True) and info(path).flight["started_unix_s"] == started
+    found = info(path).started_unix_s
+    assert found is None or found > 0.0
+    assert run("companion", "info", str(path)).returncode == 0
+    stamped = telemetry_log(tmp_path / "a.tlog", dialect.MAVLink_heartbeat_message(2, 3, 81, 5, 4, 3), start_us=0)
+    assert info(stamped).started_unix_s == 0.0
+
+
+def test_a_summary_of_nonsense_with_a_right_checksum_is_not_believed(many_chunks: Path, tmp_path: Path) -> None:
+    """Nor does it end in anything but words."""
+    content = many_chunks.read_bytes()
+    (start,) = struct.unpack_from("<Q", content, len(content) - 28)
+    generator = random.Random(5)
+    path = tmp_path / "a.mcap"
+    for _ in range(300):
+        changed = bytearray(content)
+        for _ in range(generator.randrange(1, 4)):
+            changed[generator.randrange(start, len(content) - 37)] = generator.choice((0, 1, 127, 255))
+        struct.pack_into("<I", changed, len(changed) - 12, zlib.crc32(changed[start : len(changed) - 12]))
+        path.write_bytes(changed)
+        assert info(path).kind == "flight log"
+
+
+def test_what_is_empty_or_no_file(tmp_path: Path) -> None:
+    for name in ("a.tlog", "a.mcap"):
+        (tmp_path / name).touch()
+        with pytest.raises(FlightLogError, match="an empty file"):
+            info(tmp_path / name)
+    os.mkfifo(tmp_path / "pipe")
+    done = run("companion", "info", str(tmp_path / "pipe"), timeout=60.0)
+    assert done.returncode == 2 and done.stderr == f"companion: {tmp_path / 'pipe'}: not a file\n"
+
+
+def test_what_is_damaged_is_digested_as_far_as_it_goes(many_chunks: Path, tmp_path: Path) -> None:
+    (tmp_path / "cut.mcap").write_bytes(many_chunks.read_bytes()[:20_000])
+    done = run("companion", "digest", str(tmp_path / "cut.mcap"))
+    assert done.returncode == 1 and "cut off" in done.stderr and len(done.stdout.splitlines()) == 2
+    topics = {DATAGRAM.topic: (DATAGRAM.schema_name, DATAGRAM.definition, [(10**9, DATAGRAM.pack(7, "", b"x"))])}
+    done = run("companion", "digest", str(foreign(tmp_path / "a.mcap", topics)))
+    assert done.returncode == 2 and "a.mcap: the datagram at 1.000 s is damaged" in done.stderr
+
+
+def test_an_output_that_is_full_is_one_line(many_chunks: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "companion", "info", str(many_chunks)]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2 and done.stderr == "companion: standard output: No space left on device\n"

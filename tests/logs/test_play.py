@@ -8,11 +8,11 @@ from companion.logs import play as player
 from companion.logs.play import play
 from protocol.flightlog import Direction, FlightLogError, datagrams
 from protocol.framing import Framer
-from protocol.messages import layout
-from protocol.tlog import TlogReader, from_vehicle
+from protocol.messages import dialect, layout
+from protocol.tlog import Entry, TlogReader, from_vehicle, write
 from protocol.transport import Udp
 from tests.flights.processes import Process, run
-from tests.logs.changed_logs import Flyer
+from tests.logs.changed_logs import Flyer, telemetry_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 
@@ -108,6 +108,41 @@ def test_a_ground_station_sees_the_flight(fly: Flyer) -> None:
 
 
 def test_an_address_or_a_speed_that_can_not_be_used(fly: Flyer) -> None:
-    for options in (("--to", "nowhere"), ("--speed", "0"), ("--speed", "nan"), ("--from", "1e6")):
+    for options in (
+        ("--to", "nowhere"),
+        ("--speed", "0"),
+        ("--speed", "nan"),
+        ("--speed", "1e308"),
+        ("--from", "inf"),
+        ("--from", "1e6"),
+    ):
         done = run("companion", "play", str(fly()), *options)
         assert done.returncode == 2 and done.stderr.strip()
+
+
+def attitude(number: int) -> bytes:
+    return bytes(dialect.MAVLink_attitude_message(number, 0.1, 0, 0, 0, 0, 0).pack(dialect.MAVLink(None, 1, 1)))
+
+
+def test_what_is_stamped_before_the_first_is_sent_too(tmp_path: Path, wire: Wire) -> None:
+    stamps = [10_000_000, 2_000_000, 3_000_000, 11_000_000]
+    write(tmp_path / "a.tlog", (Entry(stamp, attitude(number)) for number, stamp in enumerate(stamps)))
+    assert play(tmp_path / "a.tlog", wire).datagrams == 4
+    assert [data for _, data in wire.sent] == [attitude(number) for number in range(4)]
+    assert play(tmp_path / "a.tlog", wire, start_s=0.5).datagrams == 1
+
+
+@pytest.mark.parametrize("speed", [1.0, 8.0])
+def test_a_log_of_no_length_is_no_flood(tmp_path: Path, wire: Wire, speed: float) -> None:
+    wire.most = 5
+    with pytest.raises(KeyboardInterrupt):
+        play(telemetry_log(tmp_path / "a.tlog", attitude(1)), wire, loop=True, speed=speed)
+    assert [left_s for left_s, _ in wire.sent] == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0], abs=0.01)
+
+
+def test_a_long_wait_is_said(tmp_path: Path, wire: Wire) -> None:
+    stamps = [0, 4_000_000, 1_000_000_000, 1_001_000_000]
+    write(tmp_path / "a.tlog", (Entry(stamp, attitude(number)) for number, stamp in enumerate(stamps)))
+    said: list[float] = []
+    play(tmp_path / "a.tlog", wire, speed=2.0, pausing=said.append)
+    assert said == pytest.approx([498.0], abs=0.01)

@@ -1,6 +1,7 @@
 """Logs cut and damaged anywhere: nothing escapes, everything whole is kept, the rest is said."""
 
 import random
+import resource
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -10,12 +11,15 @@ from mcap.reader import make_reader
 
 from companion.logs.info import info
 from companion.logs.repair import repair
-from protocol.flightlog import FlightLogError, LogReader
-from protocol.tlog import TlogReader
+from companion.logs.writer import Writer
+from protocol.flightlog import Direction, FlightLogError, LogReader
+from protocol.messages import dialect
+from protocol.tlog import Entry, TlogReader, write
 from tests.flights.processes import run
-from tests.logs.changed_logs import Flyer
+from tests.logs.changed_logs import Flyer, telemetry_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
+DESCRIPTORS = Path("/proc/self/fd")
 DAMAGES = 200
 A_CHUNK = 50
 
@@ -147,3 +151,77 @@ def test_telemetry_logs_too(tmp_path: Path) -> None:
     entries = list(TlogReader(result.target).entries())
     assert {entry.data for entry in entries} <= good and len(entries) == 8760 == result.kept
     assert repair(result.target).target is None
+
+
+def attitude(number: int) -> bytes:
+    return bytes(dialect.MAVLink_attitude_message(number, 0.1, 0, 0, 0, 0, 0).pack(dialect.MAVLink(None, 1, 1)))
+
+
+def test_every_sound_frame_of_an_entry_is_kept(tmp_path: Path) -> None:
+    """Where a stamp is missing, the frame behind it has that of the one before."""
+    source = telemetry_log(tmp_path / "a.tlog", *(attitude(n) + attitude(n + 1) for n in range(0, 10, 2)))
+    result = repair(source)
+    assert result.target == tmp_path / "a_repaired.tlog" and result.kept == 10
+    assert not any("no sound frame" in line for line in result.lost)
+    entries = list(TlogReader(result.target).entries())
+    assert [entry.data for entry in entries] == [attitude(number) for number in range(10)]
+    assert [entry.time_us for entry in entries] == [entries[2 * (n // 2)].time_us for n in range(10)]
+    assert repair(result.target).target is None
+
+
+def test_a_whole_telemetry_log_needs_no_room(tmp_path: Path) -> None:
+    source = telemetry_log(tmp_path / "a.tlog", attitude(1), attitude(2))
+    (tmp_path / "a_repaired.tlog").write_text("mine")
+    assert repair(source).target is None
+    assert (tmp_path / "a_repaired.tlog").read_text() == "mine"
+
+
+def test_the_greatest_time_is_told_and_not_the_last(tmp_path: Path) -> None:
+    stamps = [9_000_000, 10_000_000, 14_500_000, 900_000]
+    write(tmp_path / "a.tlog", (Entry(stamp, attitude(number)) for number, stamp in enumerate(stamps)))
+    assert repair(tmp_path / "a.tlog").last_s == pytest.approx(13.6)
+
+
+def test_what_is_empty_or_named_as_another_kind(many_chunks: Path, tmp_path: Path) -> None:
+    cut, empty = tmp_path / "cut.mcap", tmp_path / "empty.tlog"
+    cut.write_bytes(many_chunks.read_bytes()[:20_000])
+    empty.touch()
+    with pytest.raises(FlightLogError, match="an empty file"):
+        repair(empty)
+    with pytest.raises(FlightLogError, match=r"a\.tlog: .*cut\.mcap is repaired as what it is, a \.mcap"):
+        repair(cut, tmp_path / "a.tlog")
+    misnamed = cut.rename(tmp_path / "misnamed.tlog")
+    assert repair(misnamed).target == tmp_path / "misnamed_repaired.mcap"
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".mcap", ".tlog", ".tlog"]
+
+
+def test_a_disk_that_is_full_at_any_byte_leaves_no_file_and_no_descriptor(tmp_path: Path) -> None:
+    """Also where the writer is not used as a context yet, as with a trace that is written again."""
+    target, open_before = tmp_path / "full.mcap", len(list(DESCRIPTORS.iterdir()))
+    noise = random.Random(7).randbytes(2000)
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def write() -> None:
+        writer = Writer(target, 0, {"m": {"a": "b" * 100}})
+        writer.attach("x", noise)
+        for number in range(300):  # more than a chunk
+            writer.datagram(number, number, Direction.IN, "a", noise)
+        with writer:
+            writer.attach("y", noise)
+
+    write()
+    size = target.stat().st_size
+    target.unlink()
+    for limit in (10, 40, 70, 120, 1000, 4000, size - 10_000, size - 3000, size - 1):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, unlimited[1]))
+        try:
+            with pytest.raises(FlightLogError, match=f"^{target}: File too large$"):
+                write()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+        assert list(tmp_path.iterdir()) == []
+    target.write_bytes(b"precious")
+    with pytest.raises(FlightLogError, match="exists"):
+        write()
+    assert target.read_bytes() == b"precious"
+    assert len(list(DESCRIPTORS.iterdir())) == open_before

@@ -234,3 +234,37 @@ def test_what_is_no_flight_is_refused(many_chunks: Path, tmp_path: Path) -> None
 def test_the_command_says_so(fly: Flyer) -> None:
     done = run("companion", "replay", str(fly().parent))
     assert done.returncode == 0 and done.stdout.startswith("the same to the bit")
+
+
+def test_a_cut_log_fails_though_nothing_differs(fly: Flyer, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(fly().read_bytes()[:400_000])
+    done = run("companion", "replay", str(cut))
+    assert done.returncode == 1 and done.stdout.startswith("the same to the bit") and "cut off" in done.stderr
+
+
+def test_a_trace_of_other_settings_has_these_settings(fly: Flyer, tmp_path: Path) -> None:
+    """And comes out the same again by them."""
+    target = tmp_path / "whole.mcap"
+    asked = ["control.position.c1=[2.0,2.0,2.0]", "mission.speed=3.0"]
+    replay(fly(), overrides=asked, trace=target)
+    copy = LogReader(target)
+    assert json.loads(copy.attachments["settings.json"])["control"]["position"]["c1"] == [2.0, 2.0, 2.0]
+    assert json.loads(copy.metadata["what if"]["overrides"]) == asked
+    assert "what if" not in LogReader(fly()).metadata
+    again = replay(target)
+    assert not any(each.message == "trace" for each in again.differences)
+
+
+def test_a_picture_that_can_not_be_is_refused_before_the_flight(fly: Flyer, tmp_path: Path) -> None:
+    before = fly().read_bytes()
+    for plot in ("noext", "a.docx", "none/a.png", str(fly())):
+        done = run("companion", "replay", str(fly()), "--plot", str(tmp_path / plot))
+        assert done.returncode == 2 and done.stdout == "" and len(done.stderr.splitlines()) == 1
+    disguised = tmp_path / "log.png"
+    disguised.write_bytes(before)
+    done = run("companion", "replay", str(disguised), "--plot", str(disguised))
+    assert done.returncode == 2 and "never written over" in done.stderr and disguised.read_bytes() == before
+    done = run("companion", "replay", str(fly()), "--plot", str(tmp_path / "a.png"))
+    assert done.returncode == 0 and "nothing differs" in done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log.png"]

@@ -1,7 +1,9 @@
 """The flight log, against the mcap package's own readers and ROS 1 decoder, and against kills, cuts and full disks."""
 
+import contextlib
 import functools
 import io
+import itertools
 import os
 import random
 import resource
@@ -10,17 +12,32 @@ import struct
 import subprocess
 import sys
 import time
+import tracemalloc
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
-from mcap.data_stream import ReadDataStream
+import zstandard
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message, MessageIndex
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    Schema,
+)
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import IndexType, Writer
 from mcap_ros1.decoder import DecoderFactory
@@ -28,6 +45,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from protocol.flightlog import (
     DATAGRAM,
+    HEADER,
+    LENGTH_OF_EMPTY,
+    MAGIC,
+    METADATA_CHANNEL,
     Direction,
     FlightLog,
     FlightLogError,
@@ -35,11 +56,12 @@ from protocol.flightlog import (
     Record,
     RecordType,
     datagrams,
+    decompressed,
     digest,
     read,
     record_type,
 )
-from protocol.recorder import CHUNK_AGE_NS, CHUNK_BYTES, message_type
+from protocol.recorder import CHUNK_AGE_NS, CHUNK_BYTES, McapFile, Messages, message_type
 
 COUNT = record_type("/courier/count", "courier/Count", [("number", "int64"), ("filling", "uint8[]")])
 TRACE = record_type(
@@ -338,28 +360,93 @@ def test_the_mcap_package_and_its_ros1_decoder_read_every_topic(start: Opener) -
     assert decoded["/log"].timestamp.secs * 10**9 + decoded["/log"].timestamp.nsecs == EPOCH_NS + 102
 
 
-def test_message_indexes_lead_to_their_messages(start: Opener) -> None:
-    log = start()
-    count(log, range(2000), noise(4))
-    log.close()
-    content = log.path.read_bytes()
-    with log.path.open("rb") as file:
+def indexed(path: Path) -> list[int]:
+    """How many messages each chunk's indexes lead to, as the mcap package reads them, and that they are these."""
+    content = path.read_bytes()
+    with path.open("rb") as file:
         summary = make_reader(file).get_summary()
-        assert summary is not None
-        found = {index.chunk_start_offset: index for index in summary.chunk_indexes}
-    assert len(found) > 2
-    total = 0
-    for offset, index in found.items():
+    assert summary is not None
+    counts = []
+    for index in summary.chunk_indexes:
+        offset = index.chunk_start_offset
         chunk = Chunk.read(ReadDataStream(io.BytesIO(content[offset + 9 : offset + index.chunk_length])))
         inner, _ = get_chunk_data_stream(chunk, validate_crc=True)
         records = inner.read(chunk.uncompressed_size)
+        counts.append(0)
         for channel, place in index.message_index_offsets.items():
             entries = MessageIndex.read(ReadDataStream(io.BytesIO(content[place + 9 :]))).records
             for log_time, start_of_message in entries:
                 opcode, _, number, _, time_there = struct.unpack_from("<BQHIQ", records, start_of_message)
                 assert (opcode, number, time_there) == (5, channel, log_time)
-            total += len(entries)
-    assert total == 2000
+            counts[-1] += len(entries)
+    return counts
+
+
+def test_message_indexes_lead_to_their_messages(start: Opener) -> None:
+    log = start()
+    count(log, range(2000), noise(4))
+    log.close()
+    counts = indexed(log.path)
+    assert len(counts) > 2 and sum(counts) == 2000
+
+
+def test_indexes_lead_to_their_messages_in_joined_chunks(tmp_path: Path) -> None:
+    """In a chunk that was three."""
+    path = tmp_path / "joined.mcap"
+    file = McapFile(path, tidies=True)
+    channels = [file.add_channel(record_type(f"/{name}", "x/X", [("a", "uint8[]")])) for name in "ab"]
+    for number in range(30):
+        head = HEADER.pack(5, LENGTH_OF_EMPTY + number, channels[number % 2], number, number, number)
+        file.add_message(channels[number % 2], number, head + bytes(number))
+        if number % 10 == 9:
+            file.end_chunk()
+    file.finish()
+    assert indexed(path) == [30]
+
+
+def grown(what: Callable[[], object]) -> int:
+    """Bytes that are still held after it."""
+    tracemalloc.start()
+    what()
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return held
+
+
+def test_strange_senders_cost_no_memory_beyond_the_first(tmp_path: Path) -> None:
+    file = McapFile(tmp_path / "noise.mcap")
+    messages = Messages(file, preserves_datagrams=True)
+
+    def strange(numbers: range) -> None:
+        for number in numbers:
+            frame = bytes([0xFD, 0, 0, 0, number & 255, 7, 1]) + (1_000_000 + number).to_bytes(3, "little") + bytes(2)
+            messages.add(DATAGRAM.pack(0, "", frame), number, number)
+
+    strange(range(5000))
+    file.end_chunk()
+    assert grown(lambda: strange(range(5000, 10_000))) < 50_000
+    file.finish()
+    assert 4000 < len(LogReader(tmp_path / "noise.mcap").topics) < 5000
+
+
+def test_a_chunk_costs_little_memory_for_the_rest_of_the_flight(tmp_path: Path) -> None:
+    file = McapFile(tmp_path / "long.mcap")
+    channels = [file.add_channel(record_type(f"/{number}", "x/X", [("a", "uint8")])) for number in range(30)]
+
+    def chunks(numbers: range) -> None:
+        for number in numbers:
+            for channel in channels:
+                head = HEADER.pack(5, LENGTH_OF_EMPTY + 1, channel, number, number, number)
+                file.add_message(channel, number, head + b"a")
+            file.end_chunk()
+
+    chunks(range(10))
+    assert grown(lambda: chunks(range(10, 310))) < 300 * 700  # 100 of each are in the index itself
+    file.finish()
+    with (tmp_path / "long.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics is not None
+    assert len(summary.chunk_indexes) == summary.statistics.chunk_count == 310
 
 
 def test_topics_are_found_by_the_index(start: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -407,15 +494,7 @@ def test_topics_are_found_by_the_index(start: Opener, monkeypatch: pytest.Monkey
             str(other), index_types=index_types, repeat_channels=repeats, repeat_schemas=repeats, enable_data_crcs=True
         )
         writer.start()
-        writer.add_metadata("flightlog", {"epoch_ns": str(EPOCH_NS)})
-        channels = {}
-        for topic, kind in LogReader(log.path).topics.items():
-            schema = writer.register_schema(kind.schema_name, "ros1msg", kind.definition.encode())
-            channels[topic] = writer.register_channel(topic, "ros1", schema)
-        for record in everything:
-            log_time = EPOCH_NS + record.time_ns
-            writer.add_message(channels[record.topic], log_time, record.data, log_time, record.sequence)
-        writer.finish()  # type: ignore[no-untyped-call]
+        rewrite(LogReader(log.path), everything, writer)
         assert agrees(other)
 
 
@@ -723,6 +802,24 @@ def test_full_disk_in_flight_is_said_and_what_is_written_stays_readable(start: O
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == len(numbers)
 
 
+def test_what_a_full_disk_takes_is_counted_where_metadata_ends_the_chunk(start: Opener) -> None:
+    log = start()
+    limit = log.path.stat().st_size
+    resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    os.kill(log.recorder_pid, signal.SIGSTOP)
+    count(log, range(10))
+    log._put(METADATA_CHANNEL, 0, msgspec.msgpack.encode(("landed", {"at": "home"})))
+    os.kill(log.recorder_pid, signal.SIGCONT)
+    until(lambda: log.fault is not None)
+    resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    count(log, range(10, 13))
+    until(lambda: log.written == 3)
+    log.close()
+    assert numbers_of(log.path) == [10, 11, 12]
+    end = LogReader(log.path).metadata["flightlog end"]
+    assert (end["records"], end["lost"]) == ("3", "11")
+
+
 def test_first_chunk_that_fails_does_not_take_the_channels_with_it(start: Opener) -> None:
     log = start()
     size = log.path.stat().st_size
@@ -764,9 +861,45 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def written(content: bytes, path: Path) -> tuple[list[Record], LogReader]:
+    path.unlink(missing_ok=True)  # quicker than to cut it, and nobody's reader loses the bytes that it has mapped
     path.write_bytes(content)
     reader = LogReader(path)
     return list(reader.records()), reader
+
+
+def rewrite(source: LogReader, records: list[Record], writer: Writer, between: Sequence[int] = ()) -> None:
+    """The records as the mcap package writes them, and now and then a message on each of the channels `between`."""
+    writer.add_metadata("flightlog", {"epoch_ns": str(source.epoch_ns)})
+    channels = {}
+    for topic, kind in source.topics.items():
+        schema = writer.register_schema(kind.schema_name, "ros1msg", kind.definition.encode())
+        channels[topic] = writer.register_channel(topic, "ros1", schema)
+    for number, record in enumerate(records):
+        log_time = source.epoch_ns + record.time_ns
+        for channel in between if number % 50 == 0 else ():
+            writer.add_message(channel, log_time, bytes(10), log_time)
+        writer.add_message(channels[record.topic], log_time, record.data, log_time, record.sequence)
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def encoded(*records: McapRecord) -> bytes:
+    """As the mcap package writes them."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+DEFINITION = encoded(Schema(1, b"float64 a", "ros1msg", "x/X"), Channel(1, "/x", "ros1", {}, 1))
+"""Of channel 1, as long as a record is."""
+START = MAGIC + encoded(Header("", ""), Metadata("flightlog", {"epoch_ns": "0"}))
+
+
+def chunked(content: bytes, *, packed: bytes | None = None, size: int | None = None, cut: int = 0) -> bytes:
+    """A log of one chunk that has no checksum, without its end; `cut` bytes of the chunk are missing."""
+    packed = zstandard.compress(content) if packed is None else packed
+    chunk = encoded(Chunk("zstd", packed + bytes(cut), 0, 0, 0, len(content) if size is None else size))
+    return START + chunk[: len(chunk) - cut]
 
 
 A_SLICE = 40_000
@@ -840,6 +973,178 @@ def test_flip_in_an_unfinished_file_costs_its_chunk_alone(finished: bytes, tmp_p
         if place > ends[0][0] + 100:
             assert records != whole
             assert "damaged" in reader.problem
+
+
+def test_messages_outside_of_chunks_are_read(finished: bytes, tmp_path: Path) -> None:
+    """All of a whole file, up to the cut of one that is cut; and none where they may be a damage between chunks."""
+    whole, source = written(finished, tmp_path / "whole.mcap")
+    path = tmp_path / "loose.mcap"
+    writer = Writer(str(path), use_chunking=False)
+    writer.start()
+    rewrite(source, whole, writer)
+    with path.open("rb") as file:
+        theirs = [(channel.topic, m.sequence, m.data) for _, channel, m in make_reader(file).iter_messages()]
+    reader = LogReader(path)
+    assert [(record.topic, record.sequence, record.data) for record in reader.records()] == theirs
+    assert list(reader.records()) == whole
+    assert reader.problem is None and reader.complete
+    assert list(reader.records((COUNT.topic,))) == [record for record in whole if record.topic == COUNT.topic]
+    content = path.read_bytes()
+    generator = random.Random(13)
+    for cut in [generator.randrange(len(content)) for _ in range(20)]:
+        records, reader = written(content[:cut], path)
+        assert records == whole[: len(records)]
+        assert sum(31 + len(record.data) for record in records) >= cut - 10_000
+        assert reader.problem is not None
+
+    (end, _), *_ = chunk_ends(source.path)
+    assert finished[end] == Opcode.MESSAGE_INDEX
+    flipped = finished[:end] + bytes([Opcode.MESSAGE]) + finished[end + 1 :]
+    records, reader = written(flipped, path)
+    assert records == whole
+    assert "messages between its chunks are left out" in str(reader.problem)
+
+
+def test_messages_before_and_behind_a_chunk_and_attachments_without_a_checksum_are_read(tmp_path: Path) -> None:
+    first, second, third = (HEADER.pack(5, LENGTH_OF_EMPTY + 8, 1, n, n, n) + bytes(8) for n in range(3))
+    attachment = encoded(Attachment(0, 0, "a", "b", b"c"))[:-4] + bytes(4)
+    chunk = chunked(second).removeprefix(START)
+    content = START + DEFINITION + first + chunk + third + attachment
+    end = encoded(DataEnd(zlib.crc32(content)), Footer(0, 0, 0)) + MAGIC
+    records, reader = written(content + end, tmp_path / "mixed.mcap")
+    assert [record.sequence for record in records] == [0, 1, 2]
+    assert reader.problem is None and reader.attachments == {"a": b"c"}
+
+
+def test_channels_of_other_tools_cost_their_own_messages_alone(finished: bytes, tmp_path: Path) -> None:
+    """Without a schema, of another encoding, with a nested or an unknown type, with more values than there is memory,
+    and a name twice: in a whole file, in one that is cut, and outside of chunks."""
+    whole, source = written(finished, tmp_path / "whole.mcap")
+    texts = ["Header header\nstring child", "string[] a", "float64[999999999999] a", f"uint8[{'9' * 5000}] a"]
+    texts += ["uint8[9000000] a\nuint8[9000000] b", "float32 a\nfloat32 a", "float32", "\xff \xfe", "duration a"]
+    path = tmp_path / "foreign.mcap"
+    for chunks in (True, False):
+        writer = Writer(str(path), chunk_size=1 << 18, use_chunking=chunks)
+        writer.start()
+        channels = [writer.register_channel("/without", "json", 0)]
+        for number, text in enumerate(texts):
+            schema = writer.register_schema(f"x/{number}", "ros1msg", text.encode("latin-1"))
+            channels.append(writer.register_channel(f"/{number}", "ros1", schema))
+        schema = writer.register_schema("x/Json", "jsonschema", b"{}")
+        channels.append(writer.register_channel("/json", "json", schema))
+        rewrite(source, whole, writer, channels)
+        records, reader = written(path.read_bytes(), path)
+        assert records == whole
+        assert reader.problem is None
+        assert reader.topics.keys() == source.topics.keys()
+        records, reader = written(path.read_bytes()[:400_000], path)
+        assert records == whole[: len(records)] and len(records) > 200
+        assert str(reader.problem).count(";") == chunks  # the cut, and the checksum of a chunk that is cut
+
+
+def test_a_message_longer_than_its_chunk_is_damage_and_those_before_it_are_kept(tmp_path: Path) -> None:
+    first, last = (HEADER.pack(5, LENGTH_OF_EMPTY + length, 1, 0, 0, 0) for length in (8, 1000))
+    content = DEFINITION + first + bytes(8) + last + bytes(999)
+    records, reader = written(chunked(content), tmp_path / "long.mcap")
+    assert records == [Record("/x", 0, 0, bytes(8))]
+    assert "something else than messages" in str(reader.problem)
+    records, reader = written(chunked(content + b"\0"), tmp_path / "long.mcap")
+    assert len(records) == 2
+    assert str(reader.problem).endswith(f"cut off at byte {reader.path.stat().st_size}")
+
+
+def test_what_unpacks_to_more_than_its_chunk_is_refused_before_it_does(tmp_path: Path) -> None:
+    """With the frame's own size in it and without, whole and cut."""
+    many = DEFINITION + bytes(1 << 26)
+    stated, unstated = (zstandard.ZstdCompressor(write_content_size=states).compress(many) for states in (True, False))
+    for packed in (stated, unstated):
+        with pytest.raises(zstandard.ZstdError):
+            decompressed(packed, 10)
+        for cut in (0, 1000):
+            path = tmp_path / "bomb.mcap"
+            path.write_bytes(chunked(b"", packed=packed, size=100, cut=cut))
+            tracemalloc.start()
+            reader = LogReader(path)
+            assert list(reader.records()) == []
+            most = tracemalloc.get_traced_memory()[1]
+            tracemalloc.stop()
+            assert most < 30_000_000
+            assert ("cut off at byte" if cut else "is damaged") in str(reader.problem)
+
+
+@pytest.mark.parametrize("epoch", ["9" * 400, "9" * 5000, str(1 << 63), "-1", "1.5", "²", ""])
+def test_a_start_time_that_is_none_is_said(epoch: str, tmp_path: Path) -> None:
+    table = encoded(Metadata("flightlog", {"epoch_ns": "0"})), encoded(Metadata("flightlog", {"epoch_ns": epoch}))
+    content = chunked(DEFINITION + HEADER.pack(5, LENGTH_OF_EMPTY + 8, 1, 0, 7, 7) + bytes(8)).replace(*table)
+    records, reader = written(content, tmp_path / "epoch.mcap")
+    assert reader.epoch_ns == 0 and [record.time_ns for record in records] == [7]
+    assert f"its start time is {'damaged' if epoch else 'missing'}" in str(reader.problem)
+
+
+def test_the_latest_start_time(tmp_path: Path) -> None:
+    latest = str((1 << 63) - 1)
+    table = encoded(Metadata("flightlog", {"epoch_ns": "0"})), encoded(Metadata("flightlog", {"epoch_ns": latest}))
+    _, reader = written(chunked(DEFINITION).replace(*table), tmp_path / "epoch.mcap")
+    assert str(reader.epoch_ns) == latest and "start time" not in str(reader.problem)
+
+
+@pytest.mark.parametrize("end", [DataEnd(1), Footer(1, 0, 1)])
+def test_the_data_is_summed_once_however_many_ends_there_are(
+    end: McapRecord, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    summed = []
+    crc = LogReader._crc
+
+    def counted(reader: LogReader, start: int, stop: int) -> int:
+        summed.append(stop - start)
+        return crc(reader, start, stop)
+
+    monkeypatch.setattr(LogReader, "_crc", counted)
+    _, reader = written(chunked(DEFINITION) + 1000 * encoded(end) + MAGIC, tmp_path / "ends.mcap")
+    assert len(summed) <= 1
+    assert reader.problem is not None
+
+
+def test_what_is_no_table_is_said(tmp_path: Path) -> None:
+    """A field that is called as the time is, no fields at all, and a time that numpy has no number for."""
+    for text, data in ((b"int64 time_ns", bytes(8)), (b"", b"")):
+        kind = encoded(Schema(1, text, "ros1msg", "x/X"), Channel(1, "/x", "ros1", {}, 1))
+        message = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), 1, 0, 7, 7) + data
+        _, reader = written(chunked(kind + message), tmp_path / "table.mcap")
+        if text:
+            with pytest.raises(FlightLogError, match="a field time_ns of its own"):
+                reader.array("/x")
+        else:
+            table = reader.array("/x")
+            assert table["time_ns"].tolist() == [7] and table.dtype.names == ("time_ns",)
+    late = HEADER.pack(5, LENGTH_OF_EMPTY + 8, 1, 0, 1 << 63, 0) + bytes(8)
+    _, reader = written(chunked(DEFINITION + late), tmp_path / "late.mcap")
+    with pytest.raises(FlightLogError, match="time beyond all clocks"):
+        reader.array("/x")
+
+
+def test_no_content_of_a_chunk_raises_anything(tmp_path: Path) -> None:
+    """Bytes changed below the checksums: the reader knows nothing of the damage, and stumbles over none of it."""
+    messages = b"".join(
+        HEADER.pack(5, LENGTH_OF_EMPTY + 8, 1, number, number, number) + bytes(8) for number in range(3)
+    )
+    attachment = encoded(Attachment(0, 0, "a", "b", b"c"))
+    content = DEFINITION + messages + encoded(Metadata("m", {"k": "v"})) + attachment + messages
+    lies = [bytes(8), b"\xff" * 8, b"\xff" * 7 + b"\x7f", b"\x01" + bytes(7)]
+    for place, lie, size in itertools.product(range(len(content)), lies, (1, 2, 4, 8)):
+        damaged = content[:place] + lie[:size] + content[place + size :]
+        _, reader = written(chunked(damaged), tmp_path / "lie.mcap")
+        for topic in reader.topics:
+            with contextlib.suppress(FlightLogError):
+                reader.array(topic)
+
+
+def test_an_attachment_longer_than_any_file(tmp_path: Path) -> None:
+    attachment = bytearray(encoded(Attachment(0, 0, "a", "b", b"c"))[:-4])
+    attachment[-9:-1] = b"\xff" * 8
+    attachment += struct.pack("<I", zlib.crc32(attachment[9:]))
+    _, reader = written(chunked(DEFINITION) + attachment, tmp_path / "long.mcap")
+    assert reader.attachments == {} and "cut off at byte" in str(reader.problem)
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:

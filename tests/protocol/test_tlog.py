@@ -8,6 +8,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from protocol import tlog
 from protocol.flightlog import FlightLogError
 from protocol.framing import Framer
 from protocol.tlog import Entry, TlogReader, from_vehicle, is_tlog, write
@@ -103,6 +104,34 @@ def test_what_is_none_is_refused(tmp_path: Path, content: bytes) -> None:
     assert not is_tlog(path)
     with pytest.raises(FlightLogError, match=r"no\.tlog: neither"):
         TlogReader(path)
+
+
+def test_unknown_messages_at_the_start_are_entries(tmp_path: Path) -> None:
+    """They have no checksum to go by, but entry follows on entry."""
+    known = bytes(dialect.MAVLink_heartbeat_message(2, 3, 81, 5, 4, 3).pack(dialect.MAVLink(None, 1, 1)))
+    unknown = known[:7] + b"\x9a\x01" + known[9:]
+    for frames in ([unknown, unknown, known], [unknown] * 3, [unknown] * 5000):
+        path = tmp_path / f"{len(frames)}{len(set(frames))}.tlog"
+        expected = [Entry(NOW_US + number, frame) for number, frame in enumerate(frames)]
+        write(path, expected)
+        reader = TlogReader(path)
+        assert list(reader.entries()) == expected and reader.problem is None
+
+
+def test_no_more_is_searched_than_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a large file full of what could be frames."""
+    checked = 0
+
+    def count(data: bytes) -> bool:
+        nonlocal checked
+        checked += 1
+        return False
+
+    monkeypatch.setattr(tlog, "_sound", count)
+    candidate = b"\0" * 8 + b"\xfe\0"
+    (tmp_path / "a.tlog").write_bytes(b"#" + candidate * 100_000)
+    assert not is_tlog(tmp_path / "a.tlog")
+    assert 0 < checked <= (1 << 16) // len(candidate) + 1
 
 
 def test_who_is_the_vehicle() -> None:

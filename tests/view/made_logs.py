@@ -62,13 +62,14 @@ def make(
     result: Mapping[str, str] | None = None,
     trace_rate: float = 250.0,
     motion_every: int = 5,
+    traced: float = math.inf,
     planned: Callable[[float], Sequence[tuple[float, float]]] | None = None,
 ) -> Path:
     """A log of `seconds`, 250 control steps in each, with the vehicle's telemetry beside them.
 
-    The log keeps `trace_rate` (Hz) of the trace. `change` may edit each step's; the vehicle tells its motion each
-    `motion_every` steps; `late_ms` by number of the step; the vehicle is silent between two times and
-    its position is 1.5 m off from `jump_at` on. `planned` tells the corners of the way that is planned at a time.
+    The log keeps `trace_rate` (Hz) of the trace, which ends at `traced`. `change` may edit each step's; the vehicle
+    tells its motion each `motion_every` steps; `late_ms` by number of the step; the vehicle is silent between two times
+    and its position is 1.5 m off from `jump_at` on. `planned` tells the corners of the way that is planned at a time.
     """
     vehicle, thinning = Encoder(1, 1), Thinning(trace_rate)
     log = FlightLog.open(
@@ -90,7 +91,7 @@ def make(
             north = SPEED * time + (1.5 if time >= jump_at else 0.0)
             said = telemetry(vehicle, step, north, values["rates_frd"], motion_every)
             log.datagram(time_ns, Direction.IN, VEHICLE, said)
-        for at_ns, record in thinning.step(time_ns, packed(values)):
+        for at_ns, record in thinning.step(time_ns, packed(values)) if time < traced else ():
             log.record(LOGGED, at_ns, record)
         if planned is not None and step % 16 == 0:
             log.record(PLANNED, time_ns, plan(step, planned(time)))

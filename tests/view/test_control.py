@@ -128,6 +128,20 @@ def test_a_vehicle_flies_to_the_place_that_it_is_sent_to(flight: Flight, tells_h
     assert flight.vehicle.motion.speed < 0.05
 
 
+@pytest.mark.parametrize("height", [-3.0, 0.4, 120.5, 200.0])
+def test_nobody_is_sent_too_high_or_into_the_ground(flight: Flight, height: float) -> None:
+    """Whatever was typed; the question says it, too."""
+    flight.fly(2.0)
+    flight.take_off()
+    target = np.array([5.0, 0.0, -height])
+    flight.control.send_to(target)
+    assert flight.control.answer == f"go to: {height:.1f} m is not between 0.5 and 120.0 m"
+    assert f"Not sent: {height:.1f} m" in go_to_words(np.zeros(3), target, b"")
+    before = flight.vehicle.motion.position_ned
+    flight.fly(3.0)
+    assert flight.vehicle.motion.position_ned == pytest.approx(before, abs=0.1)
+
+
 def test_nobody_is_sent_anywhere_before_it_is_known_where_that_is() -> None:
     control = Control(lambda data: None, lambda: 0)
     control.send_to(np.zeros(3))

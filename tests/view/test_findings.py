@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from companion.avoidance.guard import Reason
+from companion.config import Settings
 from companion.logs.writer import Writer
 from companion.mission import Phase
+from companion.supervisor import State
 from companion.view.findings import Finding, Level, events, findings
 from companion.view.gather import Gathered
 from protocol.flightlog import Direction
@@ -100,6 +102,42 @@ def test_a_command_at_the_end_of_its_range_is_said(
     ends = [finding for finding in found if finding.text.endswith("reached the end of its range.")]
     assert [finding.level for finding in ends] == levels, "the torque is not what is sent with rates"
     assert ends[0].at == pytest.approx((3.0,))
+
+
+@pytest.mark.parametrize(("state", "counts"), [(State.RELINQUISHED, False), (State.FLY, True)])
+def test_what_others_fly_is_near_all_the_same_but_none_of_our_commands(
+    tmp_path: Path, state: State, counts: bool
+) -> None:
+    """A second with something 0.3 m away, in which the companion's command is at its limit."""
+
+    def change(time: float, values: Values) -> None:
+        if 5.0 <= time < 6.0:
+            values |= {"state": state.value, "limited": True, "blocked": True, "clearance": 0.3}
+
+    flight = Gathered(make(tmp_path, 10.0, change=change))
+    clearance = about(findings(flight), "clearance")
+    assert "0.30 m" in clearance.text and clearance.at == (5.0,)
+    assert ("No limit" in about(findings(flight), "saturation").text) is not counts
+    assert any(finding.about == "avoidance" for finding in findings(flight)) is counts
+
+
+def test_the_share_of_steps_with_too_little_room_is_counted_by_the_settings_own_distance(tmp_path: Path) -> None:
+    """Half a second each with 1.1 and 1.3 m, of 10: safe_distance is 1.2 m."""
+    assert Settings().avoidance.safe_distance == 1.2
+
+    def change(time: float, values: Values) -> None:
+        values["clearance"] = 1.1 if time < 0.5 else 1.3 if time < 1.0 else 4.0
+
+    evidence = about(findings(Gathered(make(tmp_path, 10.0, change=change))), "clearance").evidence
+    assert evidence[1] == "5.0 % of the steps with something near were within 1.2 m"
+
+
+def test_a_vehicle_that_falls_silent_for_good_has_a_gap_to_the_log_s_end(tmp_path: Path) -> None:
+    found = [
+        finding for finding in findings(Gathered(make(tmp_path, silent=(16.0, 20.0)))) if finding.about == "telemetry"
+    ]
+    assert [finding.level for finding in found] == [Level.WARNING] * 2
+    assert all(finding.evidence[0].startswith("4016 ms from 15.98 s") for finding in found)
 
 
 def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """The report as a browser shows it: complete in one file, every chart drawn, no error; for our logs and for others'."""
 
+import base64
+import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -8,17 +10,25 @@ import msgspec
 import numpy as np
 import pytest
 
+from companion.logs.writer import Writer
 from companion.view.gather import Gathered
+from companion.view.lines import Floats
 from companion.view.report import Page, compose, write
-from protocol.flightlog import FlightLogError
+from companion.view.scene import solids
+from protocol.flightlog import Direction, FlightLogError
+from protocol.messages import Encoder, dialect
 from tests.view.browser import needs_chromium, opened
-from tests.view.made_logs import from_tlog, make
+from tests.view.made_logs import SPEED, WORLD, from_tlog, make
 
 SHOWS = """([start, stop]) => Array.from(document.querySelectorAll(".plot"))
   .filter(plot => plot.layout.shapes?.length).map(plot => plot.layout.xaxis.range)
   .every(range => Math.abs(range[0] - start) < 1e-6 && Math.abs(range[1] - stop) < 1e-6)"""
 """Whether every chart over time shows that stretch."""
 DATA = Path(__file__).resolve().parent.parent / "data"
+
+
+def points(packed: str) -> Floats:
+    return np.frombuffer(base64.b64decode(packed), "<f4")
 
 
 @needs_chromium
@@ -37,15 +47,62 @@ def test_the_report_opens_draws_every_chart_and_follows_a_look(tmp_path: Path) -
             "() => { const way = document.querySelector('.plot').data.find(line => line.name === 'flown');"
             " return [Math.max(...way.y), Math.max(...way.x)]; }"
         )
-        assert flown == pytest.approx([2.0 * 19.996, 0.0], abs=0.05)
+        assert flown == pytest.approx([2.0 * 19.98 + 1.5, 0.0], abs=0.01), "as the vehicle told it"
         obstacles = page.evaluate("document.querySelectorAll('.plot')[1].data.at(-1).i.length")
         assert obstacles == sum(len(solid.faces) for solid in compose(Gathered(tmp_path / "flight.mcap")).solids) // 3
         page.locator(".finding.warning button").first.click()
         page.wait_for_function(SHOWS, arg=[10.0, 20.0])
         page.locator("#whole").click()
         page.wait_for_function(SHOWS, arg=[0.0, 19.996])
+        page.locator(".finding.warning button").first.click()
+        page.wait_for_function(SHOWS, arg=[10.0, 20.0])
+        plots.nth(2).locator(".nsewdrag").dblclick()
+        page.wait_for_function(SHOWS, arg=[0.0, 19.996])
+        assert not page.locator("#whole").is_visible()
         assert page.locator("#title").inner_text() == "made"
         assert errors == []
+
+
+def test_the_motion_is_drawn_to_its_end_though_the_trace_ends_before(tmp_path: Path) -> None:
+    page = compose(Gathered(make(tmp_path, traced=12.0)))
+    charts = {chart.title: {curve.name: points(curve.x) for curve in chart.curves} for chart in page.charts}
+    for title in ("Height", "Speed", "Position north", "Velocity down", "Roll", "Pitch rate"):
+        assert charts[title]["is"][-1] == pytest.approx(19.98)
+        assert charts[title]["wanted"][-1] == pytest.approx(12.0, abs=0.05)
+    (flown,) = [way for way in page.ways if way.name == "flown"]
+    assert points(flown.north)[-1] == pytest.approx(SPEED * 19.98)
+    assert [(band.name, round(band.start), round(band.stop)) for band in page.bands] == [
+        ("route", 0, 10),
+        ("return", 10, 12),
+        ("external control", 12, 19),
+    ]
+
+
+def test_only_what_stands_around_the_path_is_drawn(tmp_path: Path) -> None:
+    """A street of 120 m, of which 4 m are flown."""
+    shown = {solid.name for solid in compose(Gathered(make(tmp_path, 2.0))).solids}
+    everything = solids(WORLD)
+    near = {prism.name for prism in everything if min(abs(north) + abs(east) for north, east in prism.outline) < 20.0}
+    far = {prism.name for prism in everything if min(north for north, _ in prism.outline) > 40.0}
+    assert near and far and near <= shown and not shown & far
+
+
+def test_the_greatest_tilt_is_of_the_whole_attitude(tmp_path: Path) -> None:
+    """Roll and pitch of 30 degrees each lean by 41.4: cos 30 deg squared is 3/4."""
+    path, vehicle = tmp_path / "leaning.mcap", Encoder(1, 1)
+    with Writer(path, 0, {}) as writer:
+        for number, angle in enumerate((0.0, math.pi / 6.0)):
+            beat = (dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_PX4, 0, 0, 3, 3)
+            attitude = (20 * number, angle, angle, 1.0, 0.0, 0.0, 0.0)
+            data = vehicle.encode_fields(dialect.MAVLink_heartbeat_message, *beat)
+            data += vehicle.encode_fields(dialect.MAVLink_attitude_message, *attitude)
+            writer.datagram(number * 20_000_000, number, Direction.IN, "", data)
+    assert ("greatest tilt", f"{math.degrees(math.acos(0.75)):.0f}°") in compose(Gathered(path)).tiles
+
+
+def test_px4_s_integer_parameters_are_read_by_their_bits(tmp_path: Path) -> None:
+    shown = dict(compose(Gathered(from_tlog(DATA / "px4_offboard.tlog", tmp_path))).parameters)
+    assert (shown["CAL_ACC0_ID"], shown["CAL_MAG0_PRIO"], shown["CAL_BARO0_OFF"]) == ("1310988", "50", "0")
 
 
 def test_nothing_is_fetched_from_elsewhere(tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ from mcap_ros1.decoder import DecoderFactory as Ros1DecoderFactory
 from companion.logs.writer import Writer
 from companion.view.foxglove import convert
 from protocol.datafile import ROOT
-from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader
+from protocol.flightlog import DATAGRAM, TEXT, Direction, FlightLogError, LogReader
 from protocol.frames import from_euler
-from protocol.messages import Encoder
+from protocol.messages import Encoder, dialect
 from tests.view.made_logs import SPEED, STEP_NS, Values, from_tlog, make, telemetry
 
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -65,7 +65,7 @@ def test_every_topic_is_there_with_foxgloves_own_schema_and_all_that_was_recorde
 
     log = make(tmp_path, 4.0, change=change)
     before = log.read_bytes()
-    target, added = convert(log)
+    target, added, _ = convert(log)
     assert target == tmp_path / "flight_foxglove.mcap"
     found = decoded(target)
     mine = {topic for topic in found if topic.startswith("/foxglove/")}
@@ -194,6 +194,19 @@ def test_flights_of_other_systems_are_drawn_too(tmp_path: Path, name: str) -> No
         if topic.endswith("/STATUSTEXT")
         for record in LogReader(log).records((topic,))
     ]
+
+
+def test_the_vehicle_s_words_are_there_once(tmp_path: Path) -> None:
+    """By the companion's log, which repeats them; without one by the sender's ids."""
+    said = Encoder(1, 1).encode_fields(dialect.MAVLink_statustext_message, 4, b"low battery")
+    for own in (False, True):
+        log = tmp_path / f"{own}.mcap"
+        with Writer(log, 0, {}) as writer:
+            writer.datagram(0, 0, Direction.IN, "", said)
+            if own:
+                writer.record(TEXT, 1, 1, TEXT.pack(0, 1, 3, "low battery", "vehicle", "", 0))
+        ((_, line),) = decoded(convert(log)[0])["/foxglove/log"]
+        assert (line.message, line.name) == ("low battery", "vehicle" if own else "1/1")
 
 
 def test_a_log_is_never_written_over(tmp_path: Path) -> None:

@@ -84,6 +84,17 @@ def test_stretches_do_not_depend_on_how_the_stream_is_cut(values: list[int], cut
     assert sum(parts.seconds.values()) == pytest.approx(times[-1])
 
 
+@pytest.mark.parametrize(
+    ("intervals", "usual"),
+    [([0.064] * 40, 0.064), ([1.0, 1.0, 30.0], 1.0), ([1e-5, 1e-5, 1e-5, 0.1] * 20, 0.025), ([], 0.0)],
+)
+def test_the_usual_interval_is_never_longer_than_the_longest(intervals: list[float], usual: float) -> None:
+    """Also of what comes with pauses, and several at once."""
+    clock = Regularity()
+    clock.add(np.cumsum([5.0, *intervals]))
+    assert clock.usual == pytest.approx(usual, rel=1e-3)
+
+
 def test_the_longest_silences_are_found_across_batches() -> None:
     times = np.cumsum(np.full(10_000, 0.02))
     times[5000:] += 1.0
@@ -94,8 +105,7 @@ def test_the_longest_silences_are_found_across_batches() -> None:
     (longest, at), (second, after), *_ = clock.gaps
     assert [longest, at] == pytest.approx([1.02, times[4999]])
     assert [second, after] == pytest.approx([0.52, times[8191]])
-    assert clock.quantile(0.5) == pytest.approx(0.02, rel=0.13)
-    assert clock.longer_than(0.1) == 2
+    assert clock.usual == pytest.approx(0.02)
     assert clock.rate == pytest.approx(9999 / (times[-1] - times[0]))
 
 

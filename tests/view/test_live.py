@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator
 
+from companion.avoidance.grid import FAR_M
 from companion.avoidance.guard import Reason
-from companion.view.history import History, quaternions
-from companion.view.live import _BEHIND, Page, ahead, turned, words
+from companion.view.history import History, Moment, quaternions
+from companion.view.live import _BEHIND, _LOUD, Page, ahead, turned, words
 from companion.view.sources import GrowingLog, Link, Source, newest, open_log
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
@@ -30,6 +31,10 @@ def filled(source: Source) -> History:
     for batch in source.poll():
         history.take(batch)
     return history
+
+
+def said(moment: Moment) -> str:
+    return words(moment, "made", " of 20.0 s", None)
 
 
 def test_a_moment_is_what_was_logged_at_that_time(tmp_path: Path) -> None:
@@ -58,7 +63,7 @@ def test_the_guard_s_intervention_is_seen_for_a_while_and_only_then(tmp_path: Pa
     for time, is_seen in ((2.9, False), (3.05, True), (3.5, True), (3.7, False)):
         plan = history.at(time).plan
         assert plan is not None and (plan.guard == "keeps room to stop") is is_seen
-        text = words(history.at(time), ended=True, problem=None)
+        text = said(history.at(time))
         assert ("keeps room to stop" in text) is is_seen and ("quiet" in text) is not is_seen
     plan = history.at(3.5).plan
     assert plan is not None
@@ -87,7 +92,7 @@ def test_what_has_become_too_old_is_not_shown(tmp_path: Path) -> None:
     silent = history.at(9.0)
     assert silent.position_ned is None and len(silent.returns_frd) == 0
     assert silent.link_age == pytest.approx(4.02)
-    assert "heard 4020 ms ago" in words(silent, ended=True, problem=None)
+    assert "heard 4020 ms ago" in said(silent)
     assert history.at(12.5).position_ned is not None
 
 
@@ -110,14 +115,30 @@ def test_a_growing_log_gives_each_record_once_wherever_it_is_cut(tmp_path: Path)
     assert np.array_equal(history.reference_ned(), wanted.reference_ned())
 
 
-def test_a_log_that_was_cut_off_is_shown_as_far_as_it_goes(tmp_path: Path) -> None:
+def test_a_log_without_an_end_may_grow_if_it_was_written_to_lately_and_was_cut_off_otherwise(tmp_path: Path) -> None:
     path = make(tmp_path, 4.0)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    source = open_log(path)
-    assert isinstance(source, GrowingLog)
-    history = filled(source)
+    growing = open_log(path)
+    assert isinstance(growing, GrowingLog)
+    history = filled(growing)
     assert 0.5 < history.end < 4.0
-    assert not source.ended
+    assert not growing.ended
+    os.utime(path, (1.7e9, 1.7e9))
+    cut = open_log(path)
+    assert filled(cut).end == pytest.approx(history.end, abs=0.1)
+    assert cut.ended and cut.problem is not None and "cut off" in cut.problem
+
+
+def test_the_clearance_is_drawn_up_to_where_it_is_known(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        values["clearance"] = 1.5 if 2.0 <= time < 3.0 else math.inf
+
+    times, clearance = filled(open_log(make(tmp_path, 5.0, change=change))).clearance(0.0, 5.0)
+    near = (times > 2.01) & (times < 2.99)
+    assert clearance[near] == pytest.approx(1.5)
+    assert clearance[(times < 1.99) | (times > 3.01)] == pytest.approx(FAR_M)
+    alone = filled(open_log(make(tmp_path / "alone", 5.0, traced=0.0)))
+    assert alone.clearance(0.0, 5.0)[1] == pytest.approx(3.0), "the ring's nearest return"
 
 
 def test_a_damaged_log_is_said_to_be_damaged(tmp_path: Path) -> None:
@@ -173,8 +194,32 @@ def test_the_newest_flight_is_found(tmp_path: Path) -> None:
 
 def test_what_a_vehicle_says_can_t_become_part_of_the_page(tmp_path: Path) -> None:
     history = filled(open_log(make(tmp_path, 1.0)))
-    text = words(history.at(0.5), ended=True, problem="<script>")
-    assert "<script>" not in text and "&lt;script&gt;" in text
+    text = words(history.at(0.5), "<b>", " <i>", "<script>")
+    for tag in ("script", "b", "i"):
+        assert f"<{tag}>" not in text and f"&lt;{tag}&gt;" in text
+
+
+def test_time_goes_on_where_a_vehicle_falls_silent_and_the_page_says_so() -> None:
+    ours, theirs = Memory.pair()
+    live = Page(Link("memory", ours, b""), 0)
+    vehicle = Encoder(1, 1)
+    try:
+        theirs.send(telemetry(vehicle, 0, 1.0))
+        for _ in range(20):
+            live.step(0.0)
+        assert "heard 0 ms ago" in live._words.content and ", live" in live._words.content
+        for _ in range(20):
+            live.step(0.25)
+        live.step(0.0)
+        text = live._words.content
+        assert "heard 5000 ms ago" in text and "nothing new for 5 s" in text and "north" not in text
+        assert text.count(_LOUD) == 2, "the time and the link"
+        theirs.send(telemetry(vehicle, 25, 1.0))
+        for _ in range(5):
+            live.step(0.0)
+        assert ", live" in live._words.content
+    finally:
+        live.stop()
 
 
 T = TypeVar("T")
@@ -207,7 +252,10 @@ def test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider(tmp_path
 
     try:
         drawn(2.0)
+        assert live._time == 0.0, "it waits for somebody to look"
         with opened(f"http://127.0.0.1:{live.port}") as (page, errors):
+            wait_for(lambda: (page.screenshot(), live._somebody)[1], bool)
+            drawn(2.0)
 
             def read(words: Locator) -> str:
                 drawn()
@@ -249,6 +297,15 @@ def test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider(tmp_path
             assert page.locator("#phase").inner_text() == "return"
             wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) == 0)
             assert page.locator(".uplot").count() == 3
+            go_to("19")
+            page.get_by_label("play", exact=True).evaluate("box => box.click()")
+            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("19.00 s of 20.0 s"))
+            drawn(5.0)
+            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("20.00 s"))
+            for _ in range(2):  # off, and on again: from the beginning
+                page.get_by_label("play", exact=True).evaluate("box => box.click()")
+                drawn()
+            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("0.00 s"))
             assert errors == []
     finally:
         live.stop()

@@ -7,7 +7,10 @@ import pytest
 from typer.testing import CliRunner
 
 from companion.cli import app
-from companion.shell import UNUSABLE
+from companion.cli_view import flight_log
+from companion.shell import ABANDONED, FAILED, UNUSABLE
+from companion.view.foxglove import Converter
+from protocol.flightlog import LogReader
 from tests.view.made_logs import make
 
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -48,3 +51,43 @@ def test_an_unknown_world_is_one_line() -> None:
     done = CliRunner().invoke(app, ["view", "udpin:127.0.0.1:0", "--world", "nowhere"])
     assert done.exit_code == UNUSABLE
     assert len(done.output.splitlines()) == 1 and "nowhere" in done.output
+
+
+def test_a_telemetry_log_keeps_its_name_and_its_date(tmp_path: Path) -> None:
+    source = DATA / "px4_offboard.tlog"
+    with flight_log(source) as shown:
+        flight = LogReader(shown.path).metadata["flight"]
+    assert flight["source"] == str(source) and shown.problem is None
+    assert float(flight["started_unix_s"]) == pytest.approx(int.from_bytes(source.read_bytes()[:8], "big") * 1e-6)
+
+
+def test_what_is_whole_of_a_damaged_log_is_drawn_and_it_is_said(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(make(tmp_path, 1.0).read_bytes()[:-100])
+    telemetry = tmp_path / "cut.tlog"
+    telemetry.write_bytes((DATA / "px4_offboard.tlog").read_bytes()[:-5])
+    for log in (cut, telemetry):
+        done = CliRunner().invoke(app, ["foxglove", str(log)])
+        assert done.exit_code == FAILED and "cut" in done.stderr and str(log) in done.stderr
+        assert log.with_name("cut_foxglove.mcap").exists()
+
+
+@pytest.mark.parametrize("command", ["report", "foxglove", "view"])
+def test_nothing_is_made_of_nothing(tmp_path: Path, command: str) -> None:
+    log = tmp_path / "empty.tlog"
+    log.touch()
+    done = CliRunner().invoke(app, [command, str(log)])
+    assert done.exit_code == UNUSABLE and done.output == f"companion: {log}: an empty file\n"
+    assert list(tmp_path.iterdir()) == [log]
+
+
+def test_ctrl_c_while_drawing_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where it comes while protobuf works, which makes something else of it."""
+    log = make(tmp_path, 1.0)
+
+    def interrupted(self: Converter) -> int:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(Converter, "run", interrupted)
+    assert CliRunner().invoke(app, ["foxglove", str(log)]).exit_code == ABANDONED
+    assert list(tmp_path.iterdir()) == [log]

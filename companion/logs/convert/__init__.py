@@ -2,47 +2,59 @@
 
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 from companion.logs.convert import telemetry
-from protocol.flightlog import FlightLogError
-from protocol.tlog import is_tlog
+from companion.logs.traffic import open_log, traffic_of
+from companion.target import output
+from protocol.flightlog import FlightLogError, LogReader
 
 FORMS = ("mcap", "tlog", "ulog", "csv", "parquet")
 _SUFFIXES = {".mcap": "mcap", ".tlog": "tlog", ".ulg": "ulog", ".ulog": "ulog"}
 
 
-def convert(source: Path, target: Path, form: str | None = None) -> list[str]:
-    """Write `source`, a flight log or a telemetry log, to `target` in one of FORMS (None: by its suffix); what was
-    written, a line each.
+class Converted(NamedTuple):
+    """What came of it."""
 
-    Raises FlightLogError if the one can't be read, the other can't be made, or the form isn't known.
+    written: list[str]
+    """A line each."""
+    problem: str | None
+    """What is wrong with the source; what is whole of it was written."""
+
+
+def convert(source: Path, target: Path, form: str | None = None) -> Converted:
+    """Write `source`, a flight log or a telemetry log, to `target` in one of FORMS (None: by its suffix).
+
+    Raises FlightLogError if the one can't be read, the other can't be made or is there already, or the form isn't one.
     """
     form = form or _SUFFIXES.get(target.suffix)
     if form not in FORMS:
         raise FlightLogError(f"{target}: which form? There are --as {', '.join(FORMS)}")
-    if not is_tlog(source):
-        return _from_flight_log(source, target, form)
-    if form == "mcap":
-        return [f"{telemetry.to_flight_log(source, target)} entries: {target}"]
-    if form == "tlog":
-        raise FlightLogError(f"{source}: a telemetry log already")
-    with tempfile.TemporaryDirectory() as folder:
-        between = Path(folder) / "flight.mcap"
-        telemetry.to_flight_log(source, between)
-        return _from_flight_log(between, target, form)
+    log = open_log(source)
+    if form == ("mcap" if isinstance(log, LogReader) else "tlog"):
+        raise FlightLogError(f"{source}: a {'flight' if form == 'mcap' else 'telemetry'} log already")
+    with output(target, parents=form in ("csv", "parquet")) as draft:
+        if isinstance(log, LogReader):
+            written = _from_flight_log(log, draft, target, form)
+        elif form == "mcap":
+            written = [f"{telemetry.to_flight_log(traffic_of(log), draft)} entries: {target}"]
+        else:
+            with tempfile.TemporaryDirectory() as folder:
+                between = Path(folder) / "flight.mcap"
+                telemetry.to_flight_log(traffic_of(log), between)
+                written = _from_flight_log(LogReader(between), draft, target, form)
+    return Converted(written, log.problem)
 
 
-def _from_flight_log(source: Path, target: Path, form: str) -> list[str]:
+def _from_flight_log(log: LogReader, draft: Path, target: Path, form: str) -> list[str]:
     # Each form's own imports are the form's alone.
     if form == "tlog":
-        return [f"{telemetry.from_flight_log(source, target)} frames: {target}"]
+        return [f"{telemetry.from_flight_log(log, draft)} frames: {target}"]
     if form == "ulog":
         from companion.logs.convert.ulog import to_ulog
 
-        return [f"{to_ulog(source, target)} records: {target}"]
-    if form == "mcap":
-        raise FlightLogError(f"{source}: a flight log already")
+        return [f"{to_ulog(log, draft)} records: {target}"]
     from companion.logs.convert.tables import to_tables
 
-    written = to_tables(source, target, "csv" if form == "csv" else "parquet")
-    return [f"{rows} rows: {target / name}" for name, rows in sorted(written.items())]
+    rows = to_tables(log, draft, "csv" if form == "csv" else "parquet")
+    return [f"{count} rows: {target / name}" for name, count in sorted(rows.items())]

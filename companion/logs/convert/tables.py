@@ -1,6 +1,7 @@
 """A table for each topic of a flight log: CSV or Parquet files in a folder, a row a message."""
 
-import csv
+import itertools
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -9,72 +10,81 @@ from typing import Any, Literal
 
 import numpy as np
 
-from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, RecordType
+from companion.logs.convert.records import records, unpack
+from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record, RecordType
 
 TIME = "time_ns"
 """First column: from the log's time 0."""
 _BATCH = 4096
+_LONGEST_NAME = 200
 Column = tuple[str, Any]
 """Its name; values as an array with a row a message, or a list of str or bytes."""
 
 
-def to_tables(source: Path, folder: Path, kind: Literal["csv", "parquet"]) -> dict[str, int]:
+def to_tables(log: LogReader, folder: Path, kind: Literal["csv", "parquet"]) -> dict[str, int]:
     """Write a file for each topic but the datagrams themselves; the rows in each by its name.
 
     Arrays of fixed length become columns `name[0]`, `name[1]`, ... in CSV and lists in Parquet; bytes are hexadecimal
-    in CSV. Raises FlightLogError if the log can't be read, the folder is there already, or pyarrow is missing.
+    in CSV. Raises FlightLogError if the log can't be read or pyarrow is missing, OSError if the folder is there
+    already or can't be written.
     """
-    log = LogReader(source)
     kinds = {topic: record_type for topic, record_type in log.topics.items() if topic != DATAGRAM.topic}
     table = _Csv if kind == "csv" else _parquet()
-    try:
-        folder.mkdir(parents=True)
-        with ExitStack() as stack:
-            tables: dict[str, _Table] = {}
-            for record in log.records(kinds):
-                each = tables.get(record.topic)
-                if each is None:
-                    path = folder / f"{_file_name(record.topic)}.{kind}"
-                    each = tables[record.topic] = stack.enter_context(table(path, kinds[record.topic]))
-                each.add(record.time_ns, record.data)
-    except OSError as error:
-        raise FlightLogError(f"{error.filename or folder}: {error.strerror or error}") from error
+    folder.mkdir()
+    names: set[str] = set()
+    with ExitStack() as stack:
+        tables: dict[str, _Table] = {}
+        for record in records(log, kinds):
+            each = tables.get(record.topic)
+            if each is None:
+                path = folder / f"{_file_name(record.topic, names)}.{kind}"
+                each = tables[record.topic] = stack.enter_context(table(path, log, kinds[record.topic]))
+            each.add(record)
     return {each.path.name: each.rows for each in tables.values()}
 
 
-def _file_name(topic: str) -> str:
-    return topic.removeprefix("/mavlink/").strip("/").replace("/", "_")
+def _file_name(topic: str, taken: set[str]) -> str:
+    """Without what a file's name can't have, and none that is taken, also where case makes no difference."""
+    plain = re.sub(r"[^\w.-]", "_", topic.removeprefix("/mavlink/").strip("/"))[:_LONGEST_NAME] or "_"
+    name = next(name for number in itertools.count(1) if (name := _numbered(plain, number)).casefold() not in taken)
+    taken.add(name.casefold())
+    return name
+
+
+def _numbered(name: str, number: int) -> str:
+    return name if number == 1 else f"{name}_{number}"
 
 
 class _Table(ABC):
     """One file; rows are gathered and written many at a time."""
 
-    def __init__(self, path: Path, kind: RecordType) -> None:
+    def __init__(self, path: Path, log: LogReader, kind: RecordType) -> None:
         self.path = path
         self.rows = 0
+        self._log = log
         self._kind = kind
-        self._times: list[int] = []
-        self._data: list[bytes] = []
+        self._records: list[Record] = []
 
     def __enter__(self) -> "_Table":
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._flush()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self._flush()
         self.close()
 
-    def add(self, time_ns: int, data: bytes) -> None:
+    def add(self, record: Record) -> None:
         """A row."""
-        self._times.append(time_ns)
-        self._data.append(data)
+        self._records.append(record)
         self.rows += 1
-        if len(self._times) == _BATCH:
+        if len(self._records) == _BATCH:
             self._flush()
 
     def _flush(self) -> None:
-        if self._times:
-            self.write([(TIME, np.array(self._times, np.int64)), *_columns(self._kind, self._data)])
-            self._times, self._data = [], []
+        if self._records:
+            times = np.array([record.time_ns for record in self._records], np.int64)
+            self.write([(TIME, times), *_columns(self._log, self._kind, self._records)])
+            self._records = []
 
     @abstractmethod
     def write(self, columns: Sequence[Column]) -> None:
@@ -84,14 +94,14 @@ class _Table(ABC):
     def close(self) -> None: ...
 
 
-def _columns(kind: RecordType, data: Sequence[bytes]) -> list[Column]:
+def _columns(log: LogReader, kind: RecordType, found: Sequence[Record]) -> list[Column]:
     values: list[Any]
     names = [field.name if field.name != TIME else f"{TIME}_" for field in kind.fields]
     if kind.size is not None:
-        rows = np.frombuffer(b"".join(data), kind.dtype)
+        rows = np.frombuffer(b"".join(record.data for record in found), kind.dtype)
         values = [rows[field.name] for field in kind.fields]
     else:
-        unpacked = [kind.unpack(each) for each in data]
+        unpacked = [unpack(log, kind, record) for record in found]
         values = [[row[field.name] for row in unpacked] for field in kind.fields]
     return [
         (name, _plain(field.kind, field.length, value))
@@ -111,30 +121,34 @@ def _plain(kind: str, length: int | None, values: Any) -> Any:
 
 
 class _Csv(_Table):
-    def __init__(self, path: Path, kind: RecordType) -> None:
-        super().__init__(path, kind)
+    def __init__(self, path: Path, log: LogReader, kind: RecordType) -> None:
+        super().__init__(path, log, kind)
         self._file = path.open("w", newline="", encoding="utf-8")
-        self._writer = csv.writer(self._file, lineterminator="\n")
         self._headed = False
 
     def write(self, columns: Sequence[Column]) -> None:
         names: list[str] = []
-        texts: list[Sequence[Any]] = []
+        texts: list[Sequence[str]] = []
         for name, values in columns:
             if isinstance(values, list):
                 names.append(name)
-                texts.append([value.hex() if isinstance(value, bytes) else value for value in values])
+                texts.append([value.hex() if isinstance(value, bytes) else _quoted(str(value)) for value in values])
                 continue
             flat = values.reshape(len(values), -1).astype(str)  # the shortest digits that are the same number again
             names += [name] if values.ndim == 1 else [f"{name}[{index}]" for index in range(flat.shape[1])]
             texts += list(flat.T)
         if not self._headed:
-            self._writer.writerow(names)
+            self._file.write(",".join(names) + "\n")
             self._headed = True
-        self._writer.writerows(zip(*texts, strict=True))
+        self._file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
     def close(self) -> None:
         self._file.close()
+
+
+def _quoted(text: str) -> str:
+    """Whatever is in it: Python's own writer leaves a carriage return bare, which ends a row for others."""
+    return '"' + text.replace('"', '""') + '"'
 
 
 def _parquet() -> "type[_Table]":

@@ -1,10 +1,11 @@
 """Telemetry logs (.tlog) to flight logs and back."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from companion.logs.traffic import open_traffic
+from companion.logs.traffic import Traffic, traffic_of
 from companion.logs.writer import Writer
+from companion.recordings import printable, started_unix_s
 from protocol import tlog
 from protocol.flightlog import LogReader
 from protocol.framing import Framer
@@ -14,27 +15,25 @@ FROM_TLOG = "telemetry log"
 """Metadata of a flight log that was made from one: each of its datagrams is an entry as it was."""
 
 
-def to_flight_log(source: Path, target: Path) -> int:
-    """Make a flight log of a telemetry log, with the messages decoded; how many entries it has.
-
-    Raises FlightLogError if the one can't be read or the other can't be made.
+def to_flight_log(traffic: Traffic, target: Path, metadata: Mapping[str, Mapping[str, str]] | None = None) -> int:
+    """Make a flight log of a telemetry log, with the messages decoded and more metadata, if any; how many entries it
+    has. Raises FlightLogError if the one can't be read or the other can't be made.
     """
-    traffic = open_traffic(source)
-    with Writer(target, traffic.epoch_ns, {FROM_TLOG: {"source": source.name}}) as writer:
+    source = {FROM_TLOG: {"source": printable(traffic.log.path.name)}}
+    with Writer(target, traffic.epoch_ns, {**source, **(metadata or {})}) as writer:
         for sequence, sent in enumerate(traffic.sent()):
             writer.datagram(sent.time_ns, sequence & 0xFFFF_FFFF, sent.direction, sent.address, sent.data)
     return writer.count
 
 
-def from_flight_log(source: Path, target: Path) -> int:
+def from_flight_log(log: LogReader, target: Path) -> int:
     """Make a telemetry log of a flight log, a frame an entry; how many. One that was a telemetry log becomes the same
     bytes again.
 
     Raises FlightLogError if the one can't be read or the other can't be made.
     """
-    log = LogReader(source)
-    traffic = open_traffic(source)
-    epoch_ns = traffic.epoch_ns or round(_started_s(log) * 1e9)
+    traffic = traffic_of(log)
+    epoch_ns = traffic.epoch_ns or round((started_unix_s(log.metadata) or 0.0) * 1e9)
     as_it_was = FROM_TLOG in log.metadata
 
     def entries() -> Iterator[Entry]:
@@ -47,10 +46,3 @@ def from_flight_log(source: Path, target: Path) -> int:
                 yield from (Entry(time_us, frame.raw) for frame in framer.datagram(sent.data))
 
     return tlog.write(target, entries())
-
-
-def _started_s(log: LogReader) -> float:
-    try:
-        return float(log.metadata["flight"]["started_unix_s"])
-    except (KeyError, ValueError):
-        return 0.0

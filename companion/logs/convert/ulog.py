@@ -2,20 +2,28 @@
 
 Topics are the MAVLink messages and the companion's own records under their names in lower case. PX4's own topics
 (`vehicle_attitude`, ...) are written beside them where a message holds the same quantities, so that its tools find
-what they plot. What ULog has no type for (text and bytes of varying length) is left out, but the texts themselves
-become its logged messages. There is no way back: a ULog holds no traffic.
+what they plot. What ULog has no type for (text and bytes of varying length) is left out, as is what is larger than its
+64 KiB; the texts themselves become its logged messages. There is no way back: a ULog holds no traffic.
 """
 
+import re
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from protocol.flightlog import SCALARS, TEXT, FlightLogError, LogReader, Record, RecordType
+from companion.logs.convert.records import records, unpack
+from companion.recordings import has_texts
+from protocol.flightlog import SCALARS, TEXT, LogReader, Record, RecordType
+from protocol.messages import dialect, layout
 
 _HEADER = b"ULog\x01\x12\x35\x01"
 _HEAD = struct.Struct("<HB")
 _STAMP = struct.Struct("<Q")
+_DATA = struct.Struct("<HQ")
+_MOST_BYTES = 0xFFFF
+"""Of a message."""
+_LONGEST_INFO = 1024
 _NAMES = {"bool": "bool", "float32": "float", "float64": "double"}
 _INSTANCES = 256
 _LEVELS = (ord("6"), ord("7"), ord("6"), ord("4"), ord("3"), ord("2"))
@@ -28,18 +36,38 @@ class _Twin(NamedTuple):
     topic: str
     fields: str
     """As ULog has them, behind the timestamp."""
-    convert: Callable[[RecordType, bytes], bytes]
+    sources: tuple[str, ...]
+    """The message's fields that these are."""
 
 
-def to_ulog(source: Path, target: Path) -> int:
-    """Write a ULog file; how many records of data it has. Raises FlightLogError if it can't be read or made."""
-    log = LogReader(source)
+class _Shape(NamedTuple):
+    """What becomes of a record."""
+
+    name: str
+    fields: str
+    """As ULog has them, behind the timestamp."""
+    size: int
+    """Bytes of these."""
+    convert: Callable[[Record], bytes]
+
+    @property
+    def definition(self) -> bytes:
+        return f"{self.name}:uint64_t timestamp;{self.fields}".encode()
+
+    @property
+    def fits(self) -> bool:
+        """Into ULog's messages."""
+        return max(len(self.definition), _DATA.size + self.size) <= _MOST_BYTES
+
+
+def to_ulog(log: LogReader, target: Path) -> int:
+    """Write a ULog file; how many records of data it has.
+
+    Raises FlightLogError if the log can't be read, OSError if the file can't be made.
+    """
     writer = _Ulog(log)
-    try:
-        with target.open("xb") as file:
-            file.writelines(writer.parts())
-    except OSError as error:
-        raise FlightLogError(f"{target}: {error.strerror or error}") from error
+    with target.open("xb") as file:
+        file.writelines(writer.parts())
     return writer.count
 
 
@@ -47,64 +75,125 @@ class _Ulog:
     def __init__(self, log: LogReader) -> None:
         self.count = 0
         self._log = log
-        self._kinds = {topic: kind for topic, kind in log.topics.items() if _fits(kind)}
-        self._targets: dict[str, list[tuple[int, Callable[[RecordType, bytes], bytes]]]] = {}
+        self._kinds = log.topics
+        self._texts = _texts(log)
+        self._targets: dict[str, list[tuple[int, Callable[[Record], bytes]]]] = {}
 
     def parts(self) -> Iterator[bytes]:
         """The file, bit by bit."""
-        first_us = next((record.time_ns // 1000 for record in self._log.records()), 0)
-        yield _HEADER + _STAMP.pack(max(first_us, 0))
+        definitions = list(self._definitions())
+        kinds = {topic: self._kinds[topic] for topic in {*self._targets, *self._texts}}
+        first_us = min((record.time_ns // 1000 for record in self._log.records(kinds)), default=0)
+        before_us = max(-first_us, 0)  # a stamp has no sign
+        yield _HEADER + _STAMP.pack(first_us + before_us)
         yield _message("B", bytes(40))
         flight = self._log.metadata.get("flight", {})
         for key, value in {"sys_name": "Courier", "ver_sw": flight.get("courier", ""), **_plain(flight)}.items():
             yield _info(key, value)
-        yield from self._definitions()
-        for record in self._log.records():
-            yield from self._data(record)
+        yield from definitions
+        for record in records(self._log, kinds):
+            yield from self._data(record, record.time_ns // 1000 + before_us)
 
     def _definitions(self) -> Iterator[bytes]:
-        formats: dict[str, str] = {}
-        topics: list[tuple[str, str, Callable[[RecordType, bytes], bytes]]] = []
-        for topic, kind in self._kinds.items():
-            name = _name(topic)
-            layout = "".join(f"{_field(field.kind, field.length)} {field.name};" for field in kind.fields)
-            if formats.setdefault(name, layout) != layout:
-                continue  # the same name with other fields, from a sender of another dialect
-            topics.append((topic, name, lambda _, data: data))
-            twin = _TWINS.get(name)
-            if twin is not None:
-                formats[twin.topic] = twin.fields
-                topics.append((topic, twin.topic, twin.convert))
-        for name, layout in formats.items():
-            yield _message("F", f"{name}:uint64_t timestamp;{layout}".encode())
+        formats: dict[str, bytes] = {}
+        topics = [
+            (topic, shape)
+            for topic, kind in self._kinds.items()
+            for shape in self._shapes(topic, kind)
+            # The same name with other fields is from a sender of another dialect.
+            if shape.fits and formats.setdefault(shape.name, shape.definition) == shape.definition
+        ]
+        for definition in formats.values():
+            yield _message("F", definition)
         instances: dict[str, int] = {}
-        for number, (topic, name, convert) in enumerate(topics):
-            instance = instances[name] = instances.get(name, -1) + 1
+        for number, (topic, shape) in enumerate(topics):
+            instance = instances[shape.name] = instances.get(shape.name, -1) + 1
             if instance < _INSTANCES:
-                self._targets.setdefault(topic, []).append((number, convert))
-                yield _message("A", struct.pack("<BH", instance, number) + name.encode())
+                self._targets.setdefault(topic, []).append((number, shape.convert))
+                yield _message("A", struct.pack("<BH", instance, number) + shape.name.encode())
 
-    def _data(self, record: Record) -> Iterator[bytes]:
-        stamp = _STAMP.pack(max(record.time_ns // 1000, 0))
+    def _data(self, record: Record, time_us: int) -> Iterator[bytes]:
         for number, convert in self._targets.get(record.topic, ()):
             self.count += 1
-            yield _message("D", struct.pack("<H", number) + stamp + convert(self._kinds[record.topic], record.data))
-        if record.topic == TEXT.topic:
-            text = TEXT.unpack(record.data)
-            yield _message("L", bytes((_LEVELS[min(text["level"], 5)],)) + stamp + text["message"].encode())
+            yield _message("D", _DATA.pack(number, time_us) + convert(record))
+        said = self._texts.get(record.topic)
+        if said is not None:
+            level, text = said(unpack(self._log, self._kinds[record.topic], record))
+            yield _message("L", (bytes((level,)) + _STAMP.pack(time_us) + text.encode())[:_MOST_BYTES])
+
+    def _shapes(self, topic: str, kind: RecordType) -> Iterator[_Shape]:
+        """What a topic's records become: as they are, and PX4's own for those that have one."""
+        texts = _text_lengths(kind)
+        if any(field.kind not in SCALARS and field.name not in texts for field in kind.fields):
+            return
+        if any(field.is_variable and field.name not in texts for field in kind.fields):
+            return
+        names = {field.name for field in kind.fields}
+        numbers = {field.name for field in kind.fields if field.kind in SCALARS and field.length is None}
+        fields, format_ = "", "<"
+        for field in kind.fields:
+            length = texts.get(field.name)
+            own = f"{_type(field.kind, field.length)} " if length is None else f"char[{length}] "
+            name = field.name
+            while name == "timestamp" or (name != field.name and name in names):
+                name += "_"  # ULog's own comes first
+            fields += f"{own}{name};"
+            format_ += field.format if length is None else f"{length}s"
+        packed = struct.Struct(format_)
+
+        def again(record: Record) -> bytes:
+            return packed.pack(*_flat(unpack(self._log, kind, record).values()))
+
+        yield _Shape(_name(topic), fields, packed.size, again if texts else lambda record: record.data)
+        twin = _TWINS.get(_name(topic))
+        if twin is not None and numbers.issuperset(twin.sources):
+            floats = struct.Struct(f"<{len(twin.sources)}f")
+
+            def same(record: Record) -> bytes:
+                values = unpack(self._log, kind, record)
+                return floats.pack(*(values[name] for name in twin.sources))
+
+            yield _Shape(twin.topic, twin.fields, floats.size, same)
 
 
-def _fits(kind: RecordType) -> bool:
-    return kind.size is not None and kind.topic != TEXT.topic and all(field.kind in SCALARS for field in kind.fields)
+def _texts(log: LogReader) -> dict[str, Callable[[dict[str, Any]], tuple[int, str]]]:
+    """Which topics are texts, and how the level (syslog's digit) and the words of one are told from its fields."""
+    kinds = log.topics
+    if has_texts(log) and kinds[TEXT.topic].definition == TEXT.definition:
+        return {TEXT.topic: lambda said: (_LEVELS[min(said["level"], 5)], said["message"])}
+    return {
+        topic: lambda said: (ord("0") + min(said["severity"], 7), said["text"])
+        for topic, kind in kinds.items()
+        if kind.schema_name == "mavlink/STATUSTEXT"
+    }
+
+
+def _text_lengths(kind: RecordType) -> dict[str, int]:
+    """Of a MAVLink message's texts, which the log has without the zeros behind them."""
+    number = _MESSAGES.get(kind.schema_name)
+    fields = () if number is None else layout(number).fields
+    if [field.name for field in fields] != [field.name for field in kind.fields]:
+        return {}
+    pairs = zip(fields, kind.fields, strict=True)
+    return {field.name: field.array_length for field, ours in pairs if ours.kind == "string" and field.array_length}
+
+
+def _flat(values: Any) -> Iterator[Any]:
+    for value in values:
+        if isinstance(value, tuple):
+            yield from value
+        else:
+            yield value.encode() if isinstance(value, str) else value
 
 
 def _name(topic: str) -> str:
     """The message's own name for traffic, "companion_trace" and the like for others."""
     parts = topic.strip("/").split("/")
-    return (parts[3] if parts[0] == "mavlink" and len(parts) == 4 else "_".join(parts)).lower()
+    name = parts[3] if parts[0] == "mavlink" and len(parts) == 4 else "_".join(parts)
+    return re.sub(r"[^a-z0-9_-]", "_", name.lower()) or "_"
 
 
-def _field(kind: str, length: int | None) -> str:
+def _type(kind: str, length: int | None) -> str:
     name = _NAMES.get(kind, f"{kind}_t")
     return name if length is None else f"{name}[{length}]"
 
@@ -118,34 +207,23 @@ def _message(kind: str, content: bytes) -> bytes:
 
 
 def _info(key: str, value: str) -> bytes:
-    text = value.encode()
+    text = value.encode()[:_LONGEST_INFO]
     name = f"char[{len(text)}] {key}".encode()
     return _message("I", bytes((len(name),)) + name + text)
 
 
-def _same(*names: str) -> Callable[[RecordType, bytes], bytes]:
-    """Those fields, as they are, one behind the other."""
-
-    def convert(kind: RecordType, data: bytes) -> bytes:
-        values = kind.unpack(data)
-        found = (values[name] for name in names)
-        flat = [number for value in found for number in (value if isinstance(value, tuple) else (value,))]
-        return struct.pack(f"<{len(flat)}f", *flat)
-
-    return convert
-
-
+_MESSAGES = {f"mavlink/{message.msgname}": number for number, message in dialect.mavlink_map.items()}
 _TWINS = {
-    "attitude_quaternion": _Twin("vehicle_attitude", "float[4] q;", _same("q1", "q2", "q3", "q4")),
+    "attitude_quaternion": _Twin("vehicle_attitude", "float[4] q;", ("q1", "q2", "q3", "q4")),
     "local_position_ned": _Twin(
         "vehicle_local_position",
         "float x;float y;float z;float vx;float vy;float vz;",
-        _same("x", "y", "z", "vx", "vy", "vz"),
+        ("x", "y", "z", "vx", "vy", "vz"),
     ),
     "attitude_target": _Twin(
         "vehicle_rates_setpoint",
         "float roll;float pitch;float yaw;",
-        _same("body_roll_rate", "body_pitch_rate", "body_yaw_rate"),
+        ("body_roll_rate", "body_pitch_rate", "body_yaw_rate"),
     ),
 }
 """PX4's names (msg/*.msg) for what these messages are made of there."""
