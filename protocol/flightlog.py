@@ -974,25 +974,29 @@ class LogReader:
             if any(field.name == "time_ns" for field in known[topic].fields):
                 raise FlightLogError(f"{self.path}: {topic} has a field time_ns of its own; read it one by one")
         layouts = {topic: known[topic].dtype for topic in topics}
-        found: dict[str, list[Record]] = {topic: [] for topic in topics}
-        for record in self.records(topics):
-            found[record.topic].append(record)
-        return {topic: self._table(topic, layouts[topic], records) for topic, records in found.items()}
+        found: dict[str, tuple[list[int], list[bytes]]] = {topic: ([], []) for topic in topics}
+        for topic, time_ns, _, data in self.records(topics):  # whole records would be work for the garbage collector
+            times_ns, parts = found[topic]
+            times_ns.append(time_ns)
+            parts.append(data)
+        return {topic: self._table(topic, layouts[topic], *held) for topic, held in found.items()}
 
-    def _table(self, topic: str, layout: "np.dtype[np.void]", records: list[Record]) -> "NDArray[np.void]":
+    def _table(
+        self, topic: str, layout: "np.dtype[np.void]", times_ns: list[int], parts: list[bytes]
+    ) -> "NDArray[np.void]":
         import numpy as np
 
-        if any(len(record.data) != layout.itemsize for record in records):
+        if {*map(len, parts)} - {layout.itemsize}:
             raise FlightLogError(f"{self.path}: a record on {topic} is not as its schema says")
-        values = np.ndarray(len(records), layout, b"".join([record.data for record in records]))
+        values = np.ndarray(len(parts), layout, b"".join(parts))
         names = layout.names or ()
         columns: list[Any] = [
             ("time_ns", "<i8"),
             *((name, values[name].dtype, values[name].shape[1:]) for name in names),
         ]
-        table = np.empty(len(records), columns)
+        table = np.empty(len(parts), columns)
         try:
-            table["time_ns"] = [record.time_ns for record in records]
+            table["time_ns"] = times_ns
         except OverflowError:
             raise FlightLogError(f"{self.path}: a record on {topic} has a time beyond all clocks") from None
         for name in names:
