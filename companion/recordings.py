@@ -1,14 +1,15 @@
-"""What files with recordings have in common, whoever wrote them."""
+"""What files with recordings have in common, whoever wrote them, and their records as their schemas say."""
 
 import contextlib
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from mcap.opcode import Opcode
 
-from protocol.flightlog import MAGIC, TEXT, FlightLogError, LogReader
+from protocol.flightlog import MAGIC, TEXT, FlightLogError, LogReader, Record, RecordType
 from protocol.tlog import is_tlog
 
 DRAWN = "courier foxglove"
@@ -68,3 +69,25 @@ def has_texts(log: LogReader) -> bool:
 def printable(text: object) -> str:
     """A path, or words with one in them, as UTF-8 can carry it: file names on Linux are any bytes."""
     return str(text).encode(errors="backslashreplace").decode()
+
+
+def records(log: LogReader, kinds: Mapping[str, RecordType]) -> Iterator[Record]:
+    """Those on these topics. Raises FlightLogError for one that has not its schema's size."""
+    for record in log.records(kinds):
+        size = kinds[record.topic].size
+        if size is not None and len(record.data) != size:
+            raise _misfit(log, record)
+        yield record
+
+
+def unpack(log: LogReader, kind: RecordType, record: Record) -> dict[str, Any]:
+    """Its fields by name. Raises FlightLogError if it is cut."""
+    try:
+        return kind.unpack(record.data)
+    except struct.error as error:
+        raise _misfit(log, record) from error
+
+
+def _misfit(log: LogReader, record: Record) -> FlightLogError:
+    at_s = record.time_ns * 1e-9
+    return FlightLogError(f"{log.path}: the record on {record.topic} at {at_s:.3f} s is not as its schema says")

@@ -6,7 +6,6 @@ Made after the flight, so that it costs the flight nothing. Frames as in Foxglov
 """
 
 import math
-import struct
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,14 +40,14 @@ from mcap_protobuf.schema import register_schema
 
 from companion.avoidance.guard import Reason
 from companion.planning import PLANNED
-from companion.recordings import DRAWN, has_texts
+from companion.recordings import DRAWN, has_texts, unpack
 from companion.target import output
 from companion.trace import LOGGED
 from companion.view.history import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
 from companion.view.scene import mesh, solids
-from protocol.flightlog import DATAGRAM, TEXT, FlightLogError, LogReader, Record
+from protocol.flightlog import DATAGRAM, TEXT, LogReader, Record
 from protocol.frames import Array, enu_to_ned, multiply
 
 WORLD_FRAME, BODY_FRAME = "local_origin", "base_link"
@@ -82,7 +81,7 @@ class Converter:
         self._mapper = Mapper(avoidance_of(log.attachments.get("settings.json", b"{}")))
         self._started = False
         self._has_texts = has_texts(log)
-        self._unpacks = {topic: kind.unpack for topic, kind in log.topics.items()}
+        self._kinds = log.topics
 
     def run(self) -> int:
         """Convert all of it; how many messages were added."""
@@ -167,11 +166,7 @@ class Converter:
             self._say(record.time_ns, level, f"{system}/{component}", said["text"])
 
     def _fields(self, record: Record) -> dict[str, Any]:
-        try:
-            return self._unpacks[record.topic](record.data)
-        except struct.error as error:
-            where = f"the record on {record.topic} at {record.time_ns * 1e-9:.3f} s"
-            raise FlightLogError(f"{self._log.path}: {where} is not as its schema says") from error
+        return unpack(self._log, self._kinds[record.topic], record)
 
     def _pose(self, time_ns: int, attitude_ned_frd: Array) -> None:
         assert self._place is not None

@@ -182,38 +182,18 @@ class Page:
         self._now.on_click(lambda _: self._follow())
         self._play.on_update(lambda _: self._again())
         x, axis = uplot.Series(label="s"), uplot.Axis(size=44)
-        empty = np.zeros(1)
 
-        def series(*parts: tuple[str, str]) -> "tuple[uplot.Series, ...]":
-            return (x, *(uplot.Series(label=label, stroke=color, width=1.5) for label, color in parts))
+        def plot(height: int, *lines: tuple[str, str]) -> Any:
+            series = (x, *(uplot.Series(label=label, stroke=color, width=1.5) for label, color in lines))
+            scales, axes = {"x": uplot.Scale(time=False)}, (uplot.Axis(), axis)
+            data = (np.zeros(1),) * len(series)
+            return gui.add_uplot(data, series, scales=scales, axes=axes, height=height, padding=_ROOM)
 
-        still = {"x": uplot.Scale(time=False)}
         with gui.add_folder("Attitude, deg"):
-            self._attitude = gui.add_uplot(
-                (empty,) * 4,
-                series(("roll", "#3b7ddd"), ("pitch", "#4c9f50"), ("yaw", "#8a5cc9")),
-                scales=still,
-                axes=(uplot.Axis(), axis),
-                height=170,
-                padding=_ROOM,
-            )
+            self._attitude = plot(170, ("roll", "#3b7ddd"), ("pitch", "#4c9f50"), ("yaw", "#8a5cc9"))
         with gui.add_folder("Clearance, m, and speed, m/s"):
-            self._clearance = gui.add_uplot(
-                (empty,) * 2,
-                series(("clearance", "#4c9f50")),
-                scales=still,
-                axes=(uplot.Axis(), axis),
-                height=150,
-                padding=_ROOM,
-            )
-            self._speeds = gui.add_uplot(
-                (empty,) * 2,
-                series(("speed", "#d08a1d")),
-                scales=still,
-                axes=(uplot.Axis(), axis),
-                height=150,
-                padding=_ROOM,
-            )
+            self._clearance = plot(150, ("clearance", "#4c9f50"))
+            self._speeds = plot(150, ("speed", "#d08a1d"))
 
     def _here(self) -> Floats | None:
         """Where the vehicle is now, whatever time is shown."""

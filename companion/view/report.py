@@ -11,8 +11,9 @@ import msgspec
 import numpy as np
 
 from companion.config import Settings
+from companion.recordings import as_date, started_unix_s
 from companion.target import output
-from companion.view.findings import Event, Finding, events, findings, phase_name, state_name
+from companion.view.findings import Event, Finding, events, findings, phase_name
 from companion.view.gather import CLEARANCE_BIN_M, Gathered
 from companion.view.lines import Floats, Line
 from companion.view.scene import mesh, solids
@@ -160,8 +161,7 @@ def _plotly() -> str:
 def compose(flight: Gathered) -> Page:
     """The page of a gathered flight."""
     flown = flight.log.metadata.get("flight", {})
-    started = flown.get("started_unix_s", "")
-    when = float(started) if started else flight.start_ns * 1e-9
+    when = started_unix_s(flight.log.metadata) or as_date(flight.start_ns * 1e-9) or 0.0
     return Page(
         title=flown.get("mission", "") or flight.log.path.stem,
         subtitle=" · ".join(filter(None, (_date(when), *_how(flown), flown.get("source") or str(flight.log.path)))),
@@ -563,10 +563,11 @@ def _bands(flight: Gathered) -> tuple[Band, ...]:
     until = phases[-1].stop if phases else -math.inf
     modes = flight.modes.get(flight.vehicle)
     named = [(stretch.start, stretch.stop, phase_name(stretch.value)) for stretch in phases]
-    for stretch in modes.finish() if modes is not None else ():
-        if stretch.stop > until:
-            name = flight.mode_names.get(stretch.value, state_name(stretch.value))
-            named.append((max(stretch.start, until), stretch.stop, name))
+    named += [
+        (max(stretch.start, until), stretch.stop, flight.mode_names[stretch.value])
+        for stretch in (modes.finish() if modes is not None else ())
+        if stretch.stop > until
+    ]
     names = sorted({name for _, _, name in named})
     longest = sorted(named, key=lambda band: band[0] - band[1])[:_MOST_BANDS]
     return tuple(

@@ -208,6 +208,7 @@ def test_time_goes_on_where_a_vehicle_falls_silent_and_the_page_says_so() -> Non
         for _ in range(20):
             live.step(0.0)
         assert "heard 0 ms ago" in live._words.content and ", live" in live._words.content
+        assert _LOUD not in live._words.content
         for _ in range(20):
             live.step(0.25)
         live.step(0.0)
