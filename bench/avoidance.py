@@ -17,13 +17,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from companion.avoidance.astar import AStar, AStarSettings
-from companion.avoidance.grid import GridSettings, OccupancyGrid
 from companion.avoidance.guard import Guard, GuardSettings, free_space
-from companion.avoidance.mapped import picked
+from companion.avoidance.planner import picked
 from companion.avoidance.shortcut import corner_speeds, shorten
-from companion.avoidance.tracks import Tracker, TrackSettings
 from companion.avoidance.vfh import Vfh, VfhSettings
 from companion.config import Avoidance
+from companion.perception.rolling_map import GridSettings, OccupancyGrid
+from companion.perception.tracks import Tracker, TrackSettings
 from companion.state import Scan
 from protocol.frames import Array, from_euler
 from vehicle_sim.lidar import Lidar, LidarSettings

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol import frames
-from protocol.compiled import compiled
+from protocol.jit import compiled
 from vehicle_sim.lidar import SECTORS, Lidar, LidarSettings, beam_azimuths, sector_ranges
 from vehicle_sim.world import BoxTable, CylinderTable, OriginTable, World, WorldTable, cast_ray
 

@@ -29,7 +29,7 @@ from pymavlink import mavutil
 from companion.config import Settings
 from companion.logs.convert.telemetry import from_flight_log
 from companion.logs.repair import repair
-from companion.runner import TICK
+from companion.runtime.runner import TICK
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.flightlog import (
     Direction,

@@ -17,7 +17,7 @@ import tempfile
 import time
 from typing import Any
 
-from companion.runner import LATE_NS, SPIN_S, TICK_NS
+from companion.runtime.runner import LATE_NS, SPIN_S, TICK_NS
 
 
 def fly(mission: str, logs: str) -> dict[str, Any]:

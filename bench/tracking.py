@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from companion.config import load_settings
-from companion.control import cascade
+from companion.control import controller as cascade
 from companion.state import Output, Reference, VehicleState
-from protocol.body import Body
 from protocol.frames import GRAVITY, Array, flu_to_frd
+from protocol.vehicle_parameters import Body
 
 STEP_S = 0.005
 LAST_S = 12.0
@@ -71,7 +71,7 @@ class Ours:
     def __init__(self, parameters: dict[str, Any], trajectory: Any) -> None:
         self._body = body_of(parameters)
         self._trajectory = trajectory
-        self._cascade = cascade.Cascade(load_settings(None, SETTINGS), self._body, Output.ACTUATORS)
+        self._cascade = cascade.Controller(load_settings(None, SETTINGS), self._body, Output.ACTUATORS)
 
     def update(self, time: float, state: dict[str, Array], flat: dict[str, Any]) -> dict[str, Any]:
         """Thrust (N) and moment (N m) for RotorPy's "cmd_ctbm"; RotorPy is x forward, y left, z up throughout."""

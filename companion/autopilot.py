@@ -14,20 +14,25 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from companion import trace, wire
-from companion.avoidance import course, method
-from companion.avoidance.course import NO_WAY, Course
+from companion import trace
+from companion.avoidance import methods as method
+from companion.avoidance import steering as course
 from companion.avoidance.guard import Guard, GuardSettings, Reason, Verdict
-from companion.avoidance.heights import Heights, Place
-from companion.avoidance.mapped import Answer, Question, picked
-from companion.avoidance.memory import RecentReturns
-from companion.avoidance.progress import Progress, Trail
-from companion.avoidance.ring import SectorRing, obstacle_points
-from companion.commands import Commander
+from companion.avoidance.planner import PlanRequest, PlanResult, picked
+from companion.avoidance.steering import NO_WAY, Course
 from companion.config import Settings
-from companion.control import cascade
+from companion.control import controller as cascade
 from companion.estimate import Estimator
-from companion.mission import Mission, Phase, Step, steps
+from companion.link import wire
+from companion.link.commands import Commander
+from companion.link.firmware import firmware_of
+from companion.link.firmware.firmware import Firmware
+from companion.link.message_rates import MessageRates
+from companion.mission.altitude_search import AltitudeSearch, Place
+from companion.mission.plan import Mission, Phase, Step, steps
+from companion.mission.stall import Progress, Trail
+from companion.perception.recent_returns import RecentReturns
+from companion.perception.scans import SectorRing, obstacle_points
 from companion.state import (
     Announcement,
     AvoidanceDecision,
@@ -40,16 +45,13 @@ from companion.state import (
     VehicleState,
     VehicleStatus,
 )
-from companion.supervisor import FLYING, STREAMING, Health, State, Supervisor, unsound
-from companion.telemetry_rates import TelemetryRates
+from companion.supervision.supervisor import FLYING, STREAMING, Health, State, Supervisor, unsound
 from companion.trajectory import ReferenceGenerator, Track, track_of
-from companion.vehicles import firmware_of
-from companion.vehicles.firmware import Firmware
-from protocol.body import Body
 from protocol.frames import Array, yaw_of
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from protocol.peer import Peer
+from protocol.vehicle_parameters import Body
 
 VEHICLE_COMPONENT = 1
 _SECOND_NS = 1_000_000_000
@@ -86,7 +88,7 @@ class Planned:
     """A question about the surroundings is answered."""
 
     time_ns: int
-    answer: Answer
+    answer: PlanResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +132,7 @@ class Reaction(NamedTuple):
     trace: bytes | None
     """The payload of a TRACE record if a control step was taken."""
     announcements: tuple[Announcement, ...]
-    question: Question | None
+    question: PlanRequest | None
     """What is to be answered outside of the loop."""
 
 
@@ -171,9 +173,9 @@ class Autopilot:
             Guard(picked(GuardSettings, settings.avoidance.guard)) if settings.avoidance.looks_around else None
         )
         self._plans = settings.avoidance.mapped and mission.profile != "step"
-        self._question: Question | None = None
+        self._question: PlanRequest | None = None
         self._asked = 0
-        self._answer: Answer | None = None
+        self._answer: PlanResult | None = None
         self._map_ns: int | None = None
         """When the ring arrived that the guard knows of; before, when it was asked for the first time."""
         self._course = Course(settings.avoidance.course)
@@ -187,7 +189,7 @@ class Autopilot:
         self._verdict: Verdict | None = None
         self._trail = Trail()
         self._progress = Progress()
-        self._heights = Heights(settings.avoidance.heights)
+        self._heights = AltitudeSearch(settings.avoidance.heights)
         self._gave_up = False
         self._commander = Commander(settings.supervision.command_interval)
         rates = settings.rates
@@ -196,9 +198,9 @@ class Autopilot:
         if settings.avoidance.method != "none":
             needed[dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = rates.scan
         needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
-        self._rates = TelemetryRates(needed, rates.least_share)
+        self._rates = MessageRates(needed, rates.least_share)
 
-        self._cascade = cascade.Cascade(settings, body, output)
+        self._cascade = cascade.Controller(settings, body, output)
         self._longest_prediction_ns = round(settings.control.prediction.longest * 1e9)
 
         self._firmware: Firmware | None = None
@@ -408,7 +410,7 @@ class Autopilot:
             self._map_ns = self._map_ns or now
             wanted = goal if self._plans and self.steps[self.step_index].avoids else None
             here, velocity = state.position_ned, state.velocity_ned
-            self._question = Question(self._asked, now, scan, pose, ground_down, here, velocity, wanted, speed)
+            self._question = PlanRequest(self._asked, now, scan, pose, ground_down, here, velocity, wanted, speed)
         if not self._plans:
             points = self._returns.add(obstacle_points(scan, *pose, ground_down), now)
             self.decision = self._avoidance.decide(points, state.position_ned, state.velocity_ned, goal, speed)
@@ -421,7 +423,7 @@ class Autopilot:
         down = self._heights.flown(float(target[2]))
         return target if down == target[2] else np.array([*target[:2], down])
 
-    def _take_up(self, answer: Answer, now: int) -> None:
+    def _take_up(self, answer: PlanResult, now: int) -> None:
         """What is free, and the way; give the goal up if there has been no progress for too long."""
         assert self._guard is not None
         self._guard.look(answer.space)

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import msgspec
 
-from protocol import datafile
-from protocol.body import Body
+from protocol import toml_files as toml_files
+from protocol.vehicle_parameters import Body
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
@@ -227,7 +227,7 @@ class AvoidanceVfh(Table, frozen=True):
     """m/s2 sideways, for the turning circles."""
 
 
-class AvoidanceHeights(Table, frozen=True):
+class AvoidanceAltitudeSearch(Table, frozen=True):
     """Other heights than the route's, with "astar", "rrt" and "vfh" (`avoidance.heights`). No sensor sees what is over
     the vehicle or, beyond the range finder, under it: allow what the place is known to leave free."""
 
@@ -358,7 +358,7 @@ class Avoidance(Table, frozen=True):
     plan: AvoidancePlan = AvoidancePlan()
     rrt: AvoidanceRrt = AvoidanceRrt()
     vfh: AvoidanceVfh = AvoidanceVfh()
-    heights: AvoidanceHeights = AvoidanceHeights()
+    heights: AvoidanceAltitudeSearch = AvoidanceAltitudeSearch()
     course: AvoidanceCourse = AvoidanceCourse()
     tracks: AvoidanceTracks = AvoidanceTracks()
     guard: AvoidanceGuard = AvoidanceGuard()
@@ -463,10 +463,10 @@ class _VehicleFile(msgspec.Struct, frozen=True):
 def load_settings(path: Path | None, overrides: list[str]) -> Settings:
     """Raises DataFileError, naming file and key."""
     if path is None:
-        return datafile.convert({}, Settings, "settings", overrides)
-    return datafile.load(path, Settings, overrides)
+        return toml_files.convert({}, Settings, "settings", overrides)
+    return toml_files.load(path, Settings, overrides)
 
 
 def load_body(vehicle: str) -> Body:
     """The `[body]` of a vehicle, found by name or path: all that the companion knows of it beforehand."""
-    return datafile.load(datafile.find("vehicles", vehicle), _VehicleFile).body
+    return toml_files.load(toml_files.find("vehicles", vehicle), _VehicleFile).body

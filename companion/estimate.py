@@ -2,8 +2,7 @@
 
 from collections import deque
 
-from companion.state import VehicleState
-from companion.wire import AttitudeReport, PositionReport
+from companion.state import AttitudeReport, PositionReport, VehicleState
 from protocol.frames import Array
 
 _POSES_KEPT = 512

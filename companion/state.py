@@ -76,6 +76,31 @@ class Scan:
     """(n,) the sector was measured at all."""
 
 
+class AttitudeReport(msgspec.Struct, frozen=True, gc=False):
+    boot_time_ms: int
+    attitude_ned_frd: Array
+    rates_frd: Array
+
+
+class PositionReport(msgspec.Struct, frozen=True, gc=False):
+    boot_time_ms: int
+    position_ned: Array
+    velocity_ned: Array
+
+
+@dataclass(frozen=True, slots=True)
+class SectorReport:
+    """An eighth of a ring."""
+
+    boot_time_ms: int
+    sector: int
+    """0 forward, clockwise."""
+    range_m: float
+    hit: bool
+    """Something stands at that range; else nothing up to it."""
+    known: bool
+
+
 class Reference(msgspec.Struct, frozen=True, gc=False):
     """Where to be, and how that changes (m, rad and their derivatives by s)."""
 

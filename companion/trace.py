@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.guard import Reason, Verdict
-from companion.control import cascade
-from companion.mission import Phase
+from companion.control import controller as cascade
+from companion.mission.plan import Phase
 from companion.state import AvoidanceDecision, Reference, VehicleState
-from companion.supervisor import State
-from protocol.compiled import compiled
+from companion.supervision.supervisor import State
 from protocol.flightlog import record_type
 from protocol.frames import Array
+from protocol.jit import compiled
 
 Floats = NDArray[np.float32]
 

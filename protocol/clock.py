@@ -1,4 +1,4 @@
-"""The machine's clock, or a faster one. (In lockstep the vehicle says the time: see companion/runner.py.)"""
+"""The machine's clock, or a faster one. (In lockstep the vehicle says the time: see companion/runtime/runner.py.)"""
 
 import math
 import time

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.compiled import compiled
+from protocol.jit import compiled
 
 Array = NDArray[np.float64]
 

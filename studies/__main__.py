@@ -10,7 +10,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from protocol.datafile import DataFileError
+from protocol.toml_files import TomlFileError
 from studies.avoidance_page import AVOIDANCE
 from studies.beyond import CONTROL
 from studies.paper import PAPER
@@ -62,7 +62,7 @@ def studies(
         for page in PAGES:
             if any(each is page for _, each in chosen.values()):
                 typer.echo(f"written: {write_page(page, [study.NAME for study in _studies(page)])}", err=True)
-    except DataFileError as error:
+    except TomlFileError as error:
         typer.echo(f"studies: {error}", err=True)
         raise typer.Exit(UNUSABLE) from None
     if not met:

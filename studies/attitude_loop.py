@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control import lqr
-from protocol import datafile
-from protocol.body import Body
+from protocol import toml_files as toml_files
 from protocol.frames import GRAVITY, Array, from_rotation_vector, to_euler
+from protocol.vehicle_parameters import Body
 from studies import style
 from studies.report import Cell, Report
 from vehicle_sim.airframe import Airframe, parameters
@@ -126,7 +126,7 @@ def figures(time: Array, angle: Array, final: float) -> Figures:
 
 def run(report: Report) -> None:
     """Sections 2.2 and 3.1 of the paper."""
-    airframe = Airframe.load(datafile.find("vehicles", VEHICLE))
+    airframe = Airframe.load(toml_files.find("vehicles", VEHICLE))
     body = airframe.body
     cases = [(axis, weight) for axis in range(3) for weight in WEIGHTS]
     published = {case: linear(body, *case, published=True) for case in cases}

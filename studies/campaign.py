@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion import flight as whole_flight
 from companion.config import load_body, load_settings
-from companion.mission import Mission, Phase
+from companion.mission.plan import Mission, Phase
+from companion.runtime import flight as whole_flight
 from companion.state import Output
-from protocol import datafile
+from protocol import toml_files as toml_files
 from protocol.frames import Array, rotate
 from protocol.transport import TransportError
 from studies.escape import Abilities, avoidable
@@ -341,8 +341,8 @@ def record(
     flight as `Joined` with the same seed, to the byte."""
     files = {
         "mission": mission_file,
-        "vehicle": datafile.find("vehicles", mission.vehicle),
-        "world": datafile.find("worlds", mission.world),
+        "vehicle": toml_files.find("vehicles", mission.vehicle),
+        "world": toml_files.find("worlds", mission.world),
     }
     settings = load_settings(None, list(overrides))
     given = (*overrides, *(f"vehicle.{each}" for each in vehicle_overrides))
@@ -410,7 +410,7 @@ def _draw_map(axes: Any, joined: Joined) -> None:
         return
     from matplotlib.colors import ListedColormap
 
-    from companion.avoidance.grid import FREE, OCCUPIED
+    from companion.perception.rolling_map import FREE, OCCUPIED
     from studies import style
 
     shades = np.where(view.states == OCCUPIED, 2, np.where(view.states == FREE, 1, 0))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from companion.mission import Delivery, Mission, Phase, Waypoint
-from companion.supervisor import State
+from companion.mission.plan import Delivery, Mission, Phase, Waypoint
+from companion.supervision.supervisor import State
 from protocol.frames import Array
 from studies import style
 from studies.joined import Joined

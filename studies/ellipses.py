@@ -8,7 +8,7 @@ from companion.config import load_body
 from companion.control.flatness import inverse
 from companion.curves import Shape
 from companion.trajectory.shapes import shape_of
-from protocol.body import Body
+from protocol.vehicle_parameters import Body
 from studies import style
 from studies.report import Report
 from studies.tracks import Flight, fly, on_all_cores

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion import mission as missions
 from companion.autopilot import Autopilot, Datagram, Event, Planned, Tick
 from companion.config import load_body, load_settings
-from companion.mission import Mission
-from companion.planning import Here, Planning
+from companion.mission import plan as missions
+from companion.mission.plan import Mission
+from companion.runtime.planning import InProcessPlanner, Planning
 from companion.state import Output
 from companion.trace import TRACE
-from protocol import datafile
+from protocol import toml_files as toml_files
 from protocol.frames import Array
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.integrate import TICK_NS
@@ -50,10 +50,12 @@ class Joined:
         settings = load_settings(None, list(self.overrides))
         body = load_body(self.mission.vehicle) if self.airframe is None else self.airframe.body
         self.autopilot = Autopilot(settings, body, self.mission, self.output)
-        self.thinker = Here(settings.avoidance)
+        self.thinker = InProcessPlanner(settings.avoidance)
         self._planning = Planning(self.thinker, settings.avoidance.answer_delay)
-        frame = self.airframe or Airframe.load(datafile.find("vehicles", self.mission.vehicle), self.vehicle_overrides)
-        world = World.load(datafile.find("worlds", self.mission.world), self.world_overrides)
+        frame = self.airframe or Airframe.load(
+            toml_files.find("vehicles", self.mission.vehicle), self.vehicle_overrides
+        )
+        world = World.load(toml_files.find("worlds", self.mission.world), self.world_overrides)
         self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=True)
 
     def tick(self) -> None:

@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mission import Waypoint
-from companion.supervisor import State
+from companion.mission.plan import Waypoint
+from companion.supervision.supervisor import State
 from protocol.frames import Array
 from studies import style
 from studies.joined import Joined, mission_of

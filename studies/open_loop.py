@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol import datafile
+from protocol import toml_files as toml_files
 from protocol.frames import GRAVITY, Array, to_euler
 from studies import style
 from studies.report import Cell, Report
@@ -156,7 +156,7 @@ def parted(model: Motion, truth: Motion) -> tuple[int | None, ...]:
 
 def run(report: Report) -> None:
     """Section 2.1 of the paper."""
-    airframe = Airframe.load(datafile.find("vehicles", "paper_quad"))
+    airframe = Airframe.load(toml_files.find("vehicles", "paper_quad"))
     weight = airframe.body.mass_kg * GRAVITY
     steps = {
         "thrust, U1 + 10 %": np.array([1.1 * weight, 0.0, 0.0, 0.0]),

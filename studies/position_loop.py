@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 
 from companion.control import lqr
-from companion.mission import Waypoint
+from companion.mission.plan import Waypoint
 from companion.state import Output
-from companion.supervisor import State
-from protocol import datafile
-from protocol.body import Body
+from companion.supervision.supervisor import State
+from protocol import toml_files as toml_files
 from protocol.frames import GRAVITY, Array
+from protocol.vehicle_parameters import Body
 from studies import style
 from studies.joined import Joined, mission_of
 from studies.paper_settings import paper_settings
@@ -172,7 +172,7 @@ def stable_from(body: Body, c: float, *, drag: bool) -> float:
 
 def run(report: Report) -> None:
     """Section 3.1 of the paper, and what its attitude weight does to it."""
-    airframe = Airframe.load(datafile.find("vehicles", "paper_quad"))
+    airframe = Airframe.load(toml_files.find("vehicles", "paper_quad"))
     report.text(INTRODUCTION)
     linear = {c: ideal(c) for c in CONSTANTS}
     _ideal_table(report, linear)

@@ -12,13 +12,13 @@ from typing import Any, Protocol, TypeVar
 
 import msgspec
 
-from protocol import datafile
+from protocol import toml_files as toml_files
 from studies import style
 
 T = TypeVar("T")
 Cell = str | int | float
 
-DOCS = datafile.ROOT / "docs"
+DOCS = toml_files.ROOT / "docs"
 
 
 class Text(msgspec.Struct, frozen=True, tag="text"):
@@ -93,7 +93,7 @@ class Choice:
     """Of avoidance; none: all."""
     overrides: tuple[str, ...] = ()
     """Of the companion's settings."""
-    logs: Path = datafile.ROOT / "logs" / "avoidance"
+    logs: Path = toml_files.ROOT / "logs" / "avoidance"
     """Where tables, and logs and pictures of failures go."""
 
 
@@ -194,7 +194,7 @@ def kept(name: str, folder: Path) -> Section | None:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Section)
     except msgspec.DecodeError as error:
-        raise datafile.DataFileError(f"{path}: {error}") from error
+        raise toml_files.TomlFileError(f"{path}: {error}") from error
 
 
 def write_page(page: Page, names: Sequence[str], docs: Path = DOCS) -> Path:

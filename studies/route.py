@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mission import Phase
+from companion.mission.plan import Phase
 from companion.trace import TRACE
 from protocol.flightlog import FlightLogError, LogReader
 from studies.style import GREEN, INK, PALETTE, STONE, blank, save

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from companion import mission as missions
-from companion.mission import Mission, Phase, Waypoint
+from companion.mission import plan as missions
+from companion.mission.plan import Mission, Phase, Waypoint
 from companion.state import Output
-from companion.supervisor import State
+from companion.supervision.supervisor import State
 from protocol.frames import Array
 from studies import style
 from studies.joined import Joined

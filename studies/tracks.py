@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 
 from companion.curves import Shape
-from companion.mission import Mission, Phase
+from companion.mission.plan import Mission, Phase
 from companion.state import Output
-from companion.supervisor import State
+from companion.supervision.supervisor import State
 from protocol.frames import Array
 from studies.joined import Joined
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from companion import mission as missions
-from companion.mission import Mission, Phase
+from companion.mission import plan as missions
+from companion.mission.plan import Mission, Phase
 from companion.state import Output
-from companion.supervisor import State
-from protocol import datafile
+from companion.supervision.supervisor import State
+from protocol import toml_files as toml_files
 from protocol.frames import Array, wrap, yaw_of
 from studies import style
 from studies.joined import Joined
@@ -115,7 +115,7 @@ def fly(
 ) -> Flight:
     """Fly the mission, torques commanded, until it has landed or hit something."""
     mission, _ = missions.load(MISSION, [f"speed={speed}"])
-    airframe = Airframe.load(datafile.find("vehicles", mission.vehicle), lidar_overrides(field_of_view_deg))
+    airframe = Airframe.load(toml_files.find("vehicles", mission.vehicle), lidar_overrides(field_of_view_deg))
     joined = Joined(mission, Output.ACTUATORS, overrides(c, yaw_weight), seed, airframe)
     joined.fly(limit_s=200.0, until=lambda flown: flown.vehicle.finished)
     summary = joined.vehicle.summary()
@@ -248,7 +248,7 @@ def _from_above(flights: Sequence[Flight]) -> Any:
     from studies.route import draw_world
 
     mission, _ = missions.load(MISSION)
-    world = World.load(datafile.find("worlds", mission.world))
+    world = World.load(toml_files.find("worlds", mission.world))
     figure, axes = style.sheet(1, len(YAW_WEIGHTS), height=3.6, sharey=True)
     for number, (panel, weight) in enumerate(zip(axes, YAW_WEIGHTS, strict=True), start=7):
         draw_world(panel, world, mission.takeoff_height)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mission import Mission, Waypoint
-from protocol import datafile
+from companion.mission.plan import Mission, Waypoint
+from protocol import toml_files as toml_files
 from protocol.frames import Array
 from vehicle_sim.world import World
 
@@ -316,9 +316,9 @@ def fig6(seed: int) -> Site:
     """The paper's Fig. 6 as in worlds/paper_fig6.toml; the seed is that of the noise alone."""
     import tomllib
 
-    from companion import mission as missions
+    from companion.mission import plan as missions
 
-    tables = tomllib.loads(datafile.find("worlds", "paper_fig6").read_text(encoding="utf-8"))
+    tables = tomllib.loads(toml_files.find("worlds", "paper_fig6").read_text(encoding="utf-8"))
     flown, _ = missions.load("paper_fig6")
     points = tuple((point.north, point.east) for point in flown.waypoints)
     return Site(f"fig6_{seed}", tables, points, flown.takeoff_height)

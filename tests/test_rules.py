@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SHELLS = ("runner.py", "flight.py", "demo.py", "__main__.py")
+IMPURE = ("runtime", "logs", "view", "cli")
 PURE = [
     path
     for path in (ROOT / "companion").rglob("*.py")
-    if path.name not in SHELLS and not path.name.startswith("cli") and path.parent.name not in ("logs", "view")
+    if path.name != "__main__.py" and path.relative_to(ROOT / "companion").parts[0] not in IMPURE
 ]
 
 

@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.body import Body, Positive
-from protocol.datafile import DataFileError, load
 from protocol.frames import GRAVITY
+from protocol.toml_files import TomlFileError, load
+from protocol.vehicle_parameters import Body, Positive
 from vehicle_sim.lidar import LidarSettings
 
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]
@@ -101,11 +101,11 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         airframe = load(path, cls, overrides)
         if airframe.body.max_thrust_n <= airframe.takeoff_mass_kg * GRAVITY:
-            raise DataFileError(
+            raise TomlFileError(
                 f"{path}: body.rotor_max_thrust_n: four of them can't lift {airframe.takeoff_mass_kg:g} kg"
             )
         if airframe.battery.empty_v >= airframe.battery.full_v:
-            raise DataFileError(f"{path}: battery.empty_v: not below battery.full_v")
+            raise TomlFileError(f"{path}: battery.empty_v: not below battery.full_v")
         return airframe
 
     @property

@@ -46,7 +46,7 @@ def vehicle_sim(
     """
     factor = _factor(pace)
 
-    from protocol.datafile import DataFileError, find  # what --help does not need is slow to import
+    from protocol.toml_files import TomlFileError, find  # what --help does not need is slow to import
     from protocol.transport import TransportError, open_url
     from vehicle_sim.airframe import Airframe
     from vehicle_sim.runner import Runner
@@ -60,7 +60,7 @@ def vehicle_sim(
         place = World.load(find("worlds", world), changes["world"])
         recorder = None if truth is None else Truth(truth)
         transport = open_url(bind)
-    except (DataFileError, TransportError) as error:
+    except (TomlFileError, TransportError) as error:
         _fail(str(error))
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.default_int_handler)
@@ -92,20 +92,20 @@ def vehicle_sim(
 
 def _sorted(overrides: list[str]) -> dict[str, list[str]]:
     """The vehicle's and the world's. Raises DataFileError for any other."""
-    from protocol.datafile import DataFileError, by_first_word
+    from protocol.toml_files import TomlFileError, by_first_word
 
     changes = by_first_word(overrides, ("vehicle", "world"))
     for other in changes[""]:
-        raise DataFileError(f"--set {other}: write it as vehicle.KEY=VALUE or world.KEY=VALUE")
+        raise TomlFileError(f"--set {other}: write it as vehicle.KEY=VALUE or world.KEY=VALUE")
     return changes
 
 
 def _write(recorder: "Truth") -> None:
-    from protocol.datafile import DataFileError
+    from protocol.toml_files import TomlFileError
 
     try:
         recorder.write()
-    except DataFileError as error:
+    except TomlFileError as error:
         _fail(str(error))
 
 

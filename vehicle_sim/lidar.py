@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol import frames
-from protocol.compiled import compiled
+from protocol.jit import compiled
 from vehicle_sim.world import World, cast_ray, ray_box, ray_cylinder, ray_ground
 
 Array = NDArray[np.float64]

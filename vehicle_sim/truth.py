@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.datafile import DataFileError
+from protocol.toml_files import TomlFileError
 from vehicle_sim.rigid_body import STATES, Array
 
 TRUTH = np.dtype(
@@ -27,7 +27,7 @@ class Truth:
         try:
             self._file = path.open("wb")
         except OSError as error:
-            raise DataFileError(f"{path}: {error.strerror}") from error
+            raise TomlFileError(f"{path}: {error.strerror}") from error
         self._full: list[NDArray[np.void]] = []
         self._next_block()
 
@@ -55,4 +55,4 @@ class Truth:
             with self._file:
                 np.save(self._file, np.concatenate([*self._full, self._block[: self._rows]]))
         except OSError as error:
-            raise DataFileError(f"{self._path}: {error.strerror or error}") from error
+            raise TomlFileError(f"{self._path}: {error.strerror or error}") from error

@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.compiled import compiled
+from protocol.jit import compiled
 from vehicle_sim.integrate import TICK_NS
 from vehicle_sim.rigid_body import Array
 

@@ -20,8 +20,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol import datafile
-from protocol.compiled import compiled
+from protocol import toml_files as toml_files
+from protocol.jit import compiled
 from vehicle_sim.wind import Vector, WindSettings
 
 Array = NDArray[np.float64]
@@ -204,12 +204,12 @@ class World:
     def load(cls, path: Path, overrides: Sequence[str] = ()) -> "World":
         """With overrides as "origin.altitude_m=3". Raises DataFileError with file and key for what can't be read or
         can't exist."""
-        return cls.build(datafile.load(path, WorldTable, overrides))
+        return cls.build(toml_files.load(path, WorldTable, overrides))
 
     @classmethod
     def from_tables(cls, tables: dict[str, Any], source: str) -> "World":
         """The same from tables that are read already; `source` is named in errors."""
-        return cls.build(datafile.convert(tables, WorldTable, source))
+        return cls.build(toml_files.convert(tables, WorldTable, source))
 
     @classmethod
     def build(cls, table: WorldTable) -> "World":

@@ -18,9 +18,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, Floats, MapView, has
-from protocol.compiled import compiled
+from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, Floats, MapView, has
 from protocol.frames import Array
+from protocol.jit import compiled
 
 Integers = NDArray[np.int64]
 Nodes = NDArray[np.int32]

@@ -2,8 +2,8 @@
 
 import math
 
-from protocol.compiled import compiled
 from protocol.frames import Array
+from protocol.jit import compiled
 
 
 @compiled

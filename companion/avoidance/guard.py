@@ -27,7 +27,7 @@ import msgspec
 import numpy as np
 
 from companion.avoidance.braking import stopping_speed
-from companion.avoidance.grid import (
+from companion.perception.rolling_map import (
     FREE,
     OCCUPIED,
     UNKNOWN,
@@ -39,11 +39,10 @@ from companion.avoidance.grid import (
     fill_distances,
     has,
 )
-from protocol.compiled import compiled
+from companion.perception.tracks import POINT
 from protocol.frames import Array
+from protocol.jit import compiled
 
-POINT = 5
-"""Columns of a point to keep away from: north, east, its velocity north and east, keep-out (m from its centre)."""
 _BINS = 36
 _MOST = 16
 """Half-planes that are looked at together: the tightest."""

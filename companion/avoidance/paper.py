@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from companion.avoidance.braking import free_distance, stopping_speed
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
-from protocol.compiled import compiled
 from protocol.frames import Array
+from protocol.jit import compiled
 
 _LESS_MARGIN = (1.0, 0.7, 0.45)
 """Shares of the lateral margin that are tried."""

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.astar import _nearest_allowed
-from companion.avoidance.grid import Cell, MapView
+from companion.perception.rolling_map import Cell, MapView
 from companion.state import BoolArray
-from protocol.compiled import compiled
 from protocol.frames import Array
+from protocol.jit import compiled
 
 Integers = NDArray[np.int64]
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.astar import GridPath
-from companion.avoidance.grid import Floats, MapView, between
-from protocol.compiled import compiled
+from companion.perception.rolling_map import Floats, MapView, between
 from protocol.frames import Array
+from protocol.jit import compiled
 
 Integers = NDArray[np.int64]
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.avoidance.grid import OCCUPIED, Bytes, MapView
+from companion.perception.rolling_map import OCCUPIED, Bytes, MapView
 from companion.state import BoolArray
-from protocol.compiled import compiled
 from protocol.frames import Array, wrap
+from protocol.jit import compiled
 
 SECTORS = 72
 _SECTOR = 2.0 * math.pi / SECTORS

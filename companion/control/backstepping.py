@@ -16,8 +16,8 @@ stops while a limit bites and is kept within bounds (projection, which only lowe
 
 import numpy as np
 
-from protocol.compiled import compiled
 from protocol.frames import Array
+from protocol.jit import compiled
 
 
 @compiled

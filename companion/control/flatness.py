@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from protocol.compiled import compiled
 from protocol.frames import GRAVITY, Array, Vector, from_axes
+from protocol.jit import compiled
 
 _ROUNDS = 6
 _LEAST_FORCE = 0.05

@@ -17,10 +17,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from protocol.body import Body
-from protocol.compiled import compiled
+from protocol.disk_cache import kept
 from protocol.frames import Array, conjugate, multiply, to_rotation_vector
-from protocol.kept import kept
+from protocol.jit import compiled
+from protocol.vehicle_parameters import Body
 
 
 def attitude_model(body: Body) -> tuple[Array, Array]:

@@ -3,8 +3,8 @@
 acceleration = kp e + ki integral(e) + kd e'
 """
 
-from protocol.compiled import compiled
 from protocol.frames import Array
+from protocol.jit import compiled
 
 
 @compiled

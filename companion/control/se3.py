@@ -7,8 +7,8 @@ forward by `control.flatness`, as for the other laws.
 
 import numpy as np
 
-from protocol.compiled import compiled
 from protocol.frames import Array, conjugate, multiply
+from protocol.jit import compiled
 
 
 @compiled

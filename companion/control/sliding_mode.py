@@ -10,8 +10,8 @@ With V = s^2 / 2 outside the layer, V' = -gain |s| + s d < 0 for every disturban
 
 import numpy as np
 
-from protocol.compiled import compiled
 from protocol.frames import Array
+from protocol.jit import compiled
 
 
 @compiled

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from protocol.compiled import compiled
 from protocol.frames import GRAVITY, Array, to_body, to_world
+from protocol.jit import compiled
 
 
 @compiled

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from companion import wire
-from companion.avoidance.mapped import Answer, Outlook, Question, answer_bytes
+from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
 from companion.config import Avoidance
-from companion.mailbox import Inbox, Outbox, mailbox
-from companion.planning import ASKED, packed_question
+from companion.link import wire
+from companion.runtime.mailbox import Inbox, Outbox, mailbox
+from companion.runtime.planning import ASKED, pack_request
 from companion.state import Scan
 from protocol.flightlog import LogReader
 
@@ -54,14 +54,14 @@ class Ahead:
     def __init__(self, path: Path, settings: Avoidance) -> None:
         # A copy of this process has all that is needed; it would copy the locks that other threads hold, too.
         context: Any = multiprocessing.get_context("fork" if threading.active_count() == 1 else "spawn")
-        self._answers, theirs = mailbox(context, _SLOTS, answer_bytes(settings))
+        self._answers, theirs = mailbox(context, _SLOTS, result_bytes(settings))
         self._free = context.Semaphore(_SLOTS - 2)
         ours = self._answers if context.get_start_method() == "fork" else None
         arguments = (theirs, ours, self._free, os.getpid(), path, settings)
         self._process = context.Process(target=_run, args=arguments, name="courier-ahead", daemon=True)
         self._process.start()
         theirs.close()
-        self._open: deque[Question] = deque()
+        self._open: deque[PlanRequest] = deque()
 
     @property
     def pid(self) -> int | None:
@@ -69,10 +69,10 @@ class Ahead:
         pid: int | None = self._process.pid
         return pid
 
-    def ask(self, question: Question) -> None:
+    def ask(self, question: PlanRequest) -> None:
         self._open.append(question)
 
-    def take(self, patience_s: float) -> Answer | None:
+    def take(self, patience_s: float) -> PlanResult | None:
         if not self._open:
             return None
         question = self._open.popleft()
@@ -83,7 +83,7 @@ class Ahead:
         self._free.release()
         if asked != _identity(question):
             raise DivergedError
-        result: Answer = answer
+        result: PlanResult = answer
         return result
 
     def close(self) -> None:
@@ -92,11 +92,11 @@ class Ahead:
         self._process.join()
 
 
-def _identity(question: Question) -> bytes:
+def _identity(question: PlanRequest) -> bytes:
     """All that an answer depends on."""
     scan = question.scan
     ring = (scan.bearings_frd, scan.ranges_m, scan.hit, scan.known)
-    return b"".join((packed_question(question), *(values.tobytes() for values in ring)))
+    return b"".join((pack_request(question), *(values.tobytes() for values in ring)))
 
 
 def _run(
@@ -112,7 +112,7 @@ def _run(
         copied.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the replay ends, and ends this
     with contextlib.suppress(Exception), contextlib.closing(answers):  # what is wrong with the log the replay says
-        outlook, log = Outlook(settings, answers.empty), LogReader(path)
+        outlook, log = PlanningPipeline(settings, answers.empty), LogReader(path)
         kinds = {topic: kind for topic, kind in log.topics.items() if topic.endswith(_RING)}
         rings: OrderedDict[tuple[int, int], Scan] = OrderedDict()
         for record in log.records((*kinds, ASKED.topic)):
@@ -133,7 +133,7 @@ def _run(
             answers.put((_identity(question), outlook.answer(question)))
 
 
-def _question(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) -> Question | None:
+def _question(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) -> PlanRequest | None:
     """The question of a record; None if its ring is not there."""
     scan = rings.get((asked["ring_ns"], asked["ring_boot_us"]))
     if scan is None:
@@ -141,7 +141,7 @@ def _question(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) 
     position, attitude, here, velocity, goal = (
         np.array(asked[name]) for name in ("position_ned", "attitude_ned_frd", "here_ned", "velocity_ned", "goal_ned")
     )
-    return Question(
+    return PlanRequest(
         asked["number"],
         asked["asked_ns"],
         scan,

@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 
 from companion.logs.info import Info, info
+from companion.logs.recordings import is_drawn, printable
+from companion.logs.target import DRAFTS, output
 from companion.logs.traffic import open_traffic
-from companion.recordings import is_drawn, printable
-from companion.summary import summarize
-from companion.target import DRAFTS, output
+from companion.runtime.summary import summarize
 from companion.trace import TRACE
 from protocol.flightlog import Direction, FlightLogError
 from protocol.framing import Framer

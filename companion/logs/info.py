@@ -14,12 +14,12 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
+from companion.logs.recordings import as_date, started_unix_s
 from companion.logs.traffic import open_log
-from companion.recordings import as_date, started_unix_s
 from protocol.flightlog import MAGIC, FlightLogError, LogReader
+from protocol.flightlog.tlog import TlogReader
 from protocol.framing import Framer
 from protocol.messages import layout
-from protocol.tlog import TlogReader
 
 _FOOTER = struct.Struct("<BQQQI")
 _RECORD = struct.Struct("<BQ")

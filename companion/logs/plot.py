@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from companion.logs.difference import Series
-from companion.target import output, writable
+from companion.logs.target import output, writable
 from protocol.flightlog import FlightLogError
 
 _MOST_PANELS = 8

@@ -11,12 +11,12 @@ from typing import Any, TypeVar
 import msgspec
 
 from companion.config import Log, Settings, load_settings
-from companion.flight import git_hash
-from companion.mission import Mission
+from companion.mission.plan import Mission
+from companion.runtime.flight import git_hash
 from companion.state import Output
-from protocol import datafile
-from protocol.body import Body
+from protocol import toml_files as toml_files
 from protocol.flightlog import FlightLogError, LogReader
+from protocol.vehicle_parameters import Body
 
 T = TypeVar("T")
 
@@ -54,13 +54,13 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
     flight = log.metadata.get("flight")
     if flight is None:
         raise FlightLogError(f"{path}: no flight of this companion, it does not say how it was flown")
-    changes = datafile.by_first_word(overrides, ("mission",))
+    changes = toml_files.by_first_word(overrides, ("mission",))
     if settings is not None:
         chosen = load_settings(settings, changes[""])
     else:
         tables: dict[str, Any] = _json(f"{path}, settings.json", _attachment(log, "settings.json"), dict[str, Any])
-        chosen = datafile.convert(tables, Settings, f"{path}, settings.json", changes[""])
-    flown_with = datafile.by_first_word(
+        chosen = toml_files.convert(tables, Settings, f"{path}, settings.json", changes[""])
+    flown_with = toml_files.by_first_word(
         _json(f"{path}, overrides", flight.get("overrides", "[]"), list[str]), ("mission",)
     )
     try:
@@ -126,4 +126,4 @@ def _table(log: LogReader, name: str, record: type[T], overrides: Sequence[str] 
         tables = tomllib.loads(_attachment(log, name).decode())
     except ValueError as error:
         raise FlightLogError(f"{source}: {error}") from error
-    return datafile.convert(tables, record, source, overrides)
+    return toml_files.convert(tables, record, source, overrides)

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from companion.logs.recordings import printable
+from companion.logs.target import output
 from companion.logs.traffic import open_log
 from companion.logs.writer import Writer
-from companion.recordings import printable
-from companion.target import output
-from protocol import tlog
-from protocol.flightlog import DATAGRAM, FlightLogError, LogReader
+from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, tlog
 from protocol.framing import Framer
 
 _MOST_BETWEEN = 2

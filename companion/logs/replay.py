@@ -13,10 +13,10 @@ from companion.autopilot import Autopilot, Datagram, Event, LogFault, LogRecover
 from companion.logs.ahead import Ahead, DivergedError, worth_it
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
+from companion.logs.target import output
 from companion.logs.writer import Writer
-from companion.planning import PLANNED, Here, Planning, Thinker
-from companion.runner import LOG_FAULT, LOG_RECOVERED, PLANNER_FAULT, REQUEST, TICK, late_ns_of, lockstep_time
-from companion.target import output
+from companion.runtime.planning import PLANNED, InProcessPlanner, PlannerBackend, Planning
+from companion.runtime.runner import LOG_FAULT, LOG_RECOVERED, PLANNER_FAULT, REQUEST, TICK, late_ns_of, lockstep_time
 from companion.trace import LOGGED, TRACE, Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record, datagram_of
@@ -75,7 +75,7 @@ def replay(
         second = _flown_ahead(flight, keeps_series=keeps_series)
     if second is None:
         with _copy(flight, trace, settings, overrides) as writer, _no_garbage_collection():
-            thinker = Here(flight.settings.avoidance)
+            thinker = InProcessPlanner(flight.settings.avoidance)
             second = _Second(flight, _autopilot(flight), thinker, writer, keeps_series=keeps_series)
             second.fly()
     wall_s = clock.now_ns() * 1e-9
@@ -151,7 +151,13 @@ class _Second:
     """The second flight. Which event's answer goes into which datagram is as in `runner.Runner`."""
 
     def __init__(
-        self, flight: Recorded, autopilot: Autopilot, thinker: Thinker, writer: Writer | None, *, keeps_series: bool
+        self,
+        flight: Recorded,
+        autopilot: Autopilot,
+        thinker: PlannerBackend,
+        writer: Writer | None,
+        *,
+        keeps_series: bool,
     ) -> None:
         recorded = flight.log.topics.get(TRACE.topic)
         known = [kind for kind in (LOGGED, TRACE) if recorded is not None and kind.definition == recorded.definition]

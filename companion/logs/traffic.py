@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from protocol import tlog
-from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader, Record
+from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader, Record, tlog
 from protocol.framing import Framer
 
 

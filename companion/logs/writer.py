@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from protocol.flightlog import DATAGRAM, HEADER, LENGTH_OF_EMPTY, Direction, FlightLogError, RecordType
-from protocol.recorder import CHUNK_BYTES, McapFile, Messages
+from protocol.flightlog.recorder import CHUNK_BYTES, McapFile, Messages
 
 
 class Writer:

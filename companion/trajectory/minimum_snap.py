@@ -15,8 +15,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize
 
-from protocol.compiled import compiled
 from protocol.frames import GRAVITY, Array
+from protocol.jit import compiled
 
 _DEGREE = 7
 _SAMPLES = 24

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.curves import Shape
-from protocol.compiled import compiled
 from protocol.frames import Array
+from protocol.jit import compiled
 
 
 @compiled

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from companion.link.firmware import firmware_of
+from companion.link.firmware.firmware import Firmware
 from companion.state import FlightMode
-from companion.vehicles import firmware_of
-from companion.vehicles.firmware import Firmware
 from companion.view.gather import Batch
 from companion.view.lines import Floats
 from companion.view.scene import in_the_way

@@ -39,9 +39,9 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from companion.avoidance.guard import Reason
-from companion.planning import PLANNED
-from companion.recordings import DRAWN, has_texts, unpack
-from companion.target import output
+from companion.logs.recordings import DRAWN, has_texts, unpack
+from companion.logs.target import output
+from companion.runtime.planning import PLANNED
 from companion.trace import LOGGED
 from companion.view.history import quaternions
 from companion.view.lines import Floats, Track

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
-from companion.mission import Phase
-from companion.runner import LOOP, TICK
-from companion.supervisor import FLYING, State
+from companion.link.firmware import firmware_of
+from companion.mission.plan import Phase
+from companion.runtime.runner import LOOP, TICK
+from companion.supervision.supervisor import FLYING, State
 from companion.trace import TRACE
-from companion.vehicles import firmware_of
 from companion.view.lines import (
     Floats,
     Line,

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.avoidance.grid import FAR_M
 from companion.avoidance.guard import Reason
-from companion.planning import PLANNED
+from companion.link.firmware import firmware_of
+from companion.perception.rolling_map import FAR_M
+from companion.runtime.planning import PLANNED
 from companion.state import BoolArray, Scan
 from companion.trace import TRACE
-from companion.vehicles import firmware_of
 from companion.view.findings import phase_name, state_name
 from companion.view.gather import Batch, Table, Text, euler_deg
 from companion.view.lines import Floats, Track

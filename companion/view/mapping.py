@@ -10,12 +10,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion import wire
-from companion.avoidance.grid import FREE, OCCUPIED, UNKNOWN, MapView
-from companion.avoidance.mapped import Surroundings
+from companion.avoidance.planner import LocalMap
 from companion.config import Avoidance, Settings
 from companion.estimate import Estimator
-from companion.state import Scan
+from companion.link import wire
+from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, MapView
+from companion.state import AttitudeReport, Scan
 from protocol.frames import Array
 
 NAMES = frozenset({"ATTITUDE_QUATERNION", "ATTITUDE", "LOCAL_POSITION_NED", "OBSTACLE_DISTANCE"})
@@ -44,7 +44,7 @@ class Mapper:
     """
 
     def __init__(self, avoidance: Avoidance, ground_down: float = 0.0) -> None:
-        self._surroundings = Surroundings(avoidance)
+        self._surroundings = LocalMap(avoidance)
         self._ground_down = ground_down - avoidance.ground_height
         self._estimator = Estimator()
         self._has_quaternion = False
@@ -80,7 +80,7 @@ class Mapper:
         """The map at a time of the same clock; None before the first ring."""
         return None if self.position_ned is None else self._surroundings.look(time_ns)
 
-    def _attitude(self, report: wire.AttitudeReport, time_ns: int) -> None:
+    def _attitude(self, report: AttitudeReport, time_ns: int) -> None:
         taken = self._estimator.attitude(report, time_ns)
         if not taken and self._estimator.boot_time_ms - report.boot_time_ms > _REBOOT_MS:
             self._estimator.restart()

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from companion.config import Settings
-from companion.recordings import as_date, started_unix_s
-from companion.target import output
+from companion.logs.recordings import as_date, started_unix_s
+from companion.logs.target import output
 from companion.view.findings import Event, Finding, events, findings, phase_name
 from companion.view.gather import CLEARANCE_BIN_M, Gathered
 from companion.view.lines import Floats, Line

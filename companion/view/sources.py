@@ -19,9 +19,9 @@ from mcap.opcode import Opcode
 from companion.view.gather import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, FILE_NAME, MAGIC, FlightLogError, LogReader, RecordType, decompressed
+from protocol.flightlog.recorder import message_type
 from protocol.framing import Framer
 from protocol.messages import layout
-from protocol.recorder import message_type
 from protocol.transport import Transport
 
 _RECORD = struct.Struct("<BQ")
@@ -81,7 +81,7 @@ class GrowingLog:
         self.problem: str | None = None
         self._path = path
         self._file: BinaryIO | None = None
-        """Kept open: at its end another file takes the place of the one that was written (see protocol/recorder.py)."""
+        """Kept open: at its end another file takes the place of the one that was written (see recorder.py)."""
         self._position = len(MAGIC)
         self._epoch_ns = 0
         self._schemas: dict[int, mcap.records.Schema] = {}

@@ -6,12 +6,12 @@ import msgspec
 import pytest
 
 from companion import config
+from companion.cli.settings_page import page
 from companion.config import load_body, load_settings
-from companion.flight import Plan, PlanError, check
-from companion.mission import load
-from companion.settings_page import page
+from companion.mission.plan import load
+from companion.runtime.flight import Plan, PlanError, check
 from companion.state import Output
-from protocol.datafile import DataFileError
+from protocol.toml_files import TomlFileError
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "settings.md").read_text(encoding="utf-8")
 
@@ -32,7 +32,7 @@ def test_overrides_reach_their_place() -> None:
     "override", ["supervision.land_after=-1", "limits.tilt_deg=nan", "identity.component=300", "rates.least_share=1.5"]
 )
 def test_impossible_values(override: str) -> None:
-    with pytest.raises(DataFileError, match=override.split("=")[0].split(".")[1]):
+    with pytest.raises(TomlFileError, match=override.split("=")[0].split(".")[1]):
         load_settings(None, [override])
 
 

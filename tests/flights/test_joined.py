@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion import wire
 from companion.autopilot import Datagram, Planned
-from companion.avoidance.method import Method
+from companion.avoidance.methods import Method
 from companion.avoidance.none import NoAvoidance
-from companion.mission import Mission, Phase
+from companion.link import wire
+from companion.mission.plan import Mission, Phase
 from companion.state import AvoidanceDecision, Output
-from companion.supervisor import State
+from companion.supervision.supervisor import State
 from protocol.frames import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect

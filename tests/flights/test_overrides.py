@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion import mission
-from protocol.datafile import find
+from companion.mission import plan as mission
 from protocol.flightlog import LogReader
 from protocol.frames import GRAVITY
+from protocol.toml_files import find
 from tests.flights.processes import run
 from vehicle_sim.airframe import Airframe
 

@@ -18,13 +18,13 @@ from companion.autopilot import Autopilot, Datagram, Planned, Tick
 from companion.avoidance.guard import Reason
 from companion.config import Settings, load_body
 from companion.logs.replay import replay
-from companion.mission import Mission
-from companion.planning import PLANNED, Here
-from companion.runner import REQUEST, TICK
+from companion.mission.plan import Mission
+from companion.runtime.planning import PLANNED, InProcessPlanner
+from companion.runtime.runner import REQUEST, TICK
 from companion.state import Output
-from companion.supervisor import State
+from companion.supervision.supervisor import State
 from companion.trace import TRACE
-from protocol import datafile
+from protocol import toml_files as toml_files
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
 from studies.paper_settings import paper_settings
@@ -120,10 +120,10 @@ def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
     autopilot = Autopilot(
         msgspec.json.decode(log.attachments["settings.json"], type=Settings),
         load_body("paper_quad"),
-        datafile.convert(tables, Mission, "mission.toml"),
+        toml_files.convert(tables, Mission, "mission.toml"),
         Output(log.metadata["flight"]["output"]),
     )
-    thinker = Here(autopilot.settings.avoidance)
+    thinker = InProcessPlanner(autopilot.settings.avoidance)
     sent, repeated = b"", b""
     for record in log.records(("/courier/datagrams", TICK.topic, REQUEST.topic, PLANNED.topic)):
         if record.topic == TICK.topic:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from companion.autopilot import Datagram
-from companion.avoidance.ring import SectorRing
-from companion.wire import RefusedError, sector_distance
+from companion.link.wire import RefusedError, sector_distance
+from companion.perception.scans import SectorRing
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of

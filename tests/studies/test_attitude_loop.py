@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from protocol import datafile
+from protocol import toml_files as toml_files
 from studies.attitude_loop import AXES, CHECKED, SMALL, WEIGHTS, WITH_ARM, figures, flown, linear
 from vehicle_sim.airframe import Airframe
 
-FRAME = Airframe.load(datafile.find("vehicles", "paper_quad"))
+FRAME = Airframe.load(toml_files.find("vehicles", "paper_quad"))
 
 
 @pytest.mark.parametrize("weight", WEIGHTS)

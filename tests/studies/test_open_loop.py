@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from protocol import datafile
+from protocol import toml_files as toml_files
 from protocol.frames import GRAVITY, Array
 from studies.open_loop import Motion, coupling, equation_4, equation_6, parted, rigid_body, thrusts
 from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.rigid_body import ATTITUDE, RATES, ROTORS, STATES, derivative
 
-FRAME = Airframe.load(datafile.find("vehicles", "paper_quad"))
+FRAME = Airframe.load(toml_files.find("vehicles", "paper_quad"))
 WEIGHT = FRAME.body.mass_kg * GRAVITY
 Model = Callable[[Airframe, Array, float], Motion]
 MODELS: tuple[Model, ...] = (rigid_body, equation_4, equation_6)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from companion.control import lqr
-from protocol import datafile
+from protocol import toml_files as toml_files
 from studies.position_loop import (
     CHECKED,
     CONSTANTS,
@@ -19,7 +19,7 @@ from studies.position_loop import (
 )
 from vehicle_sim.airframe import Airframe
 
-FRAME = Airframe.load(datafile.find("vehicles", "paper_quad"))
+FRAME = Airframe.load(toml_files.find("vehicles", "paper_quad"))
 
 
 @pytest.mark.parametrize("c", CONSTANTS)

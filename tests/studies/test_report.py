@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from protocol.datafile import DataFileError
+from protocol.toml_files import TomlFileError
 from studies import __main__ as command_line
 from studies import style
 from studies.report import Page, Report, keep, kept, markdown, write_page
@@ -54,7 +54,7 @@ def test_page_is_written_from_what_is_kept(tmp_path: Path) -> None:
 
 def test_a_damaged_section_is_one_clear_line(tmp_path: Path) -> None:
     (tmp_path / "swing.json").write_text('{"name": 3}')
-    with pytest.raises(DataFileError, match=r"swing\.json"):
+    with pytest.raises(TomlFileError, match=r"swing\.json"):
         kept("swing", tmp_path)
 
 

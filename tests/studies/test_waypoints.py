@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from companion import mission as missions
-from protocol import datafile
+from companion.mission import plan as missions
+from protocol import toml_files as toml_files
 from studies import waypoints
 from vehicle_sim.world import World
 
 
 def test_each_obstacle_stands_across_its_leg_five_metres_behind_the_start() -> None:
     mission, _ = missions.load(waypoints.MISSION)
-    world = World.load(datafile.find("worlds", mission.world))
+    world = World.load(toml_files.find("worlds", mission.world))
     assert len(world.boxes) == len(mission.waypoints)
     start = np.zeros(3)
     for waypoint in mission.waypoints:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from companion import mission as missions
+from companion.mission import plan as missions
 from studies import __main__ as command_line
 from studies import worlds
 from studies.worlds import HULL, SITES, shortest

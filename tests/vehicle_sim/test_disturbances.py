@@ -13,8 +13,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from typer.testing import CliRunner
 
-from protocol.datafile import DataFileError, find
 from protocol.frames import GRAVITY
+from protocol.toml_files import TomlFileError, find
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, LAND, ForeignPilot, tilted
 from tests.vehicle_sim.test_vehicle_runner import Companion, hop, started
 from vehicle_sim import truth
@@ -215,12 +215,12 @@ def test_a_delayed_position_is_found_in_the_truth_at_its_time(tmp_path: Path) ->
 
 
 def test_a_truth_that_can_not_be_written_is_said(tmp_path: Path) -> None:
-    with pytest.raises(DataFileError, match=r"gone/truth\.npy"):
+    with pytest.raises(TomlFileError, match=r"gone/truth\.npy"):
         Truth(tmp_path / "gone" / "truth.npy")
     full = Truth(Path("/dev/full"))
     for tick in range(1000):
         full.record(tick, np.zeros(STATES), np.zeros(3))
-    with pytest.raises(DataFileError, match="/dev/full"):
+    with pytest.raises(TomlFileError, match="/dev/full"):
         full.write()
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from protocol import datafile, frames
+from protocol import frames
+from protocol import toml_files as toml_files
 from vehicle_sim.lidar import SECTORS, UNKNOWN, Lidar, LidarSettings, beam_azimuths, sector_ranges
 from vehicle_sim.world import World, cast_ray
 
@@ -17,7 +18,7 @@ Array = NDArray[np.float64]
 EXACT = LidarSettings(noise_m=0.0)
 NOTHING = 1501
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
-NEIGHBOURHOOD = World.load(datafile.find("worlds", "neighbourhood"))
+NEIGHBOURHOOD = World.load(toml_files.find("worlds", "neighbourhood"))
 
 
 def world_of(**obstacles: list[dict[str, Any]]) -> World:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocol.datafile import DataFileError
+from protocol.toml_files import TomlFileError
 from studies.joined import Joined, mission_of
 from vehicle_sim.lidar import Lidar, LidarSettings
 from vehicle_sim.world import Scene, World
@@ -129,5 +129,5 @@ speed = 1.5
     ],
 )
 def test_what_makes_no_sense_is_refused(change: dict[str, Any], says: str) -> None:
-    with pytest.raises(DataFileError, match=says):
+    with pytest.raises(TomlFileError, match=says):
         world_of({**WALKER, **change})

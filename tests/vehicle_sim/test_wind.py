@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.signal
 from numpy.typing import NDArray
 
-from protocol.compiled import compiled
+from protocol.jit import compiled
 from vehicle_sim.integrate import TICK_NS
 from vehicle_sim.rigid_body import STATES, VELOCITY
 from vehicle_sim.wind import COMPONENTS, Vector, Wind, WindSettings, dryden_length, dryden_sigma, gust

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from protocol import datafile
+from protocol import toml_files as toml_files
 from vehicle_sim.world import World, WorldTable
 
 Array = NDArray[np.float64]
 
 ORIGIN = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 400.0}
-NEIGHBOURHOOD = datafile.find("worlds", "neighbourhood")
+NEIGHBOURHOOD = toml_files.find("worlds", "neighbourhood")
 
 
 def tables(**obstacles: list[dict[str, Any]]) -> dict[str, Any]:
@@ -158,7 +158,7 @@ def test_nearest_says_whose_surface() -> None:
 
 
 def test_an_empty_world_has_ground_only() -> None:
-    world = World.load(datafile.find("worlds", "empty"))
+    world = World.load(toml_files.find("worlds", "empty"))
     assert world.clearance(at(3.0, 4.0, 1.0)) == math.inf
     assert world.nearest(at(3.0, 4.0, 1.0)) == (None, math.inf)
     down = np.array([0.6, 0.0, 0.8])
@@ -272,7 +272,7 @@ GOOD: dict[str, dict[str, Any]] = {
 )
 def test_impossible_obstacles_are_refused_with_file_and_key(kind: str, key: str, value: object) -> None:
     assert world_of(**{kind: [GOOD[kind]]}).names  # the same without the fault
-    with pytest.raises(datafile.DataFileError) as refused:
+    with pytest.raises(toml_files.TomlFileError) as refused:
         world_of(**{kind: [GOOD[kind], {**GOOD[kind], key: value}]})
     text = str(refused.value)
     assert "test.toml" in text
@@ -282,7 +282,7 @@ def test_impossible_obstacles_are_refused_with_file_and_key(kind: str, key: str,
 
 @pytest.mark.parametrize(("key", "value"), [("latitude_deg", 91.0), ("longitude_deg", 200.0), ("altitude_m", math.nan)])
 def test_impossible_origins_are_refused(key: str, value: float) -> None:
-    with pytest.raises(datafile.DataFileError, match=rf"test\.toml.*{key}"):
+    with pytest.raises(toml_files.TomlFileError, match=rf"test\.toml.*{key}"):
         World.from_tables({**tables(), "origin": {**ORIGIN, key: value}}, "test.toml")
 
 
@@ -297,7 +297,7 @@ def test_files_are_read_from_disk(tmp_path: Path) -> None:
     assert world.origin == pytest.approx((math.pi / 4, -math.pi / 2, 7.0))
     assert_nearest(world, at(0.0, 0.0, 1.0), "shed", 3.0)
     path.write_text(path.read_text().replace("size = [2, 2]", "size = [2, 0]"))
-    with pytest.raises(datafile.DataFileError, match=r"small\.toml.*box\[0\].*size"):
+    with pytest.raises(toml_files.TomlFileError, match=r"small\.toml.*box\[0\].*size"):
         World.load(path)
 
 
@@ -309,7 +309,7 @@ HULL = 0.4
 
 def footprints_at_flight_height() -> list[tuple[str, tuple[float, float, float, float]]]:
     """Name and bounds (south, north, west, east) of everything that reaches into the flown layer."""
-    table = datafile.load(NEIGHBOURHOOD, WorldTable)
+    table = toml_files.load(NEIGHBOURHOOD, WorldTable)
     bounds = []
     for box in table.box:
         c, s = abs(math.cos(math.radians(box.yaw_deg))), abs(math.sin(math.radians(box.yaw_deg)))

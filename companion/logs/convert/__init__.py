@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from companion.logs.convert import telemetry
+from companion.logs.target import output
 from companion.logs.traffic import open_log, traffic_of
-from companion.target import output
 from protocol.flightlog import FlightLogError, LogReader
 
 FORMS = ("mcap", "tlog", "ulog", "csv", "parquet")

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from companion.recordings import records, unpack
+from companion.logs.recordings import records, unpack
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record, RecordType
 
 TIME = "time_ns"

@@ -3,13 +3,12 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from companion.logs.recordings import printable, started_unix_s
 from companion.logs.traffic import Traffic, traffic_of
 from companion.logs.writer import Writer
-from companion.recordings import printable, started_unix_s
-from protocol import tlog
-from protocol.flightlog import LogReader
+from protocol.flightlog import LogReader, tlog
+from protocol.flightlog.tlog import Entry
 from protocol.framing import Framer
-from protocol.tlog import Entry
 
 FROM_TLOG = "telemetry log"
 """Metadata of a flight log that was made from one: each of its datagrams is an entry as it was."""

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from companion.recordings import has_texts, records, unpack
+from companion.logs.recordings import has_texts, records, unpack
 from protocol.flightlog import SCALARS, TEXT, LogReader, Record, RecordType
 from protocol.messages import dialect, layout
 

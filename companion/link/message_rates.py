@@ -1,0 +1,61 @@
+"""The rates at which telemetry really arrives, against those that are needed: what was asked for is measured, and
+asked for again."""
+
+from collections import deque
+
+from protocol.messages import dialect
+
+_WINDOW_NS = 1_000_000_000
+
+
+class MessageRates:
+    """Counts arrivals over the last second. Rates in Hz, times in ns."""
+
+    def __init__(self, wanted: dict[int, float], least_share: float) -> None:
+        self.wanted = wanted
+        self._least_share = least_share
+        self._arrivals: dict[int, deque[int]] = {
+            message_id: deque(maxlen=round(rate) + 1) for message_id, rate in wanted.items()
+        }
+        self._ever: set[int] = set()
+
+    def count(self, message_id: int, now_ns: int) -> None:
+        """One has arrived."""
+        arrivals = self._arrivals.get(message_id)
+        if arrivals is not None:
+            arrivals.append(now_ns)
+            self._ever.add(message_id)
+
+    def ever(self, message_id: int) -> bool:
+        """It has come at least once."""
+        return message_id in self._ever
+
+    def rate(self, message_id: int, now_ns: int) -> float:
+        """Arrivals in the last second (at most the wanted rate and one)."""
+        arrivals = self._arrivals[message_id]
+        while arrivals and now_ns - arrivals[0] >= _WINDOW_NS:
+            arrivals.popleft()
+        return float(len(arrivals))
+
+    def lacking(self, now_ns: int) -> list[int]:
+        """Messages that arrive at less than the least share of their rate."""
+        return [
+            message_id
+            for message_id, wanted in self.wanted.items()
+            if self.rate(message_id, now_ns) < wanted * self._least_share
+        ]
+
+    def interval_us(self, message_id: int) -> float:
+        """What SET_MESSAGE_INTERVAL takes."""
+        return 1e6 / self.wanted[message_id]
+
+    def describe(self, message_id: int, now_ns: int) -> str:
+        """In words, with the likely cause."""
+        name = dialect.mavlink_map[message_id].msgname
+        measured = self.rate(message_id, now_ns)
+        cause = (
+            "does the vehicle have that sensor?"
+            if message_id not in self._ever
+            else "another ground station may have asked for less, or the link is too slow"
+        )
+        return f"{name} arrives at {measured:.0f} of {self.wanted[message_id]:.0f} Hz ({cause})"

@@ -1,0 +1,144 @@
+"""Messages <-> state types: the only place where units, frames and enums are converted.
+
+A message is accepted whole or not at all: one value that is not finite or out of range and it is
+refused (`RefusedError`).
+"""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from companion.state import AttitudeReport, Output, PositionReport, Scan, SectorReport, Setpoint
+from protocol.frames import Array, from_euler
+from protocol.messages import dialect
+
+ATTITUDE_IGNORE_RATES = 0x07
+RATES_IGNORE_ATTITUDE = 0x80
+"""The two type masks that PX4 and ArduPilot both obey."""
+
+_POSITION_LIMIT_M = 1e5
+_VELOCITY_LIMIT = 150.0
+_RATE_LIMIT = 40.0
+_NOTHING = 65535
+SECTORS = 8
+"""MAV_SENSOR_ORIENTATION counts them first: 0 forward, clockwise."""
+_HALF_SECTOR = math.pi / SECTORS
+_ARDUPILOT_RING = 10
+"""PROXIMITY_SENSOR_ID_START"""
+
+
+class RefusedError(Exception):
+    """Telemetry that can't be true; the text names the message and what is wrong with it."""
+
+
+def _vector(name: str, limit: float, x: float, y: float, z: float) -> Array:
+    # One comparison a value: false for NaN and infinities too.
+    if not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit):
+        raise RefusedError(f"{name} is not finite or beyond {limit:g}: {x:g}, {y:g}, {z:g}")
+    return np.array((x, y, z))
+
+
+def attitude_quaternion(message: Any) -> AttitudeReport:
+    """ATTITUDE_QUATERNION (31)."""
+    w, x, y, z = message.q1, message.q2, message.q3, message.q4
+    square = w * w + x * x + y * y + z * z
+    if not 0.98 < square < 1.02:
+        raise RefusedError(f"ATTITUDE_QUATERNION's length is not 1: {w:g}, {x:g}, {y:g}, {z:g}")
+    scale = 1.0 / math.sqrt(square)
+    rates = _vector("ATTITUDE_QUATERNION's rates", _RATE_LIMIT, message.rollspeed, message.pitchspeed, message.yawspeed)
+    return AttitudeReport(message.time_boot_ms, np.array((w * scale, x * scale, y * scale, z * scale)), rates)
+
+
+def attitude(message: Any) -> AttitudeReport:
+    """ATTITUDE (30), for vehicles that send no quaternion."""
+    angles = _vector("ATTITUDE's angles", 7.0, message.roll, message.pitch, message.yaw)
+    rates = _vector("ATTITUDE's rates", _RATE_LIMIT, message.rollspeed, message.pitchspeed, message.yawspeed)
+    return AttitudeReport(message.time_boot_ms, from_euler(angles[0], angles[1], angles[2]), rates)
+
+
+def local_position(message: Any) -> PositionReport:
+    """LOCAL_POSITION_NED (32)."""
+    return PositionReport(
+        message.time_boot_ms,
+        _vector("LOCAL_POSITION_NED's position", _POSITION_LIMIT_M, message.x, message.y, message.z),
+        _vector("LOCAL_POSITION_NED's velocity", _VELOCITY_LIMIT, message.vx, message.vy, message.vz),
+    )
+
+
+def obstacle_distance(message: Any, time_ns: int) -> Scan:
+    """OBSTACLE_DISTANCE (330), in the body's frame: cm -> m.
+
+    `max_distance` + 1 means nothing there, 65535 not measured.
+    """
+    increment = message.increment_f or float(message.increment)
+    if message.frame != dialect.MAV_FRAME_BODY_FRD:
+        raise RefusedError(f"OBSTACLE_DISTANCE in frame {message.frame}, not BODY_FRD")
+    if not 0.0 < abs(increment) <= 360.0 or not math.isfinite(message.angle_offset):
+        raise RefusedError(f"OBSTACLE_DISTANCE with increment {increment:g} and offset {message.angle_offset:g} deg")
+    if message.max_distance <= message.min_distance:
+        raise RefusedError(f"OBSTACLE_DISTANCE from {message.min_distance} to {message.max_distance} cm")
+    distances = np.array(message.distances, dtype=np.float64)
+    bearings = _bearings(message.angle_offset, increment, distances.size)
+    known = distances != _NOTHING
+    hit = known & (distances <= message.max_distance)
+    ranges = np.minimum(distances, message.max_distance) * 0.01
+    return Scan(time_ns, message.time_usec, bearings, ranges, hit, known)
+
+
+@lru_cache(maxsize=8)
+def _bearings(offset_deg: float, increment_deg: float, count: int) -> Array:
+    """(count,) rad; the same from ring to ring."""
+    bearings: Array = np.radians(offset_deg + increment_deg * np.arange(count))
+    return bearings
+
+
+def sector_distance(message: Any) -> SectorReport | None:
+    """DISTANCE_SENSOR (132), in the body's frame: cm -> m. None of one that does not cover its eighth of the ring: up
+    and down, and narrow beams, beside which the vehicle may hit what they miss.
+
+    ArduPilot reports its rings so, with ids from 10 on and no field of view; beyond `max_distance` nothing is there.
+    """
+    is_ring = message.id >= _ARDUPILOT_RING if message.horizontal_fov == 0.0 else message.horizontal_fov > _HALF_SECTOR
+    if message.orientation >= SECTORS or not is_ring:
+        return None
+    near, far, distance = message.min_distance, message.max_distance, message.current_distance
+    if far <= near:
+        raise RefusedError(f"DISTANCE_SENSOR from {near} to {far} cm")
+    return SectorReport(
+        message.time_boot_ms,
+        message.orientation,
+        min(distance, far) * 0.01,
+        hit=distance <= far,
+        known=message.signal_quality != 1,
+    )
+
+
+def setpoint_fields(
+    setpoint: Setpoint, output: Output, boot_time_ms: int, target: tuple[int, int]
+) -> tuple[type[Any], tuple[Any, ...]]:
+    """The message's class and fields for a setpoint on the layer `output`; `target` is (system, component)."""
+    if output is Output.ACTUATORS:
+        controls = [*setpoint.torque, setpoint.thrust, 0.0, 0.0, 0.0, 0.0]
+        return dialect.MAVLink_set_actuator_control_target_message, (boot_time_ms * 1000, 0, *target, controls)
+    mask = ATTITUDE_IGNORE_RATES if output is Output.ATTITUDE else RATES_IGNORE_ATTITUDE
+    return dialect.MAVLink_set_attitude_target_message, (
+        boot_time_ms,
+        *target,
+        mask,
+        setpoint.attitude_ned_frd,
+        *setpoint.rates_frd,
+        setpoint.thrust,
+    )
+
+
+def statustext_fields(severity: int, text: str) -> list[tuple[int, bytes, int, int]]:
+    """STATUSTEXT's fields, cut to its 50 bytes (the whole sentence is in the log)."""
+    return [(severity, text.encode("ascii", "replace")[:50], 0, 0)]
+
+
+def vehicle_text(message: Any) -> str:
+    """STATUSTEXT (253) as text that does nothing to a terminal."""
+    text: str = message.text
+    return "".join(letter if letter.isprintable() else "?" for letter in text.rstrip("\0 "))

@@ -1,0 +1,1 @@
+"""The mission: its file, its steps, and the flight along them."""

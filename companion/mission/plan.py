@@ -1,0 +1,153 @@
+"""The route: a TOML file of waypoints and a delivery, turned into the steps that are flown one after the other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from companion.config import NotNegative, Positive, Table
+from companion.curves import Curve, Route, Shape
+from protocol import toml_files as toml_files
+from protocol.frames import Array
+
+Metres = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
+
+
+class Waypoint(Table, frozen=True):
+    """North and east of the take-off point and height above it (m)."""
+
+    north: Metres
+    east: Metres
+    height: Positive
+    hold_s: NotNegative = 0.0
+    """Stop there for so long; 0: pass through."""
+
+
+class Delivery(Table, frozen=True):
+    """At the last waypoint: descend, release the parcel, climb."""
+
+    release_height: Positive = 0.5
+
+
+class Mission(Table, frozen=True):
+    """A file in `missions/`."""
+
+    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
+    """Of letters, digits, - and _: the log's folder carries it."""
+    waypoints: list[Waypoint] = msgspec.field(default_factory=list)
+    trajectory: Shape | None = None
+    """In place of waypoints."""
+    world: str = "empty"
+    vehicle: str = "paper_quad"
+    description: str = ""
+    takeoff_height: Positive = 3.0
+    speed: Positive = 4.0
+    delivery: Delivery | None = None
+    return_home: bool = True
+    """Back along the route after the last waypoint; otherwise land there."""
+    profile: str = "smooth"
+    """"smooth": jerk-limited references; "step": the reference jumps, as in the paper's closed-loop tests;
+    "minimum_snap": one curve through the waypoints up to each hold, at up to `speed` and within the settings' limits of
+    acceleration and tilt. It goes nowhere else: obstacles are not avoided on it."""
+
+    def __post_init__(self) -> None:
+        if self.profile not in ("smooth", "step", "minimum_snap"):
+            raise ValueError(f'profile {self.profile!r}: there are "smooth", "step" and "minimum_snap"')
+        if bool(self.waypoints) == (self.trajectory is not None):
+            raise ValueError("waypoints: a mission has either these or a [trajectory]")
+        if self.trajectory is not None and self.profile != "smooth":
+            raise ValueError(f"profile {self.profile!r}: it is for waypoints, a [trajectory] has its own")
+        if self.trajectory is not None and self.delivery is not None:
+            raise ValueError("delivery: it is at the last waypoint, and a [trajectory] has none")
+
+
+class Phase(IntEnum):
+    """What the flight is about at the moment; the numbers go into the log."""
+
+    PREPARE = 0
+    TAKEOFF = 1
+    ROUTE = 2
+    DESCEND = 3
+    RELEASE = 4
+    CLIMB = 5
+    RETURN = 6
+    LAND = 7
+    DONE = 8
+    TRACK = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One thing to do. `target_ned` is None where nothing is flown to (release, land)."""
+
+    phase: Phase
+    target_ned: Array | None = None
+    hold_s: float = 0.0
+    passes: bool = False
+    """Goes on to the next step without stopping."""
+    avoids: bool = False
+    """Obstacles are flown around."""
+    curve: Curve | None = None
+    """Flown once the vehicle stands at `target_ned`, where it begins."""
+
+
+def load(name: str, overrides: Sequence[str] = ()) -> tuple[Mission, Path]:
+    """The mission of that name or path, changed by overrides as "speed=8", and its file. Raises DataFileError."""
+    path = toml_files.find("missions", name)
+    return toml_files.load(path, Mission, overrides), path
+
+
+def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
+    """The whole flight for a take-off from `start_ned` (on the ground)."""
+
+    def point(north: float, east: float, height: float) -> Array:
+        return np.add(start_ned, (north, east, -height))
+
+    over_home = point(0.0, 0.0, mission.takeoff_height)
+    plan = [Step(Phase.TAKEOFF, over_home)]
+    shape = mission.trajectory
+    if shape is not None:
+        height = mission.takeoff_height if shape.height is None else shape.height
+        plan.append(Step(Phase.TRACK, point(shape.north, shape.east, height), curve=shape))
+    targets = [point(waypoint.north, waypoint.east, waypoint.height) for waypoint in mission.waypoints]
+    holds = [waypoint.hold_s for waypoint in mission.waypoints]
+    curved = mission.profile == "minimum_snap"
+    if curved:
+        plan += _curves(Phase.TRACK, [over_home, *targets], holds, mission.speed)
+    else:
+        for target, hold_s in zip(targets, holds, strict=True):
+            passes = hold_s == 0.0 and target is not targets[-1]
+            plan.append(Step(Phase.ROUTE, target, hold_s, passes, avoids=True))
+    if mission.delivery is not None:
+        plan.append(Step(Phase.DESCEND, np.array([*targets[-1][:2], start_ned[2] - mission.delivery.release_height])))
+        plan.append(Step(Phase.RELEASE))
+        plan.append(Step(Phase.CLIMB, targets[-1]))
+    if mission.return_home:
+        if curved:
+            plan += _curves(Phase.RETURN, [*reversed(targets), over_home], [0.0] * len(targets), mission.speed)
+        else:
+            plan += [Step(Phase.RETURN, target, passes=True, avoids=True) for target in reversed(targets[:-1])]
+        plan.append(Step(Phase.RETURN, over_home, avoids=not curved))
+    plan.append(Step(Phase.LAND))
+    return tuple(plan)
+
+
+def _curves(phase: Phase, places: list[Array], holds: list[float], speed: float) -> list[Step]:
+    """From the first place through the others, as one curve up to each hold."""
+    plan: list[Step] = []
+    points = places[:1]
+    for place, hold_s in zip(places[1:], holds, strict=True):
+        if not np.array_equal(place, points[-1]):
+            points.append(place)
+        if hold_s == 0.0 and place is not places[-1]:
+            continue
+        if len(points) > 1:
+            plan.append(Step(phase, points[0], curve=Route(np.array(points) - points[0], speed)))
+        if hold_s > 0.0:
+            plan.append(Step(Phase.ROUTE, place, hold_s))
+        points = [place]
+    return plan

@@ -1,0 +1,1 @@
+"""What has been seen: scans, the map, what moves, free space."""

@@ -1,0 +1,1 @@
+"""Clocks, sockets, processes: what runs the autopilot."""

@@ -1,0 +1,133 @@
+"""The companion and the simulator as two processes, and the verdict on the flight."""
+
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from companion.runtime.flight import Plan, PlanError, Result, end_table, fly, prepare
+from companion.runtime.summary import Summary, summarize
+from protocol.toml_files import by_first_word
+from protocol.transport import Udp
+
+TRUTH_NAME = "truth.npy"
+SIMULATOR_FILES = ("vehicle", "world")
+"""First words of the overrides that are the simulator's."""
+
+_GRACE_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The flight as the companion, its log and the world's truth have it."""
+
+    outcome: str
+    """"delivered" or "flown" (a mission without a parcel), otherwise what happened, in one sentence."""
+    succeeded: bool
+    result: Result
+    summary: Summary
+    contacts: int
+    least_clearance_m: float | None
+    """True distance between the hull and the nearest obstacle; None where the world has none."""
+
+    def table(self) -> dict[str, object]:
+        """Names and values for a table or JSON."""
+        least = None if self.least_clearance_m is None else round(self.least_clearance_m, 3)
+        truth = {"contacts": self.contacts, "least_clearance_m": least}
+        return {"outcome": self.outcome, **truth, **end_table(self.result, self.summary)}
+
+
+def demo(plan: Plan, logs: Path, *, console: bool, truth: bool = False) -> Verdict:
+    """Start the simulator, fly the plan against it, end it, and judge.
+
+    `truth`: it leaves the true motion as truth.npy beside the log. Overrides of vehicle and world are the simulator's
+    alone. Raises PlanError if the simulator does not start or can't write.
+    """
+    prepare(plan)  # before the simulator starts: the two would compile the same functions at the same time
+    if not truth:
+        return _fly_and_judge(plan, logs, None, console=console)
+    with tempfile.TemporaryDirectory() as folder:  # the log's own folder is not made before the simulator answers
+        file = Path(folder) / TRUTH_NAME
+        verdict = _fly_and_judge(plan, logs, file, console=console)
+        shutil.move(file, verdict.result.log.parent / TRUTH_NAME)
+    return verdict
+
+
+def _fly_and_judge(plan: Plan, logs: Path, truth: Path | None, *, console: bool) -> Verdict:
+    link = Udp("127.0.0.1", 0, bind=True)
+    simulator = _start_simulator(plan, link.port, truth)
+    try:
+        while not link.waiting(0.1):
+            if simulator.poll() is not None:
+                raise PlanError("the simulator did not start, for the reason above")
+        result = fly(plan, link, logs, console=console)
+    except BaseException:
+        simulator.terminate()
+        simulator.wait()
+        raise
+    finally:
+        link.close()
+    report = _end(simulator)
+    if truth is not None and simulator.returncode != 0:
+        raise PlanError(f"{TRUTH_NAME}: the simulator could not write it, for the reason above")
+    return _judge(plan, result, report)
+
+
+def _start_simulator(plan: Plan, port: int, truth: Path | None) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
+    command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
+    command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]
+    command += [part for override in simulator_overrides(plan) for part in ("--set", override)]
+    if truth is not None:
+        command += ["--truth", str(truth)]
+    # In a session of its own: Ctrl-C is for the companion, which lands the vehicle.
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def simulator_overrides(plan: Plan) -> list[str]:
+    """What changes the vehicle flown and its world, of which the companion is told nothing."""
+    groups = by_first_word(plan.overrides, SIMULATOR_FILES)
+    return [f"{word}.{override}" for word in SIMULATOR_FILES for override in groups[word]]
+
+
+def _end(simulator: "subprocess.Popen[str]") -> dict[str, Any]:
+    """Its own report; it ends by itself after the flight."""
+    try:
+        text, _ = simulator.communicate(timeout=_GRACE_S)
+    except subprocess.TimeoutExpired:
+        simulator.terminate()
+        text, _ = simulator.communicate()
+    try:
+        report: dict[str, Any] = json.loads(text.strip().splitlines()[-1])
+    except (IndexError, ValueError):
+        return {}
+    return report
+
+
+def _judge(plan: Plan, result: Result, report: dict[str, Any]) -> Verdict:
+    contacts = int(report.get("contacts", 0))
+    delivers = plan.mission.delivery is not None
+    if not report:
+        outcome = "the simulator ended without a report"
+    elif contacts:
+        outcome = f"crashed: the vehicle hit {report.get('contact_with')}"
+    elif result.fault is not None:
+        outcome = result.fault
+    elif delivers and not (result.delivered and report.get("released")):
+        outcome = "the parcel was not delivered"
+    elif report.get("outcome") != "landed":
+        outcome = f"the vehicle did not land: {report.get('outcome')}"
+    else:
+        outcome = "delivered" if delivers else "flown"
+    return Verdict(
+        outcome,
+        outcome in ("delivered", "flown"),
+        result,
+        summarize(result.log),
+        contacts,
+        report.get("least_clearance_m"),
+    )

@@ -1,0 +1,227 @@
+"""One flight from settings to result: everything is checked and opened before the vehicle is asked for anything."""
+
+import json
+import os
+import platform
+import subprocess
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from companion.autopilot import Autopilot
+from companion.config import Settings
+from companion.mission.plan import Mission
+from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
+from companion.runtime.rehearsal import rehearse
+from companion.runtime.runner import RECORD_TYPES, Runner
+from companion.runtime.summary import Axes, Summary
+from companion.state import Output
+from companion.supervision.supervisor import State
+from protocol import toml_files as toml_files
+from protocol.clock import RealClock
+from protocol.flightlog import FlightLog
+from protocol.transport import Transport
+from protocol.vehicle_parameters import Body
+
+Pace = Literal["lockstep"] | float
+"""Lockstep, or how many times as fast as real time."""
+
+LIBRARIES = ("control", "mcap", "numba", "numpy", "pymavlink", "ruckig", "scipy")
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be flown, read and checked."""
+
+    settings: Settings
+    body: Body
+    mission: Mission
+    output: Output
+    pace: Pace
+    files: Mapping[str, Path]
+    """Mission, vehicle and world, as they were found: attached to the log."""
+    seed: int | None = None
+    overrides: tuple[str, ...] = ()
+    """All of `--set`, for the log; settings and mission have theirs already."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """How it ended."""
+
+    delivered: bool
+    landed: bool
+    """On the ground and disarmed, at the end of the mission."""
+    fault: str | None
+    """What went wrong first; None if nothing did."""
+    log: Path
+    simulated_s: float
+    """From the first event to the last, on the companion's clock; also where the log does not reach so far."""
+    wall_s: float
+    messages_lost: int
+    missed_deadlines: int
+    records_dropped: int
+    log_fault: str | None
+
+
+class PlanError(Exception):
+    """Settings, mission and vehicle do not go together."""
+
+
+def prepare(plan: Plan) -> None:
+    """Check the plan and rehearse it, so that all is compiled. Raises PlanError and RehearsalError."""
+    check(plan)
+    rehearse(plan.settings, plan.body, plan.mission, plan.output)
+
+
+def check(plan: Plan) -> None:
+    """Raises PlanError for what can be known before any vehicle is there."""
+    body, limits = plan.body, plan.settings.limits
+    hover = body.hover_thrust * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg
+    if not limits.lowest_thrust < hover < limits.highest_thrust:
+        raise PlanError(
+            f"limits.lowest_thrust {limits.lowest_thrust:g} to limits.highest_thrust {limits.highest_thrust:g}: "
+            f"the vehicle hovers at {hover:.2f}"
+        )
+
+
+def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Result:
+    """Fly a prepared plan and leave a log in a new folder of `logs`.
+
+    Raises, before anything is sent, FlightLogError if the log can't be written and PlanError if the planner's process
+    does not start.
+    """
+    avoidance = plan.settings.avoidance
+    if plan.pace == "lockstep" or not avoidance.looks_around:
+        planning = Planning(InProcessPlanner(avoidance), avoidance.answer_delay)
+    else:
+        planning = Planning(PlannerProcess(avoidance), None)
+    if planning.fault is not None:
+        raise PlanError(planning.fault)
+    autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output)
+    began = time.time()
+    clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
+    log = FlightLog.open(
+        new_folder(logs, plan.mission.name, began),
+        metadata={"flight": {**_metadata(plan, began), "whole_datagrams": str(transport.preserves_datagrams)}},
+        attachments=_attachments(plan),
+        types=RECORD_TYPES,
+        on_full="wait" if clock is None else "drop",
+        console=console,
+        epoch_ns=0 if clock is None else round(began * 1e9),
+        preserves_datagrams=transport.preserves_datagrams,
+    )
+    runner = Runner(autopilot, transport, log, clock, planning, console=console)
+    wall = time.monotonic()
+    try:
+        runner.run()
+    finally:
+        planning.close()
+        fault = runner.failure or autopilot.supervisor.fault
+        result = Result(
+            delivered=autopilot.released,
+            landed=fault is None and autopilot.supervisor.state is State.ENDED,
+            fault=fault,
+            log=log.path,
+            simulated_s=runner.flown_s,
+            wall_s=time.monotonic() - wall,
+            messages_lost=autopilot.peer.lost if autopilot.peer is not None else 0,
+            missed_deadlines=runner.missed_deadlines,
+            records_dropped=log.dropped,
+            log_fault=log.fault,
+        )
+        log.close({"result": {key: str(value) for key, value in _outcome(result).items()}})
+    return replace(result, log_fault=log.fault)
+
+
+def _outcome(result: Result) -> dict[str, object]:
+    return {
+        "delivered": result.delivered,
+        "landed": result.landed,
+        "fault": result.fault or "",
+        "messages_lost": result.messages_lost,
+        "missed_deadlines": result.missed_deadlines,
+        "ended_unix_s": time.time(),
+    }
+
+
+def end_table(result: Result, summary: Summary) -> dict[str, object]:
+    """What the companion itself knows of a flight, for a table or JSON; per axis north, east, down.
+
+    What is measured along the flight is as the log has it: where that was cut, up to there.
+    """
+    factor = result.simulated_s / result.wall_s if result.wall_s else None
+    return {
+        "delivered": result.delivered,
+        "landed": result.landed,
+        "duration_s": _rounded(result.wall_s, 3),
+        "simulated_s": _rounded(result.simulated_s, 3),
+        "real_time_factor": _rounded(factor, 2),
+        "distance_m": _rounded(summary.distance_m, 1),
+        "tracking_mae_m": _axes(summary.mae_m),
+        "tracking_rmse_m": _axes(summary.rmse_m),
+        "seen_clearance_m": _rounded(summary.seen_clearance_m, 3),
+        "messages_in": summary.messages_in,
+        "messages_out": summary.messages_out,
+        "messages_lost": result.messages_lost,
+        "latency_p50_us": _rounded(summary.latency_p50_us, 1),
+        "latency_p99_us": _rounded(summary.latency_p99_us, 1),
+        "missed_deadlines": result.missed_deadlines,
+        "log_records_dropped": result.records_dropped,
+        "log_fault": result.log_fault,
+    }
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
+
+
+def _axes(values: Axes | None) -> list[float | None] | None:
+    return None if values is None else [_rounded(value, 4) for value in values]
+
+
+def new_folder(logs: Path, name: str, began: float) -> Path:
+    """`<start time>_<name>`, with a number behind it if two flights start in one second."""
+    stem = time.strftime("%Y-%m-%d_%H-%M-%S", time.localtime(began)) + f"_{name}"
+    folder = logs / stem
+    number = 2
+    while folder.exists():
+        folder = logs / f"{stem}_{number}"
+        number += 1
+    return folder
+
+
+def _metadata(plan: Plan, began: float) -> dict[str, str]:
+    return {
+        "mission": plan.mission.name,
+        "output": plan.output.value,
+        "pace": str(plan.pace),
+        "seed": "" if plan.seed is None else str(plan.seed),
+        "overrides": json.dumps(plan.overrides),
+        "started_unix_s": repr(began),
+        "host": platform.platform(),
+        "cpus": str(os.cpu_count()),
+        "python": platform.python_version(),
+        "git": git_hash(),
+        "courier": metadata.version("courier-autopilot"),
+        **{library: metadata.version(library) for library in LIBRARIES},
+    }
+
+
+def git_hash() -> str:
+    """Of the checkout that this runs from, "+" behind it if it was changed; empty outside one."""
+    command = ["git", "-C", str(toml_files.ROOT), "describe", "--always", "--dirty=+", "--abbrev=40"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""
+
+
+def _attachments(plan: Plan) -> dict[str, bytes]:
+    files = {f"{kind}.toml": path.read_bytes() for kind, path in plan.files.items()}
+    return {**files, "settings.json": msgspec.json.encode(plan.settings)}

@@ -1,0 +1,259 @@
+"""Where questions to the map and the planner are answered, and when the answers count: outside of the loop that flies.
+
+By the clock a process of its own answers, and an answer counts at the first tick that finds it. In lockstep, where the
+vehicle waits anyway and no clock is looked at, it counts a fixed simulated time after its question.
+"""
+
+import contextlib
+import math
+import multiprocessing
+import select
+import signal
+from collections import deque
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
+import numpy as np
+
+from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
+from companion.config import Avoidance
+from companion.runtime.mailbox import Outbox, mailbox
+from companion.state import Scan
+from protocol.flightlog import record_type
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+_CORNERS = 16
+PLANNED = record_type(
+    "/companion/planned",
+    "courier/Planned",
+    [
+        ("number", "uint32"),
+        ("asked_ns", "int64"),
+        ("corners", "uint8"),
+        ("way_ned", f"float32[{2 * _CORNERS}]"),
+        ("speeds", f"float32[{_CORNERS}]"),
+    ],
+    {"way_ned": "m north, m east of each corner", "speeds": "m/s at each"},
+)
+"""An answer's arrival, an event; for people to look at, the first corners of its way."""
+ASKED = record_type(
+    "/companion/asked",
+    "courier/Asked",
+    [
+        ("number", "uint32"),
+        ("asked_ns", "int64"),
+        ("ring_ns", "int64"),
+        ("ring_boot_us", "uint64"),
+        ("position_ned", "float64[3]"),
+        ("attitude_ned_frd", "float64[4]"),
+        ("ground_down", "float64"),
+        ("here_ned", "float64[3]"),
+        ("velocity_ned", "float64[3]"),
+        ("goal_ned", "float64[3]"),
+        ("speed", "float64"),
+    ],
+    {
+        "ring_ns": "when it arrived; ring_boot_us: when it was measured, on the vehicle's clock",
+        "position_ned": "of the ring, with attitude_ned_frd; here_ned: of the vehicle now",
+        "goal_ned": "NaN: no way is asked for",
+    },
+)
+"""A question, with what a replay need not wait for to answer it; no event, it follows from those before."""
+_PATIENCE_S = 10.0
+"""For an answer that must be waited for."""
+_MOST_OPEN = 24
+"""Questions, each 2 kB: so many fit into any pipe. They are 1.6 s; the failsafe for a lost ring has acted before."""
+_ENDED = "the planner's process has ended by itself"
+
+
+class PlannerBackend(Protocol):
+    """Answers questions in their order."""
+
+    @property
+    def fault(self) -> str | None:
+        """Why there will be no more answers."""
+
+    def ask(self, question: PlanRequest) -> None:
+        """Returns at once."""
+
+    def take(self, patience_s: float) -> PlanResult | None:
+        """The next answer; None if there is none within that time."""
+
+    def close(self) -> None:
+        """Give everything back."""
+
+
+class InProcessPlanner:
+    """In this process, when the answer is taken."""
+
+    fault: str | None = None
+
+    def __init__(self, settings: Avoidance) -> None:
+        self.outlook = PlanningPipeline(settings)
+        self._questions: deque[PlanRequest] = deque()
+
+    def ask(self, question: PlanRequest) -> None:
+        self._questions.append(question)
+
+    def take(self, patience_s: float) -> PlanResult | None:
+        return self.outlook.answer(self._questions.popleft()) if self._questions else None
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+class PlannerProcess:
+    """In a process of its own, which ends with this one. Nothing here waits for it once it is ready."""
+
+    def __init__(self, settings: Avoidance) -> None:
+        context = multiprocessing.get_context("spawn")
+        asked, self._questions = context.Pipe(duplex=False)
+        self._answers, answered = mailbox(context, _MOST_OPEN + 2, result_bytes(settings))
+        arguments = (asked, answered, settings)
+        self._process = context.Process(target=_think, args=arguments, name="courier-planner", daemon=True)
+        self._process.start()
+        asked.close()
+        answered.close()
+        self._poll = select.poll()
+        self._poll.register(self._answers.fileno(), select.POLLIN | select.POLLHUP)
+        self._open = 0
+        self._trouble: str | None = None
+        try:
+            self._answers.take()  # it is ready
+        except (EOFError, OSError):
+            self._trouble = _ENDED
+            self._process.join(_PATIENCE_S)
+
+    @property
+    def fault(self) -> str | None:
+        """Why there will be no more answers."""
+        if self._trouble is not _ENDED or self._process.exitcode is None:
+            return self._trouble
+        return f"{_ENDED} (exit code {self._process.exitcode})"
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process."""
+        return self._process.pid
+
+    def ask(self, question: PlanRequest) -> None:
+        if self._trouble is not None:
+            return
+        if self._open == _MOST_OPEN:  # more would fill the pipe, and stop the loop that flies
+            self._trouble = f"the planner's process has left {_MOST_OPEN} questions unanswered"
+            return
+        try:
+            self._questions.send(question)
+            self._open += 1
+        except OSError:
+            self._trouble = _ENDED
+
+    def take(self, patience_s: float) -> PlanResult | None:
+        if self._trouble is not None or not self._open or not self._poll.poll(1e3 * patience_s):
+            return None
+        try:
+            answer: PlanResult = self._answers.take()
+        except (EOFError, OSError):
+            self._trouble = _ENDED
+            return None
+        self._open -= 1
+        return answer
+
+    def close(self) -> None:
+        self._questions.close()
+        self._answers.close()
+        self._process.join(_PATIENCE_S)
+        if self._process.is_alive():
+            self._process.kill()
+
+
+def _think(questions: "Connection", answers: Outbox, settings: Avoidance) -> None:
+    """The process: answer until the other side is gone."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    rehearse(settings)
+    outlook = PlanningPipeline(settings, answers.empty)
+    with contextlib.suppress(EOFError, OSError):
+        answers.put(None)
+        while True:
+            answers.put(outlook.answer(questions.recv()))
+
+
+def rehearse(settings: Avoidance) -> None:
+    """Answer some questions about nothing real, so that everything is compiled."""
+    bearings = np.radians(np.arange(0.0, 360.0, 5.0))
+    methods = dict.fromkeys((settings.method, "vfh")) if settings.mapped else (settings.method,)
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    for method in methods:
+        outlook = PlanningPipeline(msgspec.structs.replace(settings, method=method))
+        for k in range(16):
+            time_ns = k * 66_000_000
+            ranges = np.full(72, 15.0)
+            ranges[(np.arange(4) + k % 14 - 2) % 72] = 5.0  # a thing that walks
+            known = np.full(72, k != 15)
+            scan = Scan(time_ns, time_ns // 1000, bearings, ranges, (ranges < 15.0) & known, known)
+            here = np.array([0.1 * k, 0.0, -3.0])
+            goal, velocity = 20.0 * here, np.array([1.5, 0.0, 0.0])
+            outlook.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, 3.0))
+
+
+class Planning:
+    """Questions out, answers in when they count. `delay_s`: in lockstep, from a question to its answer; None by the
+    clock."""
+
+    def __init__(self, thinker: PlannerBackend, delay_s: float | None) -> None:
+        self._thinker = thinker
+        self._delay_ns = None if delay_s is None else round(delay_s * 1e9)
+        self._due: deque[int] = deque()
+
+    def ask(self, question: PlanRequest) -> None:
+        self._thinker.ask(question)
+        if self._delay_ns is not None:
+            self._due.append(question.asked_ns + self._delay_ns)
+
+    def due(self, now_ns: int) -> PlanResult | None:
+        """The next answer that counts by now; to be called until there is none."""
+        if self._delay_ns is None:
+            return self._thinker.take(0.0)
+        if not self._due or now_ns < self._due[0]:
+            return None
+        self._due.popleft()
+        return self._thinker.take(_PATIENCE_S)
+
+    @property
+    def fault(self) -> str | None:
+        """Why there will be no more answers."""
+        return self._thinker.fault
+
+    def close(self) -> None:
+        self._thinker.close()
+
+
+def pack_request(question: PlanRequest) -> bytes:
+    """The payload of an ASKED record."""
+    position, attitude = question.pose
+    return ASKED.pack(
+        question.number,
+        question.asked_ns,
+        question.scan.time_ns,
+        question.scan.boot_time_us,
+        *position.tolist(),
+        *attitude.tolist(),
+        question.ground_down,
+        *question.here.tolist(),
+        *question.velocity.tolist(),
+        *((math.nan,) * 3 if question.goal is None else question.goal.tolist()),
+        question.speed,
+    )
+
+
+def packed(answer: PlanResult) -> bytes:
+    """The payload of a PLANNED record."""
+    corners = answer.way.corners[:_CORNERS]
+    record = np.zeros(1, PLANNED.dtype)
+    record["number"], record["asked_ns"], record["corners"] = answer.number, answer.asked_ns, len(corners)
+    record["way_ned"][0, : 2 * len(corners)] = corners.ravel()
+    record["speeds"][0, : len(corners)] = answer.way.speeds[:_CORNERS]
+    return record.tobytes()

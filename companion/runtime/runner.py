@@ -1,0 +1,382 @@
+"""The only loop that touches clock, sockets and the log: real time by absolute deadlines, or lockstep by the
+vehicle's clock."""
+
+import contextlib
+import gc
+import logging
+import os
+import signal
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from types import FrameType
+
+from companion.autopilot import (
+    Autopilot,
+    Datagram,
+    Event,
+    LogFault,
+    LogRecovered,
+    Planned,
+    PlannerFault,
+    Reaction,
+    Request,
+    Tick,
+)
+from companion.runtime.planning import ASKED, PLANNED, Planning, pack_request, packed
+from companion.supervision.supervisor import FLYING, State
+from companion.trace import LOGGED, Thinning
+from protocol.clock import RealClock
+from protocol.flightlog import Direction, FlightLog, record_type
+from protocol.flightlog.recorder import Console
+from protocol.transport import LOCKSTEP_SPIN_S, Transport, TransportError, Udp
+
+TICK_NS = 4_000_000
+"""250 Hz"""
+TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
+REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
+"""Events that are neither ticks nor datagrams: "land", LOG_RECOVERED, or what is wrong after LOG_FAULT or
+PLANNER_FAULT."""
+LOG_FAULT = "log fault: "
+LOG_RECOVERED = "log recovered"
+PLANNER_FAULT = "planner fault: "
+LOOP = record_type("/companion/loop", "courier/Loop", [("worst_ns", "uint32"), ("latency_ns", "uint32[]")])
+"""Wall time from the receipt of a datagram with a new attitude to the command's departure, for those of a tenth of a
+second: how the machine did, not an event."""
+RECORD_TYPES = (LOGGED, TICK, REQUEST, ASKED, PLANNED, LOOP)
+
+_LOG_LEVEL = {0: 50, 1: 50, 2: 50, 3: 40, 4: 30, 5: 20, 6: 20}
+"""MAV_SEVERITY -> `logging`'s level."""
+SPIN_S = 1e-3
+"""A tick is spun for from so long before it: a sleeping core may wake late."""
+_STATUS_EVERY_S = 0.2
+_LOG_CHECK_NS = 100_000_000
+_LATENCIES_NS = 100_000_000
+_LONGEST_NS = 2**32 - 1
+_LOCKSTEP_PATIENCE_S = 3.0
+_START_PATIENCE_S = 0.2
+LATE_NS = 2_000_000
+"""Half a period: a tick later than that has missed its deadline."""
+_LATEST_NS = 2**61
+"""73 years: later times, and what is reckoned from them, leave the log's fields."""
+_TIMESYNC_ASKS = bytes((111, 0, 0)) + bytes(8)
+"""The message's id and tc1 = 0."""
+
+
+class Runner:
+    """Flies an autopilot over a transport until it has ended; without a clock in lockstep."""
+
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        transport: Transport,
+        log: FlightLog,
+        clock: RealClock | None,
+        planning: Planning,
+        *,
+        console: bool = False,
+    ) -> None:
+        self._autopilot = autopilot
+        self._planning = planning
+        self._transport = transport
+        self._log = log
+        self._clock = clock
+        self._landing_requested = False
+        self._locked = False
+        self._console = Console() if console else None
+        """For when the log's recorder, which shows what is in the log, has gone."""
+        self._began_ns: int | None = None
+        self._now = 0
+        self._checked_log_ns = 0
+        self._log_failed = False
+        self._planning_failed = False
+        self._thinning = Thinning(autopilot.settings.log.trace_rate)
+        self._latencies: list[int] = []
+        self._told_latencies_ns = 0
+        self._status_due = 0.0
+        self.missed_deadlines = 0
+        """Ticks that began more than half a period late."""
+        self.failure: str | None = None
+        """What went wrong in the loop itself."""
+
+    def run(self) -> None:
+        """Fly. Ends when the autopilot has ended, the link is gone for good, or the loop itself has failed."""
+        with _landing_on_signal(self._request_landing), _no_garbage_collection():
+            for part in (self._fly, self._keep_rest):
+                try:
+                    part()
+                except TransportError as error:
+                    self.failure = f"the link is gone: {error}"
+                except Exception as error:
+                    # A broken invariant: stop commanding, and the vehicle's own failsafe takes it down.
+                    self.failure = self.failure or f"the companion's loop failed: {error!r}"
+                    self._say(logging.CRITICAL, traceback.format_exc())
+            if self.failure is not None:
+                flying = self._autopilot.supervisor.state in FLYING - {State.RELINQUISHED}
+                rest = "; setpoints have stopped, the vehicle holds and lands by itself" if flying else ""
+                self._say(logging.CRITICAL, self.failure + rest)
+
+    def _fly(self) -> None:
+        if self._clock is None:
+            self._lockstep()
+        else:
+            with _real_time_priority():
+                self._real_time(self._clock)
+
+    def _keep_rest(self) -> None:
+        self._keep(self._thinning.rest())
+        self._tell_latencies(self._now)
+
+    @property
+    def flown_s(self) -> float:
+        """From the first event to the last, on the companion's clock."""
+        return 0.0 if self._began_ns is None else (self._now - self._began_ns) * 1e-9
+
+    def _request_landing(self) -> None:
+        self._landing_requested = True
+
+    # -- lockstep ------------------------------------------------------------------------------------------------------
+
+    def _lockstep(self) -> None:
+        """The vehicle's tick is the clock: answer each, and never look at the wall."""
+        now = 0
+        answer = b""
+        autopilot, transport = self._autopilot, self._transport
+        if isinstance(transport, Udp):
+            transport.spin_s = LOCKSTEP_SPIN_S
+        find_s = autopilot.settings.supervision.find_timeout
+        give_up = time.monotonic() + find_s
+        while not autopilot.ended:
+            data = transport.receive(_LOCKSTEP_PATIENCE_S if answer else _START_PATIENCE_S)
+            began = time.perf_counter_ns()
+            if data is None:
+                # There is no clock (yet, or any more): go on by the wall, so that the silence is noticed.
+                if answer or time.monotonic() > give_up:
+                    self._send(now, self._tick(now, 0))
+                    now += round((max(_LOCKSTEP_PATIENCE_S, find_s) + 1.0) * 1e9)
+                    self._send(now, self._tick(now, 0))
+                continue
+            tick_ns = lockstep_time(data)
+            if tick_ns is None:
+                self._datagram(now, data)
+                continue
+            if tick_ns == now and answer:
+                transport.send(answer)  # it was sent again: the answer was late or lost
+                continue
+            now = max(tick_ns, now)
+            reaction = self._datagram(now, data)
+            answer = reaction.datagram + self._tick(now, 0)
+            self._send(now, answer)
+            if reaction.trace is not None:
+                self._took(now, time.perf_counter_ns() - began)
+
+    # -- real time -----------------------------------------------------------------------------------------------------
+
+    def _real_time(self, clock: RealClock) -> None:
+        """Datagrams are handled as they come, ticks at absolute deadlines: sleep, then spin for the last part."""
+        autopilot, transport = self._autopilot, self._transport
+        while transport.receive(0.0) is not None:
+            pass  # what queued up before the start is old
+        due = clock.now_ns() + TICK_NS
+        while not autopilot.ended:
+            wait = clock.wall_seconds_until(due)
+            data = transport.receive(max(wait - SPIN_S, 0.0))
+            while data is None and clock.now_ns() < due:
+                data = transport.receive(0.0)
+            now = clock.now_ns()
+            if data is not None:
+                began = time.perf_counter_ns()
+                reaction = self._datagram(now, data)
+                self._send(now, reaction.datagram)
+                if reaction.trace is not None:
+                    self._took(now, time.perf_counter_ns() - began)
+            if now >= due:
+                late = now - due
+                if late > LATE_NS * clock.factor:
+                    self.missed_deadlines += 1
+                self._send(now, self._tick(now, late))
+                due += TICK_NS * (1 + late // TICK_NS)
+
+    # -- events --------------------------------------------------------------------------------------------------------
+
+    def _datagram(self, now: int, data: bytes) -> Reaction:
+        self._log.datagram(now, Direction.IN, self._transport.peer, data)
+        reaction = self._handle(Datagram(now, data, self._transport.preserves_datagrams))
+        if not self._locked and self._autopilot.vehicle is not None:
+            self._transport.lock()
+            self._locked = True
+        return reaction
+
+    def _tick(self, now: int, late_ns: int) -> bytes:
+        """One beat of the loop with what it brings along; what is to be sent."""
+        answer = b""
+        if self._landing_requested:
+            self._landing_requested = False
+            self._log.record(REQUEST, now, REQUEST.pack("land"))
+            answer += self._handle(Request(now)).datagram
+        if now - self._checked_log_ns >= _LOG_CHECK_NS:
+            self._checked_log_ns = now
+            answer += self._look_around(now)
+        while (planned := self._planning.due(now)) is not None:
+            self._log.record(PLANNED, now, packed(planned))
+            answer += self._handle(Planned(now, planned)).datagram
+        self._log.record(TICK, now, TICK.pack(late_ns))
+        return answer + self._handle(Tick(now, late_ns)).datagram
+
+    def _look_around(self, now: int) -> bytes:
+        """What need not be done at each tick: the log's health, the progress line."""
+        wall = time.monotonic()
+        if wall >= self._status_due:
+            self._status_due = wall + _STATUS_EVERY_S
+            line = progress(self._autopilot, now)
+            if self._recorder_speaks():
+                self._log.status(line)
+            elif self._console is not None:
+                self._console.status(line)
+        answer = b""
+        fault = self._planning.fault
+        if fault is not None and not self._planning_failed:
+            self._planning_failed = True
+            self._log.record(REQUEST, now, REQUEST.pack(f"{PLANNER_FAULT}{fault}"))
+            answer += self._handle(PlannerFault(now, fault)).datagram
+        fault = self._log.fault
+        if (fault is not None) != self._log_failed:  # its words change with the time that it lasts
+            self._log_failed = fault is not None
+            event = LogRecovered(now) if fault is None else LogFault(now, fault)
+            self._log.record(REQUEST, now, REQUEST.pack(LOG_RECOVERED if fault is None else f"{LOG_FAULT}{fault}"))
+            answer += self._handle(event).datagram
+        return answer
+
+    def _handle(self, event: Event) -> Reaction:
+        self._now = event.time_ns
+        if self._began_ns is None:
+            self._began_ns = self._now
+        reaction = self._autopilot.handle(event)
+        if reaction.trace is not None:
+            self._keep(self._thinning.step(event.time_ns, reaction.trace))
+        if reaction.question is not None:
+            self._planning.ask(reaction.question)
+            self._log.record(ASKED, event.time_ns, pack_request(reaction.question))
+        for announcement in reaction.announcements:
+            self._say(_LOG_LEVEL[announcement.severity], announcement.text)
+        return reaction
+
+    def _say(self, level: int, text: str) -> None:
+        """Into the log, and by its recorder on the console; straight to the console where the log can't take it."""
+        try:
+            self._log.text(self._now, level, "companion", text)
+        except Exception:  # whatever is wrong: a word of it, and no end of the flight
+            said = False
+        else:
+            said = self._recorder_speaks()
+        if not said and self._console is not None:
+            self._console.text(f"{self._now * 1e-9:9.3f} {logging.getLevelName(level):7} companion: {text}")
+
+    def _recorder_speaks(self) -> bool:
+        """The console's lines are the recorder's, as long as there is one."""
+        if not self._log_failed:
+            return True
+        try:
+            os.kill(self._log.recorder_pid, 0)
+        except ProcessLookupError:
+            return False
+        return True
+
+    def _keep(self, traces: list[tuple[int, bytes]]) -> None:
+        for time_ns, trace in traces:
+            self._log.record(LOGGED, time_ns, trace)
+
+    def _took(self, now: int, latency_ns: int) -> None:
+        """A command has left."""
+        self._latencies.append(min(latency_ns, _LONGEST_NS))
+        if now - self._told_latencies_ns >= _LATENCIES_NS:
+            self._tell_latencies(now)
+
+    def _tell_latencies(self, now: int) -> None:
+        self._told_latencies_ns = now
+        if self._latencies:
+            self._log.record(LOOP, now, LOOP.pack(max(self._latencies), self._latencies))
+            self._latencies.clear()
+
+    def _send(self, now: int, data: bytes) -> None:
+        if data and self._transport.peer:  # before anybody is known there is nobody to send to
+            self._transport.send(data)
+            self._log.datagram(now, Direction.OUT, self._transport.peer, data)
+
+
+def progress(autopilot: Autopilot, now: int) -> str:
+    """One line for the person who watches."""
+    state = autopilot.state
+    leg = f"{autopilot.step_index + 1}/{len(autopilot.steps)}" if autopilot.steps else "-"
+    doing = f"{autopilot.supervisor.state.name.lower():8} {autopilot.phase.name.lower():8}"
+    head = f"{now * 1e-9:6.1f} s  {doing} step {leg:5}"
+    if state is None:
+        return head
+    north, east, down = state.position_ned.tolist()
+    speed = float(state.velocity_ned @ state.velocity_ned) ** 0.5
+    return (
+        f"{head} north {north:7.1f}  east {east:6.1f}  height {-down:5.1f} m  {speed:4.1f} m/s  "
+        f"clearance {autopilot.decision.clearance:4.1f} m"
+    )
+
+
+def late_ns_of(tick: bytes) -> int:
+    """What a record of TICK says, quicker than by its `unpack`."""
+    return int.from_bytes(tick, "little", signed=True)
+
+
+def lockstep_time(datagram: bytes) -> int | None:
+    """The time (ns) that the datagram's last frame, TIMESYNC with tc1 = 0, says it is; None if that is not its last
+    frame, or the time is negative or beyond 73 years."""
+    start = datagram.rfind(_TIMESYNC_ASKS) - 7  # what follows in such a frame is too short to hold that once more
+    if start < 0 or datagram[start] != 0xFD:
+        return None
+    length = len(datagram) - start - 12
+    if not 8 < length <= 16 or datagram[start + 1] != length:  # ts1 is cut of its zero bytes
+        return None
+    time_ns = int.from_bytes(datagram[start + 18 : -2], "little")  # a negative one is beyond all, too
+    return time_ns if time_ns <= _LATEST_NS else None
+
+
+@contextlib.contextmanager
+def _landing_on_signal(request: Callable[[], None]) -> Iterator[None]:
+    """The first Ctrl-C or SIGTERM asks for a landing, the second ends the program."""
+
+    def first(number: int, frame: FrameType | None) -> None:
+        for each in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(each, signal.default_int_handler)
+        request()
+
+    before = {each: signal.signal(each, first) for each in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
+
+
+@contextlib.contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """The loop makes no cycles; a full collection would take milliseconds."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()
+
+
+@contextlib.contextmanager
+def _real_time_priority() -> Iterator[None]:
+    """Where the system grants it; without it the loop is as good as the machine is idle."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+    except (OSError, AttributeError):
+        yield
+        return
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -1,0 +1,83 @@
+"""What a flight came to, from its log."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.runtime.runner import LOOP
+from companion.supervision.supervisor import State
+from companion.trace import TRACE
+from protocol.flightlog import FlightLogError, LogReader, RecordType
+
+Axes = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Lengths in m; per axis north, east, down. None where nothing was flown."""
+
+    distance_m: float
+    mae_m: Axes | None
+    rmse_m: Axes | None
+    seen_clearance_m: float | None
+    """Least distance from the hull to a return of the ring, in flight."""
+    latency_p50_us: float | None
+    latency_p99_us: float | None
+    messages_in: int
+    messages_out: int
+
+
+def summarize(path: Path) -> Summary:
+    """Tracking is judged while the mission is flown (not while holding or landing). A log that is gone says nothing."""
+    try:
+        log = LogReader(path)
+    except FlightLogError:
+        return Summary(0.0, None, None, None, None, None, 0, 0)
+    counts = Counter(record.topic for record in log.records())
+    trace = _array(log, TRACE)
+    flown = trace[trace["state"] == State.FLY.value]
+    error = flown["position_ned"] - flown["reference_position_ned"]
+    steps = np.diff(flown["position_ned"], axis=0)
+    clearance = flown["clearance"][np.isfinite(flown["clearance"])]
+    latency_us = latencies_us(log)
+    return Summary(
+        distance_m=float(np.sqrt((steps**2).sum(axis=1)).sum()),
+        mae_m=_axes(np.abs(error).mean(axis=0)) if len(flown) else None,
+        rmse_m=_axes(np.sqrt((error**2).mean(axis=0))) if len(flown) else None,
+        seen_clearance_m=float(clearance.min()) if len(clearance) else None,
+        latency_p50_us=float(np.percentile(latency_us, 50)) if len(latency_us) else None,
+        latency_p99_us=float(np.percentile(latency_us, 99)) if len(latency_us) else None,
+        messages_in=sum(count for topic, count in counts.items() if _is_vehicle(topic) is True),
+        messages_out=sum(count for topic, count in counts.items() if _is_vehicle(topic) is False),
+    )
+
+
+def latencies_us(log: LogReader) -> NDArray[np.float64]:
+    """(n,) of all commands in order, from their datagrams to their departures; older logs have one a record."""
+    kind = log.topics.get(LOOP.topic)
+    found = [] if kind is None else [kind.unpack(each.data)["latency_ns"] for each in log.records((LOOP.topic,))]
+    return np.hstack([np.empty(0), *found]) * 1e-3
+
+
+def _array(log: LogReader, kind: RecordType) -> NDArray[np.void]:
+    """The records of a type; none if the flight came to no such record."""
+    return log.array(kind.topic) if kind.topic in log.topics else np.empty(0, [("time_ns", "<i8"), *_fields(kind)])
+
+
+def _fields(kind: RecordType) -> list[tuple[str, np.dtype[np.void], tuple[int, ...]]]:
+    layout = kind.dtype
+    return [(name, layout[name].base, layout[name].shape) for name in layout.names or ()]
+
+
+def _axes(values: NDArray[np.float64]) -> Axes:
+    north, east, down = values.tolist()
+    return north, east, down
+
+
+def _is_vehicle(topic: str) -> bool | None:
+    """Whether a decoded message is from the vehicle (component 1) or the companion; None for what is no message."""
+    parts = topic.split("/")
+    return parts[3] == "1" if len(parts) == 5 and parts[1] == "mavlink" else None

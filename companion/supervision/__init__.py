@@ -1,0 +1,1 @@
+"""Who flies, and the failsafes."""

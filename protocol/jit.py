@@ -1,0 +1,88 @@
+"""Compilation to machine code (numba), with a cache on disk that can't be stale.
+
+numba's own cache looks at the file of a function alone, not at the files of the functions that it calls. Here the
+cache's folder is named after the text of every module that holds compiled functions and of the project's modules that
+these import (numbers from there are compiled in), so that an edit to any of them recompiles everything and nothing old
+is ever run.
+
+The cache is in `.cache/` of the project, in the user's cache folder if the project can't be written to, and nowhere
+(each process compiles for itself) if neither can; NUMBA_CACHE_DIR takes the place of both.
+"""
+
+import contextlib
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+ROOT = Path(__file__).resolve().parent.parent
+_PACKAGES = ("protocol", "companion", "vehicle_sim")
+_SIGNS = (b"protocol.jit", b"import jit", b"protocol.disk_cache")
+_IMPORT = re.compile(
+    rb"""(?:^|[;:])[ \t]*
+    (?:from[ \t]+([\w.]+)[ \t]+import[ \t]*(\((?:[^)\#]|\#[^\n]*+)*+\)|(?:[^\n\\\#;]|\\\n)*+)
+    |import[ \t]+((?:[^\n\\\#;]|\\\n)*+))""",
+    re.MULTILINE | re.VERBOSE,
+)
+"""Module and names, or modules. Parsing the sources properly would take every process a quarter of a second."""
+_NAME = re.compile(r"\w+")
+
+
+def imported(source: bytes) -> Iterator[Path]:
+    """The project's modules that a module's text imports, and perhaps some that it only speaks of."""
+    for match in _IMPORT.finditer(source):
+        module, names, modules = (group.decode(errors="replace") for group in match.groups(b""))
+        found = modules.replace(",", " ").split()
+        if module:
+            found = [module, *(f"{module}.{name}" for name in _NAME.findall(names))]
+        for name in found:
+            if name.split(".")[0] in _PACKAGES:
+                path = ROOT / name.replace(".", "/")
+                yield from (each for each in (path.with_suffix(".py"), path / "__init__.py") if each.is_file())
+
+
+def _sources_digest() -> str:
+    sources = {path: path.read_bytes() for package in _PACKAGES for path in (ROOT / package).rglob("*.py")}
+    unread = [path for path, text in sources.items() if any(sign in text for sign in _SIGNS)]
+    relevant: set[Path] = set()
+    while unread:
+        path = unread.pop()
+        if path not in relevant:
+            relevant.add(path)
+            unread.extend(imported(sources[path]))
+    digest = hashlib.sha256()
+    for path in sorted(relevant):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + sources[path] + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path | None:
+    """The first place that can be written to."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    places = [Path(chosen)] if chosen else [ROOT / ".cache" / "compiled", Path("~/.cache/courier/compiled")]
+    digest = _sources_digest()
+    for place in places:
+        # RuntimeError: there is no home
+        with contextlib.suppress(OSError, RuntimeError):
+            folder = place.expanduser() / digest
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return folder
+    return None
+
+
+CACHE_FOLDER = _cache_folder()
+numba.config.CACHE_DIR = str(CACHE_FOLDER or "")
+
+
+def compiled(function: F) -> F:
+    """Compile on the first call for its argument types; IEEE arithmetic throughout, so that runs repeat to the bit."""
+    result: F = numba.njit(cache=CACHE_FOLDER is not None, error_model="numpy")(function)
+    return result

@@ -1,0 +1,109 @@
+"""Worlds, vehicles, missions and settings: TOML files, found by name or path, read into frozen checked records."""
+
+import copy
+import math
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+T = TypeVar("T")
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class TomlFileError(Exception):
+    """A file that is missing or holds something impossible; the text names the file and the key."""
+
+
+def find(kind: str, name: str) -> Path:
+    """The file at the path `name`, or `{kind}/{name}.toml` here or in the project's folder.
+
+    Kinds are worlds, vehicles and missions. Raises DataFileError, with the names that there are.
+    """
+    candidates = [Path(name), Path(kind) / f"{name}.toml", ROOT / kind / f"{name}.toml"]
+    for path in candidates:
+        try:
+            if path.is_file():
+                return path
+        except OSError as error:  # a folder that may not be looked into, a name that is too long
+            raise TomlFileError(f"{path}: {error.strerror}") from error
+    known = sorted({path.stem for folder in (Path(kind), ROOT / kind) for path in folder.glob("*.toml")})
+    raise TomlFileError(
+        f"{name}: no such file, and none of that name in {kind}/ (there: {', '.join(known) or 'nothing'})"
+    )
+
+
+def load(path: Path, record: type[T], overrides: Sequence[str] = ()) -> T:
+    """Read `path` as a `record` (a msgspec.Struct); `overrides` are "table.key=value", the value as in TOML.
+
+    Raises DataFileError for a file that can't be read, is no TOML, holds nan or inf, or does not fit the record.
+    """
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise TomlFileError(f"{path}: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, a number or a nesting without end
+        raise TomlFileError(f"{path}: {error}") from error
+    return convert(tables, record, str(path), overrides)
+
+
+def convert(tables: dict[str, Any], record: type[T], source: str, overrides: Sequence[str] = ()) -> T:
+    """The same for tables that are read already; `source` is named in errors."""
+    if overrides:
+        source = f"{source} with --set"
+        tables = copy.deepcopy(tables)
+        for override in overrides:
+            _set(tables, override)
+    for key, number in _floats(tables, ""):
+        if not math.isfinite(number):
+            raise TomlFileError(f"{source}: {number} is not a finite number - at `{key}`")
+    try:
+        return msgspec.convert(tables, record)
+    except msgspec.ValidationError as error:
+        raise TomlFileError(f"{source}: {str(error).replace('$.', '')}") from error
+
+
+def by_first_word(overrides: Sequence[str], words: Sequence[str]) -> dict[str, list[str]]:
+    """Sort overrides by what they are for: under each of `words` those that begin with it and a dot, without both;
+    under "" all others, as they are."""
+    groups: dict[str, list[str]] = {word: [] for word in (*words, "")}
+    for override in overrides:
+        word, dot, rest = override.strip().partition(".")
+        if dot and word.strip() in words and not rest.startswith("="):
+            groups[word.strip()].append(rest)
+        else:
+            groups[""].append(override)
+    return groups
+
+
+def _floats(value: object, key: str) -> Iterator[tuple[str, float]]:
+    """All of them, with their keys; TOML can write nan and inf, and no quantity is either."""
+    match value:
+        case dict():
+            for name, each in value.items():
+                yield from _floats(each, f"{key}.{name}" if key else name)
+        case list() | tuple():
+            for index, each in enumerate(value):
+                yield from _floats(each, f"{key}[{index}]")
+        case float():
+            yield key, value
+
+
+def _set(tables: dict[str, Any], override: str) -> None:
+    key, separator, text = override.partition("=")
+    path = key.strip().split(".")
+    if not separator or not all(path):
+        raise TomlFileError(f"--set {override}: write it as table.key=value")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, RecursionError):
+        value = text.strip()  # a bare word is a string, as on any command line
+    table = tables
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise TomlFileError(f"--set {override}: {part} is a value, not a table")
+    table[path[-1]] = value

@@ -1,0 +1,246 @@
+"""The search against Dijkstra by scipy, the room it keeps, and the shortened way with its corner speeds."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from companion.avoidance.astar import AStar, AStarSettings, GridPath
+from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
+from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Floats, MapView, distance_to
+from protocol.frames import Array
+
+SETTINGS = AStarSettings(inflation=0.6, comfort=1.4, closeness=2.0, unknown=1.0)
+CELL = 0.2
+
+
+def view_of(states: Bytes, corner: tuple[int, int] = (0, 0)) -> MapView:
+    return MapView(states, distance_to(states == OCCUPIED, CELL), corner, CELL)
+
+
+def field(rng: np.random.Generator, cells: int = 40, density: float = 0.01) -> Bytes:
+    states = np.where(rng.random((cells, cells)) < density, OCCUPIED, FREE).astype(np.uint8)
+    unknown = rng.random((cells, cells)) < 0.2
+    states[unknown & (states == FREE)] = UNKNOWN
+    return states
+
+
+def plan(view: MapView, start: Array, goal: Array) -> tuple[GridPath | None, Floats]:
+    search = AStar(SETTINGS, view.states.shape[0])
+    prices = search.prices(view)
+    return search.plan(view, prices, start, goal), prices
+
+
+def graph_of(view: MapView, prices: Floats) -> csr_array:
+    rows, columns = prices.shape
+    edges: list[tuple[int, int, float]] = []
+    clear = view.to_occupied
+    for i in range(rows):
+        for j in range(columns):
+            for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1)):
+                a, b = i + dr, j + dc
+                if not (0 <= a < rows and 0 <= b < columns) or clear[a, b] < min(SETTINGS.inflation, clear[i, j]):
+                    continue
+                cost = CELL * math.hypot(dr, dc) * 0.5 * (prices[i, j] + prices[a, b])
+                edges.append((i * columns + j, a * columns + b, cost))
+    start, end, cost_of = np.array(edges).T
+    size = rows * columns
+    return csr_array((cost_of, (start.astype(int), end.astype(int))), shape=(size, size))
+
+
+def test_cost_is_that_of_dijkstra() -> None:
+    rng = np.random.default_rng(1)
+    found = lost = 0
+    for _ in range(12):
+        view = view_of(field(rng, density=0.025))
+        start, goal = rng.uniform(0.5, 7.5, (2, 2))
+        path, prices = plan(view, start, goal)
+        if view.to_occupied[view.cell_of(goal)] < SETTINGS.inflation:
+            continue
+        s, g = view.cell_of(start), view.cell_of(goal)
+        expected = dijkstra(graph_of(view, prices), indices=s[0] * 40 + s[1])[g[0] * 40 + g[1]]
+        if path is None:
+            assert math.isinf(expected)
+            lost += 1
+        else:
+            assert path.cost == pytest.approx(expected) and path.costs[-1] == pytest.approx(expected)
+            assert tuple(path.cells[0]) == s and tuple(path.cells[-1]) == g
+            found += 1
+    assert found >= 3
+
+
+def test_goal_beyond_the_window_is_reached_by_the_best_border_cell() -> None:
+    """Also where all is unknown beyond some distance, as it is in flight: the search then expects no less than that."""
+    rng = np.random.default_rng(2)
+    rows, columns = np.indices((40, 40))
+    for seen in (40, 40, 15, 11, 7, 9, 12):
+        states = field(rng)
+        states[np.hypot(rows - 20, columns - 20) > seen] = UNKNOWN
+        view = view_of(states)
+        goal = rng.uniform(-6.0, 14.0, 2)
+        if view.contains(view.cell_of(goal)):
+            goal[0] += 20.0
+        path, prices = plan(view, np.array([4.1, 4.1]), goal)
+        assert path is not None
+        distances = dijkstra(graph_of(view, prices), indices=20 * 40 + 20).reshape(40, 40)
+        border = (rows == 0) | (rows == 39) | (columns == 0) | (columns == 39)
+        g = view.cell_of(goal)
+        beyond = (1.0 + SETTINGS.unknown) * CELL * np.hypot(rows - g[0], columns - g[1])
+        assert path.cost == pytest.approx((distances + beyond)[border].min())
+
+
+def test_no_cell_of_a_way_is_nearer_to_an_occupied_one_than_the_inflation() -> None:
+    rng = np.random.default_rng(3)
+    ways = 0
+    for _ in range(40):
+        view = view_of(field(rng, 64, 0.008))
+        start = np.array([1.0, 1.0])
+        path, prices = plan(view, start, np.array([11.5, 11.5]))
+        if path is None:
+            continue
+        ways += 1
+        allowed = min(SETTINGS.inflation, view.to_occupied[view.cell_of(start)])
+        assert view.to_occupied[tuple(path.cells.T)].min() >= allowed
+        assert np.abs(np.diff(path.cells, axis=0)).max() == 1
+        corners = shorten(path, view, prices, SETTINGS.inflation)
+        for a, b in itertools.pairwise(corners):
+            for share in np.linspace(0.0, 1.0, 60):
+                assert view.to_occupied[view.cell_of(a + share * (b - a))] >= allowed - 0.5 * CELL
+    assert ways > 20
+
+
+def test_from_within_the_inflation_the_way_leads_out() -> None:
+    states = np.full((40, 40), FREE, np.uint8)
+    states[20, 20] = OCCUPIED
+    view = view_of(states)
+    path, _ = plan(view, np.array([4.1, 4.3]), np.array([4.1, 1.0]))
+    assert path is not None
+    clear = view.to_occupied[tuple(path.cells.T)]
+    inside = clear < SETTINGS.inflation
+    assert inside[0] and (np.diff(clear)[inside[:-1]] >= 0.0).all() and not inside[inside.argmin() :].any()
+
+
+def test_closed_in_there_is_no_way() -> None:
+    states = np.full((40, 40), FREE, np.uint8)
+    states[8:32, 8] = states[8:32, 32] = states[8, 8:32] = states[32, 8:33] = OCCUPIED
+    assert plan(view_of(states), np.array([4.1, 4.1]), np.array([7.5, 7.5]))[0] is None
+    assert plan(view_of(states), np.array([4.1, 4.1]), np.array([30.0, 4.1]))[0] is None
+
+
+@pytest.mark.parametrize(("half", "closed"), [(6, True), (6, False), (62, True)])
+def test_a_goal_that_is_closed_in_is_not_reached_from_anywhere(half: int, closed: bool) -> None:
+    """A yard around the goal, with and without a door, and one with more cells than are looked at backwards; from
+    within it there is a way."""
+    states = np.full((200, 200), FREE, np.uint8)
+    middle = 130
+    for side in (-half, half):
+        states[middle + side, middle - half : middle + half + 1] = OCCUPIED
+        states[middle - half : middle + half + 1, middle + side] = OCCUPIED
+    if not closed:
+        states[middle - half, middle - half + 1 : middle + half] = FREE
+    view = view_of(states)
+    goal = CELL * np.array([middle + 0.5, middle + 0.5])
+    assert (plan(view, np.array([2.0, 2.0]), goal)[0] is None) == closed
+    assert plan(view, goal - [0.3, 0.3], goal)[0] is not None
+    assert (plan(view, goal, np.array([2.0, 2.0]))[0] is None) == closed
+
+
+def test_a_map_of_another_size_is_refused() -> None:
+    """What would be written beside the search's memory."""
+    view = view_of(np.full((40, 40), FREE, np.uint8))
+    larger = view_of(np.full((64, 64), FREE, np.uint8))
+    search = AStar(SETTINGS, 40)
+    with pytest.raises(ValueError, match=r"64.*40"):
+        search.prices(larger)
+    with pytest.raises(ValueError, match=r"64.*40"):
+        search.plan(larger, np.ones((64, 64), np.float32), np.ones(2), np.full(2, 5.0))
+    assert search.plan(view, search.prices(view), np.ones(2), np.full(2, 5.0)) is not None
+
+
+def test_a_gap_on_the_right_only_is_taken() -> None:
+    """A wall across the way north with a gap in the east, and the mirror image."""
+    states = np.full((64, 64), FREE, np.uint8)
+    states[40, :50] = OCCUPIED
+    for flipped, east in ((False, True), (True, False)):
+        view = view_of(states[:, ::-1].copy() if flipped else states)
+        path, prices = plan(view, np.array([2.1, 6.5]), np.array([12.0, 6.5]))
+        assert path is not None
+        corners = shorten(path, view, prices, SETTINGS.inflation)
+        crossing = corners[np.abs(corners[:, 0] - 8.1).argmin(), 1]
+        assert (crossing > 10.0) if east else (crossing < 2.8)
+
+
+def test_a_turned_or_mirrored_map_has_the_same_cost() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(6):
+        states = field(rng, 41)
+        states[20, 20] = states[32:39, 28:35] = FREE
+        goal, centre = np.array([7.1, 6.3]), np.array([4.1, 4.1])
+        path, _ = plan(view_of(states), centre, goal)
+        aside = goal - centre
+        turned, _ = plan(view_of(np.rot90(states, -1).copy()), centre, centre + np.array([aside[1], -aside[0]]))
+        flipped, _ = plan(view_of(states[:, ::-1].copy()), centre, centre + aside * np.array([1.0, -1.0]))
+        costs = [None if each is None else pytest.approx(each.cost) for each in (path, turned, flipped)]
+        assert costs[0] == costs[1] == costs[2] or path is None
+
+
+def test_unknown_is_gone_around_where_that_costs_less() -> None:
+    states = np.full((40, 40), FREE, np.uint8)
+    states[15:25, 14:28] = UNKNOWN
+    path, _ = plan(view_of(states), np.array([0.5, 4.1]), np.array([7.5, 4.1]))
+    assert path is not None and (states[tuple(path.cells.T)] == FREE).all()
+    states[15:25, :] = UNKNOWN
+    through, _ = plan(view_of(states), np.array([0.5, 4.1]), np.array([7.5, 4.1]))
+    assert through is not None and through.cost == pytest.approx(7.0 + 2.0, abs=0.25)
+
+
+def test_a_goal_that_is_forbidden_is_approached() -> None:
+    states = np.full((40, 40), FREE, np.uint8)
+    states[20, 20] = OCCUPIED
+    view = view_of(states)
+    path, _ = plan(view, np.array([1.0, 4.1]), np.array([4.0, 4.1]))
+    assert path is not None
+    assert SETTINGS.inflation <= view.to_occupied[tuple(path.cells[-1])] < SETTINGS.inflation + 2 * CELL
+
+
+def test_shortening_straightens_and_never_costs_more() -> None:
+    """In the open one line is left; in a field the lines' cost is that of the cells' way at the most."""
+    path, prices = plan(view_of(np.full((40, 40), FREE, np.uint8)), np.array([0.5, 0.5]), np.array([7.5, 3.1]))
+    assert path is not None
+    open_view = view_of(np.full((40, 40), FREE, np.uint8))
+    corners = shorten(path, open_view, prices, SETTINGS.inflation)
+    assert len(corners) == 2
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        view = view_of(field(rng, 64, 0.006))
+        path, prices = plan(view, np.array([1.0, 1.0]), np.array([11.5, 8.5]))
+        if path is None:
+            continue
+        corners = shorten(path, view, prices, SETTINGS.inflation)
+        inside = [np.array(view.cell_of(corner), float) for corner in corners]
+        costs = [
+            line_cost(prices, view.to_occupied, SETTINGS.inflation, CELL, a[0], a[1], b)
+            for a, b in itertools.pairwise(inside)
+        ]
+        assert sum(costs) <= 1.03 * path.cost + 1e-9 and len(corners) <= len(path.cells)
+
+
+def test_corner_speeds() -> None:
+    """A right angle with 0.5 m of room: the radius is 0.5 / (sqrt 2 - 1); straight on is not slowed down; the end is
+    rest, and what comes before can brake for what follows."""
+    corners = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0], [40.0, 30.0]])
+    room = np.full(4, 0.5)
+    speeds = corner_speeds(corners, room, 10.0, 4.0, 4.0)
+    turn = math.sqrt(4.0 * 0.5 / (math.sqrt(2.0) - 1.0))
+    assert speeds[2] == pytest.approx(turn) and speeds[3] == 0.0 and speeds[0] == 10.0
+    assert speeds[1] == pytest.approx(min(10.0, math.sqrt(turn**2 + 2 * 4.0 * 20.0)))
+    near = corner_speeds(corners * 0.05, room, 10.0, 4.0, 4.0)
+    assert near[2] == pytest.approx(math.sqrt(4.0 * 0.5))  # half of the shorter leg, 0.5 m, on the arc
+    assert near[1] == pytest.approx(math.sqrt(near[2] ** 2 + 8.0))
+    sharp = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, math.sqrt(3.0)]])  # a turn by 120 degrees, legs of 2 m
+    assert corner_speeds(sharp, np.full(3, 99.0), 10.0, 4.0, 4.0)[1] == pytest.approx(math.sqrt(4.0 / math.sqrt(3.0)))
+    back = corner_speeds(np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 0.0]]), np.full(3, 0.5), 10.0, 4.0, 4.0)
+    assert back[1] == 0.0

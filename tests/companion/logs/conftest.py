@@ -1,0 +1,57 @@
+"""Logs to work on: flown ones, and a small one with many chunks."""
+
+import random
+from pathlib import Path
+
+import pytest
+
+from protocol.flightlog import DATAGRAM, HEADER, LENGTH_OF_EMPTY
+from protocol.flightlog.recorder import McapFile
+from tests.companion.logs.changed_logs import Flyer
+from tests.flights.processes import run
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What looks at flown logs goes to one worker, which flies each of them once."""
+    for item in items:
+        if "fly" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.xdist_group("logs"))
+
+
+@pytest.fixture(scope="session")
+def fly(tmp_path_factory: pytest.TempPathFactory) -> Flyer:
+    """Flies the hover in two processes, once for each set of options; the log."""
+    flown: dict[tuple[str, ...], Path] = {}
+
+    def flyer(*options: str) -> Path:
+        if options not in flown:
+            folder = tmp_path_factory.mktemp("flown")
+            done = run("companion", "demo", "hover", "--no-report", "--log", str(folder), *options)
+            assert done.returncode in (0, 1), done.stderr  # 1: by the clock on a machine that is too busy
+            (flown[options],) = folder.glob("*/flight.mcap")
+        return flown[options]
+
+    return flyer
+
+
+@pytest.fixture(scope="session")
+def many_chunks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished log of 40 chunks: 2000 datagrams of noise with their sequence, metadata, an attachment."""
+    path = tmp_path_factory.mktemp("chunks") / "flight.mcap"
+    generator = random.Random(1)
+    file = McapFile(path)
+    file.add_metadata("flightlog", {"version": "1", "epoch_ns": "1000000000"})
+    file.add_metadata("flight", {"mission": "none", "output": "rates"})
+    file.add_attachment("mission.toml", 1, b'name = "none"')
+    channel = file.add_channel(DATAGRAM)
+    for number in range(2000):
+        data = DATAGRAM.pack(number % 2, "a:1", generator.randbytes(generator.randrange(40)))
+        time_ns = 1_000_000_000 + number * 4_000_000
+        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), channel, number, time_ns, time_ns)
+        file.add_message(channel, time_ns, header + data)
+        if number % 50 == 49:
+            file.end_chunk()
+    file.add_metadata("flightlog end", {"reason": "closed", "dropped": "0"})
+    file.finish()
+    return path

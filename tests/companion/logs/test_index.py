@@ -1,0 +1,138 @@
+"""The listing of a folder and its index."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from companion.logs.index import INDEX_NAME, listing
+from companion.view.foxglove import convert as draw
+from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
+from protocol.messages import dialect
+from tests.companion.logs.changed_logs import Flyer, foreign, rewritten, telemetry_log
+from tests.flights.processes import run
+
+DATA = Path(__file__).resolve().parents[2] / "data"
+
+
+@pytest.fixture
+def folder(fly: Flyer, tmp_path: Path) -> Path:
+    """A flight, the same cut off, another system's, and what is none."""
+    (tmp_path / "one").mkdir()
+    shutil.copy(fly(), tmp_path / "one" / "flight.mcap")
+    (tmp_path / "two").mkdir()
+    (tmp_path / "two" / "flight.mcap").write_bytes(fly().read_bytes()[:400_000])
+    shutil.copy(DATA / "px4_offboard.tlog", tmp_path)
+    (tmp_path / "broken.mcap").write_bytes(b"no log at all" * 20)
+    (tmp_path / "notes.txt").write_text("nothing")
+    return tmp_path
+
+
+def test_what_it_says(folder: Path, fly: Flyer) -> None:
+    rows = {row.log: row for row in listing(folder)}
+    assert rows.keys() == {"one/flight.mcap", "two/flight.mcap", "px4_offboard.tlog", "broken.mcap"}
+    one, two = rows["one/flight.mcap"], rows["two/flight.mcap"]
+    assert (one.mission, one.result, one.faults) == ("hover", "landed", ())
+    trace = LogReader(fly()).array("/companion/trace")
+    span = np.ptp(trace["position_ned"][:, 2])
+    assert one.distance_m is not None and one.distance_m >= span * 0.9
+    assert (two.mission, two.result) == ("hover", "unfinished") and "cut off" in two.faults[0]
+    assert two.duration_s < one.duration_s
+    assert rows["px4_offboard.tlog"].result == "recorded" and (rows["px4_offboard.tlog"].distance_m or 0.0) > 4.0
+    assert rows["broken.mcap"].result == "unreadable"
+    times = [row.started_unix_s or 0.0 for row in listing(folder)]
+    assert times == sorted(times, reverse=True)
+
+
+def test_only_what_has_changed_is_looked_at_again(folder: Path) -> None:
+    before = listing(folder)
+    path = folder / INDEX_NAME
+    index = msgspec.json.decode(path.read_bytes())
+    for entry in index["entries"].values():
+        entry["row"]["mission"] = "from the index"
+    path.write_bytes(msgspec.json.encode(index))
+    assert {row.mission for row in listing(folder)} == {"from the index"}
+    changed = folder / "one" / "flight.mcap"
+    os.utime(changed, ns=(1, 1))
+    (folder / "broken.mcap").unlink()
+    after = {row.log: row.mission for row in listing(folder)}
+    assert after["one/flight.mcap"] == "hover" and after["two/flight.mcap"] == "from the index"
+    assert "broken.mcap" not in after
+    for broken in (b"", b"{", b'{"version": 0, "entries": {}}', b'{"version": 1, "entries": {"a": 1}}'):
+        path.write_bytes(broken)
+        again = listing(folder)
+        assert [row for row in before if row.log != "broken.mcap"] == again
+
+
+def test_the_command(folder: Path, tmp_path: Path) -> None:
+    done = run("companion", "logs", str(folder))
+    assert done.returncode == 0 and "one/flight.mcap" in done.stdout and "hover" in done.stdout
+    rows = json.loads(run("companion", "logs", str(folder), "--json").stdout)
+    assert {row["log"] for row in rows} == {row.log for row in listing(folder)}
+    none = run("companion", "logs", str(tmp_path / "none"))
+    assert none.returncode == 2 and len(none.stderr.splitlines()) == 1
+    with pytest.raises(FlightLogError, match="no such folder"):
+        listing(tmp_path / "none")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert run("companion", "logs", str(empty)).returncode == 0
+
+
+def test_files_of_others_are_left_alone(folder: Path) -> None:
+    """An index.json is somebody's, and what has the index's name is replaced only if it is one, of any version."""
+    (folder / "index.json").write_text("[1]")
+    for content in (b"[1]", b'{"entries": 3}', b"mine"):
+        (folder / INDEX_NAME).write_bytes(content)
+        assert len(listing(folder)) == 4
+        assert (folder / INDEX_NAME).read_bytes() == content
+    (folder / INDEX_NAME).write_bytes(b'{"version": 0, "entries": {}}')
+    listing(folder)
+    assert msgspec.json.decode((folder / INDEX_NAME).read_bytes())["version"] == 1
+    assert (folder / "index.json").read_text() == "[1]"
+
+
+def test_what_was_drawn_from_a_flight_is_none(folder: Path) -> None:
+    before = listing(folder)
+    drawn = draw(folder / "one" / "flight.mcap").path
+    drawn.rename(folder / "drawn.mcap")
+    assert listing(folder) == before
+
+
+def test_one_bad_log_hides_no_other(fly: Flyer, tmp_path: Path) -> None:
+    """Damage that no checksum tells, nonsense for a date, a name that is not UTF-8."""
+    for number, started in enumerate(("nan", "inf", "1e300", "-1e11")):
+        rewritten(fly(), tmp_path / f"{number}.mcap", flight={"started_unix_s": started})
+
+    def damaged(data: bytes, name: str) -> None:
+        topics = {DATAGRAM.topic: (DATAGRAM.schema_name, DATAGRAM.definition, [(0, data)])}
+        foreign(tmp_path / name, topics)
+
+    damaged(DATAGRAM.pack(7, "", b"x"), "direction.mcap")
+    damaged(DATAGRAM.pack(0, "", b"x" * 50)[:20], "short.mcap")
+    stray = b"h\xf6ver.tlog".decode(errors="surrogateescape")
+    telemetry_log(tmp_path / stray, dialect.MAVLink_heartbeat_message(2, 3, 81, 5, 4, 3))
+    for _ in range(2):  # the second time from the index
+        rows = {row.log: row for row in listing(tmp_path)}
+        assert len(rows) == 7 and (tmp_path / INDEX_NAME).exists()
+        for name in ("direction.mcap", "short.mcap"):
+            assert rows[name].result == "unreadable" and "the datagram at 0.000 s is damaged" in rows[name].faults[0]
+        for number in range(4):
+            row = rows[f"{number}.mcap"]
+            assert row.result == "landed" and (row.started_unix_s is None or row.started_unix_s > 0.0)
+        (other,) = (row for row in rows.values() if "ver.tlog" in row.log)
+        assert other.result == "recorded"
+    done = run("companion", "logs", str(tmp_path))
+    assert done.returncode == 0 and all(name in done.stdout for name in rows)
+
+
+def test_a_trace_that_is_cut_is_said(fly: Flyer, tmp_path: Path) -> None:
+    def cut(record: Record) -> list[Record]:
+        return [record._replace(data=record.data[:3]) if record.topic == "/companion/loop" else record]
+
+    rewritten(fly(), tmp_path / "a.mcap", cut)
+    (row,) = listing(tmp_path)
+    assert row.result == "unreadable" and row.faults[0]

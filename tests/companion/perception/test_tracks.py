@@ -1,0 +1,240 @@
+"""Tracks: the filter against a plain reference and its own consistency; who moves and who does not; birth and death."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.perception.tracks import (
+    TRACK,
+    Tracker,
+    Tracks,
+    TrackSettings,
+    _judge,
+    bear,
+    correct,
+    pairs,
+    predict,
+    runs,
+    square_in_sigmas,
+)
+from companion.state import Scan
+from protocol.frames import Array, from_euler
+from vehicle_sim.lidar import Lidar, LidarSettings
+from vehicle_sim.world import CylinderTable, OriginTable, WallTable, World, WorldTable
+
+SETTINGS = TrackSettings(
+    gap=1.0, widest=1.2, acceleration=1.5, hits=4, misses=4, slowest=0.4, certainty=3.0, steady=5, rest=15
+)
+LEVEL = from_euler(0.0, 0.0, 0.0)
+PERIOD_NS = 66_666_667
+BEARINGS: Array = np.radians(5.0 * np.arange(72))
+
+
+class Scene:
+    """Cylinders that move and walls that do not, seen by the simulator's LiDAR."""
+
+    def __init__(self, seed: int = 1, walls: tuple[WallTable, ...] = (), noise_m: float = 0.02) -> None:
+        self._lidar = Lidar(LidarSettings(noise_m=noise_m), np.random.default_rng(seed))
+        self._walls = walls
+        self.tracker = Tracker(SETTINGS)
+        self.time_ns = 0
+
+    def see(self, places: list[tuple[float, float]], position: Array | None = None, yaw: float = 0.0) -> Scan:
+        """One ring, taken in; cylinders of 0.3 m at these places."""
+        here = np.array([0.0, 0.0, -2.0]) if position is None else position
+        cylinders = tuple(CylinderTable(name=f"{k}", center=p, radius=0.3, height=4.0) for k, p in enumerate(places))
+        origin = OriginTable(latitude_deg=0.0, longitude_deg=0.0, altitude_m=0.0)
+        world = World.build(WorldTable(name="scene", origin=origin, cylinder=cylinders, wall=self._walls))
+        attitude = from_euler(0.0, 0.0, yaw)
+        distances = self._lidar.ring(world, here, attitude).astype(np.float64)
+        hit, known = distances <= 1500.0, distances != 65535.0
+        scan = Scan(self.time_ns, 0, BEARINGS, np.minimum(distances, 1500.0) * 0.01, hit, known)
+        self.moving = self.tracker.add(scan, here, attitude, -0.3)
+        self.time_ns += PERIOD_NS
+        return scan
+
+
+def track_of(mean: Array, covariance: Array) -> Tracks:
+    tracks = np.zeros(1, TRACK)
+    tracks["mean"], tracks["covariance"], tracks["hits"] = mean, covariance, 1
+    return tracks
+
+
+def test_filter_against_the_information_form() -> None:
+    """Prediction and correction against the same written as inverse covariances."""
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(4, 4))
+    mean, covariance = rng.normal(size=4), root @ root.T + np.eye(4)
+    tracks = track_of(mean, covariance)
+    noise_root = rng.normal(size=(2, 2))
+    middle, noise = rng.normal(size=2), noise_root @ noise_root.T + np.eye(2)
+    predict(tracks, 0.2, 1.5)
+    step = np.eye(4)
+    step[:2, 2:] = 0.2 * np.eye(2)
+    shape = np.vstack([0.02 * np.eye(2), 0.2 * np.eye(2)])
+    mean, covariance = step @ mean, step @ covariance @ step.T + 1.5**2 * shape @ shape.T
+    assert np.allclose(tracks["mean"], mean)
+    assert np.allclose(tracks["covariance"], covariance)
+    spread, offset = covariance[:2, :2] + noise, middle - mean[:2]
+    assert square_in_sigmas(spread, offset) == pytest.approx(offset @ np.linalg.inv(spread) @ offset)
+    correct(tracks[0], middle, noise, 0.3)
+    seen = np.eye(2, 4)
+    information = np.linalg.inv(covariance) + seen.T @ np.linalg.inv(noise) @ seen
+    expected = np.linalg.solve(information, np.linalg.solve(covariance, mean) + seen.T @ np.linalg.solve(noise, middle))
+    assert np.allclose(tracks["covariance"], np.linalg.inv(information)) and np.allclose(tracks["mean"], expected)
+    assert tracks["hits"] == 2
+
+
+def test_two_measurements_of_a_straight_flight_give_its_velocity() -> None:
+    """With little noise the velocity is the difference of places over time: to the right is east."""
+    noise = 1e-8 * np.eye(2)
+    tracks = np.zeros(1, TRACK)
+    bear(tracks[0], 7, np.array([3.0, 1.0]), noise, 0.3)
+    predict(tracks, 0.5, 0.0)
+    correct(tracks[0], np.array([3.2, 1.6]), noise, 0.3)
+    assert np.allclose(tracks["mean"], [3.2, 1.6, 0.4, 1.2], atol=1e-5)
+    assert tracks["number"] == 7
+
+
+def test_who_is_slow_in_so_many_rings_rests() -> None:
+    """In `rest` of them one after the other, and not a ring later; a fast one in between begins the count anew."""
+    tracker = Tracker(SETTINGS)
+    tracks = track_of(np.zeros(4), 1e-4 * np.eye(4))
+    tracks["hits"], tracks["moving"] = 10, True
+
+    def moves(speed: float) -> bool:
+        tracks["mean"][0, 2] = speed
+        _judge(tracks[0], tracker._rules[0])
+        return bool(tracks["moving"][0])
+
+    assert all(moves(0.0) for _ in range(SETTINGS.rest - 1)) and moves(1.5)
+    assert all(moves(0.0) for _ in range(SETTINGS.rest - 1)) and not moves(0.0)
+
+
+def test_the_nearest_pair_is_taken_first() -> None:
+    """Each track goes on with one thing and each thing with one track; what is farther than the gate with none."""
+    tracks = np.concatenate([track_of(np.array([place, 0.0, 0.0, 0.0]), 0.01 * np.eye(4)) for place in (0.0, 0.3, 9.0)])
+    things = np.array([[0.2, 0.0], [0.5, 0.0], [20.0, 0.0]])
+    noises = np.broadcast_to(0.01 * np.eye(2), (3, 2, 2)).copy()
+    assert pairs(tracks, things, noises).tolist() == [-1, 0, -1]  # the first is farther from the second than the gate
+    assert pairs(tracks, things[:1], noises[:1]).tolist() == [-1, 0, -1]
+    assert pairs(tracks[:1], things, noises).tolist() == [0]
+    # Within the gate by the track's and the thing's own uncertainty together, by neither alone.
+    assert pairs(tracks[:1], np.array([[0.0, 0.45]]), noises[:1]).tolist() == [0]
+    assert pairs(tracks[:0], things, noises).tolist() == []
+    assert pairs(tracks, things[:0], noises[:0]).tolist() == [-1] * 3
+
+
+def test_the_filter_believes_what_is_true() -> None:
+    """Squared errors in standard deviations (NEES) of 300 simulated tracks: 4 on average."""
+    rng = np.random.default_rng(2)
+    noise = np.diag([0.01, 0.04])
+    values = []
+    for _ in range(300):
+        truth = np.array([5.0, 0.0, *rng.normal(0.0, 1.5, 2)])
+        tracks = np.zeros(1, TRACK)
+        bear(tracks[0], 0, truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3)
+        for _ in range(20):
+            push = rng.normal(0.0, 1.5, 2)
+            truth[:2] += 0.1 * truth[2:] + 0.005 * push
+            truth[2:] += 0.1 * push
+            predict(tracks, 0.1, 1.5)
+            correct(tracks[0], truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3)
+        error = tracks["mean"][0] - truth
+        values.append(error @ np.linalg.solve(tracks["covariance"][0], error))
+    assert np.mean(values) == pytest.approx(4.0, abs=0.5)
+
+
+def test_a_walker_is_found_with_his_velocity() -> None:
+    """He walks from left to right, 5 m ahead of a vehicle that heads east: north is on its left."""
+    scene = Scene()
+    for k in range(40):
+        scene.see([(2.0 - 1.4 * k / 15.0, 5.0)], yaw=math.pi / 2)
+    (track,) = scene.tracker.moving
+    assert track["mean"][2] == pytest.approx(-1.4, abs=0.35) and abs(track["mean"][3]) < 0.35
+    assert math.hypot(track["mean"][0] - (2.0 - 1.4 * 39 / 15.0), track["mean"][1] - 5.0) < 0.4
+    bearings = BEARINGS[scene.moving] + math.pi / 2
+    assert scene.moving.sum() >= 1
+    assert np.allclose(
+        np.hypot(*(5.0 * np.array([np.cos(bearings), np.sin(bearings)]) - track["mean"][:2, None])), 0, atol=0.9
+    )
+    (point,) = scene.tracker.points(0.5, 0.6)
+    assert np.allclose(point[:2], track["mean"][:2] + 0.5 * track["mean"][2:])
+    assert np.allclose(point[2:4], track["mean"][2:])
+    assert point[4] == pytest.approx(track["radius"] + 0.6)
+
+
+def test_trees_stand_still_and_leave_the_tracks_that_move_empty() -> None:
+    """Flown past at 5 m/s, seen 150 times: nothing of a wood and of a wall may move for more than a moment."""
+    rng = np.random.default_rng(3)
+    wall = WallTable(name="wall", start=(-20.0, 9.0), end=(80.0, 9.0), thickness=0.3, height=4.0)
+    trees = [(float(n), float(e)) for n, e in zip(rng.uniform(-10, 60, 60), rng.uniform(-10, 6, 60), strict=True)]
+    trees = [tree for tree in trees if abs(tree[1]) > 1.2]
+    scene = Scene(walls=(wall,))
+    moving = returns = 0
+    for k in range(150):
+        scan = scene.see(trees, np.array([5.0 * k / 15.0, 0.0, -2.0]))
+        moving += int(scene.moving.sum())
+        returns += int(scan.hit.sum())
+    assert moving < 0.01 * returns
+
+
+def test_two_who_pass_each_other_keep_their_tracks() -> None:
+    scene = Scene()
+    numbers = []
+    for k in range(60):
+        t = k / 15.0
+        scene.see([(6.0, -3.0 + 1.5 * t), (3.5, 3.0 - 1.5 * t)])
+        if k == 15:
+            numbers = sorted(track["number"] for track in scene.tracker.moving)
+    assert len(numbers) == 2
+    last = {track["number"]: track["mean"][3] for track in scene.tracker.moving}
+    assert any(number in last for number in numbers)
+    assert all((track["mean"][0] > 4.75) == (track["mean"][3] > 0.0) for track in scene.tracker.moving)
+
+
+def test_birth_and_death() -> None:
+    scene = Scene()
+    scene.see([(4.0, 0.0)])
+    assert len(scene.tracker.tracks) == 1 and len(scene.tracker.moving) == 0
+    for _ in range(5):
+        scene.see([(4.0, 0.0)])
+    assert len(scene.tracker.tracks) == 1
+    for left in range(SETTINGS.misses - 1):
+        scene.see([])
+        assert len(scene.tracker.tracks) == 1, left
+    scene.see([])
+    assert len(scene.tracker.tracks) == 0
+    assert scene.tracker.points(0.0, 0.6).shape == (0, 5)
+
+
+def test_a_flicker_is_forgotten_at_once() -> None:
+    scene = Scene()
+    scene.see([(4.0, 0.0)])
+    scene.see([])
+    assert len(scene.tracker.tracks) == 0
+
+
+def test_runs_go_around_the_ring() -> None:
+    """A run over the seam is one run; a ring that closes is none."""
+    points = np.column_stack([5.0 * np.cos(BEARINGS), 5.0 * np.sin(BEARINGS), np.zeros(72)])
+    usable = np.zeros(72, np.bool_)
+    usable[[70, 71, 0, 1, 20, 40, 41]] = True
+    assert sorted(map(tuple, runs(points, usable, 1.0).tolist())) == [(20, 1), (40, 2), (70, 4)]
+    assert len(runs(points, np.ones(72, np.bool_), 1.0)) == 0
+    assert sorted(runs(points, usable, 0.1)[:, 1].tolist()) == [1] * 7
+
+
+def test_a_walker_who_turns_goes_on_being_followed() -> None:
+    """To and fro on a line, slow for a moment where he turns; when he has stopped for good he stands."""
+    scene = Scene()
+    moved = []
+    for k in range(150):
+        north = math.cos(0.09 * k)
+        scene.see([(north, 5.0)], yaw=math.pi / 2)
+        moved.append(len(scene.tracker.moving))
+    assert all(moved[40:])
+    for _ in range(40):
+        scene.see([(north, 5.0)], yaw=math.pi / 2)
+    assert len(scene.tracker.moving) == 0

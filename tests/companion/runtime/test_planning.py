@@ -1,0 +1,199 @@
+"""Questions and answers: the same in this process and in another, at their time, and what happens when they end."""
+
+import itertools
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from companion.avoidance.planner import PlanRequest, PlanResult, result_bytes
+from companion.config import Avoidance, AvoidanceMap
+from companion.mission.plan import Phase
+from companion.runtime.planning import _MOST_OPEN, PLANNED, InProcessPlanner, PlannerProcess, Planning, packed
+from companion.state import Scan
+from companion.supervision.supervisor import State
+from studies.joined import Joined, mission_of
+
+SETTINGS = Avoidance(method="astar")
+BEARINGS = np.radians(np.arange(0.0, 360.0, 5.0))
+PERIOD_NS = 66_000_000
+
+
+def questions(count: int = 8) -> list[PlanRequest]:
+    """On the way north at 3 m/s, towards a thing ahead, with chance ranges around."""
+    rng = np.random.default_rng(5)
+    asked = []
+    for k in range(count):
+        ranges = rng.uniform(6.0, 15.0, 72)
+        here = np.array([0.2 * k, 0.0, -3.0])
+        ranges[[71, 0, 1]] = max(5.0 - 0.2 * k, 1.0)
+        scan = Scan(k * PERIOD_NS, k * PERIOD_NS // 1000, BEARINGS, ranges, ranges < 12.0, np.ones(72, bool))
+        pose = (here, np.array([1.0, 0.0, 0.0, 0.0]))
+        goal = np.array([30.0, 0.0, -3.0])
+        asked.append(PlanRequest(k + 1, k * PERIOD_NS, scan, pose, -0.5, here, np.array([3.0, 0.0, 0.0]), goal, 3.0))
+    return asked
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[PlannerProcess]:
+    thinker = PlannerProcess(SETTINGS)
+    yield thinker
+    thinker.close()
+
+
+def told(answer: PlanResult | None) -> tuple[object, ...]:
+    """All that it says, arrays to the bit."""
+    assert answer is not None
+    space, way = answer.space, answer.way
+    arrays = (space.to_occupied, space.to_unseen, space.points, way.corners, way.speeds)
+    plain = (space.seen_ns, space.corner, space.cell, space.tight, way.bearing, way.tight)
+    rest = (answer.number, answer.asked_ns, answer.clearance, answer.blocked)
+    return (*plain, *rest, *((each.shape, each.dtype.str, each.tobytes()) for each in arrays))
+
+
+def test_another_process_answers_the_same(elsewhere: PlannerProcess) -> None:
+    """All asked at once, more than a pipe's usual 64 KiB hold, and answered in their order, to the bit."""
+    here = InProcessPlanner(SETTINGS)
+    for question in questions():
+        here.ask(question)
+        elsewhere.ask(question)
+    for question in questions():
+        mine, theirs = here.take(0.0), elsewhere.take(20.0)
+        assert mine is not None and mine.number == question.number and len(mine.way.corners) > 1
+        assert told(mine) == told(theirs)
+    assert elsewhere.take(0.0) is None and elsewhere.fault is None
+
+
+def test_what_was_taken_last_holds_while_as_many_are_open_as_may_be(elsewhere: PlannerProcess) -> None:
+    """The loop that flies looks at an answer's arrays where they lie, until it has taken another one up."""
+    asked = questions(_MOST_OPEN + 2)
+    for question in asked[:2]:
+        elsewhere.ask(question)
+    held = [elsewhere.take(20.0) for _ in range(2)]
+    before = [told(answer) for answer in held]
+    for question in asked[2:]:
+        elsewhere.ask(question)
+    assert [told(elsewhere.take(20.0))[6] for _ in asked[2:]] == [question.number for question in asked[2:]]
+    assert [told(answer) for answer in held] == before and elsewhere.fault is None
+
+
+@pytest.mark.parametrize(("cells", "cell"), [(384, 0.125), (384, 0.05), (96, 0.3)])
+def test_an_answer_is_never_larger_than_it_may_be(cells: int, cell: float) -> None:
+    """It would be read in pieces then, and the loop that flies would wait."""
+    settings = msgspec.structs.replace(SETTINGS, map=AvoidanceMap(cells=cells, cell=cell))
+    here, sizes = InProcessPlanner(settings), []
+    for question in questions():
+        here.ask(question)
+        answer = here.take(0.0)
+        assert answer is not None
+        buffers: list[pickle.PickleBuffer] = []
+        pickle.dumps(answer, protocol=5, buffer_callback=buffers.append)
+        sizes.append(sum(memoryview(buffer).nbytes + 64 for buffer in buffers))
+    assert 0.5 * result_bytes(settings) < max(sizes) <= result_bytes(settings)
+
+
+def test_a_planner_that_is_killed_is_a_fault_and_no_exception(elsewhere: PlannerProcess) -> None:
+    first, second, *_ = questions()
+    elsewhere.ask(first)
+    assert elsewhere.take(20.0) is not None
+    pid = elsewhere.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGKILL)
+    elsewhere.ask(second)
+    assert elsewhere.take(20.0) is None
+    elsewhere.ask(second)
+    assert elsewhere.take(0.0) is None
+    elsewhere.close()
+    assert elsewhere.fault is not None and "-9" in elsewhere.fault
+
+
+def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: PlannerProcess) -> None:
+    """Stopped, it takes nothing: questions are put into the pipe as long as it is sure to have room, then it is given
+    up; a `send` that waited would wait for ever."""
+    assert elsewhere.pid is not None
+    os.kill(elsewhere.pid, signal.SIGSTOP)
+    try:
+        for question in questions(40):
+            elsewhere.ask(question)
+            assert elsewhere.take(0.0) is None
+        assert elsewhere.fault is not None and "unanswered" in elsewhere.fault
+    finally:
+        os.kill(elsewhere.pid, signal.SIGCONT)
+
+
+def test_the_planner_ends_with_its_companion() -> None:
+    """Killed, so that it can't say anything to anybody."""
+    text = (
+        "import time; from companion.config import Avoidance; from companion.runtime.planning import Elsewhere\n"
+        "if __name__ == '__main__':\n"
+        "    print(Elsewhere(Avoidance(method='vfh')).pid, flush=True); time.sleep(600)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True) as companion:
+        assert companion.stdout is not None
+        planner = Path("/proc") / companion.stdout.readline().strip()
+        assert planner.exists()
+        companion.kill()
+    deadline = time.monotonic() + 30.0
+    while planner.exists() and "Z" not in (planner / "stat").read_text().rsplit(")", 1)[1].split()[0]:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_answers_count_their_delay_after_the_question() -> None:
+    planning = Planning(InProcessPlanner(SETTINGS), 0.02)
+    first, second, *_ = questions()
+    planning.ask(first)
+    assert planning.due(first.asked_ns + 19_999_999) is None
+    planning.ask(second)
+    answer = planning.due(first.asked_ns + 20_000_000)
+    assert answer is not None and answer.number == 1
+    assert planning.due(second.asked_ns + 19_999_999) is None
+    answer = planning.due(second.asked_ns + 30_000_000)
+    assert answer is not None and answer.number == 2
+    assert planning.due(10**12) is None
+
+
+def test_the_record_says_number_and_way() -> None:
+    here = InProcessPlanner(SETTINGS)
+    here.ask(questions()[0])
+    answer = here.take(0.0)
+    assert answer is not None
+    record = PLANNED.unpack(packed(answer))
+    corners = record["corners"]
+    assert record["number"] == 1 and corners == len(answer.way.corners)
+    assert np.reshape(record["way_ned"], (-1, 2))[:corners] == pytest.approx(answer.way.corners, abs=1e-5)
+    assert record["speeds"][:corners] == pytest.approx(answer.way.speeds, abs=1e-5)
+    assert not np.any(record["way_ned"][2 * corners :])
+
+
+class Failing(InProcessPlanner):
+    """Answers up to a number, and then never again."""
+
+    def __init__(self, last: int) -> None:
+        super().__init__(SETTINGS)
+        self._left = itertools.count(last, -1)
+
+    def take(self, patience_s: float) -> PlanResult | None:
+        return super().take(patience_s) if next(self._left) > 0 else None
+
+
+def test_without_answers_the_vehicle_stops_and_lands_by_itself() -> None:
+    """The planner's process dies on the way: the guard brakes, the companion holds, the vehicle lands unhurt."""
+    joined = Joined(mission_of("courier"), overrides=('avoidance.method="astar"',))
+    joined._planning = Planning(Failing(130), 0.02)
+    joined.fly(until=lambda flight: flight.autopilot.supervisor.state is State.HOLD, limit_s=60.0)
+    assert joined.autopilot.phase is Phase.ROUTE
+    joined.fly(limit_s=3.0)
+    assert np.linalg.norm(joined.vehicle.motion.velocity_ned) < 0.3
+    joined.fly(limit_s=60.0)
+    summary = joined.vehicle.summary()
+    assert summary.outcome == "landed" and summary.contacts == 0 and not joined.autopilot.released
+    assert any("no ring" in said for said in joined.said)

@@ -1,0 +1,104 @@
+"""After a rehearsal nothing is left to be compiled in flight."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from companion.config import load_body, load_settings
+from companion.mission.plan import load
+from companion.runtime.rehearsal import RehearsalError, rehearse
+from companion.state import Output
+
+ROOT = Path(__file__).resolve().parents[3]
+
+COARSE = ["avoidance.map.cell=0.25", "avoidance.map.cells=192"]
+"""Answers are a quarter as large then."""
+
+RECORD = """
+import pickle, sys
+from studies.joined import Joined, mission_of
+from companion.state import Output
+
+joined = Joined(mission_of({mission!r}), Output({output!r}), overrides={coarse!r})
+joined.meddle = lambda time_ns, data: data if time_ns > {unheard_ns} else b""
+joined.fly()
+assert joined.autopilot.ended and joined.autopilot.supervisor.fault is None
+pickle.dump(joined.events, open({events!r}, "wb"))
+"""
+REPLAY = """
+import pickle, sys
+from numba.core.dispatcher import Dispatcher
+from companion.mission import plan as mission
+from companion.autopilot import Autopilot
+from companion.config import load_body, load_settings
+from companion.runtime.rehearsal import rehearse
+from companion.state import Output
+from companion.trace import Thinning
+
+def compiled():
+    return {{
+        (function.py_func.__module__, function.py_func.__name__, str(signature))
+        for module in list(sys.modules.values())
+        for function in list(getattr(module, "__dict__", {{}}).values()) if isinstance(function, Dispatcher)
+        for signature in function.signatures
+    }}
+
+flown = load_settings(None, {coarse!r}), load_body("paper_quad"), mission.load({mission!r})[0], Output({output!r})
+rehearse(*flown)
+before, modules = compiled(), set(sys.modules)
+autopilot = Autopilot(*flown)
+thinning = Thinning(flown[0].log.trace_rate)
+for event in pickle.load(open({events!r}, "rb")):
+    trace = autopilot.handle(event).trace
+    if trace is not None:
+        thinning.step(event.time_ns, trace)
+assert autopilot.ended
+print(sorted(compiled() - before), sorted(set(sys.modules) - modules))
+"""
+
+
+@pytest.mark.parametrize(
+    ("mission", "output", "unheard_ns"),
+    [
+        ("courier", Output.RATES, 0),
+        ("lemniscate", Output.ATTITUDE, 500_000_000),
+        ("hover", Output.ACTUATORS, 500_000_000),
+    ],
+)
+def test_nothing_is_compiled_or_imported_in_flight(
+    tmp_path: Path, mission: str, output: Output, unheard_ns: int
+) -> None:
+    """A flight's events again, in a process that has only rehearsed: the simulator is not there to compile for it."""
+    names = {
+        "events": str(tmp_path / "events"),
+        "mission": mission,
+        "output": output.value,
+        "coarse": COARSE,
+        "unheard_ns": unheard_ns,  # heard from the middle of its telemetry on
+    }
+    for script in (RECORD, REPLAY):
+        command = [sys.executable, "-c", script.format(**names)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[] []"
+
+
+@pytest.mark.parametrize(
+    ("mission", "output"),
+    [
+        *((path.stem, Output.RATES) for path in sorted((ROOT / "missions").glob("*.toml"))),
+        ("courier", Output.ATTITUDE),
+        ("courier", Output.ACTUATORS),
+    ],
+)
+def test_every_mission_gets_through_its_rehearsal(mission: str, output: Output) -> None:
+    rehearse(load_settings(None, []), load_body("paper_quad"), load(mission)[0], output)
+
+
+def test_a_rehearsal_that_does_not_end_is_an_error() -> None:
+    """A companion that waits for a rate that nobody can send would wait in the air as well."""
+    settings = load_settings(None, ["rates.attitude=100000.0"])
+    with pytest.raises(RehearsalError, match="ATTITUDE_QUATERNION"):
+        rehearse(settings, load_body("paper_quad"), load("hover")[0], Output.RATES)

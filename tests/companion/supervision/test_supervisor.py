@@ -1,0 +1,328 @@
+"""The table of transitions: every fault has its answer, nothing is a dead end, and the pilot is never fought."""
+
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from companion.config import Supervision
+from companion.state import FlightMode, Setpoint
+from companion.supervision.supervisor import FLYING, STREAMING, TABLE, Health, State, Supervisor, unsound
+
+SETTINGS = Supervision()
+SECOND = 1_000_000_000
+WELL = Health(
+    seen=True,
+    missing=None,
+    mode=FlightMode.EXTERNAL,
+    armed=True,
+    failsafe=False,
+    mission_done=False,
+    silence=0.0,
+    telemetry_age=0.0,
+    heartbeat_age=0.5,
+    scan_age=0.05,
+    refused_telemetry=None,
+    unsound_output=None,
+    overrun=0.0,
+    exhausted=None,
+    land_requested=False,
+    taken_over=False,
+    landed=False,
+    overdue=0.0,
+    reason="",
+)
+IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
+
+
+def flying() -> tuple[Supervisor, int]:
+    """A supervisor in FLY, and the time."""
+    supervisor = Supervisor(SETTINGS)
+    now = 0
+    for health in (IDLE, IDLE, IDLE, WELL, WELL, WELL):
+        supervisor.update(health, now)
+        now += 2 * SECOND
+    assert supervisor.state is State.FLY
+    return supervisor, now
+
+
+def state_of(supervisor: Supervisor) -> State:
+    """Asked anew: once asserted, a type checker takes the attribute for unchanged."""
+    return supervisor.state
+
+
+def settle(supervisor: Supervisor, health: Health, now: int, seconds: float) -> int:
+    """Update at 50 Hz for so long."""
+    for _ in range(round(seconds * 50)):
+        now += SECOND // 50
+        supervisor.update(health, now)
+    return now
+
+
+def test_the_way_to_the_start() -> None:
+    supervisor = Supervisor(SETTINGS)
+    seen = []
+    for second, health in enumerate((IDLE, IDLE, IDLE, IDLE, WELL, WELL)):
+        supervisor.update(health, second * 2 * SECOND)
+        seen.append(supervisor.state)
+    assert seen == [State.CHECK, State.STREAM, State.ENGAGE, State.ENGAGE, State.ARM, State.FLY]
+    assert supervisor.fault is None
+
+
+def test_a_flight_without_faults_ends_without_one() -> None:
+    supervisor, now = flying()
+    supervisor.update(replace(WELL, mission_done=True), now)
+    assert state_of(supervisor) is State.LAND
+    now = settle(supervisor, replace(WELL, mode=FlightMode.LAND), now, 5.0)
+    assert state_of(supervisor) is State.LAND
+    supervisor.update(replace(WELL, mode=FlightMode.LAND, armed=False), now)
+    assert state_of(supervisor) is State.ENDED and supervisor.fault is None
+
+
+FAULTS = {
+    "telemetry": (replace(WELL, telemetry_age=0.6), State.WITHDRAW),
+    "heartbeat": (replace(WELL, heartbeat_age=3.1), State.WITHDRAW),
+    "refused": (replace(WELL, refused_telemetry="NaN"), State.WITHDRAW),
+    "unsound": (replace(WELL, unsound_output="not finite"), State.WITHDRAW),
+    "failsafe": (replace(WELL, failsafe=True), State.WITHDRAW),
+    "ring": (replace(WELL, scan_age=0.6), State.HOLD),
+    "overrun": (replace(WELL, overrun=0.3), State.HOLD),
+    "pilot": (replace(WELL, mode=FlightMode.MANUAL), State.RELINQUISHED),
+    "the vehicle itself": (replace(WELL, mode=FlightMode.HOLD, failsafe=True), State.RELEASED),
+    "request": (replace(WELL, land_requested=True), State.LAND),
+    "silence": (replace(WELL, silence=4.1, telemetry_age=4.1, heartbeat_age=4.1), State.ENDED),
+    "disarmed": (replace(WELL, armed=False), State.ENDED),
+    "overdue": (replace(WELL, overdue=1.0), State.LAND),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_has_its_answer_and_is_said(fault: str) -> None:
+    health, expected = FAULTS[fault]
+    supervisor, now = flying()
+    said = supervisor.update(health, now)
+    assert supervisor.state is expected
+    assert said is not None and said.text and "{" not in said.text
+
+
+@pytest.mark.parametrize(
+    "fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "the vehicle itself", "request", "overdue"})
+)
+def test_a_lasting_fault_becomes_a_landing(fault: str) -> None:
+    health, _ = FAULTS[fault]
+    supervisor, now = flying()
+    supervisor.update(health, now)
+    if supervisor.state is State.WITHDRAW:
+        health = replace(health, mode=FlightMode.HOLD)
+    settle(supervisor, health, now, SETTINGS.land_after + 0.1)
+    assert supervisor.state is State.LAND
+    assert supervisor.fault is not None
+
+
+def test_a_withdrawn_companion_does_not_come_back_by_itself() -> None:
+    supervisor, now = flying()
+    supervisor.update(FAULTS["telemetry"][0], now)
+    now = settle(supervisor, WELL, now, 4.0)
+    assert state_of(supervisor) is State.WITHDRAW
+    settle(supervisor, WELL, now, 2.0)
+    assert state_of(supervisor) is State.LAND
+
+
+def test_a_ring_that_comes_back_ends_the_hold() -> None:
+    supervisor, now = flying()
+    supervisor.update(FAULTS["ring"][0], now)
+    now = settle(supervisor, WELL, now, 0.5)
+    assert state_of(supervisor) is State.HOLD
+    settle(supervisor, WELL, now, 1.0)
+    assert state_of(supervisor) is State.FLY and supervisor.fault is None
+
+
+def test_thresholds_are_where_the_settings_say() -> None:
+    for field, limit in (("telemetry_age", 0.5), ("heartbeat_age", 3.0), ("scan_age", 0.5)):
+        supervisor, now = flying()
+        below: dict[str, Any] = {field: limit - 0.01}
+        above: dict[str, Any] = {field: limit + 0.01}
+        assert supervisor.update(replace(WELL, **below), now) is None
+        assert supervisor.update(replace(WELL, **above), now) is not None
+
+
+OTHERS = replace(WELL, mode=FlightMode.HOLD)
+
+
+def relinquished() -> tuple[Supervisor, int]:
+    """A supervisor whose vehicle others fly for the moment."""
+    supervisor, now = flying()
+    supervisor.update(OTHERS, now)
+    assert supervisor.state is State.RELINQUISHED
+    return supervisor, now
+
+
+def test_the_pilot_keeps_the_vehicle() -> None:
+    """From RELEASED no row leads anywhere but to the end, whatever the mode does, and nothing is streamed."""
+    assert {row.to for row in TABLE if State.RELEASED in row.states} == {State.ENDED}
+    assert State.RELEASED not in STREAMING
+    supervisor, now = flying()
+    supervisor.update(FAULTS["the vehicle itself"][0], now)
+    settle(supervisor, WELL, now, 60.0)
+    assert supervisor.state is State.RELEASED and supervisor.fault is not None
+
+
+def test_only_who_gives_control_back_ends_the_waiting_for_it() -> None:
+    """The one way back into flight is a mode of external control, and it leads through a hold: its own, or the
+    vehicle's where its own would be blind."""
+    ways = [row for row in TABLE if State.RELINQUISHED in row.states and row.to in FLYING]
+    assert [row.to for row in ways] == [State.WITHDRAW, State.HOLD]
+    others = set(FlightMode) - {FlightMode.EXTERNAL}
+    for health in (WELL, FAULTS["telemetry"][0]):
+        assert not any(way.condition(replace(health, mode=mode), SETTINGS, 1e6) for way in ways for mode in others)
+    assert not ways[0].condition(WELL, SETTINGS, 1e6)
+    supervisor, now = relinquished()
+    now = settle(supervisor, OTHERS, now, 0.9 * SETTINGS.resume_within)
+    assert state_of(supervisor) is State.RELINQUISHED
+    now = settle(supervisor, WELL, now, 0.5)
+    assert state_of(supervisor) is State.HOLD
+    settle(supervisor, WELL, now, SETTINGS.least_hold)
+    assert state_of(supervisor) is State.FLY and supervisor.fault is None
+
+
+def test_a_flight_that_was_called_off_is_said_to_be_so_when_it_is_over() -> None:
+    """What to do now is said then, and is not the outcome."""
+    supervisor, now = flying()
+    said = supervisor.update(FAULTS["request"][0], now)
+    assert said is not None and said.text == "landing on request (interrupt again to abandon)"
+    supervisor.update(replace(IDLE, land_requested=True), now + 10 * SECOND)
+    assert state_of(supervisor) is State.ENDED and supervisor.fault == "called off in flight"
+
+
+def test_what_is_not_given_back_in_time_is_let_go() -> None:
+    supervisor, now = relinquished()
+    now = settle(supervisor, OTHERS, now, SETTINGS.resume_within + 0.1)
+    assert state_of(supervisor) is State.RELEASED and "300 s" in (supervisor.fault or "")
+    settle(supervisor, WELL, now, 60.0)
+    assert state_of(supervisor) is State.RELEASED
+
+
+def test_control_given_back_over_a_fault_is_answered_as_in_flight() -> None:
+    """A ring that is lost stays a hold and becomes a landing; a state that is not known, the vehicle's own hold."""
+    for fault, (first, last) in {
+        "ring": (State.HOLD, State.LAND),
+        "telemetry": (State.WITHDRAW, State.LAND),
+        "unsound": (State.WITHDRAW, State.LAND),
+    }.items():
+        supervisor, now = relinquished()
+        health, _ = FAULTS[fault]
+        now = settle(supervisor, health, now, 0.1)
+        assert state_of(supervisor) is first, fault
+        settle(supervisor, health, now, SETTINGS.land_after)
+        assert state_of(supervisor) is last, fault
+
+
+def test_a_gap_while_others_fly_is_nothing_and_a_failsafe_is_the_end_of_waiting() -> None:
+    """Setpoints would bring a vehicle that has left external control by itself back into it."""
+    supervisor, now = relinquished()
+    for fault in ("telemetry", "heartbeat", "ring", "overrun"):
+        now = settle(supervisor, replace(FAULTS[fault][0], mode=FlightMode.HOLD), now, 2.0)
+    assert state_of(supervisor) is State.RELINQUISHED
+    said = supervisor.update(replace(OTHERS, failsafe=True), now + SECOND)
+    assert state_of(supervisor) is State.RELEASED
+    assert said is not None and said.text == supervisor.fault and "{" not in said.text
+
+
+def test_a_vehicle_that_others_landed_is_not_taken_off_again() -> None:
+    for landed in (replace(OTHERS, landed=True), replace(WELL, landed=True)):
+        supervisor, now = relinquished()
+        supervisor.update(landed, now + SECOND)
+        assert state_of(supervisor) is State.RELEASED and supervisor.fault is not None
+        supervisor.update(replace(landed, armed=False), now + 2 * SECOND)
+        assert state_of(supervisor) is State.ENDED
+    supervisor, now = relinquished()
+    supervisor.update(replace(OTHERS, armed=False), now + SECOND)
+    assert state_of(supervisor) is State.ENDED and supervisor.fault is not None
+
+
+@pytest.mark.parametrize("state", [State.ENGAGE, State.ARM])
+def test_refusals_end_before_the_start(state: State) -> None:
+    supervisor = Supervisor(SETTINGS)
+    now = 0
+    while supervisor.state is not state:
+        supervisor.update(IDLE if supervisor.state is not State.ENGAGE else replace(WELL, armed=False), now)
+        now += 2 * SECOND
+    mode = FlightMode.HOLD if state is State.ENGAGE else FlightMode.EXTERNAL
+    said = supervisor.update(replace(IDLE, mode=mode, exhausted="arming: denied", reason=" (why)"), now)
+    assert supervisor.state is State.ENDED
+    assert said is not None and "denied" in said.text and "why" in said.text
+
+
+def test_not_ready_names_what_is_missing() -> None:
+    supervisor = Supervisor(SETTINGS)
+    supervisor.update(IDLE, 0)
+    lacking = replace(IDLE, missing="no ring")
+    settle(supervisor, lacking, 0, SETTINGS.ready_timeout + 1.0)
+    assert supervisor.state is State.ENDED and "no ring" in (supervisor.fault or "")
+
+
+def test_no_vehicle() -> None:
+    supervisor = Supervisor(SETTINGS)
+    settle(supervisor, replace(IDLE, seen=False), 0, SETTINGS.find_timeout - 0.1)
+    assert state_of(supervisor) is State.FIND
+    settle(supervisor, replace(IDLE, seen=False), round(SETTINGS.find_timeout * SECOND), 0.2)
+    assert state_of(supervisor) is State.ENDED and "10 s" in (supervisor.fault or "")
+
+
+def test_an_armed_vehicle_is_not_taken_over() -> None:
+    supervisor = Supervisor(SETTINGS)
+    supervisor.update(WELL, 0)
+    supervisor.update(WELL, SECOND)
+    assert supervisor.state is State.ENDED
+
+
+def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle() -> None:
+    for state in FLYING | {State.CHECK, State.STREAM, State.ENGAGE, State.ARM, State.RELEASED}:
+        rows = [row for row in TABLE if state in row.states]
+        silent = replace(WELL, silence=5.0)
+        assert any(row.to is State.ENDED and row.condition(silent, SETTINGS, 0.0) for row in rows)
+
+
+SOUND = Setpoint([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, 0.5)
+
+
+def test_the_gate() -> None:
+    assert unsound(SOUND) is None
+    for bad in (float("nan"), float("inf"), -float("inf")):
+        for name in ("attitude_ned_frd", "rates_frd", "torque"):
+            values = getattr(SOUND, name).copy()
+            values[1] = bad
+            assert unsound(replace(SOUND, **{name: values})) is not None
+        assert unsound(replace(SOUND, thrust=bad)) is not None
+    assert unsound(replace(SOUND, attitude_ned_frd=[0.99, 0.0, 0.0, 0.0])) is not None
+    assert unsound(replace(SOUND, attitude_ned_frd=[0.0] * 4)) is not None
+    assert unsound(replace(SOUND, attitude_ned_frd=[-1.0, 0.0, 0.0, 0.0])) is None
+    assert unsound(replace(SOUND, thrust=1.01)) is not None
+    assert unsound(replace(SOUND, thrust=-0.01)) is not None
+    assert unsound(replace(SOUND, torque=[0.0, -1.1, 0.0])) is not None
+
+
+def test_a_pilot_who_stops_the_landing_keeps_the_vehicle() -> None:
+    for health in (replace(WELL, land_requested=True), FAULTS["telemetry"][0]):
+        supervisor, now = flying()
+        supervisor.update(health, now)
+        supervisor.update(replace(WELL, mode=FlightMode.HOLD, taken_over=True), now + SECOND // 10)
+        assert state_of(supervisor) is State.RELEASED
+
+
+def test_an_interrupt_while_arming_lands_what_may_be_armed() -> None:
+    supervisor = Supervisor(SETTINGS)
+    now = 0
+    for health in (IDLE, IDLE, IDLE, replace(WELL, armed=False)):
+        supervisor.update(health, now)
+        now += 2 * SECOND
+    assert state_of(supervisor) is State.ARM
+    supervisor.update(replace(WELL, land_requested=True), now)
+    assert state_of(supervisor) is State.LAND
+
+
+def test_an_interrupt_after_a_takeover_leaves() -> None:
+    supervisor, now = flying()
+    supervisor.update(FAULTS["pilot"][0], now)
+    supervisor.update(replace(WELL, land_requested=True), now + SECOND)
+    assert state_of(supervisor) is State.ENDED

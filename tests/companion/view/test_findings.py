@@ -1,0 +1,231 @@
+"""What is said about a flight whose faults are known, and that nothing is said of one without."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.avoidance.guard import Reason
+from companion.config import Settings
+from companion.logs.writer import Writer
+from companion.mission.plan import Phase
+from companion.supervision.supervisor import State
+from companion.view.findings import Finding, Level, events, findings
+from companion.view.gather import Gathered
+from protocol.flightlog import Direction
+from protocol.messages import Encoder, dialect
+from tests.companion.view.made_logs import Values, make
+
+
+def about(found: list[Finding], subject: str) -> Finding:
+    (finding,) = [finding for finding in found if finding.about == subject]
+    return finding
+
+
+def test_a_clean_flight_has_no_warning(tmp_path: Path) -> None:
+    flight = Gathered(make(tmp_path))
+    found = findings(flight)
+    assert {finding.level for finding in found} == {Level.GOOD}
+    assert flight.distance_m == pytest.approx(2.0 * 19.996)
+    assert flight.vehicle == "1/1"
+    tracking = about(found, "tracking")
+    assert "10.0 cm" in tracking.text
+    assert [row.partition(":")[0] for row in tracking.evidence] == ["route", "return"]
+    assert all("rms 10.0, 0.0, 0.0 cm" in row for row in tracking.evidence)
+    assert "no gap in 2 streams" in about(found, "telemetry").text.lower()
+    assert [event.text for event in events(flight)] == [
+        "armed, taking off",
+        "route",
+        "external control",
+        "armed",
+        "return",
+    ]
+
+
+@pytest.mark.parametrize(("trace_rate", "limited"), [(250.0, "1.00"), (50.0, "1.02")])
+def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path, trace_rate: float, limited: str) -> None:
+    """To the time between two records."""
+
+    def change(time: float, values: Values) -> None:
+        values["limited"] = 5.0 <= time < 6.0
+        values["blocked"] = 8.0 <= time < 10.0 or 12.0 <= time < 12.5
+        values["clearance"] = math.hypot(0.5, time - 9.0) if time < 19.0 else math.inf
+
+    flight = Gathered(make(tmp_path, change=change, trace_rate=trace_rate))
+    found = findings(flight)
+    saturation = about(found, "saturation")
+    assert saturation.level is Level.WARNING
+    assert f"one time, {limited} s in all" in saturation.text
+    assert saturation.at == pytest.approx((5.0,))
+    avoidance = about(found, "avoidance")
+    assert "2 times, 2.5 s in all" in avoidance.text
+    assert avoidance.at == pytest.approx((8.0, 12.0))
+    clearance = about(found, "clearance")
+    assert (clearance.level, clearance.at) == (Level.WARNING, (9.0,))
+    assert "0.50 m" in clearance.text
+    assert flight.clearance_counts.sum() == pytest.approx(19 * trace_rate, abs=2)
+
+
+def test_what_one_step_saw_is_said_of_a_thinned_trace(tmp_path: Path) -> None:
+    """Each at a step that the log itself does not keep."""
+
+    def change(time: float, values: Values) -> None:
+        step = round(time * 250.0)
+        values["limited"] = step == 502
+        values["blocked"] = step == 753
+        values["clearance"] = 0.45 if step == 1003 else 5.0
+        if step == 1253:
+            values["reference_position_ned"] = (2.0 * time, 0.7, -3.0)
+        if step == 1503:
+            values["thrust_command"] = 0.99
+
+    flight = Gathered(make(tmp_path, change=change, trace_rate=50.0))
+    found = findings(flight)
+    texts = {finding.text: finding for finding in found}
+    assert any(text.startswith("A limit on thrust or tilt was reached one time, 0.02 s") for text in texts)
+    assert texts["The thrust command reached the end of its range."].at == pytest.approx((6.02,))
+    assert "one time" in about(found, "avoidance").text
+    assert "nearer than 0.45 m" in about(found, "clearance").text
+    assert "within 70.0 cm" in about(found, "tracking").text
+
+
+@pytest.mark.parametrize(("thrust", "torque", "levels"), [(1.0, 0.5, [Level.WARNING]), (0.5, -1.0, [Level.NOTE])])
+def test_a_command_at_the_end_of_its_range_is_said(
+    tmp_path: Path, thrust: float, torque: float, levels: list[Level]
+) -> None:
+    def change(time: float, values: Values) -> None:
+        if 3.0 <= time < 3.1:
+            values["thrust_command"], values["torque_command"] = thrust, (0.0, 0.0, torque)
+
+    found = findings(Gathered(make(tmp_path, 6.0, change=change)))
+    ends = [finding for finding in found if finding.text.endswith("reached the end of its range.")]
+    assert [finding.level for finding in ends] == levels, "the torque is not what is sent with rates"
+    assert ends[0].at == pytest.approx((3.0,))
+
+
+@pytest.mark.parametrize(("state", "counts"), [(State.RELINQUISHED, False), (State.FLY, True)])
+def test_what_others_fly_is_near_all_the_same_but_none_of_our_commands(
+    tmp_path: Path, state: State, counts: bool
+) -> None:
+    """A second with something 0.3 m away, in which the companion's command is at its limit."""
+
+    def change(time: float, values: Values) -> None:
+        if 5.0 <= time < 6.0:
+            values |= {"state": state.value, "limited": True, "blocked": True, "clearance": 0.3}
+
+    flight = Gathered(make(tmp_path, 10.0, change=change))
+    clearance = about(findings(flight), "clearance")
+    assert "0.30 m" in clearance.text and clearance.at == (5.0,)
+    assert ("No limit" in about(findings(flight), "saturation").text) is not counts
+    assert any(finding.about == "avoidance" for finding in findings(flight)) is counts
+
+
+def test_the_share_of_steps_with_too_little_room_is_counted_by_the_settings_own_distance(tmp_path: Path) -> None:
+    """Half a second each with 1.1 and 1.3 m, of 10: safe_distance is 1.2 m."""
+    assert Settings().avoidance.safe_distance == 1.2
+
+    def change(time: float, values: Values) -> None:
+        values["clearance"] = 1.1 if time < 0.5 else 1.3 if time < 1.0 else 4.0
+
+    evidence = about(findings(Gathered(make(tmp_path, 10.0, change=change))), "clearance").evidence
+    assert evidence[1] == "5.0 % of the steps with something near were within 1.2 m"
+
+
+def test_a_vehicle_that_falls_silent_for_good_has_a_gap_to_the_log_s_end(tmp_path: Path) -> None:
+    found = [
+        finding for finding in findings(Gathered(make(tmp_path, silent=(16.0, 20.0)))) if finding.about == "telemetry"
+    ]
+    assert [finding.level for finding in found] == [Level.WARNING] * 2
+    assert all(finding.evidence[0].startswith("4016 ms from 15.98 s") for finding in found)
+
+
+def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) -> None:
+    flight = Gathered(make(tmp_path, silent=(12.0, 12.6), late_ms={750: 7.0, 1000: 1.9}))
+    found = findings(flight)
+    gaps = {finding.text.split()[0]: finding for finding in found if finding.about == "telemetry"}
+    assert set(gaps) == {"LOCAL_POSITION_NED", "ATTITUDE_QUATERNION"}, "the ring is not flown by at each step"
+    for gap in gaps.values():
+        assert gap.level is Level.WARNING
+        assert gap.at[0] == pytest.approx(11.98)
+        assert gap.evidence[0].startswith("620 ms from 11.98 s")
+    deadlines = about(found, "deadlines")
+    assert deadlines.at == (3.0,)
+    assert "one time, 7.0 ms" in deadlines.text
+
+
+def test_a_position_that_jumps_is_told_from_one_that_moves(tmp_path: Path) -> None:
+    flight = Gathered(make(tmp_path, jump_at=15.0, silent=(4.0, 4.5)))
+    jump = about(findings(flight), "estimator")
+    assert jump.level is Level.WARNING
+    assert "position jumped one time" in jump.text
+    assert jump.at == pytest.approx((15.0,))
+    assert jump.evidence == ("1.50 m at 15.00 s",)
+
+
+def test_shaking_is_measured_above_its_frequency(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        values["rates_frd"] = (0.0, 0.6 * math.sin(2.0 * math.pi * 40.0 * time), 2.0 * math.sin(2.0 * math.pi * time))
+
+    shaking = about(findings(Gathered(make(tmp_path, change=change, motion_every=1, trace_rate=50.0))), "vibration")
+    assert shaking.level is Level.WARNING
+    assert f"{np.degrees(0.6 / math.sqrt(2.0)):.2f} deg/s rms" in shaking.text
+
+
+def test_the_guard_s_changes_are_counted_by_their_reason(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        if 3.0 <= time < 4.0 or 6.0 <= time < 6.5:
+            values["guard_reason"], values["guard_change"] = Reason.STOP.value, 1.0 + time
+        if 8.0 <= time < 8.1:
+            values["guard_reason"], values["guard_change"] = Reason.STALE.value, 0.5
+
+    guard = about(findings(Gathered(make(tmp_path, change=change))), "guard")
+    assert guard.level is Level.WARNING
+    assert "3 times, 1.60 s in all" in guard.text
+    assert guard.evidence[0] == "no way to stop was left: 2 times, 1.50 s"
+    assert guard.evidence[1] == "nothing was seen for too long: one time, 0.10 s"
+    assert guard.evidence[2].startswith("by 7.50 m/s²")
+    assert guard.at == pytest.approx((3.0, 6.0, 8.0))
+
+
+def test_energy_is_voltage_times_current_over_time(tmp_path: Path) -> None:
+    """24 W at first, 12 W in the end, falling evenly in 360 s: 1.8 Wh; a silence of 100 s in between counts nothing."""
+    path, vehicle = tmp_path / "battery.mcap", Encoder(1, 1)
+    with Writer(path, 0, {}) as writer:
+        for second in range(461):
+            if 180 < second <= 280:
+                continue
+            passed = second if second <= 180 else second - 100
+            centiamperes = round(200 - 100 * passed / 360)
+            status = (0, 0, 0, 0, 12_000, centiamperes, 50, 0, 0, 0, 0, 0, 0)
+            data = vehicle.encode_fields(dialect.MAVLink_sys_status_message, *status)
+            writer.datagram(second * 1_000_000_000, second, Direction.IN, "", data)
+    assert Gathered(path).energy_wh == {"1/1/SYS_STATUS": pytest.approx(1.8 - 18.0 / 3600.0, rel=1e-3)}
+
+
+def test_a_failed_flight_says_so_first(tmp_path: Path) -> None:
+    result = {"delivered": "False", "landed": "False", "fault": "no ring for 0.52 s", "messages_lost": "3"}
+    found = findings(Gathered(make(tmp_path, 2.0, result=result)))
+    assert (found[0].level, found[0].about) == (Level.PROBLEM, "outcome")
+    assert "no ring for 0.52 s" in found[0].text
+    assert any(finding.text.startswith("3 messages of the vehicle were lost") for finding in found)
+
+
+def test_an_error_in_one_phase_is_said_of_that_phase(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        if values["phase"] == Phase.RETURN.value:
+            values["reference_position_ned"] = (2.0 * time, 0.8, -3.0)
+
+    tracking = about(findings(Gathered(make(tmp_path, change=change))), "tracking")
+    assert tracking.level is Level.WARNING
+    assert "rms 10.0, 0.0, 0.0 cm" in tracking.evidence[0]
+    assert "rms 0.0, 80.0, 0.0 cm" in tracking.evidence[1]
+    assert tracking.at[0] >= 10.0
+
+
+def test_a_log_cut_short_is_reported_on_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = make(tmp_path, 4.0)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    found = findings(Gathered(path))
+    assert any(finding.about == "log" and "cut off" in finding.text for finding in found)

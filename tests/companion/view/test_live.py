@@ -1,0 +1,312 @@
+"""The live page: what it knows of a moment, that all sources tell it the same, and what a browser shows of it."""
+
+import io
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Locator
+
+from companion.avoidance.guard import Reason
+from companion.perception.rolling_map import FAR_M
+from companion.view.history import History, Moment, quaternions
+from companion.view.live import _BEHIND, _LOUD, Page, ahead, turned, words
+from companion.view.sources import GrowingLog, Link, Source, newest, open_log
+from protocol.flightlog import MAGIC, FlightLogError
+from protocol.frames import from_euler, rotate
+from protocol.messages import Encoder
+from protocol.transport import Memory
+from tests.companion.view.browser import needs_chromium, opened
+from tests.companion.view.made_logs import SPEED, STEP_NS, Values, make, telemetry
+
+
+def filled(source: Source) -> History:
+    history = History()
+    for batch in source.poll():
+        history.take(batch)
+    return history
+
+
+def said(moment: Moment) -> str:
+    return words(moment, "made", " of 20.0 s", None)
+
+
+def test_a_moment_is_what_was_logged_at_that_time(tmp_path: Path) -> None:
+    history = filled(open_log(make(tmp_path)))
+    assert [history.start, history.end] == pytest.approx([0.0, 19.996])
+    moment = history.at(7.5)
+    assert moment.position_ned == pytest.approx([SPEED * 7.5, 0.0, -3.0], abs=0.05)
+    assert moment.velocity_ned == pytest.approx([SPEED, 0.0, 0.0])
+    assert moment.returns_frd == pytest.approx(np.array([[3.0 / math.sqrt(2.0), 3.0 / math.sqrt(2.0), 0.0]]))
+    assert (moment.mode, moment.armed, moment.failsafe) == ("external control", True, False)
+    plan = moment.plan
+    assert plan is not None
+    assert plan.reference_ned == pytest.approx([SPEED * 7.5 + 0.1, 0.0, -3.0], abs=0.01)
+    assert (plan.phase, plan.state, plan.clearance) == ("route", "fly", 5.0)
+    later = history.at(12.0).plan
+    assert later is not None and later.phase == "return"
+
+
+def test_the_guard_s_intervention_is_seen_for_a_while_and_only_then(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        if 3.0 <= time < 3.1:
+            values |= {"guard_reason": Reason.STOP.value, "guard_change": 1.5 + time}
+            values["acceleration_command_ned"] = (-2.0, 0.5, 0.0)
+
+    history = filled(open_log(make(tmp_path, 6.0, change=change)))
+    for time, is_seen in ((2.9, False), (3.05, True), (3.5, True), (3.7, False)):
+        plan = history.at(time).plan
+        assert plan is not None and (plan.guard == "keeps room to stop") is is_seen
+        text = said(history.at(time))
+        assert ("keeps room to stop" in text) is is_seen and ("quiet" in text) is not is_seen
+    plan = history.at(3.5).plan
+    assert plan is not None
+    assert plan.guard_change == pytest.approx(4.6, abs=0.01)
+    assert plan.pushed_ned == pytest.approx([-2.0, 0.5, 0.0])
+
+
+def test_the_planned_way_is_that_of_the_moment(tmp_path: Path) -> None:
+    """From the vehicle over the corners, at the height of the target; straight to the target where none is planned."""
+    around = [(3.9, 0.0), (4.0, 1.0), (8.0, 1.0), (12.0, 0.0)]
+    history = filled(open_log(make(tmp_path, 6.0, planned=lambda time: around if 2.0 <= time < 4.0 else [])))
+    for time, corners in ((1.5, 0), (3.0, 4), (5.0, 0)):
+        moment = history.at(time)
+        assert moment.plan is not None and moment.position_ned is not None and len(moment.plan.way_ned) == corners
+        segments = ahead(moment.position_ned, moment.plan)
+        assert segments.shape == (max(corners - 1, 1), 2, 3)
+        assert segments[0, 0] == pytest.approx([0.0, SPEED * time, 3.0], abs=0.05)
+        assert segments[:-1, 1] == pytest.approx(segments[1:, 0])
+        if corners:
+            assert segments[:, 1] == pytest.approx(np.array([(east, north, 0.0) for north, east in around[1:]]))
+
+
+def test_what_has_become_too_old_is_not_shown(tmp_path: Path) -> None:
+    history = filled(open_log(make(tmp_path, silent=(5.0, 12.0))))
+    assert history.at(5.5).position_ned is not None
+    silent = history.at(9.0)
+    assert silent.position_ned is None and len(silent.returns_frd) == 0
+    assert silent.link_age == pytest.approx(4.02)
+    assert "heard 4020 ms ago" in said(silent)
+    assert history.at(12.5).position_ned is not None
+
+
+def test_a_growing_log_gives_each_record_once_wherever_it_is_cut(tmp_path: Path) -> None:
+    whole = make(tmp_path / "whole", 4.0)
+    wanted = filled(open_log(whole))
+    data = whole.read_bytes()
+    growing = tmp_path / "growing.mcap"
+    growing.write_bytes(data[: len(MAGIC)])
+    source = GrowingLog(growing)
+    history = History()
+    for size in range(len(MAGIC), len(data) + 997, 997):
+        growing.write_bytes(data[:size])
+        for batch in source.poll():
+            history.take(batch)
+    assert source.ended
+    assert source.world.startswith(b"# A street")
+    assert (history.start, history.end) == (wanted.start, wanted.end)
+    assert np.array_equal(history.path_ned(), wanted.path_ned())
+    assert np.array_equal(history.reference_ned(), wanted.reference_ned())
+
+
+def test_a_log_without_an_end_may_grow_if_it_was_written_to_lately_and_was_cut_off_otherwise(tmp_path: Path) -> None:
+    path = make(tmp_path, 4.0)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    growing = open_log(path)
+    assert isinstance(growing, GrowingLog)
+    history = filled(growing)
+    assert 0.5 < history.end < 4.0
+    assert not growing.ended
+    os.utime(path, (1.7e9, 1.7e9))
+    cut = open_log(path)
+    assert filled(cut).end == pytest.approx(history.end, abs=0.1)
+    assert cut.ended and cut.problem is not None and "cut off" in cut.problem
+
+
+def test_the_clearance_is_drawn_up_to_where_it_is_known(tmp_path: Path) -> None:
+    def change(time: float, values: Values) -> None:
+        values["clearance"] = 1.5 if 2.0 <= time < 3.0 else math.inf
+
+    times, clearance = filled(open_log(make(tmp_path, 5.0, change=change))).clearance(0.0, 5.0)
+    near = (times > 2.01) & (times < 2.99)
+    assert clearance[near] == pytest.approx(1.5)
+    assert clearance[(times < 1.99) | (times > 3.01)] == pytest.approx(FAR_M)
+    alone = filled(open_log(make(tmp_path / "alone", 5.0, traced=0.0)))
+    assert alone.clearance(0.0, 5.0)[1] == pytest.approx(3.0), "the ring's nearest return"
+
+
+def test_a_damaged_log_is_said_to_be_damaged(tmp_path: Path) -> None:
+    path = make(tmp_path, 4.0)
+    data = bytearray(path.read_bytes()[:-8])
+    mark = data.index(b"\x04\x00\x00\x00zstd")
+    data[mark + 40 : mark + 60] = bytes(20)
+    path.write_bytes(data)
+    with pytest.raises(FlightLogError, match="damaged at byte"):
+        list(GrowingLog(path).poll())
+
+
+def test_a_link_shows_what_its_vehicle_says_and_says_nothing_itself() -> None:
+    ours, theirs = Memory.pair()
+    source = Link("memory", ours, b"")
+    vehicle = Encoder(1, 1)
+    history = History()
+    for step in range(500):
+        data = telemetry(vehicle, step, SPEED * step * STEP_NS * 1e-9)
+        if data:
+            theirs.send(data)
+    for batch in source.poll():
+        history.take(batch)
+    moment = history.at(history.end)
+    assert moment.position_ned == pytest.approx([SPEED * 1.98, 0.0, -3.0], abs=1e-5)
+    assert moment.nearest == pytest.approx(3.0)
+    assert moment.mode == "external control"
+    assert theirs.receive(0.0) is None
+
+
+def test_many_vectors_are_turned_as_one_is() -> None:
+    generator = np.random.default_rng(3)
+    angles = generator.uniform(-1.5, 1.5, (50, 3))
+    attitudes = quaternions(angles)
+    vectors = generator.normal(size=(4, 3))
+    for angle, attitude in zip(angles, attitudes, strict=True):
+        assert attitude == pytest.approx(from_euler(*angle))
+        for vector, result in zip(vectors, turned(attitude, vectors), strict=True):
+            assert result == pytest.approx(rotate(attitude, vector))
+
+
+def test_the_newest_flight_is_found(tmp_path: Path) -> None:
+    with pytest.raises(FlightLogError, match="no flight"):
+        newest(tmp_path)
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "flight.mcap").write_bytes(MAGIC)
+    os.utime(tmp_path / "a" / "flight.mcap", (2e9, 2e9))
+    assert newest(tmp_path).parent.name == "a"
+    os.utime(tmp_path / "b" / "flight.mcap", (2.1e9, 2.1e9))
+    assert newest(tmp_path).parent.name == "b"
+
+
+def test_what_a_vehicle_says_can_t_become_part_of_the_page(tmp_path: Path) -> None:
+    history = filled(open_log(make(tmp_path, 1.0)))
+    text = words(history.at(0.5), "<b>", " <i>", "<script>")
+    for tag in ("script", "b", "i"):
+        assert f"<{tag}>" not in text and f"&lt;{tag}&gt;" in text
+
+
+def test_time_goes_on_where_a_vehicle_falls_silent_and_the_page_says_so() -> None:
+    ours, theirs = Memory.pair()
+    live = Page(Link("memory", ours, b""), 0)
+    vehicle = Encoder(1, 1)
+    try:
+        theirs.send(telemetry(vehicle, 0, 1.0))
+        for _ in range(20):
+            live.step(0.0)
+        assert "heard 0 ms ago" in live._words.content and ", live" in live._words.content
+        assert _LOUD not in live._words.content
+        for _ in range(20):
+            live.step(0.25)
+        live.step(0.0)
+        text = live._words.content
+        assert "heard 5000 ms ago" in text and "nothing new for 5 s" in text and "north" not in text
+        assert text.count(_LOUD) == 2, "the time and the link"
+        theirs.send(telemetry(vehicle, 25, 1.0))
+        for _ in range(5):
+            live.step(0.0)
+        assert ", live" in live._words.content
+    finally:
+        live.stop()
+
+
+T = TypeVar("T")
+
+
+def wait_for(look: Callable[[], T], is_right: Callable[[T], bool]) -> T:
+    """What is seen, once it is right; each look takes its time."""
+    for _ in range(60):
+        seen = look()
+        if is_right(seen):
+            return seen
+    raise AssertionError("never seen")
+
+
+def returns_on(picture: bytes) -> NDArray[np.int64]:
+    """Columns of the pixels that have the colour of the ring's returns and nothing else's."""
+    red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), np.int64), 2, 0)
+    return np.nonzero((red > 200) & (green < 120) & (blue < 40))[1]
+
+
+@needs_chromium
+def test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider(tmp_path: Path) -> None:
+    """The page is stepped by hand: a browser that draws in software can't keep up with 20 pictures a second."""
+    live = Page(open_log(make(tmp_path, silent=(12.0, 16.0))), 0)
+
+    def drawn(seconds: float = 0.0) -> None:
+        live.step(seconds)
+        for _ in range(20):  # the words and the paths take turns
+            live.step(0.0)
+
+    try:
+        drawn(2.0)
+        assert live._time == 0.0, "it waits for somebody to look"
+        with opened(f"http://127.0.0.1:{live.port}") as (page, errors):
+            wait_for(lambda: (page.screenshot(), live._somebody)[1], bool)
+            drawn(2.0)
+
+            def read(words: Locator) -> str:
+                drawn()
+                return str(words.inner_text())
+
+            place = page.locator("#place")
+            wait_for(lambda: read(place), lambda text: text.startswith("north 4.0"))
+            drawn(1.0)
+            wait_for(lambda: read(place), lambda text: text.startswith("north 6.0"))
+            (client,) = live._server.get_clients().values()
+            wait_for(
+                lambda: (page.screenshot(), client.camera.look_at)[1],
+                lambda at: np.allclose(at, (0.0, 6.0, 3.0), atol=0.05),
+            )
+            away = np.linalg.norm(client.camera.position - client.camera.look_at)
+            assert away == pytest.approx(np.linalg.norm(_BEHIND), rel=0.05)
+            for label in ("camera follows", "play"):
+                page.get_by_label(label, exact=True).evaluate("box => box.click()")
+
+            def go_to(time: str) -> None:
+                slider = page.locator("input[inputmode=decimal]").first
+                slider.fill(time)
+                slider.press("Enter")
+                shown = page.locator("#time")
+                wait_for(lambda: read(shown), lambda text: text.startswith(f"{time}.00 s"))
+
+            go_to("5")
+            assert place.inner_text() == "north 10.0, east 0.0, height 3.0 m"
+            assert page.locator("#phase").inner_text() == "route"
+            first = wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) > 10)
+            go_to("6")
+            assert place.inner_text() == "north 12.0, east 0.0, height 3.0 m"
+            wait_for(
+                lambda: returns_on(page.screenshot()),
+                lambda found: len(found) > 5 and abs(found.mean() - first.mean()) > 3.0,
+            )
+            go_to("15")
+            assert place.count() == 0
+            assert page.locator("#phase").inner_text() == "return"
+            wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) == 0)
+            assert page.locator(".uplot").count() == 3
+            go_to("19")
+            page.get_by_label("play", exact=True).evaluate("box => box.click()")
+            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("19.00 s of 20.0 s"))
+            drawn(5.0)
+            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("20.00 s"))
+            for _ in range(2):  # off, and on again: from the beginning
+                page.get_by_label("play", exact=True).evaluate("box => box.click()")
+                drawn()
+            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("0.00 s"))
+            assert errors == []
+    finally:
+        live.stop()

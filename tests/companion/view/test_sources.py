@@ -1,0 +1,36 @@
+"""A flight is followed to its end, where a tidier file takes the place of the one that was written."""
+
+import time
+from pathlib import Path
+
+from companion.runtime.runner import RECORD_TYPES, TICK
+from companion.view.sources import GrowingLog
+from protocol.flightlog import FlightLog
+
+
+def test_a_flight_is_followed_to_its_end(tmp_path: Path) -> None:
+    log = FlightLog.open(
+        tmp_path, metadata={}, attachments={}, types=RECORD_TYPES, on_full="wait", console=False, minimum_free_bytes=0
+    )
+    source = GrowingLog(log.path)
+    found: list[int] = []
+
+    def look() -> None:
+        for _, _, _, table in source.poll():
+            found.extend(table["late_ns"].tolist())
+
+    for number in range(3000):
+        log.record(TICK, number * 4_000_000, TICK.pack(number))
+    patience = time.monotonic() + 20.0
+    while len(found) < 100 and time.monotonic() < patience:
+        look()
+    assert 100 <= len(found) <= 3000
+    assert not source.ended
+    inode = log.path.stat().st_ino
+    for number in range(3000, 4000):
+        log.record(TICK, number * 4_000_000, TICK.pack(number))
+    log.close()
+    look()
+    assert log.path.stat().st_ino != inode, "another file, which the source never opened"
+    assert source.ended
+    assert found == list(range(4000))

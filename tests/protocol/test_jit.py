@@ -1,0 +1,129 @@
+"""The cache of compiled code: used, never stale, and done without where it can't be written."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from protocol import jit as compiled
+
+CALLEE = """from protocol.jit import compiled
+from protocol.numbers import OFFSET
+
+
+@compiled
+def shifted(x: float) -> float:
+    return x + OFFSET
+"""
+CALLER = """from protocol.callee import shifted
+from protocol.jit import compiled
+
+
+@compiled
+def twice_shifted(x: float) -> float:
+    return 2.0 * shifted(x)
+"""
+PROBE = """from protocol.caller import twice_shifted
+value = twice_shifted(1.0)
+print(value, sum(twice_shifted.stats.cache_hits.values()))
+"""
+
+Run = Callable[[], tuple[float, bool]]
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A project with one compiled function that calls another one, which uses a number of a third module."""
+    package = tmp_path / "checkout" / "protocol"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    shutil.copy(compiled.__file__, package)
+    (package / "numbers.py").write_text("OFFSET = 10.0\n")
+    (package / "callee.py").write_text(CALLEE)
+    (package / "caller.py").write_text(CALLER)
+    return package.parent
+
+
+@pytest.fixture
+def run(checkout: Path, tmp_path: Path) -> Run:
+    """Calls the function in a new process: its value, and whether it came from the cache."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA", "PYTHON"))}
+    environment |= {"HOME": str(tmp_path / "home"), "PYTHONPATH": str(checkout)}
+
+    def call() -> tuple[float, bool]:
+        command = [sys.executable, "-c", PROBE]
+        done = subprocess.run(command, env=environment, cwd=checkout, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        value, hits = done.stdout.split()
+        return float(value), hits != "0"
+
+    return call
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def test_the_cache_is_used_and_never_stale(checkout: Path, run: Run) -> None:
+    package, cache = checkout / "protocol", checkout / ".cache" / "compiled"
+    assert run() == (22.0, False)
+    assert run() == (22.0, True)
+    edit(package / "callee.py", "x + OFFSET", "x - OFFSET")
+    assert run() == (-18.0, False)
+    edit(package / "numbers.py", "10.0", "5.0")  # numba looks at caller.py alone, which is as it was
+    assert run() == (-8.0, False)
+    assert len(list(cache.iterdir())) == 3
+
+
+FORMS = (
+    b"from companion import (  # of (two)\n    trace,\n    state as other,\n)\n",
+    b"from companion import trace, \\\n    state\n",
+    b"import companion.trace as t, companion.state\n",
+    b"if True: import companion.trace; import companion.state\n",
+    b"def late():\n    from companion import trace; from companion import state\n",
+)
+
+
+def parsed(source: bytes) -> set[Path]:
+    """The modules that Python's own parser finds."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            path = compiled.ROOT / name.replace(".", "/")
+            found |= {path.with_suffix(".py"), path / "__init__.py"}
+    packages = [compiled.ROOT / name for name in ("protocol", "companion", "vehicle_sim")]
+    return {path for path in found if path.is_file() and any(path.is_relative_to(each) for each in packages)}
+
+
+def test_no_import_is_missed() -> None:
+    packages = ("protocol", "companion", "vehicle_sim")
+    sources = [path.read_bytes() for package in packages for path in (compiled.ROOT / package).rglob("*.py")]
+    assert len(sources) > 100
+    for source in (*sources, *FORMS):
+        assert parsed(source) <= set(compiled.imported(source)), source[:200]
+    for source in FORMS:
+        assert {path.stem for path in parsed(source)} >= {"trace", "state"}
+
+
+# A file where the folder should be refuses even root, whom a read-only mode would not stop.
+def test_a_checkout_that_cant_be_written_to_uses_the_users_cache(checkout: Path, tmp_path: Path, run: Run) -> None:
+    (checkout / ".cache").touch()
+    assert run() == (22.0, False)
+    assert list((tmp_path / "home" / ".cache" / "courier" / "compiled").rglob("*.nbc"))
+
+
+def test_with_nowhere_to_write_it_compiles_without_a_cache(checkout: Path, tmp_path: Path, run: Run) -> None:
+    (checkout / ".cache").touch()
+    (tmp_path / "home").touch()
+    assert run() == (22.0, False)
+    assert not list(checkout.rglob("*.nb?"))
