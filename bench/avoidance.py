@@ -17,15 +17,16 @@ from typing import Any, TypeVar
 import numpy as np
 
 from companion.avoidance.astar import AStar, AStarSettings
-from companion.avoidance.guard import Guard, GuardSettings, free_space
-from companion.avoidance.planner import picked
+from companion.avoidance.guard import Guard
 from companion.avoidance.shortcut import corner_speeds, shorten
 from companion.avoidance.vfh import Vfh, VfhSettings
-from companion.config import Avoidance
+from companion.config import Avoidance, picked
+from companion.perception.free_space import free_space
 from companion.perception.rolling_map import GridSettings, OccupancyGrid
 from companion.perception.tracks import Tracker, TrackSettings
 from companion.state import Scan
-from protocol.frames import Array, from_euler
+from protocol.arrays import Array
+from protocol.frames import from_euler
 from vehicle_sim.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, World, WorldTable
 
@@ -86,7 +87,7 @@ def fly(scans: list[tuple[Scan, Array, Array]], watch: Stopwatch) -> None:
         AStar(picked(AStarSettings, SETTINGS.plan), SETTINGS.map.cells),
         Vfh(picked(VfhSettings, SETTINGS.vfh)),
     )
-    guard_settings = picked(GuardSettings, SETTINGS.guard)
+    guard_settings = SETTINGS.guard
     guard, tracker = Guard(guard_settings), Tracker(picked(TrackSettings, SETTINGS.tracks))
     velocity, wish = np.array([SPEED, 0.0, 0.0]), np.array([1.0, 0.5, 0.0])
     for scan, position, attitude in scans:

@@ -29,8 +29,8 @@ from pymavlink import mavutil
 from companion.config import Settings
 from companion.logs.convert.telemetry import from_flight_log
 from companion.logs.repair import repair
-from companion.runtime.runner import TICK
-from companion.trace import LOGGED, TRACE, Thinning
+from companion.records import LOGGED, TICK, TRACE
+from companion.trace import Thinning
 from protocol.flightlog import (
     Direction,
     FlightLog,

@@ -18,8 +18,9 @@ import numpy as np
 from companion.config import load_settings
 from companion.control import controller as cascade
 from companion.state import Output, Reference, VehicleState
-from protocol.frames import GRAVITY, Array, flu_to_frd
-from protocol.vehicle_parameters import Body
+from protocol.arrays import Array
+from protocol.frames import flu_to_frd
+from protocol.vehicle_parameters import GRAVITY, Body
 
 STEP_S = 0.005
 LAST_S = 12.0

@@ -28,7 +28,7 @@ from companion.trajectory.minimum_snap import (
     snap_integral,
     through,
 )
-from protocol.frames import Array
+from protocol.arrays import Array
 
 LIMITS = Limits(speed=4.0, acceleration=3.0, tilt=math.radians(35.0))
 CALLS = 20_000

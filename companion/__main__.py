@@ -1,5 +1,5 @@
 """`python -m companion`"""
 
-from companion.cli.flights import main
+from companion.cli import main
 
 main()

@@ -17,8 +17,8 @@ import numpy as np
 from companion import trace
 from companion.avoidance import methods as method
 from companion.avoidance import steering as course
-from companion.avoidance.guard import Guard, GuardSettings, Reason, Verdict
-from companion.avoidance.planner import PlanRequest, PlanResult, picked
+from companion.avoidance.guard import Guard, Verdict
+from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.avoidance.steering import NO_WAY, Course
 from companion.config import Settings
 from companion.control import controller as cascade
@@ -38,6 +38,7 @@ from companion.state import (
     AvoidanceDecision,
     FlightMode,
     Output,
+    Reason,
     Reference,
     Scan,
     Setpoint,
@@ -47,7 +48,8 @@ from companion.state import (
 )
 from companion.supervision.supervisor import FLYING, STREAMING, Health, State, Supervisor, unsound
 from companion.trajectory import ReferenceGenerator, Track, track_of
-from protocol.frames import Array, yaw_of
+from protocol.arrays import Array
+from protocol.frames import yaw_of
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from protocol.peer import Peer
@@ -169,9 +171,7 @@ class Autopilot:
         self._track: Track | None = None
         self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.grain)
         self._avoidance = method.choose(settings.avoidance)
-        self._guard = (
-            Guard(picked(GuardSettings, settings.avoidance.guard)) if settings.avoidance.looks_around else None
-        )
+        self._guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self._plans = settings.avoidance.mapped and mission.profile != "step"
         self._question: PlanRequest | None = None
         self._asked = 0

@@ -1,14 +1,16 @@
 """The companion's settings: TOML -> frozen, checked records. Every default stands here and nowhere else."""
 
+import dataclasses
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 
 from protocol import toml_files as toml_files
 from protocol.vehicle_parameters import Body
 
+T = TypeVar("T")
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
@@ -77,7 +79,7 @@ class Prediction(Table, frozen=True):
 
 
 class Estimation(Table, frozen=True):
-    """Of what the model lacks, from the velocity (see `control.estimation`); walks are per square root of a second."""
+    """Of what the model lacks, from the velocity (see `control.disturbance_observer`); walks are per square root of a second."""
 
     thrust_scale: bool = True
     """The hover thrust: mass, battery, propellers."""
@@ -155,7 +157,7 @@ class Trajectory(Table, frozen=True):
 
 
 class AvoidanceMap(Table, frozen=True):
-    """The occupancy grid of "astar", "vfh" and the guard (`avoidance.grid`)."""
+    """The occupancy grid of "astar", "vfh" and the guard (`perception.rolling_map`)."""
 
     cell: Annotated[float, msgspec.Meta(ge=0.025)] = 0.125
     """m, from 0.025 on."""
@@ -228,7 +230,7 @@ class AvoidanceVfh(Table, frozen=True):
 
 
 class AvoidanceAltitudeSearch(Table, frozen=True):
-    """Other heights than the route's, with "astar", "rrt" and "vfh" (`avoidance.heights`). No sensor sees what is over
+    """Other heights than the route's, with "astar", "rrt" and "vfh" (`mission.altitude_search`). No sensor sees what is over
     the vehicle or, beyond the range finder, under it: allow what the place is known to leave free."""
 
     above: NotNegative = 0.0
@@ -254,7 +256,7 @@ class AvoidanceAltitudeSearch(Table, frozen=True):
 
 
 class AvoidanceCourse(Table, frozen=True):
-    """The motion along a way (`avoidance.course`)."""
+    """The motion along a way (`avoidance.steering`)."""
 
     acceleration: Positive = 6.0
     """m/s2"""
@@ -271,7 +273,7 @@ class AvoidanceCourse(Table, frozen=True):
 
 
 class AvoidanceTracks(Table, frozen=True):
-    """What moves (`avoidance.tracks`)."""
+    """What moves (`perception.tracks`)."""
 
     gap: Positive = 1.0
     """m between neighbouring returns from which on they are two things."""
@@ -458,6 +460,12 @@ class Settings(Table, frozen=True):
 
 class _VehicleFile(msgspec.Struct, frozen=True):
     body: Body
+
+
+def picked(kind: type[T], table: msgspec.Struct, **more: Any) -> T:
+    """A stage's own settings out of a table of the companion's."""
+    names = (field.name for field in dataclasses.fields(kind) if field.name not in more)  # type: ignore[arg-type]
+    return kind(**{name: getattr(table, name) for name in names}, **more)
 
 
 def load_settings(path: Path | None, overrides: list[str]) -> Settings:

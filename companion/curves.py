@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from companion.config import NotNegative, Positive, Table
-from protocol.frames import Array
+from protocol.arrays import Array
 
 Offset = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 

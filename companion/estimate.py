@@ -3,7 +3,7 @@
 from collections import deque
 
 from companion.state import AttitudeReport, PositionReport, VehicleState
-from protocol.frames import Array
+from protocol.arrays import Array
 
 _POSES_KEPT = 512
 _LONGEST_CARRY_S = 0.2

@@ -6,12 +6,8 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
-from protocol.frames import Array
-
-BoolArray = NDArray[np.bool_]
+from protocol.arrays import Array, BoolArray
 
 
 class FlightMode(Enum):
@@ -157,6 +153,20 @@ class Setpoint(msgspec.Struct, frozen=True, gc=False):
     """Three of full torque, -1..1."""
     thrust: float
     """0..1 of full thrust."""
+
+
+class Reason(IntEnum):
+    """Why the guard changed the command."""
+
+    NONE = 0
+    BARRIER = 1
+    """It came too near to something."""
+    STOP = 2
+    """It would have left no way to stop."""
+    NO_STOP = 3
+    """There is no way to stop in free space any more: the best there is."""
+    STALE = 4
+    """Nothing was seen for too long."""
 
 
 class Severity(IntEnum):

@@ -9,60 +9,15 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.avoidance.guard import Reason, Verdict
-from companion.control import controller as cascade
+from companion.avoidance.guard import Verdict
 from companion.mission.plan import Phase
-from companion.state import AvoidanceDecision, Reference, VehicleState
+from companion.records import TRACE, WORST
+from companion.state import AvoidanceDecision, Reason, Reference, VehicleState
 from companion.supervision.supervisor import State
-from protocol.flightlog import record_type
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 Floats = NDArray[np.float32]
-
-_FLAGS = (
-    ("state", "uint8"),
-    ("phase", "uint8"),
-    ("step", "uint16"),
-    ("blocked", "bool"),
-    ("limited", "bool"),
-    ("guard_reason", "uint8"),
-)
-_VECTORS = (
-    ("position_ned", 3),
-    ("velocity_ned", 3),
-    ("attitude_ned_frd", 4),
-    ("rates_frd", 3),
-    ("reference_position_ned", 3),
-    ("reference_velocity_ned", 3),
-    ("reference_acceleration_ned", 3),
-    ("target_ned", 3),
-    *cascade.FIELDS,
-    ("reference_yaw", 1),
-    ("reference_yaw_rate", 1),
-    ("position_age", 1),
-    ("speed_limit", 1),
-    ("clearance", 1),
-    ("free_distance", 1),
-    ("guard_change", 1),
-)
-_WORST = (("worst_error", 1), ("worst_torque", 3), ("worst_thrust", 1))
-
-
-def _vectors(kind: str, vectors: tuple[tuple[str, int], ...]) -> list[tuple[str, str]]:
-    return [(name, kind if size == 1 else f"{kind}[{size}]") for name, size in vectors]
-
-
-TRACE = record_type("/companion/trace", "courier/Trace", [*_FLAGS, *_vectors("float64", _VECTORS)])
-"""Of a control step. `lyapunov` and the commands: see `control.cascade`; `limited`: a limit on thrust or tilt bit;
-`guard_reason`: `avoidance.guard.Reason`, and `guard_change` (m/s2) what the guard made of the acceleration;
-`free_distance` (m): of the way seen free, inf if all of it is or none is flown over the map."""
-
-LOGGED = record_type("/companion/trace", "courier/LoggedTrace", [*_FLAGS, *_vectors("float32", (*_VECTORS, *_WORST))])
-"""Of a control step and those since the record before it: `blocked` and `limited` at any of them, the greatest
-`guard_reason`, `guard_change` and `position_age`, the least `speed_limit`, `clearance` and `free_distance`; the
-greatest distance from the reference (`worst_error`, m), and torque and thrust where they were greatest in size. All
-else is the step's own."""
 
 _HEAD = struct.Struct("<BBH??B")
 _STATE_BYTES = 4
@@ -70,7 +25,7 @@ _TAIL = struct.Struct("<7d")
 _WORST_OF_TAIL = 5
 """Its last so many values."""
 _STEP = TRACE.dtype
-_OWN = sum(size for _, size in _WORST)
+_OWN = sum(size for _, size in WORST)
 
 
 def pack(

@@ -8,18 +8,9 @@ from compiled code.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from protocol.arrays import Array, Quaternion, Vector
 from protocol.jit import compiled
-
-Array = NDArray[np.float64]
-
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-"""Both within compiled code: an array would be taken from the heap each time."""
-
-GRAVITY = 9.81
-"""m/s2, the paper's Table 1."""
 
 
 @compiled

@@ -4,7 +4,8 @@ from typing import Annotated
 
 import msgspec
 
-from protocol.frames import GRAVITY
+GRAVITY = 9.81
+"""m/s2, the paper's Table 1."""
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]

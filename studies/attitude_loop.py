@@ -8,8 +8,9 @@ import numpy as np
 
 from companion.control import lqr
 from protocol import toml_files as toml_files
-from protocol.frames import GRAVITY, Array, from_rotation_vector, to_euler
-from protocol.vehicle_parameters import Body
+from protocol.arrays import Array
+from protocol.frames import from_rotation_vector, to_euler
+from protocol.vehicle_parameters import GRAVITY, Body
 from studies import style
 from studies.report import Cell, Report
 from vehicle_sim.airframe import Airframe, parameters

@@ -22,7 +22,8 @@ from companion.mission.plan import Mission, Phase
 from companion.runtime import flight as whole_flight
 from companion.state import Output
 from protocol import toml_files as toml_files
-from protocol.frames import Array, rotate
+from protocol.arrays import Array
+from protocol.frames import rotate
 from protocol.transport import TransportError
 from studies.escape import Abilities, avoidable
 from studies.joined import Joined

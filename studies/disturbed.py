@@ -4,7 +4,7 @@ import numpy as np
 
 from companion.mission.plan import Delivery, Mission, Phase, Waypoint
 from companion.supervision.supervisor import State
-from protocol.frames import Array
+from protocol.arrays import Array
 from studies import style
 from studies.joined import Joined
 from studies.paper_settings import NOTHING_ADDED

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol.frames import GRAVITY, Array
+from protocol.arrays import Array
+from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.integrate import TICK_NS
 from vehicle_sim.world import Scene, World

@@ -9,11 +9,11 @@ from companion.autopilot import Autopilot, Datagram, Event, Planned, Tick
 from companion.config import load_body, load_settings
 from companion.mission import plan as missions
 from companion.mission.plan import Mission
+from companion.records import TRACE
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.state import Output
-from companion.trace import TRACE
 from protocol import toml_files as toml_files
-from protocol.frames import Array
+from protocol.arrays import Array
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.integrate import TICK_NS
 from vehicle_sim.vehicle import Vehicle

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from companion.mission.plan import Waypoint
 from companion.supervision.supervisor import State
-from protocol.frames import Array
+from protocol.arrays import Array
 from studies import style
 from studies.joined import Joined, mission_of
 from studies.paper_settings import paper_settings

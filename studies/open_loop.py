@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocol import toml_files as toml_files
-from protocol.frames import GRAVITY, Array, to_euler
+from protocol.arrays import Array
+from protocol.frames import to_euler
+from protocol.vehicle_parameters import GRAVITY
 from studies import style
 from studies.report import Cell, Report
 from vehicle_sim.airframe import Airframe, parameters

@@ -11,8 +11,8 @@ from companion.mission.plan import Waypoint
 from companion.state import Output
 from companion.supervision.supervisor import State
 from protocol import toml_files as toml_files
-from protocol.frames import GRAVITY, Array
-from protocol.vehicle_parameters import Body
+from protocol.arrays import Array
+from protocol.vehicle_parameters import GRAVITY, Body
 from studies import style
 from studies.joined import Joined, mission_of
 from studies.paper_settings import paper_settings

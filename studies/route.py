@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mission.plan import Phase
-from companion.trace import TRACE
+from companion.records import TRACE
 from protocol.flightlog import FlightLogError, LogReader
 from studies.style import GREEN, INK, PALETTE, STONE, blank, save
 from vehicle_sim.world import World

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from protocol.frames import Array
+from protocol.arrays import Array
 
 INK, GREY = "#222222", "#8a8a8a"
 PALETTE = ("#1f5fbf", "#d1495b", "#2f8f5b", "#e09f3e", "#6d4c9f", "#3aa6b9")

@@ -15,7 +15,7 @@ from companion.mission import plan as missions
 from companion.mission.plan import Mission, Phase, Waypoint
 from companion.state import Output
 from companion.supervision.supervisor import State
-from protocol.frames import Array
+from protocol.arrays import Array
 from studies import style
 from studies.joined import Joined
 from studies.paper_settings import paper_settings

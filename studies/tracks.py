@@ -12,7 +12,7 @@ from companion.curves import Shape
 from companion.mission.plan import Mission, Phase
 from companion.state import Output
 from companion.supervision.supervisor import State
-from protocol.frames import Array
+from protocol.arrays import Array
 from studies.joined import Joined
 
 AGILE = (

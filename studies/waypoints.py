@@ -16,7 +16,8 @@ from companion.mission.plan import Mission, Phase
 from companion.state import Output
 from companion.supervision.supervisor import State
 from protocol import toml_files as toml_files
-from protocol.frames import Array, wrap, yaw_of
+from protocol.arrays import Array
+from protocol.frames import wrap, yaw_of
 from studies import style
 from studies.joined import Joined
 from studies.paper_settings import paper_settings

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from companion.mission.plan import Mission, Waypoint
 from protocol import toml_files as toml_files
-from protocol.frames import Array
+from protocol.arrays import Array
 from vehicle_sim.world import World
 
 TALL = 10.0

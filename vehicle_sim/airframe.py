@@ -9,9 +9,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.frames import GRAVITY
 from protocol.toml_files import TomlFileError, load
-from protocol.vehicle_parameters import Body, Positive
+from protocol.vehicle_parameters import GRAVITY, Body, Positive
 from vehicle_sim.lidar import LidarSettings
 
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]

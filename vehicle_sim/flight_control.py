@@ -10,7 +10,7 @@ from enum import Enum, IntEnum
 
 import numpy as np
 
-from protocol.frames import GRAVITY
+from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.inner_loop import COMMAND, Command, Level
 from vehicle_sim.motion import Motion, Quaternion, Vector

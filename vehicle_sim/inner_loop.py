@@ -9,8 +9,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.frames import GRAVITY
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.rigid_body import Array, Parameters
 
 

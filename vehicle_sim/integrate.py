@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.frames import GRAVITY
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.inner_loop import Command, Level, position_law, rotor_commands
 from vehicle_sim.rigid_body import STATES, Array, Parameters, depth, derivative, to_world
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.frames import GRAVITY
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 
 Array = NDArray[np.float64]
 Parameters = NDArray[np.void]

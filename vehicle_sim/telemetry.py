@@ -10,6 +10,7 @@ import numpy as np
 
 from protocol import frames
 from protocol.messages import Encoder, dialect
+from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.flight_control import FlightControl, LandedState, Mode
 from vehicle_sim.inner_loop import Level
@@ -389,7 +390,7 @@ class Telemetry:
         """The ground truth: for logs and judges, never for flying."""
         m = self.truth
         ax, ay, az = m.specific_force_frd
-        to_mg = 1000.0 / frames.GRAVITY
+        to_mg = 1000.0 / GRAVITY
         return self._encode(
             dialect.MAVLink_hil_state_quaternion_message,
             m.time_ns // 1000,

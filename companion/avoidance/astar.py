@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, Floats, MapView, has
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 Integers = NDArray[np.int64]

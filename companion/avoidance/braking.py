@@ -2,7 +2,7 @@
 
 import math
 
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 

@@ -7,7 +7,7 @@ from companion.avoidance.paper import PaperRule
 from companion.avoidance.paper_literal import LiteralPaperRule
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
-from protocol.frames import Array
+from protocol.arrays import Array
 
 
 class Method(Protocol):

@@ -6,7 +6,7 @@ import numpy as np
 
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
-from protocol.frames import Array
+from protocol.arrays import Array
 
 
 class NoAvoidance:

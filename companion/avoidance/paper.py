@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from companion.avoidance.braking import free_distance, stopping_speed
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 _LESS_MARGIN = (1.0, 0.7, 0.45)

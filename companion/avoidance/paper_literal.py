@@ -25,7 +25,7 @@ import numpy as np
 
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
-from protocol.frames import Array
+from protocol.arrays import Array
 
 
 def outside_nearer_edge(position: float, least: float, most: float, margin: float) -> float:

@@ -5,25 +5,23 @@ All of it is too slow for the loop that flies. It is asked with one `PlanRequest
 one came.
 """
 
-import dataclasses
 import math
-from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
 from companion.avoidance.astar import AStar, AStarSettings, GridPath, Integers
-from companion.avoidance.guard import Empty, FreeSpace, GuardSettings, empty_here, free_space, space_bytes
 from companion.avoidance.rrt import Rrt, RrtSettings
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from companion.avoidance.steering import NO_WAY, Way
 from companion.avoidance.vfh import Vfh, VfhSettings
-from companion.config import Avoidance
-from companion.perception.rolling_map import FAR_M, Floats, GridSettings, MapView, OccupancyGrid, to_certain
-from companion.perception.tracks import Tracker, TrackSettings
+from companion.config import Avoidance, picked
+from companion.perception.free_space import Empty, FreeSpace, empty_here, space_bytes
+from companion.perception.local_map import LocalMap
+from companion.perception.rolling_map import Floats, MapView, to_certain
 from companion.state import Scan
-from protocol.frames import Array
+from protocol.arrays import Array
 
 _HULL_M = 0.6
 """From an occupied cell's centre to where a corner may be cut."""
@@ -32,20 +30,10 @@ _TO_SEE = 0.08
 _LEAST_ROOM, _MOST_ROOM = 0.15, 1.5
 _UNKNOWN_ROOM = 0.5
 """m of room at a corner, beyond the window."""
-_AROUND_MOVING = 0.3
-"""m around what moves in which nothing else is held to stand."""
 
 
 _SMALL_BYTES = 1 << 16
 """For an answer's way and its points."""
-
-T = TypeVar("T")
-
-
-def picked(kind: type[T], table: msgspec.Struct, **more: Any) -> T:
-    """A stage's own settings out of a table of the companion's."""
-    names = (field.name for field in dataclasses.fields(kind) if field.name not in more)  # type: ignore[arg-type]
-    return kind(**{name: getattr(table, name) for name in names}, **more)
 
 
 class PlanRequest(msgspec.Struct, frozen=True):
@@ -107,45 +95,6 @@ class PlanningPipeline:
         space = surroundings.free_space(here, question.asked_ns, tight=way.tight)
         clearance = surroundings.clearance(here)
         return PlanResult(question.number, question.asked_ns, space, clearance, way, blocked)
-
-
-class LocalMap:
-    """The map and what moves on it."""
-
-    def __init__(self, settings: Avoidance, empty: Empty = empty_here) -> None:
-        self._settings = settings
-        self._guard = picked(GuardSettings, settings.guard)
-        self._empty = empty
-        self._grid = OccupancyGrid(picked(GridSettings, settings.map, hull=settings.vehicle_radius))
-        self._tracker = Tracker(picked(TrackSettings, settings.tracks))
-        self.view: MapView | None = None
-        """At the last look."""
-
-    def add(self, scan: Scan, pose: tuple[Array, Array], ground_down: float, now_ns: int) -> None:
-        """Take a ring in, with the pose (3,), (4,) of its own time."""
-        moving = self._tracker.add(scan, *pose, ground_down)
-        self._grid.add(scan, *pose, ground_down, moving)
-        for track in self._tracker.moving:
-            self._grid.forget(track["mean"][:2], track["radius"], track["radius"] + _AROUND_MOVING, now_ns)
-
-    def look(self, now_ns: int) -> MapView:
-        """At the map as it is now."""
-        self.view = view = self._grid.view(now_ns)
-        return view
-
-    def free_space(self, here: Array, now_ns: int, *, tight: bool = False) -> FreeSpace:
-        """For the guard, after a `look`."""
-        assert self.view is not None
-        moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving)
-        return free_space(self.view, here, now_ns, self._guard, moving, tight=tight, empty=self._empty)
-
-    def clearance(self, here: Array) -> float:
-        """m from the hull at a place to the nearest occupied cell's centre; inf if that is FAR_M away or more."""
-        view = self.view
-        if view is None or not view.contains(view.cell_of(here)):
-            return math.inf
-        distance = float(view.to_occupied[view.cell_of(here)])
-        return distance - self._settings.vehicle_radius if distance < FAR_M else math.inf
 
 
 class Planner:

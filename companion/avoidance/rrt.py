@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from companion.avoidance.astar import _nearest_allowed
 from companion.perception.rolling_map import Cell, MapView
-from companion.state import BoolArray
-from protocol.frames import Array
+from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 
 Integers = NDArray[np.int64]

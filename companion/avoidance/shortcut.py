@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from companion.avoidance.astar import GridPath
 from companion.perception.rolling_map import Floats, MapView, between
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 Integers = NDArray[np.int64]

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from companion.config import AvoidanceCourse
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 _AHEAD_M, _TIGHT_AHEAD_M, _AHEAD_S = 0.8, 0.25, 0.35

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.perception.rolling_map import OCCUPIED, Bytes, MapView
-from companion.state import BoolArray
-from protocol.frames import Array, wrap
+from protocol.arrays import Array, BoolArray
+from protocol.frames import wrap
 from protocol.jit import compiled
 
 SECTORS = 72

@@ -1,1 +1,8 @@
 """The command line."""
+
+
+def main() -> None:
+    """The program `companion`."""
+    from companion.cli.flights import main as run_app
+
+    run_app()

@@ -16,7 +16,7 @@ stops while a limit bites and is kept within bounds (projection, which only lowe
 
 import numpy as np
 
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 

@@ -22,16 +22,10 @@ from companion.control import (
     sliding_mode,
     thrust,
 )
+from companion.records import CONTROL_FIELDS
 from companion.state import Output, Reference, VehicleState
-from protocol.frames import (
-    Array,
-    Vector,
-    from_axes,
-    from_rotation_vector,
-    multiply,
-    to_body,
-    to_world,
-)
+from protocol.arrays import Array, Vector
+from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_world
 from protocol.jit import compiled
 from protocol.vehicle_parameters import Body
 
@@ -108,25 +102,7 @@ MEMORY = np.dtype(
 )
 """What the laws remember from step to step."""
 
-FIELDS = (
-    ("e1", 3),
-    ("e2", 3),
-    ("lyapunov", 3),
-    ("lyapunov_rate", 3),
-    ("acceleration_command_ned", 3),
-    ("attitude_command_ned_frd", 4),
-    ("rates_command_frd", 3),
-    ("torque_command", 3),
-    ("thrust_command", 1),
-    ("predicted_position_ned", 3),
-    ("disturbance_ned", 3),
-    ("thrust_scale", 1),
-    ("drag_scale", 1),
-)
-"""What `obey` returns, in this order. `lyapunov` is V (19) of each axis and `lyapunov_rate` the V' (22) that the law
-promises, both of backstepping, whichever law flies; torque and thrust are fractions of the whole."""
-
-SIZE = sum(size for _, size in FIELDS)
+SIZE = sum(size for _, size in CONTROL_FIELDS)
 ATTITUDE, RATES, TORQUE, THRUST = slice(15, 19), slice(19, 22), slice(22, 25), 25
 
 _LONGEST_S = 0.1
@@ -194,7 +170,7 @@ class Controller:
         mass: float,
         changed: bool = False,
     ) -> tuple[Array, bool]:
-        """FIELDS (SIZE,) for an acceleration, that of `wish` or what came out of it, and whether a limit bit.
+        """CONTROL_FIELDS (SIZE,) for an acceleration, that of `wish` or what came out of it, and whether a limit bit.
 
         The state and the reference are those of `wish`.
 
@@ -405,8 +381,8 @@ def obey(
     memory: NDArray[np.void],
     out: Array,
 ) -> bool:
-    """Thrust, attitude, and rates or torque for an acceleration (3,): fills `out` with FIELDS (SIZE,) and says whether
-    a limit bit.
+    """Thrust, attitude, and rates or torque for an acceleration (3,): fills `out` with CONTROL_FIELDS (SIZE,) and says
+    whether a limit bit.
 
     The state is that of the last `wish`; `ahead` is the reference a rotor's lag later.
     """

@@ -13,8 +13,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.frames import GRAVITY, Array
+from protocol.arrays import Array
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 
 ESTIMATE = np.dtype(
     [

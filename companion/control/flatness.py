@@ -12,8 +12,10 @@ import math
 
 import numpy as np
 
-from protocol.frames import GRAVITY, Array, Vector, from_axes
+from protocol.arrays import Array, Vector
+from protocol.frames import from_axes
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 
 _ROUNDS = 6
 _LEAST_FORCE = 0.05

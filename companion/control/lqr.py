@@ -17,8 +17,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from protocol.arrays import Array
 from protocol.disk_cache import kept
-from protocol.frames import Array, conjugate, multiply, to_rotation_vector
+from protocol.frames import conjugate, multiply, to_rotation_vector
 from protocol.jit import compiled
 from protocol.vehicle_parameters import Body
 

@@ -3,7 +3,7 @@
 acceleration = kp e + ki integral(e) + kd e'
 """
 
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 

@@ -11,8 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.frames import GRAVITY, Array, Quaternion, product, to_body, to_world, turn_of
+from protocol.arrays import Array, Quaternion
+from protocol.frames import product, to_body, to_world, turn_of
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 
 SENT = np.dtype([("time_ns", "i8"), ("thrust_n", "f8"), ("input", "f8", 3)], align=True)
 """A command: from `time_ns` on in force at the vehicle; `input` is rates (rad/s) or angular acceleration (rad/s2)."""

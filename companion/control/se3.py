@@ -7,7 +7,8 @@ forward by `control.flatness`, as for the other laws.
 
 import numpy as np
 
-from protocol.frames import Array, conjugate, multiply
+from protocol.arrays import Array
+from protocol.frames import conjugate, multiply
 from protocol.jit import compiled
 
 

@@ -10,7 +10,7 @@ With V = s^2 / 2 outside the layer, V' = -gain |s| + s d < 0 for every disturban
 
 import numpy as np
 
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 

@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
-from protocol.frames import GRAVITY, Array, to_body, to_world
+from protocol.arrays import Array
+from protocol.frames import to_body, to_world
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 
 
 @compiled

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from companion.state import AttitudeReport, Output, PositionReport, Scan, SectorReport, Setpoint
-from protocol.frames import Array, from_euler
+from protocol.arrays import Array
+from protocol.frames import from_euler
 from protocol.messages import dialect
 
 ATTITUDE_IGNORE_RATES = 0x07

@@ -19,8 +19,9 @@ import numpy as np
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
 from companion.config import Avoidance
 from companion.link import wire
+from companion.records import ASKED
 from companion.runtime.mailbox import Inbox, Outbox, mailbox
-from companion.runtime.planning import ASKED, pack_request
+from companion.runtime.planning import pack_request
 from companion.state import Scan
 from protocol.flightlog import LogReader
 

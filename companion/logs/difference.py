@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from companion.trace import LOGGED
+from companion.records import LOGGED
 from protocol.flightlog import SCALARS, RecordType
 from protocol.framing import Frame, Framer
 from protocol.messages import decode, layout

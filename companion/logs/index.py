@@ -12,8 +12,8 @@ from companion.logs.info import Info, info
 from companion.logs.recordings import is_drawn, printable
 from companion.logs.target import DRAFTS, output
 from companion.logs.traffic import open_traffic
+from companion.records import TRACE
 from companion.runtime.summary import summarize
-from companion.trace import TRACE
 from protocol.flightlog import Direction, FlightLogError
 from protocol.framing import Framer
 from protocol.messages import decode, dialect

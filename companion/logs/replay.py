@@ -15,9 +15,10 @@ from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
 from companion.logs.target import output
 from companion.logs.writer import Writer
-from companion.runtime.planning import PLANNED, InProcessPlanner, PlannerBackend, Planning
-from companion.runtime.runner import LOG_FAULT, LOG_RECOVERED, PLANNER_FAULT, REQUEST, TICK, late_ns_of, lockstep_time
-from companion.trace import LOGGED, TRACE, Thinning
+from companion.records import LOG_FAULT, LOG_RECOVERED, LOGGED, PLANNED, PLANNER_FAULT, REQUEST, TICK, TRACE
+from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
+from companion.runtime.runner import late_ns_of, lockstep_time
+from companion.trace import Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record, datagram_of
 

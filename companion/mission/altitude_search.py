@@ -16,7 +16,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from companion.config import AvoidanceAltitudeSearch
-from protocol.frames import Array
+from protocol.arrays import Array
 
 _THERE_M = 0.2
 """From a height, where it is reached."""

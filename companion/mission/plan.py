@@ -12,7 +12,7 @@ import numpy as np
 from companion.config import NotNegative, Positive, Table
 from companion.curves import Curve, Route, Shape
 from protocol import toml_files as toml_files
-from protocol.frames import Array
+from protocol.arrays import Array
 
 Metres = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 

@@ -2,7 +2,7 @@
 
 import math
 
-from protocol.frames import Array
+from protocol.arrays import Array
 
 _SPACING = 5.0
 """m between two places of the trail; a place nearer than that to an older one closes a loop, which is left out."""

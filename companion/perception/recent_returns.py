@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 _ROOM = 2048

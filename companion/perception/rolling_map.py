@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.state import BoolArray, Scan
-from protocol.frames import Array, to_world
+from companion.state import Scan
+from protocol.arrays import Array, BoolArray
+from protocol.frames import to_world
 from protocol.jit import compiled
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2

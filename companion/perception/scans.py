@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from companion.state import Scan
-from protocol.frames import Array, to_world
+from protocol.arrays import Array
+from protocol.frames import to_world
 from protocol.jit import compiled
 
 

@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.perception.free_space import POINT
 from companion.perception.scans import place
-from companion.state import BoolArray, Scan
-from protocol.frames import Array
+from companion.state import Scan
+from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 
-POINT = 5
-"""Columns of a point to keep away from: north, east, its velocity north and east, keep-out (m from its centre)."""
 _GATE = 11.8
 """Squared distance in standard deviations, two dimensions: 99.7 %."""
 _LONGEST_STEP_S = 0.5

@@ -16,9 +16,10 @@ import msgspec
 from companion.autopilot import Autopilot
 from companion.config import Settings
 from companion.mission.plan import Mission
+from companion.records import RECORD_TYPES
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
-from companion.runtime.runner import RECORD_TYPES, Runner
+from companion.runtime.runner import Runner
 from companion.runtime.summary import Axes, Summary
 from companion.state import Output
 from companion.supervision.supervisor import State

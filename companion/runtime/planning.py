@@ -17,50 +17,13 @@ import numpy as np
 
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
 from companion.config import Avoidance
+from companion.records import ASKED, PLANNED, PLANNED_CORNERS
 from companion.runtime.mailbox import Outbox, mailbox
 from companion.state import Scan
-from protocol.flightlog import record_type
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-_CORNERS = 16
-PLANNED = record_type(
-    "/companion/planned",
-    "courier/Planned",
-    [
-        ("number", "uint32"),
-        ("asked_ns", "int64"),
-        ("corners", "uint8"),
-        ("way_ned", f"float32[{2 * _CORNERS}]"),
-        ("speeds", f"float32[{_CORNERS}]"),
-    ],
-    {"way_ned": "m north, m east of each corner", "speeds": "m/s at each"},
-)
-"""An answer's arrival, an event; for people to look at, the first corners of its way."""
-ASKED = record_type(
-    "/companion/asked",
-    "courier/Asked",
-    [
-        ("number", "uint32"),
-        ("asked_ns", "int64"),
-        ("ring_ns", "int64"),
-        ("ring_boot_us", "uint64"),
-        ("position_ned", "float64[3]"),
-        ("attitude_ned_frd", "float64[4]"),
-        ("ground_down", "float64"),
-        ("here_ned", "float64[3]"),
-        ("velocity_ned", "float64[3]"),
-        ("goal_ned", "float64[3]"),
-        ("speed", "float64"),
-    ],
-    {
-        "ring_ns": "when it arrived; ring_boot_us: when it was measured, on the vehicle's clock",
-        "position_ned": "of the ring, with attitude_ned_frd; here_ned: of the vehicle now",
-        "goal_ned": "NaN: no way is asked for",
-    },
-)
-"""A question, with what a replay need not wait for to answer it; no event, it follows from those before."""
 _PATIENCE_S = 10.0
 """For an answer that must be waited for."""
 _MOST_OPEN = 24
@@ -251,9 +214,9 @@ def pack_request(question: PlanRequest) -> bytes:
 
 def packed(answer: PlanResult) -> bytes:
     """The payload of a PLANNED record."""
-    corners = answer.way.corners[:_CORNERS]
+    corners = answer.way.corners[:PLANNED_CORNERS]
     record = np.zeros(1, PLANNED.dtype)
     record["number"], record["asked_ns"], record["corners"] = answer.number, answer.asked_ns, len(corners)
     record["way_ned"][0, : 2 * len(corners)] = corners.ravel()
-    record["speeds"][0, : len(corners)] = answer.way.speeds[:_CORNERS]
+    record["speeds"][0, : len(corners)] = answer.way.speeds[:PLANNED_CORNERS]
     return record.tobytes()

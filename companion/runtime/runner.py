@@ -23,28 +23,17 @@ from companion.autopilot import (
     Request,
     Tick,
 )
-from companion.runtime.planning import ASKED, PLANNED, Planning, pack_request, packed
+from companion.records import ASKED, LOG_FAULT, LOG_RECOVERED, LOGGED, LOOP, PLANNED, PLANNER_FAULT, REQUEST, TICK
+from companion.runtime.planning import Planning, pack_request, packed
 from companion.supervision.supervisor import FLYING, State
-from companion.trace import LOGGED, Thinning
+from companion.trace import Thinning
 from protocol.clock import RealClock
-from protocol.flightlog import Direction, FlightLog, record_type
+from protocol.flightlog import Direction, FlightLog
 from protocol.flightlog.recorder import Console
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, TransportError, Udp
 
 TICK_NS = 4_000_000
 """250 Hz"""
-TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
-REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
-"""Events that are neither ticks nor datagrams: "land", LOG_RECOVERED, or what is wrong after LOG_FAULT or
-PLANNER_FAULT."""
-LOG_FAULT = "log fault: "
-LOG_RECOVERED = "log recovered"
-PLANNER_FAULT = "planner fault: "
-LOOP = record_type("/companion/loop", "courier/Loop", [("worst_ns", "uint32"), ("latency_ns", "uint32[]")])
-"""Wall time from the receipt of a datagram with a new attitude to the command's departure, for those of a tenth of a
-second: how the machine did, not an event."""
-RECORD_TYPES = (LOGGED, TICK, REQUEST, ASKED, PLANNED, LOOP)
-
 _LOG_LEVEL = {0: 50, 1: 50, 2: 50, 3: 40, 4: 30, 5: 20, 6: 20}
 """MAV_SEVERITY -> `logging`'s level."""
 SPIN_S = 1e-3

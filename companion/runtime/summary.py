@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.runtime.runner import LOOP
+from companion.records import LOOP, TRACE
 from companion.supervision.supervisor import State
-from companion.trace import TRACE
 from protocol.flightlog import FlightLogError, LogReader, RecordType
 
 Axes = tuple[float, float, float]

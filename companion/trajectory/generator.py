@@ -10,7 +10,8 @@ from ruckig import Trajectory as Profile
 from companion.config import Trajectory as TrajectorySettings
 from companion.state import Reference
 from companion.trajectory.track import Track
-from protocol.frames import Array, wrap
+from protocol.arrays import Array
+from protocol.frames import wrap
 
 _SLOWEST = 0.05
 _INSTANT_S = 1e-5

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize
 
-from protocol.frames import GRAVITY, Array
+from protocol.arrays import Array
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 
 _DEGREE = 7
 _SAMPLES = 24

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.curves import Shape
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 

@@ -11,7 +11,7 @@ from companion.curves import Curve, Shape
 from companion.trajectory.minimum_snap import Limits, plan
 from companion.trajectory.shapes import shape_of
 from companion.trajectory.timing import TimeLaw, compose, law_at
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 _STEEPEST = 35.0 / 16.0

@@ -18,7 +18,8 @@ from companion.state import FlightMode
 from companion.view.gather import Batch
 from companion.view.lines import Floats
 from companion.view.scene import in_the_way
-from protocol.frames import Array, enu_to_ned, to_geodetic
+from protocol.arrays import Array
+from protocol.frames import enu_to_ned, to_geodetic
 from protocol.messages import Encoder, dialect
 
 SYSTEM, COMPONENT = 255, 190

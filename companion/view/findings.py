@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.avoidance.guard import Reason
 from companion.mission.plan import Phase
+from companion.state import Reason
 from companion.supervision.supervisor import State
 from companion.view.gather import Gathered, Worst
 from companion.view.lines import Stretch

@@ -38,17 +38,17 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from companion.avoidance.guard import Reason
 from companion.logs.recordings import DRAWN, has_texts, unpack
 from companion.logs.target import output
-from companion.runtime.planning import PLANNED
-from companion.trace import LOGGED
+from companion.records import LOGGED, PLANNED
+from companion.state import Reason
 from companion.view.history import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
 from companion.view.scene import mesh, solids
+from protocol.arrays import Array
 from protocol.flightlog import DATAGRAM, TEXT, LogReader, Record
-from protocol.frames import Array, enu_to_ned, multiply
+from protocol.frames import enu_to_ned, multiply
 
 WORLD_FRAME, BODY_FRAME = "local_origin", "base_link"
 _POSE_EVERY_S = 0.02

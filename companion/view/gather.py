@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from companion.config import Settings
 from companion.link.firmware import firmware_of
 from companion.mission.plan import Phase
-from companion.runtime.runner import LOOP, TICK
+from companion.records import LOOP, TICK, TRACE
 from companion.supervision.supervisor import FLYING, State
-from companion.trace import TRACE
 from companion.view.lines import (
     Floats,
     Line,

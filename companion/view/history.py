@@ -5,18 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.avoidance.guard import Reason
 from companion.link.firmware import firmware_of
 from companion.perception.rolling_map import FAR_M
-from companion.runtime.planning import PLANNED
-from companion.state import BoolArray, Scan
-from companion.trace import TRACE
+from companion.records import PLANNED, TRACE
+from companion.state import Reason, Scan
 from companion.view.findings import phase_name, state_name
 from companion.view.gather import Batch, Table, Text, euler_deg
 from companion.view.lines import Floats, Track
 from companion.view.mapping import PosedScan
+from protocol.arrays import Array, BoolArray
 from protocol.flightlog import TEXT
-from protocol.frames import Array
 
 MOST = 10_000
 """Rows of each track; twice as many may be held."""

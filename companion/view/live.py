@@ -18,9 +18,10 @@ from companion.view.lines import Floats
 from companion.view.mapping import MapAt, avoidance_of, occupied, picture
 from companion.view.scene import Prism, mesh, solids
 from companion.view.sources import Source
+from protocol.arrays import Array
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLogError
-from protocol.frames import Array, enu_to_ned, multiply
+from protocol.frames import enu_to_ned, multiply
 
 if TYPE_CHECKING:
     import viser

@@ -10,13 +10,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.avoidance.planner import LocalMap
 from companion.config import Avoidance, Settings
 from companion.estimate import Estimator
 from companion.link import wire
+from companion.perception.local_map import LocalMap
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.state import AttitudeReport, Scan
-from protocol.frames import Array
+from protocol.arrays import Array
 
 NAMES = frozenset({"ATTITUDE_QUATERNION", "ATTITUDE", "LOCAL_POSITION_NED", "OBSTACLE_DISTANCE"})
 """The messages that a map is made of."""

@@ -1,4 +1,4 @@
-"""The flight log's writer, a process of its own: `python -m protocol.recorder FD`, started by protocol/flightlog.py.
+"""The flight log's writer, a process of its own: `python -m protocol.flightlog.recorder FD`.
 
 FD is the shared memory. The pipe on its standard input tells it what to write first and then only stays open: when it
 closes, by whatever death of the flying process, what is left in the ring is written and the file finished. Standard

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from companion.trace import LOGGED, TRACE, Thinning
+from companion.records import LOGGED, TRACE
+from companion.trace import Thinning
 
 STEP_NS = 4_000_000
 STEPS = 1000

@@ -15,7 +15,7 @@ from companion.link import wire
 from companion.mission.plan import Mission, Phase
 from companion.state import AvoidanceDecision, Output
 from companion.supervision.supervisor import State
-from protocol.frames import Array
+from protocol.arrays import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.state import BoolArray
-from protocol.frames import Array
+from protocol.arrays import Array, BoolArray
 from studies.joined import Joined
 from studies.worlds import Site
 

@@ -8,8 +8,8 @@ import pytest
 
 from companion.mission import plan as mission
 from protocol.flightlog import LogReader
-from protocol.frames import GRAVITY
 from protocol.toml_files import find
+from protocol.vehicle_parameters import GRAVITY
 from tests.flights.processes import run
 from vehicle_sim.airframe import Airframe
 

@@ -15,15 +15,13 @@ import numpy as np
 import pytest
 
 from companion.autopilot import Autopilot, Datagram, Planned, Tick
-from companion.avoidance.guard import Reason
 from companion.config import Settings, load_body
 from companion.logs.replay import replay
 from companion.mission.plan import Mission
-from companion.runtime.planning import PLANNED, InProcessPlanner
-from companion.runtime.runner import REQUEST, TICK
-from companion.state import Output
+from companion.records import PLANNED, REQUEST, TICK, TRACE
+from companion.runtime.planning import InProcessPlanner
+from companion.state import Output, Reason
 from companion.supervision.supervisor import State
-from companion.trace import TRACE
 from protocol import toml_files as toml_files
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer

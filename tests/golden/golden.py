@@ -8,8 +8,7 @@ from pathlib import Path
 
 from companion.logs.replay import Replay, replay
 from companion.logs.writer import Writer
-from companion.runtime.planning import PLANNED
-from companion.runtime.runner import REQUEST, TICK
+from companion.records import PLANNED, REQUEST, TICK
 from protocol.flightlog import DATAGRAM, LogReader
 
 FOLDER = Path(__file__).resolve().parent

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from protocol import disk_cache as module
+from protocol.arrays import Array
 from protocol.disk_cache import kept
-from protocol.frames import Array
 
 calls: list[tuple[object, ...]] = []
 

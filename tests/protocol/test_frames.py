@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from protocol import frames
-from protocol.frames import Array
+from protocol.arrays import Array
 
 X, Y, Z = np.eye(3)
 RIGHT = 0.5 * math.pi

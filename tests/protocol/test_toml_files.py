@@ -7,9 +7,8 @@ import msgspec
 import pytest
 
 from protocol import toml_files as toml_files
-from protocol.frames import GRAVITY
 from protocol.toml_files import TomlFileError
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import GRAVITY, Body
 
 
 class Wing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

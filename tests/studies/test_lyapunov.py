@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.control import backstepping
-from companion.trace import TRACE
-from protocol.frames import Array
+from companion.records import TRACE
+from protocol.arrays import Array
 from studies.lyapunov import FLIGHTS, LEAST, PERIOD_S, C, course, fly
 
 C1, C2 = np.full(3, C), np.ones(3)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from protocol import toml_files as toml_files
-from protocol.frames import GRAVITY, Array
+from protocol.arrays import Array
+from protocol.vehicle_parameters import GRAVITY
 from studies.open_loop import Motion, coupling, equation_4, equation_6, parted, rigid_body, thrusts
 from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.rigid_body import ATTITUDE, RATES, ROTORS, STATES, derivative

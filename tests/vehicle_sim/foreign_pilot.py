@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from protocol.frames import GRAVITY
 from protocol.toml_files import find
+from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.integrate import TICK_NS
 from vehicle_sim.vehicle import Vehicle

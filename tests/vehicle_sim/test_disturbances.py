@@ -13,8 +13,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from typer.testing import CliRunner
 
-from protocol.frames import GRAVITY
 from protocol.toml_files import TomlFileError, find
+from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, LAND, ForeignPilot, tilted
 from tests.vehicle_sim.test_vehicle_runner import Companion, hop, started
 from vehicle_sim import truth

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from protocol.frames import GRAVITY, rotate, to_rotation_vector
+from protocol.frames import rotate, to_rotation_vector
+from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, tilted
 from vehicle_sim.airframe import parameters
 from vehicle_sim.inner_loop import COMMAND, Command, Level, attitude_law, mix, position_law

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from protocol.frames import GRAVITY, rotate
+from protocol.frames import rotate
+from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, tilted
 from vehicle_sim.airframe import parameters
 from vehicle_sim.integrate import scratch, step

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 from companion.avoidance.astar import AStar, AStarSettings, GridPath
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Floats, MapView, distance_to
-from protocol.frames import Array
+from protocol.arrays import Array
 
 SETTINGS = AStarSettings(inflation=0.6, comfort=1.4, closeness=2.0, unknown=1.0)
 CELL = 0.2

@@ -3,28 +3,21 @@ right."""
 
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.optimize import linprog, nnls
 
 from companion.avoidance.braking import stopping_speed
-from companion.avoidance.guard import (
-    Guard,
-    GuardSettings,
-    Reason,
-    _stop_free,
-    closing_limit,
-    free_space,
-    half_planes,
-    nearest_allowed,
-    nearest_points,
-)
+from companion.avoidance.guard import Guard, _stop_free, closing_limit, half_planes, nearest_allowed
+from companion.config import AvoidanceGuard
+from companion.perception.free_space import free_space, nearest_points
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, MapView, distance_to
-from protocol.frames import Array
+from companion.state import Reason
+from protocol.arrays import Array
 
-SETTINGS = GuardSettings(
+SETTINGS = AvoidanceGuard(
     keep_out=0.7,
     keep_out_unseen=0.45,
     keep_out_tight=0.4,
@@ -52,7 +45,7 @@ def free_field() -> Bytes:
     return np.full((CELLS, CELLS), FREE, np.uint8)
 
 
-def guard_on(states: Bytes, position: Array = STILL, settings: GuardSettings = SETTINGS) -> Guard:
+def guard_on(states: Bytes, position: Array = STILL, settings: AvoidanceGuard = SETTINGS) -> Guard:
     guard = Guard(settings)
     guard.look(free_space(view_of(states), position, 0, settings))
     return guard

@@ -11,7 +11,7 @@ from companion.avoidance import methods as method
 from companion.avoidance.paper_literal import LiteralPaperRule, outside_nearer_edge, past_edge_towards
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
-from protocol.frames import Array
+from protocol.arrays import Array
 
 SETTINGS = Avoidance(method="paper-literal")
 ROOM = SETTINGS.vehicle_radius + SETTINGS.safe_distance

@@ -12,8 +12,9 @@ from companion.avoidance.paper import PaperRule, clusters
 from companion.config import Avoidance
 from companion.perception.recent_returns import RecentReturns
 from companion.perception.scans import obstacle_points
-from companion.state import AvoidanceDecision, BoolArray, Scan
-from protocol.frames import Array, from_euler
+from companion.state import AvoidanceDecision, Scan
+from protocol.arrays import Array, BoolArray
+from protocol.frames import from_euler
 
 SETTINGS = Avoidance()
 HERE = np.array([0.0, 0.0, -3.0])

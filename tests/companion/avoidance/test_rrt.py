@@ -15,7 +15,7 @@ from companion.avoidance.astar import AStar, AStarSettings
 from companion.avoidance.rrt import PLANNERS, Rrt, RrtSettings
 from companion.avoidance.shortcut import shorten
 from companion.perception.rolling_map import FREE, OCCUPIED, Bytes, MapView, distance_to
-from protocol.frames import Array
+from protocol.arrays import Array
 
 ROOT = Path(__file__).resolve().parents[3]
 CELL, CELLS = 0.25, 128
@@ -182,7 +182,7 @@ def test_ways_are_the_same_in_any_order_and_process(planner: str) -> None:
     other = "informed-rrt*" if planner == "bit*" else "bit*"
     program = f"""
 import json, sys
-from tests.companion.test_rrt import digest
+from tests.companion.avoidance.test_rrt import digest
 assert "ompl" not in sys.modules
 digest([9], {other!r})
 print(json.dumps(digest([7, 8, 6], {planner!r})))

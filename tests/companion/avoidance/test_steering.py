@@ -12,7 +12,7 @@ from companion.avoidance.steering import NO_WAY, Course, Way, wish
 from companion.config import Avoidance, AvoidanceCourse, AvoidanceMap
 from companion.mission.stall import Progress, Trail
 from companion.perception.rolling_map import FAR_M, FREE, OCCUPIED, MapView, distance_to
-from protocol.frames import Array
+from protocol.arrays import Array
 
 SETTINGS = AvoidanceCourse()
 ON_A_MAP = Avoidance(method="astar", map=AvoidanceMap(cell=0.2, cells=256))

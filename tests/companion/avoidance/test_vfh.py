@@ -7,8 +7,8 @@ import pytest
 
 from companion.avoidance.vfh import SECTORS, Vfh, VfhSettings, cheapest, densities, mask
 from companion.perception.rolling_map import FREE, OCCUPIED, Bytes, MapView, distance_to
-from companion.state import BoolArray
-from protocol.frames import Array, wrap
+from protocol.arrays import Array, BoolArray
+from protocol.frames import wrap
 
 SETTINGS = VfhSettings(window=10.0, radius=0.8, low=0.05, high=0.1, turning_acceleration=4.0)
 CELL, CELLS = 0.2, 129

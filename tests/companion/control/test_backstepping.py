@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from companion.control.backstepping import acceleration_command, lyapunov
-from protocol.frames import Array
+from protocol.arrays import Array
 
 # Reading of the paper's Table 3, the column "checked": rise 10-90 % (s), settling 2 % (s), overshoot (%).
 TABLE_3 = {1.0: (1.519, 4.216, 4.321), 2.5: (1.628, 2.723, 0.0246), 5.0: (1.836, 3.331, 0.0)}

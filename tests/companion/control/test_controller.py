@@ -12,7 +12,9 @@ from companion.control import disturbance_observer as estimation
 from companion.control import prediction
 from companion.control.controller import LAWS, Controller
 from companion.state import Output, Reference, VehicleState
-from protocol.frames import GRAVITY, Array, from_rotation_vector, multiply, rotate, rotate_inverse
+from protocol.arrays import Array
+from protocol.frames import from_rotation_vector, multiply, rotate, rotate_inverse
+from protocol.vehicle_parameters import GRAVITY
 
 BODY = load_body("paper_quad")
 TICK_NS = 4_000_000

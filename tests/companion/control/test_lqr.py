@@ -8,7 +8,8 @@ import pytest
 
 from companion.config import load_body
 from companion.control import lqr
-from protocol.frames import Array, from_rotation_vector, multiply
+from protocol.arrays import Array
+from protocol.frames import from_rotation_vector, multiply
 
 BODY = load_body("paper_quad")
 ONE = (1.0, 1.0, 1.0)

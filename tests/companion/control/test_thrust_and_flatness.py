@@ -7,7 +7,9 @@ import pytest
 
 from companion.control.flatness import attitude_command, inverse
 from companion.control.thrust import collective, thrust_vector
-from protocol.frames import GRAVITY, Array, conjugate, multiply, rotate, rotate_inverse, to_rotation_vector, yaw_of
+from protocol.arrays import Array
+from protocol.frames import conjugate, multiply, rotate, rotate_inverse, to_rotation_vector, yaw_of
+from protocol.vehicle_parameters import GRAVITY
 
 MASS = 1.3
 FULL = 32.0

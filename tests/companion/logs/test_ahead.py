@@ -15,7 +15,7 @@ from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResul
 from companion.logs import ahead
 from companion.logs.ahead import Ahead, DivergedError
 from companion.logs.replay import replay
-from companion.runtime.planning import ASKED, PLANNED
+from companion.records import ASKED, PLANNED
 from protocol.flightlog import LogReader, Record
 from tests.companion.logs.changed_logs import Flyer, rewritten
 

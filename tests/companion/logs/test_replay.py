@@ -10,8 +10,7 @@ import pytest
 
 from companion.logs.difference import EXTRA, MISSING, Differ
 from companion.logs.replay import replay
-from companion.runtime.runner import REQUEST
-from companion.trace import LOGGED, TRACE
+from companion.records import LOGGED, REQUEST, TRACE
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect, layout

@@ -19,8 +19,9 @@ from companion.perception.rolling_map import (
     OccupancyGrid,
     distance_to,
 )
-from companion.state import BoolArray, Scan
-from protocol.frames import Array, from_euler, rotate, rotate_inverse
+from companion.state import Scan
+from protocol.arrays import Array, BoolArray
+from protocol.frames import from_euler, rotate, rotate_inverse
 from protocol.toml_files import TomlFileError
 
 SETTINGS = GridSettings(cell=0.2, cells=256, layer=1.5, memory_s=40.0, hull=0.36)

@@ -19,7 +19,8 @@ from companion.perception.tracks import (
     square_in_sigmas,
 )
 from companion.state import Scan
-from protocol.frames import Array, from_euler
+from protocol.arrays import Array
+from protocol.frames import from_euler
 from vehicle_sim.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, WallTable, World, WorldTable
 

@@ -17,7 +17,8 @@ import pytest
 from companion.avoidance.planner import PlanRequest, PlanResult, result_bytes
 from companion.config import Avoidance, AvoidanceMap
 from companion.mission.plan import Phase
-from companion.runtime.planning import _MOST_OPEN, PLANNED, InProcessPlanner, PlannerProcess, Planning, packed
+from companion.records import PLANNED
+from companion.runtime.planning import _MOST_OPEN, InProcessPlanner, PlannerProcess, Planning, packed
 from companion.state import Scan
 from companion.supervision.supervisor import State
 from studies.joined import Joined, mission_of

@@ -14,8 +14,9 @@ import pytest
 from companion.autopilot import Autopilot
 from companion.config import load_body, load_settings
 from companion.logs.replay import replay
+from companion.records import RECORD_TYPES, REQUEST
 from companion.runtime.planning import InProcessPlanner, Planning
-from companion.runtime.runner import RECORD_TYPES, REQUEST, Runner, lockstep_time
+from companion.runtime.runner import Runner, lockstep_time
 from companion.state import Output
 from companion.supervision.supervisor import State
 from protocol import toml_files as toml_files

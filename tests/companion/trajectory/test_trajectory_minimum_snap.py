@@ -18,7 +18,8 @@ from companion.trajectory.minimum_snap import (
     snap_integral,
     through,
 )
-from protocol.frames import GRAVITY, Array
+from protocol.arrays import Array
+from protocol.vehicle_parameters import GRAVITY
 
 LIMITS = Limits(speed=4.0, acceleration=3.0, tilt=math.radians(35.0))
 ROUTE = np.array([[0.0, 0.0, 0.0], [10.0, 5.0, -1.0], [20.0, -5.0, 0.0], [22.0, 5.0, -2.0], [40.0, 0.0, 0.0]])

@@ -12,7 +12,8 @@ from companion.curves import Shape
 from companion.trajectory import ReferenceGenerator, Track, track_of
 from companion.trajectory.shapes import shape_of
 from companion.trajectory.timing import TimeLaw
-from protocol.frames import Array, wrap
+from protocol.arrays import Array
+from protocol.frames import wrap
 
 SETTINGS = Trajectory()
 CIRCLE = Shape("circle", speed=4.0, radius=3.0, laps=3.0)

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from companion.mission.plan import Phase
-from companion.runtime.planning import PLANNED
-from companion.runtime.runner import LOOP, RECORD_TYPES, TICK
+from companion.records import LOGGED, LOOP, PLANNED, RECORD_TYPES, TICK, TRACE
 from companion.supervision.supervisor import State
-from companion.trace import LOGGED, TRACE, Thinning
+from companion.trace import Thinning
 from protocol.flightlog import Direction, FlightLog
 from protocol.messages import Encoder, dialect
 from protocol.toml_files import ROOT

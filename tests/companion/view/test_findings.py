@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.avoidance.guard import Reason
 from companion.config import Settings
 from companion.logs.writer import Writer
 from companion.mission.plan import Phase
+from companion.state import Reason
 from companion.supervision.supervisor import State
 from companion.view.findings import Finding, Level, events, findings
 from companion.view.gather import Gathered

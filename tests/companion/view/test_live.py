@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator
 
-from companion.avoidance.guard import Reason
 from companion.perception.rolling_map import FAR_M
+from companion.state import Reason
 from companion.view.history import History, Moment, quaternions
 from companion.view.live import _BEHIND, _LOUD, Page, ahead, turned, words
 from companion.view.sources import GrowingLog, Link, Source, newest, open_log

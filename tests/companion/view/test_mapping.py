@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.avoidance.planner import LocalMap
 from companion.config import Avoidance, Settings
 from companion.estimate import Estimator
 from companion.link import wire
+from companion.perception.local_map import LocalMap
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.view.gather import Batch
 from companion.view.history import History

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from companion.runtime.runner import RECORD_TYPES, TICK
+from companion.records import RECORD_TYPES, TICK
 from companion.view.sources import GrowingLog
 from protocol.flightlog import FlightLog
 
