@@ -79,7 +79,8 @@ class Prediction(Table, frozen=True):
 
 
 class Estimation(Table, frozen=True):
-    """Of what the model lacks, from the velocity (see `control.disturbance_observer`); walks are per square root of a second."""
+    """Of what the model lacks, from the velocity (`control.disturbance_observer`); walks are per square root of a
+    second."""
 
     thrust_scale: bool = True
     """The hover thrust: mass, battery, propellers."""
@@ -230,8 +231,8 @@ class AvoidanceVfh(Table, frozen=True):
 
 
 class AvoidanceAltitudeSearch(Table, frozen=True):
-    """Other heights than the route's, with "astar", "rrt" and "vfh" (`mission.altitude_search`). No sensor sees what is over
-    the vehicle or, beyond the range finder, under it: allow what the place is known to leave free."""
+    """Other heights than the route's, with "astar", "rrt" and "vfh" (`mission.altitude_search`). No sensor sees what is
+    over the vehicle or, beyond the range finder, under it: allow what the place is known to leave free."""
 
     above: NotNegative = 0.0
     """m over the route's height that it may climb to get over what stands in the way, `margin` included; 0: not at
