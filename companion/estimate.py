@@ -2,7 +2,8 @@
 
 from collections import deque
 
-from companion.state import AttitudeReport, PositionReport, VehicleState
+from companion.reports import AttitudeReport, PositionReport
+from companion.state import VehicleState
 from protocol.arrays import Array
 
 _POSES_KEPT = 512

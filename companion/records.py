@@ -1,6 +1,8 @@
 """The types of the log's records that are the companion's own. Without numba, so that whoever reads a log does not load
 the autopilot."""
 
+from enum import IntEnum
+
 from protocol.flightlog import record_type
 
 CONTROL_FIELDS = (
@@ -103,13 +105,33 @@ ASKED = record_type(
 )
 """A question, with what a replay need not wait for to answer it; no event, it follows from those before."""
 TICK = record_type("/companion/ticks", "courier/Tick", [("late_ns", "int64")])
-REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
-"""Events that are neither ticks nor datagrams: "land", LOG_RECOVERED, or what is wrong after LOG_FAULT or
-PLANNER_FAULT."""
-LOG_FAULT = "log fault: "
-LOG_RECOVERED = "log recovered"
-PLANNER_FAULT = "planner fault: "
+
+
+class OperationKind(IntEnum):
+    """The numbers go into the log."""
+
+    LAND_REQUEST = 0
+    LOG_FAULT = 1
+    LOG_RECOVERED = 2
+    PLANNER_FAULT = 3
+
+
+OPERATION = record_type(
+    "/companion/operations",
+    "courier/Operation",
+    [("kind", "uint8"), ("text", "string")],
+    {
+        "kind": ", ".join(f"{kind} {kind.name.lower().replace('_', ' ')}" for kind in OperationKind),
+        "text": "of a fault: what is wrong",
+    },
+)
+"""An event that is neither a tick nor a datagram nor a plan: what the operator asks for, and faults around the
+autopilot."""
+LEGACY_REQUEST = record_type("/companion/requests", "courier/Request", [("what", "string")])
+"""The same in logs of version 0.1: "land", "log recovered", or what is wrong behind "log fault: " or
+"planner fault: "."""
 LOOP = record_type("/companion/loop", "courier/Loop", [("worst_ns", "uint32"), ("latency_ns", "uint32[]")])
 """Wall time from the receipt of a datagram with a new attitude to the command's departure, for those of a tenth of a
 second: how the machine did, not an event."""
-RECORD_TYPES = (LOGGED, TICK, REQUEST, ASKED, PLANNED, LOOP)
+RECORD_TYPES = (LOGGED, TICK, OPERATION, ASKED, PLANNED, LOOP)
+"""All that a flight writes."""

@@ -24,6 +24,17 @@ class FlightMode(Enum):
     OTHER = "other"
 
 
+class VehicleRequest(Enum):
+    """What the companion asks the vehicle for, again and again until it is there."""
+
+    VERSION = "version"
+    EXTERNAL_CONTROL = "external control"
+    ARM = "arm"
+    RELEASE = "release the parcel"
+    HOLD = "hold"
+    LAND = "land"
+
+
 class Output(Enum):
     """The lowest layer that the companion commands."""
 
@@ -72,29 +83,8 @@ class Scan:
     """(n,) the sector was measured at all."""
 
 
-class AttitudeReport(msgspec.Struct, frozen=True, gc=False):
-    boot_time_ms: int
-    attitude_ned_frd: Array
-    rates_frd: Array
-
-
-class PositionReport(msgspec.Struct, frozen=True, gc=False):
-    boot_time_ms: int
-    position_ned: Array
-    velocity_ned: Array
-
-
-@dataclass(frozen=True, slots=True)
-class SectorReport:
-    """An eighth of a ring."""
-
-    boot_time_ms: int
-    sector: int
-    """0 forward, clockwise."""
-    range_m: float
-    hit: bool
-    """Something stands at that range; else nothing up to it."""
-    known: bool
+Pose = tuple[Array, Array]
+"""Position (3,) m, NED, and attitude (4,), NED to FRD."""
 
 
 class Reference(msgspec.Struct, frozen=True, gc=False):

@@ -13,7 +13,7 @@ from companion.avoidance.guard import Verdict
 from companion.mission.plan import Phase
 from companion.records import TRACE, WORST
 from companion.state import AvoidanceDecision, Reason, Reference, VehicleState
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol.arrays import Array
 from protocol.jit import compiled
 

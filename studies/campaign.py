@@ -179,7 +179,7 @@ class _Stages:
     """Wall times (ns) of what the companion of a flight does."""
 
     def __init__(self, joined: Joined) -> None:
-        outlook = joined.thinker.outlook
+        outlook = joined.planner.outlook
         surroundings, planner = outlook.surroundings, outlook.planner
         self._map = [_timed(surroundings, "add"), _timed(surroundings, "look")]
         self._way = [] if planner is None else [_timed(planner, "way"), _timed(planner, "blocked")]
@@ -221,7 +221,7 @@ class _Watch:
         self._arrived: int | None = None
 
     def over(self, joined: Joined) -> bool:
-        vehicle, phase = joined.vehicle, joined.autopilot.phase
+        vehicle, phase = joined.vehicle, joined.autopilot.navigator.phase
         if self._began is None:
             if phase in _ON_ROUTE:
                 self._began = vehicle.tick
@@ -236,7 +236,7 @@ class _Watch:
 
     def _heads_for_goal(self, joined: Joined) -> bool:
         """On the last leg: a way over many waypoints may pass near the goal before."""
-        return joined.autopilot.step_index >= len(self._site.waypoints)
+        return joined.autopilot.navigator.step_index >= len(self._site.waypoints)
 
     def row(self, joined: Joined) -> Row:
         vehicle, site, job = joined.vehicle, self._site, self._job
@@ -295,7 +295,7 @@ class _Watch:
             return fault
         if self._began is None:
             return "it never set off"
-        return "out of time" if joined.autopilot.phase in _ON_ROUTE else "gave up"
+        return "out of time" if joined.autopilot.navigator.phase in _ON_ROUTE else "gave up"
 
 
 def _share(trace: "np.ndarray[tuple[int], np.dtype[np.void]]", field: str) -> float | None:
@@ -406,7 +406,7 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
 
 def _draw_map(axes: Any, joined: Joined) -> None:
     """What the companion had mapped in the end, grey as far as it was seen free."""
-    view = joined.thinker.outlook.surroundings.view
+    view = joined.planner.outlook.surroundings.view
     if view is None:
         return
     from matplotlib.colors import ListedColormap

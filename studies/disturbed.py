@@ -3,7 +3,7 @@
 import numpy as np
 
 from companion.mission.plan import Delivery, Mission, Phase, Waypoint
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol.arrays import Array
 from studies import style
 from studies.joined import Joined
@@ -25,7 +25,7 @@ def hover(seed: int, overrides: tuple[str, ...] = ()) -> Array:
     mission = Mission("gusts", waypoints=[Waypoint(0.0, 0.0, 10.0, 65.0)], takeoff_height=10.0)
     wind = ("wind.mean_ned=[6.0, 0.0, 0.0]", "wind.turbulence_m_s=6.0")
     joined = Joined(mission, overrides=(_ALONE, *_ANYWHERE, *overrides), seed=seed, world_overrides=wind)
-    joined.fly(until=lambda each: each.autopilot.phase is Phase.RETURN, limit_s=120.0)
+    joined.fly(until=lambda each: each.autopilot.navigator.phase is Phase.RETURN, limit_s=120.0)
     trace = joined.trace()[:-1]
     chosen = (trace["phase"] == Phase.ROUTE.value) & (trace["state"] == State.FLY.value)
     error: Array = joined.tracking_error()[chosen][_SETTLING:]
@@ -36,7 +36,7 @@ def release(overrides: tuple[str, ...] = ()) -> tuple[Array, Array]:
     """Time (n,) in s from the parcel's release on, and vertical error (n,) in m, positive downwards."""
     mission = Mission("parcel", waypoints=[Waypoint(4.0, 0.0, 3.0)], delivery=Delivery())
     joined = Joined(mission, overrides=(_ALONE, *overrides))
-    joined.fly(until=lambda each: each.autopilot.phase is Phase.LAND, limit_s=120.0)
+    joined.fly(until=lambda each: each.autopilot.navigator.phase is Phase.LAND, limit_s=120.0)
     trace = joined.trace()[:-1]
     climbing = np.flatnonzero(trace["phase"] == Phase.CLIMB.value)[0]
     window = slice(climbing - 50, climbing + 500)

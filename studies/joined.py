@@ -5,12 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.autopilot import Autopilot, Datagram, Event, Planned, Tick
+from companion.autopilot import Autopilot
 from companion.config import load_body, load_settings
+from companion.events import Datagram, Event, Reaction
 from companion.mission import plan as missions
 from companion.mission.plan import Mission
 from companion.records import TRACE
-from companion.runtime.planning import InProcessPlanner, Planning
+from companion.runtime.driver import Driver
+from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
 from companion.state import Output
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
@@ -50,13 +52,18 @@ class Joined:
         settings = load_settings(None, list(self.overrides))
         body = load_body(self.mission.vehicle) if self.airframe is None else self.airframe.body
         self.autopilot = Autopilot(settings, body, self.mission, self.output)
-        self.thinker = InProcessPlanner(settings.avoidance)
-        self._planning = Planning(self.thinker, settings.avoidance.answer_delay)
+        self.planner = InProcessPlanner(settings.avoidance)
+        self.fly_with(self.planner)
         frame = self.airframe or Airframe.load(
             toml_files.find("vehicles", self.mission.vehicle), self.vehicle_overrides
         )
         world = World.load(toml_files.find("worlds", self.mission.world), self.world_overrides)
         self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=True)
+
+    def fly_with(self, planner: PlannerBackend) -> None:
+        """Let another planner answer from now on."""
+        planning = Planning(planner, self.autopilot.settings.avoidance.answer_delay)
+        self._driver = Driver(self.autopilot, planning, self._keep_event, self._keep_reaction)
 
     def tick(self) -> None:
         """4 ms."""
@@ -66,26 +73,22 @@ class Joined:
         answer = b""
         for whole in datagrams:
             heard = self.meddle(now, whole)
-            answer += self._handle(Datagram(now, heard))
-        while (planned := self._planning.due(now)) is not None:
-            answer += self._handle(Planned(now, planned))
-        answer += self._handle(Tick(now))
+            answer += self._driver.handle(Datagram(now, heard))
+        answer += self._driver.tick(now)
         if answer:
             if self.remembers:
                 self.sent.append(answer)
             self.vehicle.receive(answer)
 
-    def _handle(self, event: Event) -> bytes:
+    def _keep_event(self, event: Event) -> None:
         if self.remembers:
             self.events.append(event)
-        reaction = self.autopilot.handle(event)
+
+    def _keep_reaction(self, event: Event, reaction: Reaction) -> None:
         self.said += [f"{event.time_ns * 1e-9:.2f} {each.text}" for each in reaction.announcements]
-        if reaction.question is not None:
-            self._planning.ask(reaction.question)
         if reaction.trace is not None:
             self.traces.append(reaction.trace)
             self.trace_ticks.append(self.vehicle.tick)
-        return reaction.datagram
 
     def fly(self, limit_s: float = 400.0, until: Callable[["Joined"], bool] = lambda joined: False) -> "Joined":
         """Until the companion has ended, or `until` holds, at most `limit_s` of simulated time."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mission.plan import Waypoint
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol.arrays import Array
 from studies import style
 from studies.joined import Joined, mission_of
@@ -98,7 +98,7 @@ def fly(flight: Flight) -> Course:
     end = msgspec.structs.replace(start, north=flight.metres, hold_s=12.0)
     mission = msgspec.structs.replace(mission_of("step"), waypoints=[start, end], return_home=False)
     joined = Joined(mission, overrides=paper_settings(C, flight.angle_weight), world_overrides=flight.air)
-    joined.fly(until=lambda under_way: under_way.autopilot.step_index > 2)
+    joined.fly(until=lambda under_way: under_way.autopilot.navigator.step_index > 2)
     trace = joined.trace()
     return course(trace[(trace["step"] == 2) & (trace["state"] == State.FLY.value)][1:])
 

@@ -9,7 +9,7 @@ import numpy as np
 from companion.control import lqr
 from companion.mission.plan import Waypoint
 from companion.state import Output
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY, Body
@@ -131,7 +131,7 @@ def step_north(airframe: Airframe, c: float, angle_weight: float) -> Response:
     mission = msgspec.structs.replace(mission_of("step"), waypoints=[start, end], return_home=False)
     overrides = paper_settings(c, angle_weight)
     joined = Joined(mission, output=Output.ACTUATORS, overrides=overrides, airframe=airframe)
-    joined.fly(until=lambda flight: flight.autopilot.step_index > 2)
+    joined.fly(until=lambda flight: flight.autopilot.navigator.step_index > 2)
     trace = joined.trace()
     path: Array = trace[trace["step"] == 2]["position_ned"][:, 0]
     return _times(len(path)), path

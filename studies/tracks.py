@@ -11,7 +11,7 @@ import numpy as np
 from companion.curves import Shape
 from companion.mission.plan import Mission, Phase
 from companion.state import Output
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol.arrays import Array
 from studies.joined import Joined
 
@@ -71,7 +71,7 @@ def fly(flight: Flight) -> Tracked:
     began: list[int] = []
 
     def over(joined: Joined) -> bool:
-        on_track = joined.autopilot.phase is Phase.TRACK and joined.autopilot.supervisor.state is State.FLY
+        on_track = joined.autopilot.navigator.phase is Phase.TRACK and joined.autopilot.supervisor.state is State.FLY
         if on_track and not began:
             began.append(joined.vehicle.tick)
         return bool(began) and not on_track

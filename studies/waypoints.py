@@ -14,7 +14,7 @@ import numpy as np
 from companion.mission import plan as missions
 from companion.mission.plan import Mission, Phase
 from companion.state import Output
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
 from protocol.frames import wrap, yaw_of

@@ -23,7 +23,7 @@ from companion.control import (
     thrust,
 )
 from companion.records import CONTROL_FIELDS
-from companion.state import Output, Reference, VehicleState
+from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol.arrays import Array, Vector
 from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_world
 from protocol.jit import compiled
@@ -181,6 +181,17 @@ class Controller:
             acceleration_ned, now_ns, self._reference, flat, mass, changed, self._parameters, self._memory, out
         )
         return out, limited
+
+    def idle(self, control: Array) -> None:
+        """Nothing is flown: forget everything, and make `control` (SIZE,) one that moves nothing."""
+        control[RATES] = control[TORQUE] = control[THRUST] = 0.0
+        self.reset()
+
+    @staticmethod
+    def setpoint(control: Array) -> Setpoint:
+        """The part of CONTROL_FIELDS (SIZE,) that goes to the vehicle."""
+        values = control.tolist()
+        return Setpoint(values[ATTITUDE], values[RATES], values[TORQUE], values[THRUST])
 
 
 def _parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.void]:

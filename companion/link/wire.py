@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from companion.state import AttitudeReport, Output, PositionReport, Scan, SectorReport, Setpoint
+from companion.link.sector_scans import SECTORS, SectorReport
+from companion.reports import AttitudeReport, PositionReport
+from companion.state import Output, Scan, Setpoint
 from protocol.arrays import Array
 from protocol.frames import from_euler
 from protocol.messages import dialect
@@ -23,8 +25,6 @@ _POSITION_LIMIT_M = 1e5
 _VELOCITY_LIMIT = 150.0
 _RATE_LIMIT = 40.0
 _NOTHING = 65535
-SECTORS = 8
-"""MAV_SENSOR_ORIENTATION counts them first: 0 forward, clockwise."""
 _HALF_SECTOR = math.pi / SECTORS
 _ARDUPILOT_RING = 10
 """PROXIMITY_SENSOR_ID_START"""

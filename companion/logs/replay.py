@@ -9,18 +9,21 @@ from pathlib import Path
 
 import msgspec
 
-from companion.autopilot import Autopilot, Datagram, Event, LogFault, LogRecovered, Planned, PlannerFault, Request, Tick
+from companion.autopilot import Autopilot
+from companion.avoidance.planner import PlanRequest, PlanResult
+from companion.events import Datagram, Event, PlanReady, Reaction, operation_of, tick_of
 from companion.logs.ahead import Ahead, DivergedError, worth_it
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
 from companion.logs.target import output
 from companion.logs.writer import Writer
-from companion.records import LOG_FAULT, LOG_RECOVERED, LOGGED, PLANNED, PLANNER_FAULT, REQUEST, TICK, TRACE
+from companion.records import LEGACY_REQUEST, LOGGED, OPERATION, PLANNED, TICK, TRACE
+from companion.runtime.driver import Driver, Plans
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
-from companion.runtime.runner import late_ns_of, lockstep_time
+from companion.runtime.runner import lockstep_time
 from companion.trace import Thinning
 from protocol.clock import RealClock
-from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record, datagram_of
+from protocol.flightlog import DATAGRAM, Direction, FlightLogError, Record, RecordType, datagram_of
 
 _MOST_BETWEEN = 2
 """Records that follow each other in the file may be that far apart in their sequence: a line of progress is counted
@@ -173,12 +176,11 @@ class _Second:
         self._copied = 0
         """Records in the copy, but for messages: these have the number of their datagram."""
         self._datagram_number = 0
-        self._autopilot = autopilot
         self._thinker = thinker
-        self._planning: Planning | None = None
-        """For a flight whose companion asked nothing: what it asks now is answered as in lockstep."""
-        if PLANNED.topic not in self._topics:
-            self._planning = Planning(self._thinker, flight.settings.avoidance.answer_delay)
+        plans: Plans = _AsRecorded(thinker)
+        if PLANNED.topic not in self._topics:  # what it asks now, having asked nothing then, is answered as in lockstep
+            plans = Planning(thinker, flight.settings.avoidance.answer_delay)
+        self._driver = Driver(autopilot, plans, after=self._react)
         self._somebody = False
         """Whether there is anybody to send to yet."""
         self._held = b""
@@ -191,7 +193,8 @@ class _Second:
             DATAGRAM.topic: self._datagram,
             TICK.topic: self._tick,
             PLANNED.topic: self._planned,
-            REQUEST.topic: self._requested,
+            OPERATION.topic: lambda now, record: self._operation(OPERATION, now, record),
+            LEGACY_REQUEST.topic: lambda now, record: self._operation(LEGACY_REQUEST, now, record),
         }
         """What to do with the time and the data of each."""
 
@@ -255,7 +258,7 @@ class _Second:
         if self._due or self._traces:
             self._overdue()
         self._somebody = self._somebody or has_address
-        answer = self._take(Datagram(now, data, self._flight.whole_datagrams))
+        answer = self._driver.handle(Datagram(now, data, self._flight.whole_datagrams))
         if not self._flight.lockstep:
             self._send(now, answer)
         elif lockstep_time(data) is not None:
@@ -264,10 +267,7 @@ class _Second:
     def _tick(self, now: int, record: bytes) -> None:
         if self._due or self._traces:
             self._overdue()
-        if self._planning is not None:
-            while (planned := self._planning.due(now)) is not None:
-                self._held += self._take(Planned(now, planned))
-        answer = self._held + self._take(Tick(now, late_ns_of(record)))
+        answer = self._held + self._driver.tick(now, tick_of(now, record).late_ns)
         self._held = b""
         self._send(now, answer)
 
@@ -278,19 +278,15 @@ class _Second:
         while answer is not None and answer.number < number:
             answer = self._thinker.take(0.0)
         if answer is not None:
-            self._held += self._take(Planned(now, answer))
+            self._held += self._driver.handle(PlanReady(now, answer))
 
-    def _requested(self, now: int, record: bytes) -> None:
-        self._held += self._take(_request(now, REQUEST.unpack(record)["what"]))
+    def _operation(self, kind: RecordType, now: int, record: bytes) -> None:
+        self._held += self._driver.handle(operation_of(kind, now, record))
 
-    def _take(self, event: Event) -> bytes:
-        datagram, trace, _, question = self._autopilot.handle(event)
+    def _react(self, event: Event, reaction: Reaction) -> None:
         self._now = event.time_ns
-        if question is not None:
-            (self._planning or self._thinker).ask(question)
-        if trace is not None:
-            self._thought(event.time_ns, trace)
-        return datagram
+        if reaction.trace is not None:
+            self._thought(event.time_ns, reaction.trace)
 
     def _thought(self, now: int, trace: bytes) -> None:
         if self._writer is not None:
@@ -322,12 +318,14 @@ class _Second:
         self.differ.trace(now, record, self._traces.pop(0) if self._traces else b"")
 
 
-def _request(now: int, what: str) -> Event:
-    """The event that a REQUEST record stands for."""
-    if what.startswith(LOG_FAULT):
-        return LogFault(now, what.removeprefix(LOG_FAULT))
-    if what == LOG_RECOVERED:
-        return LogRecovered(now)
-    if what.startswith(PLANNER_FAULT):
-        return PlannerFault(now, what.removeprefix(PLANNER_FAULT))
-    return Request(now)
+class _AsRecorded:
+    """Requests go to the planner; the log says when its results counted."""
+
+    def __init__(self, planner: PlannerBackend) -> None:
+        self._planner = planner
+
+    def ask(self, request: PlanRequest) -> None:
+        self._planner.ask(request)
+
+    def due(self, now_ns: int) -> PlanResult | None:
+        return None

@@ -6,7 +6,7 @@ import platform
 import subprocess
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
@@ -15,6 +15,7 @@ import msgspec
 
 from companion.autopilot import Autopilot
 from companion.config import Settings
+from companion.link.vehicle_link import Traffic
 from companion.mission.plan import Mission
 from companion.records import RECORD_TYPES
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
@@ -22,7 +23,7 @@ from companion.runtime.rehearsal import rehearse
 from companion.runtime.runner import Runner
 from companion.runtime.summary import Axes, Summary
 from companion.state import Output
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLog
@@ -64,7 +65,7 @@ class Result:
     simulated_s: float
     """From the first event to the last, on the companion's clock; also where the log does not reach so far."""
     wall_s: float
-    messages_lost: int
+    traffic: Traffic
     missed_deadlines: int
     records_dropped: int
     log_fault: str | None
@@ -125,13 +126,13 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
         planning.close()
         fault = runner.failure or autopilot.supervisor.fault
         result = Result(
-            delivered=autopilot.released,
+            delivered=autopilot.navigator.released,
             landed=fault is None and autopilot.supervisor.state is State.ENDED,
             fault=fault,
             log=log.path,
             simulated_s=runner.flown_s,
             wall_s=time.monotonic() - wall,
-            messages_lost=autopilot.peer.lost if autopilot.peer is not None else 0,
+            traffic=autopilot.link.traffic,
             missed_deadlines=runner.missed_deadlines,
             records_dropped=log.dropped,
             log_fault=log.fault,
@@ -145,7 +146,7 @@ def _outcome(result: Result) -> dict[str, object]:
         "delivered": result.delivered,
         "landed": result.landed,
         "fault": result.fault or "",
-        "messages_lost": result.messages_lost,
+        **asdict(result.traffic),
         "missed_deadlines": result.missed_deadlines,
         "ended_unix_s": time.time(),
     }
@@ -169,7 +170,7 @@ def end_table(result: Result, summary: Summary) -> dict[str, object]:
         "seen_clearance_m": _rounded(summary.seen_clearance_m, 3),
         "messages_in": summary.messages_in,
         "messages_out": summary.messages_out,
-        "messages_lost": result.messages_lost,
+        **asdict(result.traffic),
         "latency_p50_us": _rounded(summary.latency_p50_us, 1),
         "latency_p99_us": _rounded(summary.latency_p99_us, 1),
         "missed_deadlines": result.missed_deadlines,

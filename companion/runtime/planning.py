@@ -212,7 +212,7 @@ def pack_request(question: PlanRequest) -> bytes:
     )
 
 
-def packed(answer: PlanResult) -> bytes:
+def pack_result(answer: PlanResult) -> bytes:
     """The payload of a PLANNED record."""
     corners = answer.way.corners[:PLANNED_CORNERS]
     record = np.zeros(1, PLANNED.dtype)

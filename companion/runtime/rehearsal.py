@@ -5,12 +5,14 @@ import math
 
 import msgspec
 
-from companion.autopilot import Autopilot, Datagram, Planned, Tick
+from companion.autopilot import Autopilot
 from companion.config import AvoidanceAltitudeSearch, Settings
+from companion.events import Datagram, Event, Reaction
 from companion.mission.plan import Mission
+from companion.runtime.driver import Driver
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.state import Output
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from companion.trace import Thinning
 from protocol.messages import Encoder, dialect
 from protocol.vehicle_parameters import Body
@@ -18,15 +20,20 @@ from protocol.vehicle_parameters import Body
 _TICK_NS = 4_000_000
 _LONGEST_TICKS = 50_000
 _ON_THE_WAY_TICKS = 250
-"""So long it is still short of the first waypoint, with obstacles before it; then it is there."""
+"""So long the vehicle is short of the first waypoint, with obstacles before it; then it is there."""
 _ON_OTHER_WAYS_TICKS = 50
-_RINGS, _RINGS_WITH_A_THING = 16, 14
-"""Of so many rings so many show something; it turns with the vehicle, long enough to be seen to move."""
+_SHORT_OF_M = 12.0
+_EULER_TICKS = 16
+"""So long the attitude comes as Euler angles, too, as a vehicle sends it that was not asked for the quaternion yet."""
+_SCAN_EVERY_TICKS = 16
+_SCANS, _SCANS_WITH_A_THING = 16, 14
+"""Of so many scans so many show something. It turns with the vehicle, long enough to be seen to move."""
 _REHEARSED_LAPS = 0.1
 _REHEARSED_RAMP_S = 0.2
-_REHEARSED_REACH = 3.0
-_OFFBOARD = 6 << 16
-_LANDING = 4 << 16 | 6 << 24
+_REHEARSED_REACH_M = 3.0
+_OFFBOARD, _LANDING, _POSITION = 6 << 16, 4 << 16 | 6 << 24, 3 << 16
+"""PX4's custom modes."""
+_NO_HASHES = ([0] * 8, [0] * 8, [0] * 8)
 
 
 class RehearsalError(Exception):
@@ -42,78 +49,93 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
 
 
 def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
-    # At the route's heights, where the vehicle here is.
+    # At the route's altitudes, where the vehicle here is.
     avoidance = msgspec.structs.replace(settings.avoidance, heights=AvoidanceAltitudeSearch())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
     planning = Planning(InProcessPlanner(settings.avoidance), settings.avoidance.answer_delay)
     thinning = Thinning(settings.log.trace_rate)
-    encoder = Encoder(1, 1)
-    step, step_began, on_the_way = -1, 0, 0
-    rings = ([300] * 4 + [1501] * 68, [1501] * 72)
 
-    def send(message: type, *fields: object) -> bytes:
-        return encoder.encode_fields(message, *fields)
+    def thin(event: Event, reaction: Reaction) -> None:
+        if reaction.trace is not None:
+            thinning.step(event.time_ns, reaction.trace)
 
+    driver, vehicle = Driver(autopilot, planning, after=thin), _CannedVehicle(autopilot)
     for tick in range(1, _LONGEST_TICKS):
-        now = tick * _TICK_NS
-        state = autopilot.supervisor.state
-        armed = state >= State.ARM and state is not State.LAND
-        mode = _LANDING if state is State.LAND else _OFFBOARD if state >= State.ENGAGE else 3 << 16
-        place = [0.0, 0.0, 0.0]
-        if state is State.FLY and autopilot.steps:
-            if autopilot.step_index != step:
-                step, step_began = autopilot.step_index, tick
-                on_the_way = _ON_THE_WAY_TICKS if step == 1 else _ON_OTHER_WAYS_TICKS
-            target = autopilot.steps[step].target_ned
-            place = target.tolist() if target is not None else place
-            if tick - step_began < on_the_way:
-                place[0] -= 12.0
-        north, east, down = place
-        yaw = 0.5 * math.sin(tick * 0.01)
-        # As a vehicle sends it before it was asked for the quaternion.
-        data = send(dialect.MAVLink_attitude_message, tick * 4, 0.0, 0.0, yaw, 0.0, 0.0, 0.0) if tick <= 16 else b""
-        data += send(
-            dialect.MAVLink_attitude_quaternion_message,
-            tick * 4,
-            math.cos(yaw / 2),
-            0.0,
-            0.0,
-            math.sin(yaw / 2),
-            0.0,
-            0.0,
-            0.0,
-        )
-        data += send(dialect.MAVLink_local_position_ned_message, tick * 4, north, east, down, 0.1, 0.0, 0.0)
-        if tick % 16 == 1:
-            sensor = (tick * 4, 20, 1500, 300, 0, 10, 0, 0, 0.0, 0.0, (0.0,) * 4, 0)
-            data += send(dialect.MAVLink_distance_sensor_message, *sensor)
-            ring = rings[tick // 16 % _RINGS >= _RINGS_WITH_A_THING]
-            data += send(dialect.MAVLink_obstacle_distance_message, tick * 4000, 0, ring, 5, 20, 1500, 5.0, 0.0, 12)
-            flies = dialect.MAV_LANDED_STATE_IN_AIR if state is State.FLY else dialect.MAV_LANDED_STATE_ON_GROUND
-            data += send(dialect.MAVLink_extended_sys_state_message, 0, flies)
-            base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
-            data += send(dialect.MAVLink_heartbeat_message, 2, dialect.MAV_AUTOPILOT_PX4, base, mode, 4, 3)
-            data += send(
-                dialect.MAVLink_autopilot_version_message, 0xFFFFFFFF, 0x010D00FF, 0, 0, 0, *_NO_HASHES, 0, 0, 0
-            )
-            data += send(dialect.MAVLink_command_ack_message, dialect.MAV_CMD_DO_GRIPPER, 0)
-            data += send(dialect.MAVLink_timesync_message, 0, now)
-            data += send(dialect.MAVLink_timesync_message, now, now)
-            data += send(dialect.MAVLink_sys_status_message, *[0] * 13)
-            data += send(dialect.MAVLink_statustext_message, dialect.MAV_SEVERITY_INFO, b"rehearsal")
-        trace = autopilot.handle(Datagram(now, data)).trace
-        if trace is not None:
-            thinning.step(now, trace)
-        while (answer := planning.due(now)) is not None:
-            autopilot.handle(Planned(now, answer))
-        question = autopilot.handle(Tick(now)).question
-        if question is not None:
-            planning.ask(question)
+        driver.handle(Datagram(tick * _TICK_NS, vehicle.telemetry(tick)))
+        driver.tick(tick * _TICK_NS)
         if autopilot.ended:
             break
     if autopilot.supervisor.fault is not None or not autopilot.ended:
         reason = autopilot.supervisor.fault or f"it does not get past {autopilot.supervisor.state.name}"
         raise RehearsalError(f"the rehearsal of {mission.name} fails: {reason}")
+
+
+class _CannedVehicle:
+    """Telemetry of a vehicle that is in the mode and at the place where the autopilot wants it."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
+        self._encoder = Encoder(1, 1)
+        self._step, self._step_began = -1, 0
+
+    def telemetry(self, tick: int) -> bytes:
+        """All messages of a tick."""
+        yaw = 0.5 * math.sin(tick * 0.01)
+        north, east, down = self._place(tick)
+        data = b""
+        if tick <= _EULER_TICKS:
+            data += self._send(dialect.MAVLink_attitude_message, tick * 4, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
+        turned = math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
+        data += self._send(dialect.MAVLink_attitude_quaternion_message, tick * 4, *turned, 0.0, 0.0, 0.0)
+        data += self._send(dialect.MAVLink_local_position_ned_message, tick * 4, north, east, down, 0.1, 0.0, 0.0)
+        return data + self._scans(tick) + self._services(tick) if tick % _SCAN_EVERY_TICKS == 1 else data
+
+    def _place(self, tick: int) -> list[float]:
+        """At the present step's target, or for a while before it."""
+        navigator, place = self._autopilot.navigator, [0.0, 0.0, 0.0]
+        if self._autopilot.supervisor.state is not State.FLY or not navigator.steps:
+            return place
+        if navigator.step_index != self._step:
+            self._step, self._step_began = navigator.step_index, tick
+        target = navigator.step.target_ned
+        place = target.tolist() if target is not None else place
+        if tick - self._step_began < (_ON_THE_WAY_TICKS if self._step == 1 else _ON_OTHER_WAYS_TICKS):
+            place[0] -= _SHORT_OF_M
+        return place
+
+    def _scans(self, tick: int) -> bytes:
+        """One in sectors, and a whole one."""
+        sensor = (tick * 4, 20, 1500, 300, 0, 10, 0, 0, 0.0, 0.0, (0.0,) * 4, 0)
+        shows = tick // _SCAN_EVERY_TICKS % _SCANS < _SCANS_WITH_A_THING
+        ranges = [300] * 4 + [1501] * 68 if shows else [1501] * 72
+        scan = (tick * 4000, 0, ranges, 5, 20, 1500, 5.0, 0.0, 12)
+        return self._send(dialect.MAVLink_distance_sensor_message, *sensor) + self._send(
+            dialect.MAVLink_obstacle_distance_message, *scan
+        )
+
+    def _services(self, tick: int) -> bytes:
+        """What a vehicle says of itself."""
+        state, now, send = self._autopilot.supervisor.state, tick * _TICK_NS, self._send
+        armed = state >= State.ARM and state is not State.LAND
+        mode = _LANDING if state is State.LAND else _OFFBOARD if state >= State.ENGAGE else _POSITION
+        landed = dialect.MAV_LANDED_STATE_IN_AIR if state is State.FLY else dialect.MAV_LANDED_STATE_ON_GROUND
+        base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
+        version = (0xFFFFFFFF, 0x010D00FF, 0, 0, 0, *_NO_HASHES, 0, 0, 0)
+        return b"".join(
+            (
+                send(dialect.MAVLink_extended_sys_state_message, 0, landed),
+                send(dialect.MAVLink_heartbeat_message, 2, dialect.MAV_AUTOPILOT_PX4, base, mode, 4, 3),
+                send(dialect.MAVLink_autopilot_version_message, *version),
+                send(dialect.MAVLink_command_ack_message, dialect.MAV_CMD_DO_GRIPPER, 0),
+                send(dialect.MAVLink_timesync_message, 0, now),
+                send(dialect.MAVLink_timesync_message, now, now),
+                send(dialect.MAVLink_sys_status_message, *[0] * 13),
+                send(dialect.MAVLink_statustext_message, dialect.MAV_SEVERITY_INFO, b"rehearsal"),
+            )
+        )
+
+    def _send(self, message: type, *fields: object) -> bytes:
+        return self._encoder.encode_fields(message, *fields)
 
 
 def _hurried(mission: Mission) -> Mission:
@@ -125,12 +147,9 @@ def _hurried(mission: Mission) -> Mission:
         shape = msgspec.structs.replace(shape, laps=laps, ramp_s=ramp_s)
     if mission.profile == "minimum_snap":
         reach = max(math.hypot(waypoint.north, waypoint.east) for waypoint in waypoints)
-        scale = _REHEARSED_REACH / max(reach, _REHEARSED_REACH)
+        scale = _REHEARSED_REACH_M / max(reach, _REHEARSED_REACH_M)
         waypoints = [
             msgspec.structs.replace(waypoint, north=scale * waypoint.north, east=scale * waypoint.east)
             for waypoint in waypoints
         ]
     return msgspec.structs.replace(mission, waypoints=waypoints, trajectory=shape)
-
-
-_NO_HASHES = ([0] * 8, [0] * 8, [0] * 8)

@@ -11,21 +11,13 @@ import traceback
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-from companion.autopilot import (
-    Autopilot,
-    Datagram,
-    Event,
-    LogFault,
-    LogRecovered,
-    Planned,
-    PlannerFault,
-    Reaction,
-    Request,
-    Tick,
-)
-from companion.records import ASKED, LOG_FAULT, LOG_RECOVERED, LOGGED, LOOP, PLANNED, PLANNER_FAULT, REQUEST, TICK
-from companion.runtime.planning import Planning, pack_request, packed
-from companion.supervision.supervisor import FLYING, State
+from companion.autopilot import Autopilot
+from companion.events import Datagram, Event, PlanReady, Reaction, Tick, operation_record, tick_record
+from companion.records import ASKED, LOGGED, LOOP, OPERATION, PLANNED, TICK
+from companion.runtime.driver import Driver
+from companion.runtime.planning import Planning, pack_request, pack_result
+from companion.supervision.operations import LandRequest, LogFault, LogRecovered, PlannerFault
+from companion.supervision.states import FLYING, State
 from companion.trace import Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog
@@ -67,6 +59,9 @@ class Runner:
     ) -> None:
         self._autopilot = autopilot
         self._planning = planning
+        self._driver = Driver(autopilot, planning, self._record, self._react)
+        self._commanded = False
+        """A control step was taken since this was asked last."""
         self._transport = transport
         self._log = log
         self._clock = clock
@@ -153,11 +148,9 @@ class Runner:
                 transport.send(answer)  # it was sent again: the answer was late or lost
                 continue
             now = max(tick_ns, now)
-            reaction = self._datagram(now, data)
-            answer = reaction.datagram + self._tick(now, 0)
+            answer = self._datagram(now, data) + self._tick(now, 0)
             self._send(now, answer)
-            if reaction.trace is not None:
-                self._took(now, time.perf_counter_ns() - began)
+            self._took(now, began)
 
     # -- real time -----------------------------------------------------------------------------------------------------
 
@@ -175,10 +168,8 @@ class Runner:
             now = clock.now_ns()
             if data is not None:
                 began = time.perf_counter_ns()
-                reaction = self._datagram(now, data)
-                self._send(now, reaction.datagram)
-                if reaction.trace is not None:
-                    self._took(now, time.perf_counter_ns() - began)
+                self._send(now, self._datagram(now, data))
+                self._took(now, began)
             if now >= due:
                 late = now - due
                 if late > LATE_NS * clock.factor:
@@ -188,29 +179,24 @@ class Runner:
 
     # -- events --------------------------------------------------------------------------------------------------------
 
-    def _datagram(self, now: int, data: bytes) -> Reaction:
-        self._log.datagram(now, Direction.IN, self._transport.peer, data)
-        reaction = self._handle(Datagram(now, data, self._transport.preserves_datagrams))
-        if not self._locked and self._autopilot.vehicle is not None:
+    def _datagram(self, now: int, data: bytes) -> bytes:
+        """What is to be sent for a datagram."""
+        answer = self._driver.handle(Datagram(now, data, self._transport.preserves_datagrams))
+        if not self._locked and self._autopilot.link.vehicle is not None:
             self._transport.lock()
             self._locked = True
-        return reaction
+        return answer
 
     def _tick(self, now: int, late_ns: int) -> bytes:
         """One beat of the loop with what it brings along; what is to be sent."""
         answer = b""
         if self._landing_requested:
             self._landing_requested = False
-            self._log.record(REQUEST, now, REQUEST.pack("land"))
-            answer += self._handle(Request(now)).datagram
+            answer += self._driver.handle(LandRequest(now))
         if now - self._checked_log_ns >= _LOG_CHECK_NS:
             self._checked_log_ns = now
             answer += self._look_around(now)
-        while (planned := self._planning.due(now)) is not None:
-            self._log.record(PLANNED, now, packed(planned))
-            answer += self._handle(Planned(now, planned)).datagram
-        self._log.record(TICK, now, TICK.pack(late_ns))
-        return answer + self._handle(Tick(now, late_ns)).datagram
+        return answer + self._driver.tick(now, late_ns)
 
     def _look_around(self, now: int) -> bytes:
         """What need not be done at each tick: the log's health, the progress line."""
@@ -226,29 +212,37 @@ class Runner:
         fault = self._planning.fault
         if fault is not None and not self._planning_failed:
             self._planning_failed = True
-            self._log.record(REQUEST, now, REQUEST.pack(f"{PLANNER_FAULT}{fault}"))
-            answer += self._handle(PlannerFault(now, fault)).datagram
+            answer += self._driver.handle(PlannerFault(now, fault))
         fault = self._log.fault
         if (fault is not None) != self._log_failed:  # its words change with the time that it lasts
             self._log_failed = fault is not None
-            event = LogRecovered(now) if fault is None else LogFault(now, fault)
-            self._log.record(REQUEST, now, REQUEST.pack(LOG_RECOVERED if fault is None else f"{LOG_FAULT}{fault}"))
-            answer += self._handle(event).datagram
+            answer += self._driver.handle(LogRecovered(now) if fault is None else LogFault(now, fault))
         return answer
 
-    def _handle(self, event: Event) -> Reaction:
-        self._now = event.time_ns
+    def _record(self, event: Event) -> None:
+        """Each event goes into the log before it is handled."""
+        self._now = now = event.time_ns
         if self._began_ns is None:
-            self._began_ns = self._now
-        reaction = self._autopilot.handle(event)
+            self._began_ns = now
+        match event:
+            case Datagram():
+                self._log.datagram(now, Direction.IN, self._transport.peer, event.data)
+            case Tick():
+                self._log.record(TICK, now, tick_record(event))
+            case PlanReady():
+                self._log.record(PLANNED, now, pack_result(event.result))
+            case _:
+                self._log.record(OPERATION, now, operation_record(event))
+
+    def _react(self, event: Event, reaction: Reaction) -> None:
+        """What an event led to goes into the log, and on the console."""
         if reaction.trace is not None:
+            self._commanded = True
             self._keep(self._thinning.step(event.time_ns, reaction.trace))
-        if reaction.question is not None:
-            self._planning.ask(reaction.question)
-            self._log.record(ASKED, event.time_ns, pack_request(reaction.question))
+        if reaction.plan_request is not None:
+            self._log.record(ASKED, event.time_ns, pack_request(reaction.plan_request))
         for announcement in reaction.announcements:
             self._say(_LOG_LEVEL[announcement.severity], announcement.text)
-        return reaction
 
     def _say(self, level: int, text: str) -> None:
         """Into the log, and by its recorder on the console; straight to the console where the log can't take it."""
@@ -275,9 +269,12 @@ class Runner:
         for time_ns, trace in traces:
             self._log.record(LOGGED, time_ns, trace)
 
-    def _took(self, now: int, latency_ns: int) -> None:
-        """A command has left."""
-        self._latencies.append(min(latency_ns, _LONGEST_NS))
+    def _took(self, now: int, began_ns: int) -> None:
+        """A command has left, if there was one; its datagram was received at `began_ns` of the wall's clock."""
+        if not self._commanded:
+            return
+        self._commanded = False
+        self._latencies.append(min(time.perf_counter_ns() - began_ns, _LONGEST_NS))
         if now - self._told_latencies_ns >= _LATENCIES_NS:
             self._tell_latencies(now)
 
@@ -295,9 +292,9 @@ class Runner:
 
 def progress(autopilot: Autopilot, now: int) -> str:
     """One line for the person who watches."""
-    state = autopilot.state
-    leg = f"{autopilot.step_index + 1}/{len(autopilot.steps)}" if autopilot.steps else "-"
-    doing = f"{autopilot.supervisor.state.name.lower():8} {autopilot.phase.name.lower():8}"
+    state, navigator = autopilot.sensing.state, autopilot.navigator
+    leg = f"{navigator.step_index + 1}/{len(navigator.steps)}" if navigator.steps else "-"
+    doing = f"{autopilot.supervisor.state.name.lower():8} {autopilot.navigator.phase.name.lower():8}"
     head = f"{now * 1e-9:6.1f} s  {doing} step {leg:5}"
     if state is None:
         return head
@@ -305,13 +302,8 @@ def progress(autopilot: Autopilot, now: int) -> str:
     speed = float(state.velocity_ned @ state.velocity_ned) ** 0.5
     return (
         f"{head} north {north:7.1f}  east {east:6.1f}  height {-down:5.1f} m  {speed:4.1f} m/s  "
-        f"clearance {autopilot.decision.clearance:4.1f} m"
+        f"clearance {autopilot.guidance.decision.clearance:4.1f} m"
     )
-
-
-def late_ns_of(tick: bytes) -> int:
-    """What a record of TICK says, quicker than by its `unpack`."""
-    return int.from_bytes(tick, "little", signed=True)
 
 
 def lockstep_time(datagram: bytes) -> int | None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.records import LOOP, TRACE
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol.flightlog import FlightLogError, LogReader, RecordType
 
 Axes = tuple[float, float, float]

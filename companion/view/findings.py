@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.mission.plan import Phase
 from companion.state import Reason
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from companion.view.gather import Gathered, Worst
 from companion.view.lines import Stretch
 

@@ -14,7 +14,7 @@ from companion.config import Settings
 from companion.link.firmware import firmware_of
 from companion.mission.plan import Phase
 from companion.records import LOOP, TICK, TRACE
-from companion.supervision.supervisor import FLYING, State
+from companion.supervision.states import FLYING, State
 from companion.view.lines import (
     Floats,
     Line,

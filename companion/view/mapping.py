@@ -15,7 +15,8 @@ from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, MapView
-from companion.state import AttitudeReport, Scan
+from companion.reports import AttitudeReport
+from companion.state import Scan
 from protocol.arrays import Array
 
 NAMES = frozenset({"ATTITUDE_QUATERNION", "ATTITUDE", "LOCAL_POSITION_NED", "OBSTACLE_DISTANCE"})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from companion.estimate import Estimator
-from companion.state import AttitudeReport, PositionReport
+from companion.reports import AttitudeReport, PositionReport
 from protocol.frames import from_euler
 
 MS = 1_000_000

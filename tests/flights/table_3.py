@@ -6,7 +6,7 @@ import control
 import numpy as np
 import pytest
 
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 
 RISE_AND_OVERSHOOT = {1.0: (1.519, 4.321), 2.5: (1.628, 0.0246), 5.0: (1.836, 0.0)}
 """Rise (s) and overshoot (%) of the paper's position loop for each c."""

@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.autopilot import Datagram, Planned
 from companion.avoidance.methods import Method
 from companion.avoidance.none import NoAvoidance
+from companion.events import Datagram, PlanReady
 from companion.link import wire
 from companion.mission.plan import Mission, Phase
-from companion.state import AvoidanceDecision, Output
-from companion.supervision.supervisor import State
+from companion.state import AvoidanceDecision, Output, VehicleRequest
+from companion.supervision.states import State
 from protocol.arrays import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
@@ -30,7 +30,7 @@ HOVER = mission_of("hover")
 
 
 def in_phase(phase: Phase) -> Callable[[Joined], bool]:
-    return lambda joined: joined.autopilot.phase is phase and joined.autopilot.supervisor.state is State.FLY
+    return lambda joined: joined.autopilot.navigator.phase is phase and joined.autopilot.supervisor.state is State.FLY
 
 
 def without(*message_ids: int) -> tuple[Callable[[int, bytes], bytes], list[int]]:
@@ -57,7 +57,7 @@ def fly_then_lose(*message_ids: int, mission: Mission = COURIER) -> Joined:
 def test_the_courier_delivers(seed: int) -> None:
     joined = Joined(COURIER, seed=seed).fly()
     summary = joined.vehicle.summary()
-    assert joined.autopilot.supervisor.fault is None and joined.autopilot.released
+    assert joined.autopilot.supervisor.fault is None and joined.autopilot.navigator.released
     assert summary.outcome == "landed" and summary.contacts == 0 and summary.released
     assert summary.least_clearance_m is not None and summary.least_clearance_m >= 0.5
     assert summary.released_at_ned is not None
@@ -92,7 +92,7 @@ def test_step_of_one_metre_is_table_3(c: float, output: Output) -> None:
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not() -> None:
     first, second, other = (Joined(COURIER, seed=seed).fly(limit_s=25.0) for seed in (3, 3, 4))
     heard, again, else_heard = (
-        [each for each in flight.events if not isinstance(each, Planned)] for flight in (first, second, other)
+        [each for each in flight.events if not isinstance(each, PlanReady)] for flight in (first, second, other)
     )
     assert heard == again and first.sent == second.sent
     assert heard != else_heard and len(first.events) > len(heard)
@@ -159,7 +159,7 @@ def test_pilot_takes_over() -> None:
 def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
     joined = Joined(COURIER, seed=2)
     joined.fly(until=lambda joined: in_phase(Phase.ROUTE)(joined) and joined.vehicle.motion.position_ned[0] > 15.0)
-    step = joined.autopilot.step_index
+    step = joined.autopilot.navigator.step_index
     ask_mode(joined, 4.0, 3.0)
     joined.fly(limit_s=4.0)
     assert state_of(joined) is State.RELINQUISHED
@@ -167,10 +167,10 @@ def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
     joined.fly(limit_s=0.9)
     assert state_of(joined) is State.HOLD
     joined.fly(limit_s=0.3)
-    assert state_of(joined) is State.FLY and joined.autopilot.step_index == step
+    assert state_of(joined) is State.FLY and joined.autopilot.navigator.step_index == step
     joined.fly()
     summary = joined.vehicle.summary()
-    assert joined.autopilot.supervisor.fault is None and joined.autopilot.released
+    assert joined.autopilot.supervisor.fault is None and joined.autopilot.navigator.released
     assert summary.outcome == "landed" and summary.contacts == 0 and summary.released_at_ned is not None
     assert np.hypot(summary.released_at_ned[0] - 120.0, summary.released_at_ned[1]) < 0.3
 
@@ -239,13 +239,13 @@ def test_a_vehicle_that_restarts_in_other_hands_is_given_back(known: bool) -> No
     joined.fly(limit_s=1.0)
     restart_ns[0] = joined.vehicle.time_ns
     joined.fly(limit_s=0.3)
-    assert any("started anew" in text for text in joined.said) and joined.autopilot.state is None
+    assert any("started anew" in text for text in joined.said) and joined.autopilot.sensing.state is None
     ask_mode(joined, 6.0, 0.0)
     if known:  # and no attitude after it, before the companion hears of the mode
         held_back.clear()
         held_back.add(attitude)
     joined.fly(limit_s=2.0, until=lambda joined: joined.autopilot.supervisor.state is not State.RELINQUISHED)
-    assert joined.autopilot.state is None
+    assert joined.autopilot.sensing.state is None
     held_back.clear()
     joined.fly(limit_s=1.2)
     assert state_of(joined) is (State.FLY if known else State.WITHDRAW)
@@ -285,7 +285,7 @@ def test_ring_back_in_time_goes_on() -> None:
     assert joined.autopilot.supervisor.state is State.HOLD
     joined.meddle = lambda time_ns, data: data
     joined.fly()
-    assert joined.autopilot.released and joined.autopilot.supervisor.fault is None
+    assert joined.autopilot.navigator.released and joined.autopilot.supervisor.fault is None
 
 
 @pytest.mark.parametrize("message_id", [dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, 32])
@@ -330,7 +330,7 @@ def test_nan_in_the_telemetry_never_reaches_the_output(field: int) -> None:
     joined.fly(limit_s=0.2)
     assert joined.autopilot.supervisor.state is State.WITHDRAW
     assert "bad telemetry" in (joined.autopilot.supervisor.fault or "")
-    assert joined.autopilot.refused_messages >= 3
+    assert joined.autopilot.link.refused_messages >= 3
 
 
 def test_crash_is_a_crash() -> None:
@@ -349,7 +349,7 @@ def test_seen_clearance_agrees_with_the_truth(method: str, sees_m: float) -> Non
     gaps = []
     while not joined.autopilot.ended and joined.vehicle.time_ns < 40e9:
         joined.tick()
-        seen = joined.autopilot.decision.clearance
+        seen = joined.autopilot.guidance.decision.clearance
         true = joined.vehicle.world.clearance(joined.vehicle.state[:3]) - 0.36
         if (
             joined.autopilot.supervisor.state is State.FLY
@@ -379,8 +379,8 @@ class Watched:
 def test_ring_world_agrees_with_the_world() -> None:
     """Every return that the companion placed in the world, with the pose of the scan's own time, lies on a surface."""
     joined = Joined(COURIER, overrides=('avoidance.method="paper"',), seed=7)
-    watched = Watched(joined.autopilot._avoidance)
-    joined.autopilot._avoidance = watched
+    watched = Watched(joined.autopilot.guidance.method)
+    joined.autopilot.guidance.method = watched
     joined.fly(limit_s=30.0)
     world: World = joined.vehicle.world
     distances = [world.clearance(point) for points in watched.seen for point in points]
@@ -455,11 +455,11 @@ def test_a_pilot_who_stops_the_landing_is_not_fought() -> None:
 def test_an_answer_to_somebody_else_delivers_nothing() -> None:
     joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
     autopilot = joined.autopilot
-    autopilot._command(joined.vehicle.time_ns, dialect.MAV_CMD_DO_GRIPPER, 1.0, 0.0)
+    autopilot.link.request(VehicleRequest.RELEASE, joined.vehicle.time_ns)
     for target, accepted in (((255, 190), False), ((1, 191), True)):
         ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_DO_GRIPPER, 0, 0, 0, *target)
         autopilot.handle(Datagram(joined.vehicle.time_ns, Encoder(1, 1).encode(ack)))
-        assert autopilot._commander.accepted(dialect.MAV_CMD_DO_GRIPPER) is accepted
+        assert autopilot.link.answer(VehicleRequest.RELEASE).accepted is accepted
 
 
 def test_a_goal_without_progress_is_given_up_and_the_way_back_flown() -> None:
@@ -486,7 +486,7 @@ def test_the_guard_stops_what_no_method_would() -> None:
     """Sent straight through the pole, as in the crash above, and as fast: the guard alone keeps it off, and nothing
     winds up against what it does not let through."""
     joined = Joined(COURIER, overrides=('avoidance.method="paper"', "avoidance.guard.enabled=true"))
-    joined.autopilot._avoidance = NoAvoidance(joined.autopilot.settings.avoidance)
+    joined.autopilot.guidance.method = NoAvoidance(joined.autopilot.settings.avoidance)
     joined.fly(limit_s=40.0)
     trace = joined.trace()
     assert joined.vehicle.summary().contacts == 0 and joined.vehicle.flight.crash is None

@@ -14,14 +14,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.autopilot import Autopilot, Datagram, Planned, Tick
+from companion.autopilot import Autopilot
 from companion.config import Settings, load_body
+from companion.events import Datagram, PlanReady, Tick, operation_of
 from companion.logs.replay import replay
 from companion.mission.plan import Mission
-from companion.records import PLANNED, REQUEST, TICK, TRACE
+from companion.records import OPERATION, PLANNED, TICK, TRACE
 from companion.runtime.planning import InProcessPlanner
 from companion.state import Output, Reason
-from companion.supervision.supervisor import State
+from companion.supervision.operations import PlannerFault
+from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
@@ -123,17 +125,17 @@ def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
     )
     thinker = InProcessPlanner(autopilot.settings.avoidance)
     sent, repeated = b"", b""
-    for record in log.records(("/courier/datagrams", TICK.topic, REQUEST.topic, PLANNED.topic)):
+    for record in log.records(("/courier/datagrams", TICK.topic, OPERATION.topic, PLANNED.topic)):
         if record.topic == TICK.topic:
             reaction = autopilot.handle(Tick(record.time_ns, TICK.unpack(record.data)["late_ns"]))
             repeated += reaction.datagram
-            if reaction.question is not None:
-                thinker.ask(reaction.question)
+            if reaction.plan_request is not None:
+                thinker.ask(reaction.plan_request)
         elif record.topic == PLANNED.topic:
             answer = thinker.take(0.0)
             assert answer is not None and answer.number == PLANNED.unpack(record.data)["number"]
-            repeated += autopilot.handle(Planned(record.time_ns, answer)).datagram
-        elif record.topic == REQUEST.topic:
+            repeated += autopilot.handle(PlanReady(record.time_ns, answer)).datagram
+        elif record.topic == OPERATION.topic:
             raise AssertionError("nobody asked for anything")
         else:
             values = DATAGRAM.unpack(record.data)
@@ -247,8 +249,9 @@ def test_planner_killed(tmp_path: Path) -> None:
     assert report["outcome"] == "landed" and report["contacts"] == 0 and not report["released"]
     (path,) = tmp_path.glob("*/flight.mcap")
     log = LogReader(path)
-    texts = {REQUEST.unpack(record.data)["what"] for record in log.records((REQUEST.topic,))}
-    assert texts == {"planner fault: the planner's process has ended by itself (exit code -9)"}
+    (operation,) = (operation_of(OPERATION, each.time_ns, each.data) for each in log.records((OPERATION.topic,)))
+    text = "the planner's process has ended by itself (exit code -9)"
+    assert operation == PlannerFault(operation.time_ns, text)
     sent = log.topics["/mavlink/1/191/STATUSTEXT"]
     assert any("no map any more" in sent.unpack(each.data)["text"] for each in log.records((sent.topic,)))
     trace = log.array(TRACE.topic)

@@ -1,13 +1,15 @@
 """Flights with a ring that comes as DISTANCE_SENSOR, an eighth each, as ArduPilot reports it."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from companion.autopilot import Datagram
+from companion.events import Datagram
+from companion.link.sector_scans import SectorReport, SectorScans
 from companion.link.wire import RefusedError, sector_distance
-from companion.perception.scans import SectorRing
+from companion.state import Scan
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
@@ -72,23 +74,27 @@ def test_sectors_count_until_a_whole_ring_says_something(frame: int, cm: int, ke
         dialect.MAVLink_obstacle_distance_message, 1, 0, [cm] * 72, 5, 20, FAR_CM, 5.0, 0.0, frame
     )
     autopilot.handle(Datagram(1, heartbeat + ring))
-    assert (autopilot._scan is None) is kept
+    assert (autopilot.sensing.scan_age(1) == math.inf) is kept
     for sector in range(8):
         fields = (40, *sensor(sector, 500)[1:])
         autopilot.handle(Datagram(2, encoder.encode_fields(dialect.MAVLink_distance_sensor_message, *fields)))
-    assert autopilot._scan is not None and autopilot._scan.ranges_m.size == (8 if kept else 72)
+    assert autopilot.sensing.scan_age(4) == (2e-9 if kept else 3e-9)
 
 
 def test_the_ring_is_whole_or_ends_where_the_next_one_begins() -> None:
-    ring = SectorRing(8)
+    scans = SectorScans()
+
+    def add(sector: int, range_m: float, hit: bool, boot_time_ms: int, now_ns: int) -> Scan | None:
+        return scans.add(SectorReport(boot_time_ms, sector, range_m, hit, True), now_ns)
+
     for sector in (0, 2, 4):
-        assert ring.add(sector, 1.0 + sector, True, True, 100, 5) is None
-    scan = ring.add(0, 9.0, False, True, 200, 6)
+        assert add(sector, 1.0 + sector, True, 100, 5) is None
+    scan = add(0, 9.0, False, 200, 6)
     assert scan is not None and scan.boot_time_us == 100_000 and scan.time_ns == 6
     assert scan.known.tolist() == [True, False] * 2 + [True] + [False] * 3
     assert scan.ranges_m[[0, 2, 4]].tolist() == [1.0, 3.0, 5.0]
     assert scan.bearings_frd[2] == pytest.approx(np.pi / 2)
-    whole = [ring.add(sector, 2.0, True, True, 200, 7) for sector in range(1, 8)]
+    whole = [add(sector, 2.0, True, 200, 7) for sector in range(1, 8)]
     assert whole[:-1] == [None] * 6 and whole[-1] is not None
     assert whole[-1].known.all() and not whole[-1].hit[0] and whole[-1].hit[1:].all()
 

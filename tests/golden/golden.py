@@ -8,7 +8,7 @@ from pathlib import Path
 
 from companion.logs.replay import Replay, replay
 from companion.logs.writer import Writer
-from companion.records import PLANNED, REQUEST, TICK
+from companion.records import LEGACY_REQUEST, OPERATION, PLANNED, TICK
 from protocol.flightlog import DATAGRAM, LogReader
 
 FOLDER = Path(__file__).resolve().parent
@@ -17,7 +17,7 @@ FLIGHTS = {
     "attitude_realtime": ("--output", "attitude", "--pace", "realtime"),
 }
 """By name, the options of `companion demo`."""
-_EVENTS = (DATAGRAM.topic, TICK.topic, REQUEST.topic, PLANNED.topic)
+_EVENTS = (DATAGRAM.topic, TICK.topic, OPERATION.topic, LEGACY_REQUEST.topic, PLANNED.topic)
 
 
 def path_of(name: str) -> Path:

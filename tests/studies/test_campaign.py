@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import binomtest
 from typer.testing import CliRunner
 
-from companion.autopilot import Datagram
+from companion.events import Datagram
 from companion.logs.replay import replay
 from protocol.flightlog import Direction, datagrams, digest
 from studies import __main__ as command_line

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.autopilot import Autopilot, Datagram, Tick
+from companion.autopilot import Autopilot
 from companion.config import load_body, load_settings
+from companion.events import Datagram, Tick
 from companion.mission.plan import load
 from companion.state import FlightMode, Output, VehicleState
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 
@@ -40,11 +41,11 @@ def test_a_real_flight_is_read(name: str, make: str, highest: float) -> None:
     for time_ns, frame in frames(name):
         reaction = autopilot.handle(Datagram(time_ns, frame))
         assert reaction.trace is None  # it listens and flies nothing
-        if autopilot.state is not None and (not states or autopilot.state is not states[-1]):
-            states.append(autopilot.state)
-        modes.add((autopilot._status.mode, autopilot._status.armed))
-    assert autopilot._firmware is not None and autopilot._firmware.name == make
-    assert autopilot.refused_messages == 0
+        if autopilot.sensing.state is not None and (not states or autopilot.sensing.state is not states[-1]):
+            states.append(autopilot.sensing.state)
+        modes.add((autopilot.link.status.mode, autopilot.link.status.armed))
+    assert autopilot.link.firmware is not None and autopilot.link.firmware.name == make
+    assert autopilot.link.refused_messages == 0
     assert len(states) > 300
     heights = np.array([-state.position_ned[2] for state in states])
     assert heights.max() - heights[0] == pytest.approx(highest, abs=1.5)

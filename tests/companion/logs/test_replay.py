@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.events import operation_of
 from companion.logs.difference import EXTRA, MISSING, Differ
 from companion.logs.replay import replay
-from companion.records import LOGGED, REQUEST, TRACE
+from companion.records import LOGGED, OPERATION, TRACE
+from companion.supervision.operations import LandRequest
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect, layout
@@ -90,7 +92,8 @@ def test_real_time_and_a_request_to_land(tmp_path: Path) -> None:
         companion.process.send_signal(signal.SIGINT)
         companion.end()
     (path,) = tmp_path.glob("*/flight.mcap")
-    assert [REQUEST.unpack(record.data)["what"] for record in LogReader(path).records((REQUEST.topic,))] == ["land"]
+    (asked,) = LogReader(path).records((OPERATION.topic,))
+    assert operation_of(OPERATION, asked.time_ns, asked.data) == LandRequest(asked.time_ns)
     assert replay(path).differences == []
 
 

@@ -7,7 +7,7 @@ from companion.config import load_body, load_settings
 from companion.mission.plan import Phase
 from companion.runtime.rehearsal import rehearse
 from companion.state import Output
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from protocol.framing import Framer
 from protocol.messages import dialect
 from studies.joined import Joined, mission_of
@@ -56,7 +56,7 @@ def test_a_curve_of_least_snap_passes_its_points_and_comes_back() -> None:
 def test_a_hold_on_the_circle_brakes_smoothly_and_the_rest_is_flown_afterwards() -> None:
     """No ring for a second at 4 m/s; the circle is taken up where it was left, and ends where it began."""
     joined = Joined(mission_of("circle"))
-    joined.fly(until=lambda each: each.autopilot.phase is Phase.TRACK).fly(limit_s=7.0)
+    joined.fly(until=lambda each: each.autopilot.navigator.phase is Phase.TRACK).fly(limit_s=7.0)
     assert np.linalg.norm(joined.vehicle.motion.velocity_ned) == pytest.approx(4.0, abs=0.1)
     blind_ns = range(joined.vehicle.time_ns, joined.vehicle.time_ns + 1_000_000_000)
     joined.meddle = lambda time_ns, data: without_ring(data) if time_ns in blind_ns else data

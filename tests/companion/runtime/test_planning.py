@@ -18,9 +18,9 @@ from companion.avoidance.planner import PlanRequest, PlanResult, result_bytes
 from companion.config import Avoidance, AvoidanceMap
 from companion.mission.plan import Phase
 from companion.records import PLANNED
-from companion.runtime.planning import _MOST_OPEN, InProcessPlanner, PlannerProcess, Planning, packed
+from companion.runtime.planning import _MOST_OPEN, InProcessPlanner, PlannerProcess, Planning, pack_result
 from companion.state import Scan
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from studies.joined import Joined, mission_of
 
 SETTINGS = Avoidance(method="astar")
@@ -167,7 +167,7 @@ def test_the_record_says_number_and_way() -> None:
     here.ask(questions()[0])
     answer = here.take(0.0)
     assert answer is not None
-    record = PLANNED.unpack(packed(answer))
+    record = PLANNED.unpack(pack_result(answer))
     corners = record["corners"]
     assert record["number"] == 1 and corners == len(answer.way.corners)
     assert np.reshape(record["way_ned"], (-1, 2))[:corners] == pytest.approx(answer.way.corners, abs=1e-5)
@@ -189,12 +189,12 @@ class Failing(InProcessPlanner):
 def test_without_answers_the_vehicle_stops_and_lands_by_itself() -> None:
     """The planner's process dies on the way: the guard brakes, the companion holds, the vehicle lands unhurt."""
     joined = Joined(mission_of("courier"), overrides=('avoidance.method="astar"',))
-    joined._planning = Planning(Failing(130), 0.02)
+    joined.fly_with(Failing(130))
     joined.fly(until=lambda flight: flight.autopilot.supervisor.state is State.HOLD, limit_s=60.0)
-    assert joined.autopilot.phase is Phase.ROUTE
+    assert joined.autopilot.navigator.phase is Phase.ROUTE
     joined.fly(limit_s=3.0)
     assert np.linalg.norm(joined.vehicle.motion.velocity_ned) < 0.3
     joined.fly(limit_s=60.0)
     summary = joined.vehicle.summary()
-    assert summary.outcome == "landed" and summary.contacts == 0 and not joined.autopilot.released
+    assert summary.outcome == "landed" and summary.contacts == 0 and not joined.autopilot.navigator.released
     assert any("no ring" in said for said in joined.said)

@@ -13,12 +13,14 @@ import pytest
 
 from companion.autopilot import Autopilot
 from companion.config import load_body, load_settings
+from companion.events import operation_of
 from companion.logs.replay import replay
-from companion.records import RECORD_TYPES, REQUEST
+from companion.records import OPERATION, RECORD_TYPES
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.runtime.runner import Runner, lockstep_time
 from companion.state import Output
-from companion.supervision.supervisor import State
+from companion.supervision.operations import LogFault, LogRecovered
+from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.flightlog import FlightLog, LogReader
 from protocol.messages import Encoder, dialect
@@ -106,16 +108,17 @@ def test_a_stall_of_the_recorder_before_the_start_delays_it_and_no_more(tmp_path
         runner.run()
         assert runner.failure is None and runner._autopilot.supervisor.fault is None
     reader = LogReader(tmp_path / "log" / "flight.mcap")
-    events = [(each.time_ns, REQUEST.unpack(each.data)["what"]) for each in reader.records((REQUEST.topic,))]
-    assert [what for _, what in events] == [
-        "log fault: it has not moved for 0.1 s",
-        "log recovered",
-        "log fault: it has not moved for 0.0 s",
-        "log recovered",
+    events = [operation_of(OPERATION, each.time_ns, each.data) for each in reader.records((OPERATION.topic,))]
+    times = [event.time_ns for event in events]
+    assert events == [
+        LogFault(times[0], "it has not moved for 0.1 s"),
+        LogRecovered(times[1]),
+        LogFault(times[2], "it has not moved for 0.0 s"),
+        LogRecovered(times[3]),
     ]
     trace = reader.array("/companion/trace")
     first = trace["time_ns"][trace["state"] == State.FLY.value][0]
-    assert 4e9 <= events[1][0] < 4.2e9 < first < 10e9 < events[2][0]
+    assert 4e9 <= times[1] < 4.2e9 < first < 10e9 < times[2]
     result = replay(reader.path)
     assert result.differences == [] and result.datagrams > 1000
 

@@ -7,7 +7,11 @@ from msgspec.structs import replace
 
 from companion.config import Supervision
 from companion.state import FlightMode, Setpoint
-from companion.supervision.supervisor import FLYING, STREAMING, TABLE, Health, State, Supervisor, unsound
+from companion.supervision.gate import unsound
+from companion.supervision.health import Health
+from companion.supervision.states import FLYING, STREAMING, State
+from companion.supervision.supervisor import Supervisor
+from companion.supervision.transitions import TABLE
 
 SETTINGS = Supervision()
 SECOND = 1_000_000_000

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.mission.plan import Phase
 from companion.records import LOGGED, LOOP, PLANNED, RECORD_TYPES, TICK, TRACE
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from companion.trace import Thinning
 from protocol.flightlog import Direction, FlightLog
 from protocol.messages import Encoder, dialect

@@ -10,7 +10,7 @@ from companion.config import Settings
 from companion.logs.writer import Writer
 from companion.mission.plan import Phase
 from companion.state import Reason
-from companion.supervision.supervisor import State
+from companion.supervision.states import State
 from companion.view.findings import Finding, Level, events, findings
 from companion.view.gather import Gathered
 from protocol.flightlog import Direction

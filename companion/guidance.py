@@ -1,0 +1,295 @@
+"""Where the vehicle should be: the mission's leg, a track, the way over the map or a method that steers by returns, as
+one reference.
+
+A leg is flown to by the jerk-limited generator, along a track, or over the map by the course, whose horizontal motion
+takes the generator's place while altitude and heading stay with the generator.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from companion.avoidance import methods, steering
+from companion.avoidance.guard import Guard, Verdict
+from companion.avoidance.planner import PlanRequest, PlanResult
+from companion.avoidance.steering import NO_WAY, Course
+from companion.config import Settings
+from companion.mission.navigator import NEAR_M, Arrival, Leg
+from companion.mission.plan import Mission, Phase, Step, steps
+from companion.perception.recent_returns import RecentReturns
+from companion.perception.scans import obstacle_points
+from companion.reports import MotionReport
+from companion.state import AvoidanceDecision, Pose, Reference, Scan, VehicleState
+from companion.trajectory import ReferenceGenerator, Track, track_of
+from protocol.arrays import Array
+from protocol.frames import yaw_of
+
+_STEER_EVERY_NS = 15_000_000
+"""At least, between two looks along the way over the map: each fourth control step. Course and guard's filter go on at
+each one."""
+_APPROACH_M = 1.0
+"""A goal that is stopped at is approached by the generator from this distance on, not along the map's way, until it is
+farther than NEAR_M again."""
+_APPROACH_SPEED = 1.0
+"""m/s: the vehicle must be slower for that."""
+_TURN_M = 1.0
+"""The heading follows the way to a target that is farther than this."""
+_TURN_SPEED = 1.0
+"""m/s: the heading follows the way over the map at a higher wanted speed."""
+
+
+class Guidance:
+    """The reference of one flight."""
+
+    def __init__(self, settings: Settings, mission: Mission, guard: Guard | None) -> None:
+        avoidance = settings.avoidance
+        self._settings = settings
+        self._mission = mission
+        self._guard = guard
+        self._generator = ReferenceGenerator(settings.trajectory)
+        self._tracks = tuple(
+            None if step.curve is None else track_of(step.curve, settings.trajectory, settings.limits.tilt)
+            for step in steps(mission, np.zeros(3))
+        )
+        self._rest_of_track: Track | None = None
+        """What is left of the track that was being followed when the flight was held."""
+        self._jumps = mission.profile == "step"
+        self.over_map = avoidance.mapped and not self._jumps
+        """Ways over the map are flown."""
+        self._course = Course(avoidance.course)
+        self._course_start_ned: Sequence[float] = (0.0, 0.0)
+        """Where the course began (north, east) and the generator waits for its end."""
+        self._velocity = np.zeros(2)
+        """m/s, north and east: what the course takes up."""
+        self._steer_at_ns = 0
+        self._way = NO_WAY
+        self._free = math.inf
+        self.method = methods.choose(avoidance)
+        self._returns = RecentReturns(avoidance.memory_s, avoidance.grain)
+        self._asked = 0
+        self._mapped_ns: int | None = None
+        self.decision = AvoidanceDecision(np.zeros(3), mission.speed, math.inf, False)
+
+    @property
+    def durations(self) -> tuple[float | None, ...]:
+        """s that the track of each step of the mission takes; None for a step without one."""
+        return tuple(None if track is None else track.duration_s for track in self._tracks)
+
+    @property
+    def free_distance(self) -> float:
+        """m of the way that is seen free; inf where none is flown over the map."""
+        return self._free if self._course.active else math.inf
+
+    # -- begin and end -------------------------------------------------------------------------------------------------
+
+    def begin(self, state: VehicleState) -> None:
+        """The reference stands where the vehicle stands before its start."""
+        self.hold_at(state)
+        self.decision = AvoidanceDecision(state.position_ned, self._mission.speed, math.inf, False)
+
+    def begin_leg(self, leg: Leg, now_ns: int) -> None:
+        """Another leg than before is flown from now on."""
+        self._rest_of_track = None
+        self._steer_at_ns = now_ns
+        before = self.decision
+        self.decision = AvoidanceDecision(_target_of(leg), before.speed_limit, before.clearance, False)
+
+    def hold_at(self, state: VehicleState) -> None:
+        """The reference stands where the vehicle is now, with its heading."""
+        self._generator.place(state.position_ned, yaw_of(state.attitude_ned_frd))
+
+    def halt(self, now_ns: int) -> None:
+        """Brake to a standstill; a track is taken up later where it was left."""
+        self._leave_course(now_ns)
+        self._rest_of_track = self._generator.remaining(now_ns) or self._rest_of_track
+        self._generator.stop(now_ns)
+
+    def brake_from(self, state: VehicleState, now_ns: int) -> None:
+        """Brake from the vehicle's own motion: others flew it."""
+        self._generator.carry_on(now_ns, state.position_ned, state.velocity_ned, np.zeros(3))
+
+    def reference(self, time_ns: int) -> Reference:
+        """The generator's; on a course only its altitude and heading."""
+        reference = self._generator.at(time_ns)
+        if self._course.active:
+            self._course.put(time_ns, reference.rows)
+        return reference
+
+    # -- along a leg ---------------------------------------------------------------------------------------------------
+
+    def steer(self, leg: Leg, state: VehicleState, now_ns: int) -> MotionReport:
+        """Move the reference along the leg, which has a target."""
+        generator, step = self._generator, leg.step
+        over_map = False
+        if self._jumps and step.phase is not Phase.TAKEOFF:
+            assert step.target_ned is not None
+            generator.place(step.target_ned)
+        elif not generator.following:
+            if self.over_map and step.avoids and not self._arrives(step, state):
+                over_map = self._steer_over_map(leg, state, now_ns)
+            else:
+                self._leave_course(now_ns)
+                self._move_straight(leg, state, now_ns)
+        following = generator.following
+        track = None if following else self._track_to_join(leg)
+        return MotionReport(
+            following,
+            (following or track is not None) and generator.rests(now_ns),
+            None if track is None else track.start_ned,
+            over_map,
+        )
+
+    def arrive(self, arrival: Arrival, leg: Leg, now_ns: int) -> None:
+        """Join the track at whose start the vehicle is at rest, or leave the one that has been flown."""
+        if arrival is Arrival.AT_TRACK:
+            track = self._track_to_join(leg)
+            assert track is not None
+            self._generator.follow(now_ns, track)
+        elif arrival is Arrival.DONE and self._generator.following:
+            self._generator.leave(now_ns)
+
+    def _track_to_join(self, leg: Leg) -> Track | None:
+        """The step's, from its beginning or, after a hold, from where it was left."""
+        step = leg.step
+        track = None if step.curve is None else self._tracks[leg.index]
+        if track is None or self._rest_of_track is not None:
+            return self._rest_of_track
+        assert step.target_ned is not None
+        return track.moved(step.target_ned)
+
+    def _move_straight(self, leg: Leg, state: VehicleState, now_ns: int) -> None:
+        """By the generator, to the leg's target, to the start of its track or where the method says."""
+        step, settings, generator = leg.step, self._settings.trajectory, self._generator
+        assert step.target_ned is not None
+        target, speed = step.target_ned, self._mission.speed
+        track = self._track_to_join(leg)
+        if track is not None:
+            target = track.start_ned
+            if track.start_yaw is not None:
+                generator.turn(now_ns, track.start_yaw)
+        if step.avoids and not self.over_map:
+            target, speed = self.decision.target_ned, self.decision.speed_limit
+            way = target - state.position_ned
+            if math.hypot(way[0], way[1]) > _TURN_M:
+                generator.turn(now_ns, math.atan2(way[1], way[0]))
+        climbs = target[2] < state.position_ned[2]
+        generator.go(now_ns, target, speed, settings.climb_speed if climbs else settings.descent_speed)
+
+    def _arrives(self, step: Step, state: VehicleState) -> bool:
+        """So near to a goal that is stopped at that no way over the map is needed."""
+        assert step.target_ned is not None
+        if step.passes:
+            return False
+        away = math.dist(step.target_ned.tolist()[:2], state.position_ned.tolist()[:2])
+        if not self._course.active:
+            return away < NEAR_M
+        return away < _APPROACH_M and math.hypot(*state.velocity_ned[:2].tolist()) < _APPROACH_SPEED
+
+    # -- over the map --------------------------------------------------------------------------------------------------
+
+    def _steer_over_map(self, leg: Leg, state: VehicleState, now_ns: int) -> bool:
+        """Move the course along the way; whether the way was looked at anew."""
+        if not self._course.active:
+            base = self._generator.at(now_ns)
+            self._course.start(now_ns, base.position_ned, base.velocity_ned, base.acceleration_ned)
+            self._course_start_ned = base.position_ned[:2].tolist()
+            self._steer_at_ns = now_ns
+        looks = now_ns >= self._steer_at_ns
+        if looks:
+            self._steer_at_ns = now_ns + _STEER_EVERY_NS
+            self._velocity = self._velocity_over_map(leg, state, now_ns)
+        self._course.advance(now_ns, self._velocity, state.position_ned[:2])
+        return looks
+
+    def _velocity_over_map(self, leg: Leg, state: VehicleState, now_ns: int) -> Array:
+        """(2,) m/s that is wanted of the course, no faster than it can stop within what was seen free; heading and
+        altitude follow."""
+        assert self._guard is not None
+        settings, generator, goal = self._settings.avoidance, self._generator, leg.goal_ned
+        here, velocity = state.position_ned, state.velocity_ned
+        wish = steering.wish(self._way, here[:2], velocity[:2], goal[:2], leg.speed, settings.course.braking)
+        wanted, speed = wish.velocity, math.hypot(*wish.velocity.tolist())
+        if leg.waits:
+            wanted, speed = np.zeros(2), 0.0
+        limit = self._guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
+        self._free = limit.free
+        if speed > limit.speed:
+            wanted = wanted * (limit.speed / speed)
+        if speed > _TURN_SPEED:
+            generator.turn(now_ns, math.atan2(wish.velocity[1], wish.velocity[0]))
+        down = float(goal[2])
+        climbs, trajectory = down < generator.at(now_ns).position_ned[2], self._settings.trajectory
+        vertical_speed = trajectory.climb_speed if climbs else trajectory.descent_speed
+        generator.go(now_ns, np.array((*self._course_start_ned, down)), self._mission.speed, vertical_speed)
+        target = np.array((*wish.places[0].tolist(), down))
+        self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
+        return wanted
+
+    def _leave_course(self, now_ns: int) -> None:
+        """The generator takes the course's motion over, and brakes."""
+        if not self._course.active:
+            return
+        motion = self.reference(now_ns)
+        self._course.stop()
+        braking = self._settings.avoidance.guard.braking
+        self._generator.carry_on(now_ns, motion.position_ned, motion.velocity_ned, motion.acceleration_ned, braking)
+
+    def take_up(self, result: PlanResult, leg: Leg, now_ns: int) -> None:
+        """What the map shows free counts for the guard from now on, and the planner's way is flown along."""
+        assert self._guard is not None
+        self._guard.look(result.space)
+        self._mapped_ns = result.asked_ns
+        if not self.over_map:
+            return
+        self._way = result.way
+        self._steer_at_ns = now_ns
+        avoids, before = leg.step.avoids, self.decision
+        limit = before.speed_limit if avoids else self._mission.speed
+        target = before.target_ned if avoids else leg.goal_ned
+        self.decision = AvoidanceDecision(target, limit, result.clearance, result.blocked)
+
+    # -- by returns, and what the guard makes of it --------------------------------------------------------------------
+
+    def look(
+        self, scan: Scan, pose: Pose, ground_down: float, state: VehicleState, leg: Leg, now_ns: int
+    ) -> PlanRequest | None:
+        """A scan goes to the method that steers by its returns; and what is to be asked of map and planner about it.
+
+        `pose`: position (3,) and attitude (4,) of the scan; what it shows below `ground_down` (m, NED) is the ground.
+        """
+        place, velocity = state.position_ned, state.velocity_ned
+        if not self.over_map:
+            points = self._returns.add(obstacle_points(scan, *pose, ground_down), now_ns)
+            self.decision = self.method.decide(points, place, velocity, leg.goal_ned, leg.speed)
+        if self._guard is None:
+            return None
+        self._asked += 1
+        self._mapped_ns = self._mapped_ns or now_ns
+        goal = leg.goal_ned if self.over_map and leg.step.avoids else None
+        return PlanRequest(self._asked, now_ns, scan, pose, ground_down, place, velocity, goal, leg.speed)
+
+    def map_age(self, now_ns: int) -> float:
+        """Age (s) of the scan that is the latest in the guard's map; before the first, since that was asked for."""
+        return 0.0 if self._mapped_ns is None else (now_ns - self._mapped_ns) * 1e-9
+
+    def guards(self, step: Step) -> bool:
+        """The guard has the last word: not on vertical steps, on tracks and where the reference jumps."""
+        return self._settings.avoidance.guarded and step.avoids and not self._jumps
+
+    def yield_to(self, verdict: Verdict, reference: Reference, state: VehicleState, now_ns: int) -> None:
+        """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up."""
+        if verdict.changed <= self._settings.avoidance.course.give_in:
+            return
+        here, velocity, allowed = state.position_ned, state.velocity_ned, verdict.acceleration_ned
+        if self._course.active:
+            self._course.give_in(here, velocity, allowed)
+            return
+        place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
+        pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])
+        self._generator.carry_on(now_ns, place, np.array([*velocity[:2], moves]), pushed)
+
+
+def _target_of(leg: Leg) -> Array:
+    """The step's own, whatever the altitude that is flown."""
+    return leg.goal_ned if leg.step.target_ned is None else leg.step.target_ned

@@ -1,0 +1,250 @@
+"""The flight along the mission: which step is flown, and whether it is done, overdue or to be given up.
+
+The navigator says where to go (`leg`) and is told how the motion goes (`advance`, `judge`). It moves and sends nothing.
+"""
+
+import math
+from collections.abc import Sequence
+from enum import Enum
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from companion.config import Settings
+from companion.mission.altitude_search import AltitudeSearch, Place
+from companion.mission.plan import Mission, Phase, Step, steps
+from companion.mission.stall import Progress, Trail
+from companion.reports import CommandReport, MissionReport, MotionReport
+from companion.state import Announcement, Severity, VehicleState
+from protocol.arrays import Array
+
+NEAR_M = 2.0
+"""From a goal that is nearer than this, no way over the map is needed."""
+
+
+class Leg(msgspec.Struct, frozen=True, gc=False):
+    """What is to be flown now."""
+
+    step: Step
+    index: int
+    """Of the step in the mission."""
+    goal_ned: Array
+    """(3,) m: the step's target at the altitude that is flown; the vehicle's place where the step has none."""
+    speed: float
+    """m/s, the highest."""
+    waits: bool
+    """The vehicle changes its altitude or looks around there: it does not go on along the way."""
+
+
+class Arrival(Enum):
+    """What has become of a leg."""
+
+    NOT_YET = "on the way"
+    AT_TRACK = "at rest where a track begins"
+    DONE = "done"
+
+
+class Judgement(NamedTuple):
+    """What follows from the progress towards the goal."""
+
+    announcements: tuple[Announcement, ...] = ()
+    failure: str | None = None
+    """The goal was given up for this reason: another leg has begun."""
+
+
+_GOING_ON = Judgement()
+
+
+class Navigator:
+    """One mission, step by step."""
+
+    def __init__(self, settings: Settings, mission: Mission, durations: Sequence[float | None]) -> None:
+        """`durations`: s that each step's track takes; None for a step without one."""
+        self.mission = mission
+        self.steps: tuple[Step, ...] = ()
+        """Known from the place of the start on (`begin`)."""
+        self.step_index = 0
+        self.released = False
+        """The parcel is delivered."""
+        self.ground_down = 0.0
+        """m, NED: the place of the start."""
+        self._settings = settings
+        self._durations = tuple(durations)
+        self._search = AltitudeSearch(settings.avoidance.heights)
+        self._trail = Trail()
+        self._progress = Progress()
+        self._gave_up = False
+        self._ended = False
+        self._step_since_ns = 0
+        self._arrived_ns: int | None = None
+        self._paused_ns = 0
+
+    # -- where to go ---------------------------------------------------------------------------------------------------
+
+    def begin(self, start_ned: Array) -> None:
+        """The vehicle stands at the place (3,) of the start."""
+        self.ground_down = float(start_ned[2])
+        self.steps = steps(self.mission, start_ned)
+
+    @property
+    def step(self) -> Step:
+        """The present one."""
+        return self.steps[self.step_index]
+
+    @property
+    def phase(self) -> Phase:
+        """Of the present step; PREPARE before the start, DONE after the end."""
+        if self._ended:
+            return Phase.DONE
+        return self.step.phase if self.steps else Phase.PREPARE
+
+    def end(self) -> None:
+        """Nothing more is flown."""
+        self._ended = True
+
+    def leg(self, position_ned: Array) -> Leg:
+        """What is to be flown now, from a place (3,)."""
+        search, speed = self._search, self.mission.speed
+        return Leg(self.step, self.step_index, self._goal(position_ned), search.slowed(speed), search.busy)
+
+    def _goal(self, position_ned: Array) -> Array:
+        target = self.step.target_ned
+        if target is None:
+            return position_ned
+        down = self._search.flown(float(target[2]))
+        return target if down == target[2] else np.array([*target[:2], down])
+
+    @property
+    def lowest_return(self) -> float:
+        """m, NED: what a scan shows below this is the ground."""
+        return self.ground_down - self._settings.avoidance.ground_height
+
+    # -- time ----------------------------------------------------------------------------------------------------------
+
+    def start_step(self, now_ns: int) -> None:
+        """The time that the present step may take begins."""
+        self._step_since_ns = now_ns
+
+    def pause(self, now_ns: int) -> None:
+        """Others fly from now on."""
+        self._paused_ns = now_ns
+
+    def resume(self, now_ns: int) -> None:
+        """Others flew since `pause`: that time counts for nothing, and the goal is approached afresh."""
+        self._step_since_ns += now_ns - self._paused_ns
+        self._arrived_ns = None
+        self._progress = Progress()
+        self._search.begin()
+
+    def report(self, now_ns: int, *, flying: bool) -> MissionReport:
+        """How far the mission is; a step is overdue only while the companion is `flying`."""
+        done = bool(self.steps) and self.step.phase is Phase.LAND
+        return MissionReport(done, self._overdue(now_ns) if flying else 0.0)
+
+    def _overdue(self, now_ns: int) -> float:
+        """How much longer than it may (s) the present step takes; 0 while there is time."""
+        step, before = self.step, self.steps[self.step_index - 1].target_ned if self.step_index else None
+        way = 0.0 if before is None or step.target_ned is None else math.dist(before.tolist(), step.target_ned.tolist())
+        duration = self._durations[self.step_index]
+        taken = step.hold_s if duration is None else duration
+        speed = self._search.slowed(self.mission.speed)
+        allowed = self._settings.supervision.step_timeout + taken + 3.0 * way / speed
+        return max((now_ns - self._step_since_ns) * 1e-9 - allowed, 0.0)
+
+    # -- how it goes ---------------------------------------------------------------------------------------------------
+
+    def advance(self, motion: MotionReport, state: VehicleState, now_ns: int) -> Arrival:
+        """Judge the present step, which has a target, by the motion of the reference and the vehicle's own."""
+        step, position = self.step, state.position_ned
+        if motion.over_map and self._search.busy:
+            speed = math.hypot(*state.velocity_ned[:2].tolist())
+            self._search.advance(float(position[2]), speed, now_ns)
+        if motion.following:
+            return Arrival.DONE if motion.rests else Arrival.NOT_YET
+        settings = self._settings.trajectory
+        if step.passes:
+            near = math.dist(self._goal(position).tolist(), position.tolist()) < settings.acceptance_radius
+            return Arrival.DONE if near else Arrival.NOT_YET
+        target = step.target_ned if motion.track_start_ned is None else motion.track_start_ned
+        assert target is not None
+        if self._arrived_ns is None and self._settles(target, state):
+            self._arrived_ns = now_ns
+        if motion.track_start_ned is not None:
+            if self._arrived_ns is None or not motion.rests:
+                return Arrival.NOT_YET
+            self._arrived_ns = None
+            return Arrival.AT_TRACK
+        held = self._arrived_ns is not None and now_ns - self._arrived_ns >= step.hold_s * 1e9
+        return Arrival.DONE if held else Arrival.NOT_YET
+
+    def _settles(self, target_ned: Array, state: VehicleState) -> bool:
+        """Near to a place and slow; a mission whose reference jumps waits for nothing."""
+        if self.mission.profile == "step":
+            return True
+        settings = self._settings.trajectory
+        distance = math.dist(target_ned.tolist(), state.position_ned.tolist())
+        return (
+            distance < settings.settled_distance and math.hypot(*state.velocity_ned.tolist()) < settings.settled_speed
+        )
+
+    def release(self, answer: CommandReport) -> tuple[Arrival, Announcement | None]:
+        """What came of the release of the parcel so far. A parcel that the vehicle does not release is taken home."""
+        if answer.accepted:
+            self.released = True
+            return Arrival.DONE, Announcement(Severity.NOTICE, "parcel released")
+        if answer.tries > self._settings.supervision.command_tries:
+            return Arrival.DONE, Announcement(Severity.ERROR, f"parcel not released: {answer.answer}")
+        return Arrival.NOT_YET, None
+
+    def next_step(self, now_ns: int) -> Announcement:
+        """Go on to the next step."""
+        self._search.next_leg(stopped=not self.step.passes)
+        self.step_index += 1
+        self._step_since_ns = now_ns
+        self._arrived_ns = None
+        text = f"{self.step.phase.name.lower()}, step {self.step_index + 1} of {len(self.steps)}"
+        return Announcement(Severity.INFO, text)
+
+    def judge(self, position_ned: Array, detour: float, now_ns: int) -> Judgement:
+        """The progress from a place (3,), where the way costs `detour` (m) beyond the least that was to be expected:
+        another altitude is tried, or the goal given up, if there has been none for too long."""
+        goal = self._goal(position_ned)
+        self._trail.add(position_ned)
+        if self._search.busy:
+            self._progress = Progress()
+        distance = math.hypot(*(goal - position_ned)[:2].tolist())
+        stuck = self._progress.lacking_s(self.step_index, distance, now_ns) > self._settings.avoidance.give_up_s
+        if distance < NEAR_M:
+            return _GOING_ON
+        change = self._change_altitude(position_ned, detour, stuck, now_ns)
+        if change is not None:
+            return Judgement((change,))
+        return self._give_up(now_ns) if stuck else _GOING_ON
+
+    def _change_altitude(self, position_ned: Array, detour: float, stuck: bool, now_ns: int) -> Announcement | None:
+        """Try another altitude that is allowed, if that may help."""
+        target, settings = self.step.target_ned, self._settings.avoidance.heights
+        assert target is not None
+        place = Place(position_ned, float(target[2]), self.ground_down - settings.lowest)
+        change = self._search.consider(detour, stuck, place, now_ns)
+        if change is None:
+            return None
+        self._progress = Progress()
+        self._step_since_ns = now_ns
+        return Announcement(Severity.INFO, f"{change.why}: {self.ground_down - change.down:.1f} m of height")
+
+    def _give_up(self, now_ns: int) -> Judgement:
+        """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""
+        back: list[Step] = []
+        if self.mission.return_home and not self._gave_up:
+            back += [Step(Phase.RETURN, place, passes=True, avoids=True) for place in self._trail.back()]
+            back.append(Step(Phase.RETURN, self.steps[0].target_ned, avoids=True))
+        way = "back the way it came" if back else "landing"
+        text = f"no progress for {self._settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
+        self._gave_up = True
+        self._search.forbid()
+        rest = (*back, Step(Phase.LAND))
+        self.steps = self.steps[: self.step_index + 1] + rest
+        self._durations = self._durations[: self.step_index + 1] + (None,) * len(rest)
+        return Judgement((Announcement(Severity.ERROR, text), self.next_step(now_ns)), text)

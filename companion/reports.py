@@ -1,0 +1,96 @@
+"""What the parts report of the vehicle, the mission and the motion, in the units and frames of the companion."""
+
+import msgspec
+
+from companion.state import Scan, VehicleStatus
+from protocol.arrays import Array
+
+
+class AttitudeReport(msgspec.Struct, frozen=True, gc=False):
+    """Attitude (4,) NED to FRD and body rates (3,) rad/s at a time of the vehicle's clock."""
+
+    boot_time_ms: int
+    attitude_ned_frd: Array
+    rates_frd: Array
+
+
+class RepeatedAttitude(msgspec.Struct, frozen=True, gc=False):
+    """Euler angles of a vehicle that sends its quaternion as well: a moment to act, and nothing new."""
+
+
+class PositionReport(msgspec.Struct, frozen=True, gc=False):
+    """Position (3,) m and velocity (3,) m/s, NED, at a time of the vehicle's clock."""
+
+    boot_time_ms: int
+    position_ned: Array
+    velocity_ned: Array
+
+
+class Rebooted(msgspec.Struct, frozen=True, gc=False):
+    """The vehicle's time since boot fell: what was known of its motion is void."""
+
+
+Report = AttitudeReport | RepeatedAttitude | PositionReport | Scan | Rebooted
+
+
+class LinkReport(msgspec.Struct, frozen=True, gc=False):
+    """What the link knows of the vehicle at one moment. Ages in s, infinite for what never came."""
+
+    found: bool
+    status: VehicleStatus
+    on_ground: bool
+    """The vehicle says that it stands on the ground."""
+    silence: float
+    """Age of the last message of any kind; 0 before the first."""
+    heartbeat_age: float
+    refused: str | None
+    """What was wrong with the telemetry that is being refused again and again."""
+    complaint: str
+    """What the vehicle warned of just now, to stand behind a sentence; empty if nothing."""
+    exhausted: str | None = None
+    """The request that was repeated as often as allowed, and its answer."""
+    shortcoming: str | None = None
+    """What the link lacks before a flight: version, support of the output, message rates. None in flight."""
+    prearm_ok: bool = True
+    """False: the vehicle says that its own arming checks fail."""
+
+
+class CommandReport(msgspec.Struct, frozen=True, gc=False):
+    """What has come of a command that is repeated until it has an effect."""
+
+    accepted: bool
+    tries: int
+    answer: str
+    """The latest answer in words."""
+
+
+class MissionReport(msgspec.Struct, frozen=True, gc=False):
+    """How far the mission is."""
+
+    done: bool
+    """Only the landing is left."""
+    overdue: float
+    """By how much the present step takes longer than it may (s), else 0."""
+
+
+class MotionReport(msgspec.Struct, frozen=True, gc=False):
+    """How the reference moves along a leg."""
+
+    following: bool
+    """It follows a track."""
+    rests: bool
+    """It does not move any more; asked for with a track alone."""
+    track_start_ned: Array | None
+    """(3,) m: where the track begins that is to be joined; None if there is none."""
+    over_map: bool
+    """The way over the map was looked at just now."""
+
+
+class SensingReport(msgspec.Struct, frozen=True, gc=False):
+    """Ages (s) of what is known of the vehicle's motion and of its surroundings; infinite before that has come."""
+
+    telemetry_age: float
+    scan_age: float
+    """0 where no scan is needed."""
+    has_state: bool
+    """Position and attitude have come."""

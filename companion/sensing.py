@@ -1,0 +1,78 @@
+"""What is sensed: telemetry becomes the state of the vehicle, and a scan gets the pose that it was taken from."""
+
+import math
+
+from companion.estimate import Estimator
+from companion.reports import AttitudeReport, PositionReport, Rebooted, RepeatedAttitude, Report, SensingReport
+from companion.state import Pose, Scan, VehicleState
+
+
+class Sensing:
+    """State, scans and their ages."""
+
+    def __init__(self, *, needs_scan: bool) -> None:
+        self.estimator = Estimator()
+        self.state: VehicleState | None = None
+        """At the latest attitude; None before both position and attitude have come."""
+        self._needs_scan = needs_scan
+        self._scan: Scan | None = None
+        """It came since the last `look`."""
+        self._scan_ns: int | None = None
+        self._scan_boot_us: int | None = None
+
+    @property
+    def boot_time_ms(self) -> int:
+        """The vehicle's clock at its latest attitude."""
+        return self.estimator.boot_time_ms
+
+    @property
+    def present(self) -> VehicleState:
+        """The state, where the telemetry is fresh: after a reboot no attitude may have come since the position."""
+        state = self.state or self.estimator.state()
+        assert state is not None
+        return state
+
+    def take(self, report: Report, now_ns: int) -> bool:
+        """Take a report in; whether it calls for a control step."""
+        match report:
+            case AttitudeReport():
+                self.estimator.attitude(report, now_ns)
+                return True
+            case PositionReport():
+                self.estimator.position(report, now_ns)
+            case Scan():
+                self._take_scan(report, now_ns)
+            case RepeatedAttitude():
+                return True
+            case Rebooted():
+                self.estimator.restart()
+        return False
+
+    def _take_scan(self, scan: Scan, now_ns: int) -> None:
+        """A scan that knows nothing, or the same one again, is none: the last one grows stale."""
+        if scan.known.any() and scan.boot_time_us != self._scan_boot_us:
+            self._scan, self._scan_ns, self._scan_boot_us = scan, now_ns, scan.boot_time_us
+
+    def update(self) -> VehicleState | None:
+        """The state at the attitude that has just come."""
+        self.state = self.estimator.state()
+        return self.state
+
+    def look(self) -> tuple[Scan, Pose] | None:
+        """The scan that came since the last call, with position (3,) and attitude (4,) at its own time."""
+        scan, self._scan = self._scan, None
+        pose = None if scan is None or self.state is None else self.estimator.pose_at(scan.boot_time_us)
+        return None if scan is None or pose is None else (scan, pose)
+
+    def scan_age(self, now_ns: int) -> float:
+        """s since the latest scan arrived; inf before the first."""
+        return math.inf if self._scan_ns is None else (now_ns - self._scan_ns) * 1e-9
+
+    def report(self, now_ns: int, map_age: float) -> SensingReport:
+        """Ages; the surroundings are as old as the latest scan or as the map (s), whichever is older."""
+        age_ns = self.estimator.age_ns(now_ns)
+        return SensingReport(
+            telemetry_age=math.inf if age_ns is None else age_ns * 1e-9,
+            scan_age=max(self.scan_age(now_ns), map_age) if self._needs_scan else 0.0,
+            has_state=self.state is not None,
+        )

@@ -1,0 +1,85 @@
+"""What the operator asks for and what fails around the autopilot."""
+
+from dataclasses import dataclass
+
+from companion.config import Supervision
+from companion.state import Announcement, Setpoint, Severity
+from companion.supervision.gate import unsound
+
+
+@dataclass(frozen=True, slots=True)
+class LandRequest:
+    """The operator asks for a landing."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class LogFault:
+    """The flight log can't be written."""
+
+    time_ns: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class LogRecovered:
+    """The flight log is written again."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerFault:
+    """The planner will answer no more requests."""
+
+    time_ns: int
+    text: str
+
+
+Operation = LandRequest | LogFault | LogRecovered | PlannerFault
+
+
+class OwnReport:
+    """What the companion knows of itself and of its operator, from one look at the health to the next."""
+
+    def __init__(self, settings: Supervision) -> None:
+        self._overrun_ns = settings.overrun * 1e9
+        self.unsound_output: str | None = None
+        """What was wrong with the setpoint that the gate held back last."""
+        self.overrun_ns = 0
+        """How late the loop was, if that was too late."""
+        self.land_requested = False
+        self.log_fault: str | None = None
+
+    def take(self, event: Operation) -> Announcement | None:
+        """Take an event in; what is to be said of it."""
+        match event:
+            case LandRequest():
+                self.land_requested = True
+            case LogFault():
+                first, self.log_fault = self.log_fault is None, event.text
+                return Announcement(Severity.CRITICAL, f"the flight log fails: {event.text}") if first else None
+            case LogRecovered():
+                self.log_fault = None
+                return Announcement(Severity.NOTICE, "the flight log is written again")
+            case PlannerFault():
+                return Announcement(Severity.CRITICAL, f"no map any more: {event.text}")
+        return None
+
+    def passes(self, setpoint: Setpoint) -> bool:
+        """The last gate: a setpoint that is not sound must stay here."""
+        reason = unsound(setpoint)
+        if reason is not None:
+            self.unsound_output = reason
+        return reason is None
+
+    def ticked(self, late_ns: int) -> None:
+        """A tick of the loop was so late."""
+        if late_ns > self._overrun_ns:
+            self.overrun_ns = late_ns
+
+    def begin(self) -> None:
+        """The health was looked at: forget what concerned the time before."""
+        self.unsound_output = None
+        self.overrun_ns = 0

@@ -1,0 +1,39 @@
+"""The states of a flight as the supervisor tells them apart."""
+
+from enum import IntEnum
+
+from companion.state import FlightMode, VehicleRequest
+
+
+class State(IntEnum):
+    """The numbers go into the log."""
+
+    FIND = 0
+    CHECK = 1
+    STREAM = 2
+    ENGAGE = 3
+    ARM = 4
+    FLY = 5
+    HOLD = 6
+    WITHDRAW = 7
+    LAND = 8
+    RELEASED = 9
+    ENDED = 10
+    RELINQUISHED = 11
+
+
+STREAMING = frozenset({State.STREAM, State.ENGAGE, State.ARM, State.FLY, State.HOLD, State.RELINQUISHED})
+"""States in which setpoints are sent."""
+FLYING = frozenset({State.FLY, State.HOLD, State.WITHDRAW, State.LAND, State.RELINQUISHED})
+"""States between arming and the end in which the companion answers for the vehicle, or is ready to."""
+
+COMMANDED = {State.WITHDRAW: FlightMode.HOLD, State.LAND: FlightMode.LAND}
+"""The mode that a state asks the vehicle for, until the vehicle was in it once."""
+REQUESTS = {
+    State.CHECK: VehicleRequest.VERSION,
+    State.ENGAGE: VehicleRequest.EXTERNAL_CONTROL,
+    State.ARM: VehicleRequest.ARM,
+    State.WITHDRAW: VehicleRequest.HOLD,
+    State.LAND: VehicleRequest.LAND,
+}
+"""What a state asks the vehicle for."""
