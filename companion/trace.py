@@ -40,7 +40,7 @@ def pack(
     free: float,
     verdict: Verdict | None,
 ) -> bytes:
-    """The payload of one TRACE record; `control` is what `Cascade.obey` returned, `free` the way (m) seen free, and
+    """The payload of one TRACE record; `control` is what the controller returned, `free` the way (m) seen free, and
     `verdict` the guard's, None where it was not asked."""
     reason, change = (Reason.NONE, 0.0) if verdict is None else (verdict.reason, verdict.changed)
     return b"".join(

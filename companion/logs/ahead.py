@@ -48,7 +48,7 @@ def worth_it(log: LogReader) -> bool:
 
 
 class Ahead:
-    """A `planning.Thinker` whose `take` waits as long as it takes, and raises DivergedError."""
+    """A `PlannerBackend` whose `take` waits as long as it takes, and raises DivergedError."""
 
     fault: str | None = None
 

@@ -133,9 +133,9 @@ def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: PlannerProcess)
 def test_the_planner_ends_with_its_companion() -> None:
     """Killed, so that it can't say anything to anybody."""
     text = (
-        "import time; from companion.config import Avoidance; from companion.runtime.planning import Elsewhere\n"
+        "import time; from companion.config import Avoidance; from companion.runtime.planning import PlannerProcess\n"
         "if __name__ == '__main__':\n"
-        "    print(Elsewhere(Avoidance(method='vfh')).pid, flush=True); time.sleep(600)\n"
+        "    print(PlannerProcess(Avoidance(method='vfh')).pid, flush=True); time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True) as companion:
         assert companion.stdout is not None
