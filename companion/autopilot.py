@@ -90,7 +90,7 @@ class Autopilot:
         reference, ahead = map(guidance.reference, self.controller.reference_times(now))
         mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
         airborne = supervised in FLYING and not self.link.on_ground
-        measured_ns = self.link.measured_ns(self.sensing.boot_time_ms, now)
+        measured_ns = self.link.measured_ns(self.sensing.estimator.boot_time_ms, now)
         acceleration = self.controller.wish(state, now, measured_ns, reference, mass, airborne)
         verdict = None
         if self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):
@@ -103,7 +103,7 @@ class Autopilot:
             self.controller.idle(control)
         setpoint = self.controller.setpoint(control)
         if self.own.passes(setpoint):
-            self.link.command(setpoint, self.sensing.boot_time_ms)
+            self.link.command(setpoint, self.sensing.estimator.boot_time_ms)
         step = supervised, navigator.phase, navigator.step_index
         return pack(*step, state, reference, control, limited, guidance.decision, guidance.free_distance, verdict)
 
@@ -117,6 +117,7 @@ class Autopilot:
             self._say(outcome)
         elif leg.step.target_ned is not None:
             arrival = navigator.advance(guidance.steer(leg, state, now), state, now)
+        if arrival is not Arrival.NOT_YET:
             guidance.arrive(arrival, leg, now)
         if arrival is Arrival.DONE:
             self._say(navigator.next_step(now))
@@ -125,8 +126,8 @@ class Autopilot:
     def _tick(self, tick: Tick) -> PlanRequest | None:
         """The surroundings, and supervision."""
         self.own.ticked(tick.late_ns)
-        request = self._look_around(tick.time_ns)
-        if self.supervisor.due(tick.time_ns):
+        request = self._look_around(tick.time_ns) if self._plan or self.sensing.scan else None
+        if tick.time_ns >= self.supervisor.due_ns:
             self._supervise(tick.time_ns)
         return request
 

@@ -22,6 +22,8 @@ class Estimator:
     def __init__(self) -> None:
         self._attitude: AttitudeReport | None = None
         self._position: PositionReport | None = None
+        self.boot_time_ms = 0
+        """The vehicle's clock at its latest attitude."""
         self._attitude_ns = 0
         self._position_ns = 0
         self._poses: deque[tuple[int, Array, Array]] = deque(maxlen=_POSES_KEPT)
@@ -31,6 +33,7 @@ class Estimator:
         if self._attitude is not None and _later_ms(report.boot_time_ms, self._attitude.boot_time_ms) < 0:
             return False
         self._attitude = report
+        self.boot_time_ms = report.boot_time_ms
         self._attitude_ns = time_ns
         return True
 
@@ -45,7 +48,7 @@ class Estimator:
         return True
 
     def restart(self) -> None:
-        """Forget everything: the vehicle has started anew, and its clock with it."""
+        """Forget everything: the vehicle has rebooted, and its clock begins again."""
         self.__init__()  # type: ignore[misc]
 
     def age_ns(self, now_ns: int) -> int | None:
@@ -53,11 +56,6 @@ class Estimator:
         if self._attitude is None or self._position is None:
             return None
         return now_ns - min(self._attitude_ns, self._position_ns)
-
-    @property
-    def boot_time_ms(self) -> int:
-        """The vehicle's clock at its latest attitude."""
-        return self._attitude.boot_time_ms if self._attitude is not None else 0
 
     def state(self) -> VehicleState | None:
         """The state at the latest attitude, the position carried there by its velocity; None before both have come."""

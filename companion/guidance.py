@@ -64,7 +64,8 @@ class Guidance:
         """m/s, north and east: what the course takes up."""
         self._steer_at_ns = 0
         self._way = NO_WAY
-        self._free = math.inf
+        self.free_distance = math.inf
+        """m of the way that is seen free; inf where none is flown over the map."""
         self.method = methods.choose(avoidance)
         self._returns = RecentReturns(avoidance.memory_s, avoidance.grain)
         self._asked = 0
@@ -75,11 +76,6 @@ class Guidance:
     def durations(self) -> tuple[float | None, ...]:
         """s that the track of each step of the mission takes; None for a step without one."""
         return tuple(None if track is None else track.duration_s for track in self._tracks)
-
-    @property
-    def free_distance(self) -> float:
-        """m of the way that is seen free; inf where none is flown over the map."""
-        return self._free if self._course.active else math.inf
 
     # -- begin and end -------------------------------------------------------------------------------------------------
 
@@ -121,17 +117,16 @@ class Guidance:
     def steer(self, leg: Leg, state: VehicleState, now_ns: int) -> MotionReport:
         """Move the reference along the leg, which has a target."""
         generator, step = self._generator, leg.step
-        over_map = False
+        following, over_map = generator.following, False
         if self._jumps and step.phase is not Phase.TAKEOFF:
             assert step.target_ned is not None
             generator.place(step.target_ned)
-        elif not generator.following:
+        elif not following:
             if self.over_map and step.avoids and not self._arrives(step, state):
                 over_map = self._steer_over_map(leg, state, now_ns)
             else:
                 self._leave_course(now_ns)
                 self._move_straight(leg, state, now_ns)
-        following = generator.following
         track = None if following else self._track_to_join(leg)
         return MotionReport(
             following,
@@ -213,7 +208,7 @@ class Guidance:
         if leg.waits:
             wanted, speed = np.zeros(2), 0.0
         limit = self._guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
-        self._free = limit.free
+        self.free_distance = limit.free
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)
         if speed > _TURN_SPEED:
@@ -232,6 +227,7 @@ class Guidance:
             return
         motion = self.reference(now_ns)
         self._course.stop()
+        self.free_distance = math.inf
         braking = self._settings.avoidance.guard.braking
         self._generator.carry_on(now_ns, motion.position_ned, motion.velocity_ned, motion.acceleration_ned, braking)
 

@@ -15,15 +15,10 @@ class Sensing:
         self.state: VehicleState | None = None
         """At the latest attitude; None before both position and attitude have come."""
         self._needs_scan = needs_scan
-        self._scan: Scan | None = None
-        """It came since the last `look`."""
+        self.scan: Scan | None = None
+        """The latest, if it came since the last `look`."""
         self._scan_ns: int | None = None
         self._scan_boot_us: int | None = None
-
-    @property
-    def boot_time_ms(self) -> int:
-        """The vehicle's clock at its latest attitude."""
-        return self.estimator.boot_time_ms
 
     @property
     def present(self) -> VehicleState:
@@ -51,7 +46,7 @@ class Sensing:
     def _take_scan(self, scan: Scan, now_ns: int) -> None:
         """A scan that knows nothing, or the same one again, is none: the last one grows stale."""
         if scan.known.any() and scan.boot_time_us != self._scan_boot_us:
-            self._scan, self._scan_ns, self._scan_boot_us = scan, now_ns, scan.boot_time_us
+            self.scan, self._scan_ns, self._scan_boot_us = scan, now_ns, scan.boot_time_us
 
     def update(self) -> VehicleState | None:
         """The state at the attitude that has just come."""
@@ -60,7 +55,7 @@ class Sensing:
 
     def look(self) -> tuple[Scan, Pose] | None:
         """The scan that came since the last call, with position (3,) and attitude (4,) at its own time."""
-        scan, self._scan = self._scan, None
+        scan, self.scan = self.scan, None
         pose = None if scan is None or self.state is None else self.estimator.pose_at(scan.boot_time_us)
         return None if scan is None or pose is None else (scan, pose)
 

@@ -11,7 +11,7 @@ from companion.events import Datagram, Event, Reaction
 from companion.mission import plan as missions
 from companion.mission.plan import Mission
 from companion.records import TRACE
-from companion.runtime.driver import Driver
+from companion.runtime.driver import Driver, nobody
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
 from companion.state import Output
 from protocol import toml_files as toml_files
@@ -52,18 +52,27 @@ class Joined:
         settings = load_settings(None, list(self.overrides))
         body = load_body(self.mission.vehicle) if self.airframe is None else self.airframe.body
         self.autopilot = Autopilot(settings, body, self.mission, self.output)
-        self.planner = InProcessPlanner(settings.avoidance)
-        self.fly_with(self.planner)
         frame = self.airframe or Airframe.load(
             toml_files.find("vehicles", self.mission.vehicle), self.vehicle_overrides
         )
         world = World.load(toml_files.find("worlds", self.mission.world), self.world_overrides)
         self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=True)
+        self.planner = InProcessPlanner(settings.avoidance)
+        self.fly_with(self.planner)
 
     def fly_with(self, planner: PlannerBackend) -> None:
         """Let another planner answer from now on."""
         planning = Planning(planner, self.autopilot.settings.avoidance.answer_delay)
-        self._driver = Driver(self.autopilot, planning, self._keep_event, self._keep_reaction)
+        said, traces, ticks, vehicle = self.said, self.traces, self.trace_ticks, self.vehicle
+
+        def keep(event: Event, reaction: Reaction) -> None:  # without `self`, which would be a cycle of references
+            said.extend(f"{event.time_ns * 1e-9:.2f} {each.text}" for each in reaction.announcements)
+            if reaction.trace is not None:
+                traces.append(reaction.trace)
+                ticks.append(vehicle.tick)
+
+        before = self.events.append if self.remembers else nobody
+        self._driver = Driver(self.autopilot, planning, before, keep)
 
     def tick(self) -> None:
         """4 ms."""
@@ -79,16 +88,6 @@ class Joined:
             if self.remembers:
                 self.sent.append(answer)
             self.vehicle.receive(answer)
-
-    def _keep_event(self, event: Event) -> None:
-        if self.remembers:
-            self.events.append(event)
-
-    def _keep_reaction(self, event: Event, reaction: Reaction) -> None:
-        self.said += [f"{event.time_ns * 1e-9:.2f} {each.text}" for each in reaction.announcements]
-        if reaction.trace is not None:
-            self.traces.append(reaction.trace)
-            self.trace_ticks.append(self.vehicle.tick)
 
     def fly(self, limit_s: float = 400.0, until: Callable[["Joined"], bool] = lambda joined: False) -> "Joined":
         """Until the companion has ended, or `until` holds, at most `limit_s` of simulated time."""

@@ -5,7 +5,7 @@ No I/O and no clock: time is an argument.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,6 @@ from companion.reports import (
     AttitudeReport,
     CommandReport,
     LinkReport,
-    PositionReport,
     Rebooted,
     RepeatedAttitude,
     Report,
@@ -72,6 +71,8 @@ class VehicleLink:
         self.peer: Peer | None = None
         self.firmware: Firmware | None = None
         self.status = VehicleStatus(FlightMode.OTHER, False, False)
+        self.on_ground = False
+        """The vehicle says that it stands on the ground."""
         self.refused_messages = 0
         self.framer = Framer()
         self._settings = settings
@@ -81,7 +82,6 @@ class VehicleLink:
         self._requests = Requests(settings.supervision)
         self._rates = MessageRates(_needed(settings), settings.rates.least_share)
         self._version: int | None = None
-        self._landed: int = dialect.MAV_LANDED_STATE_UNDEFINED
         self._prearm_ok = True
         self._sectors = SectorScans()
         self._whole_scans = False
@@ -94,9 +94,9 @@ class VehicleLink:
         self._next_beat_ns = 0
         self._outbox: list[bytes] = []
         self._handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
-            _ATTITUDE_QUATERNION: self._on_attitude,
+            _ATTITUDE_QUATERNION: wire.attitude_quaternion,
+            dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: wire.local_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_euler_attitude,
-            dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._on_position,
             _OBSTACLE_DISTANCE: self._on_obstacle_distance,
             dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
@@ -110,13 +110,13 @@ class VehicleLink:
 
     # -- datagrams in, reports out -------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, now_ns: int, *, whole: bool) -> Iterator[Report | Announcement]:
-        """The reports of one datagram (`whole`) or of a piece of a byte stream, and what the vehicle says, each as soon
-        as it is read.
+    def receive(self, data: bytes, now_ns: int, *, whole: bool) -> list[Report | Announcement]:
+        """The reports of one datagram (`whole`) or of a piece of a byte stream, and what the vehicle says, in order.
 
-        An answer to a message goes into the outbox before the next message is read. Raises nothing for any bytes.
+        What is to be answered goes into the outbox. Raises nothing for any bytes.
         """
         frames = self.framer.datagram(data) if whole else self.framer.feed(data)
+        reports: list[Report | Announcement] = []
         handlers, count = self._handlers, self._rates.count
         for frame in frames:
             message_id = frame.message_id
@@ -132,14 +132,14 @@ class VehicleLink:
                 continue
             message: Any = decode(frame)
             if message_id == _ATTITUDE_QUATERNION and peer.observe_boot_time(message.time_boot_ms, now_ns):
-                yield Rebooted()
-                yield self._complain(Severity.ERROR, "the vehicle rebooted")
+                reports += Rebooted(), self._complain(Severity.ERROR, "the vehicle rebooted")
             try:
                 report = handler(message, now_ns)
             except wire.RefusedError as refused:
                 report = self._refuse(str(refused), now_ns)
             if report is not None:
-                yield report
+                reports.append(report)
+        return reports
 
     def _find(self, frame: Frame) -> None:
         """Take the sender for the vehicle if this is the heartbeat of an autopilot that is known."""
@@ -167,14 +167,8 @@ class VehicleLink:
         self._refusal = text
         return self._complain(Severity.WARNING, f"telemetry refused: {text}") if self.refused_messages == 1 else None
 
-    def _on_attitude(self, message: Any, now_ns: int) -> AttitudeReport:
-        return wire.attitude_quaternion(message)
-
     def _on_euler_attitude(self, message: Any, now_ns: int) -> AttitudeReport | RepeatedAttitude:
         return RepeatedAttitude() if self._rates.ever(_ATTITUDE_QUATERNION) else wire.attitude(message)
-
-    def _on_position(self, message: Any, now_ns: int) -> PositionReport:
-        return wire.local_position(message)
 
     def _on_obstacle_distance(self, message: Any, now_ns: int) -> Scan:
         scan = wire.obstacle_distance(message, now_ns)
@@ -198,7 +192,7 @@ class VehicleLink:
         )
 
     def _on_extended_state(self, message: Any, now_ns: int) -> None:
-        self._landed = message.landed_state
+        self.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
 
     def _on_sys_status(self, message: Any, now_ns: int) -> None:
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
@@ -235,11 +229,6 @@ class VehicleLink:
         return Traffic(*counts)
 
     # -- what is known of the vehicle ----------------------------------------------------------------------------------
-
-    @property
-    def on_ground(self) -> bool:
-        """The vehicle says that it stands on the ground."""
-        return self._landed == _ON_GROUND
 
     def measured_ns(self, boot_time_ms: int, now_ns: int) -> int:
         """When telemetry with this time was measured, on the companion's clock: now while the vehicle's clock is not

@@ -41,7 +41,7 @@ def _vector(name: str, limit: float, x: float, y: float, z: float) -> Array:
     return np.array((x, y, z))
 
 
-def attitude_quaternion(message: Any) -> AttitudeReport:
+def attitude_quaternion(message: Any, time_ns: int = 0) -> AttitudeReport:
     """ATTITUDE_QUATERNION (31)."""
     w, x, y, z = message.q1, message.q2, message.q3, message.q4
     square = w * w + x * x + y * y + z * z
@@ -59,7 +59,7 @@ def attitude(message: Any) -> AttitudeReport:
     return AttitudeReport(message.time_boot_ms, from_euler(angles[0], angles[1], angles[2]), rates)
 
 
-def local_position(message: Any) -> PositionReport:
+def local_position(message: Any, time_ns: int = 0) -> PositionReport:
     """LOCAL_POSITION_NED (32)."""
     return PositionReport(
         message.time_boot_ms,

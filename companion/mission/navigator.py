@@ -65,6 +65,10 @@ class Navigator:
         self.steps: tuple[Step, ...] = ()
         """Known from the place of the start on (`begin`)."""
         self.step_index = 0
+        self.step: Step
+        """The present one."""
+        self.phase = Phase.PREPARE
+        """Of the present step; PREPARE before the start, DONE after the end."""
         self.released = False
         """The parcel is delivered."""
         self.ground_down = 0.0
@@ -74,8 +78,9 @@ class Navigator:
         self._search = AltitudeSearch(settings.avoidance.heights)
         self._trail = Trail()
         self._progress = Progress()
+        self._leg: Leg | None = None
+        """As it was said last, until anything about it may have changed."""
         self._gave_up = False
-        self._ended = False
         self._step_since_ns = 0
         self._arrived_ns: int | None = None
         self._paused_ns = 0
@@ -86,27 +91,27 @@ class Navigator:
         """The vehicle stands at the place (3,) of the start."""
         self.ground_down = float(start_ned[2])
         self.steps = steps(self.mission, start_ned)
+        self._enter(0)
 
-    @property
-    def step(self) -> Step:
-        """The present one."""
-        return self.steps[self.step_index]
-
-    @property
-    def phase(self) -> Phase:
-        """Of the present step; PREPARE before the start, DONE after the end."""
-        if self._ended:
-            return Phase.DONE
-        return self.step.phase if self.steps else Phase.PREPARE
+    def _enter(self, index: int) -> None:
+        self.step_index = index
+        self.step = self.steps[index]
+        self.phase = self.step.phase
+        self._leg = None
 
     def end(self) -> None:
         """Nothing more is flown."""
-        self._ended = True
+        self.phase = Phase.DONE
 
     def leg(self, position_ned: Array) -> Leg:
         """What is to be flown now, from a place (3,)."""
-        search, speed = self._search, self.mission.speed
-        return Leg(self.step, self.step_index, self._goal(position_ned), search.slowed(speed), search.busy)
+        leg = self._leg
+        if leg is None:
+            step, search, speed = self.step, self._search, self.mission.speed
+            leg = Leg(step, self.step_index, self._goal(position_ned), search.slowed(speed), search.busy)
+            if step.target_ned is not None:  # otherwise the goal is wherever the vehicle is
+                self._leg = leg
+        return leg
 
     def _goal(self, position_ned: Array) -> Array:
         target = self.step.target_ned
@@ -136,6 +141,7 @@ class Navigator:
         self._arrived_ns = None
         self._progress = Progress()
         self._search.begin()
+        self._leg = None
 
     def report(self, now_ns: int, *, flying: bool) -> MissionReport:
         """How far the mission is; a step is overdue only while the companion is `flying`."""
@@ -160,6 +166,7 @@ class Navigator:
         if motion.over_map and self._search.busy:
             speed = math.hypot(*state.velocity_ned[:2].tolist())
             self._search.advance(float(position[2]), speed, now_ns)
+            self._leg = None
         if motion.following:
             return Arrival.DONE if motion.rests else Arrival.NOT_YET
         settings = self._settings.trajectory
@@ -200,7 +207,7 @@ class Navigator:
     def next_step(self, now_ns: int) -> Announcement:
         """Go on to the next step."""
         self._search.next_leg(stopped=not self.step.passes)
-        self.step_index += 1
+        self._enter(self.step_index + 1)
         self._step_since_ns = now_ns
         self._arrived_ns = None
         text = f"{self.step.phase.name.lower()}, step {self.step_index + 1} of {len(self.steps)}"
@@ -228,6 +235,7 @@ class Navigator:
         assert target is not None
         place = Place(position_ned, float(target[2]), self.ground_down - settings.lowest)
         change = self._search.consider(detour, stuck, place, now_ns)
+        self._leg = None
         if change is None:
             return None
         self._progress = Progress()
@@ -244,6 +252,7 @@ class Navigator:
         text = f"no progress for {self._settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
         self._gave_up = True
         self._search.forbid()
+        self._leg = None
         rest = (*back, Step(Phase.LAND))
         self.steps = self.steps[: self.step_index + 1] + rest
         self._durations = self._durations[: self.step_index + 1] + (None,) * len(rest)

@@ -19,12 +19,8 @@ class Plans(Protocol):
         """The next result that counts by now; to be called until there is none."""
 
 
-def _unobserved_event(event: Event) -> None:
-    """Nobody looks on."""
-
-
-def _unobserved_reaction(event: Event, reaction: Reaction) -> None:
-    """Nobody looks on."""
+def nobody(*_: object) -> None:
+    """Looks on where nobody else does."""
 
 
 class Driver:
@@ -34,8 +30,8 @@ class Driver:
         self,
         autopilot: Autopilot,
         plans: Plans,
-        before: Callable[[Event], None] = _unobserved_event,
-        after: Callable[[Event, Reaction], None] = _unobserved_reaction,
+        before: Callable[[Event], None] = nobody,
+        after: Callable[[Event, Reaction], None] = nobody,
     ) -> None:
         self.autopilot = autopilot
         self._plans = plans

@@ -19,19 +19,14 @@ class Supervisor:
         self._since_ns: int | None = None
         self.fault: str | None = None
         """The first fault, in words; None for a flight without."""
-        self._due_ns = 0
+        self.due_ns = 0
+        """When the health is to be looked at next."""
         self._mode_reached = False
         """The vehicle was in the mode that the present state commands."""
 
-    def due(self, now_ns: int) -> bool:
-        """It is time to look at the health again."""
-        if now_ns < self._due_ns:
-            return False
-        self._due_ns = now_ns + _PERIOD_NS
-        return True
-
     def update(self, health: Health, now_ns: int) -> Announcement | None:
         """Take the first row that fits, if any, and say so."""
+        self.due_ns = now_ns + _PERIOD_NS
         if self._since_ns is None:
             self._since_ns = now_ns
         seconds = (now_ns - self._since_ns) * 1e-9
