@@ -6,8 +6,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from protocol.flightlog import DATAGRAM, HEADER, LENGTH_OF_EMPTY, Direction, FlightLogError, RecordType
-from protocol.flightlog.recorder import CHUNK_BYTES, McapFile, Messages
+from protocol.flightlog import DATAGRAM, Direction, FlightLogError, RecordType
+from protocol.flightlog.mavlink_records import MessageWriter
+from protocol.flightlog.mcap_file import CHUNK_BYTES, McapFile
+from protocol.flightlog.mcap_format import message_record
 
 
 class Writer:
@@ -26,7 +28,7 @@ class Writer:
             self._file = McapFile(path)
         except OSError as error:
             raise FlightLogError(f"{path}: {error.strerror or error}") from error
-        self._messages = Messages(self._file, preserves_datagrams=True)
+        self._messages = MessageWriter(self._file, preserves_datagrams=True)
         with self._all_or_nothing():
             self._file.add_metadata("flightlog", {"version": "1", "epoch_ns": str(epoch_ns)})
             for name, table in metadata.items():
@@ -65,8 +67,7 @@ class Writer:
         if channel is None:
             channel = self._channels[kind.topic] = self._file.add_channel(kind)
         log_time = self._epoch_ns + time_ns
-        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), channel, sequence, log_time, log_time)
-        self._file.add_message(channel, log_time, header + data)
+        self._file.add_message(channel, log_time, message_record(channel, sequence, log_time, data))
         self.count += 1
         if self._file.pending_bytes >= CHUNK_BYTES:
             with self._all_or_nothing():
