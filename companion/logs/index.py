@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from companion.logs.info import Info, info
-from companion.logs.recordings import is_drawn, printable
+from companion.logs.recordings import is_export, printable
 from companion.logs.target import DRAFTS, output
 from companion.logs.traffic import open_traffic
 from companion.records import TRACE
@@ -86,7 +86,7 @@ def _logs(folder: Path) -> Iterator[Path]:
     for path in sorted(folder.rglob("*")):
         with contextlib.suppress(OSError):
             draft = any(part.startswith(DRAFTS) for part in path.relative_to(folder).parts)
-            if path.suffix in _SUFFIXES and not draft and path.is_file() and not is_drawn(path):
+            if path.suffix in _SUFFIXES and not draft and path.is_file() and not is_export(path):
                 yield path
 
 
