@@ -13,6 +13,7 @@ from protocol.messages import dialect, layout
 
 _MOST_TOPICS: Final = 4096
 """Noise that looks like frames must not use up the file's channels, nor the memory."""
+_pack_header = MESSAGE_HEADER.pack
 
 
 class _Target(NamedTuple):
@@ -97,8 +98,7 @@ class MessageWriter:
                 payload = payload.ljust(size, b"\0")[:size]
             if convert is not None:
                 payload = convert(payload)
-            length = EMPTY_MESSAGE_LENGTH + len(payload)
-            header = MESSAGE_HEADER.pack(5, length, channel, sequence, log_time, log_time)
+            header = _pack_header(5, EMPTY_MESSAGE_LENGTH + len(payload), channel, sequence, log_time, log_time)
             self._file.add_message(channel, log_time, header + payload)
 
     def _new_target(self, message_id: int, system: int, component: int, known: bool) -> _Target:

@@ -30,6 +30,7 @@ SCALARS = {
 """Names of scalar types in ROS 1, with the code of each in `struct`."""
 VARIABLE = -1
 """Length of a field that is an array of any number of values."""
+_pack_length, _unpack_length = UINT32.pack, UINT32.unpack_from
 _MAX_RECORD_BYTES = 1 << 24
 """Most bytes in the fields of fixed size; a definition that asks for more is refused as damaged."""
 
@@ -157,7 +158,7 @@ class RecordType:
             position += 1
             if part.kind == "string":
                 value = value.encode()
-            packed.append(UINT32.pack(len(value)))
+            packed.append(_pack_length(len(value)))
             if not isinstance(value, bytes):
                 value = struct.pack(f"<{len(value)}{SCALARS[part.kind]}", *value)
             packed.append(value)
@@ -177,7 +178,7 @@ class RecordType:
                     values[name] = found[place]
                 position += part.layout.size
                 continue
-            (count,) = UINT32.unpack_from(data, position)
+            (count,) = _unpack_length(data, position)
             position += 4
             code = "s" if part.kind in ("string", "uint8") else SCALARS[part.kind]
             value: Any = struct.unpack_from(f"<{count}{code}", data, position)

@@ -19,8 +19,6 @@ import time
 from pathlib import Path
 from typing import Final
 
-import msgspec
-
 from protocol.flightlog.console import Console
 from protocol.flightlog.mavlink_records import MessageWriter
 from protocol.flightlog.mcap_file import CHUNK_BYTES, McapFile
@@ -39,6 +37,7 @@ from protocol.flightlog.shared_buffer import (
     WRITTEN,
     BufferReader,
     Setup,
+    decode_metadata,
 )
 
 _POLL_MS: Final = 5
@@ -140,7 +139,7 @@ class Recorder:
             if self._setup.console:
                 self._console.status(data.decode(errors="replace"))
             return
-        name, table = msgspec.msgpack.decode(data, type=tuple[str, dict[str, str]])
+        name, table = decode_metadata(data)
         self._end_chunk()
         try:
             self._file.add_metadata(name, table)
@@ -226,7 +225,7 @@ def main() -> None:
     os.close(int(sys.argv[1]))
     with os.fdopen(os.dup(0), "rb") as pipe:
         size = int.from_bytes(pipe.read(8), "little")
-        setup = msgspec.msgpack.decode(pipe.read(size), type=Setup)
+        setup = Setup.decode(pipe.read(size))
     try:
         recorder = Recorder(memory, setup, create(setup))
     except FlightLogError as error:

@@ -6,15 +6,16 @@ never wrap. The text of a fault follows, then the records, each an MCAP message 
 
 A record is never split. One that doesn't fit before the buffer's end starts again at its beginning, and a zero byte
 marks the gap. There are spare bytes behind the end, so that a header can be read at any place.
+
+msgspec is imported where it is needed: a log can be read without it.
 """
 
 import mmap
 import os
 import time
-from collections.abc import Callable, Iterator
-from typing import Final
-
-import msgspec
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final, Self
 
 from protocol.flightlog.mcap_format import EMPTY_MESSAGE_LENGTH, MESSAGE_HEADER, RECORD_HEADER
 
@@ -39,9 +40,11 @@ METADATA_CHANNEL, STATUS_CHANNEL = 0xFFFE, 0xFFFF
 """Requests to the recorder. They go through the buffer but are no messages of the file."""
 
 _POLL_S: Final = 0.0002
+_pack_header = MESSAGE_HEADER.pack
 
 
-class Setup(msgspec.Struct, frozen=True):
+@dataclass(frozen=True, slots=True)
+class Setup:
     """What the recorder is told at its start, through a pipe that stays open as long as the flying process lives."""
 
     folder: str
@@ -53,6 +56,33 @@ class Setup(msgspec.Struct, frozen=True):
     console: bool
     minimum_free_bytes: int
     preserves_datagrams: bool
+
+    def encode(self) -> bytes:
+        """For the pipe."""
+        import msgspec
+
+        return msgspec.msgpack.encode(self)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """What `encode` made."""
+        import msgspec
+
+        return msgspec.msgpack.decode(data, type=cls)
+
+
+def encode_metadata(name: str, table: Mapping[str, str]) -> bytes:
+    """Data of a record on METADATA_CHANNEL."""
+    import msgspec
+
+    return msgspec.msgpack.encode((name, dict(table)))
+
+
+def decode_metadata(data: bytes) -> tuple[str, dict[str, str]]:
+    """Name and table of what `encode_metadata` made."""
+    import msgspec
+
+    return msgspec.msgpack.decode(data, type=tuple[str, dict[str, str]])
 
 
 def allocate(size: int) -> tuple[int, mmap.mmap]:
@@ -93,7 +123,7 @@ class BufferWriter:
         """Append a record; where it is dropped, the sequence has a gap."""
         self._sequence = sequence = (self._sequence + 1) & 0xFFFF_FFFF
         log_time = self._epoch_ns + time_ns
-        record = MESSAGE_HEADER.pack(5, EMPTY_MESSAGE_LENGTH + len(data), channel, sequence, log_time, log_time) + data
+        record = _pack_header(5, EMPTY_MESSAGE_LENGTH + len(data), channel, sequence, log_time, log_time) + data
         head = self._head
         start = head & self._mask
         gap = self._size - start

@@ -11,8 +11,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Literal, Self
 
-import msgspec
-
 from protocol.flightlog import shared_buffer
 from protocol.flightlog.mcap_format import FILE_NAME, UINT32, Direction, FlightLogError
 from protocol.flightlog.record_types import TEXT, RecordType
@@ -44,6 +42,7 @@ _GIVE_UP_NS: Final = 10 * _STALLED_NS
 _CLOSE_TIMEOUT_S: Final = 60.0
 _MOST_ADDRESSES: Final = 256
 """Addresses whose encoding is kept: strangers may speak from any number of ports."""
+_pack_length = UINT32.pack
 
 
 class FlightLog:
@@ -66,7 +65,6 @@ class FlightLog:
         finally:
             os.close(memory)
         self._buffer = BufferWriter(mapping, setup.epoch_ns, waits=waits, is_lost=self._is_lost)
-        self._put = self._buffer.put
         self._words = self._buffer.words
         self._epoch_ns = setup.epoch_ns
         self._channels = {kind: FIRST_CHANNEL + index for index, kind in enumerate(types)}
@@ -112,7 +110,7 @@ class FlightLog:
     def _start(self, setup: Setup) -> None:
         pipe, answers = self._process.stdin, self._process.stdout
         assert pipe is not None and answers is not None
-        text = msgspec.msgpack.encode(setup)
+        text = setup.encode()
         with contextlib.suppress(BrokenPipeError):
             pipe.write(len(text).to_bytes(8, "little") + text)
             pipe.flush()
@@ -152,22 +150,22 @@ class FlightLog:
             if len(self._prefixes) >= _MOST_ADDRESSES:
                 self._prefixes.clear()
             name = address.encode()
-            prefix = self._prefixes[direction, address] = bytes([direction]) + UINT32.pack(len(name)) + name
-        self._put(DATAGRAM_CHANNEL, time_ns, prefix + UINT32.pack(len(data)) + data)
+            prefix = self._prefixes[direction, address] = bytes([direction]) + _pack_length(len(name)) + name
+        self._buffer.put(DATAGRAM_CHANNEL, time_ns, prefix + _pack_length(len(data)) + data)
 
     def record(self, record_type: RecordType, time_ns: int, payload: bytes) -> None:
         """Record `payload`, made by `record_type.pack`, on that type's topic. KeyError if `open` wasn't given it."""
-        self._put(self._channels[record_type], time_ns, payload)
+        self._buffer.put(self._channels[record_type], time_ns, payload)
 
     def text(self, time_ns: int, level: int, name: str, message: str) -> None:
         """Record a line of text of the logger `name`; `level` as in `logging`."""
         seconds, nanoseconds = divmod(self._epoch_ns + time_ns, 1_000_000_000)
         severity = min(max(level // 10, 0), logging.CRITICAL // 10)
-        self._put(TEXT_CHANNEL, time_ns, TEXT.pack(seconds, nanoseconds, severity, message, name, "", 0))
+        self._buffer.put(TEXT_CHANNEL, time_ns, TEXT.pack(seconds, nanoseconds, severity, message, name, "", 0))
 
     def status(self, line: str) -> None:
         """Show a line of progress on stderr: in place if that is a terminal, otherwise at most one in 5 s."""
-        self._put(STATUS_CHANNEL, 0, line.encode())
+        self._buffer.put(STATUS_CHANNEL, 0, line.encode())
 
     def _is_lost(self) -> bool:
         silent_ns = self._buffer.silent_ns
@@ -212,7 +210,7 @@ class FlightLog:
             return
         self._closed = self._buffer.waits = True
         for name, table in (metadata or {}).items():
-            self._put(METADATA_CHANNEL, 0, msgspec.msgpack.encode((name, dict(table))))
+            self._buffer.put(METADATA_CHANNEL, 0, shared_buffer.encode_metadata(name, table))
         self._words[CLOSING] = 1
         pipe = self._process.stdin
         assert pipe is not None

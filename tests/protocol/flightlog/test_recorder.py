@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import msgspec
 import pytest
 from mcap.reader import make_reader
 
@@ -15,7 +14,7 @@ from protocol.flightlog import (
     DATAGRAM,
     LogReader,
 )
-from protocol.flightlog.shared_buffer import METADATA_CHANNEL
+from protocol.flightlog.shared_buffer import METADATA_CHANNEL, encode_metadata
 from tests.protocol.flightlog.made_logs import (
     COUNT,
     EPOCH_NS,
@@ -168,7 +167,7 @@ def test_what_a_full_disk_takes_is_counted_where_metadata_ends_the_chunk(start: 
     resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     os.kill(log.recorder_pid, signal.SIGSTOP)
     count(log, range(10))
-    log._put(METADATA_CHANNEL, 0, msgspec.msgpack.encode(("landed", {"at": "home"})))
+    log._buffer.put(METADATA_CHANNEL, 0, encode_metadata("landed", {"at": "home"}))
     os.kill(log.recorder_pid, signal.SIGCONT)
     until(lambda: log.fault is not None)
     resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))

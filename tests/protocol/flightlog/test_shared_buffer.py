@@ -1,8 +1,9 @@
-"""The buffer between the flying process and the recorder."""
+"""The buffer between the flying process and the recorder: both ends in one process, and then in two."""
 
 import os
 import random
 import signal
+from collections.abc import Callable
 
 import pytest
 
@@ -10,13 +11,92 @@ from protocol.flightlog import (
     LogReader,
     read,
 )
+from protocol.flightlog.mcap_format import MESSAGE_HEADER, message_record
+from protocol.flightlog.shared_buffer import (
+    DROPPED,
+    FAILED,
+    HEAD,
+    STATE,
+    BufferReader,
+    BufferWriter,
+    Setup,
+    allocate,
+    decode_metadata,
+    encode_metadata,
+)
 from tests.protocol.flightlog.made_logs import (
     COUNT,
+    EPOCH_NS,
     Opener,
     count,
     numbers_of,
     until,
 )
+
+
+def ends(size: int, *, waits: bool = False, is_lost: Callable[[], bool] = bool) -> tuple[BufferWriter, BufferReader]:
+    descriptor, memory = allocate(size)
+    os.close(descriptor)
+    return BufferWriter(memory, EPOCH_NS, waits=waits, is_lost=is_lost), BufferReader(memory)
+
+
+@pytest.mark.parametrize("size", [256, 1024, 4096])
+def test_all_that_is_put_comes_out_in_order_whatever_the_sizes(size: int) -> None:
+    """Records as they are, unless they were dropped, which is counted and leaves a gap in the sequence."""
+    generator = random.Random(size)
+    writer, reader = ends(size)
+    expected, found = [], []
+    for number in range(3000):
+        data = generator.randbytes(generator.randrange(size))
+        dropped = writer.words[DROPPED]
+        writer.put(7, number, data)
+        if writer.words[DROPPED] == dropped:
+            expected.append((7, number, EPOCH_NS + number, message_record(7, number, EPOCH_NS + number, data)))
+        if generator.random() < 0.5:
+            found += reader.records(writer.words[HEAD])
+            reader.release()
+    found += reader.records(writer.words[HEAD])
+    assert found == expected
+    assert 500 < len(found) == 3000 - writer.words[DROPPED] < 3000
+
+
+def test_room_is_free_again_only_after_it_is_released() -> None:
+    writer, reader = ends(256)
+    data = bytes(256 - MESSAGE_HEADER.size)
+    writer.put(7, 0, data)
+    assert len(list(reader.records(writer.words[HEAD]))) == 1
+    writer.put(7, 1, data)
+    assert writer.words[DROPPED] == 1
+    reader.release()
+    writer.put(7, 2, data)
+    assert [sequence for _, sequence, _, _ in reader.records(writer.words[HEAD])] == [2]
+
+
+def test_a_full_buffer_is_waited_for_until_it_is_lost() -> None:
+    asked = iter([False, False, True])
+    writer, _ = ends(256, waits=True, is_lost=lambda: next(asked))
+    for number in range(2):
+        writer.put(7, number, bytes(200))
+    assert writer.words[DROPPED] == 1 and next(asked, None) is None
+
+
+def test_a_fault_is_told_whole_or_cut_to_its_room() -> None:
+    writer, reader = ends(256)
+    reader.fail("no space left")
+    assert writer.words[STATE] == FAILED and writer.fault_text == "no space left"
+    reader.fail("x" * 5000)
+    assert 500 < len(writer.fault_text) < 1000 and set(writer.fault_text) == {"x"}
+
+
+def test_a_size_that_is_no_power_of_two_is_refused() -> None:
+    with pytest.raises(ValueError, match="buffer_bytes: 300 is no power of two"):
+        allocate(300)
+
+
+def test_what_goes_to_the_recorder_is_decoded_as_it_was() -> None:
+    setup = Setup("/tmp/x", 5, {"m": {"k": "ü"}}, {"a": b"\x00\xff"}, [("/t", "x/X", "uint8 a\n")], True, 7, False)
+    assert Setup.decode(setup.encode()) == setup
+    assert decode_metadata(encode_metadata("name", {"k": "v"})) == ("name", {"k": "v"})
 
 
 def test_buffer_wraps_with_odd_sizes(start: Opener) -> None:
