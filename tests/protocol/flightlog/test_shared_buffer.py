@@ -45,7 +45,8 @@ def test_all_that_is_put_comes_out_in_order_whatever_the_sizes(size: int) -> Non
     """Records as they are, unless they were dropped, which is counted and leaves a gap in the sequence."""
     generator = random.Random(size)
     writer, reader = ends(size)
-    expected, found = [], []
+    expected: list[tuple[int, int, int, bytes]] = []
+    found: list[tuple[int, int, int, bytes]] = []
     for number in range(3000):
         data = generator.randbytes(generator.randrange(size))
         dropped = writer.words[DROPPED]
