@@ -15,9 +15,10 @@ Topics:
 log_time is `epoch_ns` (in the metadata "flightlog") plus the time that was given. `sequence` counts the records that
 were given, in that order: where records were dropped, it has a gap.
 
-A file each: record_types, writer (`FlightLog`), shared_buffer, recorder with mcap_file, mavlink_records and console;
-reader (`LogReader`) and follower (`LogFollower`) with outline, chunks, definitions and selection; tlog for telemetry
-logs. This package's own names are imported from here.
+Modules: writer (`FlightLog`), shared_buffer and recorder (the process, with mcap_file, mavlink_records and console);
+reader (`LogReader`) and follower (`LogFollower`, of a log that grows) on outline, chunks, definitions and selection;
+summary; record_types for both sides; tlog for telemetry logs. Importing this package loads neither numba nor numpy nor
+the MAVLink dialect.
 """
 
 from protocol.flightlog.follower import LogFollower
