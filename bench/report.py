@@ -23,8 +23,10 @@ from playwright.sync_api import sync_playwright
 
 from companion.logs.writer import Writer
 from companion.view.report import write
-from protocol.flightlog import HEADER, LENGTH_OF_EMPTY, LogReader
-from protocol.flightlog.recorder import McapFile, message_type
+from protocol.flightlog import LogReader
+from protocol.flightlog.mavlink_records import message_type
+from protocol.flightlog.mcap_file import McapFile
+from protocol.flightlog.mcap_format import message_record
 from protocol.messages import dialect
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -110,8 +112,7 @@ def long_log(path: Path, hours: float) -> int:
         data = kinds[turn].pack(index, 1.0, 0.0, 0.0, 0.0, 1e-3 * (index % 997), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         if index % RATE == 0:
             channel, data = beats, kind_of_beat(index)
-        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), channel, index & 0xFFFF_FFFF, time_ns, time_ns)
-        file.add_message(channel, time_ns, header + data)
+        file.add_message(channel, time_ns, message_record(channel, index & 0xFFFF_FFFF, time_ns, data))
         if index % 80 == 79:
             file.end_chunk()
     file.end_chunk()

@@ -1,4 +1,4 @@
-"""Bytes to whole valid MAVLink frames, v1 and v2. No I/O and no clock.
+"""MAVLink framing: from bytes to whole valid frames of MAVLink 1 and 2. No I/O and no clock.
 
 Packet formats: https://mavlink.io/en/guide/serialization.html.
 """
@@ -30,25 +30,25 @@ _CRC_EXTRA: Final[dict[int, bytes]] = {
 
 
 class Frame(msgspec.Struct, frozen=True, gc=False):
-    """One frame as it was on the wire (a Struct because one is made for each frame in half a named tuple's time)."""
+    """One frame as it was on the wire. It is a Struct because that is made in half a named tuple's time."""
 
     message_id: int
     system: int
     component: int
     sequence: int
     payload: bytes
-    """As sent: v2 cuts trailing zero bytes, and extensions that the dialect lacks may follow its last field."""
+    """As sent: MAVLink 2 cuts trailing zero bytes, and extensions that the dialect lacks may follow the last field."""
     raw: bytes
     """The whole frame, magic to checksum or signature."""
     version: int
-    """1 or 2."""
+    """Of MAVLink: 1 or 2."""
     signed: bool
     """Carries a signature, which nobody has verified."""
     known: bool
-    """In the dialect, so the checksum was right; an unknown one can't be checked (see `Framer`)."""
+    """The message is in the dialect, so the checksum was verified; that of others can't be (see `Framer`)."""
     checksum: int
 
-    # The header of a decoded message, in pymavlink's words: an object of its own would cost a tenth of the decoding.
+    # pymavlink's names for a decoded message's header. A header object of its own would cost a tenth of the decoding.
     mlen = property(lambda self: len(self.payload))
     seq = property(attrgetter("sequence"))
     srcSystem = property(attrgetter("system"))  # noqa: N815
@@ -59,15 +59,15 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
 
 
 class Framer:
-    """Takes any bytes in any cut and yields the same whole valid frames.
+    """Finds the frames in a stream of bytes; how the bytes are divided between calls makes no difference.
 
-    After anything invalid the search goes on one byte past its magic, so that a corrupt frame costs only itself.
-    A frame is valid if its checksum is right and no incompatibility flag but "signed" is set. The checksum of an
-    unknown message can't be computed; it is carried if another magic byte or the end of a datagram follows directly and
-    no valid frame of a known message lies inside (`carry_unknown=False`: never).
+    A frame is valid if its checksum is right and no incompatibility flag but "signed" is set. After anything invalid
+    the search goes on one byte behind its magic byte, so that a corrupt frame costs only itself. The checksum of a
+    message that the dialect lacks can't be computed. Such a frame is returned if another magic byte or the end of a
+    datagram follows directly and no valid frame of a known message lies inside (`carry_unknown=False`: never).
 
-    At most one frame (280 bytes) is kept between calls.
-    Always: bytes fed = bytes of frames returned + `bad_bytes` + bytes kept.
+    At most one frame (280 bytes) is kept between calls. The attributes `bad_bytes`, `bad_frames` and `unknown_frames`
+    count since the start: bytes fed = bytes of frames returned + `bad_bytes` + bytes kept.
     """
 
     __slots__ = ("_carry_unknown", "_pending", "bad_bytes", "bad_frames", "unknown_frames")
@@ -76,21 +76,22 @@ class Framer:
         self._carry_unknown = carry_unknown
         self._pending = b""
         self.bad_bytes = 0
-        """Bytes that belong to no frame."""
+        """Bytes that belong to no returned frame."""
         self.bad_frames = 0
-        """Candidates with a wrong checksum or an unsupported flag (a magic byte within garbage looks the same)."""
+        """Candidates refused for a wrong checksum or an unsupported flag. A magic byte in other bytes counts, too."""
         self.unknown_frames = 0
+        """Frames returned of messages that the dialect lacks."""
 
     def feed(self, data: bytes) -> list[Frame]:
         """The frames that these bytes complete."""
         return self._scan(data, False)
 
     def flush(self) -> list[Frame]:
-        """Settle what is kept: nothing more belongs to it."""
+        """The frames in the bytes kept, if no more bytes follow them."""
         return self._scan(b"", True) if self._pending else []
 
     def datagram(self, data: bytes) -> list[Frame]:
-        """`feed` and `flush` in one."""
+        """The frames of a datagram: `feed` and `flush` in one."""
         return self._scan(data, True)
 
     def _scan(self, data: bytes, at_end: bool) -> list[Frame]:
@@ -126,13 +127,7 @@ class Framer:
                 elif end == size and not at_end:
                     break
                 else:
-                    valid = self._carry_unknown and (end == size or data[end] in _MAGICS)
-                    if valid:
-                        # The last find is kept: a flood of candidates must not search the same bytes again and again.
-                        if inside is None or inside[0] <= at or inside[1] > end:
-                            inside = _known_frame_within(data, at + 1, end)
-                        valid = inside is None
-                        self.unknown_frames += valid
+                    valid, inside = self._check_unknown(data, at, end, inside)
                 if valid:
                     version = 2 if magic == _MAGIC_V2 else 1
                     known = extra is not None
@@ -157,9 +152,23 @@ class Framer:
         self._pending = data[at:] if at < size else b""
         return frames
 
+    def _check_unknown(
+        self, data: bytes, start: int, end: int, inside: tuple[int, int] | None
+    ) -> tuple[bool, tuple[int, int] | None]:
+        """Whether data[start:end] is a frame of an unknown message, and where a known one lies inside, if one does.
+
+        `inside` is the last such place: a flood of candidates must not search the same bytes again and again.
+        """
+        if not self._carry_unknown or (end < len(data) and data[end] not in _MAGICS):
+            return False, inside
+        if inside is None or inside[0] <= start or inside[1] > end:
+            inside = _known_frame_within(data, start + 1, end)
+        self.unknown_frames += inside is None
+        return inside is None, inside
+
 
 def _known_frame_within(data: bytes, start: int, stop: int) -> tuple[int, int] | None:
-    """Where the first frame of a known message within data[start:stop] begins and ends."""
+    """Start and end of the first frame of a known message within data[start:stop], or None."""
     frames = Framer(carry_unknown=False).datagram(data[start:stop])
     if not frames:
         return None

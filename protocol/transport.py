@@ -18,8 +18,10 @@ from typing import Protocol
 
 import serial
 
-_LARGEST_DATAGRAM = 9216  # no MAVLink peer sends more; what is longer is cut, and costs little to look through
+_LARGEST_DATAGRAM = 9216
+"""Bytes; no MAVLink peer sends more. A longer datagram is cut."""
 _BLOCKING_FROM_S = 0.1
+"""A timeout from here on is the socket's own, a shorter one a call of select."""
 _DONTWAIT = int(socket.MSG_DONTWAIT)
 _NOT_CARRIED = frozenset(
     {
@@ -35,48 +37,47 @@ _NOT_CARRIED = frozenset(
         errno.EPROTO,
     }
 )
-"""What a UDP socket says of a datagram that was lost on the way or at its end: a cable out, no route, a full queue, a
-firewall, nobody there. It may be otherwise for the next one."""
+"""Errors of a UDP socket for a datagram that was lost: no cable, no route, a full queue, a firewall, nobody there. The
+next one may arrive."""
 
 
 LOCKSTEP_SPIN_S = 2e-3 if (os.cpu_count() or 1) > 1 else 0.0
-"""How long the two ends of a lockstep, which take turns of 0.1 ms, look for a datagram before they sleep."""
-
-
+"""How long the two ends of a lockstep poll for a datagram before they sleep; their turns take 0.1 ms."""
 _SPINS_LEFT_OUT = 100
-"""After one in vain."""
+"""Calls of `receive` without polling after one that found nothing."""
 
 
 class TransportError(Exception):
-    """An address that can't be used; the text names it and says why."""
+    """An address that can't be used, or a link that is gone; the message names it and says why."""
 
 
 class Transport(Protocol):
-    """One peer at the other end. `preserves_datagrams`: each `receive` is what one `send` sent."""
+    """A link to one peer. `preserves_datagrams`: each `receive` returns what one `send` sent."""
 
     preserves_datagrams: bool
 
     @property
     def peer(self) -> str:
-        """Who is sent to, and who sent what came last ("" while unknown)."""
+        """Address that is sent to and that the last data came from; "" while unknown."""
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """What arrives within the time (0: what is there already), or None, which may come early.
+        """Data that arrives within the time (0: that is there already), or None.
 
-        It does if the other end's machine says that nobody listens. Raises TransportError once the link is gone.
+        None comes early if the other machine says that nobody listens. Raises TransportError once the link is gone.
         """
 
     def send(self, data: bytes) -> None:
         """Send to the peer, whole and without waiting, or not at all.
 
-        Without a peer, with nobody listening there, or with no room left on the way, it is lost as on any radio.
+        The data is lost without a peer, with nobody listening there, or with no room in the send buffer.
         Raises TransportError once the link is gone.
         """
 
     def lock(self) -> None:
-        """From now on talk with the present peer only."""
+        """Talk with the present peer only from now on."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Release the address."""
 
 
 def _unusable(url: str, error: Exception) -> TransportError:
@@ -84,9 +85,9 @@ def _unusable(url: str, error: Exception) -> TransportError:
 
 
 def _push(write: Callable[[bytes], int], left_over: bytes, data: bytes) -> bytes:
-    """Write what was `left_over` from last time and then `data`, without waiting; what of it is left over now.
+    """Write what was `left_over` from last time and then `data`, without waiting; returns what is left over now.
 
-    With no room at all for it, `data` is dropped whole: what is sent holds no frame without its end.
+    `data` is dropped whole if there is no room for its first byte, so that no frame is sent without its end.
     """
     try:
         if left_over:
@@ -97,7 +98,7 @@ def _push(write: Callable[[bytes], int], left_over: bytes, data: bytes) -> bytes
 
 
 class Udp:
-    """A UDP socket, blocking with a deadline; connected once the peer is certain (the kernel then drops strangers)."""
+    """A UDP socket. It is connected once the peer is locked; the kernel then drops datagrams of others."""
 
     preserves_datagrams = True
 
@@ -113,13 +114,13 @@ class Udp:
         self._blocking_s = 0.0
         self._no_spins = 0
         self.spin_s = 0.0
-        """How long to look for a datagram before sleeping until it comes."""
+        """How long to poll for a datagram before sleeping until it comes."""
         try:
             if bind:
                 self._socket.bind((host, port))
             else:
                 self._connect((socket.gethostbyname(host), port))
-        except (OSError, ValueError) as error:  # ValueError: not even the form of a host's name
+        except (OSError, ValueError) as error:  # ValueError: malformed host name
             self._socket.close()
             raise _unusable(self._name, error) from error
 
@@ -139,7 +140,7 @@ class Udp:
             self._connect(self._address)
         except OSError as error:
             raise _unusable(self._name, error) from error
-        with contextlib.suppress(BlockingIOError):  # what strangers sent before is still queued
+        with contextlib.suppress(BlockingIOError):  # datagrams of others from before are still queued
             while True:
                 data, address = self._socket.recvfrom(_LARGEST_DATAGRAM, _DONTWAIT)
                 if address == self._address:
@@ -157,7 +158,7 @@ class Udp:
         flags = _DONTWAIT
         if self.spin_s and timeout_s >= _BLOCKING_FROM_S and (data := self._spin()) is not None:
             return data
-        if timeout_s >= _BLOCKING_FROM_S:  # one system call; its grain of some ms does not matter here
+        if timeout_s >= _BLOCKING_FROM_S:  # one system call; its resolution of some ms is enough here
             flags = 0
             if timeout_s != self._blocking_s:
                 self._blocking_s = timeout_s
@@ -178,11 +179,11 @@ class Udp:
         return data
 
     def waiting(self, timeout_s: float) -> bool:
-        """Whether a datagram is there within the time; it stays there."""
+        """Whether a datagram arrives within the time; it is not taken."""
         return bool(select.select([self._socket], [], [], timeout_s)[0])
 
     def _spin(self) -> bytes | None:
-        """Look again and again instead of sleeping: a wake-up costs more than the other end's answer takes."""
+        """Poll instead of sleeping: a wake-up takes longer than the other end's answer."""
         if not self._connected or self._no_spins > 0:
             self._no_spins -= 1
             return None
@@ -194,9 +195,9 @@ class Udp:
                 if error.errno != errno.EAGAIN:
                     return None
                 if time.monotonic() > until:
-                    self._no_spins = _SPINS_LEFT_OUT  # the other end has no core of its own just now
+                    self._no_spins = _SPINS_LEFT_OUT  # the other end has no core of its own at the moment
                     return None
-                os.sched_yield()  # whoever else wants this core, the other end perhaps, goes first
+                os.sched_yield()  # another process, perhaps the other end, may want this core
 
     def send(self, data: bytes) -> None:
         try:
@@ -208,7 +209,7 @@ class Udp:
             self._forgive(error)
 
     def _forgive(self, error: OSError) -> None:
-        """A datagram that was not carried; anything else is raised as TransportError."""
+        """Ignore the loss of a datagram; raise any other error as TransportError."""
         if error.errno not in _NOT_CARRIED:
             raise _unusable(self._name, error) from error
 
@@ -217,7 +218,7 @@ class Udp:
 
 
 class Tcp:
-    """A TCP connection, called or (`listen`) waited for: the first caller is answered, any other refused."""
+    """A TCP connection. `listen`: wait for a caller; the first is accepted, any other refused."""
 
     preserves_datagrams = False
 
@@ -233,7 +234,7 @@ class Tcp:
                 self._listener.setblocking(False)
             else:
                 self._talk(socket.create_connection((host, port), timeout=5.0), f"{host}:{port}")
-        except (OSError, ValueError) as error:  # ValueError: not even the form of a host's name
+        except (OSError, ValueError) as error:  # ValueError: malformed host name
             raise _unusable(self._name, error) from error
 
     def _talk(self, connection: socket.socket, peer: str) -> None:
@@ -273,12 +274,12 @@ class Tcp:
         return data
 
     def _answer(self, listener: socket.socket, deadline: float) -> None:
-        """Wait for the caller, and stop listening once there is one."""
+        """Wait for a caller, and stop listening once there is one."""
         if not _readable(listener, deadline):
             return
         try:
             connection, address = listener.accept()
-        except (BlockingIOError, ConnectionAbortedError):  # hung up before the answer
+        except (BlockingIOError, ConnectionAbortedError):  # the caller has given up
             return
         listener.close()
         self._listener = None
@@ -299,7 +300,7 @@ class Tcp:
 
 
 class Serial:
-    """A serial port, for this process alone."""
+    """A serial port, opened for this process alone."""
 
     preserves_datagrams = False
 
@@ -317,7 +318,7 @@ class Serial:
         return self._peer
 
     def lock(self) -> None:
-        """A wire has one peer."""
+        """A serial line has one peer."""
 
     def receive(self, timeout_s: float) -> bytes | None:
         # pyserial leaves the descriptor non-blocking; its own read and write would wait once more, and spin when full.
@@ -349,7 +350,7 @@ def _readable(end: "socket.socket | serial.Serial", deadline: float) -> bool:
 
 
 class Memory:
-    """One end of a pair in one thread; `receive` never waits."""
+    """One end of a pair of queues in one thread; `receive` never waits."""
 
     preserves_datagrams = True
 
@@ -374,11 +375,11 @@ class Memory:
         """A pair has one peer."""
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Nothing to release."""
 
 
 def open_url(url: str) -> Transport:
-    """Open what a URL names. Raises TransportError, naming the URL."""
+    """Open the transport that a URL names. Raises TransportError for a malformed URL and one that can't be opened."""
     scheme, _, rest = url.partition(":")
     place, separator, number = rest.rpartition(":")
     if not separator or not place or not (number.isascii() and number.isdigit() and len(number) < 10):

@@ -1,6 +1,7 @@
 """The commands for logs: replay, play, info, digest, repair, convert, logs."""
 
 import json
+import sys
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap), a folder with one, or a .tlog.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 _MOST_SHOWN = 40
-_NO_TERMINAL_WIDTH = 200
+_BLANKS = dict.fromkeys(range(32), " ")
+"""For control characters, which would break a line of a table."""
 _FASTEST = 1e6
 
 
@@ -276,18 +278,27 @@ def logs(
 
 
 def _table(headers: Sequence[str] | None, rows: Iterable[Sequence[str]]) -> None:
-    """Columns; without a frame and never folded when no terminal is there, so that other programs can cut them."""
+    """Columns: framed and folded to the width of a terminal, bare and never folded for other programs."""
+    if not sys.stdout.isatty():
+        _plain_table([*([headers] if headers is not None else []), *rows])
+        return
     from rich.box import ROUNDED
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=_NO_TERMINAL_WIDTH)
-    table = Table(show_header=headers is not None, box=ROUNDED if console.is_terminal else None)
+    table = Table(show_header=headers is not None, box=ROUNDED)
     for header in headers or ():
         table.add_column(header, overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))
-    console.print(table)
+    Console().print(table)
+
+
+def _plain_table(rows: Sequence[Sequence[str]]) -> None:
+    """Written without rich, which takes longer to load than a log's summary to read."""
+    lines = [[cell.translate(_BLANKS) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        cells = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+        typer.echo(f" {'  '.join(cells)} ")

@@ -1,4 +1,4 @@
-"""Two streams of what an autopilot sent, compared byte for byte, and field by field where they differ."""
+"""Compares what an autopilot sent with what its replay sends: byte for byte, and by fields where they differ."""
 
 import math
 import struct
@@ -20,7 +20,7 @@ BYTES = "(bytes)"
 
 @dataclass(slots=True)
 class Difference:
-    """All that differs in one field of one message."""
+    """All differences in one field of one message."""
 
     message: str
     field: str
@@ -28,10 +28,10 @@ class Difference:
     first_ns: int
     count: int = 0
     largest: float | None = None
-    """Absolute, in the field's unit; None for what is no number."""
+    """Largest absolute difference, in the field's unit; None if it is no number."""
 
     def add(self, size: float | None) -> None:
-        """One more, so large."""
+        """Add a difference of this size."""
         self.count += 1
         if size is not None:
             self.largest = max(size, self.largest or 0.0)
@@ -39,7 +39,7 @@ class Difference:
 
 @dataclass(slots=True)
 class Series:
-    """A number that was sent, then and now."""
+    """A number as it was recorded and as it was replayed."""
 
     time_ns: "array[int]" = field(default_factory=lambda: array("q"))
     recorded: "array[float]" = field(default_factory=lambda: array("d"))
@@ -47,7 +47,7 @@ class Series:
 
 
 class Differ:
-    """Takes pairs of what was sent and what is sent now. `keeps_series`: also the numbers in them, for a plot."""
+    """Takes pairs of recorded and replayed data. `keeps_series`: also keep the numbers in them, for a plot."""
 
     def __init__(self, *, keeps_series: bool = False, trace: RecordType = LOGGED) -> None:
         self.datagrams = 0
@@ -66,11 +66,11 @@ class Differ:
 
     @property
     def differences(self) -> list[Difference]:
-        """In the order of their first times."""
+        """Sorted by their first times."""
         return sorted(self._found.values(), key=lambda each: (each.first_ns, each.message, each.field))
 
     def datagram(self, time_ns: int, recorded: bytes, replayed: bytes) -> None:
-        """One datagram; empty where nothing was sent."""
+        """Compare a datagram; one that was not sent is empty."""
         self.datagrams += bool(recorded)
         self.bytes += len(recorded)
         if recorded == replayed and not self._keeps_series:
@@ -80,10 +80,10 @@ class Differ:
         for one, other in _pairs(then, now):
             self._frames(time_ns, one, other)
         if recorded != replayed and found == self._count:
-            self._add("datagram", BYTES, time_ns, None)  # the same frames in another order, or what is no frame
+            self._add("datagram", BYTES, time_ns, None)  # the same frames in another order, or bytes that are no frame
 
     def trace(self, time_ns: int, recorded: bytes, replayed: bytes) -> None:
-        """One record of the log's trace of each; empty where there was none."""
+        """Compare a record of the trace; one that is missing is empty."""
         self.traces += bool(recorded)
         if recorded == replayed:
             return
@@ -134,7 +134,7 @@ class Differ:
 
 
 def _pairs(then: list[Frame], now: list[Frame]) -> Iterator[tuple[Frame | None, Frame | None]]:
-    """Frames of one message with each other, in their order."""
+    """Pairs of frames of the same message, in their order."""
     rest = defaultdict[int, list[Frame]](list)
     for frame in now:
         rest[frame.message_id].append(frame)
@@ -159,7 +159,7 @@ def _elements(name: str, then: Any, now: Any) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _same(then: Any, now: Any) -> bool:
-    """To the bit, but for the bits of a NaN."""
+    """Equal to the bit; any NaN equals any other."""
     if isinstance(then, float):
         return struct.pack("<d", then) == struct.pack("<d", now) or (math.isnan(then) and math.isnan(now))
     return bool(then == now)

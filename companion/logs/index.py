@@ -1,4 +1,4 @@
-"""Many logs: what each came to, from an index that is made anew where it is stale."""
+"""A list of the logs in a folder with their results, from an index that is updated where it is stale."""
 
 import contextlib
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from companion.logs.info import Info, info
-from companion.logs.recordings import is_drawn, printable
+from companion.logs.recordings import is_export, printable
 from companion.logs.target import DRAFTS, output
 from companion.logs.traffic import open_traffic
 from companion.records import TRACE
@@ -24,10 +24,10 @@ _SUFFIXES = frozenset((".mcap", ".tlog"))
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One log; None for what it does not say."""
+    """One log in the list; None for what it doesn't say."""
 
     log: str
-    """Path from the folder that is listed."""
+    """Path relative to the folder that is listed."""
     started_unix_s: float | None
     mission: str | None
     result: str
@@ -35,7 +35,7 @@ class Row(msgspec.Struct, frozen=True):
     duration_s: float
     distance_m: float | None
     clearance_m: float | None
-    """Least distance from the hull to a return of the ring, in flight."""
+    """Least distance from the hull to a return of the LiDAR, in flight."""
     faults: tuple[str, ...]
 
     def table(self) -> dict[str, object]:
@@ -43,7 +43,7 @@ class Row(msgspec.Struct, frozen=True):
         return msgspec.structs.asdict(self)
 
     def cells(self) -> tuple[str, ...]:
-        """For a table of text."""
+        """Texts for a table."""
         date = "-"
         if self.started_unix_s is not None:
             date = datetime.fromtimestamp(self.started_unix_s).strftime("%Y-%m-%d %H:%M:%S")
@@ -63,7 +63,7 @@ class _Index(msgspec.Struct, frozen=True):
 
 
 def listing(folder: Path) -> list[Row]:
-    """All logs in the folder and those in it, the newest first. Raises FlightLogError if it isn't a folder."""
+    """All logs in the folder and its subfolders, the newest first. Raises FlightLogError if it isn't a folder."""
     if not folder.is_dir():
         raise FlightLogError(f"{folder}: no such folder")
     known = _read(folder / INDEX_NAME)
@@ -82,16 +82,16 @@ def listing(folder: Path) -> list[Row]:
 
 
 def _logs(folder: Path) -> Iterator[Path]:
-    """Recordings only: not what was drawn from one, and no drafts."""
+    """Paths of recordings, without exports of them and without drafts."""
     for path in sorted(folder.rglob("*")):
         with contextlib.suppress(OSError):
             draft = any(part.startswith(DRAFTS) for part in path.relative_to(folder).parts)
-            if path.suffix in _SUFFIXES and not draft and path.is_file() and not is_drawn(path):
+            if path.suffix in _SUFFIXES and not draft and path.is_file() and not is_export(path):
                 yield path
 
 
 def _read(path: Path) -> dict[str, _Entry]:
-    """Nothing if there is none, or one of another version, or a broken one."""
+    """The index's entries; empty if there is no index, or one that is damaged or of another version."""
     with contextlib.suppress(OSError, msgspec.DecodeError):
         index = msgspec.json.decode(path.read_bytes(), type=_Index)
         if index.version == _VERSION:
@@ -100,7 +100,7 @@ def _read(path: Path) -> dict[str, _Entry]:
 
 
 def _write(path: Path, entries: dict[str, _Entry]) -> None:
-    """Whole or not at all; a folder that can't be written to is listed all the same."""
+    """Write the index, whole or not at all; a folder that can't be written to has none."""
     with contextlib.suppress(FlightLogError):
         if not path.exists() or _is_index(path):
             with output(path, replaces=True) as draft:
@@ -108,7 +108,7 @@ def _write(path: Path, entries: dict[str, _Entry]) -> None:
 
 
 def _is_index(path: Path) -> bool:
-    """Of any version."""
+    """Whether that file is an index, of any version."""
     with contextlib.suppress(OSError, msgspec.DecodeError):
         found = msgspec.json.decode(path.read_bytes())
         return isinstance(found, dict) and found.keys() == set(_Index.__struct_fields__)
@@ -116,7 +116,7 @@ def _is_index(path: Path) -> bool:
 
 
 def describe(path: Path, name: str) -> Row:
-    """One log's row; of a log that can't be read it says so."""
+    """One log's row; that of a log that can't be read says so."""
     try:
         found = info(path)
         distance, clearance = _flown(found)
@@ -148,7 +148,7 @@ def _result(found: Info) -> str:
 
 
 def _flown(found: Info) -> tuple[float | None, float | None]:
-    """Way flown and least clearance (m): from the companion's trace, or else from what the vehicle said."""
+    """Distance flown and least clearance (m), from the companion's trace or else from the vehicle's positions."""
     if TRACE.topic in found.topics:
         try:
             summary = summarize(found.path)
@@ -158,9 +158,9 @@ def _flown(found: Info) -> tuple[float | None, float | None]:
     framer = Framer()
     positions = [
         (message.x, message.y, message.z)
-        for sent in open_traffic(found.path).sent()
-        if sent.direction is Direction.IN
-        for frame in framer.datagram(sent.data)
+        for datagram in open_traffic(found.path).datagrams()
+        if datagram.direction is Direction.IN
+        for frame in framer.datagram(datagram.data)
         if frame.message_id == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and (message := decode(frame)) is not None
     ]
     if not positions:

@@ -1,29 +1,30 @@
-"""The vehicle's side of a log on the wire again, with its own timing, for whoever listens."""
+"""Sends the vehicle's side of a log again, with its recorded timing."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.logs.traffic import Sent, Traffic, open_traffic
+from companion.logs.traffic import Datagram, Traffic, open_traffic
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLogError
 from protocol.transport import Transport
 
-_LONGEST_WAIT_S = 0.2
-_LONG_WAIT_S = 5.0
+_RECEIVE_TIMEOUT_S = 0.2
+_LONG_PAUSE_S = 5.0
+"""A pause longer than this is announced."""
 _SHORTEST_ROUND_S = 1.0
-"""By the wall's clock: a log of no length is not to flood anybody."""
-_STATUS_NS = 1_000_000_000
+"""Wall time between two rounds of a loop, so that a log of no length floods nobody."""
+_PROGRESS_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What went out."""
+    """What was sent."""
 
     datagrams: int
     bytes: int
     played_s: float
-    """Of the log's time."""
+    """Time of the log from the first datagram to the last."""
 
 
 def play(
@@ -36,12 +37,11 @@ def play(
     progress: Callable[[float], None] = lambda time_s: None,
     pausing: Callable[[float], None] = lambda wait_s: None,
 ) -> Played:
-    """Send what the vehicle sent from `start_s` on, `speed` times as fast; for ever with `loop`, a round a second at
-    most.
+    """Send what the vehicle sent from `start_s` on, `speed` times as fast.
 
-    What the other end answers is received and left alone. `progress` is told the log's time each second of it,
-    `pausing` how long (s) nothing will be sent where that is long.
-    Raises FlightLogError for a log that can't be read or has nothing from then on.
+    With `loop` that is repeated for ever, at most once a second. Answers are received and ignored. `progress` is called
+    with the log's time (s) each second of it, `pausing` with the length (s) of a long pause before it.
+    Raises FlightLogError for a log that can't be read or has nothing of the vehicle from `start_s` on.
     """
     traffic = open_traffic(path)
     count = size = 0
@@ -49,21 +49,21 @@ def play(
     while True:
         clock = RealClock(speed)
         first_ns: int | None = None
-        told_ns = 0
-        for sent in _vehicle(traffic, start_s * 1e9):
+        progress_ns = 0
+        for datagram in _from_vehicle(traffic, start_s * 1e9):
             if first_ns is None:
-                first_ns = told_ns = sent.time_ns
-            wait_s = clock.wall_seconds_until(sent.time_ns - first_ns)
-            if wait_s > _LONG_WAIT_S:
+                first_ns = progress_ns = datagram.time_ns
+            wait_s = clock.wall_seconds_until(datagram.time_ns - first_ns)
+            if wait_s > _LONG_PAUSE_S:
                 pausing(wait_s)
-            _wait(clock, sent.time_ns - first_ns, transport)
-            transport.send(sent.data)
+            _wait(clock, datagram.time_ns - first_ns, transport)
+            transport.send(datagram.data)
             count += 1
-            size += len(sent.data)
-            if sent.time_ns >= told_ns:
-                progress(sent.time_ns * 1e-9)
-                told_ns = sent.time_ns + _STATUS_NS
-            played_ns = max(played_ns, sent.time_ns - first_ns)
+            size += len(datagram.data)
+            if datagram.time_ns >= progress_ns:
+                progress(datagram.time_ns * 1e-9)
+                progress_ns = datagram.time_ns + _PROGRESS_NS
+            played_ns = max(played_ns, datagram.time_ns - first_ns)
         if first_ns is None:
             raise FlightLogError(f"{path}: the vehicle sent nothing from {start_s:g} s on")
         if not loop:
@@ -71,16 +71,16 @@ def play(
         _wait(clock, round(_SHORTEST_ROUND_S * speed * 1e9), transport)
 
 
-def _vehicle(traffic: Traffic, start_ns: float) -> Iterator[Sent]:
-    """From `start_ns` after the log's first datagram on; all for 0, also what is stamped before the first."""
+def _from_vehicle(traffic: Traffic, start_ns: float) -> Iterator[Datagram]:
+    """The vehicle's datagrams from `start_ns` after the log's first one on; for 0 all, also those stamped earlier."""
     began_ns: int | None = None
-    for sent in traffic.sent():
-        began_ns = sent.time_ns if began_ns is None else began_ns
-        if sent.direction is Direction.IN and (start_ns == 0.0 or sent.time_ns - began_ns >= start_ns):
-            yield sent
+    for datagram in traffic.datagrams():
+        began_ns = datagram.time_ns if began_ns is None else began_ns
+        if datagram.direction is Direction.IN and (start_ns == 0.0 or datagram.time_ns - began_ns >= start_ns):
+            yield datagram
 
 
 def _wait(clock: RealClock, until_ns: int, transport: Transport) -> None:
-    """By listening, so that the other end's answers don't pile up."""
+    """Wait by receiving, so that the other end's answers don't pile up."""
     while (wait_s := clock.wall_seconds_until(until_ns)) > 0.0:
-        transport.receive(min(wait_s, _LONGEST_WAIT_S))
+        transport.receive(min(wait_s, _RECEIVE_TIMEOUT_S))

@@ -1,4 +1,4 @@
-"""A picture of what would have been sent instead."""
+"""A picture of what a replay with other settings sends instead."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,13 +11,15 @@ from companion.logs.target import output, writable
 from protocol.flightlog import FlightLogError
 
 _MOST_PANELS = 8
-_NO_QUANTITY = frozenset(("time_boot_ms", "time_usec", "sequence", "tc1", "ts1"))
+_NOT_DRAWN = frozenset(("time_boot_ms", "time_usec", "sequence", "tc1", "ts1"))
+"""Fields that differ without meaning anything."""
 
 
 def plot(series: Mapping[tuple[str, str], Series], title: str, path: Path) -> int:
-    """Save the fields that differ most, against how much they vary: as sent, as sent now, and the difference.
+    """Save a picture of the fields that differ most, relative to their variation: as recorded, as replayed, difference.
 
-    Returns how many there are; with none there is no file. Raises FlightLogError if it can't be written.
+    Returns the number of fields drawn; if no field differs, no file is made. Raises FlightLogError if the file can't be
+    written.
     """
     pyplot = _pyplot()
     chosen = _most_different(series)
@@ -51,7 +53,7 @@ def plot(series: Mapping[tuple[str, str], Series], title: str, path: Path) -> in
 
 
 def check(path: Path) -> None:
-    """Raises FlightLogError if no picture can be written there, before there is one."""
+    """Raises FlightLogError if no picture can be written to `path`."""
     kinds = _pyplot().Figure().canvas.get_supported_filetypes()
     if path.suffix.removeprefix(".").lower() not in kinds:
         raise FlightLogError(f"{path}: which kind of picture? There are .{', .'.join(kinds)}")
@@ -73,6 +75,6 @@ def _most_different(series: Mapping[tuple[str, str], Series]) -> list[tuple[str,
     weights = {}
     for key, each in series.items():
         difference = np.abs(np.array(each.replayed) - np.array(each.recorded))
-        if key[1] not in _NO_QUANTITY and len(difference) > 1 and np.nanmax(difference) > 0.0:
+        if key[1] not in _NOT_DRAWN and len(difference) > 1 and np.nanmax(difference) > 0.0:
             weights[key] = float(np.nanmean(difference) / (np.nanstd(each.recorded) + 1e-9))
     return sorted(sorted(weights, key=lambda key: -weights[key])[:_MOST_PANELS])

@@ -1,4 +1,4 @@
-"""What files with recordings have in common, whoever wrote them, and their records as their schemas say."""
+"""What recordings are, whoever wrote them: flight logs, telemetry logs, and files made from them."""
 
 import contextlib
 import math
@@ -10,25 +10,32 @@ from typing import Any
 from mcap.opcode import Opcode
 
 from protocol.flightlog import MAGIC, TEXT, FlightLogError, LogReader, Record, RecordType
-from protocol.flightlog.tlog import is_tlog
 
-DRAWN = "courier foxglove"
-"""The library in the header of what `companion foxglove` writes: made from a recording, and at any time again."""
-_DRAWN_HEAD = MAGIC + struct.pack("<BQII", Opcode.HEADER, 8 + len(DRAWN), 0, len(DRAWN)) + DRAWN.encode()
-"""Without a profile."""
-_EARLIEST_S, _LATEST_S = 0.0, 253_402_214_400.0
-"""1970 and the end of the year 9999, where dates end."""
+EXPORT_LIBRARY = "courier foxglove"
+"""Library in the header of a file that `companion foxglove` wrote. Such a file can be made again from its recording."""
+_EXPORT_HEADER = (
+    MAGIC
+    + struct.pack("<BQII", Opcode.HEADER, 8 + len(EXPORT_LIBRARY), 0, len(EXPORT_LIBRARY))
+    + EXPORT_LIBRARY.encode()
+)
+"""First bytes of such a file: the header has no profile."""
+_EARLIEST_S = 0.0
+"""1970, in seconds since then."""
+_LATEST_S = 253_402_214_400.0
+"""End of the year 9999, the last that `datetime` has, in seconds since 1970."""
 
 
-def is_drawn(path: Path) -> bool:
+def is_export(path: Path) -> bool:
     """Whether `companion foxglove` made that file."""
-    return _head(path) == _DRAWN_HEAD
+    return _start(path) == _EXPORT_HEADER
 
 
 def is_recording(path: Path) -> bool:
-    """Whether that file is a flight log or a telemetry log, whole or damaged, that nothing can make again."""
-    head = _head(path)
-    if not head or is_drawn(path):
+    """Whether that file is a flight log or a telemetry log, whole or damaged, and no export of one."""
+    from protocol.flightlog.tlog import is_tlog  # it loads the MAVLink dialect
+
+    head = _start(path)
+    if not head or is_export(path):
         return False
     if head.startswith(MAGIC) or is_tlog(path):
         return True
@@ -38,17 +45,17 @@ def is_recording(path: Path) -> bool:
     return False
 
 
-def _head(path: Path) -> bytes:
-    """Nothing of what is no file, or can't be read."""
+def _start(path: Path) -> bytes:
+    """First bytes of the file; empty if there is no file or it can't be read."""
     with contextlib.suppress(OSError):
         if path.is_file():
             with path.open("rb") as file:
-                return file.read(len(_DRAWN_HEAD))
+                return file.read(len(_EXPORT_HEADER))
     return b""
 
 
 def started_unix_s(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
-    """When the flight started by the wall's clock, from a log's metadata; None where it says none, or nonsense."""
+    """Wall clock at the flight's start (s since 1970), from a log's metadata; None where it is missing or no date."""
     try:
         started = float(metadata["flight"]["started_unix_s"])
     except (KeyError, ValueError):
@@ -57,22 +64,22 @@ def started_unix_s(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
 
 
 def as_date(unix_s: float) -> float | None:
-    """The same seconds since 1970, or None for what is no date."""
+    """`unix_s` itself, or None if it is no date from 1970 to 9999."""
     return unix_s if math.isfinite(unix_s) and _EARLIEST_S <= unix_s < _LATEST_S else None
 
 
 def has_texts(log: LogReader) -> bool:
-    """Whether there are lines of the companion's own, which repeat what the vehicle says."""
+    """Whether the log has the companion's own texts, which repeat those of the vehicle."""
     return next(log.records((TEXT.topic,)), None) is not None
 
 
 def printable(text: object) -> str:
-    """A path, or words with one in them, as UTF-8 can carry it: file names on Linux are any bytes."""
+    """`text` with what UTF-8 can't encode escaped: file names on Linux may be any bytes."""
     return str(text).encode(errors="backslashreplace").decode()
 
 
 def records(log: LogReader, kinds: Mapping[str, RecordType]) -> Iterator[Record]:
-    """Those on these topics. Raises FlightLogError for one that has not its schema's size."""
+    """The records on the topics of `kinds`. Raises FlightLogError for one whose size isn't its schema's."""
     for record in log.records(kinds):
         size = kinds[record.topic].size
         if size is not None and len(record.data) != size:
@@ -81,7 +88,7 @@ def records(log: LogReader, kinds: Mapping[str, RecordType]) -> Iterator[Record]
 
 
 def unpack(log: LogReader, kind: RecordType, record: Record) -> dict[str, Any]:
-    """Its fields by name. Raises FlightLogError if it is cut."""
+    """A record's fields by name. Raises FlightLogError if it is shorter than its schema says."""
     try:
         return kind.unpack(record.data)
     except struct.error as error:

@@ -1,4 +1,4 @@
-"""A log that was cut off or damaged made whole again, in a file of its own, and what of it is lost."""
+"""Makes a whole log of one that was cut off or damaged, in a new file, and says what is lost."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,28 +10,30 @@ from companion.logs.writer import Writer
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, tlog
 from protocol.framing import Framer
 
-_MOST_BETWEEN = 2
-"""See replay."""
-_MOST_GAPS_TOLD = 10
+_LARGEST_STEP = 2
+"""Of the sequence between two records of a whole log: a status line between them has a number, too."""
+_MOST_GAPS_LISTED = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """`target`: the whole file, None if there was nothing to repair."""
+    """What a repair came to."""
 
     target: Path | None
+    """The whole file; None if there was nothing to repair."""
     kept: int
     """Messages or entries."""
     last_s: float
-    """The latest time of those kept, from the flight's start or the file's earliest."""
+    """Latest time of those kept, since the flight's start or the telemetry log's first entry."""
     lost: list[str]
-    """A line each."""
+    """What is missing, a line each."""
 
 
 def repair(source: Path, target: Path | None = None) -> Repair:
-    """Write what is whole of `source` to `target` (`NAME_repaired` beside it), which may not exist yet.
+    """Write what is whole of `source` to `target`, a new file (by default `NAME_repaired` beside it).
 
-    Raises FlightLogError if the one can't be read or the other not be written, or is named as the other kind of log.
+    Raises FlightLogError if `source` can't be read, or `target` can't be written, exists or has the suffix of another
+    kind of log.
     """
     log = open_log(source)
     suffix = ".mcap" if isinstance(log, LogReader) else ".tlog"
@@ -42,7 +44,7 @@ def repair(source: Path, target: Path | None = None) -> Repair:
 
 
 def _flight(log: LogReader, target: Path) -> Repair:
-    kept, last_ns, gaps = _look(log)
+    kept, last_ns, gaps = _survey(log)
     if log.problem is None:
         return Repair(None, kept, last_ns * 1e-9, [])
     lost = [log.problem.removeprefix(f"{log.path}: "), *gaps]
@@ -57,30 +59,30 @@ def _flight(log: LogReader, target: Path) -> Repair:
     return Repair(target, kept, last_ns * 1e-9, lost)
 
 
-def _look(log: LogReader) -> tuple[int, int, list[str]]:
-    """Messages that can be read, the last one's time (ns), and where some are missing."""
+def _survey(log: LogReader) -> tuple[int, int, list[str]]:
+    """Number of messages that can be read, time of the last one (ns), and where some are missing."""
     kept, last_ns, sequence = 0, 0, None
     gaps: list[str] = []
     for record in log.records():
         kept += 1
         if record.topic == DATAGRAM.topic or not record.topic.startswith("/mavlink/"):
             step = 0 if sequence is None else (record.sequence - sequence) & 0xFFFF_FFFF
-            if step > _MOST_BETWEEN:
+            if step > _LARGEST_STEP:
                 gaps.append(f"{step - 1} records between {last_ns * 1e-9:.3f} and {record.time_ns * 1e-9:.3f} s")
             sequence = record.sequence
         last_ns = max(last_ns, record.time_ns)
-    more = len(gaps) - _MOST_GAPS_TOLD
-    return kept, last_ns, [*gaps[:_MOST_GAPS_TOLD], *([f"{more} more such gaps"] if more > 0 else [])]
+    more = len(gaps) - _MOST_GAPS_LISTED
+    return kept, last_ns, [*gaps[:_MOST_GAPS_LISTED], *([f"{more} more such gaps"] if more > 0 else [])]
 
 
 def _telemetry(log: tlog.TlogReader, target: Path) -> Repair:
     kept, lost_bytes = 0, 0
     first_us, last_us = None, 0
     for entry in log.entries():
-        sound = _sound(entry)
-        kept += len(sound)
-        lost_bytes += len(entry.data) - sum(len(each.data) for each in sound)
-        if sound:
+        whole = _whole(entry)
+        kept += len(whole)
+        lost_bytes += len(entry.data) - sum(len(each.data) for each in whole)
+        if whole:
             first_us = entry.time_us if first_us is None else min(first_us, entry.time_us)
             last_us = max(last_us, entry.time_us)
     last_s = (last_us - (first_us or 0)) * 1e-6
@@ -89,10 +91,10 @@ def _telemetry(log: tlog.TlogReader, target: Path) -> Repair:
     if not lost:
         return Repair(None, kept, last_s, [])
     with output(target) as draft:
-        tlog.write(draft, (each for entry in log.entries() for each in _sound(entry)))
+        tlog.write(draft, (each for entry in log.entries() for each in _whole(entry)))
     return Repair(target, kept, last_s, lost)
 
 
-def _sound(entry: tlog.Entry) -> list[tlog.Entry]:
-    """An entry for each sound frame in one: there is more than one where a stamp is damaged or missing."""
+def _whole(entry: tlog.Entry) -> list[tlog.Entry]:
+    """An entry for each valid frame in `entry`: there are several where a stamp is damaged or missing."""
     return [tlog.Entry(entry.time_us, frame.raw) for frame in Framer().datagram(entry.data)]

@@ -1,4 +1,4 @@
-"""Where commands write: in a folder beside the target first, so that under its name there is a whole file or none."""
+"""Where commands write: first to a folder beside the target, so that its name stands for a whole file or none."""
 
 import shutil
 import tempfile
@@ -10,18 +10,18 @@ from companion.logs.recordings import is_recording
 from protocol.flightlog import FlightLogError
 
 DRAFTS = ".courier-"
-"""How the folders begin in which drafts are; only a kill leaves one behind."""
+"""Start of the names of the folders with drafts; only a kill leaves one behind."""
 
 
 @contextmanager
 def output(
     target: Path, *, source: Path | None = None, replaces: bool = False, parents: bool = False
 ) -> Iterator[Path]:
-    """The place of a draft of `target`, a file or a folder, which gets that name when the block ends without an error.
+    """Path for a draft of `target`, a file or a folder; it gets that name when the block ends without an error.
 
-    What is there already is refused, unless `replaces`: then an older file makes room, but never `source` and never
-    a recording. A device or a pipe is written to as it is. `parents` makes the folders above.
-    Raises FlightLogError, in words of the target, for that and for what goes wrong with files in the block.
+    An existing target is refused. With `replaces` an older file is replaced, but never `source` and never a recording.
+    A device or a pipe is written to directly. `parents` makes the folders above.
+    Raises FlightLogError, naming the target, for a refused target and for OSErrors in the block.
     """
     folder = None
     try:
@@ -49,7 +49,7 @@ def output(
 
 
 def writable(target: Path, *, source: Path | None = None, replaces: bool = False) -> None:
-    """Raises FlightLogError if `output` would refuse the target, as far as can be told before."""
+    """Raises FlightLogError if `output` would refuse the target, as far as can be told beforehand."""
     try:
         if not target.parent.is_dir():
             raise FlightLogError(f"{target}: no such folder")

@@ -1,4 +1,4 @@
-"""The datagrams of a log, whoever wrote it."""
+"""The datagrams of a flight log or a telemetry log."""
 
 import hashlib
 import stat
@@ -12,11 +12,11 @@ from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader, R
 from protocol.framing import Framer
 
 
-class Sent(NamedTuple):
-    """Something that was sent."""
+class Datagram(NamedTuple):
+    """A datagram as it was recorded."""
 
     time_ns: int
-    """From the log's time 0."""
+    """Since the log's time 0."""
     direction: Direction
     address: str
     """Of the other end; empty where the log does not say."""
@@ -25,19 +25,19 @@ class Sent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """All of it, in the order in which it was written."""
+    """The traffic of a log, in the order in which it was recorded."""
 
     log: LogReader | tlog.TlogReader
     epoch_ns: int
-    """The wall's clock at time 0, or 0 where the log does not know it."""
+    """Wall clock at time 0 (ns since 1970); 0 where the log doesn't say it."""
 
     @property
     def problem(self) -> str | None:
-        """What is wrong with the log, once `sent` has come by."""
+        """What is wrong with the log, known after `datagrams` has read it."""
         return self.log.problem
 
-    def sent(self) -> Iterator[Sent]:
-        """What each side sent; in a telemetry log each frame is a datagram."""
+    def datagrams(self) -> Iterator[Datagram]:
+        """What each side sent; in a telemetry log each entry is a datagram. Raises FlightLogError for a damaged one."""
         if isinstance(self.log, LogReader):
             for record in self.log.records((DATAGRAM.topic,)):
                 yield self._unpacked(record)
@@ -45,12 +45,12 @@ class Traffic:
         framer = Framer()
         for time_us, data in self.log.entries():
             incoming = all(map(tlog.from_vehicle, framer.datagram(data)))
-            yield Sent(time_us * 1000 - self.epoch_ns, Direction.IN if incoming else Direction.OUT, "", data)
+            yield Datagram(time_us * 1000 - self.epoch_ns, Direction.IN if incoming else Direction.OUT, "", data)
 
-    def _unpacked(self, record: Record) -> Sent:
+    def _unpacked(self, record: Record) -> Datagram:
         try:
             values = DATAGRAM.unpack(record.data)
-            return Sent(record.time_ns, Direction(values["direction"]), values["address"], values["data"])
+            return Datagram(record.time_ns, Direction(values["direction"]), values["address"], values["data"])
         except (struct.error, ValueError) as error:
             at_s = record.time_ns * 1e-9
             raise FlightLogError(f"{self.log.path}: the datagram at {at_s:.3f} s is damaged: {error}") from error
@@ -73,12 +73,12 @@ def open_log(path: Path) -> LogReader | tlog.TlogReader:
 
 
 def open_traffic(path: Path) -> Traffic:
-    """A flight log's or a telemetry log's. Raises FlightLogError as `open_log`."""
+    """Traffic of a flight log or a telemetry log. Raises FlightLogError as `open_log`."""
     return traffic_of(open_log(path))
 
 
 def traffic_of(log: LogReader | tlog.TlogReader) -> Traffic:
-    """What was sent, of a log that is open."""
+    """Traffic of a log that is open."""
     if isinstance(log, LogReader):
         return Traffic(log, log.epoch_ns)
     return Traffic(log, next(iter(log.entries())).time_us * 1000)
@@ -86,7 +86,7 @@ def traffic_of(log: LogReader | tlog.TlogReader) -> Traffic:
 
 @dataclass(frozen=True, slots=True)
 class Digest:
-    """What a log's traffic is, in short."""
+    """Fingerprint of a log's traffic."""
 
     hashes: dict[Direction, str]
     """SHA-256 over each direction's datagrams with time and length, as `flightlog.digest`."""
@@ -95,13 +95,13 @@ class Digest:
 
 
 def digest(path: Path) -> Digest:
-    """Of a flight log or a telemetry log. Raises FlightLogError if it can't be read or has no traffic."""
+    """Digest of a flight log or a telemetry log. Raises FlightLogError if it can't be read or has no traffic."""
     traffic = open_traffic(path)
     sums = {direction: hashlib.sha256() for direction in Direction}
     empty = True
-    for sent in traffic.sent():
+    for time_ns, direction, _, data in traffic.datagrams():
         empty = False
-        sums[sent.direction].update(struct.pack("<qI", sent.time_ns, len(sent.data)) + sent.data)
+        sums[direction].update(struct.pack("<qI", time_ns, len(data)) + data)
     if empty:
         raise FlightLogError(f"{path}: there is no datagram in it")
     return Digest({direction: total.hexdigest() for direction, total in sums.items()}, traffic.problem)

@@ -1,4 +1,4 @@
-"""A flight log made from another one: whole, indexed, in chunks of half a megabyte."""
+"""Writes a flight log made from another log: whole, indexed, in chunks of half a megabyte."""
 
 import contextlib
 from collections.abc import Iterator, Mapping
@@ -6,27 +6,30 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from protocol.flightlog import DATAGRAM, HEADER, LENGTH_OF_EMPTY, Direction, FlightLogError, RecordType
-from protocol.flightlog.recorder import CHUNK_BYTES, McapFile, Messages
+from protocol.flightlog import DATAGRAM, Direction, FlightLogError, RecordType
+from protocol.flightlog.mavlink_records import MessageWriter
+from protocol.flightlog.mcap_file import CHUNK_BYTES, McapFile
+from protocol.flightlog.mcap_format import message_record
 
 
 class Writer:
-    """Use it as a context: left with an error, it takes its file away again.
+    """A context manager that finishes the file, or removes it if the block raises.
 
-    Raises FlightLogError if the file is there already or can't be written, and leaves no part of one then.
+    The constructor and the methods raise FlightLogError if the file exists already or can't be written, and leave no
+    part of it then.
     """
 
     def __init__(self, path: Path, epoch_ns: int, metadata: Mapping[str, Mapping[str, str]]) -> None:
         self.path = path
         self.count = 0
-        """Messages written, without those that `datagram` found in what it was given."""
+        """Records written, without the messages found in datagrams."""
         self._epoch_ns = epoch_ns
         self._channels: dict[str, int] = {}
         try:
             self._file = McapFile(path)
         except OSError as error:
             raise FlightLogError(f"{path}: {error.strerror or error}") from error
-        self._messages = Messages(self._file, preserves_datagrams=True)
+        self._messages = MessageWriter(self._file, preserves_datagrams=True)
         with self._all_or_nothing():
             self._file.add_metadata("flightlog", {"version": "1", "epoch_ns": str(epoch_ns)})
             for name, table in metadata.items():
@@ -55,25 +58,24 @@ class Writer:
             self._file.finish()
 
     def attach(self, name: str, content: bytes) -> None:
-        """A file as it is."""
+        """Add a file."""
         with self._all_or_nothing():
             self._file.add_attachment(name, self._epoch_ns, content)
 
     def record(self, kind: RecordType, time_ns: int, sequence: int, data: bytes) -> None:
-        """One message as `kind.pack` made it; time and sequence as in `flightlog.Record`."""
+        """Add a record as `kind.pack` made it; time and sequence as in `flightlog.Record`."""
         channel = self._channels.get(kind.topic)
         if channel is None:
             channel = self._channels[kind.topic] = self._file.add_channel(kind)
         log_time = self._epoch_ns + time_ns
-        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), channel, sequence, log_time, log_time)
-        self._file.add_message(channel, log_time, header + data)
+        self._file.add_message(channel, log_time, message_record(channel, sequence, log_time, data))
         self.count += 1
         if self._file.pending_bytes >= CHUNK_BYTES:
             with self._all_or_nothing():
                 self._file.end_chunk()
 
     def datagram(self, time_ns: int, sequence: int, direction: Direction, address: str, data: bytes) -> None:
-        """A datagram, and the messages in it under their own topics."""
+        """Add a datagram, and the messages in it under their own topics."""
         record = DATAGRAM.pack(direction, address, data)
         self.record(DATAGRAM, time_ns, sequence, record)
         self._messages.add(record, sequence, self._epoch_ns + time_ns)

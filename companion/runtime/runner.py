@@ -21,7 +21,7 @@ from companion.supervision.states import FLYING, State
 from companion.trace import Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog
-from protocol.flightlog.recorder import Console
+from protocol.flightlog.console import Console
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, TransportError, Udp
 
 TICK_NS = 4_000_000

@@ -38,7 +38,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from companion.logs.recordings import DRAWN, has_texts, unpack
+from companion.logs.recordings import EXPORT_LIBRARY, has_texts, unpack
 from companion.logs.target import output
 from companion.records import LOGGED, PLANNED
 from companion.state import Reason
@@ -382,7 +382,7 @@ def convert(log: Path, target: Path | None = None) -> Drawn:
     target = beside(log) if target is None else target
     with output(target, source=log, replaces=True) as draft, draft.open("wb") as file:
         writer = Writer(file)
-        writer.start("", DRAWN)
+        writer.start("", EXPORT_LIBRARY)
         for name, table in reader.metadata.items():
             writer.add_metadata(name, table)
         for name, content in reader.attachments.items():

@@ -1,35 +1,24 @@
-"""Where a live page gets its flight from: a log, the log of a flight that is in the air, or a link. All of them give
-what they have as the same batches, and none of them says a word to anybody."""
+"""Where a live page gets its flight from: a log, the log of a flight that is in the air, or a link.
 
-import mmap
-import os
-import struct
+All of them give their records as the same batches, and none of them sends anything.
+"""
+
 import time
 from collections.abc import Callable, Iterator
-from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, Protocol
-
-import mcap.records
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
+from typing import Protocol
 
 from companion.view.gather import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
-from protocol.flightlog import DATAGRAM, FILE_NAME, MAGIC, FlightLogError, LogReader, RecordType, decompressed
-from protocol.flightlog.recorder import message_type
+from protocol.flightlog import DATAGRAM, FILE_NAME, FlightLogError, LogFollower, LogReader, RecordType
+from protocol.flightlog.mavlink_records import message_type
 from protocol.framing import Framer
 from protocol.messages import layout
 from protocol.transport import Transport
 
-_RECORD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<BQHIQ")
-_CHUNK = struct.Struct("<QQQII")
-_LARGEST_CHUNK = 1 << 30
 _DATAGRAMS_A_POLL = 5000
 _MOST_KINDS = 4096
+"""Pairs of a message and its sender that are shown; noise must not use up the memory."""
 _GROWS_S = 10.0
 """A flight's log is written to each tenth of a second; one that was not for so long was cut off."""
 
@@ -38,21 +27,27 @@ class Source(Protocol):
     """What a page asks of a flight."""
 
     name: str
-    world: bytes
-    """The world's file, empty while it is not known."""
-    settings: bytes
-    """The companion's, as JSON; the same."""
-    ended: bool
-    """Nothing more will come."""
     problem: str | None
-    """Why it is not whole."""
+    """Why the flight's records are not complete, or None."""
+
+    @property
+    def world(self) -> bytes:
+        """The world's file, empty while it is not known."""
+
+    @property
+    def settings(self) -> bytes:
+        """The companion's settings as JSON, empty while they are not known."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will come."""
 
     def poll(self) -> Iterator[Batch]:
-        """What is new, without waiting. Raises FlightLogError if it can't be read any more."""
+        """The new records, without waiting. Raises FlightLogError if the source can't be read any more."""
 
 
 class FinishedLog:
-    """A log that nobody writes to any more, all of it at the first poll."""
+    """A log that nobody writes to any more; the first poll gives all of it."""
 
     def __init__(self, log: LogReader) -> None:
         self.name = str(log.path)
@@ -69,111 +64,51 @@ class FinishedLog:
 
 
 class GrowingLog:
-    """A log that is being written, chunk by chunk; each poll gives the chunks that have become whole since.
+    """A log that is being written; each poll gives the chunks that have become whole since the last one.
 
-    Reading takes nothing from the flight but a look at its file. What is damaged ends it, with an error.
+    Reading takes nothing from the flight but a look at its file. Damage ends it with an error.
     """
 
     def __init__(self, path: Path) -> None:
         self.name = str(path)
-        self.world = self.settings = b""
-        self.ended = False
         self.problem: str | None = None
-        self._path = path
-        self._file: BinaryIO | None = None
-        """Kept open: at its end another file takes the place of the one that was written (see recorder.py)."""
-        self._position = len(MAGIC)
-        self._epoch_ns = 0
-        self._schemas: dict[int, mcap.records.Schema] = {}
-        self._channels: dict[int, RecordType] = {}
-        self._held: dict[int, tuple[list[int], list[bytes]]] = {}
+        self._log = LogFollower(path, lambda topic: topic != DATAGRAM.topic)
+        self._held: dict[str, tuple[list[int], list[bytes]]] = {}
+
+    @property
+    def world(self) -> bytes:
+        return self._log.attachments.get("world.toml", b"")
+
+    @property
+    def settings(self) -> bytes:
+        return self._log.attachments.get("settings.json", b"")
+
+    @property
+    def ended(self) -> bool:
+        return self._log.ended
 
     def poll(self) -> Iterator[Batch]:
-        try:
-            if self._file is None:
-                self._file = self._path.open("rb")
-            size = os.fstat(self._file.fileno()).st_size
-            if size > self._position:
-                with mmap.mmap(self._file.fileno(), size, access=mmap.ACCESS_READ) as data:
-                    yield from self._read(data, size)
-        except OSError as error:
-            raise FlightLogError(f"{self._path}: {error.strerror or error}") from error
-        except (McapError, ValueError, KeyError, struct.error, zstandard.ZstdError) as error:
-            raise FlightLogError(f"{self._path}: damaged at byte {self._position}") from error
-
-    def _read(self, data: mmap.mmap, size: int) -> Iterator[Batch]:
-        while not self.ended and self._position + _RECORD.size <= size:
-            opcode, length = _RECORD.unpack_from(data, self._position)
-            start = self._position + _RECORD.size
-            if start + length > size:
-                break
-            if opcode == Opcode.CHUNK:
-                self._walk(_content(data, start))
-            elif opcode == Opcode.DATA_END:
-                self.ended = True
-            else:
-                self._take(opcode, data[start : start + length])
-            self._position = start + length
+        for records in self._log.poll():
+            for topic, time_ns, _, data in records:
+                try:
+                    times, parts = self._held[topic]
+                except KeyError:
+                    times, parts = self._held[topic] = [], []
+                times.append(time_ns)
+                parts.append(data)
             if any(len(times) >= BATCH for times, _ in self._held.values()):
                 yield from self._give()
         yield from self._give()
 
     def _give(self) -> Iterator[Batch]:
         held, self._held = self._held, {}
-        for channel, (times, parts) in held.items():
-            yield from batch(self._channels[channel], times, parts)
-
-    def _walk(self, content: bytes) -> None:
-        position = 0
-        while position < len(content):
-            opcode, length, channel, _, log_time = _MESSAGE.unpack_from(content, position)
-            stop = position + _RECORD.size + length
-            if opcode == Opcode.MESSAGE:
-                if self._channels[channel].topic != DATAGRAM.topic:
-                    times, parts = self._held.setdefault(channel, ([], []))
-                    times.append(log_time - self._epoch_ns)
-                    parts.append(content[position + 31 : stop])
-            else:
-                self._take(opcode, content[position + _RECORD.size : stop])
-            position = stop
-
-    def _take(self, opcode: int, content: bytes) -> None:
-        stream = ReadDataStream(BytesIO(content))
-        if opcode == Opcode.SCHEMA:
-            schema = mcap.records.Schema.read(stream)
-            self._schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = mcap.records.Channel.read(stream)
-            kind = self._schemas[channel.schema_id]
-            self._channels[channel.id] = RecordType(channel.topic, kind.name, kind.data.decode())
-        elif opcode == Opcode.METADATA:
-            metadata = mcap.records.Metadata.read(stream)
-            if metadata.name == "flightlog":
-                self._epoch_ns = int(metadata.metadata["epoch_ns"])
-        elif opcode == Opcode.ATTACHMENT:
-            attachment = mcap.records.Attachment.read(stream)
-            if attachment.name == "world.toml":
-                self.world = attachment.data
-            elif attachment.name == "settings.json":
-                self.settings = attachment.data
-
-
-def _content(data: mmap.mmap, start: int) -> bytes:
-    """Of the chunk whose record's content starts there."""
-    _, _, size, _, name_length = _CHUNK.unpack_from(data, start)
-    name_start = start + _CHUNK.size
-    packed_start = name_start + name_length + 8
-    (packed,) = struct.unpack_from("<Q", data, packed_start - 8)
-    content = data[packed_start : packed_start + packed]
-    if data[name_start : name_start + name_length] != b"zstd":
-        return content
-    if size > _LARGEST_CHUNK:
-        raise ValueError(f"a chunk of {size} bytes")
-    return decompressed(content, size)
+        kinds = self._log.topics
+        for topic, (times, parts) in held.items():
+            yield from batch(kinds[topic], times, parts)
 
 
 class Link:
-    """A vehicle's telemetry over a transport, as it arrives; times are seconds since the page's start."""
+    """A vehicle's telemetry over a transport, as it arrives; times count from the page's start."""
 
     def __init__(self, url: str, transport: Transport, world: bytes) -> None:
         self.name = url
@@ -217,7 +152,7 @@ class Link:
 
 
 def newest(logs: Path) -> Path:
-    """The log in a folder of flights that was written to last. Raises FlightLogError if there is none."""
+    """The log that was written to last in a folder of flights. Raises FlightLogError if there is none."""
     found = max(logs.glob(f"*/{FILE_NAME}"), key=lambda path: path.stat().st_mtime, default=None)
     if found is None:
         raise FlightLogError(f"{logs}: there is no flight in it")
@@ -225,8 +160,10 @@ def newest(logs: Path) -> Path:
 
 
 def open_log(path: Path) -> Source:
-    """A log as it is, or as one that is being written if it has no end yet and was written to lately. Raises
-    FlightLogError."""
+    """A log as a source: a growing one if it has no end yet and was written to within the last 10 s.
+
+    Raises FlightLogError if it can't be opened or is no flight log.
+    """
     log = LogReader(path)
     written_s = time.time() - path.stat().st_mtime
     return GrowingLog(path) if not log.complete and written_s < _GROWS_S else FinishedLog(log)

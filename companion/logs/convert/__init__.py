@@ -1,4 +1,4 @@
-"""Logs in the formats of other tools, and theirs in ours."""
+"""Converts logs to the formats of other tools, and telemetry logs to flight logs."""
 
 import tempfile
 from pathlib import Path
@@ -14,18 +14,18 @@ _SUFFIXES = {".mcap": "mcap", ".tlog": "tlog", ".ulg": "ulog", ".ulog": "ulog"}
 
 
 class Converted(NamedTuple):
-    """What came of it."""
+    """What a conversion came to."""
 
     written: list[str]
-    """A line each."""
+    """The files written, a line each."""
     problem: str | None
-    """What is wrong with the source; what is whole of it was written."""
+    """What is wrong with the source, whose whole part was written."""
 
 
 def convert(source: Path, target: Path, form: str | None = None) -> Converted:
-    """Write `source`, a flight log or a telemetry log, to `target` in one of FORMS (None: by its suffix).
+    """Write `source`, a flight log or a telemetry log, to `target` in one of FORMS (None: by the target's suffix).
 
-    Raises FlightLogError if the one can't be read, the other can't be made or is there already, or the form isn't one.
+    Raises FlightLogError if `source` can't be read, `target` can't be made or exists, or the form is unknown.
     """
     form = form or _SUFFIXES.get(target.suffix)
     if form not in FORMS:
@@ -47,7 +47,7 @@ def convert(source: Path, target: Path, form: str | None = None) -> Converted:
 
 
 def _from_flight_log(log: LogReader, draft: Path, target: Path, form: str) -> list[str]:
-    # Each form's own imports are the form's alone.
+    # Imported here: no form needs the imports of another one.
     if form == "tlog":
         return [f"{telemetry.from_flight_log(log, draft)} frames: {target}"]
     if form == "ulog":

@@ -1,4 +1,4 @@
-"""A table for each topic of a flight log: CSV or Parquet files in a folder, a row a message."""
+"""Converts a flight log to tables: a CSV or Parquet file for each topic, a row for each message."""
 
 import itertools
 import re
@@ -14,15 +14,16 @@ from companion.logs.recordings import records, unpack
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record, RecordType
 
 TIME = "time_ns"
-"""First column: from the log's time 0."""
+"""Name of the first column: time since the log's time 0."""
 _BATCH = 4096
+"""Rows that are written together."""
 _LONGEST_NAME = 200
 Column = tuple[str, Any]
-"""Its name; values as an array with a row a message, or a list of str or bytes."""
+"""Name; values as an array (n,) or (n, k), or a list of n str or bytes."""
 
 
 def to_tables(log: LogReader, folder: Path, kind: Literal["csv", "parquet"]) -> dict[str, int]:
-    """Write a file for each topic but the datagrams themselves; the rows in each by its name.
+    """Write a file for each topic but the datagrams themselves; returns the number of rows by file name.
 
     Arrays of fixed length become columns `name[0]`, `name[1]`, ... in CSV and lists in Parquet; bytes are hexadecimal
     in CSV. Raises FlightLogError if the log can't be read or pyarrow is missing, OSError if the folder is there
@@ -44,7 +45,7 @@ def to_tables(log: LogReader, folder: Path, kind: Literal["csv", "parquet"]) -> 
 
 
 def _file_name(topic: str, taken: set[str]) -> str:
-    """Without what a file's name can't have, and none that is taken, also where case makes no difference."""
+    """A file name for the topic that differs from those `taken` by more than upper and lower case."""
     plain = re.sub(r"[^\w.-]", "_", topic.removeprefix("/mavlink/").strip("/"))[:_LONGEST_NAME] or "_"
     name = next(name for number in itertools.count(1) if (name := _numbered(plain, number)).casefold() not in taken)
     taken.add(name.casefold())
@@ -56,7 +57,7 @@ def _numbered(name: str, number: int) -> str:
 
 
 class _Table(ABC):
-    """One file; rows are gathered and written many at a time."""
+    """One file; rows are collected and written many at a time."""
 
     def __init__(self, path: Path, log: LogReader, kind: RecordType) -> None:
         self.path = path
@@ -74,7 +75,7 @@ class _Table(ABC):
         self.close()
 
     def add(self, record: Record) -> None:
-        """A row."""
+        """Add a row."""
         self._records.append(record)
         self.rows += 1
         if len(self._records) == _BATCH:
@@ -88,7 +89,7 @@ class _Table(ABC):
 
     @abstractmethod
     def write(self, columns: Sequence[Column]) -> None:
-        """Some rows more; always the same columns."""
+        """Write more rows; the columns are the same each time."""
 
     @abstractmethod
     def close(self) -> None: ...
@@ -110,7 +111,7 @@ def _columns(log: LogReader, kind: RecordType, found: Sequence[Record]) -> list[
 
 
 def _plain(kind: str, length: int | None, values: Any) -> Any:
-    """Numbers as an array, with a second axis for those of fixed length; str and bytes as they are."""
+    """Numbers as an array (n,) or, for arrays of fixed length, (n, k); str and bytes as they are."""
     if kind == "time":
         if isinstance(values, list):
             return np.array([seconds * 1_000_000_000 + rest for seconds, rest in values], np.int64)
@@ -134,7 +135,7 @@ class _Csv(_Table):
                 names.append(name)
                 texts.append([value.hex() if isinstance(value, bytes) else _quoted(str(value)) for value in values])
                 continue
-            flat = values.reshape(len(values), -1).astype(str)  # the shortest digits that are the same number again
+            flat = values.reshape(len(values), -1).astype(str)  # the shortest digits that give the same number
             names += [name] if values.ndim == 1 else [f"{name}[{index}]" for index in range(flat.shape[1])]
             texts += list(flat.T)
         if not self._headed:
@@ -147,7 +148,7 @@ class _Csv(_Table):
 
 
 def _quoted(text: str) -> str:
-    """Whatever is in it: Python's own writer leaves a carriage return bare, which ends a row for others."""
+    """A CSV field. Python's own writer leaves a carriage return unquoted, which ends a row for other readers."""
     return '"' + text.replace('"', '""') + '"'
 
 

@@ -1,4 +1,4 @@
-"""Telemetry logs (.tlog) to flight logs and back."""
+"""Converts telemetry logs (.tlog) to flight logs and back."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,25 +11,26 @@ from protocol.flightlog.tlog import Entry
 from protocol.framing import Framer
 
 FROM_TLOG = "telemetry log"
-"""Metadata of a flight log that was made from one: each of its datagrams is an entry as it was."""
+"""Name of the metadata of a flight log that was made from a telemetry log: each datagram is an entry of that."""
 
 
 def to_flight_log(traffic: Traffic, target: Path, metadata: Mapping[str, Mapping[str, str]] | None = None) -> int:
-    """Make a flight log of a telemetry log, with the messages decoded and more metadata, if any; how many entries it
-    has. Raises FlightLogError if the one can't be read or the other can't be made.
+    """Make a flight log of a telemetry log, with its messages decoded and with additional metadata.
+
+    Returns the number of entries. Raises FlightLogError if the log can't be read or the target can't be made.
     """
     source = {FROM_TLOG: {"source": printable(traffic.log.path.name)}}
     with Writer(target, traffic.epoch_ns, {**source, **(metadata or {})}) as writer:
-        for sequence, sent in enumerate(traffic.sent()):
-            writer.datagram(sent.time_ns, sequence & 0xFFFF_FFFF, sent.direction, sent.address, sent.data)
+        for sequence, (time_ns, direction, address, data) in enumerate(traffic.datagrams()):
+            writer.datagram(time_ns, sequence & 0xFFFF_FFFF, direction, address, data)
     return writer.count
 
 
 def from_flight_log(log: LogReader, target: Path) -> int:
-    """Make a telemetry log of a flight log, a frame an entry; how many. One that was a telemetry log becomes the same
-    bytes again.
+    """Make a telemetry log of a flight log, an entry for each frame. A flight log made by `to_flight_log` becomes the
+    same bytes again.
 
-    Raises FlightLogError if the one can't be read or the other can't be made.
+    Returns the number of entries. Raises FlightLogError if the log can't be read or the target can't be made.
     """
     traffic = traffic_of(log)
     epoch_ns = traffic.epoch_ns or round((started_unix_s(log.metadata) or 0.0) * 1e9)
@@ -37,11 +38,11 @@ def from_flight_log(log: LogReader, target: Path) -> int:
 
     def entries() -> Iterator[Entry]:
         framer = Framer()
-        for sent in traffic.sent():
-            time_us = max(epoch_ns + sent.time_ns, 0) // 1000
+        for datagram in traffic.datagrams():
+            time_us = max(epoch_ns + datagram.time_ns, 0) // 1000
             if as_it_was:
-                yield Entry(time_us, sent.data)
+                yield Entry(time_us, datagram.data)
             else:
-                yield from (Entry(time_us, frame.raw) for frame in framer.datagram(sent.data))
+                yield from (Entry(time_us, frame.raw) for frame in framer.datagram(datagram.data))
 
     return tlog.write(target, entries())

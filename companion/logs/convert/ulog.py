@@ -1,9 +1,9 @@
-"""Flight logs as ULog (docs.px4.io, "ULog File Format"), for the tools that read it and no MCAP.
+"""Converts flight logs to ULog (docs.px4.io, "ULog File Format"), for tools that don't read MCAP.
 
-Topics are the MAVLink messages and the companion's own records under their names in lower case. PX4's own topics
-(`vehicle_attitude`, ...) are written beside them where a message holds the same quantities, so that its tools find
-what they plot. What ULog has no type for (text and bytes of varying length) is left out, as is what is larger than its
-64 KiB; the texts themselves become its logged messages. There is no way back: a ULog holds no traffic.
+Topics are the MAVLink messages and the companion's own records, with their names in lower case. PX4's own topics
+(`vehicle_attitude`, ...) are written beside them where a message holds the same quantities, so that PX4's tools find
+what they plot. Fields that ULog has no type for (text and bytes of varying length) and messages over its limit of
+64 KiB are left out; texts become logged messages. A ULog can't be converted back, since it holds no traffic.
 """
 
 import re
@@ -21,26 +21,27 @@ _HEAD = struct.Struct("<HB")
 _STAMP = struct.Struct("<Q")
 _DATA = struct.Struct("<HQ")
 _MOST_BYTES = 0xFFFF
-"""Of a message."""
+"""Of a ULog message."""
 _LONGEST_INFO = 1024
+"""Bytes of an information message's text."""
 _NAMES = {"bool": "bool", "float32": "float", "float64": "double"}
-_INSTANCES = 256
+_MOST_INSTANCES = 256
 _LEVELS = (ord("6"), ord("7"), ord("6"), ord("4"), ord("3"), ord("2"))
-"""Of a text (0 unknown, 1 debug, ... 5 fatal) as syslog's digit."""
+"""syslog's digit for each level of a text: 0 unknown, 1 debug, ... 5 fatal."""
 
 
-class _Twin(NamedTuple):
-    """A PX4 topic that a message is the same as."""
+class _Equivalent(NamedTuple):
+    """A PX4 topic with the same quantities as a message."""
 
     topic: str
     fields: str
     """As ULog has them, behind the timestamp."""
     sources: tuple[str, ...]
-    """The message's fields that these are."""
+    """The message's fields that hold these values."""
 
 
-class _Shape(NamedTuple):
-    """What becomes of a record."""
+class _Conversion(NamedTuple):
+    """What a record is converted to."""
 
     name: str
     fields: str
@@ -55,12 +56,12 @@ class _Shape(NamedTuple):
 
     @property
     def fits(self) -> bool:
-        """Into ULog's messages."""
+        """Whether it fits a ULog message."""
         return max(len(self.definition), _DATA.size + self.size) <= _MOST_BYTES
 
 
 def to_ulog(log: LogReader, target: Path) -> int:
-    """Write a ULog file; how many records of data it has.
+    """Write a ULog file; returns its number of data records.
 
     Raises FlightLogError if the log can't be read, OSError if the file can't be made.
     """
@@ -79,11 +80,11 @@ class _Ulog:
         self._targets: dict[str, list[tuple[int, Callable[[Record], bytes]]]] = {}
 
     def parts(self) -> Iterator[bytes]:
-        """The file, bit by bit."""
+        """The file's content, part by part."""
         definitions = list(self._definitions())
         kinds = {topic: self._kinds[topic] for topic in {*self._targets, *self._texts}}
         first_us = min((record.time_ns // 1000 for record in self._log.records(kinds)), default=0)
-        before_us = max(-first_us, 0)  # a stamp has no sign
+        before_us = max(-first_us, 0)  # stamps are unsigned
         yield _HEADER + _STAMP.pack(first_us + before_us)
         yield _message("B", bytes(40))
         flight = self._log.metadata.get("flight", {})
@@ -96,20 +97,20 @@ class _Ulog:
     def _definitions(self) -> Iterator[bytes]:
         formats: dict[str, bytes] = {}
         topics = [
-            (topic, shape)
+            (topic, conversion)
             for topic, kind in self._kinds.items()
-            for shape in self._shapes(topic, kind)
+            for conversion in self._conversions(topic, kind)
             # The same name with other fields is from a sender of another dialect.
-            if shape.fits and formats.setdefault(shape.name, shape.definition) == shape.definition
+            if conversion.fits and formats.setdefault(conversion.name, conversion.definition) == conversion.definition
         ]
         for definition in formats.values():
             yield _message("F", definition)
         instances: dict[str, int] = {}
-        for number, (topic, shape) in enumerate(topics):
-            instance = instances[shape.name] = instances.get(shape.name, -1) + 1
-            if instance < _INSTANCES:
-                self._targets.setdefault(topic, []).append((number, shape.convert))
-                yield _message("A", struct.pack("<BH", instance, number) + shape.name.encode())
+        for number, (topic, conversion) in enumerate(topics):
+            instance = instances[conversion.name] = instances.get(conversion.name, -1) + 1
+            if instance < _MOST_INSTANCES:
+                self._targets.setdefault(topic, []).append((number, conversion.convert))
+                yield _message("A", struct.pack("<BH", instance, number) + conversion.name.encode())
 
     def _data(self, record: Record, time_us: int) -> Iterator[bytes]:
         for number, convert in self._targets.get(record.topic, ()):
@@ -120,8 +121,8 @@ class _Ulog:
             level, text = said(unpack(self._log, self._kinds[record.topic], record))
             yield _message("L", (bytes((level,)) + _STAMP.pack(time_us) + text.encode())[:_MOST_BYTES])
 
-    def _shapes(self, topic: str, kind: RecordType) -> Iterator[_Shape]:
-        """What a topic's records become: as they are, and PX4's own for those that have one."""
+    def _conversions(self, topic: str, kind: RecordType) -> Iterator[_Conversion]:
+        """What a topic's records become: the same fields, and PX4's own topic if there is an equivalent."""
         texts = _text_lengths(kind)
         if any(field.kind not in SCALARS and field.name not in texts for field in kind.fields):
             return
@@ -143,20 +144,20 @@ class _Ulog:
         def again(record: Record) -> bytes:
             return packed.pack(*_flat(unpack(self._log, kind, record).values()))
 
-        yield _Shape(_name(topic), fields, packed.size, again if texts else lambda record: record.data)
-        twin = _TWINS.get(_name(topic))
-        if twin is not None and numbers.issuperset(twin.sources):
-            floats = struct.Struct(f"<{len(twin.sources)}f")
+        yield _Conversion(_name(topic), fields, packed.size, again if texts else lambda record: record.data)
+        px4 = _EQUIVALENTS.get(_name(topic))
+        if px4 is not None and numbers.issuperset(px4.sources):
+            floats = struct.Struct(f"<{len(px4.sources)}f")
 
             def same(record: Record) -> bytes:
                 values = unpack(self._log, kind, record)
-                return floats.pack(*(values[name] for name in twin.sources))
+                return floats.pack(*(values[name] for name in px4.sources))
 
-            yield _Shape(twin.topic, twin.fields, floats.size, same)
+            yield _Conversion(px4.topic, px4.fields, floats.size, same)
 
 
 def _texts(log: LogReader) -> dict[str, Callable[[dict[str, Any]], tuple[int, str]]]:
-    """Which topics are texts, and how the level (syslog's digit) and the words of one are told from its fields."""
+    """Topics with texts, and for each a function from a record's fields to its level (syslog's digit) and its text."""
     kinds = log.topics
     if has_texts(log) and kinds[TEXT.topic].definition == TEXT.definition:
         return {TEXT.topic: lambda said: (_LEVELS[min(said["level"], 5)], said["message"])}
@@ -168,7 +169,7 @@ def _texts(log: LogReader) -> dict[str, Callable[[dict[str, Any]], tuple[int, st
 
 
 def _text_lengths(kind: RecordType) -> dict[str, int]:
-    """Of a MAVLink message's texts, which the log has without the zeros behind them."""
+    """Lengths of a MAVLink message's char arrays by field; the log has them as strings without trailing zeros."""
     number = _MESSAGES.get(kind.schema_name)
     fields = () if number is None else layout(number).fields
     if [field.name for field in fields] != [field.name for field in kind.fields]:
@@ -186,7 +187,7 @@ def _flat(values: Any) -> Iterator[Any]:
 
 
 def _name(topic: str) -> str:
-    """The message's own name for traffic, "companion_trace" and the like for others."""
+    """The message's own name for MAVLink traffic, "companion_trace" and the like for others."""
     parts = topic.strip("/").split("/")
     name = parts[3] if parts[0] == "mavlink" and len(parts) == 4 else "_".join(parts)
     return re.sub(r"[^a-z0-9_-]", "_", name.lower()) or "_"
@@ -212,17 +213,17 @@ def _info(key: str, value: str) -> bytes:
 
 
 _MESSAGES = {f"mavlink/{message.msgname}": number for number, message in dialect.mavlink_map.items()}
-_TWINS = {
-    "attitude_quaternion": _Twin("vehicle_attitude", "float[4] q;", ("q1", "q2", "q3", "q4")),
-    "local_position_ned": _Twin(
+_EQUIVALENTS = {
+    "attitude_quaternion": _Equivalent("vehicle_attitude", "float[4] q;", ("q1", "q2", "q3", "q4")),
+    "local_position_ned": _Equivalent(
         "vehicle_local_position",
         "float x;float y;float z;float vx;float vy;float vz;",
         ("x", "y", "z", "vx", "vy", "vz"),
     ),
-    "attitude_target": _Twin(
+    "attitude_target": _Equivalent(
         "vehicle_rates_setpoint",
         "float roll;float pitch;float yaw;",
         ("body_roll_rate", "body_pitch_rate", "body_yaw_rate"),
     ),
 }
-"""PX4's names (msg/*.msg) for what these messages are made of there."""
+"""PX4's topics (msg/*.msg) from which it makes these messages."""

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from protocol.flightlog import DATAGRAM, HEADER, LENGTH_OF_EMPTY
-from protocol.flightlog.recorder import McapFile
+from protocol.flightlog import DATAGRAM
+from protocol.flightlog.mcap_file import McapFile
+from protocol.flightlog.mcap_format import message_record
 from tests.companion.logs.changed_logs import Flyer
 from tests.flights.processes import run
 
@@ -48,8 +49,7 @@ def many_chunks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(2000):
         data = DATAGRAM.pack(number % 2, "a:1", generator.randbytes(generator.randrange(40)))
         time_ns = 1_000_000_000 + number * 4_000_000
-        header = HEADER.pack(5, LENGTH_OF_EMPTY + len(data), channel, number, time_ns, time_ns)
-        file.add_message(channel, time_ns, header + data)
+        file.add_message(channel, time_ns, message_record(channel, number, time_ns, data))
         if number % 50 == 49:
             file.end_chunk()
     file.add_metadata("flightlog end", {"reason": "closed", "dropped": "0"})

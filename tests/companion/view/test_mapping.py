@@ -16,7 +16,7 @@ from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.view.gather import Batch
 from companion.view.history import History
 from companion.view.mapping import MapAt, Mapper, avoidance_of, occupied, picture
-from protocol.flightlog.recorder import message_type
+from protocol.flightlog.mavlink_records import message_type
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, world_with_wall

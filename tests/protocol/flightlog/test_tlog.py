@@ -126,7 +126,7 @@ def test_no_more_is_searched_than_counts(tmp_path: Path, monkeypatch: pytest.Mon
         checked += 1
         return False
 
-    monkeypatch.setattr(tlog, "_sound", count)
+    monkeypatch.setattr(tlog, "_is_valid_frame", count)
     candidate = b"\0" * 8 + b"\xfe\0"
     (tmp_path / "a.tlog").write_bytes(b"#" + candidate * 100_000)
     assert not is_tlog(tmp_path / "a.tlog")

@@ -11,7 +11,7 @@ from protocol.framing import Framer
 from protocol.messages import Encoder, decode
 from protocol.peer import Peer
 
-DATA = Path(__file__).resolve().parents[2] / "data"
+DATA = Path(__file__).resolve().parents[1] / "data"
 RECORDINGS = {"px4_offboard": 8762, "ardupilot_guided": 6210}
 UNKNOWN = {"px4_offboard": {8, 380, 410, 411, 436}, "ardupilot_guided": set[int]()}
 every_recording = pytest.mark.parametrize("name", RECORDINGS)
