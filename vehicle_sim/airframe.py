@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from protocol.toml_files import TomlFileError, load
 from protocol.vehicle_parameters import GRAVITY, Body, Positive
-from vehicle_sim.lidar import LidarSettings
+from vehicle_sim.sensors.lidar import LidarSettings
 
 NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 Axes = tuple[Positive, Positive, Positive]

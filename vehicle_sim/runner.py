@@ -7,7 +7,7 @@ from enum import Enum
 
 from protocol.clock import RealClock
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, Udp
-from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 
 HANDSHAKE_S = 0.2

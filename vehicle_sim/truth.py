@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.arrays import Array
 from protocol.toml_files import TomlFileError
-from vehicle_sim.rigid_body import STATES, Array
+from vehicle_sim.physics.rigid_body import STATES
 
 TRUTH = np.dtype(
     [

@@ -7,20 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from protocol.arrays import Array, Vector
 from protocol.framing import Frame, Framer
 from protocol.messages import Encoder, decode, dialect
 from vehicle_sim.airframe import Airframe, parameters
-from vehicle_sim.flight_control import FlightControl, Severity
-from vehicle_sim.inner_loop import COMMAND, Level
-from vehicle_sim.integrate import FEEDBACK, TICK_NS, advance, scratch
-from vehicle_sim.lidar import Lidar
-from vehicle_sim.motion import Motion, Vector
-from vehicle_sim.rigid_body import STATES, Array
-from vehicle_sim.services import COMPONENT, SYSTEM, Services
-from vehicle_sim.telemetry import Telemetry
+from vehicle_sim.autopilot.control_laws import COMMAND, Level
+from vehicle_sim.autopilot.flight_control import FlightControl, Severity
+from vehicle_sim.physics.integrator import work_array
+from vehicle_sim.physics.motion import FEEDBACK, Motion
+from vehicle_sim.physics.rigid_body import STATES
+from vehicle_sim.sensors.lidar import Lidar
+from vehicle_sim.services.services import COMPONENT, SYSTEM, Services
+from vehicle_sim.services.telemetry import Telemetry
+from vehicle_sim.tick import advance
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import Truth
-from vehicle_sim.wind import Wind
 from vehicle_sim.world import Scene, World
+from vehicle_sim.world.wind import Wind
 
 DATAGRAM_BYTES = 1400
 """A datagram is not filled beyond this."""
@@ -78,7 +81,7 @@ class Vehicle:
         self._force_ned: Array = self._parameters["force_ned"][0]
         self._feedback = np.zeros(1, FEEDBACK)
         self._feedback["touching"] = 1.0
-        self._room = scratch()
+        self._room = work_array()
         self.state: Array = np.zeros(STATES)
         """(17,), see rigid_body."""
         self.state[2] = -airframe.rest_height_m
@@ -136,14 +139,14 @@ class Vehicle:
     def advance(self) -> list[bytes]:
         """Fly one tick of 4 ms; the datagrams to send at its end."""
         self.tick += 1
-        self._wind.blow(self.state)
+        self._wind.advance(self.state)
         advance(self.state, self.flight.command, self._parameters, self._feedback, self._room)
         before = self.motion
         self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
         self.flight.step(truth)
         if self.world.force_ned != _NO_FORCE:
             self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned
-        if self._scene.world.restless:
+        if self._scene.world.dynamic:
             self._move_world()
         self._watch_clearance(before, truth)
         if self._truth is not None:
@@ -157,7 +160,7 @@ class Vehicle:
         return _datagrams(frames)
 
     def _move_world(self) -> None:
-        self._scene.watch(self.time_ns, self.motion.position_ned)
+        self._scene.update(self.time_ns, self.motion.position_ned)
         self.world = self._scene.at(self.time_ns)
         self._spare_m = 0.0  # what comes nearer by itself is measured at each tick
 

@@ -20,8 +20,9 @@ from tests.vehicle_sim.test_vehicle_runner import Companion, hop, started
 from vehicle_sim import truth
 from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.cli import app
-from vehicle_sim.integrate import TICK_NS, scratch, step
-from vehicle_sim.rigid_body import POSITION, RATES, ROTORS, STATES, VELOCITY
+from vehicle_sim.physics.integrator import step, work_array
+from vehicle_sim.physics.rigid_body import POSITION, RATES, ROTORS, STATES, VELOCITY
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import TRUTH, Truth
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World, WorldTable
@@ -60,7 +61,7 @@ def test_a_hovering_body_is_carried_off_until_it_drifts_with_the_wind() -> None:
     p = parameters(AIRFRAME)
     wind = np.array([6.0, -4.0, 1.0])
     p["wind_ned"] = wind
-    state, room = np.zeros(STATES), scratch()
+    state, room = np.zeros(STATES), work_array()
     state[2], state[6] = -5000.0, 1.0
     state[ROTORS] = math.sqrt(AIRFRAME.takeoff_mass_kg * GRAVITY / 4.0 / AIRFRAME.rotors.thrust_constant_ns2)
     told = state[ROTORS].copy()
@@ -78,7 +79,7 @@ def test_a_constant_force_accelerates_a_falling_body_exactly() -> None:
     p["drag_kg_s"] = 0.0
     force = np.array([5.0, -2.0, 1.0])
     p["force_ned"] = force
-    state, room = np.zeros(STATES), scratch()
+    state, room = np.zeros(STATES), work_array()
     state[2], state[6], state[RATES] = -100.0, 1.0, (2.0, 1.0, -0.5)  # whatever way it turns
     for _ in range(1500):
         step(state, np.zeros(4), p, 1e-3, room)

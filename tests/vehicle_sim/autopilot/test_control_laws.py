@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from protocol.arrays import Array
 from protocol.frames import rotate, to_rotation_vector
 from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, tilted
 from vehicle_sim.airframe import parameters
-from vehicle_sim.inner_loop import COMMAND, Command, Level, attitude_law, mix, position_law
-from vehicle_sim.integrate import FEEDBACK, advance, scratch
-from vehicle_sim.rigid_body import RATES, ROTORS, STATES, Array
+from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level, attitude_law, mix, position_law
+from vehicle_sim.physics.integrator import work_array
+from vehicle_sim.physics.motion import FEEDBACK
+from vehicle_sim.physics.rigid_body import RATES, ROTORS, STATES
+from vehicle_sim.tick import advance
 
 BODY = AIRFRAME.body
 MOST = BODY.rotor_max_thrust_n
@@ -41,7 +44,7 @@ def command(level: Level, **fields: object) -> Command:
 
 def fly(state: Array, order: Command, seconds: float) -> NDArray[np.float64]:
     """All states, one a tick."""
-    feedback, room = np.zeros(1, FEEDBACK), scratch()
+    feedback, room = np.zeros(1, FEEDBACK), work_array()
     states = []
     for _ in range(round(seconds / 0.004)):
         advance(state, order, PARAMETERS, feedback, room)

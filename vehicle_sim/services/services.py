@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from protocol.arrays import Vector
 from protocol.frames import to_local
 from protocol.framing import Frame
 from protocol.messages import Encoder, decode, dialect
-from vehicle_sim.flight_control import FORCE, FlightControl, Mode, Result, Severity
-from vehicle_sim.motion import Vector
-from vehicle_sim.telemetry import Telemetry
+from vehicle_sim.autopilot.flight_control import FORCE, FlightControl, Mode, Result, Severity
+from vehicle_sim.services.telemetry import Telemetry
 
 Geodetic = tuple[float, float, float]
 """Latitude, longitude (rad), altitude above mean sea level (m)."""

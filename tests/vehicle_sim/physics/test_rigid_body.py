@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from protocol.arrays import Array
 from protocol.frames import rotate
 from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, tilted
 from vehicle_sim.airframe import parameters
-from vehicle_sim.integrate import scratch, step
-from vehicle_sim.rigid_body import ATTITUDE, POSITION, RATES, ROTORS, STATES, VELOCITY, Array, Parameters, derivative
+from vehicle_sim.physics.integrator import step, work_array
+from vehicle_sim.physics.rigid_body import ATTITUDE, POSITION, RATES, ROTORS, STATES, VELOCITY, Parameters, derivative
 
 BODY = AIRFRAME.body
 HOVER_SPEED = math.sqrt(AIRFRAME.takeoff_mass_kg * GRAVITY / 4.0 / AIRFRAME.rotors.thrust_constant_ns2)
@@ -38,7 +39,7 @@ def without_air() -> Parameters:
 
 def run(state: Array, p: Parameters, seconds: float, *, commands: Array | None = None, dt: float = 1e-3) -> Array:
     """The state after some time; rotors are told to keep their speed unless told otherwise."""
-    end, room = state.copy(), scratch()
+    end, room = state.copy(), work_array()
     told = state[ROTORS].copy() if commands is None else commands
     for _ in range(round(seconds / dt)):
         step(end, told, p, dt, room)

@@ -1,10 +1,9 @@
-"""The quadrotor's motion: rigid body on a quaternion, rotors with lag, drag in the wind, gyroscopic torque, feet on the
-ground.
+"""The equations of motion of the quadrotor: rigid body, rotors with lag, drag, gyroscopic torque, feet on the ground.
 
 State (17,): position_ned 0:3 (m), velocity_ned 3:6 (m/s), attitude_ned_frd 6:10, rates_frd 10:13 (rad/s), rotor speeds
-13:17 (rad/s; front, right, back, left). Front and back turn anticlockwise seen from above, so their drag yaws the body
-clockwise (positive). The torque that speeds a rotor up is left out, as in the paper's model (4). Scalars throughout:
-nothing is allocated.
+13:17 (rad/s; front, right, back, left). The front and back rotors turn anticlockwise seen from above, so their drag
+yaws the body clockwise (positive). The torque that accelerates a rotor is left out, as in the paper's model (4). All of
+it computes with scalars, so nothing is allocated.
 """
 
 import math
@@ -13,22 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.arrays import Array, Vector
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 
-Array = NDArray[np.float64]
 Parameters = NDArray[np.void]
 """(1,) of airframe.PARAMETERS."""
 
 POSITION, VELOCITY, ATTITUDE, RATES, ROTORS = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13, 17)
 STATES = 17
 
-_SLIDING_M_S = 0.05  # below it friction fades like a viscous one, so that it has no step for the integrator
+_SLIDING_M_S = 0.05
+"""Below this speed friction is viscous, so that the integrator meets no step."""
 
 
 @compiled
 def to_world(q0: float, q1: float, q2: float, q3: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Rotate a vector by a quaternion; with (q0, -q1, -q2, -q3) back into the body."""
+    """Rotate a vector from the body into the world; with (q0, -q1, -q2, -q3) from the world into the body."""
     tx = 2.0 * (q2 * z - q3 * y)
     ty = 2.0 * (q3 * x - q1 * z)
     tz = 2.0 * (q1 * y - q2 * x)
@@ -37,7 +37,7 @@ def to_world(q0: float, q1: float, q2: float, q3: float, x: float, y: float, z: 
 
 @compiled
 def foot(number: int, p: Any) -> tuple[float, float, float]:
-    """Where a foot (0 front, right, back, 3 left) is in body axes (m)."""
+    """Position (m) of a foot (0 front, 1 right, 2 back, 3 left) in body axes."""
     r, h = p.foot_radius_m, p.foot_height_m
     if number == 0:
         return r, 0.0, h
@@ -50,7 +50,7 @@ def foot(number: int, p: Any) -> tuple[float, float, float]:
 
 @compiled
 def depth(state: Array, parameters: Parameters) -> float:
-    """How deep the lowest foot is in the ground (m); negative: its height above it."""
+    """Depth (m) of the lowest foot in the ground, for a state (17,); negative above the ground."""
     deepest = -math.inf
     for number in range(4):
         x, y, z = foot(number, parameters[0])
@@ -60,8 +60,37 @@ def depth(state: Array, parameters: Parameters) -> float:
 
 
 @compiled
+def _with_ground(state: Array, p: Any, force_ned: Vector, torque_frd: Vector) -> tuple[Vector, Vector]:
+    """Force (N) and torque (N m) with those of the feet in the ground: a spring and damper each, with dry friction."""
+    fx, fy, fz = force_ned
+    tx, ty, tz = torque_frd
+    q0, q1, q2, q3 = state[6], state[7], state[8], state[9]
+    wx, wy, wz = state[10], state[11], state[12]
+    for number in range(4):
+        x, y, z = foot(number, p)
+        rx, ry, rz = to_world(q0, q1, q2, q3, x, y, z)
+        sunk = state[2] + rz
+        if sunk > 0.0:
+            vx, vy, vz = to_world(q0, q1, q2, q3, wy * z - wz * y, wz * x - wx * z, wx * y - wy * x)
+            vx += state[3]
+            vy += state[4]
+            vz += state[5]
+            normal = max(0.0, p.stiffness_n_m * sunk + p.damping_ns_m * vz)
+            grip = p.friction * normal / math.sqrt(vx * vx + vy * vy + _SLIDING_M_S * _SLIDING_M_S)
+            gx, gy, gz = -grip * vx, -grip * vy, -normal
+            fx += gx
+            fy += gy
+            fz += gz
+            mx, my, mz = to_world(q0, -q1, -q2, -q3, ry * gz - rz * gy, rz * gx - rx * gz, rx * gy - ry * gx)
+            tx += mx
+            ty += my
+            tz += mz
+    return (fx, fy, fz), (tx, ty, tz)
+
+
+@compiled
 def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out: Array) -> None:
-    """Rate of change of the state (17,) into `out`, under commanded rotor speeds (4,) in rad/s."""
+    """Rate of change of the state (17,) into `out` (17,), under commanded rotor speeds (4,) in rad/s."""
     p = parameters[0]
     q0, q1, q2, q3 = state[6], state[7], state[8], state[9]
     wx, wy, wz = state[10], state[11], state[12]
@@ -75,7 +104,8 @@ def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out:
     ty = p.arm_length_m * (front - back)
     tz = p.torque_per_thrust_m * (front + back - right - left)
 
-    spin = p.rotor_inertia_kgm2 * (state[14] + state[16] - state[13] - state[15])  # angular momentum along z
+    # angular momentum of the rotors along z
+    spin = p.rotor_inertia_kgm2 * (state[14] + state[16] - state[13] - state[15])
     tx -= wy * spin
     ty += wx * spin
 
@@ -97,25 +127,7 @@ def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out:
     fz += p.force_ned[2]
 
     if state[2] + p.foot_radius_m + p.foot_height_m > 0.0:
-        for number in range(4):
-            x, y, z = foot(number, p)
-            rx, ry, rz = to_world(q0, q1, q2, q3, x, y, z)
-            sunk = state[2] + rz
-            if sunk > 0.0:
-                vx, vy, vz = to_world(q0, q1, q2, q3, wy * z - wz * y, wz * x - wx * z, wx * y - wy * x)
-                vx += state[3]
-                vy += state[4]
-                vz += state[5]
-                normal = max(0.0, p.stiffness_n_m * sunk + p.damping_ns_m * vz)
-                grip = p.friction * normal / math.sqrt(vx * vx + vy * vy + _SLIDING_M_S * _SLIDING_M_S)
-                gx, gy, gz = -grip * vx, -grip * vy, -normal
-                fx += gx
-                fy += gy
-                fz += gz
-                mx, my, mz = to_world(q0, -q1, -q2, -q3, ry * gz - rz * gy, rz * gx - rx * gz, rx * gy - ry * gx)
-                tx += mx
-                ty += my
-                tz += mz
+        (fx, fy, fz), (tx, ty, tz) = _with_ground(state, p, (fx, fy, fz), (tx, ty, tz))
 
     out[0], out[1], out[2] = state[3], state[4], state[5]
     out[3] = fx / p.mass_kg

@@ -8,7 +8,7 @@ import pytest
 
 from protocol.toml_files import TomlFileError
 from studies.joined import Joined, mission_of
-from vehicle_sim.lidar import Lidar, LidarSettings
+from vehicle_sim.sensors.lidar import Lidar, LidarSettings
 from vehicle_sim.world import Scene, World
 
 ORIGIN = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 400.0}
@@ -63,10 +63,10 @@ def test_the_scene_leaves_the_world_as_it_was() -> None:
 def test_the_ring_sees_it_where_it_is_at_that_time() -> None:
     scene = Scene(world_of({**WALKER, "center": [10.0, -6.0], "route": [[10.0, 6.0], [10.0, -6.0]]}))
     lidar = Lidar(LidarSettings(noise_m=0.0, beams_per_sector=1), np.random.default_rng(0))
-    ring = lidar.ring(scene.at(4 * SECOND), EYE, LEVEL)
+    ring = lidar.scan(scene.at(4 * SECOND), EYE, LEVEL)
     assert ring[0] == 950 and np.flatnonzero(ring < 1501).tolist() == [0]
     # after 8 s it is at east 6, 11.66 m off at 31 degrees
-    ring = lidar.ring(scene.at(8 * SECOND), EYE, LEVEL)
+    ring = lidar.scan(scene.at(8 * SECOND), EYE, LEVEL)
     assert np.flatnonzero(ring < 1501).tolist() == [6]
     assert 0.01 * ring[6] == pytest.approx(math.hypot(10.0, 6.0) - 0.5, abs=0.05)  # the beam is a degree off its axis
 
@@ -74,20 +74,20 @@ def test_the_ring_sees_it_where_it_is_at_that_time() -> None:
 def test_a_pillar_appears_when_the_vehicle_is_near_and_stays() -> None:
     pillar = {"center": [10.0, 0.0], "radius": 0.1, "appears_within": 2.0}
     scene = Scene(world_of(pillar, {"center": [30.0, 0.0], "radius": 1.0}))
-    scene.watch(SECOND, (7.8, 0.0, -2.0))
+    scene.update(SECOND, (7.8, 0.0, -2.0))
     absent = scene.at(SECOND)
     assert absent.nearest(EYE) == ("walker 1", 29.0) and len(absent.cylinders) == 1
-    scene.watch(2 * SECOND, (7.91, 0.0, -2.0))
+    scene.update(2 * SECOND, (7.91, 0.0, -2.0))
     name, distance = scene.at(2 * SECOND).nearest(EYE)
     assert name == "walker 0" and distance == pytest.approx(9.9)
-    scene.watch(3 * SECOND, (0.0, 0.0, -2.0))
+    scene.update(3 * SECOND, (0.0, 0.0, -2.0))
     assert scene.at(3 * SECOND).names == ("walker 0", "walker 1")
     assert scene.at(SECOND).names == ("walker 1",)  # what an older scan saw
 
 
 def test_what_appears_walks_from_then_on() -> None:
     scene = Scene(world_of({**WALKER, "appears_within": 20.0}))
-    scene.watch(7 * SECOND, (0.0, 0.0, 0.0))
+    scene.update(7 * SECOND, (0.0, 0.0, 0.0))
     assert place(scene, 7.0) == [10.0, 0.0]
     assert place(scene, 9.0) == pytest.approx([10.0, 3.0])
 

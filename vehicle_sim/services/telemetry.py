@@ -12,11 +12,11 @@ from protocol import frames
 from protocol.messages import Encoder, dialect
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.flight_control import FlightControl, LandedState, Mode
-from vehicle_sim.inner_loop import Level
-from vehicle_sim.integrate import TICK_NS
-from vehicle_sim.lidar import Lidar
-from vehicle_sim.motion import Motion
+from vehicle_sim.autopilot.control_laws import Level
+from vehicle_sim.autopilot.flight_control import FlightControl, LandedState, Mode
+from vehicle_sim.physics.motion import Motion
+from vehicle_sim.sensors.lidar import Lidar
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.world import Scene
 
 _TICK_US = TICK_NS // 1000
@@ -409,7 +409,7 @@ class Telemetry:
         """The newest scan whose age has reached the LiDAR's latency; its time is its own."""
         pose, settings = self._poses[0], self._lidar.settings
         world = self._scene.at(pose.time_ns)
-        ring = self._lidar.ring(world, np.array(pose.position_ned), np.array(pose.attitude_ned_frd))
+        ring = self._lidar.scan(world, np.array(pose.position_ned), np.array(pose.attitude_ned_frd))
         return self._encode(
             dialect.MAVLink_obstacle_distance_message,
             pose.time_ns // 1000,

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from protocol import frames
 from protocol import toml_files as toml_files
-from vehicle_sim.lidar import SECTORS, UNKNOWN, Lidar, LidarSettings, beam_azimuths, sector_ranges
-from vehicle_sim.world import World, cast_ray
+from vehicle_sim.sensors.lidar import SECTORS, UNKNOWN, Lidar, LidarSettings, beam_azimuths, sector_ranges
+from vehicle_sim.world import World
+from vehicle_sim.world.geometry import cast_ray
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ def turned(roll_deg: float = 0.0, pitch_deg: float = 0.0, yaw_deg: float = 0.0) 
 
 
 def exact_ring(world: World, position_ned: Array, attitude: Array) -> NDArray[np.int64]:
-    return Lidar(EXACT, np.random.default_rng(0)).ring(world, position_ned, attitude).astype(np.int64)
+    return Lidar(EXACT, np.random.default_rng(0)).scan(world, position_ned, attitude).astype(np.int64)
 
 
 EMPTY = world_of()
@@ -149,7 +150,7 @@ def test_q_and_minus_q_give_the_same_ring() -> None:
 @pytest.mark.parametrize(("view_deg", "last"), [(90.0, 9), (91.0, 9), (200.0, 20), (5.0, 0), (360.0, 36)])
 def test_outside_the_field_of_view_all_is_unknown(view_deg: float, last: int) -> None:
     lidar = Lidar(LidarSettings(field_of_view_deg=view_deg), np.random.default_rng(1))
-    ring = lidar.ring(EMPTY, at(0.0, 0.0, 3.0), LEVEL)
+    ring = lidar.scan(EMPTY, at(0.0, 0.0, 3.0), LEVEL)
     known = set(range(last + 1)) | {(-k) % SECTORS for k in range(last + 1)}
     assert set(np.flatnonzero(ring != UNKNOWN).tolist()) == known
 
@@ -163,15 +164,15 @@ def test_least_and_greatest_range() -> None:
     assert exact_ring(ahead(14.99), place, LEVEL)[0] == 1499
     assert exact_ring(ahead(15.01), place, LEVEL)[0] == NOTHING
     noisy = Lidar(LidarSettings(noise_m=0.5), np.random.default_rng(3))
-    near = np.array([noisy.ring(ahead(0.3), place, LEVEL) for _ in range(300)])
-    far = np.array([noisy.ring(ahead(14.8), place, LEVEL)[0] for _ in range(300)])
+    near = np.array([noisy.scan(ahead(0.3), place, LEVEL) for _ in range(300)])
+    far = np.array([noisy.scan(ahead(14.8), place, LEVEL)[0] for _ in range(300)])
     assert near.min() == 20
     assert far.max() == NOTHING and far.min() < 1450
 
 
 def test_dropout_is_a_share_of_the_sectors() -> None:
     lidar = Lidar(LidarSettings(dropout=0.3), np.random.default_rng(11))
-    rings = np.array([lidar.ring(EMPTY, at(0.0, 0.0, 3.0), LEVEL) for _ in range(300)])
+    rings = np.array([lidar.scan(EMPTY, at(0.0, 0.0, 3.0), LEVEL) for _ in range(300)])
     lost = rings == UNKNOWN
     assert lost.mean() == pytest.approx(0.3, abs=0.013)  # four standard deviations of 21600 draws
     assert (abs(lost.mean(axis=0) - 0.3) < 0.12).all()  # every sector alike
@@ -183,7 +184,7 @@ def test_noise_has_its_sigma_and_no_bias(noise_m: float) -> None:
     world = world_of(box=[{"center": [6.503, 0.0], "size": [2.0, 8.0], "height": 6.0}])
     lidar = Lidar(LidarSettings(noise_m=noise_m), np.random.default_rng(5))
     place, count = at(0.0, 0.0, 3.0), 3000
-    ranges = np.array([lidar.ring(world, place, LEVEL)[[0, 71]] for _ in range(count)]) / 100.0
+    ranges = np.array([lidar.scan(world, place, LEVEL)[[0, 71]] for _ in range(count)]) / 100.0
     sigma = math.sqrt(noise_m**2 + 0.01**2 / 12.0)  # and the rounding to whole centimetres
     assert ranges[:, 0].std() == pytest.approx(sigma, rel=4.0 / math.sqrt(2.0 * count))
     assert ranges[:, 0].mean() == pytest.approx(5.503, abs=4.0 * sigma / math.sqrt(count))
@@ -200,9 +201,9 @@ def test_runs_repeat_by_seed_and_what_is_seen_does_not_shift_the_noise() -> None
 
     def scans(seed: int, first: World) -> list[bytes]:
         lidar = Lidar(settings, np.random.default_rng(seed))
-        before = lidar.ring(first, at(30.0, -9.0, 3.0), LEVEL)
+        before = lidar.scan(first, at(30.0, -9.0, 3.0), LEVEL)
         lidar.beam(first, place, np.array([1.0, 0.0, 0.0]), LEVEL)
-        return [before.tobytes(), lidar.ring(NEIGHBOURHOOD, at(30.0, -9.0, 3.0), LEVEL).tobytes()]
+        return [before.tobytes(), lidar.scan(NEIGHBOURHOOD, at(30.0, -9.0, 3.0), LEVEL).tobytes()]
 
     assert scans(1, NEIGHBOURHOOD) == scans(1, NEIGHBOURHOOD)
     assert scans(1, NEIGHBOURHOOD)[1] != scans(2, NEIGHBOURHOOD)[1]

@@ -9,9 +9,10 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.arrays import Array
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
-from vehicle_sim.rigid_body import Array, Parameters
+from vehicle_sim.physics.rigid_body import Parameters
 
 
 class Level(IntEnum):

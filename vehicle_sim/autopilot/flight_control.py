@@ -10,10 +10,11 @@ from enum import Enum, IntEnum
 
 import numpy as np
 
+from protocol.arrays import Quaternion, Vector
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.inner_loop import COMMAND, Command, Level
-from vehicle_sim.motion import Motion, Quaternion, Vector
+from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
+from vehicle_sim.physics.motion import Motion
 
 SECOND_NS = 1_000_000_000
 

@@ -1,22 +1,35 @@
-"""The vehicle's motion at one instant, in plain numbers: what arrays are for compiled code, this is for the rest."""
+"""The motion at one instant: a tick's outputs for compiled code, and plain numbers for everything else."""
 
 import math
 from typing import NamedTuple
 
-from vehicle_sim.integrate import Feedback
-from vehicle_sim.rigid_body import Array
+import numpy as np
+from numpy.typing import NDArray
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+from protocol.arrays import Array, Quaternion, Vector
+
+FEEDBACK = np.dtype(
+    [
+        ("touching", "f8"),  # 1: a foot is on the ground
+        ("impact_m_s", "f8"),  # speed (m/s) at which the ground was touched in this tick, or 0
+        ("velocity_frd", "f8", 3),
+        ("specific_force_frd", "f8", 3),  # m/s2, as an accelerometer measures it
+        ("shaft_energy_j", "f8"),  # all rotors, since the start
+    ]
+)
+Feedback = NDArray[np.void]
+"""(1,) of FEEDBACK: the outputs of a tick beside the state."""
 
 
 class Motion(NamedTuple):
+    """Position (m), velocity (m/s), attitude and rates (rad/s) at a time since boot."""
+
     time_ns: int
     position_ned: Vector
     velocity_ned: Vector
     attitude_ned_frd: Quaternion
     rates_frd: Vector
-    rotor_speeds: Quaternion
+    rotor_speeds: tuple[float, float, float, float]
     """Front, right, back, left (rad/s)."""
     touching: bool
     """A foot is on the ground."""
@@ -24,9 +37,9 @@ class Motion(NamedTuple):
     """Speed at which the ground was touched in the last tick, or 0."""
     velocity_frd: Vector
     specific_force_frd: Vector
-    """m/s2, what an accelerometer feels."""
+    """m/s2, as an accelerometer measures it."""
     shaft_energy_j: float
-    """What the rotors have taken since the start."""
+    """Taken by the rotors since the start."""
 
     @classmethod
     def of(cls, time_ns: int, state: Array, feedback: Feedback) -> "Motion":

@@ -19,7 +19,7 @@ from tests.vehicle_sim.foreign_pilot import (
     tilted,
     world_with_wall,
 )
-from vehicle_sim.flight_control import Severity
+from vehicle_sim.autopilot.flight_control import Severity
 from vehicle_sim.vehicle import DATAGRAM_BYTES
 
 ACCEPTED, DENIED, UNSUPPORTED = (

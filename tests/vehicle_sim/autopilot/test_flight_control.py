@@ -21,7 +21,7 @@ from tests.vehicle_sim.foreign_pilot import (
     tilted,
     world_with_wall,
 )
-from vehicle_sim.flight_control import FORCE, TRANSITIONS, Mode
+from vehicle_sim.autopilot.flight_control import FORCE, TRANSITIONS, Mode
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED

@@ -1,7 +1,7 @@
-"""A spinning LiDAR and two range finders: what OBSTACLE_DISTANCE and DISTANCE_SENSOR report of a world.
+"""A spinning LiDAR and two range finders, as OBSTACLE_DISTANCE and DISTANCE_SENSOR report them.
 
-The ring is OBSTACLE_DISTANCE in MAV_FRAME_BODY_FRD: 72 sectors of 5 degrees, sector 0 centred on forward, clockwise
-seen from above. It lies in the body's own plane, so it tilts with the vehicle and may see the ground.
+A scan is OBSTACLE_DISTANCE in MAV_FRAME_BODY_FRD: 72 sectors of 5 degrees, sector 0 centred on forward, clockwise seen
+from above. The scan plane is the body's, so it tilts with the vehicle and may meet the ground.
 """
 
 import math
@@ -12,21 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol import frames
+from protocol.arrays import Array
 from protocol.jit import compiled
-from vehicle_sim.world import World, cast_ray, ray_box, ray_cylinder, ray_ground
-
-Array = NDArray[np.float64]
+from protocol.vehicle_parameters import NotNegative, Positive
+from vehicle_sim.world import World
+from vehicle_sim.world.geometry import cast_ray, ray_box, ray_cylinder, ray_ground
 
 SECTORS = 72
 SECTOR_DEG = 5.0
 UNKNOWN = 65535
-"""OBSTACLE_DISTANCE's UINT16_MAX: nothing is known of this sector."""
+"""OBSTACLE_DISTANCE's UINT16_MAX: no measurement in this sector."""
 
 _SECTOR = math.radians(SECTOR_DEG)
-_UPRIGHT = 0.1  # cosine of the tilt below which the ring is too steep for culling by bearing
-
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+_UPRIGHT = 0.1
+"""Cosine of the tilt below which the scan plane is too steep for culling by bearing."""
 
 
 class LidarSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -38,11 +37,11 @@ class LidarSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     noise_m: NotNegative = 0.02
     """Standard deviation of a reported range."""
     field_of_view_deg: Annotated[float, msgspec.Meta(gt=0, le=360)] = 360.0
-    """Centred on forward; sectors whose centre lies outside stay unknown."""
+    """Centred on forward; sectors with their centre outside it are unknown."""
     dropout: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
     """Probability that a sector of a scan is unknown."""
     beams_per_sector: Annotated[int, msgspec.Meta(ge=1, le=100)] = 5
-    """Evenly spread over the sector, which reports the nearest return of them."""
+    """Evenly spread over a sector, which reports their nearest return."""
     latency_s: NotNegative = 0.02
     """Age of a scan when it is sent."""
 
@@ -56,15 +55,15 @@ class LidarSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def max_range_cm(self) -> int:
-        """One more means that nothing was seen."""
+        """A reported distance one above it means that there was no return."""
         return round(self.max_range_m * 100.0)
 
 
 class Lidar:
     """The sensor with its noise.
 
-    Each scan and each beam draws the same amount of noise whatever is seen, so runs repeat and a change in the world
-    leaves the noise of later scans as it was.
+    Each scan and each beam draws the same amount of noise whatever it meets, so that a change in the world leaves the
+    noise of later scans as it was.
     """
 
     def __init__(self, settings: LidarSettings, rng: np.random.Generator) -> None:
@@ -75,10 +74,10 @@ class Lidar:
         centres_deg = np.arange(SECTORS) * SECTOR_DEG
         self._out_of_view = np.minimum(centres_deg, 360.0 - centres_deg) > 0.5 * settings.field_of_view_deg + 1e-9
 
-    def ring(self, world: World, position_ned: Array, attitude_ned_frd: Array) -> NDArray[np.uint16]:
-        """One scan from a position (3,) and attitude (4,): 72 distances in cm, as OBSTACLE_DISTANCE wants them.
+    def scan(self, world: World, position_ned: Array, attitude_ned_frd: Array) -> NDArray[np.uint16]:
+        """One scan from a position (3,) and attitude (4,): distances (72,) in cm as in OBSTACLE_DISTANCE.
 
-        `max_range_cm + 1` = nothing seen, 65535 = unknown (out of view, dropped out), never below `min_range_cm`.
+        They are at least `min_range_cm`; `max_range_cm + 1` means no return, 65535 unknown (out of view, dropped out).
         """
         s = self.settings
         ranges = sector_ranges(
@@ -86,14 +85,17 @@ class Lidar:
         )
         noise = self._rng.standard_normal(SECTORS)
         dropped = self._rng.random(SECTORS) < s.dropout
-        # inf (nothing there) and what noise pushes out of range both come out as max_range_cm + 1
+        # inf (no return) and a range that noise pushes out of range both become max_range_cm + 1
         distances_cm = np.rint(100.0 * (ranges + s.noise_m * noise))
         result = np.clip(distances_cm, s.min_range_cm, s.max_range_cm + 1).astype(np.uint16)
         result[dropped | self._out_of_view] = UNKNOWN
         return result
 
     def beam(self, world: World, position_ned: Array, direction_frd: Array, attitude_ned_frd: Array) -> float:
-        """One range (m) along a unit vector (3,) in body axes, at least the least range; inf if nothing is in range."""
+        """One range (m) from a position (3,) along a unit vector (3,) in body axes.
+
+        It is at least `min_range_m`, and inf without a return within `max_range_m`.
+        """
         s = self.settings
         noise = s.noise_m * self._rng.standard_normal()
         distance = beam_range(
@@ -113,7 +115,7 @@ def beam_azimuths(beams_per_sector: int) -> Array:
 def beam_range(
     boxes: Array, cylinders: Array, position_ned: Array, attitude_ned_frd: Array, direction_frd: Array, max_range: float
 ) -> float:
-    """Range (m) along a unit vector in body axes without noise; inf beyond `max_range`."""
+    """Range (m) from a position (3,) along a unit vector (3,) in body axes, without noise; inf beyond `max_range`."""
     return cast_ray(boxes, cylinders, position_ned, frames.rotate(attitude_ned_frd, direction_frd), max_range)
 
 
@@ -127,9 +129,10 @@ def sector_ranges(
     sin_azimuth: Array,
     max_range: float,
 ) -> Array:
-    """Nearest range (m) in each of the 72 sectors without noise; inf where nothing is within `max_range`.
+    """Nearest range (72,) (m) in each sector without noise; inf where nothing is within `max_range` (m).
 
-    The beams (`beam_azimuths`, as cosine and sine) run through the obstacles' bounding circles only: see `_beams_at`.
+    The beams are given by cosine and sine (n,) of their azimuths, see `beam_azimuths`. Each is cast only at obstacles
+    whose bounding circles it can pass over, see `_beams_at`.
     """
     forward = frames.rotate(attitude_ned_frd, np.array([1.0, 0.0, 0.0]))
     right = frames.rotate(attitude_ned_frd, np.array([0.0, 1.0, 0.0]))
@@ -164,11 +167,12 @@ def sector_ranges(
 
 @compiled
 def _beams_at(north: float, east: float, radius: float, forward: Array, right: Array, beams: int) -> tuple[int, int]:
-    """First beam and number of beams that can pass over a circle seen from above (centre relative to the sensor, m).
+    """First beam, and number of beams, that can pass over a circle seen from above.
 
-    A beam's course over ground is cos(a) forward + sin(a) right, a linear map of its azimuth's unit vector that keeps
-    the sense of rotation while the vehicle is upright; so its inverse takes the circle's two tangents to the azimuths
-    between which all beams over the circle lie. Steeper than that, or inside the circle: all beams.
+    The circle's centre is relative to the sensor (m); `forward` (3,) and `right` (3,) are the body's axes in the world.
+    A beam's course over ground is cos(a) forward + sin(a) right. This linear map of the azimuth's unit vector keeps the
+    sense of rotation while the vehicle is upright. So its inverse takes the circle's two tangents to the azimuths
+    between which all beams over the circle lie. A steeper vehicle, or one inside the circle, gets all beams.
     """
     square = north * north + east * east
     determinant = forward[0] * right[1] - forward[1] * right[0]
@@ -181,6 +185,6 @@ def _beams_at(north: float, east: float, radius: float, forward: Array, right: A
     end = math.atan2(forward[0] * right_e - forward[1] * right_n, right[1] * right_n - right[0] * right_e)
     width = (end - start) % (2.0 * math.pi)
     per_radian = beams / (2.0 * math.pi)
-    # one beam more on each side than needed: no rounding can lose a grazing hit
+    # one more beam on each side than needed, so that rounding can't lose a grazing hit
     first = math.floor((start + 0.5 * _SECTOR) * per_radian - 0.5)
     return first % beams, min(math.ceil(width * per_radian) + 2, beams)

@@ -9,10 +9,11 @@ import scipy.linalg
 import scipy.signal
 from numpy.typing import NDArray
 
+from protocol.arrays import Vector
 from protocol.jit import compiled
-from vehicle_sim.integrate import TICK_NS
-from vehicle_sim.rigid_body import STATES, VELOCITY
-from vehicle_sim.wind import COMPONENTS, Vector, Wind, WindSettings, dryden_length, dryden_sigma, gust
+from vehicle_sim.physics.rigid_body import STATES, VELOCITY
+from vehicle_sim.timing import TICK_NS
+from vehicle_sim.world.wind import COMPONENTS, Wind, WindSettings, dryden_length, dryden_sigma, gust
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def steady_wind(settings: WindSettings, velocity_ned: Vector, ticks: int, seed: 
     wind = Wind(settings, wind_ned, np.random.default_rng(seed))
     result = np.empty((ticks, 3))
     for row in result:
-        wind.blow(state)
+        wind.advance(state)
         row[:] = wind_ned
     return result
 
