@@ -50,7 +50,7 @@ class InnerLoop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Auto(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How it flies by itself: take-off, hold, return, land."""
+    """The `[auto]` table: how the vehicle flies by itself (take-off, hold, return, land)."""
 
     position_gain_1_s: Positive
     velocity_gain_1_s: Positive
@@ -62,6 +62,11 @@ class Auto(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     land_speed_m_s: Positive
     takeoff_height_m: Positive
     return_height_m: Positive
+
+    @property
+    def speed_limits_m_s(self) -> tuple[float, float, float]:
+        """Horizontal, up, down."""
+        return self.cruise_speed_m_s, self.climb_speed_m_s, self.descent_speed_m_s
 
 
 class TelemetrySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

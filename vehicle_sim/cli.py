@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 if TYPE_CHECKING:
-    from vehicle_sim.truth import Truth
+    from vehicle_sim.truth import TruthRecorder
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -50,7 +50,7 @@ def vehicle_sim(
     from protocol.transport import TransportError, open_url
     from vehicle_sim.airframe import Airframe
     from vehicle_sim.runner import Runner
-    from vehicle_sim.truth import Truth
+    from vehicle_sim.truth import TruthRecorder
     from vehicle_sim.vehicle import Vehicle, warm_up
     from vehicle_sim.world import World
 
@@ -58,7 +58,7 @@ def vehicle_sim(
         changes = _sorted(overrides or [])
         airframe = Airframe.load(find("vehicles", vehicle), changes["vehicle"])
         place = World.load(find("worlds", world), changes["world"])
-        recorder = None if truth is None else Truth(truth)
+        recorder = None if truth is None else TruthRecorder(truth)
         transport = open_url(bind)
     except (TomlFileError, TransportError) as error:
         _fail(str(error))
@@ -100,7 +100,7 @@ def _sorted(overrides: list[str]) -> dict[str, list[str]]:
     return changes
 
 
-def _write(recorder: "Truth") -> None:
+def _write(recorder: "TruthRecorder") -> None:
     from protocol.toml_files import TomlFileError
 
     try:

@@ -23,7 +23,7 @@ from vehicle_sim.cli import app
 from vehicle_sim.physics.integrator import step, work_array
 from vehicle_sim.physics.rigid_body import POSITION, RATES, ROTORS, STATES, VELOCITY
 from vehicle_sim.timing import TICK_NS
-from vehicle_sim.truth import TRUTH, Truth
+from vehicle_sim.truth import TRUTH, TruthRecorder
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World, WorldTable
 
@@ -176,10 +176,10 @@ def test_the_vehicles_clock_is_not_delayed() -> None:
 
 
 def test_truth_is_the_state_and_the_wind_of_every_tick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(truth, "_BLOCK", 64)
+    monkeypatch.setattr(truth, "_BLOCK_TICKS", 64)
     file = tmp_path / "truth.npy"
     world = world_with("wind.mean_ned=[4.0, 0.0, 0.0]", "wind.turbulence_m_s=5.0")
-    recorder = Truth(file)
+    recorder = TruthRecorder(file)
     vehicle = Vehicle(AIRFRAME, world, truth=recorder)
     states = []
     for _ in range(200):
@@ -196,7 +196,7 @@ def test_truth_is_the_state_and_the_wind_of_every_tick(tmp_path: Path, monkeypat
 
 def test_a_delayed_position_is_found_in_the_truth_at_its_time(tmp_path: Path) -> None:
     file = tmp_path / "truth.npy"
-    recorder = Truth(file)
+    recorder = TruthRecorder(file)
     vehicle = Vehicle(airframe_with("telemetry.delay_s=0.02"), EMPTY, truth=recorder)
     vehicle.telemetry.set_interval(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 4000)
     reader = mavlink.MAVLink(None)
@@ -217,8 +217,8 @@ def test_a_delayed_position_is_found_in_the_truth_at_its_time(tmp_path: Path) ->
 
 def test_a_truth_that_can_not_be_written_is_said(tmp_path: Path) -> None:
     with pytest.raises(TomlFileError, match=r"gone/truth\.npy"):
-        Truth(tmp_path / "gone" / "truth.npy")
-    full = Truth(Path("/dev/full"))
+        TruthRecorder(tmp_path / "gone" / "truth.npy")
+    full = TruthRecorder(Path("/dev/full"))
     for tick in range(1000):
         full.record(tick, np.zeros(STATES), np.zeros(3))
     with pytest.raises(TomlFileError, match="/dev/full"):

@@ -1,49 +1,21 @@
-"""The MAVLink side of what is asked of the vehicle: setpoints, commands with their answers, time, pings."""
+"""All MAVLink services of the vehicle: received frames go to them, their frames go out with the next tick."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
-from protocol.arrays import Vector
-from protocol.frames import to_local
 from protocol.framing import Frame
-from protocol.messages import Encoder, decode, dialect
-from vehicle_sim.autopilot.flight_control import FORCE, FlightControl, Mode, Result, Severity
+from protocol.messages import Encoder, decode
+from vehicle_sim.autopilot.flight_control import FlightControl
+from vehicle_sim.services.commands import CommandService, Geodetic
+from vehicle_sim.services.link import LinkService
+from vehicle_sim.services.outbox import Outbox
+from vehicle_sim.services.setpoints import SetpointService
+from vehicle_sim.services.status_text import StatusTexts
 from vehicle_sim.services.telemetry import Telemetry
-
-Geodetic = tuple[float, float, float]
-"""Latitude, longitude (rad), altitude above mean sea level (m)."""
-
-SYSTEM = 1
-COMPONENT = 1
-
-_ATTITUDE_IGNORE = dialect.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
-_RATES_IGNORE = (
-    dialect.ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
-    | dialect.ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE
-    | dialect.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
-)
-_THRUST_IGNORE = dialect.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
-_TEXT_CHARACTERS = 50
-_HERE_E7 = 2**31 - 1
-"""A latitude or longitude that is not given."""
-_ABOVE_HOME = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
-_ON_EARTH = _ABOVE_HOME | {dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT}
-
-
-def _altitude(message: Any) -> float:
-    """As the command gives it."""
-    value: float = message.z if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_INT else message.param7
-    return value
-
-
-def _whole(value: float) -> int:
-    """A parameter that must be a whole number; -2 for what is none (NaN is "not set")."""
-    return int(value) if math.isfinite(value) and value == int(value) else -2
 
 
 class Services:
-    """Messages in, frames out (into `outbox`, sent with the next tick)."""
+    """Each service has the table of the messages that it handles; a new service is one more entry here."""
 
     def __init__(
         self,
@@ -53,222 +25,24 @@ class Services:
         origin: Geodetic,
         release: Callable[[], bool],
     ) -> None:
-        self._encode = encoder.encode_fields
         self._flight = flight
-        self._telemetry = telemetry
-        self._origin = origin
-        self._release = release
-        self._text_id = 0
-        self.outbox: list[bytes] = []
+        self._outbox = Outbox(encoder)
+        self._status_texts = StatusTexts(self._outbox)
         self._handlers: dict[int, Callable[[Any], None]] = {
-            dialect.MAVLINK_MSG_ID_HEARTBEAT: lambda _: flight.heartbeat(),
-            dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._set_attitude_target,
-            dialect.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET: self._set_actuator_control_target,
-            dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._command_long,
-            dialect.MAVLINK_MSG_ID_COMMAND_INT: self._command_int,
-            dialect.MAVLINK_MSG_ID_TIMESYNC: self._timesync,
-            dialect.MAVLINK_MSG_ID_PING: self._ping,
-        }
-        self._commands: dict[int, Callable[[Any, float | None], Result]] = {
-            dialect.MAV_CMD_NAV_TAKEOFF: lambda _, height: flight.take_off(height),
-            dialect.MAV_CMD_NAV_LAND: lambda *_: flight.set_mode(Mode.LAND),
-            dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda *_: flight.set_mode(Mode.RETURN),
-            dialect.MAV_CMD_DO_SET_MODE: self._do_set_mode,
-            dialect.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_disarm,
-            dialect.MAV_CMD_DO_REPOSITION: self._do_reposition,
-            dialect.MAV_CMD_DO_GRIPPER: self._do_gripper,
-            dialect.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_message_interval,
-            dialect.MAV_CMD_GET_MESSAGE_INTERVAL: lambda m, _: self._send_interval(_whole(m.param1)),
-            dialect.MAV_CMD_REQUEST_MESSAGE: self._request_message,
-            dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda *_: self._send(
-                dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-            ),
-            dialect.MAV_CMD_GET_HOME_POSITION: lambda *_: self._send(dialect.MAVLINK_MSG_ID_HOME_POSITION),
+            **LinkService(flight, self._outbox).handlers,
+            **SetpointService(flight).handlers,
+            **CommandService(flight, telemetry, self._outbox, origin, release).handlers,
         }
 
     def handle(self, frame: Frame) -> None:
-        """What is not for this vehicle, or unknown to it, is passed over."""
+        """Handle a frame; one with an unknown message or for another vehicle is ignored."""
         handler = self._handlers.get(frame.message_id)
         if handler is not None:
             handler(decode(frame))
 
     def collect(self) -> list[bytes]:
-        """What has to be said beside the telemetry, with the flight control's texts; empties both."""
+        """The frames to send beside the telemetry: the services' answers, then the autopilot's texts."""
         for severity, text in self._flight.texts:
-            self._statustext(severity, text)
+            self._status_texts.send(severity, text)
         self._flight.texts.clear()
-        out, self.outbox = self.outbox, []
-        return out
-
-    @staticmethod
-    def _is_for_us(message: Any) -> bool:
-        return message.target_system in (0, SYSTEM) and message.target_component in (0, COMPONENT)
-
-    # --- setpoints ---
-
-    def _set_attitude_target(self, message: Any) -> None:
-        if not self._is_for_us(message):
-            return
-        mask = message.type_mask
-        thrust = 0.0 if mask & _THRUST_IGNORE else message.thrust
-        if not mask & _ATTITUDE_IGNORE:
-            self._flight.attitude_setpoint(tuple(message.q), thrust)
-        elif not mask & _RATES_IGNORE:
-            rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
-            self._flight.rates_setpoint(rates, thrust)
-
-    def _set_actuator_control_target(self, message: Any) -> None:
-        if self._is_for_us(message) and message.group_mlx == 0:
-            self._flight.torque_setpoint(message.controls)
-
-    # --- time ---
-
-    def _timesync(self, message: Any) -> None:
-        if message.tc1 == 0:
-            self.outbox.append(
-                self._encode(dialect.MAVLink_timesync_message, self._telemetry.truth.time_ns, message.ts1)
-            )
-
-    def _ping(self, message: Any) -> None:
-        if message.target_system == 0 and message.target_component == 0:
-            self.outbox.append(
-                self._encode(
-                    dialect.MAVLink_ping_message,
-                    message.time_usec,
-                    message.seq,
-                    message.get_srcSystem(),
-                    message.get_srcComponent(),
-                )
-            )
-
-    # --- commands ---
-
-    def _command_long(self, message: Any) -> None:
-        if self._is_for_us(message):
-            self._obey(message, self._height_above_home(message.param7))
-
-    def _command_int(self, message: Any) -> None:
-        if not self._is_for_us(message):
-            return
-        height = (
-            message.z
-            if message.frame in _ABOVE_HOME and math.isfinite(message.z)
-            else self._height_above_home(message.z)
-        )
-        self._obey(message, height)
-
-    def _height_above_home(self, altitude_m: float) -> float | None:
-        """From an altitude above mean sea level; None if it is not set."""
-        if not math.isfinite(altitude_m):
-            return None
-        return altitude_m - self._origin[2] + self._flight.home_ned[2]
-
-    def _obey(self, message: Any, height_m: float | None) -> None:
-        command = self._commands.get(message.command)
-        result = Result.UNSUPPORTED if command is None else command(message, height_m)
-        self.outbox.append(
-            self._encode(
-                dialect.MAVLink_command_ack_message,
-                message.command,
-                int(result),
-                0,
-                0,
-                message.get_srcSystem(),
-                message.get_srcComponent(),
-            )
-        )
-
-    def _do_set_mode(self, message: Any, _: float | None) -> Result:
-        if not _whole(message.param1) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-            return Result.DENIED
-        main, sub = _whole(message.param2), _whole(message.param3)
-        for mode in Mode:
-            if mode.value == (main, sub) or (mode is Mode.OFFBOARD and main == mode.value[0]):
-                return self._flight.set_mode(mode)
-        self._flight.say(Severity.CRITICAL, f"Mode {main}/{sub} is not available")
-        return Result.DENIED
-
-    def _do_reposition(self, message: Any, height_m: float | None) -> Result:
-        """To a place on earth, in hold. What is not given stays as it is; as for PX4, the flag to change the mode must
-        be set, and no other."""
-        if _whole(message.param2) != dialect.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
-            return Result.UNSUPPORTED
-        here = self._telemetry.truth.position_ned
-        place = self._place(message, here)
-        if place is None or (height_m is None and not math.isnan(_altitude(message))):
-            self._flight.say(Severity.CRITICAL, "Reposition rejected: no such place")
-            return Result.DENIED
-        north, east = place
-        down = here[2] if height_m is None else self._flight.home_ned[2] - height_m
-        speed = message.param1 if math.isfinite(message.param1) and message.param1 > 0.0 else None
-        yaw = message.param4 if math.isfinite(message.param4) else None
-        return self._flight.reposition((north, east, down), yaw, speed)
-
-    def _place(self, message: Any, here: Vector) -> tuple[float, float] | None:
-        """North and east (m) of a command's latitude and longitude; None if there is no such place."""
-        if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_INT:
-            if message.frame not in _ON_EARTH:
-                return None
-            given = tuple(math.nan if value == _HERE_E7 else value * 1e-7 for value in (message.x, message.y))
-        else:
-            given = message.param5, message.param6
-        if all(map(math.isnan, given)):
-            return here[0], here[1]
-        if not (abs(given[0]) <= 90.0 and abs(given[1]) <= 180.0):
-            return None
-        local = to_local((math.radians(given[0]), math.radians(given[1]), 0.0), self._origin)
-        return float(local[0]), float(local[1])
-
-    def _arm_disarm(self, message: Any, _: float | None) -> Result:
-        force = message.param2 == FORCE
-        match message.param1:
-            case 1.0:
-                return self._flight.arm(force=force)
-            case 0.0:
-                return self._flight.disarm(force=force)
-        return Result.DENIED
-
-    def _do_gripper(self, message: Any, _: float | None) -> Result:
-        if _whole(message.param2) != dialect.GRIPPER_ACTION_RELEASE:
-            self._flight.say(Severity.WARNING, "Gripper: release is all it can do")
-            return Result.DENIED
-        self._flight.say(Severity.INFO, "Parcel released" if self._release() else "Gripper: no parcel left")
-        return Result.ACCEPTED  # the second time too: it may be the same command, sent again for want of an answer
-
-    def _set_message_interval(self, message: Any, _: float | None) -> Result:
-        if not math.isfinite(message.param2):
-            return Result.DENIED
-        accepted = self._telemetry.set_interval(_whole(message.param1), round(message.param2))
-        return Result.ACCEPTED if accepted else Result.DENIED
-
-    def _request_message(self, message: Any, _: float | None) -> Result:
-        message_id = _whole(message.param1)
-        if message_id == dialect.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
-            return self._send_interval(_whole(message.param2))
-        return self._send(message_id)
-
-    def _send(self, message_id: int) -> Result:
-        data = self._telemetry.request(message_id)
-        if data is None:
-            return Result.DENIED
-        self.outbox.append(data)
-        return Result.ACCEPTED
-
-    def _send_interval(self, message_id: int) -> Result:
-        if not 0 <= message_id <= 65535:
-            return Result.DENIED
-        interval_us = self._telemetry.interval_us(message_id)
-        self.outbox.append(self._encode(dialect.MAVLink_message_interval_message, message_id, interval_us))
-        return Result.ACCEPTED
-
-    # --- texts ---
-
-    def _statustext(self, severity: Severity, text: str) -> None:
-        """Longer ones go in numbered pieces."""
-        data = text.encode("ascii", "replace")
-        pieces = [data[i : i + _TEXT_CHARACTERS] for i in range(0, len(data), _TEXT_CHARACTERS)]
-        number = 0
-        if len(pieces) > 1:
-            self._text_id = number = self._text_id % 65535 + 1
-        for chunk, piece in enumerate(pieces):
-            self.outbox.append(self._encode(dialect.MAVLink_statustext_message, int(severity), piece, number, chunk))
+        return self._outbox.take()

@@ -21,7 +21,8 @@ from tests.vehicle_sim.foreign_pilot import (
     tilted,
     world_with_wall,
 )
-from vehicle_sim.autopilot.flight_control import FORCE, TRANSITIONS, Mode
+from vehicle_sim.autopilot.modes import TRANSITIONS, Mode
+from vehicle_sim.services.commands import FORCE
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED

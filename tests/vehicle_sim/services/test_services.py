@@ -19,7 +19,7 @@ from tests.vehicle_sim.foreign_pilot import (
     tilted,
     world_with_wall,
 )
-from vehicle_sim.autopilot.flight_control import Severity
+from vehicle_sim.autopilot.modes import Severity
 from vehicle_sim.vehicle import DATAGRAM_BYTES
 
 ACCEPTED, DENIED, UNSUPPORTED = (
@@ -327,7 +327,7 @@ def test_what_mavsdk_waits_for() -> None:
 def test_a_long_text_goes_in_numbered_pieces() -> None:
     pilot = ForeignPilot()
     text = "".join(itertools.islice(itertools.cycle("abcdefghij klmnopqrst"), 120))
-    pilot.vehicle.flight.say(Severity.INFO, text)
+    pilot.vehicle.flight.announce(Severity.INFO, text)
     pilot.fly(0.004)
     pieces = pilot.all("STATUSTEXT")
     assert "".join(piece.text for piece in pieces) == text
