@@ -47,6 +47,7 @@ class FlightControl:
         """At the end of the latest tick."""
         self.mode = Mode.HOLD
         self.armed = False
+        self.landed = True
         self.failsafe = False
         self.crash: str | None = None
         """Name of what the vehicle hit."""
@@ -59,13 +60,14 @@ class FlightControl:
         self.texts: list[tuple[Severity, str]] = []
         self.setpoints = OffboardSetpoints(airframe)
         self._guidance = Guidance(airframe, motion.position_ned)
-        self._land_detector = LandDetector(airframe.ground.foot_height_m, motion.time_ns)
+        self._land_detector = LandDetector(airframe.ground.foot_height_m)
         self._stopped: Command = np.zeros(1, COMMAND)
         self._stopped["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
         self._failsafe_since_ns = 0
         self._link_alive_ns = 0
         """The latest of a heartbeat and a change of mode."""
         self._armed_since_ns = 0
+        self._landed_since_ns = 0
 
     # --- what to fly ---
 
@@ -81,10 +83,6 @@ class FlightControl:
         if self.mode is Mode.LAND and self.motion.touching:
             return self._stopped
         return self._guidance.command
-
-    @property
-    def landed(self) -> bool:
-        return self._land_detector.landed
 
     @property
     def landed_state(self) -> LandedState:
@@ -239,10 +237,13 @@ class FlightControl:
             self._disarm_when_idle(motion.time_ns)
 
     def _detect_landing(self, motion: Motion) -> None:
+        was_landed = self.landed
         idle = False
-        if motion.touching and not self.landed:
+        if motion.touching and not was_landed:
             idle = self.command["thrust_n"][0] < 0.5 * self.mass_kg * GRAVITY
-        if self._land_detector.update(motion, idle=idle):
+        self.landed = self._land_detector.update(motion, landed=was_landed, idle=idle)
+        if self.landed and not was_landed:
+            self._landed_since_ns = motion.time_ns
             self.announce(Severity.INFO, "Landing detected")
 
     def _watch_setpoints(self, motion: Motion) -> None:
@@ -261,7 +262,7 @@ class FlightControl:
 
     def _disarm_when_idle(self, now_ns: int) -> None:
         if self.flown:
-            landed_ns = now_ns - self._land_detector.landed_since_ns
+            landed_ns = now_ns - self._landed_since_ns
             if self.mode not in (Mode.OFFBOARD, Mode.TAKEOFF) and landed_ns >= DISARM_LANDED_NS:
                 self._disarm("Disarmed by landing")
         elif now_ns - self._armed_since_ns >= DISARM_PREFLIGHT_NS:

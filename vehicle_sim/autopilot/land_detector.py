@@ -11,29 +11,23 @@ _LIFTED_M = 0.05
 
 
 class LandDetector:
-    """On the ground at the start."""
+    """Decides from the motion after each tick."""
 
-    def __init__(self, foot_height_m: float, now_ns: int) -> None:
+    def __init__(self, foot_height_m: float) -> None:
         self._foot_height_m = foot_height_m
-        self._still_since_ns: int | None = now_ns
-        self.landed = True
-        self.landed_since_ns = now_ns
+        self._still_since_ns: int | None = None
 
-    def update(self, motion: Motion, *, idle: bool) -> bool:
-        """The motion after a tick, in which the commanded thrust was low (`idle`); True if it has landed just now."""
+    def update(self, motion: Motion, *, landed: bool, idle: bool) -> bool:
+        """Whether the vehicle is on the ground now. `landed`: it was before; `idle`: its commanded thrust is low."""
         if not motion.touching:
             self._still_since_ns = None
-            if self.landed and -motion.position_ned[2] > self._foot_height_m + _LIFTED_M:
-                self.landed = False
-            return False
-        if self.landed:
-            return False
+            return landed and -motion.position_ned[2] <= self._foot_height_m + _LIFTED_M
+        if landed:
+            return True
         if not idle or motion.speed > STILL_M_S:
             self._still_since_ns = None
         elif self._still_since_ns is None:
             self._still_since_ns = motion.time_ns
-        elif motion.time_ns - self._still_since_ns >= LANDED_AFTER_NS:
-            self.landed = True
-            self.landed_since_ns = motion.time_ns
-            return True
+        else:
+            return motion.time_ns - self._still_since_ns >= LANDED_AFTER_NS
         return False

@@ -1,7 +1,6 @@
 """At which ticks each message is sent: the message intervals of MAVLink."""
 
 import heapq
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from vehicle_sim.timing import TICK_NS
@@ -65,14 +64,12 @@ class Schedule:
         self._due = [((tick // s.ticks + 1) * s.ticks, s.message_id) for s in self._streams.values() if s.ticks]
         heapq.heapify(self._due)
 
-    def start_tick(self, tick: int) -> None:
-        """Go on to a tick."""
+    def due(self, tick: int) -> list[int]:
+        """Go on to a tick; the ids of the messages to send at it."""
         self._tick = tick
-
-    def due(self) -> Iterator[int]:
-        """The ids of the messages to send at the present tick."""
-        due, tick = self._due, self._tick
+        due, ids = self._due, []
         while due and due[0][0] <= tick:
             message_id = due[0][1]
             heapq.heapreplace(due, (tick + self._streams[message_id].ticks, message_id))
-            yield message_id
+            ids.append(message_id)
+        return ids

@@ -78,7 +78,6 @@ class Telemetry:
 
     def report(self, tick: int, estimate: Motion, truth: Motion) -> Iterator[bytes]:
         """All frames due at a tick. A change of mode, arming or landed state is reported at once, before the others."""
-        self._schedule.start_tick(tick)
         self._scan_poses.append(truth)
         self._now = now = Snapshot(estimate, truth, self._scan_poses[0])
         flight = self._flight
@@ -90,5 +89,5 @@ class Telemetry:
         if landed is not self._reported_landed:
             self._reported_landed = landed
             yield self._status.extended_sys_state(now)
-        for message_id in self._schedule.due():
+        for message_id in self._schedule.due(tick):
             yield self._builders[message_id](now)
