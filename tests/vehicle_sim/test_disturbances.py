@@ -1,9 +1,6 @@
 """What a world does to the vehicle, how late the vehicle tells it, and the truth beside: closed forms and bytes."""
 
-import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from typer.testing import CliRunner
 
 from protocol.toml_files import TomlFileError, find
 from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, LAND, ForeignPilot, tilted
-from tests.vehicle_sim.test_vehicle_runner import Companion, hop, started
 from vehicle_sim import truth
 from vehicle_sim.airframe import Airframe, parameters
-from vehicle_sim.cli import app
 from vehicle_sim.physics.integrator import step, work_array
 from vehicle_sim.physics.rigid_body import POSITION, RATES, ROTORS, STATES, VELOCITY
 from vehicle_sim.timing import TICK_NS
@@ -223,51 +217,6 @@ def test_a_truth_that_can_not_be_written_is_said(tmp_path: Path) -> None:
         full.record(tick, np.zeros(STATES), np.zeros(3))
     with pytest.raises(TomlFileError, match="/dev/full"):
         full.write()
-
-
-# --- command line -----------------------------------------------------------------------------------------------------
-
-
-def test_overrides_and_truth_of_a_whole_process(tmp_path: Path) -> None:
-    file = tmp_path / "truth.npy"
-    with started(Companion(hop)) as companion:
-        url = f"udpout:127.0.0.1:{companion.port}"
-        arguments = ["--bind", url, "--pace", "lockstep", "--once", "--world", "empty", "--truth", str(file)]
-        changes = ["--set", "vehicle.body.mass_kg=2.0", "--set", "world.wind.mean_ned=[0, 3, 0]"]
-        done = subprocess.run(
-            [sys.executable, "-m", "vehicle_sim", *arguments, *changes], capture_output=True, text=True, check=True
-        )
-    assert json.loads(done.stdout)["outcome"] == "landed"
-    rows = np.load(file)
-    assert len(rows) == len(set(companion.heard))
-    assert (rows["wind_ned"] == (0.0, 3.0, 0.0)).all()
-    # at rest on its feet it has sunk in by its weight
-    ground = AIRFRAME.ground
-    sunk_m = (2.0 + AIRFRAME.body.parcel_mass_kg) * GRAVITY / (4.0 * ground.stiffness_n_m)
-    assert -rows["state"][10, 2] == pytest.approx(ground.foot_height_m - sunk_m, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("override", "names"),
-    [
-        ("body.mass_kg=2", ["body.mass_kg=2", "vehicle.KEY", "world.KEY"]),
-        ("vehicle.body.mass_kg=heavy", ["paper_quad.toml", "body.mass_kg"]),
-        ("vehicle.body.mass_kg=9", ["paper_quad.toml", "body.rotor_max_thrust_n"]),
-        ("vehicle.body.mas_kg=2", ["paper_quad.toml", "mas_kg"]),
-        ("vehicle.telemetry.delay_s=-0.1", ["paper_quad.toml", "telemetry.delay_s"]),
-        ("world.wind.mean_ned=[1, 2]", ["neighbourhood.toml", "wind.mean_ned"]),
-        ("world.wind.mean_ned=[1, 2, inf]", ["neighbourhood.toml", "wind.mean_ned[2]"]),
-        ("world.wind.turbulence_m_s=-1", ["neighbourhood.toml", "wind.turbulence_m_s"]),
-        ("world.disturbance.force=[1, 0, 0]", ["neighbourhood.toml", "disturbance"]),
-        ("world.=3", ["world.=3"]),
-        ("vehicle", ["--set vehicle"]),
-    ],
-)
-def test_an_override_that_can_not_be_is_one_line(override: str, names: list[str]) -> None:
-    result = CliRunner().invoke(app, ["--set", override])
-    assert result.exit_code == 2
-    assert result.stderr.count("\n") == 1
-    assert all(name in result.stderr for name in names)
 
 
 # --- the files --------------------------------------------------------------------------------------------------------
