@@ -16,6 +16,7 @@ from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME
 from tests.vehicle_sim.scripted_companion import UdpCompanion, hop, started
 from vehicle_sim.cli import app
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Summary
 
 
@@ -101,9 +102,11 @@ def test_overrides_and_truth_of_a_whole_process(tmp_path: Path) -> None:
         done = subprocess.run(
             [sys.executable, "-m", "vehicle_sim", *arguments, *changes], capture_output=True, text=True, check=True
         )
-    assert json.loads(done.stdout)["outcome"] == "landed"
+    summary = json.loads(done.stdout)
+    assert summary["outcome"] == "landed"
     rows = np.load(file)
-    assert len(rows) == len(set(companion.heard))
+    assert (rows["time_ns"] == TICK_NS * np.arange(1, len(rows) + 1)).all()
+    assert rows["time_ns"][-1] * 1e-9 == pytest.approx(summary["simulated_s"])
     assert (rows["wind_ned"] == (0.0, 3.0, 0.0)).all()
     # at rest on its feet it has sunk in by its weight
     ground = AIRFRAME.ground

@@ -1,6 +1,6 @@
-"""The vehicle's own control laws, from the outermost to the mixer: position -> attitude -> rates -> torque -> rotors.
+"""The vehicle's own control laws, compiled: position -> attitude -> rates -> torque -> rotors.
 
-A COMMAND says at which level it enters. Compiled, scalars only.
+A command enters the cascade at its level. All of it computes with scalars, so nothing is allocated.
 """
 
 import math
@@ -29,9 +29,9 @@ COMMAND = np.dtype(
     [
         ("level", "i8"),
         ("position_ned", "f8", 3),
-        ("speed_limits", "f8", 3),  # m/s: sideways, up, down
+        ("speed_limits", "f8", 3),  # m/s: horizontal, up, down
         ("yaw", "f8"),
-        ("attitude_ned_frd", "f8", 4),  # this and what follows is computed, above its level
+        ("attitude_ned_frd", "f8", 4),  # from here on: computed for a command of a higher level
         ("rates_frd", "f8", 3),
         ("torque_frd", "f8", 3),
         ("thrust_n", "f8"),
@@ -48,8 +48,11 @@ def _limited(value: float, limit: float) -> float:
 
 @compiled
 def position_law(state: Array, command: Command, parameters: Parameters) -> None:
-    """Position and yaw -> attitude and thrust, into the command: P on position, speed limits, P on velocity,
-    acceleration limits, then the tilt whose thrust gives that acceleration (any drag is left to the feedback)."""
+    """Attitude and thrust from position and yaw, into the command.
+
+    P on the position, speed limits, P on the velocity, acceleration limits, then the tilt at which the thrust gives
+    that acceleration. The feedback compensates drag.
+    """
     p, c = parameters[0], command[0]
     vn = p.position_gain * (c.position_ned[0] - state[0])
     ve = p.position_gain * (c.position_ned[1] - state[1])
@@ -63,7 +66,7 @@ def position_law(state: Array, command: Command, parameters: Parameters) -> None
     lift = GRAVITY - _limited(p.velocity_gain * (vd - state[5]), p.climb_acceleration_limit)
     size = math.sqrt(an * an + ae * ae + lift * lift)
 
-    # down axis of the body = (-an, -ae, lift) / size: the shortest tilt from level, after the yaw
+    # the body's down axis is (-an, -ae, lift) / size: the shortest tilt to it from level, after the yaw
     t0, t1, t2 = 1.0 + lift / size, ae / size, -an / size
     norm = math.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
     t0, t1, t2 = t0 / norm, t1 / norm, t2 / norm
@@ -77,7 +80,7 @@ def position_law(state: Array, command: Command, parameters: Parameters) -> None
 
 @compiled
 def attitude_law(state: Array, command: Command, parameters: Parameters) -> None:
-    """Attitude -> rates, into the command: a gain on the rotation vector of the error; q and -q are the same."""
+    """Rates from the attitude, into the command: a gain on the rotation vector of the error. q and -q give the same."""
     p, c = parameters[0], command[0]
     a0, a1, a2, a3 = state[6], -state[7], -state[8], -state[9]
     b0, b1, b2, b3 = c.attitude_ned_frd[0], c.attitude_ned_frd[1], c.attitude_ned_frd[2], c.attitude_ned_frd[3]
@@ -95,7 +98,7 @@ def attitude_law(state: Array, command: Command, parameters: Parameters) -> None
 
 @compiled
 def rate_law(state: Array, command: Command, parameters: Parameters) -> None:
-    """Rates -> torque, into the command: a gain on the error, and what the gyroscopic torques take away."""
+    """Torque from the rates, into the command: a gain on the error, and the gyroscopic torques compensated."""
     p, c = parameters[0], command[0]
     wx, wy, wz = state[10], state[11], state[12]
     ix, iy, iz = p.inertia_kgm2[0], p.inertia_kgm2[1], p.inertia_kgm2[2]
@@ -110,10 +113,11 @@ def rate_law(state: Array, command: Command, parameters: Parameters) -> None:
 
 @compiled
 def mix(thrust_n: float, torque_frd: Array, parameters: Parameters, thrusts: Array) -> None:
-    """Thrust (N) and torque (3,) in N m -> thrust of each rotor (4,), within what a rotor can.
+    """Thrust (N) of each rotor into `thrusts` (4,), from collective thrust (N) and torque (3,) (N m), within the
+    limits.
 
-    Roll and pitch come first: thrust is lowered for them at the upper end, they are cut with the thrust at the lower
-    end (as PX4 without its airmode). Yaw gets what is left.
+    Roll and pitch have priority: near full thrust the thrust is lowered for them, near zero thrust they are reduced
+    with it, as PX4 does without airmode. Yaw gets the rest.
     """
     p = parameters[0]
     most = p.rotor_max_thrust_n
@@ -145,7 +149,7 @@ def mix(thrust_n: float, torque_frd: Array, parameters: Parameters, thrusts: Arr
 
 @compiled
 def rotor_commands(state: Array, command: Command, parameters: Parameters, speeds: Array) -> None:
-    """The cascade from attitude downwards, in each 1 ms step: commanded rotor speeds (4,) in rad/s into `speeds`."""
+    """The cascade below the position law, in each step of 1 ms: commanded rotor speeds (4,) (rad/s) into `speeds`."""
     c = command[0]
     if c.level == Level.STOPPED:
         for i in range(4):
