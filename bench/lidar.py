@@ -110,7 +110,7 @@ def scan_costs(world: World, places: list[tuple[Array, Array]], settings: LidarS
         if not np.allclose(culled(*place), plain(*place), rtol=1e-12):
             raise AssertionError("culling changed a range")
     return {
-        f"ring, {beams} beams, with noise": microseconds(lambda p, q: lidar.scan(world, p, q), places),
+        f"scan, {beams} beams, with noise": microseconds(lambda p, q: lidar.scan(world, p, q), places),
         f"ranges, {beams} beams, culled": microseconds(culled, places),
         f"ranges, {beams} beams, all beams": microseconds(plain, few),
     }

@@ -23,6 +23,14 @@ TAKEOFF, HOLD, RETURN, LAND = (4 << 16 | sub << 24 for sub in (2, 3, 5, 6))
 OFFBOARD = 6 << 16
 
 
+def world_with(*overrides: str) -> World:
+    return World.load(find("worlds", "empty"), overrides)
+
+
+def airframe_with(*overrides: str) -> Airframe:
+    return Airframe.load(find("vehicles", "paper_quad"), overrides)
+
+
 def world_with_wall(north: float) -> World:
     """A wall across the way north, 10 m wide and 5 m high, 1 m thick."""
     wall = {"name": "wall", "center": [north, 0.0], "size": [1.0, 10.0], "height": [0.0, 5.0]}

@@ -39,7 +39,7 @@ def test_the_command_line_loads_without_compiled_code() -> None:
         (["--bind", "udpin:127.0.0.1"], ["udpin:127.0.0.1"]),
     ],
 )
-def test_what_can_not_be_is_one_line_and_exit_code_2(arguments: list[str], names: list[str]) -> None:
+def test_a_wrong_option_is_one_line_and_exit_code_2(arguments: list[str], names: list[str]) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
@@ -130,7 +130,7 @@ def test_overrides_and_truth_of_a_whole_process(tmp_path: Path) -> None:
         ("vehicle", ["--set vehicle"]),
     ],
 )
-def test_an_override_that_can_not_be_is_one_line(override: str, names: list[str]) -> None:
+def test_a_wrong_override_is_one_line(override: str, names: list[str]) -> None:
     result = CliRunner().invoke(app, ["--set", override])
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1

@@ -107,7 +107,7 @@ def test_no_thrust_no_torque() -> None:
     assert mixed(-5.0, (1.0, -1.0, 1.0)) == pytest.approx(np.zeros(4))
 
 
-def test_any_wish_stays_within_the_rotors() -> None:
+def test_any_demand_stays_within_the_rotors_limits() -> None:
     rng = np.random.default_rng(3)
     for _ in range(1000):
         mixed(rng.uniform(-10.0, 50.0), rng.normal(0.0, 2.0, 3))
@@ -173,7 +173,7 @@ def test_torque_turns_as_fast_as_the_inertia_lets_it() -> None:
     assert acceleration == pytest.approx(torque / np.array(BODY.inertia_kgm2), rel=0.05)
 
 
-def test_stopped_means_stopped() -> None:
+def test_stopped_stops_the_rotors() -> None:
     end = fly(flying(), command(Level.STOPPED), 1.0)[-1]
     assert end[ROTORS] == pytest.approx(np.zeros(4), abs=1e-9)
 

@@ -43,7 +43,7 @@ def aloft() -> ForeignPilot:
     return pilot
 
 
-def test_takes_off_holds_lands_and_disarms_by_itself(aloft: ForeignPilot) -> None:
+def test_take_off_hold_landing_and_disarming(aloft: ForeignPilot) -> None:
     pilot = aloft
     assert pilot.landed_state == IN_AIR
     assert pilot.height == pytest.approx(AIRFRAME.rest_height_m + AIRFRAME.auto.takeoff_height_m, abs=0.05)
@@ -102,7 +102,7 @@ def test_returns_home_high_and_lands_there(aloft: ForeignPilot) -> None:
     assert math.hypot(*pilot.vehicle.motion.position_ned[:2]) < 0.1
 
 
-def test_hold_stops_where_it_can_and_stays(aloft: ForeignPilot) -> None:
+def test_hold_brakes_and_stays(aloft: ForeignPilot) -> None:
     aloft.go_offboard()
     aloft.fly(2.0, lambda: aloft.attitude(FORWARD))
     speed, north = aloft.vehicle.motion.velocity_ned[0], aloft.vehicle.motion.position_ned[0]
@@ -148,7 +148,7 @@ def send_to(
     return int(ack.result)
 
 
-def test_goes_where_it_is_sent_and_holds_there(aloft: ForeignPilot) -> None:
+def test_reposition_flies_there_and_holds(aloft: ForeignPilot) -> None:
     sea_m = EMPTY.origin[2]
     aloft.go_offboard()
     assert send_to(aloft, (20.0, -15.0), sea_m + 6.0, speed=3.0, yaw=1.0) == ACCEPTED
@@ -163,7 +163,7 @@ def test_goes_where_it_is_sent_and_holds_there(aloft: ForeignPilot) -> None:
     assert aloft.mode == HOLD and aloft.vehicle.motion.speed < 0.02
 
 
-def test_what_is_not_given_stays_and_heights_may_be_above_home(aloft: ForeignPilot) -> None:
+def test_unset_values_of_a_reposition_stay_and_heights_may_be_above_home(aloft: ForeignPilot) -> None:
     rest_m = AIRFRAME.rest_height_m
     assert send_to(aloft, (HERE, HERE), 5.0, frame=RELATIVE) == ACCEPTED
     aloft.fly(8.0)
@@ -192,7 +192,7 @@ def test_what_is_not_given_stays_and_heights_may_be_above_home(aloft: ForeignPil
         ((10.0, 0.0), 500.0, {"flags": UNSET}, UNSUPPORTED),
     ],
 )
-def test_a_place_that_can_t_be_is_refused_and_changes_nothing(
+def test_an_impossible_place_is_refused_and_changes_nothing(
     aloft: ForeignPilot, place: tuple[float, float], z: float, options: dict[str, Any], result: int
 ) -> None:
     aloft.set_mode(LAND)
@@ -200,7 +200,7 @@ def test_a_place_that_can_t_be_is_refused_and_changes_nothing(
     assert aloft.mode == LAND
 
 
-def test_on_the_ground_it_is_sent_nowhere(pilot: ForeignPilot) -> None:
+def test_reposition_is_refused_on_the_ground(pilot: ForeignPilot) -> None:
     pilot.fly(1.2)
     assert send_to(pilot, (10.0, 0.0), 500.0) == REJECTED
     assert pilot.arm() == ACCEPTED
@@ -224,7 +224,7 @@ def test_offboard_needs_a_stream_of_a_second(pilot: ForeignPilot) -> None:
     ]
 
 
-def test_a_stream_below_2_hz_is_none(pilot: ForeignPilot) -> None:
+def test_setpoints_below_2_hz_are_no_stream(pilot: ForeignPilot) -> None:
     for _ in range(5):
         pilot.attitude()
         pilot.fly(0.52)
@@ -269,7 +269,7 @@ def test_full_roll_control_is_the_bodys_full_torque(aloft: ForeignPilot) -> None
     assert gained == pytest.approx(0.1 * 0.05 * body.full_torque_nm[0] / body.inertia_kgm2[0], rel=0.03)
 
 
-def test_lost_stream_holds_then_lands_and_never_comes_back_by_itself(aloft: ForeignPilot) -> None:
+def test_a_lost_stream_ends_in_hold_then_landing(aloft: ForeignPilot) -> None:
     pilot = aloft
     pilot.go_offboard()
     pilot.fly(1.0, pilot.attitude)
@@ -287,7 +287,7 @@ def test_lost_stream_holds_then_lands_and_never_comes_back_by_itself(aloft: Fore
     assert OFFBOARD not in {m.custom_mode for m in pilot.all("HEARTBEAT", lost_s + 1.1)}
 
 
-def test_left_alone_in_hold_it_lands(aloft: ForeignPilot) -> None:
+def test_hold_without_heartbeats_ends_in_landing(aloft: ForeignPilot) -> None:
     """Whoever had it hold has gone: no mode that is asked for may keep it up for ever."""
     pilot = aloft
     assert pilot.set_mode(HOLD) == ACCEPTED
@@ -483,7 +483,7 @@ def test_released_parcel_is_gone_and_thrust_is_too_much_then() -> None:
     assert pilot.texts[-1] == "Gripper: no parcel left"
 
 
-def test_flies_on_by_itself_with_the_lighter_mass(aloft: ForeignPilot) -> None:
+def test_the_autopilot_knows_the_mass_without_the_parcel(aloft: ForeignPilot) -> None:
     before = aloft.height
     aloft.command(mavlink.MAV_CMD_DO_GRIPPER, 1, mavlink.GRIPPER_ACTION_RELEASE)
     aloft.fly(3.0)

@@ -60,7 +60,7 @@ def test_free_fall_without_air_is_a_parabola() -> None:
     assert end[VELOCITY] == pytest.approx((1.0, -2.0, -3.0 + GRAVITY * 1.5), abs=1e-9)
 
 
-def test_hover_trim_stays() -> None:
+def test_hover_trim_is_an_equilibrium() -> None:
     start = at_height(10.0, HOVER_SPEED)
     assert run(start, parameters(AIRFRAME), 10.0) == pytest.approx(start, abs=1e-9)
 
@@ -98,7 +98,7 @@ def test_terminal_velocity() -> None:
     ("start", "end", "tau"),
     [(200.0, 400.0, AIRFRAME.rotors.time_constant_up_s), (400.0, 200.0, AIRFRAME.rotors.time_constant_down_s)],
 )
-def test_rotor_has_gone_63_percent_after_its_time_constant(start: float, end: float, tau: float) -> None:
+def test_rotor_lag_is_of_first_order(start: float, end: float, tau: float) -> None:
     after = run(at_height(100.0, start), parameters(AIRFRAME), tau, commands=np.full(4, end))
     assert after[ROTORS] == pytest.approx(start + (end - start) * (1.0 - math.exp(-1.0)), rel=1e-6)
 
@@ -109,7 +109,7 @@ def test_rotor_speed_saturates_at_full_thrust() -> None:
     assert end[ROTORS] == pytest.approx((full, full, 0.0, 0.0), abs=1e-9)
 
 
-def test_error_falls_sixteenfold_when_the_step_halves() -> None:
+def test_integrator_is_of_fourth_order() -> None:
     start = at_height(100.0, 350.0)
     start[RATES] = (3.0, -2.0, 4.0)
     start[VELOCITY] = (5.0, 1.0, -2.0)
@@ -130,7 +130,7 @@ def test_torque_free_rotation_conserves_energy_and_angular_momentum() -> None:
     assert angular_momentum_ned(end, p) == pytest.approx(angular_momentum_ned(start, p), rel=1e-8)
 
 
-def test_gyroscopic_torque_turns_but_does_no_work() -> None:
+def test_gyroscopic_torque_does_no_work() -> None:
     """Two rotors of one direction turn, made to give no thrust and no drag: only their angular momentum acts."""
     p = without_air()
     p["thrust_constant_ns2"] = 1e-30
@@ -156,7 +156,7 @@ def test_gyroscopic_torque_turns_but_does_no_work() -> None:
         ([LEFT, RIGHT], (0, 0, -1), (0, 0)),
     ],
 )
-def test_which_way_a_faster_rotor_turns_and_moves_it(
+def test_directions_in_which_a_faster_rotor_turns_and_moves_the_vehicle(
     faster: list[int], rates: tuple[int, int, int], moves: tuple[int, int]
 ) -> None:
     start = at_height(100.0, HOVER_SPEED)
@@ -166,7 +166,7 @@ def test_which_way_a_faster_rotor_turns_and_moves_it(
     assert tuple(np.sign(np.where(np.abs(end[3:5]) < 1e-4, 0.0, end[3:5]))) == moves
 
 
-def test_torques_are_those_that_full_controls_mean() -> None:
+def test_full_torque_is_that_of_full_actuator_controls() -> None:
     """Body.full_torque_nm: one rotor full against its opposite at rest, one pair against the other."""
     p, rate = parameters(AIRFRAME), np.zeros(STATES)
     full = float(p["rotor_max_speed"][0])
@@ -177,12 +177,12 @@ def test_torques_are_those_that_full_controls_mean() -> None:
         assert rate[10 + axis] * BODY.inertia_kgm2[axis] == pytest.approx(BODY.full_torque_nm[axis])
 
 
-def test_rests_on_the_ground_without_drift() -> None:
+def test_rest_on_the_ground_is_an_equilibrium() -> None:
     start = at_height(AIRFRAME.rest_height_m)
     assert run(start, parameters(AIRFRAME), 20.0) == pytest.approx(start, abs=1e-9)
 
 
-def test_comes_to_rest_after_a_drop_on_one_foot() -> None:
+def test_a_drop_on_one_foot_ends_at_rest() -> None:
     start = at_height(0.3)
     start[ATTITUDE] = tilted(0.2, (1.0, 0.4, 0.0))
     end = run(start, parameters(AIRFRAME), 4.0)
@@ -191,7 +191,7 @@ def test_comes_to_rest_after_a_drop_on_one_foot() -> None:
     assert end[7:9] == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
-def test_friction_stops_a_slide_as_far_as_coulomb_says() -> None:
+def test_friction_stops_a_slide_within_the_distance_of_coulombs_law() -> None:
     start = at_height(AIRFRAME.rest_height_m)
     start[3] = 1.0
     end = run(start, parameters(AIRFRAME), 3.0)
@@ -199,7 +199,7 @@ def test_friction_stops_a_slide_as_far_as_coulomb_says() -> None:
     assert abs(end[3]) < 1e-3
 
 
-def test_ground_pushes_and_never_pulls() -> None:
+def test_ground_never_pulls() -> None:
     """Pulled out of the ground fast, the dampers must not hold it back."""
     start = at_height(AIRFRAME.rest_height_m)
     start[5] = -1.0

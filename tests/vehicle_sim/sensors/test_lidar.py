@@ -1,4 +1,4 @@
-"""The ring and the range finders: bearings, tilt, noise, and every beam against the plain ray cast."""
+"""Scans and the range finders: bearings, tilt, noise, and every beam against the plain ray cast."""
 
 import math
 from typing import Any
@@ -36,7 +36,7 @@ def turned(roll_deg: float = 0.0, pitch_deg: float = 0.0, yaw_deg: float = 0.0) 
     return frames.from_euler(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
 
 
-def exact_ring(world: World, position_ned: Array, attitude: Array) -> NDArray[np.int64]:
+def exact_scan(world: World, position_ned: Array, attitude: Array) -> NDArray[np.int64]:
     return Lidar(EXACT, np.random.default_rng(0)).scan(world, position_ned, attitude).astype(np.int64)
 
 
@@ -45,64 +45,64 @@ ON_THE_RIGHT = world_of(wall=[{"start": [-2.0, 4.1], "end": [1.0, 4.1], "thickne
 
 
 def test_a_wall_on_the_right_is_in_the_right_sectors() -> None:
-    ring = exact_ring(ON_THE_RIGHT, at(0.0, 0.0, 3.0), LEVEL)
-    assert ring.dtype == np.int64 and ring.shape == (72,)
-    assert ring[18] == 400
-    seen = np.flatnonzero(ring != NOTHING)
+    scan = exact_scan(ON_THE_RIGHT, at(0.0, 0.0, 3.0), LEVEL)
+    assert scan.dtype == np.int64 and scan.shape == (72,)
+    assert scan[18] == 400
+    seen = np.flatnonzero(scan != NOTHING)
     # ends at atan2(4, 1) = 76.0 deg (sector 15, 72.5..77.5) and atan2(4, -2) = 116.6 deg (sector 23, 112.5..117.5)
     assert seen.tolist() == list(range(15, 24))
 
 
 @pytest.mark.parametrize(("yaw_deg", "sector"), [(0.0, 18), (90.0, 0), (180.0, 54), (-90.0, 36), (45.0, 9)])
-def test_the_ring_turns_with_the_vehicle(yaw_deg: float, sector: int) -> None:
-    assert exact_ring(ON_THE_RIGHT, at(0.0, 0.0, 3.0), turned(yaw_deg=yaw_deg))[sector] == 400
+def test_the_scan_turns_with_the_vehicle(yaw_deg: float, sector: int) -> None:
+    assert exact_scan(ON_THE_RIGHT, at(0.0, 0.0, 3.0), turned(yaw_deg=yaw_deg))[sector] == 400
 
 
-def test_five_degrees_to_the_right_shift_the_ring_by_one_sector() -> None:
+def test_a_turn_of_five_degrees_shifts_the_scan_by_one_sector() -> None:
     place = at(40.0, -4.0, 3.0)
-    ring = exact_ring(NEIGHBOURHOOD, place, turned(yaw_deg=20.0))
-    right = exact_ring(NEIGHBOURHOOD, place, turned(yaw_deg=25.0))
-    assert (ring < NOTHING).sum() > 20
-    np.testing.assert_array_equal(right, np.roll(ring, -1))
-    assert not np.array_equal(right, ring)
+    scan = exact_scan(NEIGHBOURHOOD, place, turned(yaw_deg=20.0))
+    right = exact_scan(NEIGHBOURHOOD, place, turned(yaw_deg=25.0))
+    assert (scan < NOTHING).sum() > 20
+    np.testing.assert_array_equal(right, np.roll(scan, -1))
+    assert not np.array_equal(right, scan)
 
 
-def test_a_mirrored_world_mirrors_the_ring() -> None:
+def test_a_mirrored_world_mirrors_the_scan() -> None:
     boxes = NEIGHBOURHOOD.boxes * [1, -1, 1, 1, 1, -1, 1, 1]  # east and the sine of the yaw
     cylinders = NEIGHBOURHOOD.cylinders * [1, -1, 1, 1, 1]
     mirror = World("mirror", NEIGHBOURHOOD.origin, boxes, cylinders, NEIGHBOURHOOD.names)
-    ring = exact_ring(NEIGHBOURHOOD, at(50.0, 3.0, 3.0), turned(roll_deg=4.0, pitch_deg=-3.0, yaw_deg=17.0))
-    mirrored = exact_ring(mirror, at(50.0, -3.0, 3.0), turned(roll_deg=-4.0, pitch_deg=-3.0, yaw_deg=-17.0))
-    assert (ring < NOTHING).sum() > 20
-    np.testing.assert_array_equal(mirrored, ring[-np.arange(SECTORS) % SECTORS])
+    scan = exact_scan(NEIGHBOURHOOD, at(50.0, 3.0, 3.0), turned(roll_deg=4.0, pitch_deg=-3.0, yaw_deg=17.0))
+    mirrored = exact_scan(mirror, at(50.0, -3.0, 3.0), turned(roll_deg=-4.0, pitch_deg=-3.0, yaw_deg=-17.0))
+    assert (scan < NOTHING).sum() > 20
+    np.testing.assert_array_equal(mirrored, scan[-np.arange(SECTORS) % SECTORS])
 
 
 def test_tilt_shows_the_ground_at_its_range() -> None:
-    nose_down = exact_ring(EMPTY, at(0.0, 0.0, 3.0), turned(pitch_deg=-20.0))
+    nose_down = exact_scan(EMPTY, at(0.0, 0.0, 3.0), turned(pitch_deg=-20.0))
     assert nose_down[0] == round(300.0 / math.sin(math.radians(20.0)))
     assert nose_down[9] == round(300.0 / (math.sin(math.radians(20.0)) * math.cos(math.radians(43.0))))
     assert (nose_down[18:55] == NOTHING).all()
-    right_down = exact_ring(EMPTY, at(0.0, 0.0, 3.0), turned(roll_deg=15.0, yaw_deg=123.0))
+    right_down = exact_scan(EMPTY, at(0.0, 0.0, 3.0), turned(roll_deg=15.0, yaw_deg=123.0))
     assert right_down[18] == round(300.0 / math.sin(math.radians(15.0)))
     assert right_down[54] == NOTHING
-    assert (exact_ring(EMPTY, at(0.0, 0.0, 3.0), LEVEL) == NOTHING).all()
+    assert (exact_scan(EMPTY, at(0.0, 0.0, 3.0), LEVEL) == NOTHING).all()
 
 
-def test_tilt_looks_over_and_under() -> None:
+def test_a_tilted_scan_passes_over_and_under_a_wall() -> None:
     wall = world_of(wall=[{"start": [8.0, -5.0], "end": [8.0, 5.0], "thickness": 0.2, "height": [2.0, 4.0]}])
-    assert exact_ring(wall, at(0.0, 0.0, 3.0), LEVEL)[0] == 790
-    assert exact_ring(wall, at(0.0, 0.0, 3.0), turned(pitch_deg=10.0))[0] == NOTHING  # 1.4 m above at 8 m
+    assert exact_scan(wall, at(0.0, 0.0, 3.0), LEVEL)[0] == 790
+    assert exact_scan(wall, at(0.0, 0.0, 3.0), turned(pitch_deg=10.0))[0] == NOTHING  # 1.4 m above at 8 m
     # nose down by 15 degrees: under the wall (2.1 m lower at 8 m) onto the ground behind it
-    assert exact_ring(wall, at(0.0, 0.0, 3.0), turned(pitch_deg=-15.0))[0] == round(300 / math.sin(math.radians(15.0)))
+    assert exact_scan(wall, at(0.0, 0.0, 3.0), turned(pitch_deg=-15.0))[0] == round(300 / math.sin(math.radians(15.0)))
 
 
-def test_a_thin_pole_between_two_beams_is_seen_by_no_one() -> None:
+def test_a_thin_pole_between_two_beams_is_not_seen() -> None:
     def pole(azimuth_deg: float) -> World:
         place = [10.0 * math.cos(math.radians(azimuth_deg)), 10.0 * math.sin(math.radians(azimuth_deg))]
         return world_of(cylinder=[{"center": place, "radius": 0.02, "height": 8.0}])
 
-    assert exact_ring(pole(31.0), at(0.0, 0.0, 3.0), LEVEL)[6] == 998  # beams at 28, 29, 30, 31, 32 degrees
-    assert (exact_ring(pole(30.5), at(0.0, 0.0, 3.0), LEVEL) == NOTHING).all()
+    assert exact_scan(pole(31.0), at(0.0, 0.0, 3.0), LEVEL)[6] == 998  # beams at 28, 29, 30, 31, 32 degrees
+    assert (exact_scan(pole(30.5), at(0.0, 0.0, 3.0), LEVEL) == NOTHING).all()
 
 
 def test_beams_are_spread_evenly_about_the_sectors_centres() -> None:
@@ -139,30 +139,30 @@ def test_culling_loses_no_hit(most_tilt: float) -> None:
     assert seen > 500
 
 
-def test_q_and_minus_q_give_the_same_ring() -> None:
+def test_q_and_minus_q_give_the_same_scan() -> None:
     attitude = turned(7.0, -11.0, 130.0)
     place = at(60.0, 4.0, 3.0)
     np.testing.assert_array_equal(
-        exact_ring(NEIGHBOURHOOD, place, attitude), exact_ring(NEIGHBOURHOOD, place, -attitude)
+        exact_scan(NEIGHBOURHOOD, place, attitude), exact_scan(NEIGHBOURHOOD, place, -attitude)
     )
 
 
 @pytest.mark.parametrize(("view_deg", "last"), [(90.0, 9), (91.0, 9), (200.0, 20), (5.0, 0), (360.0, 36)])
-def test_outside_the_field_of_view_all_is_unknown(view_deg: float, last: int) -> None:
+def test_sectors_outside_the_field_of_view_are_unknown(view_deg: float, last: int) -> None:
     lidar = Lidar(LidarSettings(field_of_view_deg=view_deg), np.random.default_rng(1))
-    ring = lidar.scan(EMPTY, at(0.0, 0.0, 3.0), LEVEL)
+    scan = lidar.scan(EMPTY, at(0.0, 0.0, 3.0), LEVEL)
     known = set(range(last + 1)) | {(-k) % SECTORS for k in range(last + 1)}
-    assert set(np.flatnonzero(ring != UNKNOWN).tolist()) == known
+    assert set(np.flatnonzero(scan != UNKNOWN).tolist()) == known
 
 
-def test_least_and_greatest_range() -> None:
+def test_ranges_are_limited() -> None:
     def ahead(face: float) -> World:
         return world_of(box=[{"center": [face + 1.0, 0.0], "size": [2.0, 4.0], "height": 6.0}])
 
     place = at(0.0, 0.0, 3.0)
-    assert exact_ring(ahead(0.05), place, LEVEL)[0] == 20
-    assert exact_ring(ahead(14.99), place, LEVEL)[0] == 1499
-    assert exact_ring(ahead(15.01), place, LEVEL)[0] == NOTHING
+    assert exact_scan(ahead(0.05), place, LEVEL)[0] == 20
+    assert exact_scan(ahead(14.99), place, LEVEL)[0] == 1499
+    assert exact_scan(ahead(15.01), place, LEVEL)[0] == NOTHING
     noisy = Lidar(LidarSettings(noise_m=0.5), np.random.default_rng(3))
     near = np.array([noisy.scan(ahead(0.3), place, LEVEL) for _ in range(300)])
     far = np.array([noisy.scan(ahead(14.8), place, LEVEL)[0] for _ in range(300)])

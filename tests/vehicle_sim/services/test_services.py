@@ -40,7 +40,7 @@ def test_heartbeat_is_a_px4_quadrotors() -> None:
     assert pilot.times("HEARTBEAT") == pytest.approx((0.004, 1.0, 2.0, 3.0))
 
 
-def test_change_of_mode_or_arming_is_said_at_once() -> None:
+def test_a_change_of_mode_or_arming_is_reported_at_once() -> None:
     pilot = ForeignPilot()
     pilot.fly(1.2)
     pilot.arm()
@@ -110,7 +110,7 @@ def test_all_streams_can_be_switched_off() -> None:
     assert pilot.datagrams == []
 
 
-def test_scans_come_no_faster_than_the_lidar_turns() -> None:
+def test_scans_come_no_faster_than_the_lidars_rate() -> None:
     pilot = ForeignPilot()
     pilot.interval(mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, 4000)
     pilot.fly(2.0)
@@ -141,7 +141,7 @@ def test_each_command_is_answered_to_its_sender(target: tuple[int, int]) -> None
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 191), (0, 2)])
-def test_what_is_for_others_is_passed_over(target: tuple[int, int]) -> None:
+def test_messages_for_others_are_ignored(target: tuple[int, int]) -> None:
     pilot = ForeignPilot()
     pilot.fly(1.2)
     pilot.send(mavlink.MAVLink_command_long_message(*target, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, *(0.0,) * 6))
@@ -157,7 +157,7 @@ def test_what_is_for_others_is_passed_over(target: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("params", [(1, 4, 4), (1, 1, 0), (1, 4, UNSET), (0, 6, 0), (UNSET, 6, 0)])
-def test_modes_that_it_has_not_are_denied(params: tuple[float, ...]) -> None:
+def test_unknown_modes_are_denied(params: tuple[float, ...]) -> None:
     pilot = ForeignPilot()
     assert pilot.command(mavlink.MAV_CMD_DO_SET_MODE, *params) == DENIED
 
@@ -281,7 +281,7 @@ def test_ground_truth_has_the_accelerometers_reading(moving: ForeignPilot) -> No
     assert truth.zacc < -900
 
 
-def test_obstacle_distance_sees_the_wall_from_where_it_was_when_it_looked(moving: ForeignPilot) -> None:
+def test_a_scan_is_of_the_pose_at_its_own_time(moving: ForeignPilot) -> None:
     scan = moving.last("OBSTACLE_DISTANCE")
     assert (scan.frame, scan.increment, scan.increment_f, scan.angle_offset) == (12, 5, 5.0, 0.0)
     sent_s = moving.times("OBSTACLE_DISTANCE")[-1]
@@ -293,7 +293,7 @@ def test_obstacle_distance_sees_the_wall_from_where_it_was_when_it_looked(moving
     assert down.current_distance * 0.01 == pytest.approx(-then.z / math.cos(moving.vehicle.motion.tilt), abs=0.15)
 
 
-def test_attitude_target_is_the_echo(moving: ForeignPilot) -> None:
+def test_attitude_target_echoes_the_setpoint(moving: ForeignPilot) -> None:
     echo = moving.last("ATTITUDE_TARGET")
     assert echo.q == pytest.approx(FORWARD, abs=1e-6)
     assert echo.type_mask == 7
@@ -314,7 +314,7 @@ def test_battery_runs_down(moving: ForeignPilot) -> None:
     assert last.current_battery > 300
 
 
-def test_what_mavsdk_waits_for() -> None:
+def test_mavsdk_gets_what_it_waits_for() -> None:
     pilot = ForeignPilot(all_streams=True)
     pilot.fly(2.1)
     status = pilot.last("SYS_STATUS")
@@ -349,7 +349,7 @@ def test_datagrams_are_whole_small_and_without_gaps(moving: ForeignPilot) -> Non
     assert sequence == [k % 256 for k in range(len(sequence))]
 
 
-def test_garbage_is_passed_over() -> None:
+def test_garbage_is_ignored() -> None:
     pilot = ForeignPilot()
     rng = np.random.default_rng(6)
     for _ in range(200):

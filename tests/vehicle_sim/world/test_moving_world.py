@@ -1,4 +1,4 @@
-"""What moves and what appears late: where it is when, and that the ring and the verdict on a flight know it."""
+"""What moves and what appears late: where it is when, and that the scan and the verdict on a flight know it."""
 
 import math
 from typing import Any
@@ -30,7 +30,7 @@ def place(scene: Scene, time_s: float) -> list[float]:
     return row
 
 
-def test_it_walks_to_its_route_and_then_round_and_round() -> None:
+def test_a_walker_goes_to_its_route_and_repeats_it() -> None:
     scene = Scene(world_of(WALKER))
     assert place(scene, 0.0) == [10.0, 0.0]
     assert place(scene, 2.0) == pytest.approx([10.0, 3.0])
@@ -42,7 +42,7 @@ def test_it_walks_to_its_route_and_then_round_and_round() -> None:
         assert place(scene, time_s + 12.0 * 40) == pytest.approx(place(scene, time_s))
 
 
-def test_its_speed_is_that_of_the_file_at_all_times() -> None:
+def test_a_walker_keeps_the_speed_of_its_file() -> None:
     route = [[0.0, 4.0], [3.0, 8.0], [-5.0, 1.0]]
     scene = Scene(world_of({**WALKER, "center": [1.0, 1.0], "route": route}))
     places = np.array([place(scene, 0.01 * step) for step in range(4000)])
@@ -60,15 +60,15 @@ def test_the_scene_leaves_the_world_as_it_was() -> None:
     assert Scene(still).at(3 * SECOND) is still
 
 
-def test_the_ring_sees_it_where_it_is_at_that_time() -> None:
+def test_a_scan_sees_a_walker_where_it_is_at_that_time() -> None:
     scene = Scene(world_of({**WALKER, "center": [10.0, -6.0], "route": [[10.0, 6.0], [10.0, -6.0]]}))
     lidar = Lidar(LidarSettings(noise_m=0.0, beams_per_sector=1), np.random.default_rng(0))
-    ring = lidar.scan(scene.at(4 * SECOND), EYE, LEVEL)
-    assert ring[0] == 950 and np.flatnonzero(ring < 1501).tolist() == [0]
+    scan = lidar.scan(scene.at(4 * SECOND), EYE, LEVEL)
+    assert scan[0] == 950 and np.flatnonzero(scan < 1501).tolist() == [0]
     # after 8 s it is at east 6, 11.66 m off at 31 degrees
-    ring = lidar.scan(scene.at(8 * SECOND), EYE, LEVEL)
-    assert np.flatnonzero(ring < 1501).tolist() == [6]
-    assert 0.01 * ring[6] == pytest.approx(math.hypot(10.0, 6.0) - 0.5, abs=0.05)  # the beam is a degree off its axis
+    scan = lidar.scan(scene.at(8 * SECOND), EYE, LEVEL)
+    assert np.flatnonzero(scan < 1501).tolist() == [6]
+    assert 0.01 * scan[6] == pytest.approx(math.hypot(10.0, 6.0) - 0.5, abs=0.05)  # the beam is a degree off its axis
 
 
 def test_a_pillar_appears_when_the_vehicle_is_near_and_stays() -> None:
@@ -85,7 +85,7 @@ def test_a_pillar_appears_when_the_vehicle_is_near_and_stays() -> None:
     assert scene.at(SECOND).names == ("walker 1",)  # what an older scan saw
 
 
-def test_what_appears_walks_from_then_on() -> None:
+def test_what_appears_late_walks_from_then_on() -> None:
     scene = Scene(world_of({**WALKER, "appears_within": 20.0}))
     scene.update(7 * SECOND, (0.0, 0.0, 0.0))
     assert place(scene, 7.0) == [10.0, 0.0]
@@ -128,6 +128,6 @@ speed = 1.5
         ({"appears_within": 0.0}, "appears_within"),
     ],
 )
-def test_what_makes_no_sense_is_refused(change: dict[str, Any], says: str) -> None:
+def test_an_impossible_route_is_refused(change: dict[str, Any], says: str) -> None:
     with pytest.raises(TomlFileError, match=says):
         world_of({**WALKER, **change})

@@ -60,7 +60,7 @@ def test_intensities_and_lengths_at_its_heights() -> None:
     assert dryden_length(20.0 * FOOT) == pytest.approx((143.59 * FOOT, 20.0 * FOOT), rel=1e-3)
 
 
-def test_outside_of_its_heights_the_nearest_one_counts() -> None:
+def test_heights_are_limited_to_the_standards_range() -> None:
     for far, near in ((-1.0, 10.0 * FOOT), (0.0, 10.0 * FOOT), (2000.0, 1000.0 * FOOT)):
         assert dryden_sigma(far, 5.0) == dryden_sigma(near, 5.0)
         assert dryden_length(far) == dryden_length(near)
@@ -94,7 +94,7 @@ def test_spectrum_has_the_standards_shape() -> None:
 
 
 @pytest.mark.parametrize("passed", [1e-5, 1e-3, 0.3, 4.0])
-def test_step_is_van_loans_discretisation_of_the_filters(passed: float) -> None:
+def test_filters_are_discretised_as_van_loan_does(passed: float) -> None:
     """Transition and covariance of the noise of one step, against the exponential of the continuous system's matrix."""
     airspeed = 10.0
     lengths = dryden_length(HEIGHT)
@@ -125,12 +125,12 @@ def test_step_is_van_loans_discretisation_of_the_filters(passed: float) -> None:
 # --- what blows at a vehicle ------------------------------------------------------------------------------------------
 
 
-def test_without_turbulence_the_mean_blows_and_nothing_else() -> None:
+def test_without_turbulence_the_wind_is_its_mean() -> None:
     winds = steady_wind(WindSettings(mean_ned=(3.0, -2.0, 0.5)), (1.0, 2.0, 3.0), 10)
     assert (winds == (3.0, -2.0, 0.5)).all()
 
 
-def test_it_blows_as_hard_from_the_first_tick_on() -> None:
+def test_turbulence_is_stationary_from_the_first_tick_on() -> None:
     settings = WindSettings(mean_ned=(0.0, 6.0, 0.0), turbulence_m_s=6.0)
     first = np.array([steady_wind(settings, (0.0, 0.0, 0.0), 1, seed)[0] for seed in range(1500)])
     sideways, down = dryden_sigma(HEIGHT, 6.0)
@@ -149,7 +149,7 @@ def test_gusts_along_the_mean_wind_last_longer_than_across() -> None:
     assert north == pytest.approx(0.5 * math.exp(-1.0), abs=0.08)
 
 
-def test_turns_with_the_mean_wind() -> None:
+def test_turbulence_turns_with_the_mean_wind() -> None:
     """The same noise in a mean wind of another direction is the same turbulence, turned."""
     north, turned = (
         steady_wind(WindSettings(mean_ned=mean, turbulence_m_s=6.0), (0.0, 0.0, 0.0), 100) - mean
