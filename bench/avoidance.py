@@ -27,7 +27,7 @@ from companion.perception.tracks import Tracker, TrackSettings
 from companion.state import Scan
 from protocol.arrays import Array
 from protocol.frames import from_euler
-from vehicle_sim.lidar import Lidar, LidarSettings
+from vehicle_sim.sensors.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, World, WorldTable
 
 SETTINGS = Avoidance(method="astar")
@@ -73,7 +73,7 @@ def rings(world: World) -> list[tuple[Scan, Array, Array]]:
     for k in range(RINGS):
         position = np.array([SPEED * k / 15.0, 0.0, -3.0])
         attitude = from_euler(0.03 * math.sin(0.7 * k), -0.12, 0.1 * math.sin(0.3 * k))
-        distances = lidar.ring(world, position, attitude).astype(np.float64)
+        distances = lidar.scan(world, position, attitude).astype(np.float64)
         ranges = np.minimum(distances, 1500.0) * 0.01
         scan = Scan(k * 66_666_667, 0, bearings, ranges, distances <= 1500.0, distances != 65535.0)
         found.append((scan, position, attitude))

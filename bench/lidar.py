@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from protocol import frames
 from protocol.jit import compiled
-from vehicle_sim.lidar import SECTORS, Lidar, LidarSettings, beam_azimuths, sector_ranges
-from vehicle_sim.world import BoxTable, CylinderTable, OriginTable, World, WorldTable, cast_ray
+from vehicle_sim.sensors.lidar import SECTORS, Lidar, LidarSettings, beam_azimuths, sector_ranges
+from vehicle_sim.world import BoxTable, CylinderTable, OriginTable, World, WorldTable
+from vehicle_sim.world.geometry import cast_ray
 
 Array = NDArray[np.float64]
 
@@ -109,7 +110,7 @@ def scan_costs(world: World, places: list[tuple[Array, Array]], settings: LidarS
         if not np.allclose(culled(*place), plain(*place), rtol=1e-12):
             raise AssertionError("culling changed a range")
     return {
-        f"ring, {beams} beams, with noise": microseconds(lambda p, q: lidar.ring(world, p, q), places),
+        f"scan, {beams} beams, with noise": microseconds(lambda p, q: lidar.scan(world, p, q), places),
         f"ranges, {beams} beams, culled": microseconds(culled, places),
         f"ranges, {beams} beams, all beams": microseconds(plain, few),
     }

@@ -1,4 +1,4 @@
-"""Types of arrays and tuples, for annotations: free of numba, which takes a process 0.4 s to import."""
+"""Types of arrays and tuples for annotations. This module does not import numba, which takes 0.4 s."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,5 +7,6 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 Vector = tuple[float, float, float]
+"""In compiled code a tuple, because a small array is allocated on the heap each time."""
 Quaternion = tuple[float, float, float, float]
-"""Both within compiled code: an array would be taken from the heap each time."""
+"""w, x, y, z; a tuple for the same reason."""

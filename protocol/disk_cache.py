@@ -1,5 +1,7 @@
-"""Arrays that take a library's seconds to be computed, kept on disk beside the compiled code and as safe from being
-stale: an edit to a module that has any begins anew."""
+"""A cache on disk for arrays whose computation takes a library's import and seconds.
+
+It is beside the compiled code and is renewed as that is: an edit to a module that uses it starts an empty one.
+"""
 
 import contextlib
 import functools
@@ -18,12 +20,15 @@ from protocol.jit import CACHE_FOLDER
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def kept(*packages: str) -> Callable[[F], F]:
-    """For a function whose array follows from its arguments and these packages' versions."""
+def cached_on_disk(*packages: str) -> Callable[[F], F]:
+    """A decorator for a function whose array depends only on its arguments and on the versions of these packages.
+
+    The arguments must be picklable. A file that is damaged is computed and written again.
+    """
 
     def decorate(function: F) -> F:
         @functools.wraps(function)
-        def read_or_computed(*arguments: Any) -> Any:
+        def read_or_compute(*arguments: Any) -> Any:
             if CACHE_FOLDER is None:
                 return function(*arguments)
             versions = [metadata.version(package) for package in packages]
@@ -38,8 +43,8 @@ def kept(*packages: str) -> Callable[[F], F]:
                 whole.replace(path)
             return result
 
-        kept_function: Any = read_or_computed
-        result: F = kept_function
+        decorated: Any = read_or_compute
+        result: F = decorated
         return result
 
     return decorate

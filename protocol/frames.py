@@ -1,8 +1,8 @@
-"""Frames of reference: NED world, FRD body, quaternions w,x,y,z; local <-> geodetic.
+"""Frames of reference: NED world, FRD body, quaternions w,x,y,z; local and geodetic coordinates.
 
-Quaternions `attitude_ned_frd` rotate a vector given in body axes (FRD) into world axes (NED). All functions take and
-return float64 arrays, shape (3,) for vectors and (4,) for quaternions, never write into their input, and may be called
-from compiled code.
+The quaternion `attitude_ned_frd` rotates a vector from body axes (FRD) into world axes (NED). Vectors are float64
+arrays (3,), quaternions (4,). No function writes into its input, and compiled functions may be called from compiled
+code. Functions with tuples as results allocate nothing; they are for compiled code.
 """
 
 import math
@@ -15,7 +15,7 @@ from protocol.jit import compiled
 
 @compiled
 def product(a: Array | Quaternion, b: Array | Quaternion) -> Quaternion:
-    """As `multiply`, for compiled code."""
+    """Hamilton product of two quaternions, as a tuple."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -26,17 +26,18 @@ def product(a: Array | Quaternion, b: Array | Quaternion) -> Quaternion:
 
 @compiled
 def multiply(a: Array, b: Array) -> Array:
-    """Hamilton product."""
+    """Hamilton product of two quaternions."""
     return np.array(product(a, b))
 
 
 @compiled
 def conjugate(q: Array) -> Array:
+    """The inverse of a unit quaternion."""
     return np.array([q[0], -q[1], -q[2], -q[3]])
 
 
 @compiled
-def _turned(w: float, x: float, y: float, z: float, v: Array | Vector) -> Vector:
+def _rotated(w: float, x: float, y: float, z: float, v: Array | Vector) -> Vector:
     tx = 2.0 * (y * v[2] - z * v[1])
     ty = 2.0 * (z * v[0] - x * v[2])
     tz = 2.0 * (x * v[1] - y * v[0])
@@ -49,36 +50,37 @@ def _turned(w: float, x: float, y: float, z: float, v: Array | Vector) -> Vector
 
 @compiled
 def to_world(q: Array | Quaternion, v: Array | Vector) -> Vector:
-    """As `rotate`, for compiled code."""
-    return _turned(q[0], q[1], q[2], q[3], v)
+    """Body vector to world vector, as a tuple."""
+    return _rotated(q[0], q[1], q[2], q[3], v)
 
 
 @compiled
 def to_body(q: Array | Quaternion, v: Array | Vector) -> Vector:
-    """As `rotate_inverse`, for compiled code."""
-    return _turned(q[0], -q[1], -q[2], -q[3], v)
+    """World vector to body vector, as a tuple."""
+    return _rotated(q[0], -q[1], -q[2], -q[3], v)
 
 
 @compiled
 def rotate(q: Array, v: Array) -> Array:
-    """Body vector -> world vector."""
+    """Body vector to world vector."""
     return np.array(to_world(q, v))
 
 
 @compiled
 def rotate_inverse(q: Array, v: Array) -> Array:
-    """World vector -> body vector."""
+    """World vector to body vector."""
     return np.array(to_body(q, v))
 
 
 @compiled
 def normalized(v: Array) -> Array:
+    """A vector or quaternion (n,), other than zero, at length 1."""
     return v / math.sqrt(np.sum(v * v))
 
 
 @compiled
-def turn_of(x: float, y: float, z: float) -> Quaternion:
-    """As `from_rotation_vector`, for compiled code."""
+def rotation_quaternion(x: float, y: float, z: float) -> Quaternion:
+    """Quaternion of a rotation vector (rad), as a tuple."""
     angle = math.sqrt(x * x + y * y + z * z)
     scale = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
     return math.cos(0.5 * angle), scale * x, scale * y, scale * z
@@ -86,15 +88,15 @@ def turn_of(x: float, y: float, z: float) -> Quaternion:
 
 @compiled
 def from_rotation_vector(rotation: Array) -> Array:
-    """Axis times angle (rad) -> quaternion."""
-    return np.array(turn_of(rotation[0], rotation[1], rotation[2]))
+    """Quaternion of a rotation vector (3,): axis times angle (rad)."""
+    return np.array(rotation_quaternion(rotation[0], rotation[1], rotation[2]))
 
 
 @compiled
 def to_rotation_vector(q: Array) -> Array:
-    """The shortest rotation, axis times angle in [0, pi]; the same for q and -q."""
+    """Rotation vector (3,) of the shortest rotation: axis times angle in [0, pi] (rad). The same for q and -q."""
     sign = 1.0
-    for component in q:  # of a half turn, w = 0, q and -q are told apart by the axis
+    for component in q:  # q and -q of a half turn (w = 0) differ in the axis alone
         if component != 0.0:
             sign = 1.0 if component > 0.0 else -1.0
             break
@@ -105,7 +107,7 @@ def to_rotation_vector(q: Array) -> Array:
 
 @compiled
 def from_euler(roll: float, pitch: float, yaw: float) -> Array:
-    """Z-Y-X angles (rad)."""
+    """Quaternion of Z-Y-X Euler angles (rad)."""
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
     cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
@@ -121,7 +123,7 @@ def from_euler(roll: float, pitch: float, yaw: float) -> Array:
 
 @compiled
 def to_euler(q: Array) -> Array:
-    """Roll, pitch, yaw (rad), Z-Y-X."""
+    """Z-Y-X Euler angles (3,): roll, pitch, yaw (rad)."""
     return np.array(
         [
             math.atan2(2.0 * (q[0] * q[1] + q[2] * q[3]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])),
@@ -139,9 +141,9 @@ def yaw_of(q: Array) -> float:
 
 @compiled
 def from_axes(x: Vector, y: Vector, z: Vector) -> Array:
-    """The body's axes in the world -> quaternion with w >= 0.
+    """Quaternion with w >= 0 from the body's axes, each a unit vector in world coordinates.
 
-    The largest of the four components is computed first, so it is exact for every attitude (Shepperd 1978).
+    The largest of the four components is computed first, so the result is exact for every attitude (Shepperd 1978).
     """
     trace = x[0] + y[1] + z[2]
     if trace > max(x[0], y[1], z[2]):
@@ -160,24 +162,24 @@ def from_axes(x: Vector, y: Vector, z: Vector) -> Array:
 
 @compiled
 def from_matrix(r: Array) -> Array:
-    """Rotation matrix (3, 3), columns = body axes in the world -> quaternion with w >= 0."""
+    """Quaternion with w >= 0 from a rotation matrix (3, 3), whose columns are the body's axes in the world."""
     return from_axes((r[0, 0], r[1, 0], r[2, 0]), (r[0, 1], r[1, 1], r[2, 1]), (r[0, 2], r[1, 2], r[2, 2]))
 
 
 @compiled
 def wrap(angle: float) -> float:
-    """Angle (rad) in [-pi, pi)."""
+    """The same angle (rad) in [-pi, pi)."""
     wrapped = (angle + math.pi) % (2.0 * math.pi) - math.pi
-    return -math.pi if wrapped >= math.pi else wrapped  # the remainder of a tiny negative number rounds to 2 pi
+    return -math.pi if wrapped >= math.pi else wrapped  # the remainder of a tiny negative angle rounds to 2 pi
 
 
 def enu_to_ned(v: Array) -> Array:
-    """(..., 3) east, north, up -> north, east, down; its own inverse."""
+    """Vectors (..., 3) from east, north, up to north, east, down, and back."""
     return np.stack([v[..., 1], v[..., 0], -v[..., 2]], axis=-1)
 
 
 def flu_to_frd(v: Array) -> Array:
-    """(..., 3) forward, left, up -> forward, right, down; its own inverse."""
+    """Vectors (..., 3) from forward, left, up to forward, right, down, and back."""
     flipped: Array = v * np.array([1.0, -1.0, -1.0])
     return flipped
 
@@ -193,9 +195,10 @@ def _radii(latitude: float) -> tuple[float, float]:
 
 
 def to_geodetic(position_ned: Array, origin: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Local (m) -> latitude, longitude (rad), altitude (m), on the plane that touches WGS84 at `origin` (same units).
+    """Latitude, longitude (rad) and altitude (m) of a local position (3,) (m).
 
-    Longitudes are in [-pi, pi), also across the date line.
+    The local plane touches WGS84 at `origin`, which is given in the same units. Longitudes are in [-pi, pi), also
+    across the date line.
     """
     meridian, prime = _radii(origin[0])
     return (
@@ -206,7 +209,10 @@ def to_geodetic(position_ned: Array, origin: tuple[float, float, float]) -> tupl
 
 
 def to_local(geodetic: tuple[float, float, float], origin: tuple[float, float, float]) -> Array:
-    """The inverse of `to_geodetic`; longitudes may lie on both sides of the date line."""
+    """Local position (3,) (m) of a latitude, longitude (rad) and altitude (m): the inverse of `to_geodetic`.
+
+    The two longitudes may be on different sides of the date line.
+    """
     meridian, prime = _radii(origin[0])
     return np.array(
         [

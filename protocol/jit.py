@@ -1,12 +1,11 @@
-"""Compilation to machine code (numba), with a cache on disk that can't be stale.
+"""Compilation to machine code by numba, with a cache on disk that can't be stale.
 
-numba's own cache looks at the file of a function alone, not at the files of the functions that it calls. Here the
-cache's folder is named after the text of every module that holds compiled functions and of the project's modules that
-these import (numbers from there are compiled in), so that an edit to any of them recompiles everything and nothing old
-is ever run.
+numba's own cache depends on the file of a function, but not on the files of the functions that it calls. Here the name
+of the cache's folder is a digest of all modules with compiled functions and of the project's modules that they import,
+whose constants are compiled in. So an edit to any of them recompiles everything.
 
-The cache is in `.cache/` of the project, in the user's cache folder if the project can't be written to, and nowhere
-(each process compiles for itself) if neither can; NUMBA_CACHE_DIR takes the place of both.
+The cache is in `.cache/` of the project, or in the user's cache folder if the project can't be written to. If neither
+can be written to, each process compiles for itself. NUMBA_CACHE_DIR replaces both folders.
 """
 
 import contextlib
@@ -31,12 +30,12 @@ _IMPORT = re.compile(
     |import[ \t]+((?:[^\n\\\#;]|\\\n)*+))""",
     re.MULTILINE | re.VERBOSE,
 )
-"""Module and names, or modules. Parsing the sources properly would take every process a quarter of a second."""
+"""Module and names, or modules. Python's own parser would take each process a quarter of a second."""
 _NAME = re.compile(r"\w+")
 
 
 def imported(source: bytes) -> Iterator[Path]:
-    """The project's modules that a module's text imports, and perhaps some that it only speaks of."""
+    """The files of the project's modules that a module's source imports, perhaps also of some that its texts name."""
     for match in _IMPORT.finditer(source):
         module, names, modules = (group.decode(errors="replace") for group in match.groups(b""))
         found = modules.replace(",", " ").split()
@@ -64,7 +63,7 @@ def _sources_digest() -> str:
 
 
 def _cache_folder() -> Path | None:
-    """The first place that can be written to."""
+    """The first folder that can be written to."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     places = [Path(chosen)] if chosen else [ROOT / ".cache" / "compiled", Path("~/.cache/courier/compiled")]
     digest = _sources_digest()
@@ -83,6 +82,6 @@ numba.config.CACHE_DIR = str(CACHE_FOLDER or "")
 
 
 def compiled(function: F) -> F:
-    """Compile on the first call for its argument types; IEEE arithmetic throughout, so that runs repeat to the bit."""
+    """A decorator: compile at the first call for its argument types, in IEEE arithmetic, so runs repeat exactly."""
     result: F = numba.njit(cache=CACHE_FOLDER is not None, error_model="numpy")(function)
     return result

@@ -1,7 +1,7 @@
 """MAVLink messages to bytes and back: encoders and decoders compiled once from the metadata of pymavlink's classes.
 
-The messages are the instances that pymavlink's own parser returns, `dialect` is its generated module. What it does for
-each packet (reordering, lengths, defaults) is done here when a message is first used.
+The messages are instances of pymavlink's classes, as its own parser returns them; `dialect` is its generated module.
+What pymavlink does for each packet (reordering, lengths, defaults) is done here once, when a message is first used.
 """
 
 import reprlib
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final, NamedTuple
 
-from fastcrc.crc16 import mcrf4xx  # imported as it is: pymavlink falls back to a slow one in silence when it is missing
+from fastcrc.crc16 import mcrf4xx  # required: without it pymavlink silently falls back to a slow one
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from protocol.framing import Frame
@@ -35,7 +35,7 @@ _FORMATS: Final = {
 
 
 class Field(NamedTuple):
-    """A field of a message; `type` as MAVLink calls it (`uint16_t`, `char`), `array_length` 0 for a single value."""
+    """A field of a message. `type` is MAVLink's name (`uint16_t`, `char`), `array_length` is 0 for a single value."""
 
     name: str
     type: str
@@ -44,19 +44,19 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How a message lies in a payload: little-endian, no padding, fields in wire order, extensions after the base."""
+    """The payload of a message: little-endian without padding, fields in wire order, extensions after the others."""
 
     message_id: int
     name: str
     fields: tuple[Field, ...]
     size: int
-    """Bytes of the payload with all extensions and no zeros cut."""
+    """Bytes of the payload with all extensions and all trailing zeros."""
     crc_extra: int
 
 
 @cache
 def layout(message_id: int) -> Layout:
-    """Raises KeyError for a message that the dialect lacks."""
+    """The layout of a message. Raises KeyError for one that the dialect does not have."""
     message_class = dialect.mavlink_map[message_id]
     types = dict(zip(message_class.fieldnames, message_class.fieldtypes, strict=True))
     fields = tuple(
@@ -67,17 +67,17 @@ def layout(message_id: int) -> Layout:
 
 
 def decode(frame: Frame) -> Any | None:
-    """The message that pymavlink's parser would return, or None if the dialect lacks it.
+    """The message as pymavlink's parser returns it, or None if the dialect does not have it.
 
-    Cut zeros are restored, and what follows the last known field (a newer sender's extensions) is left out. Texts end
-    at their first zero byte; the bytes are in `_{name}_raw`. `get_payload` is the payload as sent, `get_header` the
-    frame. Values are not judged: NaN and empty payloads come through.
+    Trailing zeros are restored, and the bytes after the last known field (a newer sender's extensions) are ignored. A
+    text ends at its first zero byte; all its bytes are in `_{name}_raw`. `get_payload` is the payload as sent,
+    `get_header` the frame. Values are not checked: NaN and an empty payload pass.
     """
     return _decoders[frame.message_id](frame)
 
 
 class Encoder:
-    """One sender: its ids and its sequence counter. MAVLink 2, unsigned, trailing zeros cut."""
+    """One sender: its ids and its sequence counter. It writes MAVLink 2, unsigned, without trailing zeros."""
 
     __slots__ = ("component", "sequence", "system")
 
@@ -87,10 +87,10 @@ class Encoder:
         self.system = system
         self.component = component
         self.sequence = 0
-        """Of the next frame."""
+        """Sequence number of the next frame."""
 
     def encode(self, message: Any) -> bytes:
-        """A frame with this message, which is left as it is.
+        """A frame with this message, which does not change.
 
         Raises ValueError, naming message and field, for a value that does not fit.
         """
@@ -98,10 +98,10 @@ class Encoder:
         return self._frame(packer, packer.message(message))
 
     def encode_fields(self, message_class: type[Any], *fields: Any) -> bytes:
-        """The same from the constructor's arguments, without making an instance; extensions may be left out there too.
+        """The same from the arguments of the message's constructor, without an instance. Extensions may be left out.
 
-        Texts are bytes; longer ones are cut as pymavlink does. Raises ValueError, naming message and field, for a value
-        that does not fit, and TypeError for a wrong number of fields.
+        Texts are bytes; one that is too long is cut as pymavlink does. Raises ValueError, naming message and field,
+        for a value that does not fit, and TypeError for a wrong number of fields.
         """
         packer = _packers[message_class]
         return self._frame(packer, packer.fields(*fields))
@@ -119,12 +119,12 @@ class _Packer:
     message_id: bytes
     crc_extra: bytes
     fields: Callable[..., bytes]
-    """The constructor's arguments to a full payload."""
+    """Packs the constructor's arguments into a full payload."""
     message: Callable[[Any], bytes]
 
 
 class _Decoders(dict[int, Callable[[Frame], Any]]):
-    """By message id, compiled when first asked for; unknown ids are not kept, for a peer could fill the memory so."""
+    """By message id, compiled at the first use. Unknown ids are not kept: a peer could fill the memory with them."""
 
     def __missing__(self, message_id: int) -> Callable[[Frame], Any]:
         message_class = dialect.mavlink_map.get(message_id)
@@ -153,7 +153,7 @@ def _struct(*fields: Field) -> struct.Struct:
 
 
 def _compile(name: str, source: str, names: dict[str, Any]) -> Any:
-    # The sources are made of the dialect's names alone; nothing received ever gets here.
+    # the source consists of the dialect's names only, never of received bytes
     exec(compile(source, f"<{name}>", "exec"), names)
     return names[name]
 
@@ -196,7 +196,7 @@ def {shape.name}({arguments}):
 
 
 def _misfit(message_id: int, values: tuple[Any, ...]) -> ValueError:
-    """The error that names the first of these values (in the constructor's order) that can't be packed."""
+    """The error for the first of these values, in the constructor's order, that can't be packed."""
     shape = layout(message_id)
     fields = {field.name: field for field in shape.fields}
     for name, value in zip(dialect.mavlink_map[message_id].fieldnames, values, strict=True):
@@ -219,9 +219,9 @@ def _compile_decoder(message_class: Any) -> Callable[[Frame], Any]:
             for field in map(by_name.__getitem__, message_class.fieldnames)
         )
     )
-    # Having made one also fixes the order of the class's attributes, without which CPython stores them slowly.
+    # the first instance also fixes the order of the class's attributes, which CPython needs to store them fast
     own = {"_header", "_msgbuf", "_payload", "_crc"} | by_name.keys() | {f"_{name}_raw" for name in by_name}
-    # What the constructors set and no packet changes goes onto each instance without calling them.
+    # attributes that the constructor sets and no packet changes are set without calling it
     constants = {name: value for name, value in vars(prototype).items() if name not in own}
     lines = [f"m.{name} = _constant{name}" for name in constants]
 

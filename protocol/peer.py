@@ -1,4 +1,4 @@
-"""What is known of one peer from what it sends: losses, heartbeat, restarts, clock offset. No I/O and no clock."""
+"""One peer, judged by what it sends: losses, heartbeat, restarts, clock offset. No input or output, and no clock."""
 
 from collections import deque
 from typing import Final
@@ -6,50 +6,59 @@ from typing import Final
 from protocol.framing import Frame
 
 _REORDERED: Final = 64
-"""A sequence number at most this far back is an old frame that comes late."""
+"""A sequence number at most this far back belongs to a late frame or a duplicate."""
 _BOOT_TIME_TOLERANCE_MS: Final = 1000
+"""A time since boot that falls by at most this much is of a message that another one has overtaken."""
 _ROUND_TRIP_LIMIT_NS: Final = 10_000_000
+"""A TIMESYNC answer with a longer round trip is too inexact for the clock offset."""
 _CLOCK_JUMP_NS: Final = 20_000_000
-"""Two samples within the round-trip limit are at most 10 ms apart, and vehicles' clocks have steps of up to 4 ms."""
+"""An offset sample further than this from the estimate means that a clock was set: two samples within the round-trip
+limit differ by at most 10 ms, and vehicles' clocks have steps of up to 4 ms."""
 _OFFSET_GAIN: Final = 0.1
+"""Weight of a new sample in the clock offset."""
 _REQUESTS_KEPT: Final = 8
+"""TIMESYNC requests that may still be answered."""
 
 
 class Peer:
-    """One (system, component). Times are nanoseconds of the caller's monotonic clock.
+    """One sender (system, component). Times are nanoseconds of the caller's monotonic clock.
 
-    MAVLink's sequence number has 8 bits, so what a jump means is a convention: up to 127 frames skipped are lost; up to
-    64 back the frame is late (it was counted as lost before and is no longer) or a duplicate; anything else is a sender
-    that started anew, and counts as no loss. A pause in which more than 127 frames were lost is undercounted.
+    MAVLink's sequence number has 8 bits, so the meaning of a jump is a convention. Up to 127 skipped frames are lost.
+    A frame up to 64 back is late, if it was counted as lost, or a duplicate. Any other jump is a restart of the sender
+    and no loss. So a pause in which more than 127 frames were lost is undercounted.
     """
 
     def __init__(self, system: int, component: int) -> None:
         self.system = system
         self.component = component
         self.received = 0
-        """Frames, late ones and duplicates included."""
+        """Frames that arrived, late ones and duplicates included."""
         self.lost = 0
+        """Frames that were skipped and have not arrived since."""
         self.late = 0
+        """Frames that arrived after they had been counted as lost."""
         self.duplicates = 0
+        """Frames that had already arrived."""
         self.restarts = 0
-        """Jumps of the sequence number that no loss or reordering explains."""
+        """Jumps of the sequence number that neither losses nor reordering explain."""
         self.reboots = 0
-        """Falls of the time since boot."""
+        """Falls of the time since boot by more than a second."""
         self.heard_ns: int | None = None
         """When the last frame arrived."""
         self.rebooted_ns: int | None = None
+        """When the last reboot was seen."""
         self.offset_ns: int | None = None
-        """Its clock minus ours, smoothed; None while unknown."""
+        """The peer's clock minus ours, smoothed; None while unknown."""
         self.round_trip_ns: int | None = None
-        """Of the last answer to TIMESYNC, taken or not."""
+        """Of the last TIMESYNC answer, whether or not it was used."""
         self._sequence: int | None = None
-        self._missing = 0  # bit k: the frame k before the newest has not come
+        self._missing = 0  # bit k: the frame k before the newest has not arrived
         self._heartbeat_ns: int | None = None
         self._boot_time_ms: int | None = None
         self._requests: deque[int] = deque(maxlen=_REQUESTS_KEPT)
 
     def observe(self, frame: Frame, now_ns: int) -> bool:
-        """Count a frame that arrived; False for one of another sender, which is ignored."""
+        """Count a frame that arrived; False for a frame of another sender, which is ignored."""
         if frame.system != self.system or frame.component != self.component:
             return False
         self.received += 1
@@ -84,10 +93,10 @@ class Peer:
         return None if self._heartbeat_ns is None else now_ns - self._heartbeat_ns
 
     def observe_boot_time(self, time_boot_ms: int, now_ns: int) -> bool:
-        """Whether this time since boot (32 bits, which wrap after 49.7 days) says that the peer has rebooted.
+        """Take a time since boot (32 bits, which wrap after 49.7 days); True if it shows that the peer has rebooted.
 
-        A fall of up to a second is a message that was overtaken. After a reboot the sequence and the clock offset are
-        learnt anew.
+        A fall of up to a second is a message that was overtaken. After a reboot the sequence number and the clock
+        offset are unknown again.
         """
         if self._boot_time_ms is not None:
             step_ms = (time_boot_ms - self._boot_time_ms + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
@@ -106,15 +115,15 @@ class Peer:
         return False
 
     def timesync_request(self, now_ns: int) -> tuple[int, int]:
-        """TIMESYNC's (tc1, ts1) to send now."""
+        """The fields (tc1, ts1) of a TIMESYNC request to send now."""
         self._requests.append(now_ns)
         return 0, now_ns
 
     def timesync_reply(self, tc1: int, ts1: int, now_ns: int) -> bool:
-        """Take an answer to one of the last requests; returns whether it changed `offset_ns`.
+        """Take the answer to one of the last requests; True if it changed `offset_ns`.
 
-        A round trip of 10 ms or more says too little; a sample too far from the estimate to be noise replaces it, for
-        then a clock has been set.
+        An answer with a round trip of 10 ms or more is not used. A sample that is too far from the estimate to be noise
+        replaces it, because a clock was set.
         """
         if tc1 == 0 or ts1 not in self._requests:
             return False
@@ -130,7 +139,10 @@ class Peer:
         return True
 
     def timesync_asked(self, ts1: int, now_ns: int) -> None:
-        """Its own question arrived: it was sent at `ts1` of its clock, and not after it arrived. That bounds the offset
-        from below, where half a round trip errs by as much as the two ways differ."""
+        """Take a TIMESYNC request of the peer, sent at `ts1` of its clock.
+
+        It can't have been sent after it arrived, which bounds the offset from below. Half a round trip errs by half the
+        difference between the two directions.
+        """
         if self.offset_ns is not None and 0 < ts1 - now_ns - self.offset_ns <= _CLOCK_JUMP_NS:
             self.offset_ns = ts1 - now_ns

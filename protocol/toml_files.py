@@ -1,4 +1,4 @@
-"""Worlds, vehicles, missions and settings: TOML files, found by name or path, read into frozen checked records."""
+"""TOML files (worlds, vehicles, missions, settings): found by name or path, read into frozen and checked records."""
 
 import copy
 import math
@@ -15,13 +15,13 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 class TomlFileError(Exception):
-    """A file that is missing or holds something impossible; the text names the file and the key."""
+    """A file that is missing or holds an impossible value; the text names the file and the key."""
 
 
 def find(kind: str, name: str) -> Path:
-    """The file at the path `name`, or `{kind}/{name}.toml` here or in the project's folder.
+    """The file at the path `name`, or `{kind}/{name}.toml` in the current folder or in the project's folder.
 
-    Kinds are worlds, vehicles and missions. Raises DataFileError, with the names that there are.
+    Kinds are worlds, vehicles and missions. Raises TomlFileError, which lists the names that exist, for any other.
     """
     candidates = [Path(name), Path(kind) / f"{name}.toml", ROOT / kind / f"{name}.toml"]
     for path in candidates:
@@ -37,9 +37,9 @@ def find(kind: str, name: str) -> Path:
 
 
 def load(path: Path, record: type[T], overrides: Sequence[str] = ()) -> T:
-    """Read `path` as a `record` (a msgspec.Struct); `overrides` are "table.key=value", the value as in TOML.
+    """Read a file as a `record` (a msgspec.Struct). `overrides` are "table.key=value", with the value as in TOML.
 
-    Raises DataFileError for a file that can't be read, is no TOML, holds nan or inf, or does not fit the record.
+    Raises TomlFileError for a file that can't be read, is not TOML, holds nan or inf, or does not fit the record.
     """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -51,7 +51,7 @@ def load(path: Path, record: type[T], overrides: Sequence[str] = ()) -> T:
 
 
 def convert(tables: dict[str, Any], record: type[T], source: str, overrides: Sequence[str] = ()) -> T:
-    """The same for tables that are read already; `source` is named in errors."""
+    """The same for tables that are already read; errors name `source`."""
     if overrides:
         source = f"{source} with --set"
         tables = copy.deepcopy(tables)
@@ -67,8 +67,8 @@ def convert(tables: dict[str, Any], record: type[T], source: str, overrides: Seq
 
 
 def by_first_word(overrides: Sequence[str], words: Sequence[str]) -> dict[str, list[str]]:
-    """Sort overrides by what they are for: under each of `words` those that begin with it and a dot, without both;
-    under "" all others, as they are."""
+    """Group overrides by their first word: under each of `words` those that start with it and a dot, which are removed;
+    under "" all others, unchanged."""
     groups: dict[str, list[str]] = {word: [] for word in (*words, "")}
     for override in overrides:
         word, dot, rest = override.strip().partition(".")
@@ -80,7 +80,7 @@ def by_first_word(overrides: Sequence[str], words: Sequence[str]) -> dict[str, l
 
 
 def _floats(value: object, key: str) -> Iterator[tuple[str, float]]:
-    """All of them, with their keys; TOML can write nan and inf, and no quantity is either."""
+    """All floats with their keys. TOML can write nan and inf, which no quantity may be."""
     match value:
         case dict():
             for name, each in value.items():

@@ -14,9 +14,12 @@ from protocol.vehicle_parameters import GRAVITY, Body
 from studies import style
 from studies.report import Cell, Report
 from vehicle_sim.airframe import Airframe, parameters
-from vehicle_sim.inner_loop import COMMAND, Level
-from vehicle_sim.integrate import FEEDBACK, TICK_NS, advance, scratch
-from vehicle_sim.rigid_body import ATTITUDE, RATES, ROTORS, STATES
+from vehicle_sim.autopilot.control_laws import COMMAND, Level
+from vehicle_sim.physics.integrator import work_array
+from vehicle_sim.physics.motion import FEEDBACK
+from vehicle_sim.physics.rigid_body import ATTITUDE, RATES, ROTORS, STATES
+from vehicle_sim.tick import advance
+from vehicle_sim.timing import TICK_NS
 
 NAME = "attitude-loop"
 TITLE = "Table 2: the attitude loop"
@@ -99,7 +102,7 @@ def flown(airframe: Airframe, axis: int, weight: float, step: float) -> tuple[Ar
     K, to_torque, full = gain(body, weight), lqr.to_torque(body), np.array(body.full_torque_nm)
     vehicle = parameters(airframe)
     vehicle["mass_kg"] = body.mass_kg
-    state, room, feedback = np.zeros(STATES), scratch(), np.zeros(1, FEEDBACK)
+    state, room, feedback = np.zeros(STATES), work_array(), np.zeros(1, FEEDBACK)
     state[2] = -1000.0
     state[ATTITUDE] = (1.0, 0.0, 0.0, 0.0)
     thrust = body.mass_kg * GRAVITY
@@ -235,7 +238,7 @@ in its conclusion. It is not one of the LQR: `u = K (x_ref - x)` reaches the set
 and pitch are those of a plant without the arm's length under a gain that was designed with it.
 
 In flight: the nonlinear vehicle of `vehicle_sim` (rotors of 25 ms up and 35 ms down, gyroscopic torques) under the
-companion's compiled law, torques every 4 ms at hover thrust, straight through `vehicle_sim.integrate.advance` and not
+companion's compiled law, torques every 4 ms at hover thrust, straight through `vehicle_sim.tick.advance` and not
 over the wire. A step of 1 rad of yaw asks for up to 3.2 N m at first, where the rotors at hover give 0.31 N m, so that
 it takes a little longer; a small step stays within their reach and shows the law itself. The motors' lag takes some
 damping away, so the flown rise is a little shorter than the linear one.

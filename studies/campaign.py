@@ -30,7 +30,7 @@ from studies.joined import Joined
 from studies.tracks import on_all_cores
 from studies.worlds import HULL, Site, shortest
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.lidar import beam_azimuths, sector_ranges
+from vehicle_sim.sensors.lidar import beam_azimuths, sector_ranges
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
@@ -278,7 +278,7 @@ class _Watch:
 
     def _avoidable(self, joined: Joined) -> bool | None:
         met, world = joined.vehicle.flight.crash, self._site.world()
-        if met not in {world.names[len(world.boxes) + each.row] for each in world.restless}:
+        if met not in {world.names[len(world.boxes) + each.row] for each in world.dynamic}:
             return None
         airframe = joined.vehicle.airframe
         abilities = Abilities.of(airframe, joined.autopilot.settings.limits.tilt)

@@ -17,7 +17,7 @@ import numpy as np
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.world import Scene, World
 
 DIRECTIONS = 36
@@ -57,7 +57,7 @@ def avoidable(world: World, truth: Array, met: str, abilities: Abilities, range_
     `range_m` of the ring."""
     scene = Scene(world)
     for tick, state in enumerate(truth):
-        scene.watch(tick * TICK_NS, state[:3].tolist())
+        scene.update(tick * TICK_NS, state[:3].tolist())
     contact = len(truth) - 1
     worlds = _Worlds(scene, contact + round(AFTER_S / _TICK_S))
     first = max(0, contact - round(LOOK_BACK_S / _TICK_S))

@@ -17,7 +17,7 @@ from companion.state import Output
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 

@@ -17,8 +17,9 @@ from protocol.vehicle_parameters import GRAVITY
 from studies import style
 from studies.report import Cell, Report
 from vehicle_sim.airframe import Airframe, parameters
-from vehicle_sim.integrate import STEP_S, scratch, step
-from vehicle_sim.rigid_body import ATTITUDE, POSITION, ROTORS, STATES, VELOCITY
+from vehicle_sim.physics.integrator import step, work_array
+from vehicle_sim.physics.rigid_body import ATTITUDE, POSITION, ROTORS, STATES, VELOCITY
+from vehicle_sim.timing import STEP_S
 
 NAME = "open-loop"
 TITLE = "Open loop: (4) and (6)"
@@ -69,7 +70,7 @@ def rigid_body(airframe: Airframe, inputs: Array, seconds: float) -> Motion:
     vehicle["mass_kg"] = airframe.body.mass_kg
     vehicle["drag_kg_s"] = 0.0
     speeds = np.sqrt(thrusts(airframe, inputs) / airframe.rotors.thrust_constant_ns2)
-    state, room = np.zeros(STATES), scratch()
+    state, room = np.zeros(STATES), work_array()
     state[2] = -1000.0
     state[ATTITUDE] = (1.0, 0.0, 0.0, 0.0)
     state[ROTORS] = speeds

@@ -1,4 +1,4 @@
-"""A vehicle file: TOML -> frozen record -> one flat record for compiled code."""
+"""A vehicle file in `vehicles/`: its tables as records, and one flat record for compiled code."""
 
 import math
 from collections.abc import Sequence
@@ -10,47 +10,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.toml_files import TomlFileError, load
-from protocol.vehicle_parameters import GRAVITY, Body, Positive
-from vehicle_sim.lidar import LidarSettings
+from protocol.vehicle_parameters import GRAVITY, Body, NotNegative, Positive
+from vehicle_sim.sensors.lidar import LidarSettings
 
-NonNegative = Annotated[float, msgspec.Meta(ge=0)]
 Axes = tuple[Positive, Positive, Positive]
 
 
 class Rotors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[rotors]` table."""
+
     thrust_constant_ns2: Positive
-    """kf: thrust = kf speed^2, speed in rad/s."""
-    inertia_kgm2: NonNegative
-    """Jr, of one rotor with its motor's bell."""
+    """kf: the thrust is kf speed^2, with the speed in rad/s."""
+    inertia_kgm2: NotNegative
+    """Jr: of one rotor with the bell of its motor, about its axis."""
     time_constant_up_s: Positive
     time_constant_down_s: Positive
 
 
 class Ground(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Four feet under the arms, each a spring and damper with dry friction."""
+    """The `[ground]` table: four feet under the arms, each a spring and damper with dry friction."""
 
     foot_radius_m: Positive
     foot_height_m: Positive
     stiffness_n_m: Positive
-    damping_ns_m: NonNegative
-    friction: NonNegative
+    damping_ns_m: NotNegative
+    friction: NotNegative
     crash_speed_m_s: Positive
     crash_tilt_deg: Positive
 
 
 class Hull(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[hull]` table."""
+
     radius_m: Positive
-    """The sphere around all that must not touch anything."""
+    """The sphere about the centre of mass that must not touch an obstacle."""
 
 
 class InnerLoop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[inner_loop]` table: gains and limits of the attitude and rate laws, per axis of the body."""
+
     attitude_gain_1_s: Axes
     rate_gain_1_s: Axes
     rate_limit_deg_s: Axes
 
 
 class Auto(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How it flies by itself: take-off, hold, return, land."""
+    """The `[auto]` table: how the vehicle flies by itself (take-off, hold, return, land)."""
 
     position_gain_1_s: Positive
     velocity_gain_1_s: Positive
@@ -63,24 +68,31 @@ class Auto(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     takeoff_height_m: Positive
     return_height_m: Positive
 
+    @property
+    def speed_limits_m_s(self) -> tuple[float, float, float]:
+        """Horizontal, up, down."""
+        return self.cruise_speed_m_s, self.climb_speed_m_s, self.descent_speed_m_s
+
 
 class TelemetrySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The `[telemetry]` table."""
 
     delay_s: Annotated[float, msgspec.Meta(ge=0, le=10)] = 0.0
-    """Age of the reported motion when it is sent, rounded up to whole ticks of 4 ms."""
+    """Age of the estimate when it is sent, rounded up to whole ticks of 4 ms."""
 
 
 class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[battery]` table."""
+
     capacity_wh: Positive
     full_v: Positive
     empty_v: Positive
     efficiency: Annotated[float, msgspec.Meta(gt=0, le=1)]
-    idle_w: NonNegative
+    idle_w: NotNegative
 
 
 class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A file in `vehicles/`."""
+    """A whole vehicle file."""
 
     body: Body
     rotors: Rotors
@@ -94,9 +106,9 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def load(cls, path: Path, overrides: Sequence[str] = ()) -> "Airframe":
-        """With overrides as "body.mass_kg=0.9".
+        """Read a vehicle file, with overrides as "body.mass_kg=0.9".
 
-        Raises DataFileError, naming file and key, also for a vehicle that could not lift its parcel.
+        Raises TomlFileError, naming file and key, also for a vehicle that can't lift its parcel.
         """
         airframe = load(path, cls, overrides)
         if airframe.body.max_thrust_n <= airframe.takeoff_mass_kg * GRAVITY:
@@ -109,20 +121,20 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def takeoff_mass_kg(self) -> float:
-        """With the parcel."""
+        """Mass with the parcel."""
         return self.body.mass_kg + self.body.parcel_mass_kg
 
     @property
     def rest_height_m(self) -> float:
-        """Of the centre of mass above the ground, at rest on its feet with the parcel."""
+        """Height of the centre of mass above the ground, at rest with the parcel."""
         return self.ground.foot_height_m - self.takeoff_mass_kg * GRAVITY / (4.0 * self.ground.stiffness_n_m)
 
 
 PARAMETERS = np.dtype(
     [
-        ("wind_ned", "f8", 3),  # m/s; this and the next two change in flight
-        ("force_ned", "f8", 3),  # N, on top of thrust, drag, weight and ground
-        ("mass_kg", "f8"),  # all of it, the parcel too
+        ("wind_ned", "f8", 3),  # m/s; the first three change in flight
+        ("force_ned", "f8", 3),  # N, beside thrust, drag, weight and ground
+        ("mass_kg", "f8"),  # with the parcel
         ("arm_length_m", "f8"),
         ("inertia_kgm2", "f8", 3),
         ("rotor_max_thrust_n", "f8"),
@@ -147,11 +159,11 @@ PARAMETERS = np.dtype(
         ("climb_acceleration_limit", "f8"),
     ]
 )
-"""What compiled code knows of the airframe and of what acts on it: SI units and radians."""
+"""The airframe for compiled code, and what acts on it. SI units and radians."""
 
 
 def parameters(airframe: Airframe) -> NDArray[np.void]:
-    """(1,) of PARAMETERS, at take-off mass, in still air."""
+    """The record (1,) of PARAMETERS for take-off, in still air."""
     body, rotors, ground, inner, auto = (
         airframe.body,
         airframe.rotors,
@@ -173,7 +185,7 @@ def parameters(airframe: Airframe) -> NDArray[np.void]:
         "rotor_inertia_kgm2": rotors.inertia_kgm2,
         "time_constant_up_s": rotors.time_constant_up_s,
         "time_constant_down_s": rotors.time_constant_down_s,
-        "drag_kg_s": airframe.body.drag_kg_s,
+        "drag_kg_s": body.drag_kg_s,
         "foot_radius_m": ground.foot_radius_m,
         "foot_height_m": ground.foot_height_m,
         "stiffness_n_m": ground.stiffness_n_m,

@@ -1,32 +1,41 @@
 """`vehicle-sim`: fly a simulated vehicle that speaks MAVLink."""
 
+import inspect
 import json
 import signal
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+# What --help does not need is imported where it is used: loading the compiled code takes seconds.
 if TYPE_CHECKING:
-    from vehicle_sim.truth import Truth
+    from protocol.transport import Transport
+    from vehicle_sim.airframe import Airframe
+    from vehicle_sim.truth import TruthRecorder
+    from vehicle_sim.world import World
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 
-@app.command()
-def vehicle_sim(
-    world: Annotated[str, typer.Option(help="A world: a name in worlds/, or a file.")] = "neighbourhood",
-    vehicle: Annotated[str, typer.Option(help="A vehicle: a name in vehicles/, or a file.")] = "paper_quad",
+@dataclass(frozen=True, slots=True)
+class Options:
+    """The options of the command line."""
+
+    world: Annotated[str, typer.Option(help="A world: a name in worlds/, or a file.")] = "neighbourhood"
+    vehicle: Annotated[str, typer.Option(help="A vehicle: a name in vehicles/, or a file.")] = "paper_quad"
     bind: Annotated[
         str,
         typer.Option(
             metavar="URL", help="Where the companion is: udpout:HOST:PORT, udpin:HOST:PORT, tcp:.., serial:.."
         ),
-    ] = "udpout:127.0.0.1:14540",
-    pace: Annotated[str, typer.Option(metavar="realtime|lockstep|FACTOR", help="How time passes.")] = "realtime",
-    seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
-    once: Annotated[bool, typer.Option("--once", help="End after one flight.")] = False,
+    ] = "udpout:127.0.0.1:14540"
+    pace: Annotated[str, typer.Option(metavar="realtime|lockstep|FACTOR", help="How time passes.")] = "realtime"
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0
+    once: Annotated[bool, typer.Option("--once", help="End after one flight.")] = False
     overrides: Annotated[
         list[str] | None,
         typer.Option(
@@ -35,46 +44,84 @@ def vehicle_sim(
             '--set "world.wind.mean_ned=[6, 0, 0]".',
             metavar="KEY=VALUE",
         ),
-    ] = None,
+    ] = None
     truth: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the true motion of every tick to this .npy file.")
-    ] = None,
-) -> None:
+    ] = None
+
+
+def _takes_options(command: Callable[[Options], None]) -> Callable[..., None]:
+    """Show typer, which reads a command's signature, the fields of `Options` as its parameters."""
+
+    def with_keywords(**values: Any) -> None:
+        command(Options(**values))
+
+    with_keywords.__doc__ = command.__doc__
+    with_keywords.__annotations__ = Options.__annotations__
+    with_keywords.__signature__ = inspect.signature(Options)  # type: ignore[attr-defined]
+    return with_keywords
+
+
+@app.command()
+@_takes_options
+def vehicle_sim(options: Options) -> None:
     """A quadcopter with a LiDAR in a world of obstacles, flown by its own autopilot or by a companion over MAVLink.
 
     At its end it prints one JSON object: how the flight went.
     """
-    factor = _factor(pace)
-
-    from protocol.toml_files import TomlFileError, find  # what --help does not need is slow to import
+    from protocol.toml_files import TomlFileError
     from protocol.transport import TransportError, open_url
-    from vehicle_sim.airframe import Airframe
-    from vehicle_sim.runner import Runner
-    from vehicle_sim.truth import Truth
-    from vehicle_sim.vehicle import Vehicle, warm_up
-    from vehicle_sim.world import World
+    from vehicle_sim.truth import TruthRecorder
 
+    factor = _factor(options.pace)
     try:
-        changes = _sorted(overrides or [])
-        airframe = Airframe.load(find("vehicles", vehicle), changes["vehicle"])
-        place = World.load(find("worlds", world), changes["world"])
-        recorder = None if truth is None else Truth(truth)
-        transport = open_url(bind)
+        airframe, world = _load(options)
+        recorder = None if options.truth is None else TruthRecorder(options.truth)
+        transport = open_url(options.bind)
     except (TomlFileError, TransportError) as error:
         _fail(str(error))
+    _fly(options, factor, airframe, world, transport, recorder)
+
+
+def _load(options: Options) -> "tuple[Airframe, World]":
+    """Read the vehicle's and the world's file. Raises TomlFileError."""
+    from protocol.toml_files import TomlFileError, by_first_word, find
+    from vehicle_sim.airframe import Airframe
+    from vehicle_sim.world import World
+
+    changes = by_first_word(options.overrides or [], ("vehicle", "world"))
+    for other in changes[""]:
+        raise TomlFileError(f"--set {other}: write it as vehicle.KEY=VALUE or world.KEY=VALUE")
+    airframe = Airframe.load(find("vehicles", options.vehicle), changes["vehicle"])
+    return airframe, World.load(find("worlds", options.world), changes["world"])
+
+
+def _fly(
+    options: Options,
+    factor: float | None,
+    airframe: "Airframe",
+    world: "World",
+    transport: "Transport",
+    recorder: "TruthRecorder | None",
+) -> None:
+    """Fly until the end or a signal, and print the summary."""
+    from protocol.transport import TransportError
+    from vehicle_sim.runner import Runner
+    from vehicle_sim.vehicle import Vehicle, warm_up
+
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.default_int_handler)
-    flown = Vehicle(
+    vehicle = Vehicle(
         airframe,
-        place,
-        seed=seed,
+        world,
+        seed=options.seed,
         lockstep=factor is None,
         datagrams=transport.preserves_datagrams,
         truth=recorder,
     )
-    runner = Runner(flown, transport, once=once)
+    runner = Runner(vehicle, transport, once=options.once)
     try:
-        warm_up(airframe, place)
+        warm_up(airframe, world)
         if factor is None:
             runner.run_lockstep()
         else:
@@ -85,22 +132,12 @@ def vehicle_sim(
         _fail(str(error))
     finally:
         transport.close()
-        typer.echo(json.dumps(flown.summary().as_dict()))
+        typer.echo(json.dumps(vehicle.summary().as_dict()))
         if recorder is not None:
             _write(recorder)
 
 
-def _sorted(overrides: list[str]) -> dict[str, list[str]]:
-    """The vehicle's and the world's. Raises DataFileError for any other."""
-    from protocol.toml_files import TomlFileError, by_first_word
-
-    changes = by_first_word(overrides, ("vehicle", "world"))
-    for other in changes[""]:
-        raise TomlFileError(f"--set {other}: write it as vehicle.KEY=VALUE or world.KEY=VALUE")
-    return changes
-
-
-def _write(recorder: "Truth") -> None:
+def _write(recorder: "TruthRecorder") -> None:
     from protocol.toml_files import TomlFileError
 
     try:
@@ -110,7 +147,7 @@ def _write(recorder: "Truth") -> None:
 
 
 def _factor(pace: str) -> float | None:
-    """How many times as fast as real time; None: lockstep."""
+    """The speed of time relative to real time; None: lockstep."""
     if pace == "lockstep":
         return None
     if pace == "realtime":

@@ -3,97 +3,121 @@
 import gc
 import math
 import time
+from collections.abc import Callable
 from enum import Enum
 
 from protocol.clock import RealClock
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, Udp
-from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 
-HANDSHAKE_S = 0.2
-"""Lockstep, nobody has answered yet: how often a tick is sent again."""
+FIRST_RESEND_S = 0.2
+"""Lockstep: interval at which a tick is sent again before the companion has ever answered."""
 RESEND_S = 1.0
-"""Lockstep: the same later on."""
-LOST_S = 3.0
-"""Lockstep: without an answer for this long the companion is lost, and time goes on without it."""
-LOST_AFTERWARDS_S = 0.3
-"""The same once the flight is over: the companion may have left."""
-UNHEARD_S = 20.0
-"""With `once`: given up if nobody is heard for this long while it stands on the ground."""
-UNHEARD_AGAIN_S = 5.0
-"""The same once somebody was, and it is disarmed; where time runs slower than the clock, by its measure."""
+"""Lockstep: the same afterwards."""
+ANSWER_TIMEOUT_S = 3.0
+"""Lockstep: time without an answer after which the companion is lost, and the simulation goes on without it."""
+ANSWER_TIMEOUT_FINISHED_S = 0.3
+"""Lockstep: the same after the flight, when the companion may have left."""
+SILENCE_TIMEOUT_S = 20.0
+"""With `once`: a vehicle on the ground that hears nobody for this long ends."""
+SILENCE_TIMEOUT_DISARMED_S = 5.0
+"""With `once`: the same for a disarmed vehicle that has heard somebody; in simulated time if that is slower."""
 GRACE_LANDED_NS = 500_000_000
+"""With `once`: simulated time after the landing, in which the last telemetry is sent."""
 GRACE_CRASHED_NS = 2_000_000_000
-"""With `once`: simulated time after the end, so that the last telemetry is out."""
+"""With `once`: simulated time after a crash."""
 
-_DATAGRAMS_A_TICK = 200
+_DATAGRAMS_PER_TICK = 200
 
 
-class Link(Enum):
+class Coupling(Enum):
     """Lockstep: what is known of the companion."""
 
-    SOUGHT = "nobody has answered yet, or it stands on the ground alone: wait as long as it takes"
-    COUPLED = "answers"
-    LOST = "does not answer: time goes on, as fast as it can, until something is heard"
+    WAITING = "nobody has answered yet, or the vehicle is alone on the ground: wait without a limit"
+    COUPLED = "it answers"
+    LOST = "it does not answer: simulate on as fast as possible until something is heard"
 
 
 class Runner:
-    """Runs a vehicle over a transport until the flight is over (`once`) or it is interrupted (KeyboardInterrupt)."""
+    """Runs a vehicle over a transport until the flight is over (`once`) or until a KeyboardInterrupt.
 
-    def __init__(self, vehicle: Vehicle, transport: Transport, *, once: bool) -> None:
+    `monotonic_ns` is the source of wall time, time.monotonic_ns by default.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        transport: Transport,
+        *,
+        once: bool,
+        monotonic_ns: Callable[[], int] | None = None,
+    ) -> None:
         self._vehicle = vehicle
         self._transport = transport
         self._once = once
-        self._heard_at = time.monotonic()
+        self._monotonic_ns = monotonic_ns or time.monotonic_ns
+        self._heard_at_s = self._now_s()
         self._locked = False
-        self._unheard_again_s = UNHEARD_AGAIN_S
+        self._silence_timeout_disarmed_s = SILENCE_TIMEOUT_DISARMED_S
         self._finished_ns: int | None = None
 
+    def _now_s(self) -> float:
+        return self._monotonic_ns() * 1e-9
+
     def _begin(self) -> None:
-        """What start-up left behind is not looked at again by the garbage collector, and its time was no silence."""
+        """Keep the garbage collector from the objects of the start-up, and don't count its time as silence."""
         gc.collect()
         gc.freeze()
-        self._heard_at = time.monotonic()
+        self._heard_at_s = self._now_s()
 
-    def _over(self) -> bool:
-        """With `once`: is it time to leave?"""
+    def _is_over(self) -> bool:
+        """With `once`: it is time to end."""
         vehicle = self._vehicle
         if self._finished_ns is None:
             if not vehicle.finished:
-                return self._once and vehicle.flight.landed and self._unheard()
+                return self._once and vehicle.flight.landed and self._hears_nobody()
             self._finished_ns = vehicle.time_ns
         grace_ns = GRACE_LANDED_NS if vehicle.flight.crash is None else GRACE_CRASHED_NS
         return self._once and vehicle.time_ns - self._finished_ns >= grace_ns
 
-    def _unheard(self) -> bool:
-        again = self._locked and not self._vehicle.flight.armed
-        return time.monotonic() - self._heard_at > (self._unheard_again_s if again else UNHEARD_S)
+    def _hears_nobody(self) -> bool:
+        heard_before = self._locked and not self._vehicle.flight.armed
+        timeout_s = self._silence_timeout_disarmed_s if heard_before else SILENCE_TIMEOUT_S
+        return self._now_s() - self._heard_at_s > timeout_s
 
     def _receive(self, timeout_s: float) -> bool:
-        """Hand one datagram on; False if none came in time."""
+        """Hand one datagram to the vehicle; False if none came in time."""
         data = self._transport.receive(timeout_s)
         if data is None:
             return False
-        self._heard_at = time.monotonic()
+        self._heard_at_s = self._now_s()
         if not self._locked:
             self._locked = True
-            self._transport.lock()  # whoever speaks first has the vehicle for good, as with PX4
+            self._transport.lock()  # the first peer has the vehicle until its end, as with PX4
         self._vehicle.receive(data)
         return True
+
+    def _send(self, datagrams: list[bytes]) -> None:
+        for datagram in datagrams:
+            self._transport.send(datagram)
 
     # --- real time ---
 
     def run_timed(self, factor: float) -> None:
-        """Ticks at absolute deadlines of a clock `factor` times as fast as the wall's; late ones are caught up."""
+        """Simulate at absolute deadlines of a clock that runs `factor` times as fast as wall time.
+
+        Late ticks follow each other without a pause until the deadlines are met again.
+        """
         vehicle = self._vehicle
         self._begin()
-        self._unheard_again_s = UNHEARD_AGAIN_S / min(factor, 1.0)
-        clock = RealClock(factor)
-        while not self._over():
+        self._silence_timeout_disarmed_s = SILENCE_TIMEOUT_DISARMED_S / min(factor, 1.0)
+        clock = RealClock(factor, self._monotonic_ns)
+        while not self._is_over():
             deadline_ns = vehicle.time_ns + TICK_NS
             while (remaining := clock.wall_seconds_until(deadline_ns)) > 0.0:
                 self._receive(remaining)
-            for _ in range(_DATAGRAMS_A_TICK):
+            for _ in range(_DATAGRAMS_PER_TICK):
                 if not self._receive(0.0):
                     break
             self._send(vehicle.advance())
@@ -101,47 +125,43 @@ class Runner:
     # --- lockstep ---
 
     def run_lockstep(self) -> None:
-        """Each tick waits for the answer to the one before, so that runs repeat; `Link` says when it does not wait."""
+        """Wait at each tick for the answer to it, so that runs repeat. `Coupling` says when it does not wait."""
         self._begin()
         if isinstance(self._transport, Udp):
             self._transport.spin_s = LOCKSTEP_SPIN_S
-        link = Link.SOUGHT
-        while not self._over():
+        coupling = Coupling.WAITING
+        while not self._is_over():
             datagrams = self._vehicle.advance()
             self._send(datagrams)
-            if link is Link.LOST:
+            if coupling is Coupling.LOST:
                 if self._receive(0.0):
-                    link = Link.COUPLED
-                elif self._stands():
-                    link = Link.SOUGHT
+                    coupling = Coupling.COUPLED
+                elif self._is_parked():
+                    coupling = Coupling.WAITING
                 else:
                     continue
-            link = Link.COUPLED if self._await_answer(datagrams, link) else Link.LOST
+            coupling = Coupling.COUPLED if self._await_answer(datagrams, coupling) else Coupling.LOST
 
-    def _send(self, datagrams: list[bytes]) -> None:
-        for datagram in datagrams:
-            self._transport.send(datagram)
-
-    def _stands(self) -> bool:
-        """On the ground, disarmed, with no end to come: no reason to let time run on."""
+    def _is_parked(self) -> bool:
+        """On the ground, disarmed, and not about to end: there is no reason to let time pass."""
         flight = self._vehicle.flight
         return flight.landed and not flight.armed and not (self._once and self._vehicle.finished)
 
-    def _await_answer(self, datagrams: list[bytes], link: "Link") -> bool:
-        """Wait until the present tick is answered, and send it again now and then. False: given up."""
+    def _await_answer(self, datagrams: list[bytes], coupling: Coupling) -> bool:
+        """Wait for the answer to the present tick, which is sent again at intervals. False: given up."""
         vehicle = self._vehicle
-        resend_s, patience_s = HANDSHAKE_S, math.inf
-        if link is Link.COUPLED:
-            patience_s = LOST_S if self._finished_ns is None else LOST_AFTERWARDS_S
-            resend_s = min(RESEND_S, patience_s)
-        asked_at = sent_at = time.monotonic()
+        resend_s, timeout_s = FIRST_RESEND_S, math.inf
+        if coupling is Coupling.COUPLED:
+            timeout_s = ANSWER_TIMEOUT_S if self._finished_ns is None else ANSWER_TIMEOUT_FINISHED_S
+            resend_s = min(RESEND_S, timeout_s)
+        asked_at_s = sent_at_s = self._now_s()
         while True:
             self._receive(resend_s)
             if vehicle.answered_ns == vehicle.time_ns:
                 return True
-            now = time.monotonic()
-            if now - asked_at >= patience_s or (link is Link.SOUGHT and self._over()):
+            now_s = self._now_s()
+            if now_s - asked_at_s >= timeout_s or (coupling is Coupling.WAITING and self._is_over()):
                 return False
-            if now - sent_at >= resend_s:
-                sent_at = now
+            if now_s - sent_at_s >= resend_s:
+                sent_at_s = now_s
                 self._send(datagrams)

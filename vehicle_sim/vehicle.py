@@ -1,43 +1,49 @@
-"""The whole vehicle as a pure step: bytes in, 4 ms of flight, bytes out. No clock and no socket."""
+"""The whole vehicle as a pure step: bytes in, 4 ms of flight, bytes out. It has no clock and no socket."""
 
 import math
-from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from protocol.arrays import Array, Vector
 from protocol.framing import Frame, Framer
 from protocol.messages import Encoder, decode, dialect
 from vehicle_sim.airframe import Airframe, parameters
-from vehicle_sim.flight_control import FlightControl, Severity
-from vehicle_sim.inner_loop import COMMAND, Level
-from vehicle_sim.integrate import FEEDBACK, TICK_NS, advance, scratch
-from vehicle_sim.lidar import Lidar
-from vehicle_sim.motion import Motion, Vector
-from vehicle_sim.rigid_body import STATES, Array
-from vehicle_sim.services import COMPONENT, SYSTEM, Services
-from vehicle_sim.telemetry import Telemetry
-from vehicle_sim.truth import Truth
-from vehicle_sim.wind import Wind
+from vehicle_sim.autopilot.control_laws import COMMAND, Level
+from vehicle_sim.autopilot.flight_control import FlightControl
+from vehicle_sim.autopilot.modes import Severity
+from vehicle_sim.estimator import Estimator
+from vehicle_sim.physics.integrator import work_array
+from vehicle_sim.physics.motion import FEEDBACK, Motion
+from vehicle_sim.physics.rigid_body import STATES
+from vehicle_sim.sensors.lidar import Lidar
+from vehicle_sim.services.identity import COMPONENT, SYSTEM
+from vehicle_sim.services.services import Services
+from vehicle_sim.services.telemetry import Telemetry
+from vehicle_sim.tick import advance
+from vehicle_sim.timing import TICK_NS
+from vehicle_sim.truth import TruthRecorder
 from vehicle_sim.world import Scene, World
+from vehicle_sim.world.clearance import ClearanceMonitor
+from vehicle_sim.world.wind import Wind
 
 DATAGRAM_BYTES = 1400
-"""A datagram is not filled beyond this."""
+"""Frames are put into one datagram up to this size."""
 
 _NO_FORCE = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What became of a run."""
+    """How a run ended."""
 
     outcome: str
     """landed | crashed | stopped"""
     contacts: int
     contact_with: str | None
     least_clearance_m: float | None
-    """Hull to obstacle, while in the air."""
+    """Hull to obstacle, in the air."""
     flight_time_s: float
     released: bool
     released_at_ned: Vector | None
@@ -49,11 +55,11 @@ class Summary:
 
 
 class Vehicle:
-    """A vehicle at rest on its pad (0, 0) of a world, nose to the north, with its parcel.
+    """A vehicle with its parcel, at first at rest on its pad (0, 0) of a world, with its nose to the north.
 
-    `lockstep`: each tick's last frame is a TIMESYNC request with the tick's time, and a datagram that answers another
-    time is a late copy and is passed over. `datagrams`: what `receive` gets holds whole frames. `truth`: where the true
-    motion of every tick is kept.
+    `lockstep`: the last frame of each tick is a TIMESYNC request with the tick's time, and a datagram that answers
+    another tick is a late copy, which is ignored. `datagrams`: the bytes that `receive` gets hold whole frames. `truth`
+    records the true motion of every tick.
     """
 
     def __init__(
@@ -64,12 +70,12 @@ class Vehicle:
         seed: int = 0,
         lockstep: bool = False,
         datagrams: bool = True,
-        truth: Truth | None = None,
+        truth: TruthRecorder | None = None,
     ) -> None:
         self.airframe = airframe
         self._scene = Scene(world)
         self.world = self._scene.at(0)
-        """As it is now."""
+        """As it is at present."""
         self._lockstep = lockstep
         self._datagrams = datagrams
         self._truth = truth
@@ -78,18 +84,16 @@ class Vehicle:
         self._force_ned: Array = self._parameters["force_ned"][0]
         self._feedback = np.zeros(1, FEEDBACK)
         self._feedback["touching"] = 1.0
-        self._room = scratch()
+        self._work = work_array()
         self.state: Array = np.zeros(STATES)
         """(17,), see rigid_body."""
         self.state[2] = -airframe.rest_height_m
         self.state[6] = 1.0
         self.tick = 0
         self.answered_ns = -1
-        """The time of the tick that was answered last."""
+        """Time of the tick that was answered last, in lockstep."""
         self.motion = Motion.of(0, self.state, self._feedback)
-        # a sum of nanoseconds: a delay of just so many ticks is not rounded up
-        delay_ticks = -(round(airframe.telemetry.delay_s * 1e9) // -TICK_NS)
-        self._past = deque([self.motion], maxlen=1 + delay_ticks)
+        self._estimator = Estimator(airframe.telemetry.delay_s, self.motion)
         self.flight = FlightControl(airframe, self.motion)
         self._framer = Framer()
         self._encoder = Encoder(SYSTEM, COMPONENT)
@@ -99,18 +103,17 @@ class Vehicle:
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
         self._services = Services(self._encoder, self.flight, self.telemetry, world.origin, self._release)
         self._released_at_ned: Vector | None = None
-        self._least_clearance_m = math.inf
-        self._spare_m = 0.0
+        self._clearance = ClearanceMonitor(airframe.hull.radius_m)
 
     @property
     def time_ns(self) -> int:
-        """Since its boot."""
+        """Since boot."""
         return self.tick * TICK_NS
 
-    # --- in ---
+    # --- bytes in ---
 
     def receive(self, data: bytes) -> None:
-        """Whatever a peer sent; what is damaged or unknown is passed over."""
+        """Handle the bytes that a peer sent; what is damaged or unknown is ignored."""
         frames = self._framer.datagram(data) if self._datagrams else self._framer.feed(data)
         if self._lockstep:
             frames = self._take_answer(frames)
@@ -118,7 +121,7 @@ class Vehicle:
             self._services.handle(frame)
 
     def _take_answer(self, frames: list[Frame]) -> list[Frame]:
-        """What is left to handle: nothing of an answer to another tick, all but the answer's TIMESYNC otherwise."""
+        """The frames that are left to handle: none of an answer to another tick, else all but the TIMESYNC answer."""
         others = []
         for frame in frames:
             if frame.message_id == dialect.MAVLINK_MSG_ID_TIMESYNC:
@@ -131,61 +134,55 @@ class Vehicle:
             others.append(frame)
         return others
 
-    # --- on ---
+    # --- one tick, bytes out ---
 
     def advance(self) -> list[bytes]:
-        """Fly one tick of 4 ms; the datagrams to send at its end."""
+        """Fly one tick; returns the datagrams to send at its end."""
         self.tick += 1
-        self._wind.blow(self.state)
-        advance(self.state, self.flight.command, self._parameters, self._feedback, self._room)
+        self._wind.advance(self.state)
+        advance(self.state, self.flight.command, self._parameters, self._feedback, self._work)
         before = self.motion
         self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
         self.flight.step(truth)
         if self.world.force_ned != _NO_FORCE:
             self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned
-        if self._scene.world.restless:
+        if self._scene.world.dynamic:
             self._move_world()
-        self._watch_clearance(before, truth)
+        self._detect_collision(before, truth)
         if self._truth is not None:
             self._truth.record(self.time_ns, self.state, self._wind_ned)
-        # the estimate sent is the true state of a while ago: sensors and an estimator come later
-        self._past.append(truth)
         frames = self._services.collect()
-        frames.extend(self.telemetry.report(self.tick, self._past[0], truth))
+        frames.extend(self.telemetry.report(self.tick, self._estimator.update(truth), truth))
         if self._lockstep:
             frames.append(self._encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
         return _datagrams(frames)
 
     def _move_world(self) -> None:
-        self._scene.watch(self.time_ns, self.motion.position_ned)
+        self._scene.update(self.time_ns, self.motion.position_ned)
         self.world = self._scene.at(self.time_ns)
-        self._spare_m = 0.0  # what comes nearer by itself is measured at each tick
+        self._clearance.invalidate()
 
-    def _watch_clearance(self, before: Motion, now: Motion) -> None:
-        """Distance of the hull to the nearest obstacle; measured only where it may be less than the least so far."""
+    def _detect_collision(self, before: Motion, now: Motion) -> None:
         if self.flight.crash is not None:
             return
-        self._spare_m -= math.dist(before.position_ned, now.position_ned)
-        if self._spare_m > 0.0 or self.flight.landed:
-            return
-        clearance = self.world.clearance(self.state[0:3]) - self.airframe.hull.radius_m
-        self._least_clearance_m = min(self._least_clearance_m, clearance)
-        self._spare_m = clearance - self._least_clearance_m
-        if clearance <= 0.0:
-            self.flight.hit(self.world.nearest(self.state[0:3])[0] or "obstacle")
+        self._clearance.move(before, now)
+        obstacle = None if self.flight.landed else self._clearance.collision(self.world, self.state[0:3])
+        if obstacle is not None:
+            self.flight.collide(obstacle)
 
     def _release(self) -> bool:
+        """Drop the parcel; False if there is none."""
         if self._released_at_ned is not None or self.airframe.body.parcel_mass_kg == 0.0:
             return False
         self._released_at_ned = self.motion.position_ned
         self._parameters["mass_kg"] = self.flight.mass_kg = self.airframe.body.mass_kg
         return True
 
-    # --- afterwards ---
+    # --- the result ---
 
     @property
     def finished(self) -> bool:
-        """It has flown and is disarmed on the ground again, or it has crashed."""
+        """The vehicle has flown and is disarmed on the ground again, or it has crashed."""
         flight = self.flight
         return flight.crash is not None or (flight.flown and flight.landed and not flight.armed)
 
@@ -200,7 +197,7 @@ class Vehicle:
             outcome=outcome,
             contacts=int(flight.crash is not None),
             contact_with=flight.crash,
-            least_clearance_m=self._least_clearance_m if math.isfinite(self._least_clearance_m) else None,
+            least_clearance_m=self._clearance.least_m if math.isfinite(self._clearance.least_m) else None,
             flight_time_s=flight.airborne_ns * 1e-9,
             released=self._released_at_ned is not None,
             released_at_ned=self._released_at_ned,
@@ -210,7 +207,7 @@ class Vehicle:
 
 
 def _datagrams(frames: list[bytes]) -> list[bytes]:
-    """As few as possible, frames whole and in order."""
+    """The frames, whole and in order, in as few datagrams as possible."""
     whole = b"".join(frames)
     if len(whole) <= DATAGRAM_BYTES:
         return [whole] if whole else []
@@ -225,13 +222,13 @@ def _datagrams(frames: list[bytes]) -> list[bytes]:
 
 
 def warm_up(airframe: Airframe, world: World) -> None:
-    """Compile, or load, all that is compiled: a throw-away vehicle uses every level of control and every message."""
+    """Compile all code or load it from the cache, by a vehicle that uses every level of control and every message."""
     vehicle = Vehicle(airframe, world)
     for level in Level:
         command = np.zeros(1, COMMAND)
         command["level"] = level
         command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
-        advance(vehicle.state, command, vehicle._parameters, vehicle._feedback, vehicle._room)
+        advance(vehicle.state, command, vehicle._parameters, vehicle._feedback, vehicle._work)
     world.clearance(vehicle.state[0:3])
     for message_id in vehicle.telemetry.message_ids:
         vehicle.telemetry.request(message_id)
@@ -246,5 +243,5 @@ def warm_up(airframe: Airframe, world: World) -> None:
         dialect.MAVLink_command_int_message(0, 0, 0, dialect.MAV_CMD_NAV_LAND, 0, 0, *(0.0,) * 4, 0, 0, 0.0),
     ):
         vehicle.receive(companion.encode(message))
-    vehicle.flight.say(Severity.INFO, "warm")
+    vehicle.flight.announce(Severity.INFO, "warm")
     vehicle.advance()

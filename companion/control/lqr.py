@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from protocol.arrays import Array
-from protocol.disk_cache import kept
+from protocol.disk_cache import cached_on_disk
 from protocol.frames import conjugate, multiply, to_rotation_vector
 from protocol.jit import compiled
 from protocol.vehicle_parameters import Body
@@ -40,7 +40,7 @@ def attitude_model(body: Body) -> tuple[Array, Array]:
     return A, B
 
 
-@kept("control", "scipy", "numpy")
+@cached_on_disk("control", "scipy", "numpy")
 def attitude_gain(
     body: Body, angle_weight: Sequence[float], rate_weight: Sequence[float], input_weight: Sequence[float]
 ) -> Array:
@@ -77,7 +77,7 @@ def rate_gain(K: Array) -> Array:
     return np.array([[K[axis, 2 * axis] / K[axis, 2 * axis + 1], 0.0, 0.0] for axis in range(3)])
 
 
-@kept("control", "scipy", "numpy")
+@cached_on_disk("control", "scipy", "numpy")
 def sampled_gain(
     rate_loop: Sequence[float] | None,
     entries: Sequence[float],

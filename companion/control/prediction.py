@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.arrays import Array, Quaternion
-from protocol.frames import product, to_body, to_world, turn_of
+from protocol.frames import product, rotation_quaternion, to_body, to_world
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 
@@ -123,6 +123,6 @@ def predict(
                 change += dt * GRAVITY
             p[i] += dt * (v[i] + 0.5 * change)
             v[i] += change
-        q = product(q, turn_of(dt * w[0], dt * w[1], dt * w[2]))
+        q = product(q, rotation_quaternion(dt * w[0], dt * w[1], dt * w[2]))
         time = end
     return p, v, q, w, turning, thrust, thrust_then

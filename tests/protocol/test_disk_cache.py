@@ -7,12 +7,12 @@ import pytest
 
 from protocol import disk_cache as module
 from protocol.arrays import Array
-from protocol.disk_cache import kept
+from protocol.disk_cache import cached_on_disk
 
 calls: list[tuple[object, ...]] = []
 
 
-@kept("numpy")
+@cached_on_disk("numpy")
 def computed(size: int, values: object) -> Array:
     calls.append((size, values))
     return np.full(size, float(np.sum(values))) / 3.0  # type: ignore[call-overload]

@@ -23,7 +23,7 @@ from studies.escape import Abilities, avoidable
 from studies.joined import Joined
 from studies.report import Choice, Report, markdown
 from tests.flights.processes import run
-from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.world import World
 
 POP_UP = Setup("popup", "pillar", worlds.pop_up, (3.0,), 60.0, 20)

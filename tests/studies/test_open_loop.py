@@ -11,7 +11,7 @@ from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY
 from studies.open_loop import Motion, coupling, equation_4, equation_6, parted, rigid_body, thrusts
 from vehicle_sim.airframe import Airframe, parameters
-from vehicle_sim.rigid_body import ATTITUDE, RATES, ROTORS, STATES, derivative
+from vehicle_sim.physics.rigid_body import ATTITUDE, RATES, ROTORS, STATES, derivative
 
 FRAME = Airframe.load(toml_files.find("vehicles", "paper_quad"))
 WEIGHT = FRAME.body.mass_kg * GRAVITY

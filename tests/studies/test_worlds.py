@@ -33,7 +33,7 @@ def test_the_seed_is_the_place_and_the_file_is_the_world(kind: str, tmp_path: Pa
     np.testing.assert_array_equal(read.boxes, made.boxes)
     np.testing.assert_array_equal(read.cylinders, made.cylinders)
     assert read.names == made.names and len(read.names) == len(read.boxes) + len(read.cylinders) > 0
-    assert [each.appears_within for each in read.restless] == [each.appears_within for each in made.restless]
+    assert [each.appears_within for each in read.dynamic] == [each.appears_within for each in made.dynamic]
     mission, _ = missions.load(str(mission_file))
     assert mission == site.mission(3.5, world_file.absolute())
     assert (mission.waypoints[-1].north, mission.waypoints[-1].east) == site.goal
@@ -135,9 +135,9 @@ def test_the_pillar_is_not_there_before_it_appears() -> None:
     scene = Scene(site.world())
     assert scene.at(0).names == ()
     north, east, radius = site.world().cylinders[0, :3]
-    scene.watch(5, (north - radius - 2.01, east, -3.0))
+    scene.update(5, (north - radius - 2.01, east, -3.0))
     assert scene.at(5).names == ()
-    scene.watch(9, (north - radius - 1.99, east, -3.0))
+    scene.update(9, (north - radius - 1.99, east, -3.0))
     assert scene.at(9).names == ("cylinder 1",)
 
 

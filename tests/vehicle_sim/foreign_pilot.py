@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from protocol.toml_files import find
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
@@ -21,6 +21,14 @@ HEARTBEAT_TICKS = 250
 
 TAKEOFF, HOLD, RETURN, LAND = (4 << 16 | sub << 24 for sub in (2, 3, 5, 6))
 OFFBOARD = 6 << 16
+
+
+def world_with(*overrides: str) -> World:
+    return World.load(find("worlds", "empty"), overrides)
+
+
+def airframe_with(*overrides: str) -> Airframe:
+    return Airframe.load(find("vehicles", "paper_quad"), overrides)
 
 
 def world_with_wall(north: float) -> World:

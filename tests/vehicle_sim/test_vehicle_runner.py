@@ -1,115 +1,26 @@
-"""The runner and the command line, over real UDP on loopback, with a companion in a thread or a process beside."""
+"""The runner: lockstep and timed runs on a manual clock, and lockstep over real UDP."""
 
-import contextlib
-import json
-import math
-import signal
-import socket
-import subprocess
-import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from typer.testing import CliRunner
 
 from protocol.transport import Udp
-from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, OFFBOARD
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY
+from tests.vehicle_sim.scripted_companion import (
+    UNSET,
+    ManualLink,
+    ScriptedCompanion,
+    UdpCompanion,
+    command,
+    hop,
+    offboard_until,
+    started,
+)
 from vehicle_sim import runner
-from vehicle_sim.cli import app
 from vehicle_sim.runner import Runner
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Summary, Vehicle, warm_up
-
-TICK_NS = 4_000_000
-UNSET = math.nan
-
-
-class Companion(threading.Thread):
-    """Answers each tick on its own socket with what `script(tick)` says; None from it means silence from then on."""
-
-    def __init__(self, script: Callable[[int], list[object] | None], *, deaf_to: int = 0) -> None:
-        super().__init__(daemon=True)
-        self._script = script
-        self._deaf_to = deaf_to
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.settimeout(10.0)
-        self.port: int = self._socket.getsockname()[1]
-        self.heard: list[bytes] = []
-        self.texts: list[str] = []
-
-    def run(self) -> None:
-        reader, writer = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 191)
-        with contextlib.suppress(OSError):
-            while True:
-                datagram, address = self._socket.recvfrom(65535)
-                self.heard.append(datagram)
-                if len(self.heard) <= self._deaf_to:
-                    continue
-                for message in reader.parse_buffer(datagram) or []:
-                    if message.get_type() == "STATUSTEXT":
-                        self.texts.append(message.text)
-                    if message.get_type() != "TIMESYNC" or message.tc1 != 0:
-                        continue
-                    answers = self._script(message.ts1 // TICK_NS)
-                    if answers is None:
-                        continue
-                    answers.append(mavlink.MAVLink_timesync_message(message.ts1 + 1, message.ts1))
-                    out = b"".join(answer.pack(writer) for answer in answers)  # type: ignore[attr-defined]
-                    self._socket.sendto(out, address)
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-def command(number: int, *params: float) -> object:
-    return mavlink.MAVLink_command_long_message(1, 1, number, 0, *params, *(0.0,) * (7 - len(params)))
-
-
-def hop(tick: int) -> list[object]:
-    """Up, and as soon as that is high enough to be a flight, down again."""
-    if tick == 300:
-        return [command(mavlink.MAV_CMD_NAV_TAKEOFF, *(UNSET,) * 7), command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)]
-    return [command(mavlink.MAV_CMD_NAV_LAND)] if tick == 500 else []
-
-
-def offboard_until(last: int) -> Callable[[int], list[object] | None]:
-    """Up, then hover in OFFBOARD; after some tick, silence."""
-
-    def script(tick: int) -> list[object] | None:
-        if tick > last:
-            return None
-        out = hop(tick) if tick < 500 else []
-        if tick > 400:
-            thrust = AIRFRAME.takeoff_mass_kg * 9.81 / AIRFRAME.body.max_thrust_n
-            out.append(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, [1.0, 0, 0, 0], 0, 0, 0, thrust))
-        if tick == 1000:
-            out.append(command(mavlink.MAV_CMD_DO_SET_MODE, 1, OFFBOARD >> 16))
-        return out
-
-    return script
-
-
-@contextlib.contextmanager
-def started(companion: Companion) -> Iterator[Companion]:
-    companion.start()
-    try:
-        yield companion
-    finally:
-        companion.close()
-
-
-def fly_lockstep(companion: Companion, seed: int = 0) -> Summary:
-    vehicle = Vehicle(AIRFRAME, EMPTY, seed=seed, lockstep=True)
-    transport = Udp("127.0.0.1", companion.port, bind=False)
-    try:
-        Runner(vehicle, transport, once=True).run_lockstep()
-    finally:
-        transport.close()
-    return vehicle.summary()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -117,9 +28,33 @@ def warm() -> None:
     warm_up(AIRFRAME, EMPTY)
 
 
-def test_a_flight_in_lockstep_ends_with_its_last_words_heard() -> None:
-    with started(Companion(hop)) as companion:
-        summary = fly_lockstep(companion)
+def fly_lockstep(companion: ScriptedCompanion) -> tuple[Summary, ManualLink]:
+    vehicle, link = Vehicle(AIRFRAME, EMPTY, lockstep=True), ManualLink(companion.answer)
+    Runner(vehicle, link, once=True, monotonic_ns=link.monotonic_ns).run_lockstep()
+    return vehicle.summary(), link
+
+
+def fly_lockstep_over_udp(companion: UdpCompanion) -> Summary:
+    vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=True)
+    transport = Udp("127.0.0.1", companion.port, bind=False)
+    try:
+        # a slow clock: however slow the machine, the companion is waited for
+        Runner(vehicle, transport, once=True, monotonic_ns=lambda: time.monotonic_ns() // 100).run_lockstep()
+    finally:
+        transport.close()
+    return vehicle.summary()
+
+
+def silent(_: bytes) -> bytes:
+    return b""
+
+
+# --- over UDP ---
+
+
+def test_a_flight_in_lockstep_ends_after_its_last_telemetry() -> None:
+    with started(UdpCompanion(hop)) as companion:
+        summary = fly_lockstep_over_udp(companion)
     assert (summary.outcome, summary.contacts) == ("landed", 0)
     assert summary.flight_time_s > 1.0
     assert "Disarmed by landing" in companion.texts
@@ -127,193 +62,131 @@ def test_a_flight_in_lockstep_ends_with_its_last_words_heard() -> None:
     assert len(companion.heard) >= ticks
 
 
-def test_lockstep_repeats_over_udp() -> None:
-    heard = []
-    for _ in range(2):
-        with started(Companion(hop)) as companion:
-            fly_lockstep(companion)
-        heard.append(companion.heard)
-    assert heard[0] == heard[1]
+def test_lockstep_over_udp_is_lockstep_in_memory() -> None:
+    """The same datagrams, however often the slower one made the vehicle send a tick again."""
+    in_memory = ScriptedCompanion(hop)
+    fly_lockstep(in_memory)
+    with started(UdpCompanion(hop)) as companion:
+        fly_lockstep_over_udp(companion)
+    assert list(dict.fromkeys(companion.heard)) == in_memory.heard
+
+
+# --- lockstep with a companion that is not always there ---
 
 
 def test_the_first_tick_is_sent_again_until_somebody_answers() -> None:
-    with started(Companion(hop, deaf_to=2)) as companion:
-        summary = fly_lockstep(companion)
+    companion = ScriptedCompanion(hop, deaf_to=2)
+    summary, link = fly_lockstep(companion)
     assert companion.heard[0] == companion.heard[1] == companion.heard[2] != companion.heard[3]
+    assert link.sent_at_ns[:3] == pytest.approx([0.0, 1e9 * runner.FIRST_RESEND_S, 2e9 * runner.FIRST_RESEND_S])
     assert summary.outcome == "landed"
 
 
-def test_without_its_companion_the_vehicle_holds_and_lands_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "LOST_S", 0.4)
-    monkeypatch.setattr(runner, "RESEND_S", 0.15)
-    with started(Companion(offboard_until(1200))) as companion:
-        summary = fly_lockstep(companion)
+def test_without_its_companion_the_vehicle_holds_and_lands_alone() -> None:
+    companion = ScriptedCompanion(offboard_until(1200))
+    summary, link = fly_lockstep(companion)
     assert summary.outcome == "landed"
     assert summary.simulated_s > 1200 * 0.004 + 6.0
-    asked = companion.heard[1200]
-    assert companion.heard[1201] == asked  # sent again before it was given up
+    resends = round(runner.ANSWER_TIMEOUT_S / runner.RESEND_S)
+    assert companion.heard[1200 : 1200 + resends] == [companion.heard[1200]] * resends
+    assert companion.heard[1200 + resends] != companion.heard[1200]
+    assert link.now_ns == pytest.approx(1e9 * runner.ANSWER_TIMEOUT_S), "it waits for one tick alone"
     assert {"Failsafe: offboard stream lost, holding", "Failsafe: offboard stream lost, landing"} <= set(
         companion.texts
     )
 
 
-def test_a_companion_that_comes_back_is_waited_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "LOST_S", 0.3)
-    monkeypatch.setattr(runner, "RESEND_S", 0.1)
-    silent = offboard_until(1200)
+def test_a_companion_that_comes_back_is_waited_for_again() -> None:
+    flying = offboard_until(1200)
     answered: list[int] = []
 
     def script(tick: int) -> list[object] | None:
         if 1200 < tick < 1300:
-            return silent(tick)
+            return None
         answered.append(tick)
-        return silent(tick) if tick <= 1200 else []
+        return flying(tick) if tick <= 1200 else []
 
-    with started(Companion(script)) as companion:
-        summary = fly_lockstep(companion)
+    summary, _ = fly_lockstep(ScriptedCompanion(script))
     assert summary.outcome == "landed"
     after = [tick for tick in answered if tick >= 1300]
-    assert len(after) > 1000  # it flew on for seconds, each tick of them answered
-    assert after == sorted(after)
+    assert len(after) > 1000
+    assert after == list(range(after[0], after[0] + len(after))), "each tick is answered once, none is left out"
 
 
-def test_a_late_companion_still_flies_with_a_factor() -> None:
-    """No lockstep: time passes by itself, 25 times as fast; commands come when they come."""
-    vehicle = Vehicle(AIRFRAME, EMPTY)
-    port_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    port_socket.bind(("127.0.0.1", 0))
-    port_socket.settimeout(10.0)
-    writer, reader = mavlink.MAVLink(None, 1, 191), mavlink.MAVLink(None)
+# --- ends ---
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_a_vehicle_that_hears_nobody_ends_on_the_ground(lockstep: bool) -> None:
+    vehicle, link = Vehicle(AIRFRAME, EMPTY, lockstep=lockstep), ManualLink(silent)
+    run = Runner(vehicle, link, once=True, monotonic_ns=link.monotonic_ns)
+    run.run_lockstep() if lockstep else run.run_timed(1.0)
+    assert vehicle.summary().outcome == "stopped"
+    assert runner.SILENCE_TIMEOUT_S < link.now_ns * 1e-9 < runner.SILENCE_TIMEOUT_S + 1.0
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_a_peer_that_leaves_before_the_start_is_waited_for_a_shorter_time(lockstep: bool) -> None:
+    first = [b"here"]
+    vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=lockstep)
+    link = ManualLink(lambda _: first.pop() if first else b"")
+    run = Runner(vehicle, link, once=True, monotonic_ns=link.monotonic_ns)
+    run.run_lockstep() if lockstep else run.run_timed(1.0)
+    assert vehicle.summary().outcome == "stopped"
+    assert runner.SILENCE_TIMEOUT_DISARMED_S < link.now_ns * 1e-9 < runner.SILENCE_TIMEOUT_DISARMED_S + 1.0
+
+
+def test_the_time_before_the_run_is_no_silence() -> None:
+    """Compiling may take longer than the longest silence."""
+    companion = ScriptedCompanion(hop)
+    vehicle, link = Vehicle(AIRFRAME, EMPTY, lockstep=True), ManualLink(companion.answer)
+    run = Runner(vehicle, link, once=True, monotonic_ns=link.monotonic_ns)
+    link.now_ns += round(10e9 * runner.SILENCE_TIMEOUT_S)
+    run.run_lockstep()
+    assert vehicle.summary().outcome == "landed"
+
+
+# --- timed ---
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 25.0])
+def test_a_timed_run_keeps_the_pace_of_its_clock(factor: float) -> None:
+    """Commands come when they come; each tick is sent when the clock has reached its time."""
+    reader, writer = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 191)
     results: dict[int, int] = {}
 
-    def companion() -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                datagram, address = port_socket.recvfrom(65535)
-                for message in reader.parse_buffer(datagram) or []:
-                    if message.get_type() == "COMMAND_ACK":
-                        results[message.command] = message.result
-                    if message.get_type() != "ATTITUDE_QUATERNION" or message.time_boot_ms < 1100:
-                        continue
-                    for number, params in ((22, (UNSET,) * 7), (400, (1.0,)), (21, ())):
-                        if number not in results and (number != 21 or message.time_boot_ms > 3000):
-                            port_socket.sendto(command(number, *params).pack(writer), address)  # type: ignore[attr-defined]
+    def answer(datagram: bytes) -> bytes:
+        out = b""
+        for message in reader.parse_buffer(datagram) or []:
+            if message.get_type() == "COMMAND_ACK":
+                results[message.command] = message.result
+            if message.get_type() != "ATTITUDE_QUATERNION" or message.time_boot_ms < 1100:
+                continue
+            for number, params in ((22, (UNSET,) * 7), (400, (1.0,)), (21, ())):
+                if number not in results and (number != 21 or message.time_boot_ms > 3000):
+                    out += command(number, *params).pack(writer)  # type: ignore[attr-defined]
+        return out
 
-    thread = threading.Thread(target=companion, daemon=True)
-    thread.start()
-    transport = Udp("127.0.0.1", port_socket.getsockname()[1], bind=False)
-    Runner(vehicle, transport, once=True).run_timed(25.0)
-    transport.close()
-    port_socket.close()
+    vehicle, link = Vehicle(AIRFRAME, EMPTY), ManualLink(answer)
+    Runner(vehicle, link, once=True, monotonic_ns=link.monotonic_ns).run_timed(factor)
     assert vehicle.summary().outcome == "landed"
     assert results == {22: 0, 400: 0, 21: 0}
+    assert link.now_ns * factor == pytest.approx(vehicle.time_ns, rel=1e-3)
 
 
-def test_nobody_there_is_no_flight(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "UNHEARD_S", 0.3)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
-        silent.bind(("127.0.0.1", 0))
-        for lockstep in (True, False):
-            vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=lockstep)
-            transport = Udp("127.0.0.1", silent.getsockname()[1], bind=False)
-            flight = Runner(vehicle, transport, once=True)
-            flight.run_lockstep() if lockstep else flight.run_timed(1.0)
-            transport.close()
-            assert vehicle.summary().outcome == "stopped"
+def test_a_late_timed_run_catches_up() -> None:
+    """A pause of the machine is made up for by ticks without a pause between them."""
+    pause_ns = 400_000_000
+    vehicle = Vehicle(AIRFRAME, EMPTY)
+    link = ManualLink(silent)
+    paused: list[int] = []
 
+    def monotonic_ns() -> int:
+        if not paused and vehicle.tick == 100:
+            paused.append(len(link.sent_at_ns))
+            link.now_ns += pause_ns
+        return link.now_ns
 
-def test_who_was_heard_and_left_before_the_start_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "UNHEARD_AGAIN_S", 0.3)
-    monkeypatch.setattr(runner, "UNHEARD_S", 1000.0)
-    for lockstep in (True, False):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as brief:
-            brief.bind(("127.0.0.1", 0))
-            vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=lockstep)
-            transport = Udp("127.0.0.1", brief.getsockname()[1], bind=False)
-            transport.send(b"here")
-            brief.sendto(b"here, too", brief.recvfrom(64)[1])
-            flight = Runner(vehicle, transport, once=True)
-            flight.run_lockstep() if lockstep else flight.run_timed(1.0)
-            transport.close()
-        assert vehicle.summary().outcome == "stopped"
-
-
-def test_compiling_before_the_start_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
-    with started(Companion(hop)) as companion:
-        vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=True)
-        transport = Udp("127.0.0.1", companion.port, bind=False)
-        long_ago = time.monotonic() - 10.0 * runner.UNHEARD_S
-        with monkeypatch.context() as then:
-            then.setattr(time, "monotonic", lambda: long_ago)
-            flight = Runner(vehicle, transport, once=True)
-        flight.run_lockstep()
-        transport.close()
-    assert vehicle.summary().outcome == "landed"
-
-
-# --- command line ---
-
-
-@pytest.mark.parametrize(
-    ("arguments", "names"),
-    [
-        (["--world", "atlantis"], ["atlantis", "neighbourhood"]),
-        (["--vehicle", "zeppelin"], ["zeppelin", "paper_quad"]),
-        (["--pace", "slowly"], ["slowly", "lockstep"]),
-        (["--pace", "0"], ["--pace 0"]),
-        (["--bind", "pigeon:1:2"], ["pigeon"]),
-        (["--bind", "udpin:127.0.0.1"], ["udpin:127.0.0.1"]),
-    ],
-)
-def test_what_can_not_be_is_one_line_and_exit_code_2(arguments: list[str], names: list[str]) -> None:
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 2
-    assert result.stderr.count("\n") == 1
-    assert all(name in result.stderr for name in names)
-    assert result.stdout == ""
-
-
-def test_a_port_in_use_is_named() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        url = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
-        result = CliRunner().invoke(app, ["--bind", url])
-    assert result.exit_code == 2
-    assert url in result.stderr
-
-
-@pytest.mark.parametrize(
-    ("line", "key"),
-    [
-        ("mass_kg = -1.0", "body.mass_kg"),
-        ("mass_kg = 9.0", "body.rotor_max_thrust_n"),
-        ("mass_kg = 1.3\nwings = 2", "wings"),
-    ],
-)
-def test_an_impossible_vehicle_names_file_and_key(tmp_path: Path, line: str, key: str) -> None:
-    text = (Path(__file__).parents[2] / "vehicles" / "paper_quad.toml").read_text()
-    assert "mass_kg = 1.3 " in text
-    file = tmp_path / "odd.toml"
-    file.write_text(text.replace("mass_kg = 1.3 ", f"{line} ", 1))
-    result = CliRunner().invoke(app, ["--vehicle", str(file)])
-    assert result.exit_code == 2
-    assert "odd.toml" in result.stderr
-    assert key in result.stderr
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_it_with_its_summary(number: signal.Signals) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
-        ear.bind(("127.0.0.1", 0))
-        ear.settimeout(60.0)
-        url = f"udpout:127.0.0.1:{ear.getsockname()[1]}"
-        arguments = [sys.executable, "-m", "vehicle_sim", "--bind", url, "--pace", "lockstep", "--world", "empty"]
-        with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-            ear.recv(65535)
-            process.send_signal(number)
-            out, errors = process.communicate(timeout=30.0)
-    assert process.returncode == 0
-    assert errors == b""
-    summary = json.loads(out)
-    assert summary["outcome"] == "stopped"
-    assert set(summary) == set(Summary.__dataclass_fields__)
+    Runner(vehicle, link, once=True, monotonic_ns=monotonic_ns).run_timed(1.0)
+    assert paused
+    assert link.now_ns == pytest.approx(vehicle.time_ns, abs=2 * TICK_NS)

@@ -21,7 +21,7 @@ from companion.perception.tracks import (
 from companion.state import Scan
 from protocol.arrays import Array
 from protocol.frames import from_euler
-from vehicle_sim.lidar import Lidar, LidarSettings
+from vehicle_sim.sensors.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, WallTable, World, WorldTable
 
 SETTINGS = TrackSettings(
@@ -48,7 +48,7 @@ class Scene:
         origin = OriginTable(latitude_deg=0.0, longitude_deg=0.0, altitude_m=0.0)
         world = World.build(WorldTable(name="scene", origin=origin, cylinder=cylinders, wall=self._walls))
         attitude = from_euler(0.0, 0.0, yaw)
-        distances = self._lidar.ring(world, here, attitude).astype(np.float64)
+        distances = self._lidar.scan(world, here, attitude).astype(np.float64)
         hit, known = distances <= 1500.0, distances != 65535.0
         scan = Scan(self.time_ns, 0, BEARINGS, np.minimum(distances, 1500.0) * 0.01, hit, known)
         self.moving = self.tracker.add(scan, here, attitude, -0.3)

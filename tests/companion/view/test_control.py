@@ -10,7 +10,7 @@ from protocol.messages import Encoder, dialect
 from protocol.toml_files import find
 from protocol.transport import Memory
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.integrate import TICK_NS
+from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 

@@ -1,0 +1,65 @@
+"""The setpoints by themselves: what they command, and their stream."""
+
+import math
+
+import pytest
+
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, tilted
+from vehicle_sim.autopilot.control_laws import Level
+from vehicle_sim.autopilot.setpoints import STALE_NS, STREAM_LOSS_NS, STREAM_PROOF_NS, OffboardSetpoints
+
+SECOND = 1_000_000_000
+UNIT = (1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("thrust", [-0.5, 0.0, 0.4, 1.0, 3.0, math.nan, math.inf])
+def test_thrust_is_limited_and_never_nan(thrust: float) -> None:
+    setpoints = OffboardSetpoints(AIRFRAME)
+    setpoints.rates((0.1, 0.2, 0.3), thrust, SECOND)
+    most = AIRFRAME.body.max_thrust_n
+    expected = min(max(thrust, 0.0), 1.0) * most if math.isfinite(thrust) else 0.0
+    assert setpoints.command["thrust_n"][0] == pytest.approx(expected)
+
+
+def test_a_value_that_is_not_finite_leaves_everything_as_it_was() -> None:
+    setpoints = OffboardSetpoints(AIRFRAME)
+    setpoints.attitude(tilted(0.2, (0.0, 1.0, 0.0)), 0.5, SECOND)
+    before = setpoints.command.tobytes()
+    setpoints.rates((math.nan, 0.0, 0.0), 0.1, 2 * SECOND)
+    setpoints.torque((math.inf, math.nan, 0.0, 0.1), 2 * SECOND)
+    setpoints.attitude((math.nan, 0.0, 0.0, 0.0), 0.1, 2 * SECOND)
+    assert setpoints.command.tobytes() == before
+    assert setpoints.stream.age_ns(2 * SECOND) == SECOND, "and does not count for the stream"
+
+
+def test_a_stream_is_proven_lost_and_proven_again() -> None:
+    setpoints = OffboardSetpoints(AIRFRAME)
+    assert setpoints.stream.problem(0) == "no setpoint stream"
+    for start in (SECOND, 5 * SECOND):
+        for now_ns in range(start, start + STREAM_PROOF_NS, SECOND // 10):
+            setpoints.attitude(UNIT, 0.5, now_ns)
+            assert setpoints.stream.problem(now_ns) is not None
+        now_ns = start + STREAM_PROOF_NS
+        setpoints.attitude(UNIT, 0.5, now_ns)
+        assert setpoints.stream.problem(now_ns) is None
+        assert not setpoints.is_lost(now_ns + STREAM_LOSS_NS)
+        assert setpoints.is_lost(now_ns + STREAM_LOSS_NS + 1)
+
+
+def test_the_lower_the_level_the_sooner_a_setpoint_is_stale() -> None:
+    assert STALE_NS[Level.TORQUE] < STALE_NS[Level.RATES] < STALE_NS[Level.ATTITUDE] < STREAM_LOSS_NS
+    setpoints = OffboardSetpoints(AIRFRAME)
+    setpoints.torque((0.0, 0.0, 0.0, 0.5), SECOND)
+    assert not setpoints.is_stale(SECOND + STALE_NS[Level.TORQUE])
+    assert setpoints.is_stale(SECOND + STALE_NS[Level.TORQUE] + 1)
+
+
+@pytest.mark.parametrize("landed", [True, False])
+def test_braking_is_not_stale_until_the_stream_is_lost(landed: bool) -> None:
+    setpoints = OffboardSetpoints(AIRFRAME)
+    setpoints.torque((0.0, 0.0, 0.0, 0.5), SECOND)
+    setpoints.brake((1.0, 2.0, -3.0), 0.5, landed=landed)
+    assert setpoints.command["level"][0] == (Level.STOPPED if landed else Level.POSITION)
+    assert not setpoints.is_stale(SECOND + STREAM_LOSS_NS)
+    setpoints.rates((0.0, 0.0, 0.0), 0.5, 2 * SECOND)
+    assert setpoints.command["level"][0] == Level.RATES, "the next setpoint is followed again"

@@ -1,0 +1,102 @@
+"""The setpoints of a companion: what OFFBOARD flies, and whether their stream is alive. Limits are PX4's."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from protocol.arrays import Quaternion, Vector
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
+
+STREAM_GAP_NS = 500_000_000
+"""Setpoints further apart than this (below 2 Hz) are no stream."""
+STREAM_PROOF_NS = 1_000_000_000
+"""OFFBOARD can be entered when a stream has lasted this long."""
+STREAM_LOSS_NS = 1_000_000_000
+"""The stream is lost after this time without a setpoint, PX4's COM_OF_LOSS_T."""
+STALE_NS = {Level.TORQUE: 100_000_000, Level.RATES: 250_000_000, Level.ATTITUDE: STREAM_GAP_NS}
+"""Age at which the vehicle stops to follow a setpoint of each level and brakes, until the next setpoint or the loss of
+the stream. PX4 goes on with the old setpoint, which could tumble the vehicle or drive it into an obstacle."""
+
+
+class SetpointStream:
+    """The times at which setpoints arrived."""
+
+    def __init__(self) -> None:
+        self._since_ns = 0
+        self._last_ns: int | None = None
+
+    def observe(self, now_ns: int) -> None:
+        """A setpoint arrived."""
+        if self._last_ns is None or now_ns - self._last_ns > STREAM_GAP_NS:
+            self._since_ns = now_ns
+        self._last_ns = now_ns
+
+    def problem(self, now_ns: int) -> str | None:
+        """Why OFFBOARD can't be entered, or None."""
+        if self._last_ns is None or now_ns - self._last_ns > STREAM_GAP_NS:
+            return "no setpoint stream"
+        if now_ns - self._since_ns < STREAM_PROOF_NS:
+            return "setpoint stream under 1 s old"
+        return None
+
+    def age_ns(self, now_ns: int) -> int:
+        """Age of the latest setpoint; before the first one, the vehicle's own age."""
+        return now_ns - (self._last_ns or 0)
+
+
+class OffboardSetpoints:
+    """The latest setpoint as a command for the control laws. Every setpoint counts for the stream, in any mode.
+
+    A setpoint with a value that is not finite is ignored, but a thrust that is not finite is no thrust, as for PX4.
+    """
+
+    def __init__(self, airframe: Airframe) -> None:
+        self._body = airframe.body
+        self._speed_limits = airframe.auto.speed_limits_m_s
+        self.stream = SetpointStream()
+        self.command: Command = np.zeros(1, COMMAND)
+        self.command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
+
+    def attitude(self, attitude_ned_frd: Quaternion, thrust: float, now_ns: int) -> None:
+        """Attitude, which is normalised here, and collective thrust 0..1. A norm below 0.1 is ignored."""
+        norm = math.hypot(*attitude_ned_frd)
+        if math.isfinite(norm) and norm > 0.1:
+            attitude = tuple(value / norm for value in attitude_ned_frd)
+            self._set(Level.ATTITUDE, "attitude_ned_frd", attitude, thrust, now_ns)
+
+    def rates(self, rates_frd: Vector, thrust: float, now_ns: int) -> None:
+        """Body rates (rad/s) and collective thrust 0..1."""
+        self._set(Level.RATES, "rates_frd", rates_frd, thrust, now_ns)
+
+    def torque(self, controls: Sequence[float], now_ns: int) -> None:
+        """Roll, pitch and yaw torque in -1..1 of `Body.full_torque_nm`, and collective thrust 0..1."""
+        full = self._body.full_torque_nm
+        torque = tuple(min(max(controls[i], -1.0), 1.0) * full[i] for i in range(3))
+        self._set(Level.TORQUE, "torque_frd", torque, controls[3], now_ns)
+
+    def _set(self, level: Level, field: str, value: tuple[float, ...], thrust: float, now_ns: int) -> None:
+        if not all(map(math.isfinite, value)):
+            return
+        record = self.command[0]
+        record["level"] = level
+        record[field] = value
+        record["thrust_n"] = min(max(thrust, 0.0), 1.0) * self._body.max_thrust_n if math.isfinite(thrust) else 0.0
+        self.stream.observe(now_ns)
+
+    def is_lost(self, now_ns: int) -> bool:
+        """No setpoint for so long that OFFBOARD ends."""
+        return self.stream.age_ns(now_ns) > STREAM_LOSS_NS
+
+    def is_stale(self, now_ns: int) -> bool:
+        """The setpoint is too old to be followed, see STALE_NS."""
+        return self.stream.age_ns(now_ns) > STALE_NS.get(self.command["level"][0], STREAM_LOSS_NS)
+
+    def brake(self, stop_ned: Vector, yaw: float, *, landed: bool) -> None:
+        """Until the next setpoint, stop at this position (m) with this heading (rad); on the ground stop the motors."""
+        record = self.command[0]
+        record["level"] = Level.STOPPED if landed else Level.POSITION
+        record["position_ned"] = stop_ned
+        record["speed_limits"] = self._speed_limits
+        record["yaw"] = yaw

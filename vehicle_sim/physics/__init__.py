@@ -1,0 +1,1 @@
+"""The mechanics of the quadrotor: its equations of motion and their integration."""

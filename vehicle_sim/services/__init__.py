@@ -1,0 +1,1 @@
+"""The MAVLink side of the vehicle: telemetry, and the services that answer requests."""

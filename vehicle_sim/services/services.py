@@ -1,0 +1,48 @@
+"""All MAVLink services of the vehicle: received frames go to them, their frames go out with the next tick."""
+
+from collections.abc import Callable
+from typing import Any
+
+from protocol.framing import Frame
+from protocol.messages import Encoder, decode
+from vehicle_sim.autopilot.flight_control import FlightControl
+from vehicle_sim.services.commands import CommandService, Geodetic
+from vehicle_sim.services.link import LinkService
+from vehicle_sim.services.outbox import Outbox
+from vehicle_sim.services.setpoints import SetpointService
+from vehicle_sim.services.status_text import StatusTexts
+from vehicle_sim.services.telemetry import Telemetry
+
+
+class Services:
+    """Each service has the table of the messages that it handles; a new service is one more entry here."""
+
+    def __init__(
+        self,
+        encoder: Encoder,
+        flight: FlightControl,
+        telemetry: Telemetry,
+        origin: Geodetic,
+        release: Callable[[], bool],
+    ) -> None:
+        self._flight = flight
+        self._outbox = Outbox(encoder)
+        self._status_texts = StatusTexts(self._outbox)
+        self._handlers: dict[int, Callable[[Any], None]] = {
+            **LinkService(flight, self._outbox).handlers,
+            **SetpointService(flight).handlers,
+            **CommandService(flight, telemetry, self._outbox, origin, release).handlers,
+        }
+
+    def handle(self, frame: Frame) -> None:
+        """Handle a frame; one with an unknown message or for another vehicle is ignored."""
+        handler = self._handlers.get(frame.message_id)
+        if handler is not None:
+            handler(decode(frame))
+
+    def collect(self) -> list[bytes]:
+        """The frames to send beside the telemetry: the services' answers, then the autopilot's texts."""
+        for severity, text in self._flight.texts:
+            self._status_texts.send(severity, text)
+        self._flight.texts.clear()
+        return self._outbox.take()

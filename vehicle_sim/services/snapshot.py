@@ -1,0 +1,37 @@
+"""What telemetry reports at a tick."""
+
+from typing import NamedTuple
+
+from vehicle_sim.physics.motion import Motion
+
+
+class Snapshot(NamedTuple):
+    estimate: Motion
+    """The vehicle's own estimate of its motion, with its age."""
+    truth: Motion
+    """The present motion. Messages of the estimate must not read it."""
+    scanned: Motion
+    """The motion when the LiDAR made the scan that is reported now."""
+
+    @property
+    def estimate_ms(self) -> int:
+        """Time since boot of the estimate (32 bits)."""
+        return self.estimate.time_ns // 1_000_000 & 0xFFFFFFFF
+
+    @property
+    def estimate_us(self) -> int:
+        return self.estimate.time_ns // 1000
+
+    @property
+    def now_ms(self) -> int:
+        """Time since boot (32 bits)."""
+        return self.truth.time_ns // 1_000_000 & 0xFFFFFFFF
+
+    @property
+    def now_us(self) -> int:
+        return self.truth.time_ns // 1000
+
+
+def int16(value: float) -> int:
+    """Rounded, within 16 bits."""
+    return round(min(max(value, -32768.0), 32767.0))

@@ -1,0 +1,154 @@
+"""The messages of the vehicle's status: modes, health, battery, outputs, version."""
+
+import math
+
+from protocol.messages import Encoder, dialect
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.autopilot.control_laws import Level
+from vehicle_sim.autopilot.flight_control import FlightControl
+from vehicle_sim.physics.battery import battery_state
+from vehicle_sim.services.snapshot import Snapshot, int16
+
+_HEALTHY = (
+    dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | dialect.MAV_SYS_STATUS_SENSOR_GPS
+    | dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION
+    | dialect.MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL
+    | dialect.MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION
+    | dialect.MAV_SYS_STATUS_SENSOR_YAW_POSITION
+    | dialect.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
+    | dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+    | dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    | dialect.MAV_SYS_STATUS_GEOFENCE
+    | dialect.MAV_SYS_STATUS_AHRS
+    | dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    | dialect.MAV_SYS_STATUS_SENSOR_PROXIMITY
+)
+_ARMABLE = dialect.MAV_SYS_STATUS_PREARM_CHECK
+
+_CAPABILITIES = (
+    dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | dialect.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+    | dialect.MAV_PROTOCOL_CAPABILITY_RESERVED3  # formerly SET_ACTUATOR_TARGET
+    | dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+_VERSION = 0x010D00FF
+"""PX4 1.13.0, release: the last version that takes SET_ACTUATOR_CONTROL_TARGET."""
+
+_NOTHING_8 = bytes(8)
+_UNUSED_CELLS = (65535,) * 9
+
+
+class StatusMessages:
+    """Encoders, one a message."""
+
+    def __init__(self, encoder: Encoder, airframe: Airframe, flight: FlightControl) -> None:
+        self._encode = encoder.encode_fields
+        self._airframe = airframe
+        self._flight = flight
+
+    def heartbeat(self, now: Snapshot) -> bytes:
+        flight = self._flight
+        if flight.crash is not None:
+            status = dialect.MAV_STATE_EMERGENCY
+        elif flight.failsafe:
+            status = dialect.MAV_STATE_CRITICAL
+        else:
+            status = dialect.MAV_STATE_ACTIVE if flight.armed else dialect.MAV_STATE_STANDBY
+        base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if flight.armed else 0)
+        return self._encode(
+            dialect.MAVLink_heartbeat_message,
+            dialect.MAV_TYPE_QUADROTOR,
+            dialect.MAV_AUTOPILOT_PX4,
+            base,
+            flight.mode.custom_mode,
+            status,
+            3,
+        )
+
+    def sys_status(self, now: Snapshot) -> bytes:
+        volts, amperes, _, remaining = battery_state(self._airframe, now.truth)
+        ready = self._flight.armed or self._flight.arming_problem() is None
+        health = _HEALTHY | (_ARMABLE if ready else 0)
+        everything = _HEALTHY | _ARMABLE
+        return self._encode(
+            dialect.MAVLink_sys_status_message,
+            everything,
+            everything,
+            health,
+            100,
+            round(volts * 1e3),
+            int16(amperes * 100.0),
+            round(remaining * 100.0),
+            *(0,) * 6,
+            *(0,) * 3,
+        )
+
+    def battery_status(self, now: Snapshot) -> bytes:
+        volts, amperes, used_wh, remaining = battery_state(self._airframe, now.truth)
+        return self._encode(
+            dialect.MAVLink_battery_status_message,
+            0,
+            dialect.MAV_BATTERY_FUNCTION_ALL,
+            dialect.MAV_BATTERY_TYPE_LIPO,
+            32767,
+            (round(volts * 1e3), *_UNUSED_CELLS),
+            int16(amperes * 100.0),
+            round(used_wh / volts * 1e3),
+            round(used_wh * 36.0),
+            round(remaining * 100.0),
+            0,
+            dialect.MAV_BATTERY_CHARGE_STATE_OK,
+            (0,) * 4,
+            0,
+            0,
+        )
+
+    def extended_sys_state(self, now: Snapshot) -> bytes:
+        return self._encode(dialect.MAVLink_extended_sys_state_message, 0, int(self._flight.landed_state))
+
+    def autopilot_version(self, now: Snapshot) -> bytes:
+        return self._encode(
+            dialect.MAVLink_autopilot_version_message,
+            _CAPABILITIES,
+            _VERSION,
+            0,
+            0,
+            0,
+            _NOTHING_8,
+            _NOTHING_8,
+            _NOTHING_8,
+            0,
+            0,
+            1,
+            bytes(18),
+        )
+
+    def attitude_target(self, now: Snapshot) -> bytes:
+        """The setpoints of all levels at present, those that the control laws compute included."""
+        ((level, _, _, _, attitude, rates, _, thrust_n),) = self._flight.command.tolist()
+        mask = (
+            dialect.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+            if level < Level.ATTITUDE
+            else dialect.ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
+            | dialect.ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE
+            | dialect.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
+        )
+        return self._encode(
+            dialect.MAVLink_attitude_target_message,
+            now.now_ms,
+            mask,
+            attitude,
+            *rates,
+            min(1.0, thrust_n / self._airframe.body.max_thrust_n),
+        )
+
+    def servo_output_raw(self, now: Snapshot) -> bytes:
+        """1000-2000 us for a rotor speed from 0 to that of full thrust."""
+        rotors = self._airframe.rotors
+        full = math.sqrt(self._airframe.body.rotor_max_thrust_n / rotors.thrust_constant_ns2)
+        pulses = [round(1000.0 + 1000.0 * speed / full) for speed in now.truth.rotor_speeds]
+        return self._encode(dialect.MAVLink_servo_output_raw_message, now.now_us & 0xFFFFFFFF, 0, *pulses, *(0,) * 12)

@@ -1,0 +1,46 @@
+"""One tick of flight: the control laws and the equations of motion, in four integration steps of 1 ms."""
+
+import math
+
+from protocol.arrays import Array
+from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
+from vehicle_sim.autopilot.control_laws import Command, Level, position_law, rotor_commands
+from vehicle_sim.physics.integrator import step
+from vehicle_sim.physics.motion import Feedback
+from vehicle_sim.physics.rigid_body import Parameters, depth, derivative, to_world
+from vehicle_sim.timing import STEP_S, STEPS_PER_TICK
+
+
+@compiled
+def advance(state: Array, command: Command, parameters: Parameters, feedback: Feedback, work: Array) -> None:
+    """Fly one tick: the state (17,) and the feedback change in place, and the command's computed fields are filled in.
+
+    `work` (6, 17) is a work array, see integrator.work_array.
+    """
+    p, f = parameters[0], feedback[0]
+    commands = work[5]
+    if command[0].level == Level.POSITION:
+        position_law(state, command, parameters)
+    f.impact_m_s = 0.0
+    touching = depth(state, parameters) > 0.0
+    for _ in range(STEPS_PER_TICK):
+        rotor_commands(state, command, parameters, commands)
+        speed = math.sqrt(state[3] ** 2 + state[4] ** 2 + state[5] ** 2)
+        step(state, commands, parameters, STEP_S, work)
+        touched = touching
+        touching = depth(state, parameters) > 0.0
+        if touching and not touched:
+            f.impact_m_s = max(f.impact_m_s, speed)
+        for i in range(13, 17):
+            f.shaft_energy_j += STEP_S * p.torque_per_thrust_m * p.thrust_constant_ns2 * state[i] ** 3
+    f.touching = 1.0 if touching else 0.0
+
+    rates = work[0]
+    derivative(state, commands, parameters, rates)
+    q0, q1, q2, q3 = state[6], state[7], state[8], state[9]
+    v = to_world(q0, -q1, -q2, -q3, state[3], state[4], state[5])
+    a = to_world(q0, -q1, -q2, -q3, rates[3], rates[4], rates[5] - GRAVITY)
+    for i in range(3):
+        f.velocity_frd[i] = v[i]
+        f.specific_force_frd[i] = a[i]
