@@ -3,6 +3,7 @@
 import itertools
 import math
 import struct
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -70,7 +71,7 @@ def extreme_telemetry(draw: st.DrawFn) -> bytes:
     values = [draw(number) for _ in range(7)]
     boot_ms = draw(st.sampled_from((0, 1, 2**31, 2**32 - 1)))
     vehicle = Sender()
-    kinds = (
+    kinds: tuple[Callable[[], bytes], ...] = (
         lambda: vehicle(dialect.MAVLink_attitude_quaternion_message, boot_ms, *values),
         lambda: vehicle(dialect.MAVLink_attitude_message, boot_ms, *values[:6]),
         lambda: vehicle(dialect.MAVLink_local_position_ned_message, boot_ms, *values[:6]),
