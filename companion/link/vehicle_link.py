@@ -142,8 +142,11 @@ class VehicleLink:
         return reports
 
     def _find(self, frame: Frame) -> None:
-        """Take the sender for the vehicle if this is the heartbeat of an autopilot that is known."""
+        """Take the sender for the vehicle if this is the heartbeat of an autopilot that is known. No vehicle is system
+        0, which addresses all systems."""
         if frame.message_id != dialect.MAVLINK_MSG_ID_HEARTBEAT or frame.component != VEHICLE_COMPONENT:
+            return
+        if frame.system == 0:
             return
         heartbeat: Any = decode(frame)
         firmware = firmware_of(heartbeat.autopilot)

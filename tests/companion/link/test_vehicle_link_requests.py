@@ -1,0 +1,257 @@
+"""The link by itself: what is asked of the vehicle, how often, and which telemetry it lacks for a flight."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from companion.link.vehicle_link import VehicleLink
+from companion.state import Announcement, Output, Setpoint, Severity, VehicleRequest
+from protocol.messages import dialect
+from tests.companion.link.sender import (
+    ARDUPILOT,
+    MS,
+    NOW,
+    OWN_COMPONENT,
+    PX4,
+    SECOND,
+    SETTINGS,
+    Sender,
+    found,
+    hear,
+    names,
+    sent,
+)
+
+ARM = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+PERIOD_MS = 20
+"""Of the supervision, which asks for requests and reports."""
+
+
+# -- requests ----------------------------------------------------------------------------------------------------------
+
+
+def ask(link: VehicleLink, wanted: VehicleRequest, start_ms: int, stop_ms: int) -> list[tuple[int, Any]]:
+    """(ms after NOW, COMMAND_LONG) of what is sent when the request is repeated every 20 ms."""
+    asked = []
+    for ms in range(start_ms, stop_ms, PERIOD_MS):
+        link.request(wanted, NOW + ms * MS)
+        asked += [(ms, message) for message in sent(link)]
+    return asked
+
+
+def test_a_request_is_repeated_with_a_rising_confirmation_until_it_is_exhausted() -> None:
+    link, _ = found()
+    interval_ms = round(SETTINGS.supervision.command_interval * 1e3)
+    tries = SETTINGS.supervision.command_tries
+    last_ms = (tries - 1) * interval_ms
+    asked = ask(link, VehicleRequest.ARM, 0, last_ms + PERIOD_MS)
+    assert [ms for ms, _ in asked] == [k * interval_ms for k in range(tries)]
+    assert [message.confirmation for _, message in asked] == [*range(tries)]
+    for _, message in asked:
+        assert (message.target_system, message.target_component) == (1, 1)
+        assert (message.command, message.param1) == (ARM, 1.0)
+    just_before = NOW + (last_ms + interval_ms) * MS - 1
+    assert link.report(just_before, VehicleRequest.ARM, before_flight=True).exhausted is None
+    report = link.report(just_before + 1, VehicleRequest.ARM, before_flight=True)
+    assert report.exhausted == "arming: no answer"
+    assert link.report(just_before + 1, VehicleRequest.EXTERNAL_CONTROL, before_flight=True).exhausted is None
+    assert link.report(just_before + 1, None, before_flight=True).exhausted is None
+
+
+@pytest.mark.parametrize("wanted", [VehicleRequest.HOLD, VehicleRequest.LAND, VehicleRequest.VERSION])
+def test_what_keeps_the_vehicle_safe_is_asked_for_without_end(wanted: VehicleRequest) -> None:
+    link, _ = found()
+    assert len(ask(link, wanted, 0, 10_000)) == 20
+    assert link.report(NOW + 11 * SECOND, wanted, before_flight=False).exhausted is None
+
+
+def test_another_mode_is_asked_for_at_once_and_from_the_beginning() -> None:
+    link, _ = found()
+    hold = ask(link, VehicleRequest.HOLD, 0, 600)
+    land = ask(link, VehicleRequest.LAND, 600, 1200)
+    assert [message.confirmation for _, message in hold + land] == [0, 1, 0, 1]
+    assert land[0][0] == 600
+    assert [(m.command, m.param2, m.param3) for _, m in (hold[0], land[0])] == [(176, 4.0, 3.0), (176, 4.0, 6.0)]
+
+
+def test_a_mode_that_was_forgotten_is_asked_for_anew() -> None:
+    link, _ = found()
+    ask(link, VehicleRequest.HOLD, 0, 100)
+    link.forget_mode()
+    ((ms, message),) = ask(link, VehicleRequest.HOLD, 100, 200)
+    assert (ms, message.confirmation) == (100, 0)
+
+
+def test_nothing_is_asked_for_that_is_there_or_not_wanted() -> None:
+    link, vehicle = found()
+    link.request(None, NOW)
+    assert link.flush() == b""
+    assert len(ask(link, VehicleRequest.VERSION, 0, 40)) == 1
+    hear(link, vehicle.version(1, 13))
+    assert ask(link, VehicleRequest.VERSION, 1000, 3000) == []
+
+
+def test_an_answer_to_somebody_else_counts_for_nothing() -> None:
+    link, vehicle = found()
+    ask(link, VehicleRequest.RELEASE, 0, 20)
+    command = dialect.MAV_CMD_DO_GRIPPER
+    for system, component in ((255, OWN_COMPONENT), (1, 190), (255, 190), (2, 0), (0, 1)):
+        hear(link, vehicle.ack(command, dialect.MAV_RESULT_ACCEPTED, system, component))
+        answer = link.answer(VehicleRequest.RELEASE)
+        assert (answer.accepted, answer.tries, answer.answer) == (False, 1, "no answer")
+    hear(link, vehicle.ack(ARM, dialect.MAV_RESULT_ACCEPTED, 1, OWN_COMPONENT))
+    assert not link.answer(VehicleRequest.RELEASE).accepted, "it answers another command"
+    hear(link, vehicle.ack(command, dialect.MAV_RESULT_DENIED, 1, OWN_COMPONENT))
+    assert link.answer(VehicleRequest.RELEASE).answer == "denied"
+
+
+@pytest.mark.parametrize("target", [(0, 0), (1, 0), (0, OWN_COMPONENT), (1, OWN_COMPONENT)])
+def test_an_answer_to_the_companion_or_to_everybody_counts(target: tuple[int, int]) -> None:
+    link, vehicle = found()
+    ask(link, VehicleRequest.RELEASE, 0, 20)
+    hear(link, vehicle.ack(dialect.MAV_CMD_DO_GRIPPER, dialect.MAV_RESULT_ACCEPTED, *target))
+    answer = link.answer(VehicleRequest.RELEASE)
+    assert answer.accepted and answer.answer == "accepted"
+
+
+# -- rates and the beat ------------------------------------------------------------------------------------------------
+
+
+def stream(link: VehicleLink, vehicle: Sender, hz: dict[str, int]) -> int:
+    """One second of telemetry after NOW, with so many messages of each kind; the time at its end."""
+    makers: dict[str, Callable[[int], bytes]] = {
+        "position": vehicle.position,
+        "attitude": vehicle.quaternion,
+        "scan": vehicle.scan,
+        "landed": lambda ms: vehicle.extended_state(1),
+    }
+    times = sorted((k * SECOND // count, name) for name, count in hz.items() for k in range(count))
+    for after_ns, name in times:
+        hear(link, makers[name](after_ns // MS), NOW + after_ns + 1)
+    return NOW + SECOND
+
+
+ENOUGH = {"position": 250, "attitude": 250, "scan": 15, "landed": 5}
+
+
+def test_the_first_thing_that_a_flight_lacks_is_named() -> None:
+    link, vehicle = found()
+    now = stream(link, vehicle, ENOUGH)
+    shortcoming = link.report(now, None, before_flight=True).shortcoming
+    assert shortcoming == "the vehicle does not say its version (AUTOPILOT_VERSION)"
+    hear(link, vehicle.version(1, 14), now)
+    assert link.report(now, None, before_flight=True).shortcoming is None
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "text"),
+    [
+        ("position", 99, "LOCAL_POSITION_NED arrives at 99 of 250 Hz"),
+        ("attitude", 50, "ATTITUDE_QUATERNION arrives at 50 of 250 Hz"),
+        ("scan", 5, "OBSTACLE_DISTANCE arrives at 5 of 15 Hz"),
+        ("landed", 1, "EXTENDED_SYS_STATE arrives at 1 of 5 Hz"),
+        ("scan", 0, "OBSTACLE_DISTANCE arrives at 0 of 15 Hz (does the vehicle have that sensor?)"),
+    ],
+)
+def test_a_message_that_comes_too_slowly_is_named_with_its_rate(name: str, count: int, text: str) -> None:
+    link, vehicle = found()
+    hear(link, vehicle.version(1, 13))
+    now = stream(link, vehicle, ENOUGH | {name: count})
+    shortcoming = link.report(now, None, before_flight=True).shortcoming
+    assert shortcoming is not None and shortcoming.startswith(f"telemetry too slow: {text}")
+    assert link.report(now, None, before_flight=False).shortcoming is None, "in flight it is not looked for"
+
+
+def test_no_scan_is_needed_without_avoidance() -> None:
+    link, vehicle = found(overrides=("avoidance.method=none",))
+    hear(link, vehicle.version(1, 13))
+    now = stream(link, vehicle, ENOUGH | {"scan": 0})
+    assert link.report(now, None, before_flight=True).shortcoming is None
+
+
+@pytest.mark.parametrize(
+    ("output", "autopilot", "minor", "refused"),
+    [
+        (Output.ACTUATORS, PX4, 14, True),
+        (Output.ACTUATORS, PX4, 13, False),
+        (Output.RATES, PX4, 14, False),
+        (Output.RATES, ARDUPILOT, 14, True),
+    ],
+)
+def test_an_output_that_the_firmware_does_not_take_is_a_shortcoming(
+    output: Output, autopilot: int, minor: int, refused: bool
+) -> None:
+    link, vehicle = found(output, autopilot=autopilot)
+    hear(link, vehicle.version(1, minor))
+    now = stream(link, vehicle, ENOUGH)
+    shortcoming = link.report(now, None, before_flight=True).shortcoming
+    assert (shortcoming is not None) is refused and "slow" not in (shortcoming or "")
+
+
+def test_the_beat_is_once_a_second_and_asks_for_rates_only_when_told() -> None:
+    link = VehicleLink(SETTINGS, Output.RATES)
+    link.beat(0, asks_rates=True)
+    assert names(sent(link)) == ["HEARTBEAT"], "nobody is there to be asked"
+    hear(link, Sender().heartbeat(), 1)
+    seen = []
+    for ms in range(PERIOD_MS, 4000, PERIOD_MS):
+        link.beat(ms * MS, asks_rates=ms >= 2500)
+        messages = sent(link)
+        if messages:
+            seen.append((ms, names(messages)))
+    asks = ["COMMAND_LONG"] * 5  # four messages, and the sectors of a scan
+    assert seen == [
+        (1000, ["HEARTBEAT", "TIMESYNC"]),
+        (2000, ["HEARTBEAT", "TIMESYNC"]),
+        (3000, ["HEARTBEAT", "TIMESYNC", *asks]),
+    ]
+
+
+def test_only_what_comes_too_slowly_is_asked_for_again() -> None:
+    link, vehicle = found()
+    now = stream(link, vehicle, ENOUGH | {"position": 20})
+    link.beat(now, asks_rates=True)
+    (ask,) = [message for message in sent(link) if message.get_type() == "COMMAND_LONG"]
+    assert (ask.command, ask.param1, ask.param2) == (dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 32.0, 4000.0)
+
+
+def test_all_rates_are_asked_for_on_request() -> None:
+    link, _ = found()
+    link.request_rates()
+    asked = {message.param1: message.param2 for message in sent(link)}
+    assert asked == {32.0: 4000.0, 31.0: 4000.0, 330.0: pytest.approx(1e6 / 15), 245.0: 2e5}
+
+
+# -- setpoints and text ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("output", "name"),
+    [
+        (Output.ATTITUDE, "SET_ATTITUDE_TARGET"),
+        (Output.RATES, "SET_ATTITUDE_TARGET"),
+        (Output.ACTUATORS, "SET_ACTUATOR_CONTROL_TARGET"),
+    ],
+)
+def test_a_setpoint_goes_to_the_vehicle_that_was_found(output: Output, name: str) -> None:
+    link = VehicleLink(SETTINGS, output)
+    hear(link, Sender(33, 1).heartbeat())
+    link.command(Setpoint([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, 0.5), 1234)
+    (message,) = sent(link)
+    assert message.get_type() == name and (message.target_system, message.target_component) == (33, 1)
+
+
+def test_all_that_is_to_be_sent_is_one_datagram_in_its_order() -> None:
+    link, vehicle = found()
+    link.say(Announcement(Severity.INFO, "one"))
+    hear(link, vehicle.timesync(0, 5))
+    link.request(VehicleRequest.ARM, NOW)
+    assert names(sent(link)) == ["STATUSTEXT", "TIMESYNC", "COMMAND_LONG"]
+    assert link.flush() == b""
+
+
+def test_nothing_is_said_to_nobody() -> None:
+    link = VehicleLink(SETTINGS, Output.RATES)
+    link.say(Announcement(Severity.INFO, "anybody?"))
+    assert link.flush() == b""

@@ -1,0 +1,170 @@
+"""Health is a function of the reports: what is missing, and everything that the table of transitions asks about."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.config import Supervision
+from companion.reports import LinkReport, MissionReport, SensingReport
+from companion.state import FlightMode, VehicleStatus
+from companion.supervision.health import Health, health
+from companion.supervision.operations import LandRequest, LogFault, OwnReport
+from companion.supervision.states import State
+
+LINK = LinkReport(
+    found=True,
+    status=VehicleStatus(FlightMode.HOLD, False, False),
+    on_ground=True,
+    silence=0.0,
+    heartbeat_age=0.5,
+    refused=None,
+    complaint="",
+)
+SENSING = SensingReport(telemetry_age=0.004, scan_age=0.05, has_state=True)
+MISSION = MissionReport(done=False, overdue=0.0)
+BEFORE_FLIGHT = [state for state in State if state < State.FLY]
+
+
+@dataclass
+class Reports:
+    """All well, but for what a test changes."""
+
+    state: State = State.CHECK
+    link: LinkReport = LINK
+    sensing: SensingReport = SENSING
+    mission: MissionReport = MISSION
+    log_fault: str | None = None
+    land_requested: bool = False
+    overrun_ns: int = 0
+    taken_over: bool = False
+
+    def health(self) -> Health:
+        own = OwnReport(Supervision())
+        if self.log_fault is not None:
+            own.take(LogFault(0, self.log_fault))
+        if self.land_requested:
+            own.take(LandRequest(0))
+        own.ticked(self.overrun_ns)
+        return health(self.state, self.link, self.sensing, self.mission, own, self.taken_over)
+
+
+def link(**changes: Any) -> LinkReport:
+    return msgspec.structs.replace(LINK, **changes)
+
+
+def test_nothing_is_missing_where_all_is_well() -> None:
+    for state in State:
+        assert Reports(state).health().missing is None
+
+
+LACKS: list[tuple[dict[str, Any], str]] = [
+    ({"log_fault": "disk full"}, "the flight log fails (disk full)"),
+    ({"shortcoming": "telemetry too slow"}, "telemetry too slow"),
+    ({"has_state": False}, "no position and attitude"),
+    ({"on_ground": False}, "the vehicle does not say that it stands on the ground"),
+    ({"prearm_ok": False, "complaint": " (compass)"}, "the vehicle's own arming checks fail (compass)"),
+]
+"""What may be missing, the most important first."""
+
+
+def lacking(*places: int) -> Reports:
+    reports = Reports()
+    for place in places:
+        for name, value in LACKS[place][0].items():
+            if name == "log_fault":
+                reports.log_fault = value
+            elif name == "has_state":
+                reports.sensing = msgspec.structs.replace(reports.sensing, has_state=value)
+            else:
+                reports.link = msgspec.structs.replace(reports.link, **{name: value})
+    return reports
+
+
+@given(places=st.sets(st.integers(0, len(LACKS) - 1), min_size=1))
+@settings(max_examples=30, deadline=None, derandomize=True)
+def test_the_first_thing_that_is_missing_is_named(places: set[int]) -> None:
+    assert lacking(*places).health().missing == LACKS[min(places)][1]
+
+
+@pytest.mark.parametrize("place", range(len(LACKS)))
+def test_what_is_missing_is_asked_before_the_flight_alone(place: int) -> None:
+    reports = lacking(place)
+    for state in State:
+        reports.state = state
+        assert (reports.health().missing is not None) == (state in BEFORE_FLIGHT)
+
+
+def test_an_empty_text_of_a_log_fault_is_missing_all_the_same() -> None:
+    reports = Reports(log_fault="")
+    assert reports.health().missing == "the flight log fails ()"
+
+
+@pytest.mark.parametrize("state", list(State))
+def test_a_step_is_overdue_in_flight_alone(state: State) -> None:
+    reports = Reports(state, mission=MissionReport(done=False, overdue=7.5))
+    assert reports.health().overdue == (7.5 if state is State.FLY else 0.0)
+
+
+AGES = st.floats(0.0, 1e6) | st.just(math.inf)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    state=st.sampled_from(State),
+    ages=st.tuples(AGES, AGES, AGES, AGES),
+    flags=st.tuples(*[st.booleans()] * 7),
+    mode=st.sampled_from(FlightMode),
+    texts=st.tuples(*[st.none() | st.text(max_size=5)] * 2),
+)
+def test_health_is_a_function_of_the_reports(
+    state: State,
+    ages: tuple[float, float, float, float],
+    flags: tuple[bool, ...],
+    mode: FlightMode,
+    texts: tuple[str | None, str | None],
+) -> None:
+    """Each report comes through under its own name, and the same reports give the same health."""
+    silence, heartbeat_age, telemetry_age, scan_age = ages
+    seen, armed, failsafe, done, landed, land_requested, taken_over = flags
+    refused, exhausted = texts
+    reports = Reports(
+        state,
+        link(
+            found=seen,
+            status=VehicleStatus(mode, armed, failsafe),
+            on_ground=landed,
+            silence=silence,
+            heartbeat_age=heartbeat_age,
+            refused=refused,
+            exhausted=exhausted,
+            complaint=" (said)",
+        ),
+        SensingReport(telemetry_age, scan_age, True),
+        MissionReport(done, 0.0),
+        land_requested=land_requested,
+        overrun_ns=400_000_000,
+        taken_over=taken_over,
+    )
+    found = reports.health()
+    assert found == reports.health()
+    assert (found.silence, found.heartbeat_age, found.telemetry_age, found.scan_age) == ages
+    assert (found.seen, found.armed, found.failsafe) == (seen, armed, failsafe)
+    assert (found.mission_done, found.landed) == (done, landed)
+    assert (found.land_requested, found.taken_over) == (land_requested, taken_over)
+    assert (found.mode, found.refused_telemetry, found.exhausted) == (mode, refused, exhausted)
+    assert found.overrun == pytest.approx(0.4)
+    assert (found.reason, found.unsound_output) == (" (said)", None)
+
+
+def test_looking_at_the_health_changes_no_report() -> None:
+    own = OwnReport(Supervision())
+    own.take(LogFault(0, "disk full"))
+    own.ticked(10**9)
+    for _ in range(2):
+        found = health(State.CHECK, LINK, SENSING, MISSION, own, False)
+        assert found.overrun == 1.0 and found.missing == "the flight log fails (disk full)"

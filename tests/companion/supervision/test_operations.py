@@ -1,0 +1,83 @@
+"""What the companion knows of itself: faults of the log, overruns, setpoints that were held back."""
+
+import math
+
+import pytest
+
+from companion.config import Supervision
+from companion.state import Setpoint, Severity
+from companion.supervision.operations import LandRequest, LogFault, LogRecovered, OwnReport, PlannerFault
+
+SETTINGS = Supervision()
+SOUND = Setpoint((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, 0.5)
+LATE_NS = round(SETTINGS.overrun * 1e9)
+
+
+def unsound_with(thrust: float) -> Setpoint:
+    return Setpoint((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, thrust)
+
+
+def test_a_fault_of_the_log_is_said_once_and_kept_in_its_latest_words() -> None:
+    own = OwnReport(SETTINGS)
+    said = own.take(LogFault(1, "disk full"))
+    assert said is not None and said.severity is Severity.CRITICAL and "disk full" in said.text
+    assert own.take(LogFault(2, "disk still full")) is None and own.log_fault == "disk still full"
+    own.begin()
+    assert own.log_fault == "disk still full", "it lasts until the log is written again"
+
+
+def test_a_log_that_is_written_again_is_said_and_may_fail_again() -> None:
+    own = OwnReport(SETTINGS)
+    own.take(LogFault(1, "disk full"))
+    said = own.take(LogRecovered(2))
+    assert said is not None and said.severity is Severity.NOTICE
+    assert own.log_fault is None
+    said = own.take(LogFault(3, "disk full"))
+    assert said is not None and own.log_fault == "disk full"
+
+
+def test_a_fault_with_an_empty_text_is_a_fault() -> None:
+    own = OwnReport(SETTINGS)
+    assert own.take(LogFault(1, "")) is not None and own.take(LogFault(2, "")) is None
+    assert own.log_fault == ""
+
+
+def test_a_fault_of_the_planner_is_said_and_is_none_of_the_log() -> None:
+    own = OwnReport(SETTINGS)
+    said = own.take(PlannerFault(1, "it has ended"))
+    assert said is not None and said.severity is Severity.CRITICAL and "it has ended" in said.text
+    assert own.log_fault is None
+
+
+def test_a_request_to_land_lasts_and_is_not_said_here() -> None:
+    own = OwnReport(SETTINGS)
+    assert not own.land_requested
+    assert own.take(LandRequest(1)) is None
+    own.begin()
+    assert own.land_requested
+
+
+@pytest.mark.parametrize(("late_ns", "counts"), [(0, False), (LATE_NS, False), (LATE_NS + 1, True)])
+def test_an_overrun_is_a_tick_later_than_the_settings_say(late_ns: int, counts: bool) -> None:
+    own = OwnReport(SETTINGS)
+    own.ticked(late_ns)
+    assert own.overrun_ns == (late_ns if counts else 0)
+
+
+def test_an_overrun_is_kept_until_the_health_was_looked_at() -> None:
+    own = OwnReport(SETTINGS)
+    own.ticked(2 * LATE_NS)
+    own.ticked(0)
+    assert own.overrun_ns == 2 * LATE_NS
+    own.begin()
+    assert own.overrun_ns == 0
+
+
+def test_an_unsound_setpoint_stays_here_and_is_kept_until_the_health_was_looked_at() -> None:
+    own = OwnReport(SETTINGS)
+    assert own.passes(SOUND) and own.unsound_output is None
+    assert not own.passes(unsound_with(math.nan)) and own.unsound_output == "not finite"
+    assert own.passes(SOUND) and own.unsound_output == "not finite", "a sound one after it is no excuse"
+    assert not own.passes(unsound_with(2.0)) and own.unsound_output == "thrust 2", "the latest"
+    own.begin()
+    assert own.unsound_output is None
