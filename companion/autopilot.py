@@ -720,12 +720,12 @@ class Autopilot:
         reference, ahead = self._reference_at(effective_ns), self._reference_at(followed_ns)
         mass = self.body.mass_kg + (0.0 if self.released else self.body.parcel_mass_kg)
         airborne = supervised in FLYING and self._landed != dialect.MAV_LANDED_STATE_ON_GROUND
-        acceleration = self._cascade.wish(state, now, self._measured_ns(now), reference, mass, airborne)
+        acceleration = self._cascade.acceleration_command(state, now, self._measured_ns(now), reference, mass, airborne)
         self._verdict = None
         if supervised is State.FLY and airborne and self._guards():
             acceleration = self._guarded(acceleration, reference, state, now)
         changed = self._verdict is not None and self._verdict.reason is not Reason.NONE
-        control, limited = self._cascade.obey(acceleration, now, ahead, mass, changed)
+        control, limited = self._cascade.attitude_command(acceleration, now, ahead, mass, changed)
         if supervised not in FLYING:  # a stream that does nothing
             control[cascade.RATES] = control[cascade.TORQUE] = control[cascade.THRUST] = 0.0
             self._cascade.reset()

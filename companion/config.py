@@ -17,6 +17,9 @@ Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Vector = tuple[Positive, Positive, Positive]
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
 
+POSITION_LAWS = ("backstepping", "se3", "sliding_mode", "pid")
+"""The names in `control.laws.LAWS`."""
+
 
 def _one_of(key: str, value: str, *known: str) -> None:
     if value not in known:
@@ -45,7 +48,7 @@ class PositionControl(Table, frozen=True):
     """Make up for the drag of the `[body]` table, which the paper's model lacks."""
 
     def __post_init__(self) -> None:
-        _one_of("law", self.law, "backstepping", "se3", "sliding_mode", "pid")
+        _one_of("law", self.law, *POSITION_LAWS)
         _one_of("feedforward", self.feedforward, "none", "velocity", "acceleration")
 
 
