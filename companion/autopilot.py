@@ -734,7 +734,7 @@ class Autopilot:
             values[cascade.ATTITUDE], values[cascade.RATES], values[cascade.TORQUE], values[cascade.THRUST]
         )
         self._emit(setpoint, now)
-        self._trace = trace.pack(
+        step = trace.ControlStep(
             supervised,
             self.phase,
             self.step_index,
@@ -746,6 +746,7 @@ class Autopilot:
             self._free if self._course.active else math.inf,
             self._verdict,
         )
+        self._trace = trace.pack(step)
 
     def _reference_at(self, time_ns: int) -> Reference:
         """The generator's; on a course its height and heading only."""

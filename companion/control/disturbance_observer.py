@@ -32,8 +32,8 @@ OBSERVER = np.dtype(
     ],
     align=True,
 )
-"""The filter's state. `mean` is the velocity (m/s, NED), the disturbance (m/s2, NED), the scales of thrust and
-drag; the accelerations (m/s2, NED) are those of the last update."""
+"""The filter's state. `mean` is velocity (m/s, NED), disturbance (m/s2, NED), thrust scale and drag scale; the
+accelerations (m/s2, NED) are those of the last update."""
 VELOCITY, DISTURBANCE, THRUST_SCALE, DRAG_SCALE = slice(0, 3), slice(3, 6), 6, 7
 """Places in `mean`."""
 
