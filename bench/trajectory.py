@@ -23,10 +23,10 @@ from companion.trajectory import ReferenceGenerator, track_of
 from companion.trajectory.minimum_snap import (
     Limits,
     PiecewisePolynomial,
-    allocated,
-    proportional,
+    optimal_shares,
+    rest_to_rest_durations,
     snap_integral,
-    through,
+    spline_through,
 )
 from protocol.arrays import Array
 
@@ -83,14 +83,14 @@ def quality(curve: PiecewisePolynomial) -> dict[str, float]:
 
 def solutions(legs: int) -> dict[str, dict[str, float]]:
     points = course(legs)
-    durations = proportional(points, LIMITS)
-    rows = {"ours": {"time_us": median_us(lambda: through(points, durations), SOLUTIONS)}}
-    rows["ours"] |= quality(through(points, durations))
+    durations = rest_to_rest_durations(points, LIMITS)
+    rows = {"ours": {"time_us": median_us(lambda: spline_through(points, durations), SOLUTIONS)}}
+    rows["ours"] |= quality(spline_through(points, durations))
     if find_spec("minsnap_trajectories") is not None:
         rows["library"] = {"time_us": median_us(lambda: library(points, durations), SOLUTIONS)}
         rows["library"] |= quality(library(points, durations))
-    rows["allocated"] = {"time_us": median_us(lambda: allocated(points, LIMITS), 3)}
-    best = through(points, allocated(points, LIMITS))
+    rows["allocated"] = {"time_us": median_us(lambda: optimal_shares(points, LIMITS), 3)}
+    best = spline_through(points, optimal_shares(points, LIMITS))
     rows["allocated"] |= quality(best.stretched(float(durations.sum())))
     return rows
 
@@ -100,7 +100,7 @@ def reference_cost(curve: Curve | None) -> float:
     settings = Trajectory()
     generator = ReferenceGenerator(settings)
     if curve is None:
-        generator.go(0, np.array([30.0, 20.0, -5.0]), 4.0, 1.5)
+        generator.move_to(0, np.array([30.0, 20.0, -5.0]), 4.0, 1.5)
     else:
         generator.follow(0, track_of(curve, settings, LIMITS.tilt))
     return median_us(lambda: generator.at(5_000_000_000), CALLS)

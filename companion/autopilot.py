@@ -645,8 +645,8 @@ class Autopilot:
     def _entered(self, old: State, new: State, now: int) -> None:
         if old is State.FLY:
             self._leave_course(now)
-            self._track = self._reference.remaining(now) or self._track
-            self._reference.stop(now)
+            self._track = self._reference.remaining_track(now) or self._track
+            self._reference.brake(now)
         if new is State.RELINQUISHED:
             self._relinquished_ns = now
         elif old is State.RELINQUISHED and new is State.HOLD:
@@ -656,7 +656,7 @@ class Autopilot:
         elif new is State.STREAM:
             assert self.state is not None
             self._ground_down = float(self.state.position_ned[2])
-            self._reference.place(self.state.position_ned, yaw_of(self.state.attitude_ned_frd))
+            self._reference.hold_at(self.state.position_ned, yaw_of(self.state.attitude_ned_frd))
             self.steps = steps(self.mission, self.state.position_ned)
             self.decision = AvoidanceDecision(self.state.position_ned, self.mission.speed, math.inf, False)
         elif new is State.FLY and old is State.ARM:
@@ -667,14 +667,14 @@ class Autopilot:
 
     def _follow_along(self, state: VehicleState) -> None:
         """Others fly: what is sent would keep the vehicle wherever it is; nothing is learnt meanwhile."""
-        self._reference.place(state.position_ned, yaw_of(state.attitude_ned_frd))
+        self._reference.hold_at(state.position_ned, yaw_of(state.attitude_ned_frd))
         self._cascade.reset()
 
     def _take_back(self, now: int) -> None:
         """Brake from the present motion; the time that others flew counts for nothing."""
         state = self.state or self._estimator.state()  # after a restart its position may have come since the attitude
         assert state is not None  # the telemetry is fresh
-        self._reference.carry_on(now, state.position_ned, state.velocity_ned, np.zeros(3))
+        self._reference.brake_from(now, state.position_ned, state.velocity_ned, np.zeros(3))
         self._phase_since_ns += now - self._relinquished_ns
         self._arrived_ns = None
         self._progress = Progress()
@@ -772,7 +772,7 @@ class Autopilot:
             else:
                 place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
                 pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])
-                self._reference.carry_on(now, place, np.array([*velocity[:2], moves]), pushed)
+                self._reference.brake_from(now, place, np.array([*velocity[:2], moves]), pushed)
         return allowed
 
     def _leave_course(self, now: int) -> None:
@@ -782,7 +782,7 @@ class Autopilot:
         motion = self._reference_at(now)
         self._course.stop()
         braking = self.settings.avoidance.guard.braking
-        self._reference.carry_on(now, motion.position_ned, motion.velocity_ned, motion.acceleration_ned, braking)
+        self._reference.brake_from(now, motion.position_ned, motion.velocity_ned, motion.acceleration_ned, braking)
 
     def _measured_ns(self, now: int) -> int:
         """When the present state was measured, on our clock: now, as long as the vehicle's clock is not known."""
@@ -828,7 +828,7 @@ class Autopilot:
     def _steer(self, step: Step, state: VehicleState, now: int) -> None:
         assert step.target_ned is not None
         if self.mission.profile == "step" and step.phase is not Phase.TAKEOFF:
-            self._reference.place(step.target_ned)
+            self._reference.hold_at(step.target_ned)
             return
         if self._reference.following:
             return
@@ -842,14 +842,14 @@ class Autopilot:
         if track is not None:
             target = track.start_ned
             if track.start_yaw is not None:
-                self._reference.turn(now, track.start_yaw)
+                self._reference.turn_to(now, track.start_yaw)
         if step.avoids and not self._plans:
             target, speed = self.decision.target_ned, self.decision.speed_limit
             way = target - state.position_ned
             if math.hypot(way[0], way[1]) > 1.0:
-                self._reference.turn(now, math.atan2(way[1], way[0]))
+                self._reference.turn_to(now, math.atan2(way[1], way[0]))
         climbs = target[2] < state.position_ned[2]
-        self._reference.go(now, target, speed, settings.climb_speed if climbs else settings.descent_speed)
+        self._reference.move_to(now, target, speed, settings.climb_speed if climbs else settings.descent_speed)
 
     def _arrives(self, step: Step, state: VehicleState) -> bool:
         """So near to a goal that is stopped at that no way over the map is needed."""
@@ -889,11 +889,11 @@ class Autopilot:
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)
         if speed > 1.0:
-            generator.turn(now, math.atan2(wish.velocity[1], wish.velocity[0]))
+            generator.turn_to(now, math.atan2(wish.velocity[1], wish.velocity[0]))
         down = float(goal[2])
         climbs = down < generator.at(now).position_ned[2]
         vertical_speed = self.settings.trajectory.climb_speed if climbs else self.settings.trajectory.descent_speed
-        generator.go(now, np.array((*self._start_ned, down)), self.mission.speed, vertical_speed)
+        generator.move_to(now, np.array((*self._start_ned, down)), self.mission.speed, vertical_speed)
         target = np.array((*wish.places[0].tolist(), down))
         self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
         return wanted
@@ -904,7 +904,7 @@ class Autopilot:
         if track is None or self._track is not None:
             return self._track
         assert step.target_ned is not None
-        return track.moved(step.target_ned)
+        return track.shifted(step.target_ned)
 
     def _completed(self, step: Step, state: VehicleState, now: int) -> bool:
         if step.phase is Phase.RELEASE:
@@ -912,8 +912,8 @@ class Autopilot:
         if step.target_ned is None:
             return False
         if self._reference.following:
-            if self._reference.rests(now):
-                self._reference.leave(now)
+            if self._reference.at_rest(now):
+                self._reference.end_track(now)
                 return True
             return False
         settings = self.settings.trajectory
@@ -931,7 +931,7 @@ class Autopilot:
         if self.mission.profile == "step" and self._arrived_ns is None:
             self._arrived_ns = now
         if track is not None:
-            if self._arrived_ns is not None and self._reference.rests(now):
+            if self._arrived_ns is not None and self._reference.at_rest(now):
                 self._reference.follow(now, track)
                 self._arrived_ns = None
             return False
