@@ -51,7 +51,7 @@ def trajectories() -> dict[str, Any]:
 
 
 def body_of(parameters: dict[str, Any]) -> Body:
-    """What our controller is told of RotorPy's vehicle."""
+    """RotorPy's vehicle as our controller knows it."""
     arm = float(np.linalg.norm(parameters["rotor_pos"]["r1"]))
     most = parameters["k_eta"] * parameters["rotor_speed_max"] ** 2
     turning = 4.0 * math.sqrt(parameters["mass"] * GRAVITY / (4.0 * parameters["k_eta"]))  # rad/s of all at hover

@@ -166,6 +166,7 @@ def _attitude_gains(settings: Settings, body: Body) -> tuple[Array, Array]:
 
 
 def _limits(limits: Limits, body: Body) -> dict[str, Any]:
+    """Limits of the commands."""
     tilt_rate, yaw_rate = math.radians(limits.roll_pitch_rate_deg), math.radians(limits.yaw_rate_deg)
     return {
         "rate_limit": (tilt_rate, tilt_rate, yaw_rate),
