@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from companion.config import load_settings
-from companion.control import controller as cascade
+from companion.control.controller import THRUST, TORQUE, Controller
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
 from protocol.frames import flu_to_frd
@@ -51,7 +51,7 @@ def trajectories() -> dict[str, Any]:
 
 
 def body_of(parameters: dict[str, Any]) -> Body:
-    """What our controller is told of RotorPy's vehicle."""
+    """RotorPy's vehicle as our controller knows it."""
     arm = float(np.linalg.norm(parameters["rotor_pos"]["r1"]))
     most = parameters["k_eta"] * parameters["rotor_speed_max"] ** 2
     turning = 4.0 * math.sqrt(parameters["mass"] * GRAVITY / (4.0 * parameters["k_eta"]))  # rad/s of all at hover
@@ -67,12 +67,12 @@ def body_of(parameters: dict[str, Any]) -> Body:
 
 
 class Ours:
-    """The companion's cascade behind RotorPy's interface of a controller."""
+    """The companion's controller behind RotorPy's interface of a controller."""
 
     def __init__(self, parameters: dict[str, Any], trajectory: Any) -> None:
         self._body = body_of(parameters)
         self._trajectory = trajectory
-        self._cascade = cascade.Controller(load_settings(None, SETTINGS), self._body, Output.ACTUATORS)
+        self._controller = Controller(load_settings(None, SETTINGS), self._body, Output.ACTUATORS)
 
     def update(self, time: float, state: dict[str, Array], flat: dict[str, Any]) -> dict[str, Any]:
         """Thrust (N) and moment (N m) for RotorPy's "cmd_ctbm"; RotorPy is x forward, y left, z up throughout."""
@@ -81,11 +81,11 @@ class Ours:
         measured = VehicleState(
             now, flu_to_frd(state["x"]), flu_to_frd(state["v"]), np.array([w, i, -j, -k]), flu_to_frd(state["w"]), 0
         )
-        reference, ahead = (self._reference(at * 1e-9 - 10.0) for at in self._cascade.reference_times(now))
-        wanted = self._cascade.wish(measured, now, now, reference, self._body.mass_kg, True)
-        out, _ = self._cascade.obey(wanted, now, ahead, self._body.mass_kg)
-        torque = out[cascade.TORQUE] * np.array(self._body.full_torque_nm)
-        return {"cmd_thrust": out[cascade.THRUST] * self._body.max_thrust_n, "cmd_moment": flu_to_frd(torque)}
+        reference, ahead = (self._reference(at * 1e-9 - 10.0) for at in self._controller.reference_times(now))
+        acceleration = self._controller.acceleration_command(measured, now, now, reference, self._body.mass_kg, True)
+        out, _ = self._controller.attitude_command(acceleration, now, ahead, self._body.mass_kg)
+        torque = out[TORQUE] * np.array(self._body.full_torque_nm)
+        return {"cmd_thrust": out[THRUST] * self._body.max_thrust_n, "cmd_moment": flu_to_frd(torque)}
 
     def _reference(self, time: float) -> Reference:
         flat = self._trajectory.update(time)

@@ -1,4 +1,4 @@
-"""What curves cost: a reference in flight, and a curve of least snap beside the library minsnap-trajectories.
+"""Cost of references in flight, and of curves of least snap beside the library minsnap-trajectories.
 
     python bench/trajectory.py [--json]
 
@@ -23,10 +23,10 @@ from companion.trajectory import ReferenceGenerator, track_of
 from companion.trajectory.minimum_snap import (
     Limits,
     PiecewisePolynomial,
-    allocated,
-    proportional,
+    optimal_shares,
+    rest_to_rest_durations,
     snap_integral,
-    through,
+    spline_through,
 )
 from protocol.arrays import Array
 
@@ -42,7 +42,7 @@ def course(legs: int) -> Array:
 
 
 def median_us(call: Callable[[], object], calls: int) -> float:
-    """Of single calls, after one that is not counted."""
+    """Median (us) of single calls, after one that is not counted."""
     call()
     times = []
     for _ in range(calls):
@@ -53,7 +53,7 @@ def median_us(call: Callable[[], object], calls: int) -> float:
 
 
 def library(points: Array, durations: Array) -> PiecewisePolynomial:
-    """The same by minsnap-trajectories, its closed form, at rest up to the jerk at both ends."""
+    """The same curve by the closed form of minsnap-trajectories, at rest up to the jerk at both ends."""
     from minsnap_trajectories import Waypoint, generate_trajectory
 
     knots = np.concatenate(([0.0], np.cumsum(durations)))
@@ -68,7 +68,7 @@ def library(points: Array, durations: Array) -> PiecewisePolynomial:
 
 
 def quality(curve: PiecewisePolynomial) -> dict[str, float]:
-    """Of a curve, stretched until it keeps to the limits."""
+    """Figures of a curve, stretched until it keeps to the limits."""
     motion = np.array([curve.at(t) for t in np.linspace(0.0, curve.duration_s, 5001).tolist()])
     speed = float(np.linalg.norm(motion[:, 1], axis=1).max())
     acceleration = float(np.linalg.norm(motion[:, 2], axis=1).max())
@@ -83,24 +83,24 @@ def quality(curve: PiecewisePolynomial) -> dict[str, float]:
 
 def solutions(legs: int) -> dict[str, dict[str, float]]:
     points = course(legs)
-    durations = proportional(points, LIMITS)
-    rows = {"ours": {"time_us": median_us(lambda: through(points, durations), SOLUTIONS)}}
-    rows["ours"] |= quality(through(points, durations))
+    durations = rest_to_rest_durations(points, LIMITS)
+    rows = {"ours": {"time_us": median_us(lambda: spline_through(points, durations), SOLUTIONS)}}
+    rows["ours"] |= quality(spline_through(points, durations))
     if find_spec("minsnap_trajectories") is not None:
         rows["library"] = {"time_us": median_us(lambda: library(points, durations), SOLUTIONS)}
         rows["library"] |= quality(library(points, durations))
-    rows["allocated"] = {"time_us": median_us(lambda: allocated(points, LIMITS), 3)}
-    best = through(points, allocated(points, LIMITS))
+    rows["allocated"] = {"time_us": median_us(lambda: optimal_shares(points, LIMITS), 3)}
+    best = spline_through(points, optimal_shares(points, LIMITS))
     rows["allocated"] |= quality(best.stretched(float(durations.sum())))
     return rows
 
 
 def reference_cost(curve: Curve | None) -> float:
-    """Of one reference, us; None: a jerk-limited move."""
+    """Cost (us) of one reference on a curve; None: a jerk-limited move."""
     settings = Trajectory()
     generator = ReferenceGenerator(settings)
     if curve is None:
-        generator.go(0, np.array([30.0, 20.0, -5.0]), 4.0, 1.5)
+        generator.move_to(0, np.array([30.0, 20.0, -5.0]), 4.0, 1.5)
     else:
         generator.follow(0, track_of(curve, settings, LIMITS.tilt))
     return median_us(lambda: generator.at(5_000_000_000), CALLS)

@@ -19,7 +19,7 @@ from companion.supervision.health import health
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import COMMANDED, FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
-from companion.trace import pack
+from companion.trace import ControlStep, pack
 from protocol.vehicle_parameters import Body
 
 
@@ -91,21 +91,21 @@ class Autopilot:
         mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
         airborne = supervised in FLYING and not self.link.on_ground
         measured_ns = self.link.measured_ns(self.sensing.estimator.boot_time_ms, now)
-        acceleration = self.controller.wish(state, now, measured_ns, reference, mass, airborne)
+        acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, airborne)
         verdict = None
         if self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):
             verdict = self.guard.filter(state.position_ned, state.velocity_ned, acceleration, now)
             acceleration = verdict.acceleration_ned
             guidance.yield_to(verdict, reference, state, now)
         changed = verdict is not None and verdict.reason is not Reason.NONE
-        control, limited = self.controller.obey(acceleration, now, ahead, mass, changed)
+        control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)
         if supervised not in FLYING:
             self.controller.idle(control)
         setpoint = self.controller.setpoint(control)
         if self.own.passes(setpoint):
             self.link.command(setpoint, self.sensing.estimator.boot_time_ms)
-        step = supervised, navigator.phase, navigator.step_index
-        return pack(*step, state, reference, control, limited, guidance.decision, guidance.free_distance, verdict)
+        what = supervised, navigator.phase, navigator.step_index, state, reference, control, limited
+        return pack(ControlStep(*what, guidance.decision, guidance.free_distance, verdict))
 
     def _fly(self, state: VehicleState, now: int) -> None:
         """Move the reference along the mission, and the mission along itself."""

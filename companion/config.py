@@ -17,6 +17,9 @@ Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Vector = tuple[Positive, Positive, Positive]
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
 
+POSITION_LAWS = ("backstepping", "se3", "sliding_mode", "pid")
+"""The names in `control.laws.LAWS`."""
+
 
 def _one_of(key: str, value: str, *known: str) -> None:
     if value not in known:
@@ -28,106 +31,122 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PositionControl(Table, frozen=True):
-    """Backstepping constants; the paper's c7, c9, c11 are `c1`, its c8, c10, c12 (all 1 there) are `c2`. North, east,
-    down."""
+    """Position law. Vectors are north, east, down. The paper's c7, c9, c11 are `c1`, its c8, c10, c12 (all 1 there) are
+    `c2`."""
 
     law: str = "backstepping"
-    """Or, to compare with, "se3", "sliding_mode", "pid"."""
+    """"backstepping", or for comparison "se3", "sliding_mode" or "pid"."""
     c1: Vector = (2.5, 2.5, 2.5)
+    """1/s; gain on the position error of backstepping."""
     c2: Vector = (2.5, 2.5, 2.5)
+    """1/s; gain on the error of the virtual rate of backstepping."""
     feedforward: str = "acceleration"
-    """What of the reference is fed forward: "none", "velocity" or "acceleration" (with the velocity)."""
+    """What of the reference is fed forward: "none", "velocity", or "acceleration" (and velocity)."""
     adaptation: NonNegativeVector = (0.3, 0.3, 0.3)
-    """gamma of the adaptive (integral) law; 0: the paper's."""
+    """1/s2; gain (gamma) of the adaptive (integral) term of backstepping; 0: the paper's law."""
     adaptation_bound: Positive = 3.0
-    """m/s2 at the most on each axis."""
+    """m/s2; bound of the adaptive term on each axis."""
     drag_compensation: bool = True
-    """Make up for the drag of the `[body]` table, which the paper's model lacks."""
+    """Compensate the drag of the `[body]` table, which the paper's model lacks."""
 
     def __post_init__(self) -> None:
-        _one_of("law", self.law, "backstepping", "se3", "sliding_mode", "pid")
+        _one_of("law", self.law, *POSITION_LAWS)
         _one_of("feedforward", self.feedforward, "none", "velocity", "acceleration")
 
 
 class AttitudeControl(Table, frozen=True):
-    """LQR weights: the diagonals of Q (8), angle and rate of roll, pitch, yaw, and of R."""
+    """LQR of the attitude: roll, pitch, yaw."""
 
     angle_weight: Vector = (400.0, 400.0, 50.0)
+    """Weights of the angles on the diagonal of Q (8)."""
     rate_weight: Vector = (1.0, 1.0, 1.0)
+    """Weights of the rates on the diagonal of Q (8)."""
     input_weight: Vector = (1.0, 1.0, 1.0)
+    """Weights of the inputs on the diagonal of R."""
     bandwidth: Vector | None = None
-    """rad/s; takes the place of angle and rate weights by the rule of `control.lqr.weights_for`."""
+    """rad/s; replaces angle and rate weights by the rule of `control.lqr.weights_for`."""
     damping: Annotated[float, msgspec.Meta(ge=0.7072, le=2)] = 0.8
-    """Of that rule."""
+    """Damping ratio for that rule."""
     design: str = "continuous"
     """"continuous": the paper's; "sampled": in discrete time, with the rotors' lag in the plant."""
     feedforward: bool = True
-    """Rates and angular acceleration of the reference, from its jerk and snap."""
+    """Feed forward the reference's rates and angular acceleration, from its jerk and snap."""
 
     def __post_init__(self) -> None:
         _one_of("design", self.design, "continuous", "sampled")
 
 
 class Prediction(Table, frozen=True):
-    """Of the state, from the measurement to when the command takes effect."""
+    """Prediction of the state from its measurement to the time when the command takes effect."""
 
     enabled: bool = True
     command_delay: NotNegative = 0.0
-    """s from sending a command to its effect, beyond the half of a period that it is held."""
+    """s from sending a command to its effect, in addition to half of the period for which it is held."""
     longest: Positive = 0.15
-    """s; telemetry that is older is taken to be so old."""
+    """s; older telemetry is treated as being of this age."""
 
 
 class Estimation(Table, frozen=True):
-    """Of what the model lacks, from the velocity (`control.disturbance_observer`); walks are per square root of a
-    second."""
+    """Disturbance observer (`control.disturbance_observer`): estimates of what the model lacks, from the velocity.
+    Walks are standard deviations of random walks, per square root of a second."""
 
     thrust_scale: bool = True
-    """The hover thrust: mass, battery, propellers."""
+    """Estimate the scale of the thrust, which changes with mass, battery and propellers."""
     drag_scale: bool = True
+    """Estimate the scale of the drag."""
     disturbance: bool = True
+    """Estimate a disturbing acceleration."""
     velocity_noise: Positive = 0.02
-    """m/s"""
+    """m/s; standard deviation of a measured velocity."""
     acceleration_noise: Positive = 0.1
-    """m/s2"""
+    """m/s2; walk of the velocity."""
     thrust_scale_walk: NotNegative = 0.05
+    """Walk of the thrust's scale."""
     drag_scale_walk: NotNegative = 0.1
+    """Walk of the drag's scale."""
     disturbance_walk: NotNegative = 1.0
-    """m/s2"""
+    """m/s2; walk of the disturbance."""
 
 
 class GeometricControl(Table, frozen=True):
-    """Gains by mass of `law = "se3"` (1/s2, 1/s); north, east, down."""
+    """Gains of `law = "se3"`, divided by the mass; north, east, down."""
 
     position_gain: Vector = (7.25, 7.25, 7.25)
+    """1/s2"""
     velocity_gain: Vector = (5.0, 5.0, 5.0)
+    """1/s"""
 
 
 class SlidingModeControl(Table, frozen=True):
-    """Of `law = "sliding_mode"`."""
+    """Gains of `law = "sliding_mode"`; north, east, down."""
 
     slope: Vector = (2.5, 2.5, 2.5)
-    """1/s"""
+    """1/s; of the sliding surface."""
     gain: Vector = (4.0, 4.0, 4.0)
-    """m/s2"""
+    """m/s2; acceleration of the reaching law."""
     boundary: Positive = 1.0
-    """m/s"""
+    """m/s; boundary layer around the sliding surface."""
 
 
 class PidControl(Table, frozen=True):
-    """Of `law = "pid"` (1/s2, 1/s3, 1/s)."""
+    """Gains of `law = "pid"`; north, east, down."""
 
     proportional: Vector = (7.25, 7.25, 7.25)
+    """1/s2"""
     integral: NonNegativeVector = (2.0, 2.0, 2.0)
+    """1/s3"""
     derivative: Vector = (5.0, 5.0, 5.0)
+    """1/s"""
 
 
 class Limits(Table, frozen=True):
-    """What may be asked of the vehicle; thrust as fractions of the whole."""
+    """Limits of the commands to the vehicle."""
 
     tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=85)] = 45.0
     lowest_thrust: Fraction = 0.1
+    """Fraction of the full thrust."""
     highest_thrust: Fraction = 0.9
+    """Fraction of the full thrust."""
     roll_pitch_rate_deg: Positive = 220.0
     yaw_rate_deg: Positive = 90.0
 
@@ -142,19 +161,26 @@ class Limits(Table, frozen=True):
 
 
 class Trajectory(Table, frozen=True):
-    """Limits of the references (m, s)."""
+    """Limits of the reference, and when a waypoint counts as reached."""
 
     acceleration: Positive = 3.0
+    """m/s2"""
     jerk: Positive = 15.0
+    """m/s3"""
     climb_speed: Positive = 1.5
+    """m/s"""
     descent_speed: Positive = 1.0
+    """m/s"""
     yaw_rate_deg: Positive = 60.0
+    """deg/s"""
     yaw_acceleration_deg: Positive = 180.0
+    """deg/s2"""
     acceptance_radius: Positive = 1.5
-    """A waypoint that is passed through counts as reached within this distance."""
+    """m; a waypoint that is passed through is reached within this distance."""
     settled_distance: Positive = 0.1
+    """m; a waypoint that is stopped at is reached within this distance and below `settled_speed`."""
     settled_speed: Positive = 0.2
-    """A waypoint that is stopped at, within this distance and below this speed."""
+    """m/s"""
 
 
 class AvoidanceMap(Table, frozen=True):

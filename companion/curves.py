@@ -1,4 +1,4 @@
-"""Curves that a mission asks for: shapes, as a file's `[trajectory]` table, and routes flown as one smooth curve."""
+"""Curves of a mission: shapes, from a file's `[trajectory]` table, and routes flown as one smooth curve."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -12,38 +12,39 @@ Offset = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 
 
 class Shape(Table, frozen=True):
-    """A shape that starts over the place of take-off, or at `north`, `east`, `height` seen from there.
+    """A shape that starts over the place of take-off, or at `north`, `east`, `height` relative to it.
 
-    circle, helix: northward and clockwise from above, the centre `radius` east of the start; the helix climbs `pitch`
-    a lap.
-    ellipse: as the circle, `radius` along north, `minor_radius` along east.
-    lemniscate (of Gerono): north-eastward, an eight around the start, `radius` to north and south, half of that to the
-    sides.
-    square: northward, then east, south and west; edges of twice the `radius` at constant speed, and the velocity jumps
-    at the corners.
+    circle, helix: northward and clockwise from above, with the centre `radius` east of the start; the helix climbs
+    `pitch` each lap.
+    ellipse: as the circle, with `radius` along north and `minor_radius` along east.
+    lemniscate (of Gerono): north-eastward, an eight around the start, `radius` to north and south, half of that to east
+    and west.
+    square: northward, then east, south and west, along edges of twice the `radius` at constant speed; the velocity
+    jumps at the corners.
     """
 
     shape: Literal["circle", "helix", "lemniscate", "ellipse", "square"]
     speed: Positive
-    """Peak (m/s). The angle turns at a constant rate, so that ellipse and lemniscate are slower elsewhere."""
+    """Peak speed (m/s). The angle turns at a constant rate, so ellipse and lemniscate are slower elsewhere."""
     radius: Positive | None = None
+    """m."""
     acceleration: Positive | None = None
-    """In place of `radius`: the peak (m/s2), for a radius of speed^2 / acceleration; circle and ellipse."""
+    """Peak acceleration (m/s2) of circle or ellipse, in place of `radius`, which is then speed^2 / acceleration."""
     minor_radius: Positive | None = None
-    """Of the ellipse; left out: half the radius."""
+    """m, of the ellipse; not set: half the radius."""
     pitch: NotNegative | None = None
-    """Of the helix (m a lap); left out: 1."""
+    """m that the helix climbs each lap; not set: 1."""
     laps: Positive = 1.0
     ramp_s: NotNegative = 3.0
-    """From rest to speed, and from speed to rest at the end; 0: at once, a step of the reference's velocity.
+    """Time (s) from rest to speed, and from speed to rest at the end; 0: a step of the reference's velocity.
 
-    A way too short for both is flown more slowly."""
+    A curve too short for both ramps is flown more slowly."""
     heading: Literal["fixed", "along"] = "fixed"
-    """"fixed": as it was at take-off; "along": into the direction of motion."""
+    """"fixed": as at take-off; "along": the direction of motion."""
     north: Offset = 0.0
     east: Offset = 0.0
     height: Positive | None = None
-    """Of the start (m), seen from the take-off place; left out: above it at the mission's `takeoff_height`."""
+    """Height (m) of the start above the take-off place; not set: the mission's `takeoff_height`."""
 
     def __post_init__(self) -> None:
         if (self.radius is None) == (self.acceleration is None):
@@ -58,7 +59,7 @@ class Shape(Table, frozen=True):
 
     @property
     def size(self) -> float:
-        """The radius (m), however it was given."""
+        """The radius (m), given as `radius` or by `acceleration`."""
         if self.radius is not None:
             return self.radius
         assert self.acceleration is not None
@@ -67,12 +68,12 @@ class Shape(Table, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Points that are flown through as one curve from rest to rest."""
+    """Points that are passed on one smooth curve from rest to rest."""
 
     points_ned: Array
-    """(n, 3) m from the first, which is 0, 0, 0."""
+    """(n, 3) m, relative to the first, which is 0, 0, 0."""
     speed: float
-    """Peak (m/s)."""
+    """Peak speed (m/s)."""
 
 
 Curve = Shape | Route

@@ -93,17 +93,17 @@ class Guidance:
 
     def hold_at(self, state: VehicleState) -> None:
         """The reference stands where the vehicle is now, with its heading."""
-        self._generator.place(state.position_ned, yaw_of(state.attitude_ned_frd))
+        self._generator.hold_at(state.position_ned, yaw_of(state.attitude_ned_frd))
 
     def halt(self, now_ns: int) -> None:
         """Brake to a standstill; a track is taken up later where it was left."""
         self._leave_course(now_ns)
-        self._rest_of_track = self._generator.remaining(now_ns) or self._rest_of_track
-        self._generator.stop(now_ns)
+        self._rest_of_track = self._generator.remaining_track(now_ns) or self._rest_of_track
+        self._generator.brake(now_ns)
 
     def brake_from(self, state: VehicleState, now_ns: int) -> None:
         """Brake from the vehicle's own motion: others flew it."""
-        self._generator.carry_on(now_ns, state.position_ned, state.velocity_ned, np.zeros(3))
+        self._generator.brake_from(now_ns, state.position_ned, state.velocity_ned, np.zeros(3))
 
     def reference(self, time_ns: int) -> Reference:
         """The generator's; on a course only its altitude and heading."""
@@ -120,7 +120,7 @@ class Guidance:
         following, over_map = generator.following, False
         if self._jumps and step.phase is not Phase.TAKEOFF:
             assert step.target_ned is not None
-            generator.place(step.target_ned)
+            generator.hold_at(step.target_ned)
         elif not following:
             if self.over_map and step.avoids and not self._arrives(step, state):
                 over_map = self._steer_over_map(leg, state, now_ns)
@@ -130,7 +130,7 @@ class Guidance:
         track = None if following else self._track_to_join(leg)
         return MotionReport(
             following,
-            (following or track is not None) and generator.rests(now_ns),
+            (following or track is not None) and generator.at_rest(now_ns),
             None if track is None else track.start_ned,
             over_map,
         )
@@ -142,7 +142,7 @@ class Guidance:
             assert track is not None
             self._generator.follow(now_ns, track)
         elif arrival is Arrival.DONE and self._generator.following:
-            self._generator.leave(now_ns)
+            self._generator.end_track(now_ns)
 
     def _track_to_join(self, leg: Leg) -> Track | None:
         """The step's, from its beginning or, after a hold, from where it was left."""
@@ -151,7 +151,7 @@ class Guidance:
         if track is None or self._rest_of_track is not None:
             return self._rest_of_track
         assert step.target_ned is not None
-        return track.moved(step.target_ned)
+        return track.shifted(step.target_ned)
 
     def _move_straight(self, leg: Leg, state: VehicleState, now_ns: int) -> None:
         """By the generator, to the leg's target, to the start of its track or where the method says."""
@@ -162,14 +162,14 @@ class Guidance:
         if track is not None:
             target = track.start_ned
             if track.start_yaw is not None:
-                generator.turn(now_ns, track.start_yaw)
+                generator.turn_to(now_ns, track.start_yaw)
         if step.avoids and not self.over_map:
             target, speed = self.decision.target_ned, self.decision.speed_limit
             way = target - state.position_ned
             if math.hypot(way[0], way[1]) > _TURN_M:
-                generator.turn(now_ns, math.atan2(way[1], way[0]))
+                generator.turn_to(now_ns, math.atan2(way[1], way[0]))
         climbs = target[2] < state.position_ned[2]
-        generator.go(now_ns, target, speed, settings.climb_speed if climbs else settings.descent_speed)
+        generator.move_to(now_ns, target, speed, settings.climb_speed if climbs else settings.descent_speed)
 
     def _arrives(self, step: Step, state: VehicleState) -> bool:
         """So near to a goal that is stopped at that no way over the map is needed."""
@@ -212,11 +212,11 @@ class Guidance:
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)
         if speed > _TURN_SPEED:
-            generator.turn(now_ns, math.atan2(wish.velocity[1], wish.velocity[0]))
+            generator.turn_to(now_ns, math.atan2(wish.velocity[1], wish.velocity[0]))
         down = float(goal[2])
         climbs, trajectory = down < generator.at(now_ns).position_ned[2], self._settings.trajectory
         vertical_speed = trajectory.climb_speed if climbs else trajectory.descent_speed
-        generator.go(now_ns, np.array((*self._course_start_ned, down)), self._mission.speed, vertical_speed)
+        generator.move_to(now_ns, np.array((*self._course_start_ned, down)), self._mission.speed, vertical_speed)
         target = np.array((*wish.places[0].tolist(), down))
         self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
         return wanted
@@ -229,7 +229,7 @@ class Guidance:
         self._course.stop()
         self.free_distance = math.inf
         braking = self._settings.avoidance.guard.braking
-        self._generator.carry_on(now_ns, motion.position_ned, motion.velocity_ned, motion.acceleration_ned, braking)
+        self._generator.brake_from(now_ns, motion.position_ned, motion.velocity_ned, motion.acceleration_ned, braking)
 
     def take_up(self, result: PlanResult, leg: Leg, now_ns: int) -> None:
         """What the map shows free counts for the guard from now on, and the planner's way is flown along."""
@@ -283,7 +283,7 @@ class Guidance:
             return
         place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
         pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])
-        self._generator.carry_on(now_ns, place, np.array([*velocity[:2], moves]), pushed)
+        self._generator.brake_from(now_ns, place, np.array([*velocity[:2], moves]), pushed)
 
 
 def _target_of(leg: Leg) -> Array:

@@ -1,11 +1,12 @@
-"""The companion's trace: what it thought at each control step, and what of it goes into the log.
+"""The trace: state, reference and commands of each control step, and the choice of what goes into the log.
 
-A replay makes the trace of every step again, to the bit; the log keeps as much of it as is worth looking at.
+A replay computes the trace of every step again, bit for bit, so the log holds a thinned selection of it.
 """
 
 import math
 import struct
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,44 +22,55 @@ Floats = NDArray[np.float32]
 
 _HEAD = struct.Struct("<BBH??B")
 _STATE_BYTES = 4
+"""State, phase and step: the first bytes of a record."""
 _TAIL = struct.Struct("<7d")
-_WORST_OF_TAIL = 5
-"""Its last so many values."""
+_WORST_IN_TAIL = 5
+"""How many values at the tail's end are logged with the worst of several steps."""
 _STEP = TRACE.dtype
-_OWN = sum(size for _, size in WORST)
+_WORST_SIZE = sum(size for _, size in WORST)
 
 
-def pack(
-    state: State,
-    phase: Phase,
-    step: int,
-    vehicle: VehicleState,
-    reference: Reference,
-    control: Array,
-    limited: bool,
-    decision: AvoidanceDecision,
-    free: float,
-    verdict: Verdict | None,
-) -> bytes:
-    """The payload of one TRACE record; `control` is what the controller returned, `free` the way (m) seen free, and
-    `verdict` the guard's, None where it was not asked."""
+class ControlStep(msgspec.Struct, frozen=True, gc=False):
+    """What one control step started from and led to."""
+
+    state: State
+    phase: Phase
+    step: int
+    """Of the mission."""
+    vehicle: VehicleState
+    reference: Reference
+    control: Array
+    """(controller.SIZE,) CONTROL_FIELDS, from `Controller.attitude_command`."""
+    limited: bool
+    """A limit on thrust or tilt was reached."""
+    decision: AvoidanceDecision
+    free_distance: float
+    """m of the way seen free; inf if no way over the map is flown."""
+    verdict: Verdict | None
+    """The guard's; None where it was not asked."""
+
+
+def pack(step: ControlStep) -> bytes:
+    """The payload of one TRACE record."""
+    vehicle, decision, verdict = step.vehicle, step.decision, step.verdict
     reason, change = (Reason.NONE, 0.0) if verdict is None else (verdict.reason, verdict.changed)
+    rows = step.reference.rows
     return b"".join(
         (
-            _HEAD.pack(state, phase, step, decision.blocked, limited, reason),
+            _HEAD.pack(step.state, step.phase, step.step, decision.blocked, step.limited, reason),
             vehicle.position_ned.tobytes(),
             vehicle.velocity_ned.tobytes(),
             vehicle.attitude_ned_frd.tobytes(),
             vehicle.rates_frd.tobytes(),
-            reference.rows[:3].tobytes(),
+            rows[:3].tobytes(),
             decision.target_ned.tobytes(),
-            control.tobytes(),
+            step.control.tobytes(),
             _TAIL.pack(
-                *reference.rows[5, :2].tolist(),
+                *rows[5, :2].tolist(),
                 vehicle.position_age_ns * 1e-9,
                 decision.speed_limit,
                 decision.clearance,
-                free,
+                step.free_distance,
                 change,
             ),
         )
@@ -66,20 +78,20 @@ def pack(
 
 
 class Thinning:
-    """Chooses the records of the log: `rate` (Hz) of them, and the steps before and after a change of state, phase or
-    step of the mission, so that no stretch is longer or shorter than it was."""
+    """Chooses the records of the log: `rate` (Hz) of them, and the control steps before and after a change of state,
+    phase or step of the mission, so that each phase has its true length in the log."""
 
     def __init__(self, rate: float) -> None:
         self._period_ns = round(1e9 / rate)
         self._due_ns = 0
         self._state = b""
         self._steps: list[bytes] = []
-        """Those since the last record."""
+        """TRACE records since the last LOGGED one."""
         self._time_ns = 0
-        """Of the last of them."""
+        """Time of the last of them."""
 
     def step(self, time_ns: int, trace: bytes) -> list[tuple[int, bytes]]:
-        """Take a TRACE record in; the LOGGED ones that are due, with their times."""
+        """Take a TRACE record in; return the LOGGED records that are due, with their times."""
         records = []
         if trace[:_STATE_BYTES] != self._state:
             records = self.rest()
@@ -94,7 +106,7 @@ class Thinning:
         return records
 
     def rest(self) -> list[tuple[int, bytes]]:
-        """What came since the last record, as one more; none if nothing did."""
+        """The LOGGED record of the steps since the last one; none if there were no steps."""
         if not self._steps:
             return []
         record = _logged(self._steps)
@@ -103,17 +115,19 @@ class Thinning:
 
 
 def _logged(steps: list[bytes]) -> bytes:
+    """The LOGGED record of some TRACE records: the last of them, with the worst of all."""
     last = steps[-1]
     floats = np.frombuffer(last, "<f8", offset=_HEAD.size).astype("<f4")
-    own = np.zeros(_OWN, "<f4")
-    blocked, limited, reason = _worst(np.frombuffer(b"".join(steps), _STEP), floats[-_WORST_OF_TAIL:], own)
+    worst = np.zeros(_WORST_SIZE, "<f4")
+    blocked, limited, reason = _worst(np.frombuffer(b"".join(steps), _STEP), floats[-_WORST_IN_TAIL:], worst)
     flags = struct.pack("<??B", blocked, limited, reason)
-    return b"".join((last[:_STATE_BYTES], flags, floats.tobytes(), own.tobytes()))
+    return b"".join((last[:_STATE_BYTES], flags, floats.tobytes(), worst.tobytes()))
 
 
 @compiled
-def _worst(steps: NDArray[np.void], tail: Floats, own: Floats) -> tuple[bool, bool, int]:
-    """Fill in `tail`, whose values are those of the last step, and `own`, _WORST's, with the worst of the steps."""
+def _worst(steps: NDArray[np.void], tail: Floats, worst: Floats) -> tuple[bool, bool, int]:
+    """Write the worst of the steps (n,) of TRACE into `tail` (_WORST_IN_TAIL,), which holds the last step's values, and
+    into `worst` (_WORST_SIZE,), the fields WORST. Returns `blocked`, `limited` and `guard_reason`."""
     blocked, limited, reason, error = False, False, 0, 0.0
     age, speed, clearance, free, change = 0.0, math.inf, math.inf, math.inf, 0.0
     roll, pitch, yaw, thrust = 0.0, 0.0, 0.0, 0.0
@@ -134,5 +148,5 @@ def _worst(steps: NDArray[np.void], tail: Floats, own: Floats) -> tuple[bool, bo
         speed, free = min(speed, step.speed_limit), min(free, step.free_distance)
         clearance = min(clearance, step.clearance)
     tail[0], tail[1], tail[2], tail[3], tail[4] = age, speed, clearance, free, change
-    own[0], own[1], own[2], own[3], own[4] = math.sqrt(error), roll, pitch, yaw, thrust
+    worst[0], worst[1], worst[2], worst[3], worst[4] = math.sqrt(error), roll, pitch, yaw, thrust
     return blocked, limited, reason

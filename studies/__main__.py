@@ -74,7 +74,7 @@ def _studies(page: Page) -> list[Study]:
 
 
 def _check_choice(choice: Choice) -> None:
-    """Raises DataFileError for what the companion would refuse, before anything is flown."""
+    """Raises TomlFileError for what the companion would refuse, before anything is flown."""
     from companion.config import load_settings
 
     for method in choice.methods:
@@ -114,7 +114,7 @@ def worlds(
 
 
 def _run(chosen: dict[str, tuple[Study, Page]], choice: Choice) -> bool:
-    """Whether all checks were met."""
+    """Run studies and write their sections; whether all checks were met."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -138,7 +138,7 @@ def _run(chosen: dict[str, tuple[Study, Page]], choice: Choice) -> bool:
 
 
 def main() -> None:
-    """`worlds` is a command of its own beside the names of studies, which need none."""
+    """`worlds` is a command of its own; the names of studies are arguments without a command."""
     if sys.argv[1:2] == ["worlds"]:
         places(sys.argv[2:], prog_name="python -m studies worlds")
     app(prog_name="python -m studies")

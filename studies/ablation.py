@@ -1,4 +1,4 @@
-"""Each part of the default controller switched off alone, and the other laws in its place."""
+"""The default controller with each part switched off alone, and with other position laws."""
 
 from companion.curves import Shape
 from companion.state import Output
@@ -19,10 +19,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "3 N": ((), ("disturbance.force_ned=[0.0, 3.0, 0.0]",)),
     "wind 6 m/s, gusts": ((), ("wind.mean_ned=[6.0, 0.0, 0.0]", "wind.turbulence_m_s=6.0")),
 }
-"""Overrides of the simulated vehicle and of the world, which the companion does not know."""
+"""Overrides of the simulated vehicle and of the world; the companion does not know them."""
 
 _ANYWHERE = ("trajectory.settled_distance=3.0", "trajectory.settled_speed=3.0")
-"""Laws that stand beside their target would wait for ever to arrive at the shape's start."""
+"""Laws with a steady error would never count as arrived at the shape's start."""
 _NO_ESTIMATE = tuple(f"control.estimation.{part}=false" for part in ("disturbance", "thrust_scale", "drag_scale"))
 _NO_ADAPTATION = "control.position.adaptation=[0.0, 0.0, 0.0]"
 

@@ -17,7 +17,8 @@ PUBLISHED_M = {
 }
 """RMSE (m) of RotorPy's SE3 controller, and of the same gains with drag and jerk fed forward, on RotorPy's vehicle."""
 DELAYED_M = {4.0: 0.089, 8.0: 0.173}
-"""The latter's on the circle with 30 ms of motor lag and 25 ms of delay."""
+"""RMSE (m) of the same gains with drag and jerk fed forward, on the circle with 30 ms of motor lag and 25 ms of
+delay."""
 FLOORS_M = {(4.0, 0.0): 0.025, (8.0, 0.0): 0.05, (4.0, 0.025): 0.06, (8.0, 0.025): 0.12}
 RADII_M = {4.0: 3.0, 8.0: 6.0}
 
@@ -34,7 +35,7 @@ def flights() -> list[tuple[str, float, float, Output]]:
 
 
 def plan(shape: str, speed: float, delay: float, output: Output) -> Flight:
-    """Three laps; the ramp from rest is part of it."""
+    """Three laps, including the ramp from rest."""
     delayed = (f"telemetry.delay_s={delay}",) if delay else ()
     return Flight(
         Shape(shape, speed, radius=RADII_M[speed], laps=3.0),  # type: ignore[arg-type]

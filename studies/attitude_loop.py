@@ -30,9 +30,9 @@ WEIGHTS = (1.0, 5.0, 10.0)
 ONE = (1.0, 1.0, 1.0)
 SECONDS = 10.0
 SHOWN = 6.0
-"""s of the picture."""
+"""Time span (s) of the picture."""
 SMALL, WHOLE = 0.05, 1.0
-"""rad: a step within what the rotors can give, and the paper's."""
+"""rad: a step within the rotors' torque, and the paper's step."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def flown(airframe: Airframe, axis: int, weight: float, step: float) -> tuple[Ar
 
 
 def figures(time: Array, angle: Array, final: float) -> Figures:
-    """Of a step of 1 rad that comes to `final` (rad)."""
+    """Figures of the response (n,) to a step of 1 rad that settles at `final` (rad)."""
     import control
 
     info = control.step_info(angle, time, final_output=final)

@@ -1,7 +1,8 @@
-"""Many flights: a set-up, a method, a speed and a seed are one flight in memory and one row of a table.
+"""Campaigns of many flights: each flight of a set-up, a method, a speed and a seed is flown in memory and is one row of
+a table.
 
 A flight is a success if the vehicle came within `GOAL_M` of the goal, in time, and touched nothing until it stood
-there. Its time runs from the first step of the route until it is so near; the companion knows nothing but the
+there. Its time runs from the first step of the route until it is within `GOAL_M`. The companion knows only the
 waypoints.
 """
 
@@ -52,13 +53,13 @@ class Setup:
     """A function of a module, or a partial of one: it goes to other processes."""
     speeds: tuple[float, ...]
     limit_s: float = 60.0
-    """Of simulated time on the route."""
+    """s of simulated time on the route."""
     seeds: int = 100
-    """As many as its floor is meant for."""
+    """Number of seeds that its floor is meant for."""
     has_way: bool = False
-    """Whether the shortest way is looked for: nothing moves there."""
+    """Whether the shortest way is computed: nothing moves there."""
     overrides: tuple[str, ...] = ()
-    """Of the companion's settings."""
+    """Overrides of the companion's settings."""
     vehicle_overrides: tuple[str, ...] = ()
 
 
@@ -69,13 +70,13 @@ class Job:
     speed: float
     seed: int
     folder: Path
-    """Where worlds and failures are kept."""
+    """Folder for worlds and failures."""
     overrides: tuple[str, ...] = ()
-    """Over those of the set-up."""
+    """Overrides in addition to those of the set-up."""
 
     @property
     def case(self) -> str:
-        """All that flights of one row of the report have in common."""
+        """Name of the flights that share a row of the report."""
         return f"{self.setup.name}_{self.method}_{self.speed:.3g}"
 
     @property
@@ -85,7 +86,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One flight. Times in s, lengths in m; what can't be known of a flight that did not get so far is None."""
+    """One flight. Times in s, lengths in m; values that a flight did not get to are None."""
 
     setup: str
     method: str
@@ -95,43 +96,44 @@ class Row:
     outcome: str
     """"reached", "contact", "gave up" (landed or went back), "out of time", or what went wrong."""
     met: str | None
-    """What was touched."""
+    """Name of the obstacle that was touched."""
     avoidable: bool | None
-    """Whether the contact could have been avoided (studies.escape); None without one with what moves or appears."""
+    """Whether the contact could have been avoided (studies.escape); None without a contact with an obstacle that moves
+    or appears."""
     contact_speed: float | None
     route_s: float
-    """On the route, to within GOAL_M of the goal or to the end."""
+    """Time on the route, to within GOAL_M of the goal or to the end."""
     path_m: float
     straight_m: float
     shortest_m: float | None
-    """Of the hull with the map in hand; None where it was not asked for."""
+    """Shortest way of the hull with the map known; None where it was not computed."""
     path_speed: float
     """path_m / route_s"""
     goal_speed: float
     """Mean speed towards the goal: straight_m / route_s; 0 if it was not reached."""
     top_speed: float
     least_clearance: float | None
-    """True, hull to obstacle, on the whole flight."""
+    """Least true distance from hull to obstacle on the whole flight."""
     blocked_share: float | None
-    """Of the control steps on the route."""
+    """Share of the control steps on the route at which the way was blocked."""
     guarded_share: float | None
-    """Of the control steps on the route at which the guard changed the command; None if there were none."""
+    """Share of the control steps on the route at which the guard changed the command; None without any steps."""
     simulated_s: float
     wall_s: float
     log: str | None
-    """Of a failure."""
+    """Log of a failure."""
     map_us: float | None = None
-    """Wall time, the median of the flight's rings: tracks and map; None where there is no map."""
+    """Wall time of tracks and map, median of the flight's scans; None where there is no map."""
     way_us: float | None = None
-    """The way over the map, by the method."""
+    """Wall time of the method's way over the map."""
     space_us: float | None = None
-    """What the guard needs of the map."""
+    """Wall time of the free space for the guard."""
     step_us: float | None = None
-    """Wall time, the median of the flight's control steps: message in, guard and all, message out."""
+    """Wall time of a control step from message to message, guard included; median of the flight."""
 
     @property
     def way_over_shortest(self) -> float:
-        """The way with what was left of it, over the shortest, or the straight one where that was not asked for."""
+        """The flown way and its rest over the shortest way, or over the straight one where that was not computed."""
         return (self.path_m + GOAL_M) / (self.shortest_m or self.straight_m)
 
     @property
@@ -145,7 +147,7 @@ class Interval(NamedTuple):
 
 
 def wilson(successes: int, total: int, z: float = 1.959964) -> Interval:
-    """Wilson's score interval of a share (95 % by default); (0, 1) of nothing."""
+    """Wilson's score interval of a share (95 % by default); (0, 1) for no trials."""
     if total == 0:
         return Interval(0.0, 1.0)
     share = successes / total
@@ -159,7 +161,7 @@ def wilson(successes: int, total: int, z: float = 1.959964) -> Interval:
 
 
 def fly(job: Job) -> Row:
-    """One flight; a failure's log, world and picture are left in the job's folder."""
+    """Fly one flight; log, world and picture of a failure are written to the job's folder."""
     began = time.perf_counter()
     site = job.setup.site(job.seed)
     _, mission_file = site.save(job.folder / "worlds", job.speed)
@@ -176,7 +178,7 @@ def fly(job: Job) -> Row:
 
 
 class _Stages:
-    """Wall times (ns) of what the companion of a flight does."""
+    """Wall times (ns) of the companion's stages during a flight."""
 
     def __init__(self, joined: Joined) -> None:
         outlook = joined.planner.outlook
@@ -187,7 +189,7 @@ class _Stages:
         self._steps = [_timed(joined.autopilot, "handle", lambda reaction: reaction.trace is not None)]
 
     def medians(self) -> dict[str, Any]:
-        """As a Row has them."""
+        """The medians (us) as fields of a Row."""
         parts = {"map_us": self._map, "way_us": self._way, "space_us": self._space, "step_us": self._steps}
         return {
             name: sum(1e-3 * float(np.median(times)) for times in stage if times) if any(stage) else None
@@ -196,7 +198,7 @@ class _Stages:
 
 
 def _timed(owner: object, name: str, counts: Callable[[Any], bool] = lambda result: True) -> list[int]:
-    """Where the wall time (ns) of each call of a method goes from now on, if its result counts."""
+    """A list to which the wall time (ns) of each call of a method is added from now on, if its result counts."""
     method = getattr(owner, name)
     times: list[int] = []
 
@@ -212,7 +214,7 @@ def _timed(owner: object, name: str, counts: Callable[[Any], bool] = lambda resu
 
 
 class _Watch:
-    """Looks at each tick of a flight."""
+    """Watches a flight tick by tick."""
 
     def __init__(self, job: Job, site: Site) -> None:
         self._job = job
@@ -235,7 +237,7 @@ class _Watch:
         return vehicle.finished or late or phase not in _ON_ROUTE
 
     def _heads_for_goal(self, joined: Joined) -> bool:
-        """On the last leg: a way over many waypoints may pass near the goal before."""
+        """The vehicle is on the last leg: a way over many waypoints may pass near the goal earlier."""
         return joined.autopilot.navigator.step_index >= len(self._site.waypoints)
 
     def row(self, joined: Joined) -> Row:
@@ -299,7 +301,7 @@ class _Watch:
 
 
 def _share(trace: "np.ndarray[tuple[int], np.dtype[np.void]]", field: str) -> float | None:
-    """Of the control steps at which `field` is not 0; None of no steps."""
+    """Share of the control steps at which `field` is not 0; None without any steps."""
     return float((trace[field] != 0).mean()) if len(trace) else None
 
 
@@ -307,7 +309,7 @@ def _share(trace: "np.ndarray[tuple[int], np.dtype[np.void]]", field: str) -> fl
 
 
 class _Vehicle:
-    """The transport of a companion whose vehicle lives in the same thread: what is received is the next tick."""
+    """The transport of a companion whose vehicle runs in the same thread: receiving advances it by a tick."""
 
     preserves_datagrams = True
     peer = "memory:vehicle"
@@ -328,18 +330,18 @@ class _Vehicle:
         self._vehicle.receive(data)
 
     def lock(self) -> None:
-        """It has one peer."""
+        """There is only one peer."""
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Nothing to release."""
 
 
 def record(
     mission_file: Path, mission: Mission, overrides: Sequence[str], vehicle_overrides: Sequence[str], seed: int,
     logs: Path, end_ns: int = 2**62,
 ) -> Path:  # fmt: skip
-    """Fly a mission in memory by the companion's own loop, with its log in a new folder of `logs`; the log. The same
-    flight as `Joined` with the same seed, to the byte."""
+    """Fly a mission in memory by the companion's own loop, and return its log, which is in a new folder of `logs`. The
+    flight is the same as that of `Joined` with the same seed, to the byte."""
     files = {
         "mission": mission_file,
         "vehicle": toml_files.find("vehicles", mission.vehicle),
@@ -356,7 +358,7 @@ def record(
 
 
 def keep(job: Job, site: Site, mission_file: Path, joined: Joined) -> Path:
-    """Fly it once more with a log, up to the same moment; the log's folder, with a picture beside the log."""
+    """Repeat the flight with a log, up to the same moment; return the log's folder, with a picture beside the log."""
     from studies import style
 
     mission = joined.mission
@@ -371,7 +373,7 @@ def keep(job: Job, site: Site, mission_file: Path, joined: Joined) -> Path:
 
 
 def command(job: Job, site: Site) -> list[str]:
-    """The same flight in two processes."""
+    """The command for the same flight in two processes."""
     changes = (*job.settings, *(f"vehicle.{each}" for each in job.setup.vehicle_overrides))
     return ["companion", "demo", f"{site.name}_mission.toml", "--seed", str(job.seed),
             *(f"--set '{each}'" for each in changes)]  # fmt: skip
@@ -394,7 +396,7 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
     north, east = path[-1, :2]
     near.add_patch(Circle((east, north), HULL, facecolor="none", ec=style.PALETTE[1], lw=1.4))
     seen = _seen(joined)
-    near.plot(seen[:, 1], seen[:, 0], ".", color=style.PALETTE[1], ms=3, label="last ring")
+    near.plot(seen[:, 1], seen[:, 0], ".", color=style.PALETTE[1], ms=3, label="last scan")
     _draw_map(near, joined)
     near.set(xlim=(east - 4.0, east + 4.0), ylim=(north - 4.0, north + 4.0))
     near.legend(loc="lower right")
@@ -405,7 +407,7 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
 
 
 def _draw_map(axes: Any, joined: Joined) -> None:
-    """What the companion had mapped in the end, grey as far as it was seen free."""
+    """Draw the companion's map at the end; grey is free."""
     view = joined.planner.outlook.surroundings.view
     if view is None:
         return
@@ -421,7 +423,7 @@ def _draw_map(axes: Any, joined: Joined) -> None:
 
 
 def _seen(joined: Joined) -> Array:
-    """(n, 2) north, east of a ring's returns at the end, without noise."""
+    """(n, 2) north, east (m) of a scan's returns at the end, without noise."""
     vehicle, azimuths = joined.vehicle, beam_azimuths(1)
     cos, sin = np.cos(azimuths), np.sin(azimuths)
     ranges = sector_ranges(
@@ -443,7 +445,7 @@ def _seen(joined: Joined) -> Array:
 def jobs(
     setups: Iterable[Setup], methods: Sequence[str], seeds: int, folder: Path, overrides: Sequence[str] = ()
 ) -> list[Job]:
-    """Those of one case together; no more seeds of a set-up than it has."""
+    """All jobs, those of one case together, with at most as many seeds as a set-up has."""
     return [
         Job(setup, method, speed, seed, folder, tuple(overrides))
         for setup in setups
@@ -458,7 +460,7 @@ def run(
     track: Callable[[Iterable[Row], str], Iterator[Row]],
     on: Callable[..., Iterator[Row]] | None = None,
 ) -> list[Row]:
-    """Fly them on all cores; each case is written as CASE.parquet to its folder once it is through."""
+    """Fly the jobs on all cores; each case is written as CASE.parquet to its folder when it is complete."""
     fly_all = on or on_all_cores
     rows: list[Row] = []
     results = zip(todo, track(fly_all(fly, todo), f"{len(todo)} flights"), strict=True)
@@ -470,7 +472,7 @@ def run(
 
 
 def write(rows: Sequence[Row], path: Path) -> None:
-    """One row a flight, as Parquet; all files of a folder are one table to most readers."""
+    """Write one row for each flight, as Parquet; most readers take all files of a folder as one table."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -491,7 +493,7 @@ def _kind(annotation: Any) -> type:
 
 
 def read(folder: Path) -> list[Row]:
-    """All rows that a folder has, case by case."""
+    """All rows in a folder, case by case."""
     from pyarrow import parquet
 
     return [Row(**row) for path in sorted(folder.glob("*.parquet")) for row in parquet.read_table(path).to_pylist()]

@@ -1,4 +1,4 @@
-"""A campaign as a section of docs/avoidance.md: success with its interval, speed, clearance, way, and what failed."""
+"""A campaign as a section of docs/avoidance.md: success with its interval, speed, clearance, way, and failures."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from studies.report import Report
 HEADERS = ("set-up", "method", "commanded", "success (95 %)", "speed on the way", "to the goal", "least clearance",
            "its median", "way over shortest", "guarded (%)", "wall (s)")  # fmt: skip
 STAGES = {"map (us)": "map_us", "way (us)": "way_us", "guard's space (us)": "space_us", "control step (us)": "step_us"}
-_NOT_WORTH_A_LINE = 12
-"""Failures beyond so many are counted, not listed."""
+_LISTED_FAILURES = 12
+"""Failures beyond this number are counted, not listed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """What the default method is held to."""
+    """The least share of successes that is required of the default method."""
 
     setup: str
     success: float
@@ -53,14 +53,14 @@ class Case:
         return f"{self.successes} of {len(self.rows)} ({100.0 * low:.0f}-{100.0 * high:.0f} %)"
 
     def mean(self, value: Callable[[Row], float | None], *, reached: bool = True) -> float:
-        """Over the flights that reached the goal, or over all; NaN of none."""
+        """The mean over the flights that reached the goal, or over all; NaN without any."""
         values = [value(row) for row in self.rows if row.succeeded or not reached]
         known = [each for each in values if each is not None]
         return fmean(known) if known else float("nan")
 
 
 def fly_and_tell(report: Report, setups: Sequence[Setup], floors: Sequence[Floor]) -> list[Case]:
-    """Fly what was chosen, and tell of all flights of these set-ups that are kept: table, checks, failures."""
+    """Fly what was chosen, and report all stored flights of these set-ups: table, checks, failures."""
     cases = fly(report, setups)
     if not cases:
         report.text("Not flown yet.")
@@ -82,7 +82,7 @@ def fly_and_tell(report: Report, setups: Sequence[Setup], floors: Sequence[Floor
 
 
 def fly(report: Report, setups: Sequence[Setup]) -> list[Case]:
-    """The cases that are kept, those of the report's choice flown anew."""
+    """The stored cases, after those of the report's choice were flown again."""
     choice = report.choice
     folder = choice.logs / report.name
     todo = campaign.jobs(setups, choice.methods or METHODS, choice.seeds, folder, choice.overrides)
@@ -130,8 +130,8 @@ def _stages(report: Report, cases: Sequence[Case]) -> None:
                 for case in timed
             ],
             "Time a stage on the machine that flew, as many flights side by side as it has cores: medians of the "
-            "flights' medians. Map, way and the guard's space are looked at once a ring, outside of the loop that "
-            "flies; a control step is the loop's answer to an attitude, the guard's filter included.",
+            "flights' medians. Map, way and the guard's space are computed once a scan, outside of the control loop; "
+            "a control step is the loop's answer to an attitude, the guard's filter included.",
         )
 
 
@@ -169,7 +169,7 @@ def _successes(cases: Sequence[Case]) -> Any:
 
 
 def _failures(report: Report, cases: Sequence[Case]) -> None:
-    """What became of the flights that failed, and of the default method each by itself."""
+    """How the failed flights ended, and for the default method each of them."""
     failed = [(case, row) for case in cases for row in case.rows if not row.succeeded]
     if not failed:
         return
@@ -188,7 +188,7 @@ def _failures(report: Report, cases: Sequence[Case]) -> None:
             (f"{r.setup}, {r.speed:.3g} m/s, seed {r.seed}", r.outcome, r.met or "-",
              "-" if r.contact_speed is None else round(r.contact_speed, 2),
              "-" if r.avoidable is None else "yes" if r.avoidable else "no")
-            for r in own[:_NOT_WORTH_A_LINE]
+            for r in own[:_LISTED_FAILURES]
         ],
         f"Failures of the default method ({len(own)}); each has its log, for `companion replay`, and a picture under "
         f"`logs/avoidance/{report.name}/failed/`:",

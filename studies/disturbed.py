@@ -15,13 +15,14 @@ TITLE = "Gusts and the parcel"
 
 _ALONE = 'avoidance.method="none"'
 _ANYWHERE = ("trajectory.settled_distance=3.0", "trajectory.settled_speed=3.0")
-"""The bare laws stand beside the waypoint in wind, and would wait there for ever to arrive."""
+"""The bare laws have a steady error in wind, and would never count as arrived at the waypoint."""
 _SETTLING = 1250
 """Control steps, 5 s."""
 
 
 def hover(seed: int, overrides: tuple[str, ...] = ()) -> Array:
-    """(n, 3) error (m) over a minute 10 m up, in a wind of 6 m/s with Dryden turbulence of W20 = 6 m/s."""
+    """(n, 3) error (m, NED) during a minute of hover at 10 m, in a wind of 6 m/s with Dryden turbulence of W20 = 6
+    m/s."""
     mission = Mission("gusts", waypoints=[Waypoint(0.0, 0.0, 10.0, 65.0)], takeoff_height=10.0)
     wind = ("wind.mean_ned=[6.0, 0.0, 0.0]", "wind.turbulence_m_s=6.0")
     joined = Joined(mission, overrides=(_ALONE, *_ANYWHERE, *overrides), seed=seed, world_overrides=wind)

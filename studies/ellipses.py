@@ -1,4 +1,4 @@
-"""The ellipses of Sun et al. 2022 on their vehicle, nominal and with what the controller does not know."""
+"""The ellipses of Sun et al. 2022 on their vehicle, nominal and with changes that the controller does not know."""
 
 import math
 
@@ -20,7 +20,7 @@ VEHICLE = "sun_quad"
 SPEEDS = (5.0, 8.0, 11.0, 14.0, 17.0, 20.0)
 ACCELERATIONS = (10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 50.0, 60.0)
 SPARE = 0.05
-"""Of a rotor's thrust, that an ellipse must leave at both ends to count as feasible."""
+"""Share of a rotor's thrust that a feasible ellipse leaves unused at both ends of its range."""
 
 CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...], float, float]] = {
     "nominal": ((), (), 0.084, 0.084),
@@ -34,13 +34,15 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...], float, float]] = {
 
 
 def ellipse(speed: float, acceleration: float) -> Shape:
-    """Peak speed at the ends of the short axis, peak acceleration at those of the long one, which is twice as long."""
+    """An ellipse with its peak speed (m/s) at the ends of the short axis, and its peak acceleration (m/s2) at the ends
+    of the long one, which is twice as long."""
     lap_s = 2.0 * math.pi * speed / acceleration
     return Shape("ellipse", speed, acceleration=acceleration, laps=max(round(12.0 / lap_s), 2) + 0.0, ramp_s=6.0)
 
 
 def feasible(body: Body, speed: float, acceleration: float) -> bool:
-    """Every rotor stays within its thrust, less SPARE, on the ellipse at its full rate, by the model's flatness."""
+    """Whether every rotor stays within its thrust, less SPARE, on the ellipse at its full rate, by the model's
+    flatness."""
     path = shape_of(ellipse(speed, acceleration))
     rate = acceleration / speed
     most, inertia, drag = body.rotor_max_thrust_n, np.array(body.inertia_kgm2), np.array(body.drag_kg_s)

@@ -1,11 +1,11 @@
 """Whether a contact with something that moved or appeared could have been avoided.
 
-From each moment (every 0.1 s, at most 4 s before the contact) at which the obstacle was in sight, that is in the ring's
-range with nothing before it, the vehicle goes on as it did for the reaction time: a scan period, the scan's age when it
-is sent, and the lag of attitude and rotors. Then it may accelerate as hard as its tilt limit lets it, in any of 36
-directions and for up to 1.5 s, and brake as hard to a standstill; or brake at once. If the hull stays free of
-everything in one of these until a second after the contact, everything else moving as it did, the contact was
-avoidable. The look ahead is perfect: this asks what was possible, not what could be known.
+Escapes are tried from each moment (every 0.1 s, at most 4 s before the contact) at which the obstacle was in sight,
+that is within the LiDAR's range and not hidden. The vehicle continues its motion for the reaction time: a scan period,
+the scan's age when it is sent, and the lag of attitude and rotors. Then it may accelerate as hard as its tilt limit
+allows, in any of 36 directions and for up to 1.5 s, and brake as hard to a standstill; or brake at once. If the hull
+stays free of everything in one of these manoeuvres until a second after the contact, while everything else moves as it
+did, the contact was avoidable. The look ahead is perfect: this tests what was possible, not what could be known.
 """
 
 import math
@@ -25,15 +25,16 @@ BURSTS_S = (0.3, 0.6, 1.0, 1.5)
 LOOK_BACK_S = 4.0
 AFTER_S = 1.0
 _EVERY = 25
+"""Ticks between two moments from which an escape is tried."""
 _STEP = 5
-"""Ticks between two moments from which an escape is tried, and between two looks at its way."""
+"""Ticks between two checks of an escape's way."""
 _TICK_S = TICK_NS * 1e-9
 _IN_THE_WAY_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Abilities:
-    """Of the vehicle, in the plane."""
+    """What the vehicle can do, in the horizontal plane."""
 
     acceleration: float
     """m/s2, in any direction."""
@@ -43,7 +44,7 @@ class Abilities:
 
     @classmethod
     def of(cls, airframe: Airframe, tilt: float) -> "Abilities":
-        """With a limit on tilt (rad)."""
+        """The abilities of a vehicle with a limit on its tilt (rad)."""
         body, lidar = airframe.body, airframe.lidar
         lag = body.rotor_time_constant_s
         if body.attitude_loop_gain_1_s > 0.0:
@@ -53,8 +54,8 @@ class Abilities:
 
 
 def avoidable(world: World, truth: Array, met: str, abilities: Abilities, range_m: float) -> bool:
-    """`world` as its file has it, `truth` (n, 17) of all ticks up to the contact with `met`, from the boot on;
-    `range_m` of the ring."""
+    """Whether the contact with the obstacle named `met` could have been avoided, in a `world` as in its file. `truth`
+    (n, 17) is the vehicle's state at all ticks from the boot to the contact, `range_m` the LiDAR's range."""
     scene = Scene(world)
     for tick, state in enumerate(truth):
         scene.update(tick * TICK_NS, state[:3].tolist())
@@ -68,7 +69,7 @@ def avoidable(world: World, truth: Array, met: str, abilities: Abilities, range_
 
 
 class _Worlds:
-    """Snapshots of a scene, made once each."""
+    """Snapshots of a scene, each of which is made once."""
 
     def __init__(self, scene: Scene, end: int) -> None:
         self.end = end
@@ -93,10 +94,10 @@ def _in_sight(world: World, place: Array, met: str, range_m: float) -> bool:
 
 
 def _escapes(worlds: _Worlds, truth: Array, tick: int, abilities: Abilities) -> bool:
-    """Whether one of the manoeuvres that begin with this tick stays free."""
+    """Whether one of the manoeuvres that begin at this tick stays free."""
     begin = tick + round(abilities.reaction_s / _TICK_S)
     if begin >= len(truth):
-        return False  # the contact comes before anything can be done
+        return False  # the contact comes before the vehicle can react
     position, velocity = truth[begin, :3], truth[begin, 3:5]
     return any(
         _is_free(worlds, begin, position, velocity, push, burst_s, abilities)
@@ -105,7 +106,7 @@ def _escapes(worlds: _Worlds, truth: Array, tick: int, abilities: Abilities) -> 
 
 
 def _manoeuvres(abilities: Abilities) -> Iterator[tuple[Array, float]]:
-    """Acceleration (2,) and how long, before braking."""
+    """Accelerations (2,) in m/s2 and their durations (s) before braking."""
     yield np.zeros(2), 0.0
     for angle in np.linspace(0.0, 2.0 * math.pi, DIRECTIONS, endpoint=False):
         for burst_s in BURSTS_S:

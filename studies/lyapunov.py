@@ -1,4 +1,4 @@
-"""The Lyapunov functions (13)-(22) along flights: where V falls, and why it does not elsewhere."""
+"""The Lyapunov functions (13)-(22) along flights: where V falls, and why it rises in other places."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ TITLE = "The Lyapunov functions in flight"
 C = 2.5
 PERIOD_S = 0.004
 LEAST = 1e-5
-"""m2; below it V is as good as zero."""
+"""m2; V below this counts as zero."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,15 @@ class Course:
     rate: Array
     """V' as it was, m2/s."""
     promised: Array
-    """(22): V' if the commanded acceleration is obeyed."""
+    """(22): V' if the acceleration is the commanded one, m2/s."""
     missed: Array
-    """e2 (a - a_c): V' by what the acceleration differs from its command."""
+    """e2 (a - a_c): the part of V' from the acceleration's deviation from its command, m2/s."""
     limited: NDArray[np.bool_]
-    """A limit on thrust or tilt bit."""
+    """A limit on thrust or tilt was reached."""
 
     @property
     def must_fall(self) -> NDArray[np.bool_]:
-        """The law promises more than the acceleration misses, and V is not zero."""
+        """The law promises a larger decrease than the acceleration's deviation takes away, and V is not zero."""
         return (self.promised + self.missed < 0.0) & (self.v > LEAST)
 
     @property
@@ -72,8 +72,8 @@ class Course:
 
 
 def course(trace: NDArray[np.void]) -> Course:
-    """Of the records (n + 1,) of a trace that follow a step. Each value is the mean over 4 ms, V' and the acceleration
-    by differences."""
+    """The course of V over the records (n + 1,) of a trace that follow a step. Each value is the mean over 4 ms; V' and
+    the acceleration are difference quotients."""
 
     def middle(values: Array) -> Array:
         return 0.5 * (values[1:] + values[:-1])
@@ -93,7 +93,7 @@ def course(trace: NDArray[np.void]) -> Course:
 
 
 def fly(flight: Flight) -> Course:
-    """With the paper's law, over the wire."""
+    """Fly the step under the paper's law, over the wire."""
     start = Waypoint(north=0.0, east=0.0, height=3.0, hold_s=4.0)
     end = msgspec.structs.replace(start, north=flight.metres, hold_s=12.0)
     mission = msgspec.structs.replace(mission_of("step"), waypoints=[start, end], return_home=False)
@@ -163,16 +163,16 @@ def _picture(report: Report, courses: dict[str, Course]) -> None:
 
 INTRODUCTION = """
 V of (13) and (19) is in the trace of every flight, with the V' that (22) promises. With a the vehicle's acceleration
-and a_c the commanded one, V' = -c1 e1^2 - c2 e2^2 + e2 (a - a_c) without any approximation, so V falls wherever the
-acceleration misses its command by less than what the law has in hand, and where it rises, the last term says why:
+and a_c the commanded one, V' = -c1 e1^2 - c2 e2^2 + e2 (a - a_c) without any approximation. So V falls wherever
+the last term is smaller than the decrease that (22) promises, and where V rises, the last term says why:
 
-- *A step of 1 m in calm air*: at first V stands still, for the attitude has yet to turn (a = 0 cancels all that the law
-  promises); then it falls all the way.
-- *15 m*: the tilt's limit bites (grey). V still falls, but not as fast as promised: the acceleration is as large as it
-  can be and points the right way.
+- *A step of 1 m in calm air*: at first V is constant because the attitude has not turned yet (with a = 0 the last term
+  cancels the promised decrease). Then it falls all the way.
+- *15 m*: the limit on the tilt is reached (grey). V still falls, but not as fast as promised: the acceleration has the
+  right direction and is as large as possible.
 - *Angle weight 10*: the attitude is late, and so is the acceleration. Whenever e2 has changed its sign and the
-  acceleration not yet, V rises (red): the oscillation of a cascade whose loops are too near to each other.
-- *In wind* (5 m/s on average with turbulence, and no part of the controller that knows of it): the drag of moving air
-  misses from the command all the time. V falls until the error is d / (1 + c1 c2) for a disturbance d and then goes up
-  and down with the gusts. That is what the adaptive part of the default controller is for.
+  acceleration has not, V rises (red): the oscillation of a cascade whose loops are too close in bandwidth.
+- *In wind* (5 m/s on average with turbulence, and no part of the controller compensates it): the command lacks the drag
+  of the moving air all the time. V falls until the error is d / (1 + c1 c2) for a disturbance d and then rises and
+  falls with the gusts. The adaptive part of the default controller removes this error.
 """

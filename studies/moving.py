@@ -1,4 +1,4 @@
-"""What appears before the vehicle, and what walks into its way."""
+"""Obstacles that appear before the vehicle, and walkers that cross its way."""
 
 from studies import escape, worlds
 from studies.campaign import DEFAULT, Setup
@@ -19,8 +19,8 @@ def run(report: Report) -> None:
     report.text(
         f"""
 A pillar of 0.2 m appears when the vehicle's centre is 2 m from its side. In a street of 12 m between walls ten walkers
-of 0.6 m go to and fro at 0.6 to 1.5 m/s, half of them across it, without looking out; they are taller than people, as
-a tilted ring would look over these.
+of 0.6 m go to and fro at 0.6 to 1.5 m/s, half of them across it, without avoiding anything; they are taller than
+people, whom a tilted scan would miss.
 
 A contact is **avoidable** if there was an escape. {_how()}
 

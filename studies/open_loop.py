@@ -1,5 +1,5 @@
 """The open loop: the nonlinear model (4) and its linearisation (6) under steps of thrust and torque, and where they
-part.
+diverge.
 
 World and body axes are ours, NED and FRD, where the paper's z is up: (6) is x'' = -g theta, y'' = g phi,
 z'' = g - U1 / m.
@@ -27,7 +27,7 @@ TITLE = "Open loop: (4) and (6)"
 PHI, THETA = 0, 1
 SECONDS = 2.0
 PART = 0.1
-"""The models have parted when one is off by this share."""
+"""The models have diverged when one is off by this share."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ its section.
 | (4), (6) | U4 / Ixx | U4 / Izz; the row of psi in Table 2 agrees |
 | (4) | z'' = U1 / m (cos phi cos theta - g) | U1 / m cos phi cos theta - g |
 | (4) | theta'': - phi' Jr w_r / Iyy, psi' theta' (Izz - Ixx) / Iyy | + phi' Jr w_r / Iyy, psi' phi' (Izz - Ixx) / Iyy |
-| (20), (21) | last bracket times e11, c11 e11 in it | times e12, c11 (x_d' - x12) |
+| (21) | last bracket times e11, c11 e11 in it | times e12 as in (20), c11 (x_d' - x12) |
 | (23) to (25) | + c12 e12 + c12 (...), + c8 e8, + c10 e10 | - c12 e12 + c11 (...), - c8 e8, - c10 e10; else unstable |
 | (30), (31) | x_abs, x_av twice | x_obs, y_av in (31), whose farther edge is the one to get past: see Figs. 6-9 |
 | Table 2 | phi, Q = 1: rise 2 s | 2.31 s |

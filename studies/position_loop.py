@@ -26,9 +26,9 @@ AXES = ("x", "y", "z")
 CONSTANTS = (1.0, 2.5, 5.0)
 PERIOD_S = 0.004
 SHOWN = 6.0
-"""s of the pictures."""
+"""Time span (s) of the pictures."""
 HOLD_S = 25.0
-"""How long the flights of the map last after their step."""
+"""Duration (s) of the map's flights after their step."""
 ONE = (1.0, 1.0, 1.0)
 
 MAP_CONSTANTS = (1.0, 1.75, 2.5, 3.5, 5.0)
@@ -77,7 +77,7 @@ def ideal(c: float) -> Response:
 
 
 def figures(time: Array, path: Array) -> Figures:
-    """Of a step of 1 m."""
+    """Figures of the response (n,) to a step of 1 m."""
     import control
 
     info = control.step_info(path, time, final_output=1.0)
@@ -106,7 +106,7 @@ def growth(
 
     x' = v, v' = g theta - d v, theta' = omega, omega' = b tau, lag tau' = u - tau, under the laws (24) and (8) every
     `period_s` with their output held: u = k1 (theta_c - theta) - k2 omega and g theta_c = (1 + c) (x_d - x) -
-    (1 + c - d) v, the drag d made up for.
+    (1 + c - d) v, with the drag d compensated.
     """
     from scipy.linalg import expm
 
@@ -157,7 +157,7 @@ def diverges(time: Array, path: Array) -> bool:
 
 
 def without_drag(airframe: Airframe) -> Airframe:
-    """The same vehicle in the paper's model."""
+    """The same vehicle without drag, as in the paper's model."""
     body = msgspec.structs.replace(airframe.body, drag_kg_s=(0.0, 0.0, 0.0))
     return msgspec.structs.replace(airframe, body=body)
 
@@ -335,7 +335,7 @@ STABILITY = """
 
 Under the paper's angle weight, Q = 1, the attitude takes 2.2 s to rise, longer than the position loop above it: the
 cascade is unstable in the paper's own model, for every c that it tries. The vehicle's drag, which the model lacks, just
-holds c = 1 and 2.5 together, with an oscillation that hardly fades. From about Q = 3 on nothing diverges, and from
+stabilises c = 1 and 2.5, with an oscillation that hardly fades. From about Q = 3 on nothing diverges, and from
 about Q = 100 on the flights have the shape of Table 3; the flights above take 400. So Table 3 was not simulated with
 any of the attitude loops of Table 2 below it, and which weights the paper's trajectory and avoidance were flown with
 is not known, but for Q(5,5). Where a flown growth is below the linear one, the tilt's limit of 35 degrees bounds the

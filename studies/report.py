@@ -1,7 +1,7 @@
-"""What a study says: blocks of text, tables, figures and checks, kept as JSON and shown as Markdown.
+"""Reports of studies: blocks of text, tables, figures and checks, stored as JSON and shown as Markdown.
 
-A page (docs/NAME.md) is its introduction, a table of all checks and the sections of its studies in order. The sections
-are kept beside the figures in docs/NAME/, so that the page can be written anew when one study alone has run.
+A page (docs/NAME.md) consists of its introduction, a table of all checks and the sections of its studies in order. The
+sections are stored beside the figures in docs/NAME/, so that the page can be written again after one study alone.
 """
 
 import math
@@ -45,7 +45,7 @@ class Check(msgspec.Struct, frozen=True, tag="check"):
 
 
 class Section(msgspec.Struct, frozen=True):
-    """All that a study said."""
+    """The report of one study."""
 
     name: str
     title: str
@@ -85,16 +85,16 @@ def untracked(iterable: Iterable[Any], label: str) -> Iterable[Any]:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What the command line says about campaigns; other studies have nothing to choose."""
+    """Options of the command line for campaigns; other studies have none."""
 
     seeds: int = 3
     """Flights of each case, at most; 0: report what was flown before."""
     methods: tuple[str, ...] = ()
-    """Of avoidance; none: all."""
+    """Methods of avoidance; none: all."""
     overrides: tuple[str, ...] = ()
-    """Of the companion's settings."""
+    """Overrides of the companion's settings."""
     logs: Path = toml_files.ROOT / "logs" / "avoidance"
-    """Where tables, and logs and pictures of failures go."""
+    """Folder for tables, and for logs and pictures of failures."""
 
 
 class Report:
@@ -111,7 +111,7 @@ class Report:
         self._blocks: list[Text | Table | Figure | Check] = []
 
     def progress(self, iterable: Iterable[T], label: str) -> Iterator[T]:
-        """Go through it, with a bar where there is somebody to see one."""
+        """Iterate, with a progress bar where one is shown."""
         yield from self._track(iterable, label)
 
     def text(self, markdown: str) -> None:
@@ -128,7 +128,7 @@ class Report:
         self._blocks.append(Figure(name, caption))
 
     def check(self, what: str, floor: str, measured: Cell, ok: bool) -> None:
-        """`measured` beside the `floor` that was asked for."""
+        """Add a check of a `measured` value against the required `floor`."""
         self._blocks.append(Check(what, floor, _shown(_kept(measured)), bool(ok)))
 
     def section(self) -> Section:
@@ -180,14 +180,14 @@ def markdown(section: Section, folder: str) -> str:
 
 
 def keep(section: Section, folder: Path) -> None:
-    """As JSON beside its figures."""
+    """Store a section as JSON beside its figures."""
     folder.mkdir(parents=True, exist_ok=True)
     data = msgspec.json.format(msgspec.json.encode(section), indent=1)
     (folder / f"{section.name}.json").write_bytes(data + b"\n")
 
 
 def kept(name: str, folder: Path) -> Section | None:
-    """What a study said when it last ran; None if it never did. Raises DataFileError for a file that is damaged."""
+    """The section of a study's last run; None if it never ran. Raises TomlFileError for a damaged file."""
     path = folder / f"{name}.json"
     if not path.is_file():
         return None
@@ -220,6 +220,6 @@ def _verdict(ok: bool) -> str:
 
 
 def _anchor(title: str) -> str:
-    """What the hosts of Markdown make of a heading."""
+    """The anchor that hosts of Markdown give a heading."""
     kept_letters = "".join(letter for letter in title.lower() if letter.isalnum() or letter in " -_")
     return kept_letters.replace(" ", "-")

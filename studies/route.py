@@ -1,4 +1,4 @@
-"""A picture of a flown route: the world from above with the path, and height, speed and clearance over time.
+"""Picture of a flown route: the world from above with the path, and height, speed and clearance over time.
 
 python -m studies.route logs/<flight>/flight.mcap docs/route.png
 """
@@ -39,7 +39,7 @@ def draw_world(axes: Any, world: World, height_m: float) -> None:
 
 
 def draw(log: LogReader, target: Path, command: str) -> None:
-    """Write the picture, as .png and .svg; the command that made it stands in its corner."""
+    """Write the picture as .png and .svg, with the command that made it in its corner."""
     trace = log.array(TRACE.topic)
     trace = trace[trace["phase"] > Phase.PREPARE.value]
     world = World.from_tables(tomllib.loads(log.attachments["world.toml"].decode()), "world.toml")

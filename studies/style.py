@@ -1,4 +1,4 @@
-"""One look for all pictures: readable in print, units on the axes, the same bytes from the same numbers."""
+"""One style for all pictures: readable in print, units on the axes, the same bytes from the same numbers."""
 
 import io
 from pathlib import Path
@@ -10,9 +10,9 @@ from protocol.arrays import Array
 
 INK, GREY = "#222222", "#8a8a8a"
 PALETTE = ("#1f5fbf", "#d1495b", "#2f8f5b", "#e09f3e", "#6d4c9f", "#3aa6b9")
-"""Lines in order; all of them differ in lightness too, for print without colour."""
+"""Colours of lines in order; they differ in lightness too, for print without colour."""
 PUBLISHED: dict[str, Any] = {"color": INK, "marker": "x", "ms": 7, "mew": 1.6, "ls": "none", "zorder": 5}
-"""How a value that the paper prints is marked."""
+"""Marker of a value that the paper prints."""
 STONE, GREEN = "#b8aca0", "#7fb069"
 """Boxes and trees of a world."""
 WIDTH = 7.2
@@ -75,8 +75,9 @@ def save(figure: Any, stem: Path, command: str) -> None:
 
 
 def step_marks(time: Array, path: Array, rise: float, settling: float) -> tuple[list[float], list[float]]:
-    """Where a step response (n,) over time (n,) would be 90 % up and settled by a rise (10-90 %) and settling time (s):
-    at the rise time after its own 10 %, and at the edge of the 2 % band through which it last came in."""
+    """Times (s) and values at which a step response (n,) over time (n,) would reach 90 % and be settled, for a given
+    rise (10-90 %) and settling time (s): the rise time after its own 10 %, and the edge of the 2 % band through which
+    it last came in."""
     final = float(path[-1])
     start = float(time[np.argmax(path >= 0.1 * final)])
     outside = np.flatnonzero(np.abs(path - final) > 0.02 * abs(final))

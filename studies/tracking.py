@@ -1,6 +1,6 @@
 """Table 4: trajectories tracked under c = 1, 2.5, 5, with more and less of the reference fed forward.
 
-The paper's trajectory is in a figure that its text does not carry; here it is a published set of others.
+The paper's trajectory is in a figure that its text does not contain, so other trajectories are flown here.
 """
 
 import math
@@ -47,7 +47,7 @@ ROUTE = Mission(
 TRAJECTORIES = (*SHAPES, "courier_route")
 TICK_S = 0.004
 MATTERS = 0.02
-"""m of MAE at c = 1 below which an axis is not judged: it is not asked to move."""
+"""m of MAE at c = 1 below which an axis is not judged: the trajectory does not move along it."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def mission_of(name: str) -> Mission:
 
 
 def fly(name: str, c: float, fed_forward: str) -> Tracked:
-    """Fly it under the paper's laws, body rates commanded. Raises RuntimeError if it does not come to its end."""
+    """Fly a trajectory under the paper's laws, body rates commanded. Raises RuntimeError if the flight fails."""
     overrides = (*paper_settings(c), f'control.position.feedforward="{fed_forward}"')
     joined = Joined(mission_of(name), Output.RATES, overrides).fly()
     if joined.autopilot.supervisor.fault is not None:
@@ -94,7 +94,8 @@ def fly(name: str, c: float, fed_forward: str) -> Tracked:
 def circle_mae(c: float, fed_forward: str) -> float:
     """MAE (m) of each axis on the circle for an ideal double integrator under the paper's law, c2 = 1.
 
-    The error's share of the reference at s = i PACE: of what is not fed forward, over s^2 + (1 + c) s + (1 + c).
+    It is the transfer function from reference to error at s = i PACE: the derivatives that are not fed forward over
+    s^2 + (1 + c) s + (1 + c).
     """
     s = 1j * PACE
     missing = {"none": s * s + (1.0 + c) * s, "velocity": s * s, "acceleration": 0.0}[fed_forward]
@@ -109,7 +110,7 @@ def law_of_c(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 def run(report: Report) -> None:
-    """Fly all of it and lay it beside the paper's column."""
+    """Fly all trajectories and compare them with the paper's column."""
     report.text(
         """
 The trajectory of Table 4 is in a figure that the text does not carry, so its numbers can't be met one by one. Flown
@@ -128,13 +129,14 @@ error is that of the whole trajectory, getting under way and stopping included.
     )
     report.text(
         """
-**What the law means.** With c2 = 1 and the reference's velocity fed forward, but not its acceleration, the error obeys
-`e'' + (1 + c) e' + (1 + c) e = x_d''`. A reference that is slow beside the loop leaves `e = x_d''/(1 + c)`: the b of
-the law is the mean acceleration asked for, and a is what no c takes away. The paper's z obeys it to the last digit and
-its x within 3 % with a = 0, although its (23)-(25) have the acceleration in them. Were the velocity missing too, the
-error would hardly depend on c; that is not the paper's column. With the acceleration fed forward what is left is the
-attitude's lag, which shrinks with c in the same manner from a tenth of the size: the column's shape alone does not
-tell the two apart, its size does for any trajectory with accelerations of about 1 m/s2.
+**What the law means.** With c2 = 1 and the reference's velocity fed forward, but not its acceleration, the error is
+that of `e'' + (1 + c) e' + (1 + c) e = x_d''`. Where the reference is slow compared with the loop, it is
+`e = x_d''/(1 + c)`: the b of the law is the mean acceleration of the reference, and a is the part that no c removes.
+The paper's z follows it to the last digit and its x within 3 % with a = 0, although its (23)-(25) contain the
+acceleration. If the velocity were missing too, the error would hardly depend on c, unlike the paper's column. With the
+acceleration fed forward, the attitude's lag is left. Its error shrinks with c in the same manner from a tenth of the
+size: the column's shape alone does not distinguish the two, but its size does for any trajectory with accelerations of
+about 1 m/s2.
 """
     )
     report.table(
@@ -178,7 +180,7 @@ def at_pace(tracked: Tracked, speed: float) -> Array:
 
 def _check(report: Report, flown: Flown) -> None:
     residual = law_of_c(PRINTED["z"])[2]
-    report.check("the paper's z obeys a + b/(1 + c)", "within 0.0001 m", f"{residual:.2g} m", residual <= 1e-4)
+    report.check("the paper's z follows a + b/(1 + c)", "within 0.0001 m", f"{residual:.2g} m", residual <= 1e-4)
     shares = []
     for fed, c in product(("none", "velocity"), CONSTANTS):
         measured = np.abs(at_pace(flown["circle", fed, c], RADIUS * PACE)[:, :2]).mean(axis=0)

@@ -1,4 +1,4 @@
-"""A shape flown by both sides joined in memory, and how far the vehicle truly was from it."""
+"""Flights of a shape, with both sides joined in memory, and the true distance of the vehicle from it."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -24,7 +24,7 @@ AGILE = (
     "trajectory.climb_speed=6.0",
     'avoidance.method="none"',
 )
-"""Limits out of the way of what the vehicle itself can do."""
+"""Limits beyond the vehicle's own."""
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -32,7 +32,8 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Flight:
-    """What to fly; the vehicle and the world as the simulator has them, the companion knows the nominal vehicle."""
+    """What to fly. The overrides of vehicle and world apply to the simulator; the companion knows the nominal
+    vehicle."""
 
     shape: Shape
     vehicle: str = "paper_quad"
@@ -45,17 +46,17 @@ class Flight:
 
 @dataclass(frozen=True)
 class Tracked:
-    """From one second after the shape's start to its end."""
+    """The error from one second after the shape's start to its end."""
 
     rmse_m: float
     """NaN where the flight failed."""
     peak_m: float
     limited: float
-    """Share of the control steps at which a limit on thrust or tilt bit."""
+    """Share of the control steps at which a limit on thrust or tilt was reached."""
     fault: str | None
     time_s: Array = field(repr=False)
     error_ned: Array = field(repr=False)
-    """(n, 3)"""
+    """(n, 3) m, NED."""
 
 
 def fly(flight: Flight) -> Tracked:

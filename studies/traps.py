@@ -1,4 +1,4 @@
-"""Where the straight way is a dead end."""
+"""Places where the straight way is a dead end."""
 
 from studies import worlds
 from studies.campaign import Setup
@@ -9,7 +9,7 @@ NAME = "traps"
 TITLE = "U-shaped traps, mazes and courts"
 
 PATIENT = ("supervision.step_timeout=400.0",)
-"""The time is the campaign's to limit."""
+"""The companion does not give up: the campaign limits the time."""
 CLIMBS = (*PATIENT, "avoidance.heights.above=8.0")
 SETUPS = (
     Setup("utrap", "U-trap", worlds.u_trap, (3.0,), 120.0, 20, has_way=True, overrides=PATIENT),

@@ -1,6 +1,6 @@
 """Figs. 6-9: waypoints with obstacles between them, under c = 1, 2.5, 5 and a yaw weight Q(5,5) of 1, 50, 125.
 
-The text gives neither the places nor the LiDAR's field of view nor the speed; the outcome is all there is to meet.
+The text gives neither the places nor the LiDAR's field of view nor the speed; only the outcomes can be compared.
 """
 
 import math
@@ -43,12 +43,12 @@ TICK_S = 0.004
 
 
 Outcomes = Mapping[tuple[float, float], tuple[int, int]]
-"""Field of view (deg) and speed (m/s) -> what `otherwise` says."""
+"""Field of view (deg) and speed (m/s) -> the result of `wrong_outcomes`."""
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """The moment on a leg at which the rule first answers to the obstacle."""
+    """The moment on a leg at which the rule first reacts to the obstacle."""
 
     leg: int
     """Number of the leg's step in the flight; 1 is the leg to the first waypoint."""
@@ -59,7 +59,7 @@ class Sighting:
     """m along the leg from the vehicle to the obstacle's near face."""
     speed: float
     changes_of_side: int
-    """How often the rule went over to the other side after that."""
+    """How often the rule changed to the other side after that."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +69,11 @@ class Flight:
     c: float
     yaw_weight: float
     passed: bool
-    """All obstacles, and landed at the last waypoint."""
+    """It passed all obstacles and landed at the last waypoint."""
     met: str | None
-    """What it flew into."""
+    """Name of the obstacle that it hit."""
     clearance: float
-    """m, the hull's least."""
+    """m; the least of the hull."""
     path_ned: Array
     """(n, 3)"""
     yaw_errors: tuple[Array, ...]
@@ -86,12 +86,13 @@ class Flight:
 
     @property
     def latest(self) -> Sighting:
-        """Of the legs that begin with a turn, that with the least way left."""
+        """The sighting with the least way left, of the legs that begin with a turn."""
         return min(self.sightings[1:], key=lambda sighting: sighting.distance)
 
 
 def overrides(c: float, yaw_weight: float) -> tuple[str, ...]:
-    """The paper's laws and its rule; the heading asked for jumps to the course, so that the LQR alone turns it."""
+    """The paper's laws and its rule; the reference of the heading jumps to the course, so that the LQR alone turns
+    it."""
     return (
         *paper_settings(c, yaw_weight=yaw_weight),
         'avoidance.method="paper-literal"',
@@ -101,12 +102,12 @@ def overrides(c: float, yaw_weight: float) -> tuple[str, ...]:
 
 
 def lidar_overrides(field_of_view_deg: float = FIELD_OF_VIEW_DEG) -> tuple[str, ...]:
-    """Of the vehicle's file."""
+    """Overrides of the vehicle's file."""
     return f"lidar.field_of_view_deg={field_of_view_deg}", f"lidar.max_range_m={RANGE_M}"
 
 
 def command(c: float, yaw_weight: float) -> str:
-    """The same flight in two processes."""
+    """The command for the same flight in two processes."""
     changes = (*overrides(c, yaw_weight), *(f"vehicle.{each}" for each in lidar_overrides()))
     return " ".join(("companion demo", MISSION, "--output actuators", *(f"--set '{each}'" for each in changes)))
 
@@ -141,7 +142,7 @@ def fly(
 
 
 def _courses(mission: Mission) -> Iterator[float]:
-    """Of each leg, rad from north."""
+    """The course of each leg, rad from north."""
     north, east = 0.0, 0.0
     for waypoint in mission.waypoints:
         yield math.atan2(waypoint.east - east, waypoint.north - north)
@@ -172,15 +173,16 @@ def _changes_of_side(rows: Any, ahead: Array) -> int:
     return int(np.count_nonzero(np.diff(np.sign(offset @ np.array([-ahead[1], ahead[0]])))))
 
 
-def otherwise(field_of_view_deg: float, speed: float) -> tuple[int, int]:
-    """How many of the nine do not end as published: that pass and should not, that should pass and do not."""
+def wrong_outcomes(field_of_view_deg: float, speed: float) -> tuple[int, int]:
+    """How many of the nine flights do not end as published: those that pass and should not, and those that should pass
+    and do not."""
     flights = [fly(c, q, field_of_view_deg=field_of_view_deg, speed=speed) for c, q in product(CONSTANTS, YAW_WEIGHTS)]
     wrong = [flight.passed for flight in flights if not flight.as_published]
     return sum(wrong), len(wrong) - sum(wrong)
 
 
 def run(report: Report) -> None:
-    """Fly the nine and the map, and say what came of them."""
+    """Fly the nine flights and the map, and report their outcomes."""
     report.text(
         f"""
 The paper flies over several waypoints with obstacles between them; its Figs. 6-9, and with them all places, are not in
@@ -216,7 +218,7 @@ One of them in two processes, with its log and report: `{command(2.5, 50.0)}`
     met = sum(flight.as_published for flight in flights)
     report.check("outcomes of Figs. 7-9 as published", "9 of 9", f"{met} of 9", met == len(flights))
     cells = list(product(MAP_FIELDS_DEG, MAP_SPEEDS))
-    outcomes = {cell: otherwise(*cell) for cell in report.progress(cells, "map")}
+    outcomes = {cell: wrong_outcomes(*cell) for cell in report.progress(cells, "map")}
     report.figure(_map(outcomes), "waypoints-map", "Outcomes as published, of nine, over field of view and speed")
     report.text(_where(outcomes))
 

@@ -1,7 +1,7 @@
-"""Places to fly through, made by seed: `python -m studies worlds NAME --seed N --picture`.
+"""Worlds to fly through, generated from a seed: `python -m studies worlds NAME --seed N --picture`.
 
-All are NED with the take-off at (0, 0) and the way to the goal roughly north. Everything stands `TALL` above the
-ground, so that there is no way over it, but for a court's walls. The file is the world: what is flown is read from it.
+All are NED with the take-off at (0, 0) and the way to the goal roughly north. Everything but a court's walls is `TALL`,
+so that there is no way over it. Flights read the world from its file.
 """
 
 import itertools
@@ -26,10 +26,10 @@ HULL = 0.36
 JACKAL_WIDTH = 0.43
 """m, the robot of the BARN worlds."""
 BARN_SCALE = 2.0 * HULL / JACKAL_WIDTH
-"""Lengths of the BARN worlds are multiplied by this: a passage keeps its width in widths of the vehicle. Times are not
-scaled, so speeds are multiplied by it, too."""
+"""Factor on the lengths of the BARN worlds, so that a passage is as many vehicles wide. Times are not scaled, so speeds
+are multiplied by it, too."""
 WALKING_HEIGHT = 2.0
-"""m, of flights among walkers. A walker is `TALL` as well: a real one would leave the tilted ring's plane."""
+"""m; height of flights among walkers. A walker is `TALL` as well: a tilted scan would miss a real one."""
 
 _ORIGIN = {"latitude_deg": 47.3977, "longitude_deg": 8.5456, "altitude_m": 488.0}
 _CELL_M = 0.1
@@ -42,7 +42,7 @@ Solids = dict[str, list[dict[str, Any]]]
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A world as its file's tables, and the way through it."""
+    """A world as the tables of its file, and the way through it."""
 
     name: str
     tables: dict[str, Any]
@@ -82,7 +82,7 @@ class Site:
 
 
 def toml(tables: Mapping[str, Any]) -> str:
-    """Text of one level of tables and arrays of tables, which is all that worlds and missions have."""
+    """TOML with one level of tables and arrays of tables, which is enough for worlds and missions."""
     lines = [f"{key} = {_value(value)}" for key, value in tables.items() if not _is_table(value)]
     for key, value in tables.items():
         if not _is_table(value):
@@ -136,7 +136,7 @@ def _wall(start: Place, end: Place, thickness: float = 0.2, height: float = TALL
     return {"start": _place(*start), "end": _place(*end), "thickness": thickness, "height": height}
 
 
-# --- what there is ---
+# --- kinds of worlds ---
 
 
 def forest(seed: int, density: float = 1 / 25, diameter: float = 0.6) -> Site:
@@ -168,7 +168,7 @@ def u_trap(seed: int) -> Site:
 
 
 def court(seed: int) -> Site:
-    """Four walls around the goal, 8-12 m apart, turned, 4-6 m high: there is no way but over them."""
+    """Four walls around the goal, 8-12 m apart, turned, 4-6 m high: the only way is over them."""
     rng = np.random.default_rng(seed)
     goal, half, turn, height = (22.0, 0.0), rng.uniform(4.0, 6.0), rng.uniform(0.0, math.pi / 2), rng.uniform(4.0, 6.0)
     away, angles = math.sqrt(2.0) * half, turn + 0.5 * math.pi * np.arange(5)
@@ -202,7 +202,7 @@ def gap(seed: int, width: float = 0.9) -> Site:
 
 
 def pole(seed: int) -> Site:
-    """A pole of 1.5 m on the way, up to 0.5 m to its side, far enough off that the vehicle has its speed."""
+    """A pole of 1.5 m on the way, up to 0.5 m to its side, far enough that the vehicle has reached its speed."""
     rng = np.random.default_rng(seed)
     return _site(
         "pole", seed, {"cylinder": [_disc(rng.uniform(24.0, 28.0), rng.uniform(-0.5, 0.5), 0.75)]}, (45.0, 0.0)
@@ -210,8 +210,8 @@ def pole(seed: int) -> Site:
 
 
 def maze(seed: int, cells: int = 6, cell: float = 4.0) -> Site:
-    """A maze of `cells` x `cells` rooms, walled in, from one corner to the one across: a tree of ways by depth-first
-    search, and a tenth of its inner walls taken away besides."""
+    """A maze of `cells` x `cells` rooms in a closed outer wall, to be crossed from corner to corner: a tree of ways by
+    depth-first search, of whose inner walls a tenth is removed."""
     rng = np.random.default_rng(seed)
     walls = {(room, other) for room in _rooms(cells) for other in _neighbours(room, cells) if room < other}
     path, seen = [(0, 0)], {(0, 0)}
@@ -247,7 +247,7 @@ def _neighbours(room: tuple[int, int], cells: int) -> list[tuple[int, int]]:
 
 
 def pop_up(seed: int, ahead: float = 2.0) -> Site:
-    """A pillar of 0.2 m that is not there until the vehicle is `ahead` (m, to its surface) before it; after IPC."""
+    """A pillar of 0.2 m that appears when the vehicle is at a distance of `ahead` (m, to its surface); after IPC."""
     rng = np.random.default_rng(seed)
     pillar = {**_disc(rng.uniform(12.0, 18.0), rng.uniform(-0.2, 0.2), 0.1), "appears_within": ahead}
     return _site("popup", seed, {"cylinder": [pillar]}, (30.0, 0.0))
@@ -256,7 +256,7 @@ def pop_up(seed: int, ahead: float = 2.0) -> Site:
 def street(seed: int, walkers: int = 10) -> Site:
     """Walkers of 0.6 m at 0.6-1.5 m/s, half of them across a street of 12 m between walls, half along it, to and fro.
 
-    None of them comes within 4 m of start and goal. They don't look out, and they don't stop."""
+    None of them comes within 4 m of start and goal. They avoid nothing and don't stop."""
     rng = np.random.default_rng(seed)
     length, half = 40.0, 6.0
     rows = []
@@ -296,7 +296,7 @@ def barn(seed: int) -> Site:
 
 
 def _automaton(rng: np.random.Generator, share: float, rounds: int) -> NDArray[np.bool_]:
-    """(30, 30), what stands; only edges of what is full."""
+    """(30, 30) cells with a cylinder: full cells with an empty neighbour."""
     full = rng.random((30, 30)) < share
     for _ in range(rounds):
         count = _count(full)
@@ -306,7 +306,7 @@ def _automaton(rng: np.random.Generator, share: float, rounds: int) -> NDArray[n
 
 
 def _count(full: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Full cells among the eight around each; none outside."""
+    """(30, 30) number of full cells among the eight around each; cells outside are empty."""
     padded = np.pad(full.astype(np.int64), 1)
     shifts = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
     return sum((padded[i : i + 30, j : j + 30] for i, j in shifts), np.zeros((30, 30), np.int64))
@@ -336,7 +336,7 @@ SITES: dict[str, Callable[[int], Site]] = {
     "barn": barn,
     "fig6": fig6,
 }
-"""By the names of the command line."""
+"""By name on the command line."""
 
 
 # --- ground truth ---
@@ -344,7 +344,7 @@ SITES: dict[str, Callable[[int], Site]] = {
 
 def shortest(site: Site, radius: float, margin: float = 24.0) -> float:
     """Length (m) of the shortest way of a disc of `radius` (m) from the start over all waypoints at the flight's
-    height, through what is there from the start and stands still; inf if there is none.
+    height, between the obstacles that are there from the start and don't move; inf if there is none.
 
     On a grid of 0.1 m with moves to 16 neighbours, so up to 3 % too long, and no farther off than `margin` (m) from the
     legs' bounding boxes."""
@@ -379,7 +379,7 @@ def _leg(site: Site, start: Place, goal: Place, radius: float, margin: float) ->
 
 
 def _free(site: Site, low: Array, shape: tuple[int, ...], radius: float) -> NDArray[np.bool_]:
-    """Cells whose middle is farther than `radius` from all that stands there."""
+    """Cells whose centre is farther than `radius` (m) from all obstacles."""
     world = site.world()
     north = low[0] + _CELL_M * (np.arange(shape[0]) + 0.5)[:, None]
     east = low[1] + _CELL_M * (np.arange(shape[1]) + 0.5)[None, :]

@@ -169,7 +169,8 @@ def _plan(mission: str, output: str, pace: str, settings: Path | None, overrides
         try:
             chosen = Output(output)
         except ValueError:
-            raise PlanError(f"--output {output}: there are attitude, rates and actuators") from None
+            *names, last = (each.value for each in Output)
+            raise PlanError(f"--output {output}: there are {', '.join(names)} and {last}") from None
         body, given = load_body(flown.vehicle), tuple(overrides)
         plan = Plan(read_settings, body, flown, chosen, _pace(pace), files, seed, given)
         check(plan)

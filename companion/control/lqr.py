@@ -1,16 +1,16 @@
 """LQR attitude control: equations (7)-(10) of the paper, with the reference gain that it lacks.
 
 The state is (phi, phi', theta, theta', psi, psi'), the inputs are the thrust differences U2, U3 (N) at the arm's
-length and the torque U4 (N m), so B holds l/Ixx, l/Iyy, 1/Izz. The law is u = K (x_ref - x): its gain from reference
-to angle is 1 for every weight (the paper feeds the reference in without K, and then misses it by 1 - 1/sqrt(q)).
+length and the torque U4 (N m), so B holds l/Ixx, l/Iyy, 1/Izz. The law is u = K (x_ref - x). Its gain from reference
+to angle is 1 for every weight (the paper feeds the reference in without K, which leaves an error of 1 - 1/sqrt(q)).
 
-**Torque or rates.** A, B, Q, R fall apart into the three axes, so each row of K is (k1, k2) and
+**Torque or rates.** A, B, Q, R separate into the three axes, so each row of K is (k1, k2) and
 
     u = k1 (angle_ref - angle) - k2 rate = k2 ((k1 / k2) (angle_ref - angle) - rate).
 
-The right side is a rate loop of gain k2 under a rate command of (k1 / k2) times the angle's error: sent to a vehicle
-whose own rate loop has that gain, it is the same closed loop, s^2 + b k2 s + b k1 with b the axis's entry of B; the
-faster the vehicle's rate loop, the nearer the angle comes to a first-order lag of k1 / k2.
+The right side is a rate loop of gain k2 under a rate command of (k1 / k2) times the angle's error. Sent to a vehicle
+whose own rate loop has that gain, the command gives the same closed loop, s^2 + b k2 s + b k1 with b the axis's entry
+of B. The faster the vehicle's rate loop, the nearer the angle comes to a first-order lag with the rate k1 / k2.
 """
 
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ def attitude_model(body: Body) -> tuple[Array, Array]:
 def attitude_gain(
     body: Body, angle_weight: Sequence[float], rate_weight: Sequence[float], input_weight: Sequence[float]
 ) -> Array:
-    """K (3, 6) of the weights' diagonals, three of each: Q = diag(angle, rate, angle, ...), R = diag(input)."""
+    """K (3, 6) for the diagonals of the weights (3 each): Q = diag(angle, rate, angle, ...), R = diag(input)."""
     import control  # takes seconds to import
 
     A, B = attitude_model(body)
@@ -57,7 +57,7 @@ def weights_for(body: Body, bandwidth: Sequence[float], damping: float) -> tuple
 
     With b the axis's entry of B the LQR gives k1 = sqrt(q_angle) and k2 = sqrt(q_rate + 2 k1 / b), and the closed loop
     is s^2 + b k2 s + b k1; so q_angle = (w^2 / b)^2 and q_rate = (4 damping^2 - 2) (w / b)^2. `bandwidth` in rad/s;
-    `damping` at least sqrt(1/2), below which no weight leads.
+    `damping` is at least sqrt(1/2); no weights give less.
     """
     _, B = attitude_model(body)
     entries = [B[2 * axis + 1, axis] for axis in range(3)]
@@ -67,13 +67,13 @@ def weights_for(body: Body, bandwidth: Sequence[float], damping: float) -> tuple
 
 
 def axis_gain(K: Array) -> Array:
-    """(3, 3): what each axis's own input takes from its errors of angle, rate and (nothing here) angular
-    acceleration."""
+    """(3, 3), one row for each axis: gains from its errors of angle, rate and angular acceleration (0 here) to its
+    input of (7)."""
     return np.array([[K[axis, 2 * axis], K[axis, 2 * axis + 1], 0.0] for axis in range(3)])
 
 
 def rate_gain(K: Array) -> Array:
-    """(3, 3) as `axis_gain`, for a rate command: k1 / k2 (1/s) of the angle's error, nothing of the others."""
+    """(3, 3) as `axis_gain`, for a rate command: k1 / k2 (1/s) for the angle's error, 0 for the others."""
     return np.array([[K[axis, 2 * axis] / K[axis, 2 * axis + 1], 0.0, 0.0] for axis in range(3)])
 
 
@@ -92,8 +92,8 @@ def sampled_gain(
         angle' = rate, rate' = acceleration, lag acceleration' = b u - acceleration   (u an input of (7)), or
         lag acceleration' = k (u - rate) - acceleration   (u a rate command, k the gain of the vehicle's `rate_loop`),
 
-    under a zero-order hold of `period_s` and the same weights per second. The delay of telemetry and link is not in it:
-    the state that it is given is predicted over them (`control.prediction`).
+    under a zero-order hold of `period_s` and the same weights per second. The delays of telemetry and link are not
+    included, since the state is predicted over them (`control.prediction`).
     """
     import control  # takes seconds to import
 
@@ -110,18 +110,18 @@ def sampled_gain(
 
 
 def to_torque(body: Body) -> Array:
-    """(3,) N m for one unit of U2, U3, U4."""
+    """(3,) torque (N m) for one unit of U2, U3, U4."""
     return np.array([body.arm_length_m, body.arm_length_m, 1.0])
 
 
 @compiled
 def attitude_error(attitude_ned_frd: Array, command_ned_frd: Array) -> Array:
-    """The shortest rotation (rad, body axes) from the attitude to the command; the same for q and -q."""
+    """(3,) the shortest rotation (rad, body axes) from the attitude (4,) to the command (4,); the same for q and -q."""
     return to_rotation_vector(multiply(conjugate(attitude_ned_frd), command_ned_frd))
 
 
 @compiled
 def feedback(angle_error: float, rate_error: float, acceleration_error: float, gain: Array) -> float:
-    """An axis's row (3,) of a gain times its errors of angle (rad), rate (rad/s) and angular acceleration (rad/s2): of
-    `axis_gain` U2, U3 (N) or U4 (N m), of `rate_gain` a rate (rad/s)."""
+    """The product of an axis's row (3,) of a gain with its errors of angle (rad), rate (rad/s) and angular acceleration
+    (rad/s2): U2, U3 (N) or U4 (N m) with `axis_gain`, a rate (rad/s) with `rate_gain`."""
     return float(gain[0] * angle_error + gain[1] * rate_error + gain[2] * acceleration_error)

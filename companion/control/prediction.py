@@ -1,37 +1,92 @@
-"""Where the vehicle will be when the command that is computed now takes effect.
+"""Prediction of the state at which the command that is computed now takes effect.
 
-Telemetry is old when it arrives, and a command acts later still. From the measured state the motion is integrated
-over that gap under the commands that were sent meanwhile, with the rotors' lag and the vehicle's rate loop as first
-order lags (a Smith predictor's forward model). The lags' own states can't be measured: they follow from the commands
-of the last 0.3 s, for they forget.
+Telemetry is old when it arrives, and a command acts later still. The motion is integrated over that gap, from the
+measured state on and under the commands that were sent meanwhile, with the rotors and the vehicle's rate loop as
+first-order lags (the forward model of a Smith predictor). The states of the lags can't be measured. They are computed
+from the commands of the last 0.3 s, which is long enough for the lags to forget where they started.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.outputs import TurningInput
 from protocol.arrays import Array, Quaternion
 from protocol.frames import product, rotation_quaternion, to_body, to_world
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 
-SENT = np.dtype([("time_ns", "i8"), ("thrust_n", "f8"), ("input", "f8", 3)], align=True)
-"""A command: from `time_ns` on in force at the vehicle; `input` is rates (rad/s) or angular acceleration (rad/s2)."""
-KEPT = 128
+COMMAND = np.dtype([("time_ns", "i8"), ("thrust_n", "f8"), ("input", "f8", 3)], align=True)
+"""A command, which the vehicle follows from `time_ns` on. `input` is what `Model.turning_input` says, (3,)
+FRD."""
+HISTORY = 128
+"""How many commands are remembered."""
 _MEMORY_NS = 300_000_000
+"""How far into the past the lags are followed."""
 _STEP_NS = 2_000_000
-_COARSE_NS = 4_000_000
-"""Of a step over the past, where the lags alone are followed."""
+"""Step of the integration from the measurement on."""
+_LAG_STEP_NS = 4_000_000
+"""Step over the past, where the lags alone are followed."""
 
-UNKNOWN, RATES, ANGULAR_ACCELERATION = 0, 1, 2
-"""What `input` is; with UNKNOWN the rates are taken to stay."""
+_RATES, _ANGULAR_ACCELERATION = int(TurningInput.RATES), int(TurningInput.ANGULAR_ACCELERATION)
+
+
+class Measured(NamedTuple):
+    """A measured state."""
+
+    position: Array
+    """(3,) m, NED."""
+    velocity: Array
+    """(3,) m/s, NED."""
+    attitude: Array
+    """(4,) quaternion from FRD to NED."""
+    rates: Array
+    """(3,) rad/s, FRD."""
+
+
+class Model(NamedTuple):
+    """The vehicle as the prediction knows it."""
+
+    turning_input: int
+    """What a command's `input` is: a TurningInput."""
+    rotor_lag: float
+    """Time constant of the rotors (s)."""
+    rate_loop: Array
+    """(3,) gain (1/s) of the vehicle's rate loop; 0: not known."""
+    mass: float
+    """kg, divided by the scale of the thrust."""
+    drag: Array
+    """(3,) kg/s along the body's axes, divided by the scale of the thrust."""
+    disturbance: Array
+    """(3,) m/s2, NED."""
+
+
+class Predicted(NamedTuple):
+    """The state at the end of the prediction, and the thrust at its beginning."""
+
+    position: Array
+    """(3,) m, NED."""
+    velocity: Array
+    """(3,) m/s, NED."""
+    attitude: Quaternion
+    """From FRD to NED."""
+    rates: Array
+    """(3,) rad/s, FRD."""
+    angular_acceleration: Array
+    """(3,) rad/s2, FRD."""
+    thrust: float
+    """N."""
+    measured_thrust: float
+    """N, at the time of the measurement."""
 
 
 @compiled
-def remember(sent: NDArray[np.void], count: int, time_ns: int, thrust_n: float, input_frd: Array) -> int:
-    """Put a command into the ring `sent` (KEPT,) of SENT; the new count of all that were ever put in."""
-    entry = sent[count % KEPT]
+def remember(commands: NDArray[np.void], count: int, time_ns: int, thrust_n: float, input_frd: Array) -> int:
+    """Write a command into the circular buffer `commands` (HISTORY,) of COMMAND; the new count of all commands that
+    were ever written."""
+    entry = commands[count % HISTORY]
     entry.time_ns = time_ns
     entry.thrust_n = thrust_n
     entry.input[:] = input_frd
@@ -39,90 +94,93 @@ def remember(sent: NDArray[np.void], count: int, time_ns: int, thrust_n: float, 
 
 
 @compiled
-def _in_force(sent: NDArray[np.void], count: int, index: int, time_ns: int) -> int:
-    """The number of the command at a time, `index` or a later one."""
-    while index + 1 < count and sent[(index + 1) % KEPT].time_ns <= time_ns:
+def _in_force(commands: NDArray[np.void], count: int, index: int, time_ns: int) -> int:
+    """The number of the command in force at a time: `index` or a later one."""
+    while index + 1 < count and commands[(index + 1) % HISTORY].time_ns <= time_ns:
         index += 1
     return index
 
 
 @compiled
 def _share(dt: float, lag: float) -> float:
-    """How much of the way to its command a lag goes within `dt`."""
+    """The share of the way to its input that a first-order lag covers within `dt`; both in s."""
     return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
 
 
 @compiled
-def predict(
-    position: Array,
-    velocity: Array,
-    attitude: Array,
-    rates: Array,
-    measured_ns: int,
-    until_ns: int,
-    sent: NDArray[np.void],
-    count: int,
-    kind: int,
-    rotor_lag: float,
-    rate_loop: Array,
-    mass: float,
-    drag: Array,
-    disturbance: Array,
-) -> tuple[Array, Array, Quaternion, Array, Array, float, float]:
-    """The state at `until_ns` from that at `measured_ns`: position, velocity (NED), attitude, rates, angular
-    acceleration (FRD), thrust (N), and the thrust (N) at `measured_ns`.
+def _known_input(model: Model) -> bool:
+    """The commands say how the vehicle turns."""
+    return model.turning_input == _ANGULAR_ACCELERATION or (model.turning_input == _RATES and model.rate_loop[0] > 0.0)
 
-    `mass`, `drag` as the thrust's scale makes them appear; `disturbance` (3,) in m/s2, NED.
+
+@compiled
+def _follow_lags(
+    commands: NDArray[np.void], count: int, until_ns: int, model: Model, angular_acceleration: Array
+) -> tuple[float, int]:
+    """Follow the lags over the past up to `until_ns`: the thrust (N) and the number of the command in force then.
+
+    Writes the angular acceleration (3,) in rad/s2 then, which is zero at the call, into its argument.
     """
-    p, v, w, turning = position.copy(), velocity.copy(), rates.copy(), np.zeros(3)
-    q = attitude[0], attitude[1], attitude[2], attitude[3]
-    if count == 0:
-        return p, v, q, w, turning, 0.0, 0.0
-    known = kind == ANGULAR_ACCELERATION or (kind == RATES and rate_loop[0] > 0.0)
-    # The past, where the lags alone are followed. `rate` is that of the model that their states come from.
-    time = measured_ns - _MEMORY_NS
-    index = _in_force(sent, count, max(count - KEPT, 0), time)
-    thrust, rate = sent[index % KEPT].thrust_n, sent[index % KEPT].input.copy()
+    known = _known_input(model)
+    time = until_ns - _MEMORY_NS
+    index = _in_force(commands, count, max(count - HISTORY, 0), time)
+    thrust, rate = commands[index % HISTORY].thrust_n, commands[index % HISTORY].input.copy()
     step, share = 0, 0.0
-    while time < measured_ns:
-        index = _in_force(sent, count, index, time)
-        end = min(time + _COARSE_NS, measured_ns)
+    while time < until_ns:
+        index = _in_force(commands, count, index, time)
+        end = min(time + _LAG_STEP_NS, until_ns)
         dt = (end - time) * 1e-9
         if end - time != step:  # the steps are alike but for the last one, and an exponential costs more than a step
-            step, share = end - time, _share(dt, rotor_lag)
-        command = sent[index % KEPT]
+            step, share = end - time, _share(dt, model.rotor_lag)
+        command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
         if known:
             for i in range(3):
                 wanted = command.input[i]
-                if kind == RATES:
-                    wanted = rate_loop[i] * (wanted - rate[i])
-                turning[i] += share * (wanted - turning[i])
-                rate[i] += dt * turning[i]
+                if model.turning_input == _RATES:
+                    wanted = model.rate_loop[i] * (wanted - rate[i])
+                angular_acceleration[i] += share * (wanted - angular_acceleration[i])
+                rate[i] += dt * angular_acceleration[i]
         time = end
-    thrust_then = thrust
+    return thrust, index
+
+
+@compiled
+def predict(
+    measured: Measured, measured_ns: int, until_ns: int, commands: NDArray[np.void], count: int, model: Model
+) -> Predicted:
+    """The state at `until_ns` from the one measured at `measured_ns`, under the commands of `remember`."""
+    p, v, w, turning = measured.position.copy(), measured.velocity.copy(), measured.rates.copy(), np.zeros(3)
+    attitude = measured.attitude
+    q = attitude[0], attitude[1], attitude[2], attitude[3]
+    if count == 0:
+        return Predicted(p, v, q, w, turning, 0.0, 0.0)
+    thrust, index = _follow_lags(commands, count, measured_ns, model, turning)
+    measured_thrust = thrust
+    known, drag = _known_input(model), model.drag
+    time = measured_ns
     while time < until_ns:
-        index = _in_force(sent, count, index, time)
+        index = _in_force(commands, count, index, time)
         end = min(time + _STEP_NS, until_ns)
         dt = (end - time) * 1e-9
-        share = _share(dt, rotor_lag)
-        command = sent[index % KEPT]
+        share = _share(dt, model.rotor_lag)
+        command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
         if known:
             for i in range(3):
                 wanted = command.input[i]
-                if kind == RATES:
-                    wanted = rate_loop[i] * (wanted - w[i])
+                if model.turning_input == _RATES:
+                    wanted = model.rate_loop[i] * (wanted - w[i])
                 turning[i] += share * (wanted - turning[i])
         x, y, z = to_body(q, v)
         lift, pull = to_world(q, (0.0, 0.0, -thrust)), to_world(q, (drag[0] * x, drag[1] * y, drag[2] * z))
         for i in range(3):
             w[i] += dt * turning[i]
-            change = dt * ((lift[i] - pull[i]) / mass + disturbance[i])
+            change = dt * ((lift[i] - pull[i]) / model.mass + model.disturbance[i])
             if i == 2:
                 change += dt * GRAVITY
             p[i] += dt * (v[i] + 0.5 * change)
             v[i] += change
         q = product(q, rotation_quaternion(dt * w[0], dt * w[1], dt * w[2]))
         time = end
-    return p, v, q, w, turning, thrust, thrust_then
+    return Predicted(p, v, q, w, turning, thrust, measured_thrust)

@@ -1,4 +1,4 @@
-"""From an acceleration command to a thrust vector that the vehicle can give: the altitude comes first."""
+"""From an acceleration command to a thrust vector within the vehicle's limits; the altitude has priority."""
 
 import math
 
@@ -12,7 +12,8 @@ from protocol.vehicle_parameters import GRAVITY
 
 @compiled
 def drag_compensation(velocity_ned: Array, attitude_ned_frd: Array, drag: Array, mass: float) -> Array:
-    """Acceleration (m/s2, NED) that makes up for linear drag (kg/s, body axes) at a velocity through still air."""
+    """Acceleration (3,) in m/s2, NED, that compensates linear drag (3,) in kg/s along the body's axes, at a velocity
+    (3,) in m/s, NED, through still air; `mass` in kg."""
     x, y, z = to_body(attitude_ned_frd, velocity_ned)
     force = to_world(attitude_ned_frd, (drag[0] * x, drag[1] * y, drag[2] * z))
     return np.array([force[0] / mass, force[1] / mass, force[2] / mass])
@@ -22,10 +23,10 @@ def drag_compensation(velocity_ned: Array, attitude_ned_frd: Array, drag: Array,
 def thrust_vector(
     acceleration_ned: Array, mass: float, lowest: float, highest: float, tilt_limit: float
 ) -> tuple[Array, bool]:
-    """Thrust (N, NED) for an acceleration (m/s2), and whether a limit bit.
+    """Thrust (3,) in N, NED, for an acceleration (3,) in m/s2, NED, and whether a limit was reached.
 
-    The vertical part is kept between `lowest` and `highest` (N); what the limit on the whole and on the tilt (rad)
-    leave is given to the horizontal part, whose direction is kept.
+    The vertical part is kept between `lowest` and `highest` (N). The horizontal part keeps its direction and gets what
+    the limits on the whole thrust and on the tilt (rad) leave.
     """
     north = mass * acceleration_ned[0]
     east = mass * acceleration_ned[1]
@@ -41,5 +42,5 @@ def thrust_vector(
 
 @compiled
 def collective(thrust_ned: Array, attitude_ned_frd: Array) -> float:
-    """Thrust (N) along the body's axis that comes nearest to `thrust_ned` at the present attitude."""
+    """Thrust (N) along the body's -z axis that comes nearest to `thrust_ned` (3,) in N at an attitude (4,)."""
     return -to_body(attitude_ned_frd, thrust_ned)[2]

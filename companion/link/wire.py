@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 
 from companion.link.sector_scans import SECTORS, SectorReport
+from companion.outputs import OUTPUTS, Message
 from companion.reports import AttitudeReport, PositionReport
 from companion.state import Output, Scan, Setpoint
 from protocol.arrays import Array
 from protocol.frames import from_euler
 from protocol.messages import dialect
-
-ATTITUDE_IGNORE_RATES = 0x07
-RATES_IGNORE_ATTITUDE = 0x80
-"""The two type masks that PX4 and ArduPilot both obey."""
 
 _POSITION_LIMIT_M = 1e5
 _VELOCITY_LIMIT = 150.0
@@ -116,22 +113,9 @@ def sector_distance(message: Any) -> SectorReport | None:
     )
 
 
-def setpoint_fields(
-    setpoint: Setpoint, output: Output, boot_time_ms: int, target: tuple[int, int]
-) -> tuple[type[Any], tuple[Any, ...]]:
+def setpoint_fields(setpoint: Setpoint, output: Output, boot_time_ms: int, target: tuple[int, int]) -> Message:
     """The message's class and fields for a setpoint on the layer `output`; `target` is (system, component)."""
-    if output is Output.ACTUATORS:
-        controls = [*setpoint.torque, setpoint.thrust, 0.0, 0.0, 0.0, 0.0]
-        return dialect.MAVLink_set_actuator_control_target_message, (boot_time_ms * 1000, 0, *target, controls)
-    mask = ATTITUDE_IGNORE_RATES if output is Output.ATTITUDE else RATES_IGNORE_ATTITUDE
-    return dialect.MAVLink_set_attitude_target_message, (
-        boot_time_ms,
-        *target,
-        mask,
-        setpoint.attitude_ned_frd,
-        *setpoint.rates_frd,
-        setpoint.thrust,
-    )
+    return OUTPUTS[output].encode(setpoint, boot_time_ms, target)
 
 
 def statustext_fields(severity: int, text: str) -> list[tuple[int, bytes, int, int]]:

@@ -1,5 +1,5 @@
-"""References: jerk-limited motion to a target that may move at any time (ruckig), tracks, and steps as the paper's
-tests use them."""
+"""The reference generator: jerk-limited motion to a target that may move at any time (ruckig), tracks, and steps of the
+position as the paper's tests use them."""
 
 import math
 
@@ -13,19 +13,23 @@ from companion.trajectory.track import Track
 from protocol.arrays import Array
 from protocol.frames import wrap
 
-_SLOWEST = 0.05
-_INSTANT_S = 1e-5
-_CLOSE = 1e-6
+_LEAST_SPEED = 0.05
+"""Least limit on the speed (m/s): ruckig needs one above 0."""
+_DIFFERENCE_S = 1e-5
+"""Step of the difference quotient that gives the jerk."""
+_ACCELERATION_TOLERANCE = 1e-6
+"""m/s2 by which an acceleration may be above its limit through rounding."""
 _SAME = 0.02
-"""Targets that differ by less than this share of the way to them are one; so are speeds."""
+"""A target that differs from the present one by less than this share of the distance to it is the same target. A speed
+that differs by less than this share is the same speed."""
 _UNWINDING_S = 0.25
-"""In which braking may take back the present acceleration."""
+"""Time in which braking may reduce the present acceleration to zero."""
 _LEAST_SHARE = 0.35
-"""Of the speed that each horizontal axis keeps when the way is along the other: room to turn."""
+"""Share of the speed that each horizontal axis keeps where the motion is along the other one, so that it can turn."""
 
 
 _Moment = tuple[list[float], list[float], list[float]]
-"""Position, velocity, acceleration of some axes."""
+"""Position, velocity and acceleration of some axes."""
 
 
 class _Motion:
@@ -37,16 +41,17 @@ class _Motion:
         self._start_ns = 0
         self._profile: Profile | None = None
         self.end: _Moment | None = None
-        """What `at` gives at rest: without a profile, or from its end on once that was asked for."""
-        self.rest([0.0] * axes)
+        """What `at` returns at rest: without a profile always, with one after its end."""
+        self.hold_at([0.0] * axes)
 
-    def rest(self, place: list[float]) -> None:
+    def hold_at(self, position: list[float]) -> None:
+        """Rest at a position from now on."""
         self._profile = None
         zero = [0.0] * self._axes
-        self.end = place, zero, zero
+        self.end = position, zero, zero
 
     def at(self, time_ns: int) -> _Moment:
-        """Position, velocity, acceleration; the same object as long as it rests."""
+        """Position, velocity and acceleration; the same object as long as the motion rests."""
         if self._profile is not None:
             time_s = (time_ns - self._start_ns) * 1e-9
             if time_s < self._profile.duration or self.end is None:
@@ -59,23 +64,25 @@ class _Motion:
         return self.end
 
     def jerk(self, time_ns: int, acceleration: list[float]) -> list[float]:
-        """It is constant between the profile's corners; from the acceleration then, which `at` gives."""
+        """The jerk, which is constant between the profile's corners. `acceleration` is that of `at` for the same
+        time."""
         if self._profile is None or self.ended(time_ns):
             return [0.0] * self._axes
-        after = self._profile.at_time((time_ns - self._start_ns) * 1e-9 + _INSTANT_S)[2]
-        return [(late - early) / _INSTANT_S for early, late in zip(acceleration, after, strict=True)]
+        after = self._profile.at_time((time_ns - self._start_ns) * 1e-9 + _DIFFERENCE_S)[2]
+        return [(late - early) / _DIFFERENCE_S for early, late in zip(acceleration, after, strict=True)]
 
     def ended(self, time_ns: int) -> bool:
-        """It is at rest from then on."""
+        """The motion is at rest from that time on."""
         return self._profile is None or (time_ns - self._start_ns) * 1e-9 >= self._profile.duration
 
-    def follow(self, inputs: InputParameter, time_ns: int) -> bool:
-        """Replace the motion; where there is no solution the old one goes on to its own end, a standstill."""
+    def replan(self, inputs: InputParameter, time_ns: int) -> bool:
+        """Replace the motion from a time on. Without a solution the old one continues to its end, which is a
+        standstill, and the result is False."""
         profile = Profile(self._axes)
         try:
             if self._generator.calculate(inputs, profile) not in (Result.Working, Result.Finished):
                 return False
-        except (ValueError, RuckigError):  # of the errors that ruckig has, its Python binding does not know all
+        except (ValueError, RuckigError):  # ValueError: a result that ruckig's Python binding does not know
             return False
         self._profile = profile
         self._start_ns = time_ns
@@ -84,7 +91,8 @@ class _Motion:
 
 
 def _braking(inputs: InputParameter, acceleration: float, jerk: float) -> InputParameter:
-    """To a standstill, wherever that is; within these limits or those of the present motion."""
+    """Brake to a standstill at any position, within limits on acceleration (m/s2) and jerk (m/s3), which grow to what
+    the present motion needs."""
     axes = len(inputs.current_position)
     present = math.hypot(*inputs.current_acceleration)
     acceleration, jerk = max(acceleration, present), max(jerk, present / _UNWINDING_S)
@@ -96,7 +104,7 @@ def _braking(inputs: InputParameter, acceleration: float, jerk: float) -> InputP
 
 
 class ReferenceGenerator:
-    """The reference and its motion. All times are the companion's, ns; positions NED (m)."""
+    """Generates the reference. All times are the companion's (ns), positions NED (m)."""
 
     def __init__(self, settings: TrajectorySettings) -> None:
         self._settings = settings
@@ -107,33 +115,35 @@ class ReferenceGenerator:
         self._track: Track | None = None
         self._track_ns = 0
         self._rest: tuple[_Moment | None, _Moment | None, Array] = None, None, np.zeros((6, 3))
-        """Translation, heading and the reference's rows where both rested last."""
+        """Translation, heading and the reference's rows from when both rested last."""
 
-    def place(self, position_ned: Array, yaw: float | None = None) -> None:
-        """Stand there from now on: a step of the reference. The heading stays unless it is given."""
-        self._translation.rest(position_ned.tolist())
+    def hold_at(self, position_ned: Array, yaw: float | None = None) -> None:
+        """Hold at a position (3,) from now on: a step of the reference. The heading stays unless `yaw` (rad) is
+        given."""
+        self._translation.hold_at(position_ned.tolist())
         self._goal = None
         self._track = None
         if yaw is not None:
-            self._heading.rest([yaw])
+            self._heading.hold_at([yaw])
             self._yaw_goal = yaw
 
-    def go(self, time_ns: int, target_ned: Array, speed: float, vertical_speed: float) -> None:
-        """From the present motion to a stop at the target, straight if the motion allows it, about as fast as
-        `speed`."""
+    def move_to(self, time_ns: int, target_ned: Array, speed: float, vertical_speed: float) -> None:
+        """Move from the present motion to a stop at the target (3,), straight if the motion allows it, at about `speed`
+        (m/s), vertically at most at `vertical_speed` (m/s)."""
         goal = (*target_ned.tolist(), speed, vertical_speed)
-        if goal == self._goal or self._flies_there(goal, time_ns):
+        if goal == self._goal or self._moves_to(goal, time_ns):
             return
         inputs = self._present(time_ns)
-        if max(map(abs, inputs.current_acceleration)) > self._settings.acceleration + _CLOSE:
-            self.stop(time_ns)  # out of a track that is harder than this motion may be; until it is not any more
+        if max(map(abs, inputs.current_acceleration)) > self._settings.acceleration + _ACCELERATION_TOLERANCE:
+            # The acceleration on a track may be above the limit of this motion: brake until it is not.
+            self.brake(time_ns)
             return
         offset = target_ned - np.array(inputs.current_position)
         distance = math.hypot(*offset.tolist())
-        # Each axis has its share of the speed, so that the velocity as a whole keeps to the limit; all may brake fully.
+        # Each axis gets its share of the speed, so that the whole velocity keeps to the limit; each may brake fully.
         share = np.maximum(np.abs(offset) / distance, _LEAST_SHARE) if distance > 1e-6 else np.ones(3)
-        limits = max(speed, _SLOWEST) * share
-        limits[2] = max(min(vertical_speed, speed), _SLOWEST)
+        limits = max(speed, _LEAST_SPEED) * share
+        limits[2] = max(min(vertical_speed, speed), _LEAST_SPEED)
         inputs.target_position = target_ned.tolist()
         inputs.max_velocity = limits.tolist()
         inputs.max_acceleration = [self._settings.acceleration] * 3
@@ -143,27 +153,27 @@ class ReferenceGenerator:
             inputs.synchronization = Synchronization.Time
             self._change(inputs, time_ns, goal)
 
-    def _flies_there(self, goal: tuple[float, ...], time_ns: int) -> bool:
-        """The motion is to almost the same target: another one would turn the vehicle again and again for nothing."""
+    def _moves_to(self, goal: tuple[float, ...], time_ns: int) -> bool:
+        """The motion leads to almost the same goal: a new one would only turn the vehicle again and again."""
         if not self._goal:
             return False
         *target, speed, vertical_speed = self._goal
-        here, _, _ = self._translation.at(time_ns)
-        near = math.dist(target, goal[:3]) < _SAME * math.dist(target, here)
+        position, _, _ = self._translation.at(time_ns)
+        near = math.dist(target, goal[:3]) < _SAME * math.dist(target, position)
         return near and abs(goal[3] - speed) < _SAME * speed and goal[4] == vertical_speed
 
-    def stop(self, time_ns: int) -> None:
-        """Brake to a standstill, wherever that is. What a track asks of the vehicle, braking may ask as well."""
+    def brake(self, time_ns: int) -> None:
+        """Brake to a standstill at any position. Out of a track, braking may be as hard as the track was."""
         if self._track is None and (self._goal is None or self._goal == ()):
             return
         inputs = _braking(self._present(time_ns), self._settings.acceleration, 2.0 * self._settings.jerk)
         self._change(inputs, time_ns, ())
 
-    def carry_on(
+    def brake_from(
         self, time_ns: int, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, braking: float = 0.0
     ) -> None:
-        """From another motion than its own, and brake to a standstill, with `braking` (m/s2) if that is harder than
-        the settings have it."""
+        """Take over a given motion ((3,) each; m, m/s, m/s2) and brake to a standstill, with the acceleration of the
+        settings or `braking` (m/s2), whichever is more."""
         inputs = InputParameter(3)
         inputs.current_position = position_ned.tolist()
         inputs.current_velocity = velocity_ned.tolist()
@@ -171,10 +181,10 @@ class ReferenceGenerator:
         acceleration = max(self._settings.acceleration, braking)
         self._change(_braking(inputs, acceleration, 2.0 * self._settings.jerk), time_ns, ())
 
-    def turn(self, time_ns: int, yaw: float) -> None:
+    def turn_to(self, time_ns: int, yaw: float) -> None:
         """Turn to a heading (rad) the shorter way."""
         if self._yaw_goal is None and not self._heading.ended(time_ns):
-            return  # it still brakes
+            return  # the heading still brakes after a track
         if self._yaw_goal is not None and abs(wrap(yaw - self._yaw_goal)) < 1e-3:
             return
         inputs = self._present_heading(time_ns)
@@ -183,38 +193,38 @@ class ReferenceGenerator:
         inputs.max_velocity = [math.radians(self._settings.yaw_rate_deg)]
         inputs.max_acceleration = [math.radians(self._settings.yaw_acceleration_deg)]
         inputs.max_jerk = [10.0 * math.radians(self._settings.yaw_acceleration_deg)]
-        if self._heading.follow(inputs, time_ns):
+        if self._heading.replan(inputs, time_ns):
             self._yaw_goal = yaw
 
     def follow(self, time_ns: int, track: Track) -> None:
-        """Fly a track from its beginning, which is where the reference should be at rest."""
+        """Fly a track from its beginning, where the reference should be at rest."""
         self._track = track
         self._track_ns = time_ns
         self._goal = None
 
-    def leave(self, time_ns: int) -> None:
-        """Rest at the end of the track that has been followed."""
+    def end_track(self, time_ns: int) -> None:
+        """Hold at the place that the track has led to."""
         end = self.at(time_ns)
         along = self._track is not None and self._track.along
-        self.place(end.position_ned, end.yaw if along else None)
+        self.hold_at(end.position_ned, end.yaw if along else None)
 
     @property
     def following(self) -> bool:
-        """A track, and no target."""
+        """A track is followed, not a target."""
         return self._track is not None
 
-    def remaining(self, time_ns: int) -> Track | None:
-        """What is left of the track that is being followed."""
-        return None if self._track is None else self._track.after((time_ns - self._track_ns) * 1e-9)
+    def remaining_track(self, time_ns: int) -> Track | None:
+        """The rest of the track that is followed; None if there is none."""
+        return None if self._track is None else self._track.resumed_at((time_ns - self._track_ns) * 1e-9)
 
-    def rests(self, time_ns: int) -> bool:
-        """Nothing moves from then on."""
+    def at_rest(self, time_ns: int) -> bool:
+        """The reference does not move from that time on."""
         if self._track is not None:
             return (time_ns - self._track_ns) * 1e-9 >= self._track.duration_s
         return self._translation.ended(time_ns) and self._heading.ended(time_ns)
 
     def at(self, time_ns: int) -> Reference:
-        """The reference at a time not before the last change."""
+        """The reference at a time, which is not before that of the last change."""
         track = self._track
         if track is not None:
             rows = track.at((time_ns - self._track_ns) * 1e-9)
@@ -222,12 +232,13 @@ class ReferenceGenerator:
                 rows[5] = self._heading_at(time_ns)
             return Reference(rows)
         motion, turning = self._translation.at(time_ns), self._heading.at(time_ns)
-        resting, still, rows = self._rest
-        if motion is resting and turning is still:
+        rested_motion, rested_heading, rows = self._rest
+        if motion is rested_motion and turning is rested_heading:
             return Reference(rows.copy())
-        (position, velocity, acceleration), ((yaw,), (rate,), (yawing,)) = motion, turning
+        (position, velocity, acceleration), ((yaw,), (rate,), (yaw_acceleration,)) = motion, turning
         jerk = self._translation.jerk(time_ns, acceleration)
-        rows = np.array((*position, *velocity, *acceleration, *jerk, 0.0, 0.0, 0.0, yaw, rate, yawing)).reshape(6, 3)
+        rows = np.array((*position, *velocity, *acceleration, *jerk, 0.0, 0.0, 0.0, yaw, rate, yaw_acceleration))
+        rows = rows.reshape(6, 3)
         if motion is self._translation.end and turning is self._heading.end:
             self._rest = motion, turning, rows.copy()
         return Reference(rows)
@@ -237,7 +248,7 @@ class ReferenceGenerator:
         return yaw[0], rate[0], acceleration[0]
 
     def _present(self, time_ns: int) -> InputParameter:
-        """A calculation that starts from the present motion."""
+        """Inputs of a calculation that starts from the present motion."""
         present = self.at(time_ns)
         inputs = InputParameter(3)
         inputs.current_position = present.position_ned.tolist()
@@ -254,14 +265,14 @@ class ReferenceGenerator:
         return inputs
 
     def _change(self, inputs: InputParameter, time_ns: int, goal: tuple[float, ...]) -> bool:
-        """Take up another motion if there is one, and leave the track if there was one."""
+        """Replace the motion, and leave the track if there was one; False without a solution."""
         heading = self._present_heading(time_ns)
-        if not self._translation.follow(inputs, time_ns):
+        if not self._translation.replan(inputs, time_ns):
             return False
         self._goal = goal
         track, self._track = self._track, None
         if track is not None and track.along:
             acceleration = math.radians(self._settings.yaw_acceleration_deg)
-            self._heading.follow(_braking(heading, acceleration, 10.0 * acceleration), time_ns)
+            self._heading.replan(_braking(heading, acceleration, 10.0 * acceleration), time_ns)
             self._yaw_goal = None
         return True

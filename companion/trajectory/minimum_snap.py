@@ -1,11 +1,12 @@
-"""The smoothest curve through points, of least integral of the squared snap, as fast as some limits allow.
+"""Minimum-snap curves: the least integral of the squared snap through given points, in the least time within limits.
 
 Among all functions through given points at given times, from rest to rest, the one of least integral of its squared
 fourth derivative is the spline of degree 7 with six continuous derivatives (Schoenberg 1964; D. Mellinger and V. Kumar,
 ICRA 2011, for quadrotors). So the quadratic programme is one banded system of equations, that of interpolation.
 
-The times are free. Stretching all of them by T divides velocities by T and accelerations by T^2, so that for given
-shares of the whole the least T within the limits follows in closed form; the shares are those for which it is least.
+The times are free. Stretching all of them by T divides velocities by T and accelerations by T^2. So for given shares of
+the legs in the whole duration the least T within the limits follows in closed form. The shares are searched for which T
+is least.
 """
 
 import math
@@ -21,27 +22,28 @@ from protocol.vehicle_parameters import GRAVITY
 
 _DEGREE = 7
 _SAMPLES = 24
-"""A leg, in the search of the shares."""
+"""Samples of each leg in the search of the shares."""
 _FINE_SAMPLES = 400
-"""A leg, for the final time."""
-_CLOSE = 1e-4
-"""Relative gain of a step of the search that is not worth another one."""
+"""Samples of each leg for the final duration."""
+_TOLERANCE = 1e-4
+"""The search ends with a step whose relative gain is less."""
 _LONG_LEG = 4.0
-"""Times speed^2 / acceleration: a leg longer than this gets points between. The curve of least snap alone would be at
-its peak speed in the middle of it only, at 46 % of it on average."""
-_MANY_LEGS = 24
+"""Legs longer than this times speed^2 / acceleration are subdivided. The curve of least snap alone would reach its peak
+speed only in the middle of such a leg, and 46 % of it on average."""
+_MAX_LEGS = 24
+"""Legs are not made shorter than the whole length over this number."""
 _TILT_SHARE = 0.8
-"""Of the limit: the rest is for drag and for corrections."""
+"""Share of the tilt's limit that is planned with; the rest is for drag and corrections."""
 _MARGIN = 1.0001
-"""For what lies between the samples."""
-_SHARPNESS = 12.0
-"""Of the norm that stands for the peak in the search: a maximum has no gradient where it changes its place."""
+"""Factor on the duration for peaks between the samples."""
+_NORM_ORDER = 12.0
+"""Order of the norm that stands for the peak in the search: a maximum has no gradient where its place changes."""
 
 
 @compiled
 def polynomial_at(knots: Array, coefficients: Array, parameter: float) -> Array:
-    """(5, 3) value and derivatives of a piecewise polynomial: knots (n + 1,), coefficients (n, degree + 1, 3) of the
-    powers of the distance from each piece's left knot."""
+    """(5, 3) value and first four derivatives of a piecewise polynomial, with its knots (n + 1,) and the coefficients
+    (n, degree + 1, 3) of the powers of the distance from each piece's left knot."""
     pieces = coefficients.shape[0]
     piece = min(max(np.searchsorted(knots, parameter, side="right") - 1, 0), pieces - 1)
     x = parameter - knots[piece]
@@ -59,7 +61,7 @@ def polynomial_at(knots: Array, coefficients: Array, parameter: float) -> Array:
 
 @compiled
 def polynomials_at(knots: Array, coefficients: Array, samples: int) -> Array:
-    """(n samples + 1, 5, 3) `polynomial_at` at that many places of each piece."""
+    """(n * samples + 1, 5, 3): `polynomial_at` at equally spaced samples of each piece."""
     pieces = coefficients.shape[0]
     out = np.empty((pieces * samples + 1, 5, 3))
     for i in range(pieces * samples + 1):
@@ -71,13 +73,13 @@ def polynomials_at(knots: Array, coefficients: Array, samples: int) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class PiecewisePolynomial:
-    """A path whose parameter is time; see `polynomial_at`."""
+    """A path whose parameter is time (s); see `polynomial_at`."""
 
     knots: Array
     coefficients: Array
 
     def at(self, parameter: float) -> Array:
-        """(5, 3) position and derivatives."""
+        """(5, 3) position (m) and its first four derivatives by time."""
         return polynomial_at(self.knots, self.coefficients, parameter)
 
     @property
@@ -85,22 +87,26 @@ class PiecewisePolynomial:
         return float(self.knots[-1])
 
     def stretched(self, factor: float) -> "PiecewisePolynomial":
-        """The same curve, that many times as slow."""
+        """The same curve with its duration multiplied by a factor."""
         powers = factor ** -np.arange(self.coefficients.shape[1], dtype=float)
         return PiecewisePolynomial(self.knots * factor, self.coefficients * powers[:, np.newaxis])
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Of the motion as a whole (m, s, rad)."""
+    """Limits of the motion."""
 
     speed: float
+    """m/s."""
     acceleration: float
+    """m/s2."""
     tilt: float
+    """rad."""
 
 
-def through(points: Array, durations: Array) -> PiecewisePolynomial:
-    """The curve of least snap through `points` (n + 1, 3), at rest at both ends, with `durations` (n,) of its legs."""
+def spline_through(points: Array, durations: Array) -> PiecewisePolynomial:
+    """The curve of least snap through `points` (n + 1, 3) in m, at rest at both ends, with the `durations` (n,) in s of
+    its legs."""
     knots = np.concatenate(([0.0], np.cumsum(durations)))
     rest = [(order, np.zeros(3)) for order in (1, 2, 3)]
     spline = make_interp_spline(knots, points, k=_DEGREE, bc_type=(rest, rest))
@@ -109,7 +115,7 @@ def through(points: Array, durations: Array) -> PiecewisePolynomial:
 
 
 def snap_integral(curve: PiecewisePolynomial) -> float:
-    """Of the squared snap over time (m2/s7), exact."""
+    """The integral of the squared snap over time (m2/s7), exact."""
     nodes, weights = np.polynomial.legendre.leggauss(_DEGREE - 3)
     total = 0.0
     for left, right in zip(curve.knots, curve.knots[1:], strict=False):
@@ -120,7 +126,7 @@ def snap_integral(curve: PiecewisePolynomial) -> float:
 
 
 def _loads(curve: PiecewisePolynomial, limits: Limits, samples: int) -> Array:
-    """(3, m) by what speed, acceleration and tilt ask the curve to be stretched at each of its samples."""
+    """(3, m) factors by which speed, acceleration and tilt require the curve to be stretched, at each of m samples."""
     motion = polynomials_at(curve.knots, curve.coefficients, samples)
     velocity, acceleration = motion[:, 1], motion[:, 2]
     slope = math.tan(_TILT_SHARE * limits.tilt)
@@ -135,8 +141,9 @@ def _loads(curve: PiecewisePolynomial, limits: Limits, samples: int) -> Array:
     )
 
 
-def proportional(points: Array, limits: Limits) -> Array:
-    """(n,) durations of the legs as if each were flown on its own, from rest to rest."""
+def rest_to_rest_durations(points: Array, limits: Limits) -> Array:
+    """(n,) durations (s) of the legs between `points` (n + 1, 3) in m, if each were flown on its own from rest to
+    rest."""
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     ramp = limits.speed**2 / limits.acceleration
     short = 2.0 * np.sqrt(lengths / limits.acceleration)
@@ -144,36 +151,36 @@ def proportional(points: Array, limits: Limits) -> Array:
     return durations
 
 
-def allocated(points: Array, limits: Limits) -> Array:
-    """(n,) shares of the legs in the whole duration for which that is least (L-BFGS-B on a smooth bound)."""
-    first = proportional(points, limits)
+def optimal_shares(points: Array, limits: Limits) -> Array:
+    """(n,) shares of the legs in the whole duration for which that is least, by L-BFGS-B on a smooth bound."""
+    first = rest_to_rest_durations(points, limits)
 
     def time(logarithms: Array) -> float:
         durations = np.exp(logarithms)
-        curve = through(points, durations / durations.sum())
+        curve = spline_through(points, durations / durations.sum())
         loads = _loads(curve, limits, _SAMPLES)
         peak = loads.max()
-        return float(np.log(peak) + np.log(((loads / peak) ** _SHARPNESS).mean()) / _SHARPNESS)
+        return float(np.log(peak) + np.log(((loads / peak) ** _NORM_ORDER).mean()) / _NORM_ORDER)
 
-    found = minimize(time, np.log(first / first.sum()), method="L-BFGS-B", options={"ftol": _CLOSE})
+    found = minimize(time, np.log(first / first.sum()), method="L-BFGS-B", options={"ftol": _TOLERANCE})
     durations: Array = np.exp(found.x)
     shares: Array = durations / durations.sum()
     return shares
 
 
-def divided(points: Array, limits: Limits) -> Array:
-    """(m + 1, 3) the points, and others on the straight legs between them so that none is long."""
+def subdivided(points: Array, limits: Limits) -> Array:
+    """(m + 1, 3) the points (n + 1, 3), with more points on the straight lines between them where a leg is long."""
     offsets = np.diff(points, axis=0)
     lengths = np.linalg.norm(offsets, axis=1)
-    longest = max(_LONG_LEG * limits.speed**2 / limits.acceleration, float(lengths.sum()) / _MANY_LEGS)
+    longest = max(_LONG_LEG * limits.speed**2 / limits.acceleration, float(lengths.sum()) / _MAX_LEGS)
     parts = np.ceil(lengths / longest).astype(int).tolist()
     legs = [points[i] + np.outer(np.arange(n) / n, offsets[i]) for i, n in enumerate(parts)]
     return np.concatenate((*legs, points[-1:]))
 
 
 def plan(points: Array, limits: Limits) -> PiecewisePolynomial:
-    """The curve through `points` (n + 1, 3; m, NED, n >= 1, no two neighbours equal) from rest to rest that reaches,
-    and does not pass, one of the limits."""
-    points = divided(points, limits)
-    curve = through(points, allocated(points, limits))
+    """The curve from rest to rest through `points` (n + 1, 3; m, NED, n >= 1, no two neighbours equal) that reaches one
+    of the limits and exceeds none."""
+    points = subdivided(points, limits)
+    curve = spline_through(points, optimal_shares(points, limits))
     return curve.stretched(_MARGIN * float(_loads(curve, limits, _FINE_SAMPLES).max()))

@@ -1,7 +1,7 @@
 """Shapes as functions of a parameter, each with its derivatives up to the fourth.
 
-All start at 0, 0, 0 (m, NED): circle, helix, ellipse and lemniscate are one sum of sines, the square
-is straight edges between corners. One lap is 2 pi of the parameter for the former, 4 for the square.
+All start at 0, 0, 0 (m, NED). Circle, helix, ellipse and lemniscate are one sum of sines, and a lap is 2 pi of the
+parameter. The square consists of straight edges, and a lap is 4 of the parameter.
 """
 
 import math
@@ -16,11 +16,11 @@ from protocol.jit import compiled
 
 @compiled
 def harmonic_at(along: float, across: float, twice: float, climb: float, angle: float) -> Array:
-    """(5, 3) position and derivatives by the angle: north `along` sin, east `across` (1 - cos) + `twice` sin 2 angle,
-    `climb` up for each radian."""
+    """(5, 3) position (m) and derivatives by the angle (rad): north `along` sin, east `across` (1 - cos) + `twice` sin
+    of twice the angle, and `climb` (m) up for each radian."""
     s, c = math.sin(angle), math.cos(angle)
     s2, c2 = math.sin(2.0 * angle), math.cos(2.0 * angle)
-    return np.array(  # compiled, a list of lists would go by the heap
+    return np.array(  # in compiled code a list of lists would be taken from the heap
         (
             (along * s, across * (1.0 - c) + twice * s2, -climb * angle),
             (along * c, across * s + 2.0 * twice * c2, -climb),
@@ -33,7 +33,8 @@ def harmonic_at(along: float, across: float, twice: float, climb: float, angle: 
 
 @compiled
 def square_at(edge: float, parameter: float) -> Array:
-    """(5, 3) position and derivatives by the parameter, 1 for each edge: north, east, south, west."""
+    """(5, 3) position (m) and derivatives by the parameter, which grows by 1 along each edge: north, east, south,
+    west."""
     side = math.floor(parameter)
     along = edge * (parameter - side)
     out = np.zeros((5, 3))
@@ -51,7 +52,7 @@ def square_at(edge: float, parameter: float) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Harmonic:
-    """See `harmonic_at`."""
+    """A path of `harmonic_at`; all in m."""
 
     along: float
     across: float
@@ -66,15 +67,16 @@ class Harmonic:
 
     @property
     def peak_speed(self) -> float:
-        """For a parameter that grows by 1 a second: with across <= along it is that at the start."""
+        """m/s where the parameter grows by 1 a second. With across <= along it is the speed at the start."""
         return math.hypot(self.along, 2.0 * self.twice, self.climb)
 
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """See `square_at`."""
+    """A path of `square_at`."""
 
     edge: float
+    """m."""
 
     lap = 4.0
 
@@ -88,7 +90,7 @@ class Square:
 
 
 def shape_of(table: Shape) -> Harmonic | Square:
-    """The path that a mission's table asks for."""
+    """The path for a mission's table."""
     size = table.size
     match table.shape:
         case "circle":

@@ -1,4 +1,5 @@
-"""When a path is where: a smooth law from rest to a constant rate and back, and the chain rule up to snap."""
+"""Time laws: the parameter of a path over time, from rest smoothly to a constant rate and back, and the chain rule that
+joins path and time law up to snap."""
 
 from dataclasses import dataclass, replace
 
@@ -10,9 +11,10 @@ from protocol.jit import compiled
 
 @compiled
 def _rate(x: float, length: float) -> Array:
-    """Integral, value and three derivatives by time of the step 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7, x = t / length.
+    """(5,) integral, value and three derivatives by time of the smooth step 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7 with
+    x = t / length.
 
-    Its first three derivatives vanish at 0 and 1, so that what is joined there is continuous up to snap.
+    Its first three derivatives vanish at 0 and 1, so a motion is continuous up to snap at both ends.
     """
     x2, y = x * x, 1.0 - x
     return np.array(
@@ -28,7 +30,11 @@ def _rate(x: float, length: float) -> Array:
 
 @compiled
 def law_at(start: float, rate: float, up: float, cruise: float, down: float, time: float) -> Array:
-    """(5,) parameter and its derivatives by time up to the fourth, at rest before 0 and after the end."""
+    """(5,) parameter and its derivatives by time up to the fourth; at rest before 0 and after the end.
+
+    The parameter begins at `start`, reaches `rate` (1/s) within `up` (s), keeps it for `cruise` (s) and comes to rest
+    within `down` (s).
+    """
     law = np.zeros(5)
     law[0] = start
     if time < 0.0:
@@ -49,8 +55,8 @@ def law_at(start: float, rate: float, up: float, cruise: float, down: float, tim
 
 @compiled
 def compose(path: Array, law: Array) -> Array:
-    """(5, 3) derivatives by time, from (5, 3) those of the path by its parameter and (5,) those of the parameter by
-    time (Faa di Bruno)."""
+    """(5, 3) position and its derivatives by time, from those of the path (5, 3) by its parameter and those of the
+    parameter (5,) by time (formula of Faa di Bruno)."""
     u1, u2, u3, u4 = law[1], law[2], law[3], law[4]
     out = np.empty((5, 3))
     for axis in range(3):
@@ -65,9 +71,8 @@ def compose(path: Array, law: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class TimeLaw:
-    """The parameter from `start` to `end` (> start): up to `rate` (1/s) in `up_s`, and down to rest in `down_s`.
-
-    A way too short for both is passed at a lower rate."""
+    """A parameter that goes from `start` to `end` (> start): from rest to `wanted_rate` (1/s) in `up_s`, and to rest in
+    `down_s` (s). If the distance is too short for both ramps, the rate is lower."""
 
     start: float
     end: float
@@ -77,10 +82,10 @@ class TimeLaw:
 
     @property
     def rate(self) -> float:
-        """The highest."""
+        """The highest rate (1/s) that is reached."""
         ramps = 0.5 * (self.up_s + self.down_s)
-        way = self.end - self.start
-        return self.wanted_rate if way > self.wanted_rate * ramps else way / ramps
+        distance = self.end - self.start
+        return self.wanted_rate if distance > self.wanted_rate * ramps else distance / ramps
 
     @property
     def duration_s(self) -> float:
@@ -88,14 +93,14 @@ class TimeLaw:
 
     @property
     def phases(self) -> tuple[float, float, float, float, float]:
-        """What `law_at` takes before the time."""
+        """The arguments of `law_at` before the time."""
         cruise = max((self.end - self.start) / self.rate - 0.5 * (self.up_s + self.down_s), 0.0)
         return self.start, self.rate, self.up_s, cruise, self.down_s
 
     def at(self, time_s: float) -> Array:
-        """(5,) the parameter and its derivatives by time."""
+        """(5,) parameter and its derivatives by time."""
         return law_at(*self.phases, time_s)
 
     def resumed(self, parameter: float, ramp_s: float) -> "TimeLaw":
-        """From rest at that parameter to the same end."""
+        """The time law from rest at that parameter to the same end."""
         return replace(self, start=parameter, up_s=ramp_s)

@@ -1,4 +1,4 @@
-"""A path flown by a law of time: everything about the reference at any time, exact up to snap."""
+"""A track: a path in space flown by a time law. It gives the reference at any time, exact up to snap."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,20 +14,21 @@ from companion.trajectory.timing import TimeLaw, compose, law_at
 from protocol.arrays import Array
 from protocol.jit import compiled
 
-_STEEPEST = 35.0 / 16.0
-"""Of the step from rest to the full rate, times its length."""
+_PEAK_SLOPE = 35.0 / 16.0
+"""Greatest slope of the smooth step of `timing`, over unit height and length."""
 
 
 class Path(Protocol):
     """A curve in space that begins at 0, 0, 0 (m, NED)."""
 
     def at(self, parameter: float) -> Array:
-        """(5, 3) position and its derivatives by the parameter."""
+        """(5, 3) position (m) and its derivatives by the parameter."""
 
 
 @compiled
 def _heading(path: Array, law: Array) -> tuple[float, float, float]:
-    """Of the horizontal tangent (rad), and its derivatives by time."""
+    """The heading (rad) of the horizontal tangent, and its first two derivatives by time, from the path (5, 3) and the
+    time law (5,)."""
     x1, y1, x2, y2, x3, y3 = path[1, 0], path[1, 1], path[2, 0], path[2, 1], path[3, 0], path[3, 1]
     square = x1 * x1 + y1 * y1
     if square == 0.0:
@@ -39,7 +40,7 @@ def _heading(path: Array, law: Array) -> tuple[float, float, float]:
 
 @compiled
 def _motion(path: Array, law: Array, origin: Array) -> Array:
-    """(6, 3) position to snap by time, and yaw, its rate and its acceleration."""
+    """(6, 3) as `Track.at`, from the path (5, 3) and the time law (5,)."""
     out = np.empty((6, 3))
     out[:5] = compose(path, law)
     out[0] += origin
@@ -49,20 +50,20 @@ def _motion(path: Array, law: Array, origin: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """A path at a place, and when it is where."""
+    """A path at a place, with its time law."""
 
     path: Path
     law: TimeLaw
     origin_ned: Array
-    """Where the path's 0, 0, 0 lies."""
+    """(3,) m: where the path's 0, 0, 0 lies."""
     along: bool
-    """The heading is that of the motion; otherwise the track has none."""
+    """The heading is that of the motion; otherwise the track does not define the heading."""
     resume_s: float
-    """From rest to the full rate if it is taken up again on the way."""
+    """Time (s) from rest to the full rate when the track is resumed on the way."""
 
     def at(self, time_s: float) -> Array:
-        """(6, 3) position, velocity, acceleration, jerk, snap; and yaw, its rate and its acceleration (rad). At rest
-        after the end."""
+        """(6, 3) position, velocity, acceleration, jerk and snap (m, s; NED), and yaw, its rate and its acceleration
+        (rad, s). The track is at rest before 0 and after its end."""
         law = law_at(*self.law.phases, time_s)
         return _motion(self.path.at(law[0]), law, self.origin_ned)
 
@@ -72,33 +73,33 @@ class Track:
 
     @property
     def start_ned(self) -> Array:
-        """Where it begins."""
+        """(3,) m: where the track begins."""
         start: Array = self.at(0.0)[0]
         return start
 
     @property
     def start_yaw(self) -> float | None:
-        """The heading to begin with, if it has one."""
+        """The heading (rad) at the beginning; None if the track does not define the heading."""
         return float(self.at(0.0)[5, 0]) if self.along else None
 
-    def moved(self, offset_ned: Array) -> "Track":
-        """The same elsewhere."""
+    def shifted(self, offset_ned: Array) -> "Track":
+        """The same track at another place, by an offset (3,) in m."""
         return replace(self, origin_ned=self.origin_ned + offset_ned)
 
-    def after(self, time_s: float) -> "Track":
-        """What is left of it at that time, from rest."""
+    def resumed_at(self, time_s: float) -> "Track":
+        """The rest of the track from that time on, started from rest."""
         reached = float(self.law.at(time_s)[0])
         return replace(self, law=self.law.resumed(reached, self.resume_s))
 
 
 def track_of(curve: Curve, settings: TrajectorySettings, tilt: float) -> Track:
-    """The track for what a mission asks for, beginning at 0, 0, 0; `tilt` (rad) is the vehicle's limit.
+    """The track for a mission's curve, which begins at 0, 0, 0; `tilt` (rad) is the vehicle's limit.
 
-    Shapes are flown as they are asked for; the limits hold for routes."""
+    Shapes are flown as given; the limits of settings and tilt apply to routes."""
     if isinstance(curve, Shape):
         shape = shape_of(curve)
         law = TimeLaw(0.0, curve.laps * shape.lap, curve.speed / shape.peak_speed, curve.ramp_s, curve.ramp_s)
         return Track(shape, law, np.zeros(3), curve.heading == "along", curve.ramp_s)
     path = plan(curve.points_ned, Limits(curve.speed, settings.acceleration, tilt))
-    ramp_s = _STEEPEST * curve.speed / settings.acceleration
+    ramp_s = _PEAK_SLOPE * curve.speed / settings.acceleration
     return Track(path, TimeLaw(0.0, path.duration_s, 1.0, 0.0, 0.0), np.zeros(3), False, ramp_s)

@@ -1,10 +1,17 @@
-"""What of the trace goes into the log: nothing that happened at one step is lost in between."""
+"""The trace: its records hold what a control step had, and nothing that happened at one step is lost in the log."""
+
+import math
 
 import numpy as np
 import pytest
 
-from companion.records import LOGGED, TRACE
-from companion.trace import Thinning
+from companion.avoidance.guard import Verdict
+from companion.control.controller import SIZE
+from companion.mission.plan import Phase
+from companion.records import CONTROL_FIELDS, LOGGED, TRACE
+from companion.state import AvoidanceDecision, Reason, Reference, VehicleState
+from companion.supervision.states import State
+from companion.trace import ControlStep, Thinning, pack
 
 STEP_NS = 4_000_000
 STEPS = 1000
@@ -27,6 +34,31 @@ def steps(seed: int) -> "np.ndarray[tuple[int], np.dtype[np.void]]":
     table["phase"] = np.arange(STEPS) // 331
     table["step"] = np.arange(STEPS) // 97
     return table
+
+
+@pytest.mark.parametrize("guarded", [False, True])
+def test_a_record_holds_the_step(guarded: bool) -> None:
+    rng = np.random.default_rng(1)
+    position, velocity, rates = rng.normal(size=(3, 3))
+    vehicle = VehicleState(0, position, velocity, rng.normal(size=4), rates, 7_000_000)
+    reference, control = Reference(rng.normal(size=(6, 3))), rng.normal(size=SIZE)
+    decision = AvoidanceDecision(rng.normal(size=3), 3.5, math.inf, True)
+    verdict = Verdict(acceleration_ned=rng.normal(size=3), changed=1.5, reason=Reason.STOP) if guarded else None
+    step = ControlStep(State.FLY, Phase.ROUTE, 3, vehicle, reference, control, True, decision, 12.5, verdict)
+    (record,) = np.frombuffer(pack(step), TRACE.dtype)
+    assert (record["state"], record["phase"], record["step"]) == (State.FLY, Phase.ROUTE, 3)
+    assert record["blocked"] and record["limited"]
+    for name in ("position_ned", "velocity_ned", "attitude_ned_frd", "rates_frd"):
+        assert np.array_equal(record[name], getattr(vehicle, name))
+    for row, name in enumerate(("position", "velocity", "acceleration")):
+        assert np.array_equal(record[f"reference_{name}_ned"], reference.rows[row])
+    assert np.array_equal(record["target_ned"], decision.target_ned)
+    assert np.array_equal(np.concatenate([np.atleast_1d(record[name]) for name, _ in CONTROL_FIELDS]), control)
+    assert (record["reference_yaw"], record["reference_yaw_rate"]) == (reference.yaw, reference.yaw_rate)
+    assert (record["position_age"], record["speed_limit"], record["clearance"]) == (7e-3, 3.5, math.inf)
+    assert record["free_distance"] == 12.5
+    expected = (Reason.STOP, 1.5) if guarded else (Reason.NONE, 0.0)
+    assert (record["guard_reason"], record["guard_change"]) == expected
 
 
 @pytest.mark.parametrize("rate", [1.0, 25.0, 50.0, 60.0, 250.0, 1000.0])

@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.control import backstepping
+from companion.control.tracking_error import TrackingError
 from companion.records import TRACE
 from protocol.arrays import Array
 from studies.lyapunov import FLIGHTS, LEAST, PERIOD_S, C, course, fly
@@ -14,8 +15,10 @@ NOTHING = np.zeros(3)
 
 
 def law(position: Array, velocity: Array) -> tuple[Array, Array, Array]:
-    """To the origin."""
-    return backstepping.acceleration_command(position, velocity, NOTHING, NOTHING, NOTHING, C1, C2)
+    """The acceleration to the origin, e1 and e2; (3,) each."""
+    e1, e2 = backstepping.errors(position, velocity, NOTHING, NOTHING, C1)
+    error = TrackingError(e1, -velocity, e2, NOTHING)
+    return backstepping.acceleration_command(error, NOTHING, np.array([C1, C2])), e1, e2
 
 
 def motion(disturbance: Array, seconds: float = 4.0) -> NDArray[np.void]:

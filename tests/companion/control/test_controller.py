@@ -1,4 +1,5 @@
-"""The cascade on a vehicle of its own: estimates find what they should, the prediction is the motion, laws converge."""
+"""The controller on a vehicle of its own: estimates find what they should, the prediction is the motion, laws
+converge."""
 
 import math
 
@@ -7,10 +8,10 @@ import numpy as np
 import pytest
 
 from companion.config import load_body, load_settings
-from companion.control import controller as cascade
-from companion.control import disturbance_observer as estimation
-from companion.control import prediction
-from companion.control.controller import LAWS, Controller
+from companion.control import disturbance_observer, prediction
+from companion.control.controller import MEMORY, RATES, SIZE, THRUST, TORQUE, Controller, _fade_jumps
+from companion.control.laws import LAWS
+from companion.outputs import TurningInput
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
 from protocol.frames import from_rotation_vector, multiply, rotate, rotate_inverse
@@ -60,21 +61,26 @@ def circle(time: float, speed: float = 4.0, radius: float = 3.0) -> Reference:
 def tracked(
     vehicle: Body, *overrides: str, seconds: float = 12.0, late_ticks: int = 0, output: Output = Output.RATES
 ) -> tuple[Array, Array]:
-    """Errors (n, 3) on the circle, and the last FIELDS; the vehicle obeys rates, its pose comes `late_ticks` late."""
+    """Errors (n, 3) on the circle, and the last CONTROL_FIELDS. The vehicle follows rates; its pose comes `late_ticks`
+    late."""
     settings = load_settings(None, ["limits.tilt_deg=70.0", *overrides])
     controller = Controller(settings, BODY, output)
     vehicle.position, vehicle.velocity = circle(0.0).position_ned, circle(0.0).velocity_ned
-    errors, out = [], np.zeros(cascade.SIZE)
+    errors, out = [], np.zeros(SIZE)
     poses = [vehicle.state(START_NS)] * (late_ticks + 1)
     for tick in range(round(seconds * 250)):
         now = START_NS + tick * TICK_NS
         poses = [*poses[1:], vehicle.state(now)]
         reference, ahead = (circle((at - START_NS) * 1e-9) for at in controller.reference_times(now))
-        wanted = controller.wish(poses[0], now, poses[0].time_ns, reference, BODY.mass_kg, True)
-        out, _ = controller.obey(wanted, now, ahead, BODY.mass_kg)
-        vehicle.fly(0.004, out[cascade.THRUST] * BODY.max_thrust_n, out[cascade.RATES], step=1e-3)
+        wanted = controller.acceleration_command(poses[0], now, poses[0].time_ns, reference, BODY.mass_kg, True)
+        out, _ = controller.attitude_command(wanted, now, ahead, BODY.mass_kg)
+        vehicle.fly(0.004, out[THRUST] * BODY.max_thrust_n, out[RATES], step=1e-3)
         errors.append(vehicle.position - circle((tick + 1) * 0.004).position_ned)
     return np.array(errors), out
+
+
+def pose(state: VehicleState) -> prediction.Measured:
+    return prediction.Measured(state.position_ned, state.velocity_ned, state.attitude_ned_frd, state.rates_frd)
 
 
 def nominal() -> Body:
@@ -86,7 +92,7 @@ def test_prediction_is_the_motion(age_ms: int) -> None:
     """From an old measurement to now and on, through commands that change at every tick: as the body really moved."""
     rng = np.random.default_rng(1)
     vehicle = Body(1.4, np.array([0.4, 0.5, 0.7]), np.array([0.5, -0.3, 0.2]))
-    sent, count = np.zeros(prediction.KEPT, prediction.SENT), 0
+    commands, count = np.zeros(prediction.HISTORY, prediction.COMMAND), 0
     measured, then, ticks = vehicle.state(0), 0.0, 200
     for tick in range(ticks):
         if (ticks - tick) * 4 == age_ms + 4:
@@ -94,38 +100,35 @@ def test_prediction_is_the_motion(age_ms: int) -> None:
             then = vehicle.thrust
         thrust = 14.0 + 3.0 * math.sin(0.3 * tick)
         rates = np.array([math.sin(0.05 * tick), math.cos(0.07 * tick), 0.3]) + 0.1 * rng.normal(size=3)
-        count = prediction.remember(sent, count, START_NS + tick * TICK_NS, thrust, rates)
+        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, thrust, rates)
         vehicle.fly(0.004, thrust, rates)
     last = START_NS + ticks * TICK_NS
-    loop = np.array(BODY.rate_loop_gain_1_s)
-    position, velocity, attitude, turns, turning, force, force_then = prediction.predict(
-        measured.position_ned, measured.velocity_ned, measured.attitude_ned_frd, measured.rates_frd,
-        measured.time_ns, last, sent, count, prediction.RATES,
-        BODY.rotor_time_constant_s, loop, vehicle.mass, vehicle.drag, vehicle.disturbance,
+    model = prediction.Model(
+        int(TurningInput.RATES), BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s),
+        vehicle.mass, vehicle.drag, vehicle.disturbance,
     )  # fmt: skip
-    assert position == pytest.approx(vehicle.position, abs=1e-4)
-    assert velocity == pytest.approx(vehicle.velocity, abs=5e-3)
-    assert attitude == pytest.approx(vehicle.attitude, abs=3e-3)
-    assert turns == pytest.approx(vehicle.rates, abs=0.03)
-    assert turning == pytest.approx(vehicle.turning, abs=1.0)
-    assert force == pytest.approx(vehicle.thrust, abs=0.05)
-    assert force_then == pytest.approx(then, abs=0.05)
+    found = prediction.predict(pose(measured), measured.time_ns, last, commands, count, model)
+    assert found.position == pytest.approx(vehicle.position, abs=1e-4)
+    assert found.velocity == pytest.approx(vehicle.velocity, abs=5e-3)
+    assert found.attitude == pytest.approx(vehicle.attitude, abs=3e-3)
+    assert found.rates == pytest.approx(vehicle.rates, abs=0.03)
+    assert found.angular_acceleration == pytest.approx(vehicle.turning, abs=1.0)
+    assert found.thrust == pytest.approx(vehicle.thrust, abs=0.05)
+    assert found.measured_thrust == pytest.approx(then, abs=0.05)
 
 
 def test_nothing_to_predict_is_the_measurement() -> None:
-    sent = np.zeros(prediction.KEPT, prediction.SENT)
-    prediction.remember(sent, 0, START_NS, 13.0, np.zeros(3))
-    state = np.arange(3.0), np.ones(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
-    found = prediction.predict(
-        *state, START_NS + TICK_NS, START_NS + TICK_NS, sent, 1, prediction.UNKNOWN, 0.03, np.zeros(3), 1.3,
-        np.zeros(3), np.zeros(3),
-    )  # fmt: skip
+    commands = np.zeros(prediction.HISTORY, prediction.COMMAND)
+    prediction.remember(commands, 0, START_NS, 13.0, np.zeros(3))
+    state = prediction.Measured(np.arange(3.0), np.ones(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    model = prediction.Model(int(TurningInput.UNKNOWN), 0.03, np.zeros(3), 1.3, np.zeros(3), np.zeros(3))
+    found = prediction.predict(state, START_NS + TICK_NS, START_NS + TICK_NS, commands, 1, model)
     for given, back in zip(state, found[:4], strict=True):
         assert np.array_equal(given, np.array(back))
 
 
 def test_each_estimate_finds_its_own() -> None:
-    """In motion the thrust's scale, the drag's scale and a steady disturbance are told apart."""
+    """In motion the filter tells the thrust's scale, the drag's scale and a steady disturbance apart."""
     push = np.array([0.8, -0.5, 0.3])
     vehicle = Body(BODY.mass_kg / 0.8, np.array(BODY.drag_kg_s) / 0.8 * 1.4, push)
     _, out = tracked(vehicle, "control.position.adaptation=[0.0, 0.0, 0.0]", seconds=40.0)
@@ -142,34 +145,46 @@ def test_what_is_not_estimated_stays_nominal() -> None:
 
 
 def test_estimates_keep_within_their_bounds() -> None:
-    """Whatever velocities come."""
+    """For velocities of any size."""
     rng = np.random.default_rng(2)
-    estimate = np.zeros(1, estimation.ESTIMATE)
-    estimation.start(estimate, np.full(8, 1.0))
+    observer = np.zeros(1, disturbance_observer.OBSERVER)
+    disturbance_observer.reset(observer[0], np.full(8, 1.0))
     for tick in range(2000):
         effect = rng.normal(size=3) * 10.0
         velocity = rng.normal(size=3) * 100.0
-        estimation.update(estimate, START_NS + tick * TICK_NS, velocity, effect, rng.normal(size=3), 0.02, np.ones(8))
-        mean = estimate["mean"][0]
+        disturbance_observer.update(
+            observer[0], START_NS + tick * TICK_NS, velocity, effect, rng.normal(size=3), 0.02, np.ones(8)
+        )
+        mean = observer["mean"][0]
         assert np.isfinite(mean).all()
-        assert estimation.THRUST_SCALES[0] <= mean[estimation.THRUST_SCALE] <= estimation.THRUST_SCALES[1]
-        assert estimation.DRAG_SCALES[0] <= mean[estimation.DRAG_SCALE] <= estimation.DRAG_SCALES[1]
-        assert np.linalg.norm(mean[estimation.DISTURBANCE]) <= 8.0 + 1e-9
+        assert (
+            disturbance_observer.THRUST_SCALE_BOUNDS[0]
+            <= mean[disturbance_observer.THRUST_SCALE]
+            <= disturbance_observer.THRUST_SCALE_BOUNDS[1]
+        )
+        assert (
+            disturbance_observer.DRAG_SCALE_BOUNDS[0]
+            <= mean[disturbance_observer.DRAG_SCALE]
+            <= disturbance_observer.DRAG_SCALE_BOUNDS[1]
+        )
+        assert np.linalg.norm(mean[disturbance_observer.DISTURBANCE]) <= disturbance_observer.DISTURBANCE_BOUND + 1e-9
 
 
-def test_the_filter_is_the_textbooks() -> None:
+def test_the_observer_is_the_textbooks_kalman_filter() -> None:
     """Against the matrix form of the Kalman filter, with numpy."""
     rng = np.random.default_rng(3)
-    estimate = np.zeros(1, estimation.ESTIMATE)
+    observer = np.zeros(1, disturbance_observer.OBSERVER)
     spread, walk, noise = np.full(8, 0.3), rng.uniform(0.01, 0.1, 8), 0.05
-    estimation.start(estimate, spread)
-    mean, variance = estimate["mean"][0].copy(), np.diag(spread**2)
+    disturbance_observer.reset(observer[0], spread)
+    mean, variance = observer["mean"][0].copy(), np.diag(spread**2)
     thrust, drag = np.array([0.2, 0.1, -9.7]), np.array([-0.1, 0.05, 0.0])
-    estimation.update(estimate, START_NS, np.zeros(3), thrust, drag, noise, walk)
+    disturbance_observer.update(observer[0], START_NS, np.zeros(3), thrust, drag, noise, walk)
     for tick in range(1, 60):
         thrust_next, drag_next = thrust + rng.normal(size=3) * 0.1, drag + rng.normal(size=3) * 0.05
         velocity = rng.normal(size=3) * 0.1
-        estimation.update(estimate, START_NS + tick * TICK_NS, velocity, thrust_next, drag_next, noise, walk)
+        disturbance_observer.update(
+            observer[0], START_NS + tick * TICK_NS, velocity, thrust_next, drag_next, noise, walk
+        )
         step = np.eye(8)
         step[:3, 3:6] = 0.004 * np.eye(3)
         step[:3, 6] = 0.002 * (thrust + thrust_next)
@@ -181,8 +196,8 @@ def test_the_filter_is_the_textbooks() -> None:
         gain = variance[:, :3] @ np.linalg.inv(variance[:3, :3] + noise**2 * np.eye(3))
         mean = mean + gain @ (velocity - mean[:3])
         variance = variance - gain @ variance[:3]
-        assert estimate["mean"][0] == pytest.approx(mean, abs=1e-9)
-        assert estimate["variance"][0] == pytest.approx(variance, abs=1e-9)
+        assert observer["mean"][0] == pytest.approx(mean, abs=1e-9)
+        assert observer["covariance"][0] == pytest.approx(variance, abs=1e-9)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -200,7 +215,7 @@ def test_a_late_pose_costs_nothing_that_is_predicted() -> None:
 
 
 def test_adaptation_takes_a_steady_push_away() -> None:
-    """Without the estimates: the integral alone finds it, and the error goes; without it the error stays."""
+    """Without the observer the integral alone removes the error; without the integral the error stays."""
     off = [f"control.estimation.{part}=false" for part in ("disturbance", "thrust_scale", "drag_scale")]
     push = np.array([1.5, 0.0, 0.0])
 
@@ -214,7 +229,7 @@ def test_adaptation_takes_a_steady_push_away() -> None:
 
 
 def test_jumps_of_the_reference_are_let_through_gently() -> None:
-    """The jerk jumps: the rates it asks for do not; after some tenths of a second they are there."""
+    """The jerk jumps. The commanded rates do not, and arrive after some tenths of a second."""
     controller = Controller(load_settings(None, []), BODY, Output.RATES)
     state = VehicleState(0, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
 
@@ -222,9 +237,9 @@ def test_jumps_of_the_reference_are_let_through_gently() -> None:
         now = START_NS + tick * TICK_NS
         reference = Reference(np.zeros((6, 3)))
         reference.rows[3, 0] = jerk
-        wanted = controller.wish(state, now, now, reference, BODY.mass_kg, False)
-        out, _ = controller.obey(wanted, now, reference, BODY.mass_kg)
-        return out[cascade.RATES]
+        wanted = controller.acceleration_command(state, now, now, reference, BODY.mass_kg, False)
+        out, _ = controller.attitude_command(wanted, now, reference, BODY.mass_kg)
+        return out[RATES]
 
     for tick in range(10):
         rates(tick, 0.0)
@@ -236,40 +251,40 @@ def test_jumps_of_the_reference_are_let_through_gently() -> None:
 
 
 def test_rates_that_their_own_derivative_explains_pass_untouched() -> None:
-    """Faded is a jump alone; the trapezium's own error is a thousandth of it."""
-    memory = np.zeros(1, cascade.MEMORY)
+    """Only jumps are faded; the error of the trapezium rule is a thousandth of one."""
+    memory = np.zeros(1, MEMORY)
     dt, rate = 0.004, 2.0 * math.pi
     for tick in range(500):
         phase = rate * tick * dt + np.array([0.0, 1.0, 2.0])
-        cascade._fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt if tick else 0.0, memory[0])
-        assert np.abs(memory["jump"]).max() < 1e-3 and np.abs(memory["letting"]).max() < 2e-2
+        _fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt if tick else 0.0, memory[0])
+        assert np.abs(memory["rate_jump"]).max() < 1e-3 and np.abs(memory["rate_jump_change"]).max() < 2e-2
     memory["reference_rates"] += 0.5
-    cascade._fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt, memory[0])
-    assert np.abs(memory["jump"]).max() > 0.4
+    _fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt, memory[0])
+    assert np.abs(memory["rate_jump"]).max() > 0.4
 
 
 @pytest.mark.parametrize("climb", [2.0, -2.0])
 def test_thrust_that_takes_time_is_asked_for_ahead(climb: float) -> None:
-    """By as much more as the reference will need of it a rotor's lag later."""
+    """The thrust grows by what the reference will need more of it a rotor's lag later."""
     state = VehicleState(0, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
     thrusts = []
     for soon in (0.0, climb):
         controller = Controller(load_settings(None, []), BODY, Output.RATES)
         reference, ahead = Reference(np.zeros((6, 3))), Reference(np.zeros((6, 3)))
         ahead.rows[2, 2] = -soon
-        wanted = controller.wish(state, START_NS, START_NS, reference, BODY.mass_kg, False)
-        out, _ = controller.obey(wanted, START_NS, ahead, BODY.mass_kg)
-        thrusts.append(float(out[cascade.THRUST]) * BODY.max_thrust_n)
+        wanted = controller.acceleration_command(state, START_NS, START_NS, reference, BODY.mass_kg, False)
+        out, _ = controller.attitude_command(wanted, START_NS, ahead, BODY.mass_kg)
+        thrusts.append(float(out[THRUST]) * BODY.max_thrust_n)
     assert thrusts[1] - thrusts[0] == pytest.approx(BODY.mass_kg * climb, rel=1e-6)
 
 
 def turned(controller: Controller, now: int, rates: Array, yaw_rate: float = 0.0) -> Array:
-    """FIELDS of a vehicle that hovers level and turns, with a reference that heads north and is to turn."""
+    """CONTROL_FIELDS of a vehicle that hovers level and turns, with a reference that heads north and is to turn."""
     state = VehicleState(now, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), rates, 0)
     reference = Reference(np.zeros((6, 3)))
     reference.rows[5, 1] = yaw_rate
-    wanted = controller.wish(state, now, now, reference, BODY.mass_kg, False)
-    return controller.obey(wanted, now, reference, BODY.mass_kg)[0]
+    wanted = controller.acceleration_command(state, now, now, reference, BODY.mass_kg, False)
+    return controller.attitude_command(wanted, now, reference, BODY.mass_kg)[0]
 
 
 def test_torque_makes_up_for_the_gyroscopic_one() -> None:
@@ -278,27 +293,27 @@ def test_torque_makes_up_for_the_gyroscopic_one() -> None:
     torques = []
     for sign in (1.0, -1.0):
         controller = Controller(load_settings(None, []), BODY, Output.ACTUATORS)
-        torque = full * turned(controller, START_NS, sign * rates)[cascade.TORQUE]
+        torque = full * turned(controller, START_NS, sign * rates)[TORQUE]
         assert (np.abs(torque) < full).all()
         spin = np.cross(rates, inertia * rates)
-        assert controller._memory["sent"]["input"][0, 0] == pytest.approx((torque - spin) / inertia)
+        assert controller._memory["commands"]["input"][0, 0] == pytest.approx((torque - spin) / inertia)
         torques.append(torque)
     assert sum(torques) == pytest.approx(2.0 * spin, abs=1e-12)
 
 
 @pytest.mark.parametrize("design", ["continuous", "sampled"])
 def test_torque_turns_the_vehicle_as_the_rates_change_that_are_asked_for(design: str) -> None:
-    """A yaw rate that jumps is let through gently, and the torque beyond what the errors ask for is what that takes;
+    """A jump of the yaw rate is let through gently, and the torque beyond what the errors ask for is what that takes;
     that there is no angular acceleration yet is an error, too, for one of the designs."""
     body = msgspec.structs.replace(BODY, rate_loop_gain_1_s=(0.0, 0.0, 0.0))
     settings = load_settings(None, [f"control.attitude.design={design}"])
     full, turn = body.full_torque_nm[2], np.array([0.0, 0.0, 0.1])
-    damping = -full * turned(Controller(settings, body, Output.ACTUATORS), START_NS, turn)[cascade.TORQUE][2] / turn[2]
+    damping = -full * turned(Controller(settings, body, Output.ACTUATORS), START_NS, turn)[TORQUE][2] / turn[2]
     controller = Controller(settings, body, Output.ACTUATORS)
     course = []
     for tick in range(100):
         out = turned(controller, START_NS + tick * TICK_NS, np.zeros(3), 0.0 if tick < 3 else 0.2)
-        course.append((out[cascade.RATES][2], full * out[cascade.TORQUE][2]))
+        course.append((out[RATES][2], full * out[TORQUE][2]))
     rates, torques = np.array(course).T
     lacking = controller._parameters["torque_gain"][0, 2, 2]
     assert (lacking > 0.0) == (design == "sampled")

@@ -94,7 +94,7 @@ def lissajous(time: float) -> tuple[Array, Array, Array, Array, Array]:
 DRAG = np.array([0.45, 0.6, 0.9])
 
 
-def test_flatness_obeys_newton() -> None:
+def test_flatness_satisfies_newtons_law() -> None:
     """Thrust, weight and drag at the attitude that it gives are the mass times the acceleration."""
     for time in np.linspace(0.0, 6.0, 40):
         velocity, acceleration, jerk, snap, heading = lissajous(time)

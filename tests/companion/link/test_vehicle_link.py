@@ -125,14 +125,15 @@ def test_reports_come_in_the_order_of_the_messages() -> None:
     assert [type(report) for report in hear(link, data)] == [kinds[k][1] for k in order]
 
 
-def test_an_answer_is_in_the_outbox_before_the_next_message_is_read() -> None:
+def test_what_a_datagram_leads_to_is_sent_in_the_order_of_its_messages() -> None:
     link, vehicle = found()
-    reports = link.receive(vehicle.position(1) + vehicle.timesync(0, 99) + vehicle.position(2), NOW, whole=True)
-    assert isinstance(next(reports), PositionReport) and link.flush() == b""
-    assert isinstance(next(reports), PositionReport)
-    (answer,) = sent(link)
-    assert (answer.tc1, answer.ts1) == (NOW, 99)
-    assert list(reports) == [] and link.flush() == b""
+    data = vehicle.timesync(0, 98) + vehicle.quaternion(5, w=9.0) + vehicle.timesync(0, 99) + vehicle.position(2)
+    remark, position = hear(link, data)
+    assert isinstance(remark, Announcement) and isinstance(position, PositionReport)
+    first, refusal, second = sent(link)
+    assert (first.tc1, first.ts1) == (NOW, 98) and (second.tc1, second.ts1) == (NOW, 99)
+    assert refusal.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and refusal.text == remark.text[:50]
+    assert link.flush() == b""
 
 
 def test_a_report_holds_what_the_message_says() -> None:

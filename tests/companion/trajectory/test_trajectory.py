@@ -16,7 +16,7 @@ TICK = 4_000_000
 
 def standing() -> ReferenceGenerator:
     generator = ReferenceGenerator(SETTINGS)
-    generator.place(np.array([1.0, 2.0, -3.0]), 0.5)
+    generator.hold_at(np.array([1.0, 2.0, -3.0]), 0.5)
     return generator
 
 
@@ -44,7 +44,7 @@ def test_whoever_asked_may_write_into_a_reference() -> None:
 def test_a_leg_is_straight_and_keeps_to_speed_and_acceleration() -> None:
     generator = standing()
     target = np.array([31.0, 42.0, -3.0])
-    generator.go(0, target, 4.0, 1.5)
+    generator.move_to(0, target, 4.0, 1.5)
     path = run(generator, 20.0)
     speeds = [np.linalg.norm(r.velocity_ned) for r in path]
     assert max(speeds) == pytest.approx(4.0, rel=0.01)
@@ -60,14 +60,14 @@ def test_a_leg_is_straight_and_keeps_to_speed_and_acceleration() -> None:
 def test_no_way_is_faster_than_what_is_asked_for_not_even_up_or_down() -> None:
     for height in (-20.0, 20.0):
         generator = standing()
-        generator.go(0, np.array([1.0, 2.0, height]), 0.5, 1.5)
+        generator.move_to(0, np.array([1.0, 2.0, height]), 0.5, 1.5)
         fastest = max(float(np.linalg.norm(r.velocity_ned)) for r in run(generator, 60.0))
         assert fastest == pytest.approx(0.5, rel=1e-6)
 
 
 def test_derivatives_belong_to_the_position() -> None:
     generator = standing()
-    generator.go(0, np.array([11.0, -5.0, -6.0]), 3.0, 1.0)
+    generator.move_to(0, np.array([11.0, -5.0, -6.0]), 3.0, 1.0)
     path = run(generator, 6.0)
     dt = TICK * 1e-9
     for a, b, c in zip(path, path[1:], path[2:], strict=False):
@@ -78,7 +78,7 @@ def test_derivatives_belong_to_the_position() -> None:
 def test_a_new_target_in_motion_makes_no_jump() -> None:
     rng = np.random.default_rng(1)
     generator = standing()
-    generator.go(0, np.array([20.0, 0.0, -3.0]), 4.0, 1.5)
+    generator.move_to(0, np.array([20.0, 0.0, -3.0]), 4.0, 1.5)
     now = 0
     before = generator.at(0)
     for _ in range(60):
@@ -89,7 +89,7 @@ def test_a_new_target_in_motion_makes_no_jump() -> None:
             assert np.linalg.norm(reference.velocity_ned - before.velocity_ned) < 0.03
             assert np.linalg.norm(reference.acceleration_ned - before.acceleration_ned) < 0.25
             before = reference
-        generator.go(now, before.position_ned + rng.uniform(-15.0, 15.0, 3), rng.uniform(0.3, 4.0), 1.5)
+        generator.move_to(now, before.position_ned + rng.uniform(-15.0, 15.0, 3), rng.uniform(0.3, 4.0), 1.5)
 
 
 def test_a_target_that_creeps_does_not_shake_the_vehicle() -> None:
@@ -98,23 +98,23 @@ def test_a_target_that_creeps_does_not_shake_the_vehicle() -> None:
     target = np.array([30.0, 8.0, -3.0])
     now, cruise = 0, []
     for scan in range(60):
-        generator.go(now, target + 0.007 * scan * np.array([1.0, -0.3, 0.0]), 4.0, 1.5)
+        generator.move_to(now, target + 0.007 * scan * np.array([1.0, -0.3, 0.0]), 4.0, 1.5)
         for _ in range(17):
             now += TICK
             if 2.0e9 < now < 4.0e9:
                 cruise.append(generator.at(now).acceleration_ned)
     assert (np.abs(cruise) > 1e-6).any(axis=1).mean() < 0.15
     final = target + np.array([1.0, -2.0, 0.0])
-    generator.go(now, final, 4.0, 1.5)
+    generator.move_to(now, final, 4.0, 1.5)
     assert np.allclose(generator.at(now + 60 * 10**9).position_ned, final)
 
 
 def test_a_stop_brakes_within_the_limits() -> None:
     generator = standing()
-    generator.go(0, np.array([60.0, 2.0, -3.0]), 4.0, 1.5)
+    generator.move_to(0, np.array([60.0, 2.0, -3.0]), 4.0, 1.5)
     moving = generator.at(4 * 10**9)
     assert np.linalg.norm(moving.velocity_ned) == pytest.approx(4.0, rel=0.01)
-    generator.stop(4 * 10**9)
+    generator.brake(4 * 10**9)
     path = run(generator, 3.0, 4 * 10**9)
     assert np.allclose(path[0].velocity_ned, moving.velocity_ned)
     assert not path[-1].velocity_ned.any() or np.linalg.norm(path[-1].velocity_ned) < 1e-9
@@ -127,8 +127,8 @@ def test_a_stop_brakes_within_the_limits() -> None:
 @pytest.mark.parametrize("goal", [-3.0, 3.0, 1.0])
 def test_turns_the_shorter_way(start: float, goal: float) -> None:
     generator = ReferenceGenerator(SETTINGS)
-    generator.place(np.zeros(3), start)
-    generator.turn(0, goal)
+    generator.hold_at(np.zeros(3), start)
+    generator.turn_to(0, goal)
     path = run(generator, 8.0)
     assert wrap(path[-1].yaw - goal) == pytest.approx(0.0, abs=1e-6)
     assert abs(path[-1].yaw - start) <= math.pi + 1e-9
@@ -142,7 +142,7 @@ def test_another_vertical_speed_on_the_way_raises_nothing() -> None:
     for _ in range(2000):
         generator = ReferenceGenerator(SETTINGS)
         start, end = rng.uniform(-30.0, 30.0, (2, 3))
-        generator.place(start, 0.0)
-        generator.go(0, end, 4.0, 1.0)
-        generator.go(30_000_000_000, end, 4.0, 1.5)
+        generator.hold_at(start, 0.0)
+        generator.move_to(0, end, 4.0, 1.0)
+        generator.move_to(30_000_000_000, end, 4.0, 1.5)
         assert generator.at(200_000_000_000).position_ned == pytest.approx(end, abs=1e-6)

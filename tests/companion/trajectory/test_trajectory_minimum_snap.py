@@ -11,12 +11,12 @@ from companion.trajectory import track_of
 from companion.trajectory.minimum_snap import (
     Limits,
     PiecewisePolynomial,
-    allocated,
-    divided,
+    optimal_shares,
     plan,
-    proportional,
+    rest_to_rest_durations,
     snap_integral,
-    through,
+    spline_through,
+    subdivided,
 )
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY
@@ -66,7 +66,7 @@ def programme(points: Array, durations: Array) -> tuple[Array, float]:
 
 def test_it_solves_the_quadratic_programme() -> None:
     durations = np.array([2.0, 1.5, 1.8, 3.0])
-    curve = through(ROUTE, durations)
+    curve = spline_through(ROUTE, durations)
     total = 0.0
     for axis in range(3):
         coefficients, least = programme(ROUTE[:, axis], durations)
@@ -76,7 +76,7 @@ def test_it_solves_the_quadratic_programme() -> None:
 
 
 def test_one_leg_is_the_known_polynomial() -> None:
-    curve = through(np.array([[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]]), np.array([2.0]))
+    curve = spline_through(np.array([[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]]), np.array([2.0]))
     expected = np.zeros(8)
     expected[4:] = 8.0 * np.array([35.0, -84.0, 70.0, -20.0]) / 2.0 ** np.arange(4, 8)
     assert np.allclose(curve.coefficients[0, :, 0], expected)
@@ -131,7 +131,7 @@ def test_it_reaches_one_limit_and_passes_none(limits: Limits, binding: str) -> N
 
 
 def test_it_passes_through_all_points() -> None:
-    points = divided(ROUTE, LIMITS)
+    points = subdivided(ROUTE, LIMITS)
     curve = plan(ROUTE, LIMITS)
     assert np.allclose([curve.at(t)[0] for t in curve.knots.tolist()], points, atol=1e-9)
     for point in ROUTE:
@@ -143,14 +143,14 @@ def test_the_allocation_saves_time() -> None:
     uneven = np.array([[0.0, 0, 0], [2, 0, 0], [20, 0, 0], [22, 2, 0], [20, 20, 0]])
 
     def time(durations: Array) -> float:
-        curve = through(uneven, durations)
+        curve = spline_through(uneven, durations)
         motion = sampled(curve, 4001)
         fast = float(np.linalg.norm(motion[:, 1], axis=1).max()) / LIMITS.speed
         hard = float(np.linalg.norm(motion[:, 2], axis=1).max()) / LIMITS.acceleration
         return curve.duration_s * max(fast, math.sqrt(hard))
 
-    found = allocated(uneven, LIMITS)
-    assert time(found) < 0.8 * time(proportional(uneven, LIMITS))
+    found = optimal_shares(uneven, LIMITS)
+    assert time(found) < 0.8 * time(rest_to_rest_durations(uneven, LIMITS))
     rng = np.random.default_rng(1)
     others = [time(found * rng.uniform(0.9, 1.1, len(found))) for _ in range(30)]
     assert min(others) > 0.97 * time(found)
@@ -167,7 +167,7 @@ def test_a_long_straight_leg_is_flown_at_speed_for_most_of_it() -> None:
 def test_a_route_as_a_track_and_what_is_left_of_it() -> None:
     track = track_of(Route(ROUTE, 4.0), Trajectory(), LIMITS.tilt)
     assert np.allclose(track.at(1e9)[0], ROUTE[-1]) and not track.at(1e9)[1:5].any()
-    left = track.after(4.0)
+    left = track.resumed_at(4.0)
     assert np.allclose(left.start_ned, track.at(4.0)[0]) and not left.at(0.0)[1:5].any()
     assert np.allclose(left.at(1e9)[0], ROUTE[-1])
     motion = np.array([left.at(t) for t in np.linspace(0.0, left.duration_s, 2001).tolist()])

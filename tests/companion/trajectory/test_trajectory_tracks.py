@@ -39,7 +39,7 @@ def path_of(shape: Shape) -> Callable[[float], Array]:
 
 
 def track(shape: Shape) -> Track:
-    return track_of(shape, SETTINGS, 0.6).moved(START)
+    return track_of(shape, SETTINGS, 0.6).shifted(START)
 
 
 @pytest.mark.parametrize("shape", [*SHAPES, SQUARE], ids=lambda shape: shape.shape)
@@ -145,19 +145,19 @@ def test_a_way_too_short_for_its_ramps_is_flown_more_slowly() -> None:
 
 def test_what_is_left_of_a_track_begins_at_rest_where_it_was_left() -> None:
     whole = track(CIRCLE)
-    left = whole.after(5.0)
+    left = whole.resumed_at(5.0)
     assert np.allclose(left.start_ned, whole.at(5.0)[0])
     assert not left.at(0.0)[1:5].any()
     assert np.allclose(left.at(1e9)[0], whole.at(1e9)[0])
     assert np.linalg.norm(left.at(4.0)[1]) == pytest.approx(4.0)
-    again = left.after(3.5)
+    again = left.resumed_at(3.5)
     assert np.allclose(again.start_ned, left.at(3.5)[0])
 
 
 def following(shape: Shape) -> ReferenceGenerator:
     generator = ReferenceGenerator(SETTINGS)
     flown = track(shape)
-    generator.place(START, flown.start_yaw or 0.0)
+    generator.hold_at(START, flown.start_yaw or 0.0)
     generator.follow(0, flown)
     return generator
 
@@ -169,7 +169,7 @@ def test_a_stop_on_a_circle_brakes_without_a_jump(heading: str) -> None:
     now, tick = 6_000_000_000, 4_000_000
     before = generator.at(now)
     assert np.linalg.norm(before.acceleration_ned) == pytest.approx(16.0 / 3.0)
-    generator.stop(now)
+    generator.brake(now)
     assert not generator.following
     path = [generator.at(now + i * tick) for i in range(1000)]
     assert np.array_equal(path[0].position_ned, before.position_ned)
@@ -180,7 +180,7 @@ def test_a_stop_on_a_circle_brakes_without_a_jump(heading: str) -> None:
         assert np.abs(b.acceleration_ned - a.acceleration_ned).max() <= 2.0 * SETTINGS.jerk * tick * 1e-9 + 1e-9
         assert np.abs(b.velocity_ned - a.velocity_ned).max() < 0.025
         assert abs(b.yaw - a.yaw) < 0.006
-    assert generator.rests(now + 4 * 10**9)
+    assert generator.at_rest(now + 4 * 10**9)
     assert np.abs(path[-1].velocity_ned).max() < 1e-9 and abs(path[-1].yaw_rate) < 1e-9
 
 
@@ -191,8 +191,8 @@ def test_a_hard_track_is_left_by_braking_as_hard(shape: Shape) -> None:
     now, tick = 5_000_000_000, 20_000_000
     places, speeds = [], []
     for i in range(1000):
-        generator.go(now + i * tick, START, 4.0, 1.5)
-        generator.turn(now + i * tick, 1.0)
+        generator.move_to(now + i * tick, START, 4.0, 1.5)
+        generator.turn_to(now + i * tick, 1.0)
         reference = generator.at(now + i * tick)
         places.append(reference.position_ned)
         speeds.append(float(np.linalg.norm(reference.velocity_ned)))
@@ -206,35 +206,35 @@ def test_from_a_track_to_a_target_and_a_heading() -> None:
     generator = following(SHAPES[1])
     now = 5_000_000_000
     before = generator.at(now)
-    generator.go(now, START, 3.0, 1.0)
+    generator.move_to(now, START, 3.0, 1.0)
     after = generator.at(now)
     assert np.array_equal(after.velocity_ned, before.velocity_ned)
     assert after.yaw_rate == pytest.approx(before.yaw_rate)
     for later in range(100):  # once the heading has come to rest
-        generator.turn(now + later * 50_000_000, 1.0)
+        generator.turn_to(now + later * 50_000_000, 1.0)
     end = generator.at(now + 20 * 10**9)
     assert np.allclose(end.position_ned, START) and wrap(end.yaw - 1.0) == pytest.approx(0.0, abs=1e-9)
-    assert generator.rests(now + 20 * 10**9) and not generator.rests(now + 10**9)
+    assert generator.at_rest(now + 20 * 10**9) and not generator.at_rest(now + 10**9)
 
 
 def test_a_track_rests_at_its_end_and_goes_on_from_there() -> None:
     generator = following(CIRCLE)
     end = round(track(CIRCLE).duration_s * 1e9)
-    assert not generator.rests(end - 10**9) and generator.rests(end + 1000)
+    assert not generator.at_rest(end - 10**9) and generator.at_rest(end + 1000)
     for later in (10**6, 10**10):
         assert np.allclose(generator.at(end + later).position_ned, START, atol=1e-9)
         assert not generator.at(end + later).velocity_ned.any()
     beside = START + np.array([1.0, 0.0, 0.0])
-    generator.go(end + 10**7, beside, 1.0, 1.0)
+    generator.move_to(end + 10**7, beside, 1.0, 1.0)
     assert np.allclose(generator.at(end + 10**10).position_ned, beside)
 
 
 def test_back_to_the_target_that_it_came_from() -> None:
     helix = track(SHAPES[1])
     generator = ReferenceGenerator(SETTINGS)
-    generator.place(START)
-    generator.go(0, START, 1.0, 1.0)
+    generator.hold_at(START)
+    generator.move_to(0, START, 1.0, 1.0)
     generator.follow(0, helix)
     end = round(helix.duration_s * 1e9) + 1000
-    generator.go(end, START, 1.0, 1.0)
+    generator.move_to(end, START, 1.0, 1.0)
     assert np.allclose(generator.at(end + 30 * 10**9).position_ned, START)

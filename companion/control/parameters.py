@@ -1,0 +1,177 @@
+"""What the compiled controller needs of the settings and of the vehicle, as one record."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.config import Control, Estimation, Limits, Settings
+from companion.control import disturbance_observer, lqr
+from companion.control.laws import GAINS, LAWS
+from companion.outputs import OUTPUTS
+from companion.state import Output
+from protocol.arrays import Array
+from protocol.vehicle_parameters import Body
+
+PARAMETERS = np.dtype(
+    [
+        ("law", "i8"),
+        ("gains", "f8", (GAINS, 3)),
+        ("adaptive", "b1"),
+        ("lee_attitude_error", "b1"),
+        ("c1", "f8", 3),
+        ("c2", "f8", 3),
+        ("gamma", "f8", 3),
+        ("unit", "f8", 3),
+        ("adaptation_bound", "f8"),
+        ("feed_velocity", "f8"),
+        ("feed_acceleration", "f8"),
+        ("feed_attitude", "b1"),
+        ("compensated_drag_kg_s", "f8", 3),
+        ("drag_kg_s", "f8", 3),
+        ("observes", "b1"),
+        ("velocity_noise", "f8"),
+        ("initial_deviation", "f8", disturbance_observer.STATES),
+        ("walk", "f8", disturbance_observer.STATES),
+        ("predicts", "b1"),
+        ("half_period_ns", "i8"),
+        ("turning_input", "i8"),
+        ("rotor_lag", "f8"),
+        ("rate_loop", "f8", 3),
+        ("attitude_lead", "f8"),
+        ("torque_gain", "f8", (3, 3)),
+        ("rates_gain", "f8", (3, 3)),
+        ("rate_limit", "f8", 3),
+        ("torque_scale", "f8", 3),
+        ("full_torque", "f8", 3),
+        ("inertia", "f8", 3),
+        ("min_thrust_n", "f8"),
+        ("max_thrust_n", "f8"),
+        ("full_thrust_n", "f8"),
+        ("max_tilt", "f8"),
+    ],
+    align=True,
+)
+"""SI units. Of the fields that do not speak for themselves: `gains` are the law's (`laws.Law`); `c1`, `c2` those of the
+Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` is the time from a command to its effect;
+`attitude_lead` (s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one unit of
+U2, U3, U4."""
+
+
+def controller_parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.void]:
+    """(1,) of PARAMETERS; the LQR's gains are computed here."""
+    record = np.zeros(1, PARAMETERS)
+    parts = (
+        _position(settings.control, body),
+        _observer(settings.control.estimation, body),
+        _timing(settings, body),
+        _attitude(settings, body),
+        _limits(settings.limits, body),
+        {"turning_input": OUTPUTS[output].turning_input},
+    )
+    for values in parts:
+        for name, value in values.items():
+            record[name] = value
+    return record
+
+
+def _position(control: Control, body: Body) -> dict[str, Any]:
+    """The position law, and what is fed forward to it."""
+    position, law = control.position, LAWS[control.position.law]
+    gains = np.zeros((GAINS, 3))
+    rows = law.gains(control)
+    gains[: len(rows)] = rows
+    return {
+        "law": law.number,
+        "gains": gains,
+        "adaptive": law.adaptive,
+        "lee_attitude_error": law.lee_attitude_error,
+        "c1": position.c1,
+        "c2": position.c2,
+        "gamma": position.adaptation,
+        "unit": 1.0,
+        "adaptation_bound": position.adaptation_bound,
+        "feed_velocity": position.feedforward != "none",
+        "feed_acceleration": position.feedforward == "acceleration",
+        "compensated_drag_kg_s": body.drag_kg_s if position.drag_compensation else (0.0, 0.0, 0.0),
+        "drag_kg_s": body.drag_kg_s,
+    }
+
+
+def _observer(estimation: Estimation, body: Body) -> dict[str, Any]:
+    """The disturbance observer: a state that is not estimated has neither deviation nor walk."""
+    deviation, walk = np.zeros(disturbance_observer.STATES), np.zeros(disturbance_observer.STATES)
+    deviation[disturbance_observer.VELOCITY] = 1.0
+    walk[disturbance_observer.VELOCITY] = estimation.acceleration_noise
+    if estimation.disturbance:
+        walk[disturbance_observer.DISTURBANCE] = estimation.disturbance_walk
+    if estimation.thrust_scale:
+        deviation[disturbance_observer.THRUST_SCALE] = 0.3
+        walk[disturbance_observer.THRUST_SCALE] = estimation.thrust_scale_walk
+    if estimation.drag_scale and max(body.drag_kg_s) > 0.0:
+        deviation[disturbance_observer.DRAG_SCALE] = 0.3
+        walk[disturbance_observer.DRAG_SCALE] = estimation.drag_scale_walk
+    return {
+        "observes": estimation.disturbance or estimation.thrust_scale or estimation.drag_scale,
+        "velocity_noise": estimation.velocity_noise,
+        "initial_deviation": deviation,
+        "walk": walk,
+    }
+
+
+def _timing(settings: Settings, body: Body) -> dict[str, Any]:
+    """Delays and lags."""
+    prediction, half_period_ns = settings.control.prediction, 0
+    if prediction.enabled:
+        half_period_ns = round(0.5e9 / settings.rates.attitude) + round(prediction.command_delay * 1e9)
+    return {
+        "predicts": prediction.enabled,
+        "half_period_ns": half_period_ns,
+        "rotor_lag": body.rotor_time_constant_s,
+        "rate_loop": body.rate_loop_gain_1_s,
+        "attitude_lead": 1.0 / body.attitude_loop_gain_1_s if body.attitude_loop_gain_1_s > 0.0 else 0.0,
+    }
+
+
+def _attitude(settings: Settings, body: Body) -> dict[str, Any]:
+    """The attitude's LQR."""
+    torque_gain, rates_gain = _attitude_gains(settings, body)
+    return {
+        "feed_attitude": settings.control.attitude.feedforward,
+        "torque_gain": torque_gain,
+        "rates_gain": rates_gain,
+        "torque_scale": lqr.to_torque(body) / np.array(body.full_torque_nm),
+        "full_torque": body.full_torque_nm,
+        "inertia": body.inertia_kgm2,
+    }
+
+
+def _attitude_gains(settings: Settings, body: Body) -> tuple[Array, Array]:
+    """The gains (3, 3) of torques and of rates; see `lqr.axis_gain` and `lqr.rate_gain`."""
+    attitude, lag = settings.control.attitude, body.rotor_time_constant_s
+    angle_weight, rate_weight = list(attitude.angle_weight), list(attitude.rate_weight)
+    if attitude.bandwidth is not None:
+        angle_weight, rate_weight = lqr.weights_for(body, attitude.bandwidth, attitude.damping)
+    K = lqr.attitude_gain(body, angle_weight, rate_weight, attitude.input_weight)
+    torque_gain, rates_gain = lqr.axis_gain(K), lqr.rate_gain(K)
+    if attitude.design == "sampled" and lag > 0.0:
+        weights = (angle_weight, rate_weight, attitude.input_weight)
+        entries = [float(b) for b in np.array(lqr.to_torque(body)) / np.array(body.inertia_kgm2)]
+        period = 1.0 / settings.rates.attitude
+        torque_gain = lqr.sampled_gain(None, entries, lag, period, *weights)
+        if min(body.rate_loop_gain_1_s) > 0.0:
+            rates_gain = lqr.sampled_gain(body.rate_loop_gain_1_s, entries, lag, period, *weights)
+    return torque_gain, rates_gain
+
+
+def _limits(limits: Limits, body: Body) -> dict[str, Any]:
+    """Limits of the commands."""
+    tilt_rate, yaw_rate = math.radians(limits.roll_pitch_rate_deg), math.radians(limits.yaw_rate_deg)
+    return {
+        "rate_limit": (tilt_rate, tilt_rate, yaw_rate),
+        "min_thrust_n": limits.lowest_thrust * body.max_thrust_n,
+        "max_thrust_n": limits.highest_thrust * body.max_thrust_n,
+        "full_thrust_n": body.max_thrust_n,
+        "max_tilt": limits.tilt,
+    }
