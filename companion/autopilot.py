@@ -15,11 +15,11 @@ import msgspec
 import numpy as np
 
 from companion import trace
-from companion.avoidance import methods as method
-from companion.avoidance import steering as course
 from companion.avoidance.guard import Guard, Verdict
+from companion.avoidance.methods import goal_rule
+from companion.avoidance.path import NO_PATH
 from companion.avoidance.planner import PlanRequest, PlanResult
-from companion.avoidance.steering import NO_WAY, Course
+from companion.avoidance.steering import Course, steer
 from companion.config import Settings
 from companion.control import controller as cascade
 from companion.estimate import Estimator
@@ -170,7 +170,7 @@ class Autopilot:
         )
         self._track: Track | None = None
         self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.grain)
-        self._avoidance = method.choose(settings.avoidance)
+        self._avoidance = goal_rule(settings.avoidance)
         self._guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self._plans = settings.avoidance.mapped and mission.profile != "step"
         self._question: PlanRequest | None = None
@@ -184,7 +184,7 @@ class Autopilot:
         self._wanted = np.zeros(2)
         """m/s, north and east: what the course takes up."""
         self._steer_at_ns = 0
-        self._way = NO_WAY
+        self._way = NO_PATH
         self._free = math.inf
         self._verdict: Verdict | None = None
         self._trail = Trail()
@@ -195,7 +195,7 @@ class Autopilot:
         rates = settings.rates
         needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position}
         needed[dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION] = rates.attitude
-        if settings.avoidance.method != "none":
+        if settings.avoidance.needs_scan:
             needed[dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = rates.scan
         needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
         self._rates = MessageRates(needed, rates.least_share)
@@ -431,7 +431,7 @@ class Autopilot:
         if not self._plans or self.state is None:
             return
         step, here, goal = self.steps[self.step_index], self.state.position_ned, self._goal_of(self.state)
-        self._way = answer.way
+        self._way = answer.path
         self._steer_at_ns = now
         limit = self.decision.speed_limit if step.avoids else self.mission.speed
         target = self.decision.target_ned if step.avoids else goal
@@ -445,7 +445,7 @@ class Autopilot:
             stuck = lacking > self.settings.avoidance.give_up_s
             if distance < _NOT_NEAR:
                 return
-            if not self._change_height(answer.way.detour, stuck, now) and stuck:
+            if not self._change_height(answer.path.detour, stuck, now) and stuck:
                 self._give_up(self.state, now)
 
     def _change_height(self, detour: float, stuck: bool, now: int) -> bool:
@@ -558,7 +558,7 @@ class Autopilot:
         peer = self.peer
         telemetry_ns = self._estimator.age_ns(now)
         heartbeat_ns = peer.heartbeat_age_ns(now) if peer is not None else None
-        ringless = settings.avoidance.method == "none"
+        ringless = not settings.avoidance.needs_scan
         recent = len(self._refusals) == _REFUSALS_TOLERATED and now - self._refusals[0] < _SECOND_NS // 2
         state = self.supervisor.state
         return Health(
@@ -767,7 +767,7 @@ class Autopilot:
         allowed = verdict.acceleration_ned
         if verdict.changed > self.settings.avoidance.course.give_in:
             if self._course.active:
-                self._course.give_in(here, velocity, allowed)
+                self._course.yield_to(here, velocity, allowed)
             else:
                 place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
                 pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])
@@ -878,22 +878,22 @@ class Autopilot:
         settings, generator = self.settings.avoidance, self._reference
         here, velocity = state.position_ned, state.velocity_ned
         highest = self._heights.slowed(self.mission.speed)
-        wish = course.wish(self._way, here[:2], velocity[:2], goal[:2], highest, settings.course.braking)
-        wanted, speed = wish.velocity, math.hypot(*wish.velocity.tolist())
+        steering = steer(self._way, here[:2], velocity[:2], goal[:2], highest, settings.course.braking)
+        wanted, speed = steering.velocity, math.hypot(*steering.velocity.tolist())
         if self._heights.busy:
             self._heights.advance(float(here[2]), math.hypot(*velocity[:2].tolist()), now)
             wanted, speed = np.zeros(2), 0.0
-        limit = self._guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
+        limit = self._guard.limit(here, velocity, steering.path, settings.guard.delay, speed)
         self._free = limit.free
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)
         if speed > 1.0:
-            generator.turn(now, math.atan2(wish.velocity[1], wish.velocity[0]))
+            generator.turn(now, math.atan2(steering.velocity[1], steering.velocity[0]))
         down = float(goal[2])
         climbs = down < generator.at(now).position_ned[2]
         vertical_speed = self.settings.trajectory.climb_speed if climbs else self.settings.trajectory.descent_speed
         generator.go(now, np.array((*self._start_ned, down)), self.mission.speed, vertical_speed)
-        target = np.array((*wish.places[0].tolist(), down))
+        target = np.array((*steering.path[0].tolist(), down))
         self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
         return wanted
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, TypeVar
 
 import msgspec
 
+from companion.avoidance_methods import METHODS
 from protocol import toml_files as toml_files
 from protocol.vehicle_parameters import Body
 
@@ -15,6 +16,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Vector = tuple[Positive, Positive, Positive]
+RRT_PLANNERS = ("bit*", "informed-rrt*")
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
 
 
@@ -212,7 +214,7 @@ class AvoidanceRrt(Table, frozen=True):
     seed: Annotated[int, msgspec.Meta(ge=1)] = 1
 
     def __post_init__(self) -> None:
-        _one_of("planner", self.planner, "bit*", "informed-rrt*")
+        _one_of("planner", self.planner, *RRT_PLANNERS)
 
 
 class AvoidanceVfh(Table, frozen=True):
@@ -367,14 +369,21 @@ class Avoidance(Table, frozen=True):
     guard: AvoidanceGuard = AvoidanceGuard()
 
     def __post_init__(self) -> None:
-        _one_of("method", self.method, "astar", "vfh", "rrt", "paper", "paper-literal", "none")
-        if self.guard.enabled and self.method == "none":
-            raise ValueError('guard.enabled: there is no guard with method "none", which needs no ring')
+        _one_of("method", self.method, *METHODS)
+        if self.guard.enabled and not self.needs_scan:
+            raise ValueError(
+                f'guard.enabled: there is no guard with method "{self.method}", which flies without a LiDAR'
+            )
 
     @property
     def mapped(self) -> bool:
-        """The method flies a course over the map."""
-        return self.method in ("astar", "vfh", "rrt")
+        """The method plans paths over the map."""
+        return METHODS[self.method].mapped
+
+    @property
+    def needs_scan(self) -> bool:
+        """The method can't fly without a LiDAR."""
+        return METHODS[self.method].needs_scan
 
     @property
     def looks_around(self) -> bool:

@@ -6,6 +6,7 @@ import math
 import msgspec
 
 from companion.autopilot import Autopilot, Datagram, Planned, Tick
+from companion.avoidance_methods import methods_in_use
 from companion.config import AvoidanceAltitudeSearch, Settings
 from companion.mission.plan import Mission
 from companion.runtime.planning import InProcessPlanner, Planning
@@ -35,10 +36,9 @@ class RehearsalError(Exception):
 
 def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
-    if settings.avoidance.mapped and settings.avoidance.method != "vfh":  # which is asked where the others find nothing
-        avoidance = msgspec.structs.replace(settings.avoidance, method="vfh")
+    for method in methods_in_use(settings.avoidance.method):
+        avoidance = msgspec.structs.replace(settings.avoidance, method=method)
         _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output)
-    _fly(settings, body, mission, output)
 
 
 def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
