@@ -169,7 +169,7 @@ class Autopilot:
             for step in steps(mission, np.zeros(3))
         )
         self._track: Track | None = None
-        self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.grain)
+        self._returns = RecentReturns(settings.avoidance.memory_s, settings.avoidance.merge_distance)
         self._avoidance = goal_rule(settings.avoidance)
         self._guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self._plans = settings.avoidance.mapped and mission.profile != "step"
@@ -189,7 +189,7 @@ class Autopilot:
         self._verdict: Verdict | None = None
         self._trail = Trail()
         self._progress = Progress()
-        self._heights = AltitudeSearch(settings.avoidance.heights)
+        self._heights = AltitudeSearch(settings.avoidance.altitude_search)
         self._gave_up = False
         self._commander = Commander(settings.supervision.command_interval)
         rates = settings.rates
@@ -450,9 +450,9 @@ class Autopilot:
 
     def _change_height(self, detour: float, stuck: bool, now: int) -> bool:
         """To another one that is allowed, if that may help; whether there is a change."""
-        target, settings = self.steps[self.step_index].target_ned, self.settings.avoidance.heights
+        target, settings = self.steps[self.step_index].target_ned, self.settings.avoidance.altitude_search
         assert target is not None and self.state is not None
-        place = Place(self.state.position_ned, float(target[2]), self._ground_down - settings.lowest)
+        place = Place(self.state.position_ned, float(target[2]), self._ground_down - settings.min_height)
         change = self._heights.consider(detour, stuck, place, now)
         if change is None:
             return False
@@ -765,7 +765,7 @@ class Autopilot:
         here, velocity = state.position_ned, state.velocity_ned
         verdict = self._verdict = self._guard.filter(here, velocity, acceleration_ned, now)
         allowed = verdict.acceleration_ned
-        if verdict.changed > self.settings.avoidance.course.give_in:
+        if verdict.changed > self.settings.avoidance.course.yield_threshold:
             if self._course.active:
                 self._course.yield_to(here, velocity, allowed)
             else:
@@ -883,7 +883,7 @@ class Autopilot:
         if self._heights.busy:
             self._heights.advance(float(here[2]), math.hypot(*velocity[:2].tolist()), now)
             wanted, speed = np.zeros(2), 0.0
-        limit = self._guard.limit(here, velocity, steering.path, settings.guard.delay, speed)
+        limit = self._guard.limit(here, velocity, steering.path, settings.guard.reaction_time, speed)
         self._free = limit.free
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)

@@ -70,7 +70,7 @@ class AStar:
         """
         self._check(view.states)
         s = self._settings
-        radius, proximity_cost, unknown_cost = s.comfort, s.closeness, s.unknown
+        radius, proximity_cost, unknown_cost = s.proximity_radius, s.proximity_cost, s.unknown_cost
         _fill_costmap(view.states, view.to_occupied, s.inflation, radius, proximity_cost, unknown_cost, self._costmap)
         return self._costmap
 
@@ -97,13 +97,13 @@ class AStar:
         if not view.contains(first):
             return None
         if view.contains(last):
-            reach = math.ceil(self._settings.comfort / view.cell) + 1
+            reach = math.ceil(self._settings.proximity_radius / view.cell) + 1
             last = nearest_allowed_cell(to_occupied, last[0], last[1], inflation, reach)
             if _enclosed(to_occupied, inflation, first, last):
                 return None
         frontier = _frontier(view.states, first, last)
         self._searches += 1
-        scales = inflation, view.cell, self._settings.unknown
+        scales = inflation, view.cell, self._settings.unknown_cost
         opened = 2 * self._searches
         found, cost = _search(costmap, to_occupied, scales, (first, last), frontier, self._memory, opened)
         if found < 0:
@@ -132,7 +132,7 @@ class AStar:
         rest = cells[nearest:]
         if away[nearest] * view.cell > _OFF_PATH_M or rest.min() < 0 or rest.max() >= len(costmap):
             return None
-        if view.cell * math.hypot(*(rest[-1] - last).tolist()) > self._settings.comfort:
+        if view.cell * math.hypot(*(rest[-1] - last).tolist()) > self._settings.proximity_radius:
             return None
         costs = _costs_along(rest, costmap, to_occupied, inflation, view.cell)
         cost = float(costs[-1])
@@ -141,7 +141,7 @@ class AStar:
         return GridPath(rest, costs, cost, self._detour(cost, view, first, last, _frontier(view.states, first, last)))
 
     def _detour(self, cost: float, view: MapView, first: Cell, last: Cell, frontier: Frontier) -> float:
-        return cost - view.cell * _to_go(first[0], first[1], last, self._settings.unknown, frontier)
+        return cost - view.cell * _to_go(first[0], first[1], last, self._settings.unknown_cost, frontier)
 
     def _check(self, cells: NDArray[Any]) -> None:
         """Compiled code does not check the bounds of the search's memory."""

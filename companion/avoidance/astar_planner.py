@@ -37,15 +37,15 @@ class AStarPlanner:
         before, self._tight = self._tight, None
         cell = view.cell_of(position)
         in_tight = before is not None and view.contains(cell) and view.to_occupied[cell] < settings.inflation
-        if roomy is not None and roomy.detour <= settings.detour and not in_tight:
+        if roomy is not None and roomy.detour <= settings.max_detour and not in_tight:
             vertices = self._vertices(roomy, view, costmap, (position, goal), settings.inflation)
             return timed_path(vertices, view, speed, self._settings.course, roomy.detour)
         tight_costmap = self._tight_costmap(view, costmap)
         tight, cost = self._tight_path(view, tight_costmap, before, position, goal)
         if tight is not None and (roomy is None or cost < roomy.cost):
             self._tight = tight.cells + np.array(view.corner)
-            tight = _up_to_unconfirmed(tight, view, settings.tight)
-            vertices = self._vertices(tight, view, tight_costmap, (position, goal), settings.tight)
+            tight = _up_to_unconfirmed(tight, view, settings.tight_inflation)
+            vertices = self._vertices(tight, view, tight_costmap, (position, goal), settings.tight_inflation)
             return replace(timed_path(vertices, view, speed, self._settings.course, tight.detour), tight=True)
         if roomy is None:
             return None
@@ -57,8 +57,8 @@ class AStarPlanner:
     def _tight_costmap(self, view: MapView, costmap: Floats) -> Floats:
         """(cells, cells) with the extra costs within the inflation and within the tight inflation."""
         settings, near = self._settings.plan, view.to_occupied
-        result: Floats = costmap + settings.squeeze * np.maximum(1.0 - near / settings.inflation, 0.0) ** 2
-        result += settings.doubt * np.maximum(1.0 - near / settings.tight, 0.0) ** 2
+        result: Floats = costmap + settings.tight_cost * np.maximum(1.0 - near / settings.inflation, 0.0) ** 2
+        result += settings.unconfirmed_cost * np.maximum(1.0 - near / settings.tight_inflation, 0.0) ** 2
         return result
 
     def _tight_path(
@@ -67,13 +67,13 @@ class AStarPlanner:
         """The cheapest tight path, or the one from before if it is not much dearer; and what it counts as (m)."""
         settings = self._settings.plan
         certain = to_certain(view)
-        path = self._search.plan(view, costmap, position, goal, settings.tight, certain)
+        path = self._search.plan(view, costmap, position, goal, settings.tight_inflation, certain)
         cost = math.inf if path is None else path.cost
         if before is not None:
             cells = before - np.array(view.corner)
-            same = self._search.reevaluate(cells, view, costmap, position, goal, settings.tight, certain)
-            if same is not None and same.cost < cost + settings.habit:
-                return same, same.cost - settings.habit
+            same = self._search.reevaluate(cells, view, costmap, position, goal, settings.tight_inflation, certain)
+            if same is not None and same.cost < cost + settings.switch_cost:
+                return same, same.cost - settings.switch_cost
         return path, cost
 
     def _vertices(

@@ -102,9 +102,9 @@ class Guard:
             return SpeedLimit(0.0, 0.0)
         free = _free_ahead(self._maps, position_ned, velocity_ned, path, self._roomy)
         allowed = stopping_speed(free, s.braking, delay_s)
-        if self._space.tight and allowed < s.crawl:
+        if self._space.tight and allowed < s.tight_speed:
             free = _free_ahead(self._maps, position_ned, velocity_ned, path, self._tight)
-            allowed = max(allowed, min(s.crawl, stopping_speed(free, s.braking, delay_s)))
+            allowed = max(allowed, min(s.tight_speed, stopping_speed(free, s.braking, delay_s)))
         return SpeedLimit(min(speed, allowed), free)
 
     def filter(self, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, now_ns: int) -> Verdict:
@@ -137,8 +137,8 @@ def _parameters(settings: AvoidanceGuard, keep_out: float, keep_out_unseen: floa
         "occupied": keep_out,
         "unseen": keep_out_unseen,
         "braking": settings.braking,
-        "barrier_gain": settings.steepness,
-        "closing_gain": settings.nearness,
+        "barrier_gain": settings.barrier_gain,
+        "closing_gain": settings.closing_gain,
         "lag": settings.lag_s,
         "horizon": settings.horizon_s,
     }

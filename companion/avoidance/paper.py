@@ -15,7 +15,7 @@ reason:
 - Of the setpoints that the rule gives for the obstacles in sight, on either side, the one with the shortest way to the
   goal is taken that can be reached in a straight line; alone on a free field that is the nearer edge, as printed in
   (30). (31) is printed with its inequalities the other way round. Where there are no three metres, less will do.
-- A setpoint that is chosen is kept unless another is shorter by `decisiveness`, or noise would turn the vehicle to and
+- A setpoint that is chosen is kept unless another is shorter by `switch_margin`, or noise would turn the vehicle to and
   fro.
 """
 
@@ -166,7 +166,7 @@ class PaperRule:
             way += settings.lateral_margin - margin  # a metre less of margin is worth a metre of way
             way[there < _NEAREST] = math.inf
             if self._chosen is not None:
-                way -= settings.decisiveness * (np.hypot(*(self._chosen - place).T) < settings.lateral_margin)
+                way -= settings.switch_margin * (np.hypot(*(self._chosen - place).T) < settings.lateral_margin)
             places.append(place)
             ways.append(way)
         all_places, all_ways = np.concatenate(places), np.concatenate(ways)

@@ -124,7 +124,7 @@ class Course:
 
     def __init__(self, settings: AvoidanceCourse) -> None:
         s = settings
-        self._limits = np.array([s.follow, s.acceleration, s.jerk, s.leash])
+        self._limits = np.array([s.velocity_gain, s.acceleration, s.jerk, s.max_lead])
         self._motion = np.zeros((3, 2))
         """Position (m), velocity (m/s) and acceleration (m/s2), NED, a row each."""
         self._time_ns: int | None = None

@@ -61,10 +61,10 @@ class Vfh:
         goal = math.atan2(goal_ned[1] - position_ned[1], goal_ned[0] - position_ned[0])
         speed = math.hypot(velocity_ned[0], velocity_ned[1])
         heading = math.atan2(velocity_ned[1], velocity_ned[0]) if speed > _MIN_SPEED else goal
-        density = densities(view.states, view.cell, place, s.window, s.radius)
-        self._blocked = np.where(self._blocked, density > s.low, density > s.high)
+        density = densities(view.states, view.cell, place, s.window, s.enlargement_radius)
+        self._blocked = np.where(self._blocked, density > s.low_threshold, density > s.high_threshold)
         turn = heading, speed * speed / s.turning_acceleration
-        masked = mask(self._blocked, view.states, view.cell, place, s.window, s.radius, turn)
+        masked = mask(self._blocked, view.states, view.cell, place, s.window, s.enlargement_radius, turn)
         previous = heading if self._previous is None else self._previous
         course = cheapest(masked, goal, heading, previous)
         if math.isnan(course):

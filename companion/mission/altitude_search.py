@@ -123,10 +123,10 @@ class AltitudeSearch:
     def consider(self, detour: float, stuck: bool, place: Place, now_ns: int) -> Change | None:
         """An answer about the way: it costs `detour` (m) more than was to be expected, or nothing comes nearer to the
         goal. None if there is no change."""
-        dear = detour > self._settings.price * self._settings.step
+        dear = detour > self._settings.height_cost * self._settings.step
         if self._stage is _Stage.LOOK:
             assert self._looks_since_ns is not None and self._down is not None
-            if now_ns - self._looks_since_ns < self._settings.patience * 1e9:
+            if now_ns - self._looks_since_ns < self._settings.dwell_time * 1e9:
                 return None
             if dear:
                 return self._try_next(place)
@@ -141,7 +141,7 @@ class AltitudeSearch:
         if not dear or now_ns - self._judged_ns > _GAP_NS or self._dear_since_ns is None:
             self._dear_since_ns = now_ns
         self._judged_ns = now_ns
-        return dear and now_ns - self._dear_since_ns >= self._settings.patience * 1e9
+        return dear and now_ns - self._dear_since_ns >= self._settings.dwell_time * 1e9
 
     def _try_next(self, place: Place) -> Change | None:
         """The next height; after the last one back to the route's, if that can be."""
@@ -169,8 +169,8 @@ class AltitudeSearch:
     def _heights(self, place: Place) -> list[float]:
         """Those that may be tried: up first, each a step farther, or where the limit is."""
         settings = self._settings
-        up = self._steps(settings.above - settings.margin)
-        down = self._steps(min(settings.below, place.lowest - place.route) - settings.margin)
+        up = self._steps(settings.max_climb - settings.margin)
+        down = self._steps(min(settings.max_descent, place.lowest - place.route) - settings.margin)
         return [*(place.route - height for height in up), *(place.route + height for height in down)]
 
     def _steps(self, most: float) -> list[float]:

@@ -43,7 +43,7 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
 
 def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     # At the route's heights, where the vehicle here is.
-    avoidance = msgspec.structs.replace(settings.avoidance, heights=AvoidanceAltitudeSearch())
+    avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
     planning = Planning(InProcessPlanner(settings.avoidance), settings.avoidance.answer_delay)
     thinning = Thinning(settings.log.trace_rate)

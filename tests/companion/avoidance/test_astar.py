@@ -14,7 +14,7 @@ from companion.config import AvoidancePlan
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Floats, MapView, distance_to
 from protocol.arrays import Array
 
-SETTINGS = AvoidancePlan(inflation=0.6, comfort=1.4, closeness=2.0, unknown=1.0)
+SETTINGS = AvoidancePlan(inflation=0.6, proximity_radius=1.4, proximity_cost=2.0, unknown_cost=1.0)
 CELL = 0.2
 
 
@@ -89,7 +89,7 @@ def test_goal_beyond_the_window_is_reached_by_the_best_border_cell() -> None:
         distances = dijkstra(graph_of(view, costmap), indices=20 * 40 + 20).reshape(40, 40)
         border = (rows == 0) | (rows == 39) | (columns == 0) | (columns == 39)
         g = view.cell_of(goal)
-        beyond = (1.0 + SETTINGS.unknown) * CELL * np.hypot(rows - g[0], columns - g[1])
+        beyond = (1.0 + SETTINGS.unknown_cost) * CELL * np.hypot(rows - g[0], columns - g[1])
         assert path.cost == pytest.approx((distances + beyond)[border].min())
 
 

@@ -25,13 +25,13 @@ SETTINGS = AvoidanceGuard(
     keep_out_unseen=0.45,
     keep_out_tight=0.4,
     keep_out_unseen_tight=0.2,
-    crawl=1.0,
+    tight_speed=1.0,
     braking=4.5,
-    steepness=4.0,
-    nearness=2.0,
+    barrier_gain=4.0,
+    closing_gain=2.0,
     lag_s=0.15,
     horizon_s=0.1,
-    reach=9.0,
+    obstacle_range=9.0,
     stale_s=0.3,
 )
 CELL = 0.2
@@ -236,7 +236,7 @@ def test_a_stop_is_straight_or_swerves_to_the_free_side(side: int) -> None:
             states[row:, : middle + beyond] = OCCUPIED
         else:
             states[row:, middle + 1 - beyond :] = OCCUPIED
-        verdict = guard_on(states, here, replace(SETTINGS, reach=0.5)).filter(here, velocity, command, 0)
+        verdict = guard_on(states, here, replace(SETTINGS, obstacle_range=0.5)).filter(here, velocity, command, 0)
         return verdict.reason, verdict.acceleration_ned[:2]
 
     reason, found = verdict_before(5.3, 3)

@@ -85,7 +85,7 @@ def clearances(view: MapView, a: Array, b: Array) -> Array:
 
 
 def astar_length(view: MapView, start: Array, goal: Array) -> float:
-    search = AStar(AvoidancePlan(INFLATION, comfort=1.6, closeness=0.0, unknown=0.0), CELLS)
+    search = AStar(AvoidancePlan(INFLATION, proximity_radius=1.6, proximity_cost=0.0, unknown_cost=0.0), CELLS)
     costmap = search.costmap(view)
     path = search.plan(view, costmap, start, goal)
     assert path is not None

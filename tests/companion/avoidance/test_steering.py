@@ -60,7 +60,7 @@ def test_a_course_waits_for_the_vehicle_and_gives_in_to_the_guard() -> None:
     for tick in range(1, 500):
         course.advance(tick * TICK_NS, np.array([5.0, 0.0]), np.zeros(2))
     place, velocity, _ = at(course, 499 * TICK_NS)
-    assert place == pytest.approx([SETTINGS.leash, 0.0]) and velocity[0] > 4.0
+    assert place == pytest.approx([SETTINGS.max_lead, 0.0]) and velocity[0] > 4.0
     for tick in range(500, 625):
         course.advance(tick * TICK_NS, np.zeros(2), np.zeros(2))
         course.yield_to(np.zeros(2), np.zeros(2), np.zeros(2))

@@ -11,7 +11,9 @@ from companion.perception.rolling_map import FREE, OCCUPIED, Bytes, MapView, dis
 from protocol.arrays import Array, BoolArray
 from protocol.frames import wrap
 
-SETTINGS = AvoidanceVfh(window=10.0, radius=0.8, low=0.05, high=0.1, turning_acceleration=4.0)
+SETTINGS = AvoidanceVfh(
+    window=10.0, enlargement_radius=0.8, low_threshold=0.05, high_threshold=0.1, turning_acceleration=4.0
+)
 CELL, CELLS = 0.2, 129
 HALF = 0.5 * CELL * CELLS
 HERE, STILL = np.zeros(3), np.zeros(3)
@@ -38,7 +40,7 @@ def wall(north: float, east_from: float, east_to: float) -> Array:
 
 
 def density_of(places: Array) -> Array:
-    return densities(view_of(places).states, CELL, (HALF, HALF), SETTINGS.window, SETTINGS.radius)
+    return densities(view_of(places).states, CELL, (HALF, HALF), SETTINGS.window, SETTINGS.enlargement_radius)
 
 
 def blocked_at(*sectors: int) -> BoolArray:
@@ -90,7 +92,10 @@ def test_two_thresholds() -> None:
     """Between them a sector stays what it was."""
     one, few = np.array([[5.0, 0.0]]), wall(5.0, -0.5, 0.5)
     between = density_of(np.array([[5.0, 0.0], [5.2, 0.0]]))[0]
-    assert SETTINGS.low < between < SETTINGS.high < density_of(few)[0] and density_of(one)[0] < SETTINGS.low
+    assert (
+        SETTINGS.low_threshold < between < SETTINGS.high_threshold < density_of(few)[0]
+        and density_of(one)[0] < SETTINGS.low_threshold
+    )
     middle = np.array([[5.0, 0.0], [5.2, 0.0]])
     vfh = Vfh(SETTINGS)
     assert choose(middle, vfh=vfh) == pytest.approx(0.0)
