@@ -441,7 +441,7 @@ class Autopilot:
             if self._heights.busy:
                 self._progress = Progress()
             distance = math.hypot(*(goal - here)[:2].tolist())
-            lacking = self._progress.lacking_s(self.step_index, distance, now)
+            lacking = self._progress.stalled_s(self.step_index, distance, now)
             stuck = lacking > self.settings.avoidance.give_up_s
             if distance < _NOT_NEAR:
                 return

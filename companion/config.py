@@ -336,11 +336,10 @@ class AvoidanceGuard(Table, frozen=True):
 
 
 class Avoidance(Table, frozen=True):
-    """The method and what all methods share; `companion.avoidance_methods` lists the methods. "astar" is A* over the
-    map, "rrt" BIT* or Informed RRT* over the map, "vfh" VFH+ on the map; these three are the mapped methods. "paper"
-    is the paper's rule made to be flown, "paper-literal" the same as printed, "none" flies straight to the goal."""
+    """The method, and what all methods share. The mapped methods plan over the map of [avoidance.map]."""
 
     method: str = "astar"
+    """One of those listed at the end of docs/settings.md, from `companion/avoidance_methods.py`."""
     vehicle_radius: Positive = 0.36
     ground_height: Positive = 0.5
     """m above the take-off point; returns from below are the ground."""

@@ -158,12 +158,12 @@ def test_the_trail_leads_back_without_its_loops() -> None:
 def test_progress_is_a_metre_nearer_than_ever() -> None:
     progress = Progress()
     second = 1_000_000_000
-    assert progress.lacking_s(1, 50.0, 0) == 0.0
-    assert progress.lacking_s(1, 60.0, 10 * second) == 10.0
-    assert progress.lacking_s(1, 49.5, 20 * second) == 20.0
-    assert progress.lacking_s(1, 48.0, 30 * second) == 0.0
-    assert progress.lacking_s(1, 48.0, 35 * second) == 5.0
-    assert progress.lacking_s(2, 90.0, 40 * second) == 0.0
+    assert progress.stalled_s(1, 50.0, 0) == 0.0
+    assert progress.stalled_s(1, 60.0, 10 * second) == 10.0
+    assert progress.stalled_s(1, 49.5, 20 * second) == 20.0
+    assert progress.stalled_s(1, 48.0, 30 * second) == 0.0
+    assert progress.stalled_s(1, 48.0, 35 * second) == 5.0
+    assert progress.stalled_s(2, 90.0, 40 * second) == 0.0
 
 
 def gap_view(width_cells: int, *, certain: bool) -> MapView:
