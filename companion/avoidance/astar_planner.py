@@ -28,7 +28,7 @@ class AStarPlanner:
     def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
         """See `methods.PathPlanner`.
 
-        The path keeps the inflation if that is no long way round. Otherwise it is a tight one, or leads to what may be
+        The path keeps the inflation if that is no long detour. Otherwise it is a tight one, or leads to what may be
         a gap, if that costs less. A tight path is kept until there is room again or another one is much cheaper.
         """
         settings = self._settings.plan

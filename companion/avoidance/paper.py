@@ -30,14 +30,14 @@ from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 from protocol.jit import compiled
 
-_LESS_MARGIN = (1.0, 0.7, 0.45)
+_MARGIN_SHARES = (1.0, 0.7, 0.45)
 """Shares of the lateral margin that are tried."""
 _ROUNDING = 0.05
 """m of tolerance in distances."""
 _MIN_DISTANCE = 0.5
 """m; a setpoint nearer than this is not used."""
-_MIN_SPEED = 0.3
-"""m/s and m; a slower velocity, or a nearer target, gives no direction."""
+_MIN_VECTOR = 0.3
+"""Length of a velocity (m/s) or an offset (m) below which it gives no direction."""
 
 
 def box_around(points: Array) -> Array:
@@ -161,22 +161,22 @@ class PaperRule:
         the goal; `axes` (2, 2): unit vectors along and across the course."""
         settings = self._settings
         here = position_ned[:2]
-        places, ways = [], []
-        for share in _LESS_MARGIN:
+        places, lengths = [], []
+        for share in _MARGIN_SHARES:
             margin = share * settings.lateral_margin
             offsets = setpoints(boxes, margin, settings.vehicle_radius + settings.safe_distance)
             there = np.hypot(*offsets.T)
             place = here + offsets @ axes
-            way = there + np.hypot(*(goal - place).T)
-            way += settings.lateral_margin - margin  # a metre of margin counts as a metre of path
-            way[there < _MIN_DISTANCE] = math.inf
+            length = there + np.hypot(*(goal - place).T)
+            length += settings.lateral_margin - margin  # a metre of margin counts as a metre of path
+            length[there < _MIN_DISTANCE] = math.inf
             if self._chosen is not None:
-                way -= settings.switch_margin * (np.hypot(*(self._chosen - place).T) < settings.lateral_margin)
+                length -= settings.switch_margin * (np.hypot(*(self._chosen - place).T) < settings.lateral_margin)
             places.append(place)
-            ways.append(way)
-        all_places, all_ways = np.concatenate(places), np.concatenate(ways)
-        for index in np.argsort(all_ways, kind="stable"):
-            if not math.isfinite(all_ways[index]):
+            lengths.append(length)
+        all_places, all_lengths = np.concatenate(places), np.concatenate(lengths)
+        for index in np.argsort(all_lengths, kind="stable"):
+            if not math.isfinite(all_lengths[index]):
                 break
             if self._reaches(points_ned, position_ned, all_places[index], half_width):
                 return np.asarray(all_places[index])
@@ -191,7 +191,7 @@ class PaperRule:
         limit = speed
         for direction in (velocity_ned, target_ned - position_ned):
             length = math.hypot(direction[0], direction[1])
-            if length > _MIN_SPEED:
+            if length > _MIN_VECTOR:
                 ahead = np.array([direction[0] / length, direction[1] / length, 0.0])
                 free = free_distance(points_ned, position_ned, ahead, half_width)
                 limit = min(limit, stopping_speed(free, settings.braking_acceleration, settings.braking_delay))

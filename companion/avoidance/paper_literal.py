@@ -59,8 +59,8 @@ class LiteralPaperRule:
         nearest, farthest = np.minimum(here, goal), np.maximum(here, goal)
         if not np.all((least < farthest + room) & (most > nearest - room)):
             return AvoidanceDecision(goal_ned, speed, clearance, False)
-        way = np.abs(goal - here)
-        along, across = (0, 1) if way[0] >= way[1] else (1, 0)
+        distance = np.abs(goal - here)
+        along, across = (0, 1) if distance[0] >= distance[1] else (1, 0)
         target = goal_ned.copy()
         at, to, low, high = (values.tolist() for values in (here, goal, least, most))
         margin = settings.lateral_margin

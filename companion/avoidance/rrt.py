@@ -8,8 +8,8 @@ Gammell, Srinivasa and Barfoot 2015 (BIT*) and 2014 (Informed RRT*), as in OMPL 
 - If the straight line is allowed, it is the path. Any other path is shortened over places along itself.
 
 The same view, start, goal and settings give the same path, whatever was planned before. OMPL's generators draw their
-seeds from a global one: each plan sets that seed and makes all generators anew. So no two threads of a process may plan
-at the same time.
+seeds from a global one: each plan sets that seed and creates its own generators. So no two threads of a process may
+plan at the same time.
 """
 
 import itertools
