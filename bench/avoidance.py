@@ -16,10 +16,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from companion.avoidance.astar import AStar, AStarSettings
+from companion.avoidance.astar import AStar
 from companion.avoidance.guard import Guard
-from companion.avoidance.shortcut import corner_speeds, shorten
-from companion.avoidance.vfh import Vfh, VfhSettings
+from companion.avoidance.shortcut import shorten, vertex_speeds
+from companion.avoidance.vfh import Vfh
 from companion.config import Avoidance, picked
 from companion.perception.free_space import free_space
 from companion.perception.rolling_map import GridSettings, OccupancyGrid
@@ -83,29 +83,26 @@ def rings(world: World) -> list[tuple[Scan, Array, Array]]:
 def fly(scans: list[tuple[Scan, Array, Array]], watch: Stopwatch) -> None:
     """All stages once along the flight."""
     grid = OccupancyGrid(picked(GridSettings, SETTINGS.map, hull=SETTINGS.vehicle_radius))
-    search, vfh = (
-        AStar(picked(AStarSettings, SETTINGS.plan), SETTINGS.map.cells),
-        Vfh(picked(VfhSettings, SETTINGS.vfh)),
-    )
+    search, vfh = AStar(SETTINGS.plan, SETTINGS.map.cells), Vfh(SETTINGS.vfh)
     guard_settings = SETTINGS.guard
     guard, tracker = Guard(guard_settings), Tracker(picked(TrackSettings, SETTINGS.tracks))
-    velocity, wish = np.array([SPEED, 0.0, 0.0]), np.array([1.0, 0.5, 0.0])
+    velocity, command = np.array([SPEED, 0.0, 0.0]), np.array([1.0, 0.5, 0.0])
     for scan, position, attitude in scans:
         began = time.perf_counter_ns()
         moving = watch.call("tracks", tracker.add, scan, position, attitude, -0.5)
         watch.call("grid: a ring taken in", grid.add, scan, position, attitude, -0.5, moving)
         view = watch.call("grid: view with distances", grid.view, scan.time_ns)
-        prices = watch.call("astar: prices", search.prices, view)
-        path = watch.call("astar: search", search.plan, view, prices, position, GOAL)
+        costmap = watch.call("astar: costmap", search.costmap, view)
+        path = watch.call("astar: search", search.plan, view, costmap, position, GOAL)
         if path is not None:
-            corners = watch.call("astar: shortening", shorten, path, view, prices, SETTINGS.plan.inflation)
-            watch.call("astar: corner speeds", corner_speeds, corners, np.full(len(corners), 0.5), SPEED, 4.0, 3.5)
+            vertices = watch.call("astar: shortening", shorten, path, view, costmap, SETTINGS.plan.inflation)
+            watch.call("astar: vertex speeds", vertex_speeds, vertices, np.full(len(vertices), 0.5), SPEED, 4.0, 3.5)
         guard.look(watch.call("guard: free space", free_space, view, position, scan.time_ns, guard_settings))
         watch.call("guard: speed limit", guard.limit, position, velocity, GOAL[None, :2], 0.25, SPEED)
         watch.times.setdefault("scan to reference", []).append((time.perf_counter_ns() - began) / 1e3)
         watch.call("vfh", vfh.choose, view, position, velocity, GOAL)
         for _ in range(16):
-            watch.call("guard: filter", guard.filter, position, velocity, wish, scan.time_ns)
+            watch.call("guard: filter", guard.filter, position, velocity, command, scan.time_ns)
 
 
 def measure() -> dict[str, dict[str, float]]:

@@ -31,7 +31,7 @@ class Autopilot:
         self.body = body
         self.supervisor = Supervisor(settings.supervision)
         self.link = VehicleLink(settings, output)
-        self.sensing = Sensing(needs_scan=settings.avoidance.method != "none")
+        self.sensing = Sensing(needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
         self.navigator = Navigator(settings, mission, self.guidance.durations)
@@ -141,7 +141,7 @@ class Autopilot:
         if plan is not None:
             guidance.take_up(plan, leg, now)
             if guidance.over_map and leg.step.avoids and self.supervisor.state is State.FLY:
-                judgement = navigator.judge(state.position_ned, plan.way.detour, now)
+                judgement = navigator.judge(state.position_ned, plan.path.detour, now)
                 self._say(*judgement.announcements)
                 leg = navigator.leg(state.position_ned)
                 if judgement.failure is not None:

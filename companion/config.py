@@ -2,11 +2,14 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import msgspec
 
+from companion.avoidance_methods import METHODS
+from companion.renamed_settings import RENAMED_SETTINGS
 from protocol import toml_files as toml_files
 from protocol.vehicle_parameters import Body
 
@@ -15,6 +18,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Vector = tuple[Positive, Positive, Positive]
+RRT_PLANNERS = ("bit*", "informed-rrt*")
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
 
 POSITION_LAWS = ("backstepping", "se3", "sliding_mode", "pid")
@@ -201,102 +205,101 @@ class AvoidanceMap(Table, frozen=True):
 
 
 class AvoidancePlan(Table, frozen=True):
-    """The search of "astar" (`avoidance.astar`); m from an occupied cell's centre."""
+    """The method "astar" (`avoidance.astar_planner`). Distances are m from the centre of an occupied cell, costs are
+    added to 1 for each metre of path."""
 
     inflation: Positive = 0.6
-    """Nearer is forbidden."""
-    tight: Positive = 0.38
-    """Nearer is forbidden on the way that is looked for where the one with room is a long way round."""
-    detour: Positive = 12.0
-    """What the way with room may cost beyond the least that was to be expected."""
-    doubt: Positive = 150.0
-    """What a metre costs on top, at the most, that leads through what was not seen from near enough to be sure: where
-    that is the cheapest, the vehicle goes and looks."""
-    squeeze: NotNegative = 80.0
-    """What a metre of a tight way costs on top, at the most, nearer than the inflation: it leads through the middle."""
-    habit: NotNegative = 5.0
-    """What another way must cost less than the tight one that is being flown, for that to be left."""
-    comfort: Positive = 2.0
-    """From here on nearness costs nothing."""
-    closeness: NotNegative = 3.0
-    """What a metre at the inflation's edge costs on top of 1."""
-    unknown: NotNegative = 0.5
-    """What a metre of unknown costs on top."""
+    """m; cells nearer than this are forbidden."""
+    tight_inflation: Positive = 0.38
+    """m; the inflation of tight paths, which are planned where the path that keeps `inflation` is a long way round."""
+    max_detour: Positive = 12.0
+    """m; a path that keeps `inflation` is a long way round if it costs this much more than the least expected."""
+    unconfirmed_cost: Positive = 150.0
+    """Cost of a cell at an obstacle that may not be there; falls to 0 at `tight_inflation`. The vehicle flies up to
+    such obstacles to see whether there is a gap."""
+    tight_cost: NotNegative = 80.0
+    """Cost of a cell at the obstacle, for tight paths; falls to 0 at `inflation`, so that they keep to the middle."""
+    switch_cost: NotNegative = 5.0
+    """m by which another path must be cheaper than the tight one that is being flown."""
+    proximity_radius: Positive = 2.0
+    """m; beyond this, obstacles cost nothing."""
+    proximity_cost: NotNegative = 3.0
+    """Cost of a cell at the edge of the inflation; falls with the square to 0 at `proximity_radius`."""
+    unknown_cost: NotNegative = 0.5
+    """Cost of an unknown cell."""
 
     def __post_init__(self) -> None:
-        if not self.tight <= self.inflation < self.comfort:
-            raise ValueError("inflation must be between tight and comfort")
+        if not self.tight_inflation <= self.inflation < self.proximity_radius:
+            raise ValueError("inflation must be between tight_inflation and proximity_radius")
 
 
 class AvoidanceRrt(Table, frozen=True):
-    """The search of "rrt" (`avoidance.rrt`), with the inflation of "astar"."""
+    """The method "rrt" (`avoidance.rrt`), with the inflation of [avoidance.plan]."""
 
     planner: str = "bit*"
     """Or "informed-rrt*"."""
     iterations: Annotated[int, msgspec.Meta(ge=1)] = 2000
-    """A scan; what they count depends on the planner."""
+    """Of each plan; what they count depends on the planner."""
     seed: Annotated[int, msgspec.Meta(ge=1)] = 1
+    """Of each plan."""
 
     def __post_init__(self) -> None:
-        _one_of("planner", self.planner, "bit*", "informed-rrt*")
+        _one_of("planner", self.planner, *RRT_PLANNERS)
 
 
 class AvoidanceVfh(Table, frozen=True):
-    """The histogram of "vfh", and of "astar" where it has no answer (`avoidance.vfh`)."""
+    """The method "vfh", and the direction where the other mapped methods find no path (`avoidance.vfh`)."""
 
     window: Positive = 10.0
-    """m around the vehicle that count."""
-    radius: Positive = 0.85
-    """m by which obstacles are enlarged."""
-    low: Positive = 0.05
-    """m2: a density below which a sector becomes free."""
-    high: Positive = 0.1
-    """m2: a density above which it becomes blocked."""
+    """m; obstacles within this distance count."""
+    enlargement_radius: Positive = 0.85
+    """m by which obstacles are enlarged: the vehicle's radius and a margin."""
+    low_threshold: Positive = 0.05
+    """m2: density of obstacles below which a sector becomes free."""
+    high_threshold: Positive = 0.1
+    """m2: density of obstacles above which a sector becomes blocked."""
     turning_acceleration: Positive = 5.0
-    """m/s2 sideways, for the turning circles."""
+    """m/s2, lateral, for the radius of the turning circles."""
 
 
 class AvoidanceAltitudeSearch(Table, frozen=True):
-    """Other heights than the route's, with "astar", "rrt" and "vfh" (`mission.altitude_search`). No sensor sees what is
-    over the vehicle or, beyond the range finder, under it: allow what the place is known to leave free."""
+    """Flight at other heights than the route's, with the mapped methods (`mission.altitude_search`). No sensor looks
+    up, or down beyond the range finder: allow only heights that are known to be free."""
 
-    above: NotNegative = 0.0
-    """m over the route's height that it may climb to get over what stands in the way, `margin` included; 0: not at
-    all."""
-    below: NotNegative = 0.0
-    """m under the route's height that it may descend to get under what hangs in the way, `margin` included; 0: not at
-    all."""
+    max_climb: NotNegative = 0.0
+    """m above the route's height that the vehicle may climb, `margin` included; 0: not at all."""
+    max_descent: NotNegative = 0.0
+    """m below the route's height that the vehicle may descend, `margin` included; 0: not at all."""
     margin: NotNegative = 1.0
-    """m beyond the height from which a way was seen: the ring is flat, and what ends just below it is not seen."""
-    lowest: Positive = 1.5
-    """m above the take-off point that it never goes below for that."""
+    """m beyond the height from which a path was seen: the scan is flat, and does not show an edge just below it."""
+    min_height: Positive = 1.5
+    """m above the take-off point; the search goes no lower."""
     step: Positive = 2.0
-    """m between two heights that are tried. A change by half of `map.layer` begins a new map."""
-    price: Positive = 10.0
-    """What a metre of height is worth, as `plan` counts: a way that costs more than that times `step` beyond what was
-    to be expected, for tightness and doubt as well as for its length, is left for another height."""
+    """m between two heights that are tried. A change by half of `map.layer` clears the map."""
+    height_cost: Positive = 10.0
+    """Cost of a metre of height, as a length of path (m). A path whose detour exceeds `height_cost` times `step` is
+    left for another height; unconfirmed and tight cells count in the detour."""
     speed: Positive = 2.0
-    """m/s, at most, at another height than the route's: a ring that is tilted far looks past edges that are near to the
-    height of flight, and nobody chose this one for having none."""
-    patience: NotNegative = 1.0
-    """s that the way must be too dear before a height is left, and that are looked around at another."""
+    """m/s, at most, at another height than the route's: a scan that is tilted far passes over or under edges there."""
+    dwell_time: NotNegative = 1.0
+    """s that a detour must be too long for before a height is left, and that the vehicle looks around at the next."""
 
 
 class AvoidanceCourse(Table, frozen=True):
-    """The motion along a way (`avoidance.steering`)."""
+    """The motion along a path (`avoidance.steering`)."""
 
     acceleration: Positive = 6.0
     """m/s2"""
     jerk: Positive = 50.0
     """m/s3"""
     braking: Positive = 4.5
-    """m/s2, before corners and the goal."""
-    follow: Positive = 3.0
-    """1/s: how fast the wished velocity is taken up."""
-    leash: Positive = 0.3
-    """m that the reference may be away from the vehicle."""
-    give_in: Positive = 0.3
-    """m/s2 by which the guard must change a command for the reference to give in to it."""
+    """m/s2, before vertices and the goal."""
+    velocity_gain: Positive = 3.0
+    """1/s: acceleration by the difference between desired and reference velocity."""
+    max_lead: Positive = 0.3
+    """m between the reference and the vehicle, at most."""
+    yield_threshold: Positive = 0.3
+    """m/s2; the reference yields to the vehicle's motion if the guard changes the command by more."""
 
 
 class AvoidanceTracks(Table, frozen=True):
@@ -323,92 +326,100 @@ class AvoidanceTracks(Table, frozen=True):
 
 
 class AvoidanceGuard(Table, frozen=True):
-    """The last word on each acceleration (`avoidance.guard`)."""
+    """The guard that filters each acceleration command (`avoidance.guard`). Keep-outs are m from the centre of the
+    vehicle."""
 
     enabled: bool | None = None
-    """Not set: with "astar", "rrt" and "vfh"; there is none without a ring, with "none"."""
+    """Not set: on with the mapped methods. Method "none", which needs no scan, has no guard."""
     keep_out: Positive = 0.55
-    """m from the vehicle's centre to an occupied cell's."""
+    """m to the centre of an occupied cell."""
     keep_out_unseen: Positive = 0.45
-    """m from the vehicle's centre to the centre of a cell that was not seen free."""
+    """m to the centre of a cell that was not seen free."""
     keep_out_tight: Positive = 0.38
-    """In place of `keep_out` where there is no other way than a tight one."""
+    """m, in place of `keep_out` on a tight path."""
     keep_out_unseen_tight: Positive = 0.2
-    crawl: Positive = 1.0
-    """m/s, at most, nearer than `keep_out` there."""
+    """m, in place of `keep_out_unseen` on a tight path."""
+    tight_speed: Positive = 1.0
+    """m/s, at most, within `keep_out` on a tight path."""
     keep_out_moving: Positive = 0.5
-    """m from the vehicle's centre to the edge of what moves."""
+    """m to the edge of a moving obstacle."""
     braking: Positive = 5.5
-    """m/s2 on which it counts."""
-    delay: Positive = 0.25
-    """s from a thing's appearance to the first braking, for the speed limit: scan period, age, lag."""
-    steepness: Positive = 4.0
-    """1/s: how fast a barrier may be approached, and is left if it is violated."""
-    nearness: Positive = 4.0
-    """1/s: closing speed over distance, close to the keep-out."""
+    """m/s2 that the vehicle can brake with."""
+    reaction_time: Positive = 0.25
+    """s from the appearance of an obstacle to the first braking, for the speed limit: scan period, age, lag."""
+    barrier_gain: Positive = 4.0
+    """1/s: rate at which a barrier function may fall by its value, and rises where it is violated."""
+    closing_gain: Positive = 4.0
+    """1/s: closing speed by distance, close to the keep-out."""
     lag_s: NotNegative = 0.15
     """From a command to the acceleration."""
     horizon_s: Positive = 0.1
-    """From where the command leads to within this time there must be a stop."""
-    reach: Positive = 9.0
-    """m within which points are looked at."""
+    """The state that the command leads to within this time must allow a stop."""
+    obstacle_range: Positive = 9.0
+    """m; obstacles within this distance have barriers."""
     stale_s: Positive = 0.3
-    """A view that is older stops the vehicle."""
+    """With a view older than this the vehicle brakes."""
 
 
 class Avoidance(Table, frozen=True):
-    """`method`: "astar" (a way over the map, "vfh" where there is none), "rrt" (the same by sampling), "vfh" (VFH+ on
-    the map), "paper", "paper-literal" (as printed, for the paper's experiment) or "none"."""
+    """The method, and what all methods share. The mapped methods plan over the map of [avoidance.map]."""
 
     method: str = "astar"
+    """One of those listed at the end of docs/settings.md, from `companion/avoidance_methods.py`."""
     vehicle_radius: Positive = 0.36
     ground_height: Positive = 0.5
-    """m above the take-off point below which a return is the ground."""
+    """m above the take-off point; returns from below are the ground."""
     answer_delay: NotNegative = 0.02
-    """s, in lockstep: from a ring's arrival to when its map and way count; by the clock it is what it takes."""
+    """s from a scan to its map and path, in lockstep; in real time it is what the planner takes."""
     give_up_s: Positive = 40.0
-    """With "astar", "rrt" and "vfh": so long without a metre of progress, and the goal is given up."""
+    """With the mapped methods: the goal is given up after so long without a metre of progress."""
     lateral_margin: Positive = 3.0
-    """m outside the nearer edge of an obstacle: the paper's 3. This and what follows is of "paper"."""
+    """m outside the nearer edge of an obstacle: the paper's 3. This key and those below are of "paper"."""
     safe_distance: Positive = 1.2
-    """m between hull and obstacle below which a course counts as blocked."""
-    decisiveness: Positive = 3.0
-    """m of way that another setpoint must save to be taken instead of the present one."""
+    """m between hull and obstacle; a course that comes nearer is blocked."""
+    switch_margin: Positive = 3.0
+    """m of path that another setpoint must save to take the place of the present one."""
     memory_s: Positive = 3.0
-    """How long a return counts: a tilted ring looks over and under what it saw before."""
-    grain: Positive = 0.3
+    """How long a return counts: a tilted scan looks over and under what it saw before."""
+    merge_distance: Positive = 0.3
     """m; returns nearer to each other than this are remembered as one."""
     braking_acceleration: Positive = 2.5
     braking_delay: Positive = 0.3
-    """s from a thing's appearance to the first braking: scan period, age, lag."""
+    """s from the appearance of an obstacle to the first braking: scan period, age, lag."""
     least_speed: Positive = 0.3
-    """m/s that is always left, to move away from what is near."""
+    """m/s that is always allowed, so that the vehicle can move away from an obstacle."""
     map: AvoidanceMap = AvoidanceMap()
     plan: AvoidancePlan = AvoidancePlan()
     rrt: AvoidanceRrt = AvoidanceRrt()
     vfh: AvoidanceVfh = AvoidanceVfh()
-    heights: AvoidanceAltitudeSearch = AvoidanceAltitudeSearch()
+    altitude_search: AvoidanceAltitudeSearch = AvoidanceAltitudeSearch()
     course: AvoidanceCourse = AvoidanceCourse()
     tracks: AvoidanceTracks = AvoidanceTracks()
     guard: AvoidanceGuard = AvoidanceGuard()
 
     def __post_init__(self) -> None:
-        _one_of("method", self.method, "astar", "vfh", "rrt", "paper", "paper-literal", "none")
-        if self.guard.enabled and self.method == "none":
-            raise ValueError('guard.enabled: there is no guard with method "none", which needs no ring')
+        _one_of("method", self.method, *METHODS)
+        if self.guard.enabled and not self.needs_scan:
+            raise ValueError(f'guard.enabled: there is no guard with method "{self.method}", which needs no scan')
 
     @property
     def mapped(self) -> bool:
-        """The method flies a course over the map."""
-        return self.method in ("astar", "vfh", "rrt")
+        """The method plans paths over the map."""
+        return METHODS[self.method].mapped
+
+    @property
+    def needs_scan(self) -> bool:
+        """The method can't fly without a LiDAR."""
+        return METHODS[self.method].needs_scan
 
     @property
     def looks_around(self) -> bool:
-        """There is a map."""
+        """There is a map, for the method or for the guard."""
         return self.mapped or self.guarded
 
     @property
     def guarded(self) -> bool:
+        """The guard is on."""
         return self.mapped if self.guard.enabled is None else self.guard.enabled
 
 
@@ -496,10 +507,16 @@ def picked(kind: type[T], table: msgspec.Struct, **more: Any) -> T:
 
 
 def load_settings(path: Path | None, overrides: list[str]) -> Settings:
-    """Raises DataFileError, naming file and key."""
+    """Raises TomlFileError, naming file and key; for a key that was renamed, its new name."""
     if path is None:
-        return toml_files.convert({}, Settings, "settings", overrides)
-    return toml_files.load(path, Settings, overrides)
+        return toml_files.convert({}, Settings, "settings", overrides, RENAMED_SETTINGS)
+    return toml_files.load(path, Settings, overrides, RENAMED_SETTINGS)
+
+
+def recorded_settings(tables: dict[str, Any], source: str, overrides: Sequence[str] = ()) -> Settings:
+    """The settings of a log, whose names may be old ones. Raises TomlFileError, naming `source` and key."""
+    tables = toml_files.with_new_names(tables, RENAMED_SETTINGS)
+    return toml_files.convert(tables, Settings, source, overrides, RENAMED_SETTINGS)
 
 
 def load_body(vehicle: str) -> Body:

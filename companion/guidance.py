@@ -10,10 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from companion.avoidance import methods, steering
 from companion.avoidance.guard import Guard, Verdict
+from companion.avoidance.methods import goal_rule
+from companion.avoidance.path import NO_PATH
 from companion.avoidance.planner import PlanRequest, PlanResult
-from companion.avoidance.steering import NO_WAY, Course
+from companion.avoidance.steering import Course, steer
 from companion.config import Settings
 from companion.mission.navigator import NEAR_M, Arrival, Leg
 from companion.mission.plan import Mission, Phase, Step, steps
@@ -63,11 +64,11 @@ class Guidance:
         self._velocity = np.zeros(2)
         """m/s, north and east: what the course takes up."""
         self._steer_at_ns = 0
-        self._way = NO_WAY
+        self._path = NO_PATH
         self.free_distance = math.inf
         """m of the way that is seen free; inf where none is flown over the map."""
-        self.method = methods.choose(avoidance)
-        self._returns = RecentReturns(avoidance.memory_s, avoidance.grain)
+        self.method = goal_rule(avoidance)
+        self._returns = RecentReturns(avoidance.memory_s, avoidance.merge_distance)
         self._asked = 0
         self._mapped_ns: int | None = None
         self.decision = AvoidanceDecision(np.zeros(3), mission.speed, math.inf, False)
@@ -203,21 +204,21 @@ class Guidance:
         assert self._guard is not None
         settings, generator, goal = self._settings.avoidance, self._generator, leg.goal_ned
         here, velocity = state.position_ned, state.velocity_ned
-        wish = steering.wish(self._way, here[:2], velocity[:2], goal[:2], leg.speed, settings.course.braking)
-        wanted, speed = wish.velocity, math.hypot(*wish.velocity.tolist())
+        steering = steer(self._path, here[:2], velocity[:2], goal[:2], leg.speed, settings.course.braking)
+        wanted, speed = steering.velocity, math.hypot(*steering.velocity.tolist())
         if leg.waits:
             wanted, speed = np.zeros(2), 0.0
-        limit = self._guard.limit(here, velocity, wish.places, settings.guard.delay, speed)
+        limit = self._guard.limit(here, velocity, steering.path, settings.guard.reaction_time, speed)
         self.free_distance = limit.free
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)
         if speed > _TURN_SPEED:
-            generator.turn_to(now_ns, math.atan2(wish.velocity[1], wish.velocity[0]))
+            generator.turn_to(now_ns, math.atan2(steering.velocity[1], steering.velocity[0]))
         down = float(goal[2])
         climbs, trajectory = down < generator.at(now_ns).position_ned[2], self._settings.trajectory
         vertical_speed = trajectory.climb_speed if climbs else trajectory.descent_speed
         generator.move_to(now_ns, np.array((*self._course_start_ned, down)), self._mission.speed, vertical_speed)
-        target = np.array((*wish.places[0].tolist(), down))
+        target = np.array((*steering.path[0].tolist(), down))
         self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
         return wanted
 
@@ -238,7 +239,7 @@ class Guidance:
         self._mapped_ns = result.asked_ns
         if not self.over_map:
             return
-        self._way = result.way
+        self._path = result.path
         self._steer_at_ns = now_ns
         avoids, before = leg.step.avoids, self.decision
         limit = before.speed_limit if avoids else self._mission.speed
@@ -275,11 +276,11 @@ class Guidance:
 
     def yield_to(self, verdict: Verdict, reference: Reference, state: VehicleState, now_ns: int) -> None:
         """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up."""
-        if verdict.changed <= self._settings.avoidance.course.give_in:
+        if verdict.changed <= self._settings.avoidance.course.yield_threshold:
             return
         here, velocity, allowed = state.position_ned, state.velocity_ned, verdict.acceleration_ned
         if self._course.active:
-            self._course.give_in(here, velocity, allowed)
+            self._course.yield_to(here, velocity, allowed)
             return
         place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
         pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])

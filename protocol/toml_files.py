@@ -3,14 +3,16 @@
 import copy
 import math
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import msgspec
 
 T = TypeVar("T")
 
+_NOTHING: Mapping[str, str] = MappingProxyType({})
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -36,10 +38,12 @@ def find(kind: str, name: str) -> Path:
     )
 
 
-def load(path: Path, record: type[T], overrides: Sequence[str] = ()) -> T:
-    """Read a file as a `record` (a msgspec.Struct). `overrides` are "table.key=value", with the value as in TOML.
+def load(path: Path, record: type[T], overrides: Sequence[str] = (), renamed: Mapping[str, str] = _NOTHING) -> T:
+    """Read a file as a `record` (a msgspec.Struct). `overrides` are "table.key=value", with the value as in TOML;
+    `renamed` maps dotted old names of keys and tables to the new ones.
 
-    Raises TomlFileError for a file that can't be read, is not TOML, holds nan or inf, or does not fit the record.
+    Raises TomlFileError for a file that can't be read, is not TOML, holds nan or inf, has old names, or does not fit
+    the record.
     """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -47,16 +51,25 @@ def load(path: Path, record: type[T], overrides: Sequence[str] = ()) -> T:
         raise TomlFileError(f"{path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, a number or a nesting without end
         raise TomlFileError(f"{path}: {error}") from error
-    return convert(tables, record, str(path), overrides)
+    return convert(tables, record, str(path), overrides, renamed)
 
 
-def convert(tables: dict[str, Any], record: type[T], source: str, overrides: Sequence[str] = ()) -> T:
+def convert(
+    tables: dict[str, Any],
+    record: type[T],
+    source: str,
+    overrides: Sequence[str] = (),
+    renamed: Mapping[str, str] = _NOTHING,
+) -> T:
     """The same for tables that are already read; errors name `source`."""
     if overrides:
         source = f"{source} with --set"
         tables = copy.deepcopy(tables)
         for override in overrides:
             _set(tables, override)
+    old = [f"{key} is now {new}" for key, _ in _leaves(tables, "") if (new := new_name(key, renamed)) != key]
+    if old:
+        raise TomlFileError(f"{source}: {', '.join(old)}")
     for key, number in _floats(tables, ""):
         if not math.isfinite(number):
             raise TomlFileError(f"{source}: {number} is not a finite number - at `{key}`")
@@ -64,6 +77,32 @@ def convert(tables: dict[str, Any], record: type[T], source: str, overrides: Seq
         return msgspec.convert(tables, record)
     except msgspec.ValidationError as error:
         raise TomlFileError(f"{source}: {str(error).replace('$.', '')}") from error
+
+
+def new_name(key: str, renamed: Mapping[str, str]) -> str:
+    """The new name of a dotted key; `renamed`: old names of keys and tables. The longest that fits counts."""
+    for old in sorted(renamed, key=len, reverse=True):
+        if key == old or key.startswith(f"{old}."):
+            return renamed[old] + key[len(old) :]
+    return key
+
+
+def with_new_names(tables: dict[str, Any], renamed: Mapping[str, str]) -> dict[str, Any]:
+    """A copy of tables in which all keys have their new names."""
+    result: dict[str, Any] = {}
+    for key, value in _leaves(tables, ""):
+        *parents, last = new_name(key, renamed).split(".")
+        table = result
+        for parent in parents:
+            table = table.setdefault(parent, {})
+        table[last] = value
+    return result
+
+
+def override_with_new_name(override: str, renamed: Mapping[str, str]) -> str:
+    """The same "table.key=value" with the new name of its key."""
+    key, separator, value = override.partition("=")
+    return f"{new_name(key.strip(), renamed)}{separator}{value}"
 
 
 def by_first_word(overrides: Sequence[str], words: Sequence[str]) -> dict[str, list[str]]:
@@ -77,6 +116,15 @@ def by_first_word(overrides: Sequence[str], words: Sequence[str]) -> dict[str, l
         else:
             groups[""].append(override)
     return groups
+
+
+def _leaves(table: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    """All values, and empty tables, with their dotted keys."""
+    for name, value in table.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def _floats(value: object, key: str) -> Iterator[tuple[str, float]]:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion.config import load_body, load_settings
+from companion.config import Avoidance, load_body, load_settings
 from companion.mission.plan import Mission, Phase
 from companion.runtime import flight as whole_flight
 from companion.state import Output
@@ -36,8 +36,7 @@ from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
 GOAL_M = 2.0
-METHODS = ("astar", "rrt", "vfh", "paper", "paper-literal", "none")
-DEFAULT = METHODS[0]
+DEFAULT = Avoidance().method
 REACHED = "reached"
 
 _ON_ROUTE = (Phase.ROUTE,)
@@ -181,11 +180,11 @@ class _Stages:
     """Wall times (ns) of the companion's stages during a flight."""
 
     def __init__(self, joined: Joined) -> None:
-        outlook = joined.planner.outlook
-        surroundings, planner = outlook.surroundings, outlook.planner
-        self._map = [_timed(surroundings, "add"), _timed(surroundings, "look")]
-        self._way = [] if planner is None else [_timed(planner, "way"), _timed(planner, "blocked")]
-        self._space = [_timed(surroundings, "free_space")]
+        pipeline = joined.planner.outlook
+        local_map, planner = pipeline.local_map, pipeline.planner
+        self._map = [_timed(local_map, "add"), _timed(local_map, "look")]
+        self._way = [] if planner is None else [_timed(planner, "path"), _timed(planner, "blocked")]
+        self._space = [_timed(local_map, "free_space")]
         self._steps = [_timed(joined.autopilot, "handle", lambda reaction: reaction.trace is not None)]
 
     def medians(self) -> dict[str, Any]:
@@ -408,7 +407,7 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
 
 def _draw_map(axes: Any, joined: Joined) -> None:
     """Draw the companion's map at the end; grey is free."""
-    view = joined.planner.outlook.surroundings.view
+    view = joined.planner.outlook.local_map.view
     if view is None:
         return
     from matplotlib.colors import ListedColormap

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from companion.avoidance_methods import METHODS
 from studies import campaign, style
-from studies.campaign import DEFAULT, METHODS, Row, Setup, wilson
+from studies.campaign import DEFAULT, Row, Setup, wilson
 from studies.report import Report
 
 HEADERS = ("set-up", "method", "commanded", "success (95 %)", "speed on the way", "to the goal", "least clearance",
@@ -85,7 +86,7 @@ def fly(report: Report, setups: Sequence[Setup]) -> list[Case]:
     """The stored cases, after those of the report's choice were flown again."""
     choice = report.choice
     folder = choice.logs / report.name
-    todo = campaign.jobs(setups, choice.methods or METHODS, choice.seeds, folder, choice.overrides)
+    todo = campaign.jobs(setups, choice.methods or tuple(METHODS), choice.seeds, folder, choice.overrides)
     if todo:
         campaign.run(todo, report.progress)
     rows = campaign.read(folder)

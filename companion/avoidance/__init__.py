@@ -1,2 +1,1 @@
-"""Avoidance: one file a method. What they share: the returns of a ring as points in the world, and the braking
-distance."""
+"""Avoidance of obstacles: the methods, the motion along a path, and the guard."""

@@ -1,4 +1,4 @@
-"""The speed from which the vehicle can still stop before what it sees."""
+"""Free distance along a straight line, and the speed from which the vehicle stops within it."""
 
 import math
 
@@ -8,9 +8,10 @@ from protocol.jit import compiled
 
 @compiled
 def free_distance(points_ned: Array, position_ned: Array, direction: Array, half_width: float) -> float:
-    """Distance (m) that can be flown from the position along the horizontal unit vector `direction` (3,) before a
-    disc of radius `half_width` meets a point of (n, 3); inf if none is met. A point inside the disc counts when it
-    lies ahead.
+    """Distance (m) from a position along a direction before a disc of radius `half_width` (m) meets a point.
+
+    `points_ned` (n, 3) and `position_ned` (3,) m, NED; `direction` (3,): a horizontal unit vector. inf if the disc
+    meets no point. A point inside the disc counts if it lies ahead.
     """
     nearest = math.inf
     for i in range(points_ned.shape[0]):
@@ -25,7 +26,7 @@ def free_distance(points_ned: Array, position_ned: Array, direction: Array, half
 
 @compiled
 def stopping_speed(distance: float, acceleration: float, delay: float) -> float:
-    """v of v^2 / (2 a) + v delay = distance (m/s)."""
+    """The v (m/s) of v^2 / (2 a) + v delay = distance, with a the `acceleration` (m/s2), `delay` in s, m."""
     if distance <= 0.0:
         return 0.0
     reaction = acceleration * delay

@@ -1,4 +1,4 @@
-"""No avoidance: flies to the goal as if nothing were there."""
+"""The method "none": straight to the goal, whatever is in the way."""
 
 import math
 
@@ -18,7 +18,7 @@ class NoAvoidance:
     def decide(
         self, points_ned: Array, position_ned: Array, velocity_ned: Array, goal_ned: Array, speed: float
     ) -> AvoidanceDecision:
-        """See PaperRule."""
+        """See `methods.GoalRule`."""
         offsets = points_ned[:, :2] - position_ned[:2]
         nearest = float(np.hypot(offsets[:, 0], offsets[:, 1]).min()) if len(points_ned) else math.inf
         return AvoidanceDecision(goal_ned, speed, nearest - self._settings.vehicle_radius, False)

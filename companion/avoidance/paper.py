@@ -1,22 +1,22 @@
-"""The paper's rule, (26)-(31), one box an obstacle, with a speed limit from the braking distance.
+"""The paper's rule, (26)-(31), with one box for each obstacle and a speed limit from the braking distance.
 
-The rule: an obstacle's returns are boxed, and if the obstacle stands in the way, the lateral setpoint moves
-`lateral_margin` (3 m) outside the box's edge that is nearer to the vehicle. Differences from the print, each for a
-reason:
+The rule: the returns of an obstacle are boxed, and if the obstacle blocks the course, the lateral setpoint moves
+`lateral_margin` (3 m) outside the edge of the box that is nearer to the vehicle. Differences from the print, with the
+reason of each:
 
 - The points are rotated into the world with the pose at which the scan was taken (the paper adds the position only).
-- Returns are remembered for a while: a ring that tilts with the vehicle looks under a billboard that it saw before.
+- Returns are remembered for a while: a scan that tilts with the vehicle looks under a billboard that it saw before.
 - Every obstacle (cluster of returns with no room to pass between them) has its own box: one box around all returns
   closes every street.
-- The box's axes are along and across the course to the target, not north and east; for a course along an axis they
+- The axes of the box are along and across the course to the target, not north and east; for a course along an axis they
   are the same.
-- The setpoint's other coordinate lies before or behind the box, so that the straight way there does not lead through
-  it.
-- Of the setpoints that the rule gives for the obstacles in sight, on either side, the one with the shortest way to the
-  goal is taken that can be reached in a straight line; alone on a free field that is the nearer edge, as printed in
-  (30). (31) is printed with its inequalities the other way round. Where there are no three metres, less will do.
-- A setpoint that is chosen is kept unless another is shorter by `decisiveness`, or noise would turn the vehicle to and
-  fro.
+- The other coordinate of the setpoint lies before or behind the box, so that the straight line to it does not lead
+  through the box.
+- Of the setpoints on both sides of the obstacles in sight that can be reached in a straight line, the one with the
+  shortest path to the goal is taken. For a single obstacle that is the nearer edge, as printed in (30); the
+  inequalities of (31) are printed the other way round. Where there is no room for the margin, a smaller one is used.
+- The chosen setpoint is kept until the path over another is shorter by `switch_margin`; otherwise noise would make the
+  vehicle turn back and forth.
 """
 
 import math
@@ -30,17 +30,20 @@ from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 from protocol.jit import compiled
 
-_LESS_MARGIN = (1.0, 0.7, 0.45)
+_MARGIN_SHARES = (1.0, 0.7, 0.45)
 """Shares of the lateral margin that are tried."""
 _ROUNDING = 0.05
-_NEAREST = 0.5
-"""m; a setpoint nearer than this leads nowhere."""
+"""m of tolerance in distances."""
+_MIN_DISTANCE = 0.5
+"""m; a setpoint nearer than this is not used."""
+_MIN_VECTOR = 0.3
+"""Length of a velocity (m/s) or an offset (m) below which it gives no direction."""
 
 
 def box_around(points: Array) -> Array:
-    """(26)-(29): near, far, left and right end (4,) of points (n, 2) along and across the course.
+    """(26)-(29): near, far, left and right end (4,) (m) of points (n, 2) (m) along and across the course.
 
-    In m from the vehicle; across is positive to the right.
+    They count from the vehicle; across is positive to the right.
     """
     near, left = points.min(axis=0)
     far, right = points.max(axis=0)
@@ -48,7 +51,7 @@ def box_around(points: Array) -> Array:
 
 
 def setpoints(boxes: Array, margin: float, standoff: float) -> Array:
-    """(30), (31) on both sides of boxes (k, 4): places (4 k, 2) along and across, before each box and behind it."""
+    """(30), (31) on both sides of boxes (k, 4) (m): places (4 k, 2) (m) along and across, before and behind each."""
     near, far, left, right = boxes.T
     along = np.concatenate([near - standoff, far + standoff, near - standoff, far + standoff])
     across = np.concatenate([left - margin, left - margin, right + margin, right + margin])
@@ -56,14 +59,14 @@ def setpoints(boxes: Array, margin: float, standoff: float) -> Array:
 
 
 def clusters(points: Array, gap: float) -> list[Array]:
-    """Points (n, 2) that a chain of steps shorter than `gap` (m) connects belong together."""
+    """Groups (k, 2) of the points (n, 2) (m) that are connected by steps shorter than `gap` (m)."""
     labels = _label(points, gap)
     return [points[labels == label] for label in range(labels.max() + 1)] if len(points) else []
 
 
 @compiled
 def _label(points: Array, gap: float) -> NDArray[np.int64]:
-    """Number of the cluster of each point, by flooding from each point that has none."""
+    """Number (n,) of the cluster of each point (n, 2), by flooding from each point that has none."""
     count = points.shape[0]
     labels = np.full(count, -1)
     queue = np.empty(count, np.int64)
@@ -90,27 +93,27 @@ def _label(points: Array, gap: float) -> NDArray[np.int64]:
 
 
 def _stands_in_corridor(points: Array, length: float, half_width: float) -> bool:
-    """Some of the points (n, 2), along and across, lie ahead, not beyond the length and within the width."""
+    """Whether one of the points (n, 2) (m), along and across, lies in the corridor ahead."""
     along, across = points.T
     return bool(np.any((along > 0.0) & (along < length) & (np.abs(across) < half_width)))
 
 
 class PaperRule:
-    """Decides at each scan; remembers the setpoint that it chose."""
+    """Decides at each scan; remembers the chosen setpoint."""
 
     def __init__(self, settings: Avoidance) -> None:
         self._settings = settings
         self._chosen: Array | None = None
-        """(2,) north and east of the setpoint that is being flown to."""
+        """(2,) m, NED: the setpoint that the vehicle flies to."""
 
     def decide(
         self, points_ned: Array, position_ned: Array, velocity_ned: Array, goal_ned: Array, speed: float
     ) -> AvoidanceDecision:
-        """What to fly to instead of `goal_ned`, and how fast at the most; points (n, 3)."""
+        """See `methods.GoalRule`."""
         settings = self._settings
         offsets = points_ned[:, :2] - position_ned[:2]
         nearest = float(np.hypot(offsets[:, 0], offsets[:, 1]).min()) if len(points_ned) else math.inf
-        # Where the vehicle is nearer to something than it should be, it may still leave.
+        # A vehicle that is already too near to an obstacle must be able to leave it.
         half_width = settings.vehicle_radius + settings.safe_distance
         half_width = max(min(half_width, nearest - _ROUNDING), settings.vehicle_radius)
         target = goal_ned
@@ -124,7 +127,7 @@ class PaperRule:
         return AvoidanceDecision(target, limit, nearest - settings.vehicle_radius, blocked)
 
     def _reaches(self, points_ned: Array, position_ned: Array, place: Array, half_width: float) -> bool:
-        """The straight way to a place (2,) is free for a disc of that radius."""
+        """Whether the straight line to a place (2,) (m, NED) is free for a disc of radius `half_width` (m)."""
         north, east = (place - position_ned[:2]).tolist()
         length = math.hypot(north, east)
         if length < _ROUNDING:
@@ -133,7 +136,8 @@ class PaperRule:
         return free_distance(points_ned, position_ned, direction, half_width) >= length
 
     def _around(self, points_ned: Array, position_ned: Array, goal: Array, half_width: float) -> Array:
-        """The setpoint (2,) to fly to while the way to the goal is blocked; where there is none, stay."""
+        """The setpoint (2,) (m, NED) while the line to the goal (2,) is blocked; the vehicle's place if there is
+        none."""
         settings = self._settings
         here = position_ned[:2]
         length = math.hypot(*(goal - here).tolist())
@@ -153,25 +157,26 @@ class PaperRule:
     def _best(
         self, boxes: Array, points_ned: Array, position_ned: Array, goal: Array, axes: Array, half_width: float
     ) -> Array | None:
-        """The setpoint around one of the boxes with the shortest way to the goal, of those that can be reached."""
+        """Of the setpoints (2,) (m, NED) around the boxes (k, 4) that can be reached, the one with the shortest path to
+        the goal; `axes` (2, 2): unit vectors along and across the course."""
         settings = self._settings
         here = position_ned[:2]
-        places, ways = [], []
-        for share in _LESS_MARGIN:
+        places, lengths = [], []
+        for share in _MARGIN_SHARES:
             margin = share * settings.lateral_margin
             offsets = setpoints(boxes, margin, settings.vehicle_radius + settings.safe_distance)
             there = np.hypot(*offsets.T)
             place = here + offsets @ axes
-            way = there + np.hypot(*(goal - place).T)
-            way += settings.lateral_margin - margin  # a metre less of margin is worth a metre of way
-            way[there < _NEAREST] = math.inf
+            length = there + np.hypot(*(goal - place).T)
+            length += settings.lateral_margin - margin  # a metre of margin counts as a metre of path
+            length[there < _MIN_DISTANCE] = math.inf
             if self._chosen is not None:
-                way -= settings.decisiveness * (np.hypot(*(self._chosen - place).T) < settings.lateral_margin)
+                length -= settings.switch_margin * (np.hypot(*(self._chosen - place).T) < settings.lateral_margin)
             places.append(place)
-            ways.append(way)
-        all_places, all_ways = np.concatenate(places), np.concatenate(ways)
-        for index in np.argsort(all_ways, kind="stable"):
-            if not math.isfinite(all_ways[index]):
+            lengths.append(length)
+        all_places, all_lengths = np.concatenate(places), np.concatenate(lengths)
+        for index in np.argsort(all_lengths, kind="stable"):
+            if not math.isfinite(all_lengths[index]):
                 break
             if self._reaches(points_ned, position_ned, all_places[index], half_width):
                 return np.asarray(all_places[index])
@@ -180,13 +185,13 @@ class PaperRule:
     def _speed_limit(
         self, points_ned: Array, position_ned: Array, velocity_ned: Array, target_ned: Array, speed: float
     ) -> float:
-        """The smaller of what may be flown the way the vehicle moves and the way it is sent."""
+        """The lower of the speeds (m/s) that are allowed in the direction of motion and towards the target."""
         settings = self._settings
         half_width = settings.vehicle_radius + 0.5 * settings.safe_distance
         limit = speed
         for direction in (velocity_ned, target_ned - position_ned):
             length = math.hypot(direction[0], direction[1])
-            if length > 0.3:
+            if length > _MIN_VECTOR:
                 ahead = np.array([direction[0] / length, direction[1] / length, 0.0])
                 free = free_distance(points_ned, position_ned, ahead, half_width)
                 limit = min(limit, stopping_speed(free, settings.braking_acceleration, settings.braking_delay))

@@ -1,76 +1,77 @@
-"""A sampling planner in place of the search on the map: BIT* or Informed RRT* of OMPL, the shortest way by length.
+"""The method "rrt": a sampling planner, BIT* or Informed RRT* of OMPL, for the shortest path by length.
 
-Gammell, Srinivasa and Barfoot 2015 (BIT*) and 2014 (Informed RRT*), as OMPL 2.0 has them. What differs from these:
+Gammell, Srinivasa and Barfoot 2015 (BIT*) and 2014 (Informed RRT*), as in OMPL 2.0, with these differences:
 
 - Whole motions are checked, not points along them: each cell that a motion touches must be at least the inflation away
   from an occupied one.
-- The end is a number of iterations, never a time: samples and edges of BIT*, samples of Informed RRT*.
-- Where the straight line is allowed, it is the way; any other way is shortened over places along itself.
+- Planning ends after a number of iterations, never after a time: samples and edges of BIT*, samples of Informed RRT*.
+- If the straight line is allowed, it is the path. Any other path is shortened over places along itself.
 
-The same view, start, goal and settings give the same way, whatever was planned before. OMPL's generators draw their
-seeds from a global one: it is seeded anew for each plan, and all that draws from it is made anew. So no two threads of
-a process may plan at once.
+The same view, start, goal and settings give the same path, whatever was planned before. OMPL's generators draw their
+seeds from a global one: each plan sets that seed and creates its own generators. So no two threads of a process may
+plan at the same time.
 """
 
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.avoidance.astar import _nearest_allowed
+from companion.avoidance.astar import nearest_allowed_cell
+from companion.avoidance.path import Path
+from companion.avoidance.shortcut import timed_path
+from companion.config import Avoidance, AvoidanceRrt
 from companion.perception.rolling_map import Cell, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 
 Integers = NDArray[np.int64]
 
-PLANNERS = ("bit*", "informed-rrt*")
-
 _WAY_OUT, _NEAR_GOAL = 4.0, 2.0
 """Inflations within which a forbidden start and a forbidden goal are replaced."""
-_PLACES = 96
-"""Along a way, to shorten it over."""
+_SHORTENING_PLACES = 96
+"""Places along a path over which it is shortened."""
 
 
-@dataclass(frozen=True, slots=True)
-class RrtSettings:
-    """Of the planner."""
+class RrtPlanner:
+    """The method "rrt"."""
 
-    planner: str
-    """One of `PLANNERS`."""
-    iterations: int
-    """After these the best way so far is taken."""
-    inflation: float
-    """m from an occupied cell's centre that are forbidden."""
-    seed: int
-    """Of each plan, from 1."""
+    def __init__(self, settings: Avoidance) -> None:
+        self._course = settings.course
+        self._rrt = Rrt(settings.rrt, settings.plan.inflation)
+
+    def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
+        """See `methods.PathPlanner`."""
+        vertices = self._rrt.plan(view, position, goal)
+        if vertices is None:
+            return None
+        if not view.contains(view.cell_of(goal)):
+            vertices = np.concatenate((vertices, goal[None, :2]))
+        length = float(np.hypot(*np.diff(vertices, axis=0).T).sum())
+        detour = length - math.dist(position[:2].tolist(), goal[:2].tolist())
+        return timed_path(vertices, view, speed, self._course, detour)
 
 
 class Rrt:
-    """Plans by one planner; ValueError for settings without a meaning."""
+    """Plans by the planner that the settings name."""
 
-    def __init__(self, settings: RrtSettings) -> None:
-        if settings.planner not in PLANNERS:
-            raise ValueError(f"planner {settings.planner!r}: not one of {', '.join(PLANNERS)}")
-        for name in ("iterations", "seed"):
-            if getattr(settings, name) < 1:
-                raise ValueError(f"{name} {getattr(settings, name)}: less than 1")
-        self._settings = settings
+    def __init__(self, settings: AvoidanceRrt, inflation: float) -> None:
+        """`inflation`: m from the centre of an occupied cell that are forbidden."""
+        self._inflation = inflation
         self._sampling = _Sampling(settings)
 
     def plan(self, view: MapView, start: Array, goal: Array) -> Array | None:
-        """Corners (k, 2) NED (m) of a way from a place in the window to a place anywhere, (2,) or (3,) NED.
+        """Vertices (k, 2) (m, NED) of a path from a place in the window to a place anywhere, (2,) or (3,) m, NED.
 
-        The first is the start; where that is forbidden, the nearest place that is not follows, as long as a line gets
-        there without coming nearer to anything. The last is the goal; where that is forbidden, the nearest place that
-        is not; where it is beyond the window, the place at the window's border with the least detour. None: no way.
+        The first is the start. Where that is forbidden, the nearest allowed place follows, as long as a line gets there
+        without coming nearer to anything. The last is the goal. Where that is forbidden, it is the nearest allowed
+        place; where it is beyond the window, the place at the window's border with the least detour. None: no path.
         """
-        inflation = self._settings.inflation
+        inflation = self._inflation
         begin, end = (place[:2] / view.cell - np.array(view.corner) - 0.5 for place in (start, goal))
         first, last = _cell(begin), _cell(end)
         if not view.contains(first):
@@ -86,17 +87,17 @@ class Rrt:
             end = np.array(_border_cell(allowed, begin, end), float)
         elif not allowed[last]:
             reach = math.ceil(_NEAR_GOAL * inflation_cells) + 1
-            end = np.array(_nearest_allowed(view.to_occupied, *last, inflation, reach), float)
+            end = np.array(nearest_allowed_cell(view.to_occupied, *last, inflation, reach), float)
         if not allowed[_cell(begin)] or not allowed[_cell(end)]:
             return None
-        way = self._way(allowed, begin, end)
-        if way is None:
+        path = self._path(allowed, begin, end)
+        if path is None:
             return None
-        corners: Array = (np.vstack([lead, way]) + np.array(view.corner) + 0.5) * view.cell
-        return corners
+        vertices: Array = (np.vstack([lead, path]) + np.array(view.corner) + 0.5) * view.cell
+        return vertices
 
-    def _way(self, allowed: BoolArray, begin: Array, end: Array) -> Array | None:
-        """(k, 2) in cells, whole numbers at their centres, through allowed ones from one of them to another."""
+    def _path(self, allowed: BoolArray, begin: Array, end: Array) -> Array | None:
+        """(k, 2) in cells, whole numbers at their centres, through allowed cells from one place (2,) to another."""
         if _clear(allowed, *begin, *end):
             return np.array([begin, end])
         found = self._sampling.solve(allowed, begin, end)
@@ -104,10 +105,10 @@ class Rrt:
 
 
 class _Sampling:
-    """OMPL's part, in cells of the window, whole numbers at their centres."""
+    """The part done by OMPL, in cells of the window, whole numbers at their centres."""
 
-    def __init__(self, settings: RrtSettings) -> None:
-        # Here and not above: it takes 50 ms, which the other methods do without.
+    def __init__(self, settings: AvoidanceRrt) -> None:
+        # Imported here, since it takes 50 ms that the other methods need not spend.
         base, geometric, util = (import_module(f"ompl.{name}") for name in ("base", "geometric", "util"))
 
         util.setLogLevel(util.LOG_NONE)
@@ -117,7 +118,8 @@ class _Sampling:
         self._planner = geometric.BITstar if settings.planner == "bit*" else geometric.InformedRRTstar
 
     def solve(self, allowed: BoolArray, begin: Array, end: Array) -> Array | None:
-        """(k, 2) from an allowed place (2,) to another through allowed cells (rows, columns); None: none was found."""
+        """Path (k, 2) from an allowed place (2,) to another through allowed cells (rows, columns); None if none is
+        found."""
         self._set_seed(self._seed)
         over = itertools.chain(itertools.repeat(False, self._iterations), itertools.repeat(True))
         information = self._space(allowed, over)
@@ -154,7 +156,7 @@ class _Sampling:
 
 
 def _check_motion(motions: Any, a: Any, b: Any) -> bool:
-    """OMPL's question for each motion between two of its states."""
+    """Called by OMPL for each motion between two of its states."""
     return _clear(motions.allowed, a[0], a[1], b[0], b[1])
 
 
@@ -162,21 +164,21 @@ def _cell(place: Array) -> Cell:
     return math.floor(place[0] + 0.5), math.floor(place[1] + 0.5)
 
 
-def _shortened(way: Array, allowed: BoolArray) -> Array:
-    """The shortest way (k, 2) by lines between places along a way (n, 2)."""
-    lengths = np.hypot(*np.diff(way, axis=0).T)
-    spacing = lengths.sum() / _PLACES
+def _shortened(path: Array, allowed: BoolArray) -> Array:
+    """The shortest path (k, 2) by lines between places along a path (n, 2)."""
+    lengths = np.hypot(*np.diff(path, axis=0).T)
+    spacing = lengths.sum() / _SHORTENING_PLACES
     pieces = [
         a + np.arange(count)[:, None] / count * (b - a)
-        for (a, b), count in zip(itertools.pairwise(way), np.ceil(lengths / spacing).astype(int), strict=True)
+        for (a, b), count in zip(itertools.pairwise(path), np.ceil(lengths / spacing).astype(int), strict=True)
     ]
-    places = np.vstack([*pieces, way[-1:]])
+    places = np.vstack([*pieces, path[-1:]])
     return places[_kept(places, allowed)]
 
 
 @compiled
 def _clear(allowed: BoolArray, row: float, column: float, to_row: float, to_column: float) -> bool:
-    """All cells that a line touches are allowed (Amanatides and Woo 1987: from side to side)."""
+    """Whether all cells that a line touches are allowed (Amanatides and Woo 1987: from side to side)."""
     rows, columns = allowed.shape
     i, j = math.floor(row + 0.5), math.floor(column + 0.5)
     steps_i, steps_j = math.floor(to_row + 0.5) - i, math.floor(to_column + 0.5) - j
@@ -226,8 +228,8 @@ def _border_cell(allowed: BoolArray, begin: Array, end: Array) -> tuple[int, int
 
 @compiled
 def _kept(places: Array, allowed: BoolArray) -> Integers:
-    """Indices of the places (n, 2) that lines join to the shortest way from the first to the last; the line from each
-    to the next is known to be allowed."""
+    """Indices of the places (n, 2) that lines join to the shortest path from the first to the last; the line from each
+    to the next must be allowed."""
     count = places.shape[0]
     cost, parent = np.full(count, math.inf), np.zeros(count, np.int64)
     cost[0] = 0.0

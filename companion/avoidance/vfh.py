@@ -1,18 +1,22 @@
-"""VFH+ on the map: the direction to fly, when there is no way to be planned.
+"""VFH+ on the map: a direction to fly, for where no path can be planned.
 
-Ulrich and Borenstein 1998. What is kept: the primary histogram m = c^2 (a - b d^2) with a - b d^2 = 0 at the window's
-edge, each cell enlarged by asin(radius / d); two thresholds with hysteresis; directions that the vehicle can't turn to
-without meeting something masked; openings, narrow ones through their middle, wide ones along their borders or straight
-to the goal; the three-term cost 5, 2, 2. Differences: the certainty c is 1 for every occupied cell of the map, which is
-already a probability; sectors of 5 degrees count from north; a sector's sum is scaled by the cell's area, so that the
-thresholds do not depend on the cell; who is nearer to something than the radius may go any way that leads off.
+Ulrich and Borenstein 1998. As published: the primary histogram m = c^2 (a - b d^2) with a - b d^2 = 0 at the edge of
+the window; each cell enlarged by asin(radius / d); two thresholds with hysteresis; masking of directions that the
+vehicle can't turn to without meeting an obstacle; openings, narrow ones through their middle, wide ones along their
+borders or straight to the goal; the cost of three terms with weights 5, 2, 2.
+
+Differences: the certainty c is 1 for each occupied cell, since the map holds probabilities already. Sectors of 5
+degrees count from north. The sum of a sector is scaled by the area of a cell, so that the thresholds do not depend on
+it. A vehicle nearer to an obstacle than the radius may fly any direction that leads away.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
+from companion.avoidance.path import NO_PATH, Path
+from companion.config import Avoidance, AvoidanceVfh
 from companion.perception.rolling_map import OCCUPIED, Bytes, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.frames import wrap
@@ -20,46 +24,47 @@ from protocol.jit import compiled
 
 SECTORS = 72
 _SECTOR = 2.0 * math.pi / SECTORS
+"""rad"""
 _WIDE = 16
-"""Sectors, 80 degrees, from which on an opening is wide; half of it is kept from its borders."""
+"""Sectors (80 degrees) from which on an opening is wide; the vehicle stays half of that inside its borders."""
 _GOAL_WEIGHT, _HEADING_WEIGHT, _PREVIOUS_WEIGHT = 5.0, 2.0, 2.0
+_MIN_SPEED = 0.3
+"""m/s; a slower velocity has no heading."""
 
 
-@dataclass(frozen=True, slots=True)
-class VfhSettings:
-    """Of the histogram."""
+class VfhPlanner:
+    """The method "vfh", and the fallback of the other mapped ones: a bearing without vertices."""
 
-    window: float
-    """m around the vehicle that count."""
-    radius: float
-    """m by which obstacles are enlarged: the vehicle's and the room it wants."""
-    low: float
-    high: float
-    """Density (m2, weighted by nearness) below which a sector becomes free and above which it becomes blocked."""
-    turning_acceleration: float
-    """m/s2 sideways, for the turning circles."""
+    def __init__(self, settings: Avoidance) -> None:
+        self._vfh = Vfh(settings.vfh)
+
+    def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path:
+        """See `methods.PathPlanner`; without a bearing if all directions are blocked."""
+        return replace(NO_PATH, bearing=self._vfh.choose(view, position, velocity, goal))
 
 
 class Vfh:
-    """Decides at each view; remembers which sectors were blocked and where it went."""
+    """Chooses at each view; remembers which sectors were blocked and which direction it chose."""
 
-    def __init__(self, settings: VfhSettings) -> None:
+    def __init__(self, settings: AvoidanceVfh) -> None:
         self._settings = settings
         self._blocked = np.zeros(SECTORS, np.bool_)
         self._previous: float | None = None
 
     def choose(self, view: MapView, position_ned: Array, velocity_ned: Array, goal_ned: Array) -> float | None:
-        """Course (rad, clockwise from north) to fly; None if every direction is blocked."""
+        """Direction to fly (rad, clockwise from north), None if all are blocked; m and m/s, (2,) or (3,) NED."""
         s = self._settings
-        north = float(position_ned[0]) - view.corner[0] * view.cell
-        east = float(position_ned[1]) - view.corner[1] * view.cell
+        place = (
+            float(position_ned[0]) - view.corner[0] * view.cell,
+            float(position_ned[1]) - view.corner[1] * view.cell,
+        )
         goal = math.atan2(goal_ned[1] - position_ned[1], goal_ned[0] - position_ned[0])
         speed = math.hypot(velocity_ned[0], velocity_ned[1])
-        heading = math.atan2(velocity_ned[1], velocity_ned[0]) if speed > 0.3 else goal
-        density = densities(view.states, view.cell, north, east, s.window, s.radius)
-        self._blocked = np.where(self._blocked, density > s.low, density > s.high)
-        turning = speed * speed / s.turning_acceleration
-        masked = mask(self._blocked, view.states, view.cell, north, east, s.window, s.radius, heading, turning)
+        heading = math.atan2(velocity_ned[1], velocity_ned[0]) if speed > _MIN_SPEED else goal
+        density = densities(view.states, view.cell, place, s.window, s.enlargement_radius)
+        self._blocked = np.where(self._blocked, density > s.low_threshold, density > s.high_threshold)
+        turn = heading, speed * speed / s.turning_acceleration
+        masked = mask(self._blocked, view.states, view.cell, place, s.window, s.enlargement_radius, turn)
         previous = heading if self._previous is None else self._previous
         course = cheapest(masked, goal, heading, previous)
         if math.isnan(course):
@@ -70,8 +75,12 @@ class Vfh:
 
 
 @compiled
-def densities(states: Bytes, cell: float, north: float, east: float, window: float, radius: float) -> Array:
-    """The primary polar histogram (SECTORS,), of a place counted from the map's corner (m)."""
+def densities(states: Bytes, cell: float, place: tuple[float, float], window: float, radius: float) -> Array:
+    """The primary polar histogram (SECTORS,) (m2) around a place that counts from the map's corner (m).
+
+    `states` (rows, columns); `cell`, `window` and `radius` in m.
+    """
+    north, east = place
     result = np.zeros(SECTORS)
     rows, columns = states.shape
     for i in range(max(math.floor((north - window) / cell), 0), min(math.ceil((north + window) / cell), rows)):
@@ -98,18 +107,18 @@ def mask(
     blocked: BoolArray,
     states: Bytes,
     cell: float,
-    north: float,
-    east: float,
+    place: tuple[float, float],
     window: float,
     radius: float,
-    heading: float,
-    turning: float,
+    turn: tuple[float, float],
 ) -> BoolArray:
-    """The masked histogram: blocked too is what lies beyond an obstacle on the way round, left or right.
+    """The masked histogram (SECTORS,): directions beyond an obstacle that the vehicle meets while it turns are blocked.
 
-    `turning` (m) is the radius of the turning circles; an enlarged obstacle that touches one blocks all directions from
-    its own to straight back on that side.
+    `place` counts from the map's corner (m); `turn`: heading (rad) and radius of the turning circles (m). An enlarged
+    obstacle that touches a turning circle blocks all directions from its own to straight back on that side.
     """
+    north, east = place
+    heading, turning = turn
     left, right = -math.pi, math.pi
     rows, columns = states.shape
     reach = min(window, 2.0 * turning + radius)
@@ -122,7 +131,7 @@ def mask(
             de = (j + 0.5) * cell - east
             along, across = dn * ahead_n + de * ahead_e, de * ahead_n - dn * ahead_e
             if along * along + across * across <= radius * radius:
-                continue  # it is nearer than it should be already: the histogram shows the ways off
+                continue  # too near already: the histogram leaves the directions away from it
             bearing = math.atan2(across, along)
             if across > 0.0 and bearing < right and math.hypot(along, across - turning) < turning + radius:
                 right = bearing
@@ -143,7 +152,7 @@ def _apart(a: float, b: float) -> float:
 
 @compiled
 def cheapest(blocked: BoolArray, goal: float, heading: float, previous: float) -> float:
-    """The candidate direction (rad) of the lowest cost; NaN if there is none."""
+    """The candidate direction (rad) of the lowest cost; NaN if all sectors (SECTORS,) are blocked."""
     candidates = _candidates(blocked, goal)
     best, best_cost = math.nan, math.inf
     for course in candidates:
@@ -156,7 +165,7 @@ def cheapest(blocked: BoolArray, goal: float, heading: float, previous: float) -
 
 @compiled
 def _candidates(blocked: BoolArray, goal: float) -> Array:
-    """Directions (n,) through the openings between blocked sectors."""
+    """Directions (n,) (rad) through the openings between blocked sectors (SECTORS,)."""
     result = np.empty(3 * SECTORS)
     if not blocked.any():
         result[0] = goal

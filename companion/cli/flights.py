@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from companion.avoidance_methods import listed
 from companion.cli import logs as cli_logs
 from companion.cli import view as cli_view
 from companion.cli.shell import ABANDONED, FAILED, exit_on_user_error, run
@@ -51,7 +52,7 @@ Avoid = Annotated[
     str | None,
     typer.Option(
         "--avoid",
-        help="astar, rrt, vfh, paper, paper-literal or none: short for --set avoidance.method=...",
+        help=f"{listed()}: short for --set avoidance.method=...",
         metavar="METHOD",
     ),
 ]

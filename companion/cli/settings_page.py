@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import msgspec
 
 from companion import config
+from companion.avoidance_methods import METHODS
 
 HEAD = """# Settings
 
@@ -17,7 +18,16 @@ Printed by `companion settings`.
 
 def page() -> str:
     """Markdown."""
-    return HEAD + "".join(_section(name, table) for name, table in _tables(config.Settings()))
+    return HEAD + "".join(_section(name, table) for name, table in _tables(config.Settings())) + _methods()
+
+
+def _methods() -> str:
+    """The methods of avoidance, of which `avoidance.method` is one."""
+    lines = ["\n## Methods of avoidance\n", "| method | | mapped | its settings |", "| --- | --- | --- | --- |"]
+    for method in METHODS.values():
+        table = "" if method.table is None else f"[avoidance.{method.table}]"
+        lines.append(f"| `{method.name}` | {method.summary} | {'yes' if method.mapped else ''} | {table} |")
+    return "\n".join(lines) + "\n"
 
 
 def _tables(table: msgspec.Struct, prefix: str = "") -> Iterator[tuple[str, msgspec.Struct]]:

@@ -352,7 +352,7 @@ def _needed(settings: Settings) -> dict[int, float]:
     """Rates (Hz) by message."""
     rates = settings.rates
     needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position, _ATTITUDE_QUATERNION: rates.attitude}
-    if settings.avoidance.method != "none":
+    if settings.avoidance.needs_scan:
         needed[_OBSTACLE_DISTANCE] = rates.scan
     needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
     return needed

@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from companion.config import Log, Settings, load_settings
+from companion.config import Log, Settings, load_settings, recorded_settings
 from companion.mission.plan import Mission
+from companion.renamed_settings import RENAMED_SETTINGS
 from companion.runtime.flight import git_hash
 from companion.state import Output
 from protocol import toml_files as toml_files
@@ -59,10 +60,8 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         chosen = load_settings(settings, changes[""])
     else:
         tables: dict[str, Any] = _json(f"{path}, settings.json", _attachment(log, "settings.json"), dict[str, Any])
-        chosen = toml_files.convert(tables, Settings, f"{path}, settings.json", changes[""])
-    flown_with = toml_files.by_first_word(
-        _json(f"{path}, overrides", flight.get("overrides", "[]"), list[str]), ("mission",)
-    )
+        chosen = recorded_settings(tables, f"{path}, settings.json", changes[""])
+    flown_with = toml_files.by_first_word(flown_overrides(log), ("mission",))
     try:
         output = Output(flight["output"])
     except (KeyError, ValueError):
@@ -77,6 +76,13 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         lockstep=flight.get("pace") == "lockstep",
         whole_datagrams=flight.get("whole_datagrams") != "False",
     )
+
+
+def flown_overrides(log: LogReader) -> list[str]:
+    """The overrides of a flight, by the settings' present names. Raises FlightLogError if the log's are damaged."""
+    text = log.metadata.get("flight", {}).get("overrides", "[]")
+    recorded = _json(f"{log.path}, overrides", text, list[str])
+    return [toml_files.override_with_new_name(each, RENAMED_SETTINGS) for each in recorded]
 
 
 def other_versions(flight: Mapping[str, str]) -> list[str]:

@@ -14,7 +14,7 @@ from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.events import Datagram, Event, PlanReady, Reaction, operation_of, tick_of
 from companion.logs.ahead import Ahead, DivergedError, worth_it
 from companion.logs.difference import Differ, Difference, Series
-from companion.logs.recorded import Recorded, open_flight, other_commit, other_versions
+from companion.logs.recorded import Recorded, flown_overrides, open_flight, other_commit, other_versions
 from companion.logs.target import output
 from companion.logs.writer import Writer
 from companion.records import LEGACY_REQUEST, LOGGED, OPERATION, PLANNED, TICK, TRACE
@@ -132,7 +132,7 @@ def _copy(
     if settings is not None or overrides:
         attachments = {**attachments, "settings.json": msgspec.json.encode(flight.settings)}
         flown = metadata["flight"]
-        given = [*msgspec.json.decode(flown.get("overrides", "[]")), *overrides]
+        given = [*flown_overrides(flight.log), *overrides]
         metadata["flight"] = {**flown, "overrides": json.dumps(given)}
         metadata["what if"] = {"settings": str(settings or ""), "overrides": json.dumps(list(overrides))}
     with output(target) as draft, Writer(draft, log.epoch_ns, metadata) as writer:

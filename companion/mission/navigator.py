@@ -75,7 +75,7 @@ class Navigator:
         """m, NED: the place of the start."""
         self._settings = settings
         self._durations = tuple(durations)
-        self._search = AltitudeSearch(settings.avoidance.heights)
+        self._search = AltitudeSearch(settings.avoidance.altitude_search)
         self._trail = Trail()
         self._progress = Progress()
         self._leg: Leg | None = None
@@ -221,7 +221,7 @@ class Navigator:
         if self._search.busy:
             self._progress = Progress()
         distance = math.hypot(*(goal - position_ned)[:2].tolist())
-        stuck = self._progress.lacking_s(self.step_index, distance, now_ns) > self._settings.avoidance.give_up_s
+        stuck = self._progress.stalled_s(self.step_index, distance, now_ns) > self._settings.avoidance.give_up_s
         if distance < NEAR_M:
             return _GOING_ON
         change = self._change_altitude(position_ned, detour, stuck, now_ns)
@@ -231,9 +231,9 @@ class Navigator:
 
     def _change_altitude(self, position_ned: Array, detour: float, stuck: bool, now_ns: int) -> Announcement | None:
         """Try another altitude that is allowed, if that may help."""
-        target, settings = self.step.target_ned, self._settings.avoidance.heights
+        target, settings = self.step.target_ned, self._settings.avoidance.altitude_search
         assert target is not None
-        place = Place(position_ned, float(target[2]), self.ground_down - settings.lowest)
+        place = Place(position_ned, float(target[2]), self.ground_down - settings.min_height)
         change = self._search.consider(detour, stuck, place, now_ns)
         self._leg = None
         if change is None:

@@ -63,7 +63,9 @@ def free_space(
     keep_out = settings.keep_out_tight if tight else settings.keep_out
     unseen = settings.keep_out_unseen_tight if tight else settings.keep_out_unseen
     corner_m = np.array(view.corner) * view.cell
-    points = nearest_points(view.states, view.cell, north, east, hits - corner_m, settings.reach, keep_out, unseen)
+    points = nearest_points(
+        view.states, view.cell, north, east, hits - corner_m, settings.obstacle_range, keep_out, unseen
+    )
     points[:, :2] += corner_m
     if moving is not None and len(moving):
         points = np.concatenate((points, moving))

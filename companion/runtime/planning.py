@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
+from companion.avoidance_methods import methods_in_use
 from companion.config import Avoidance
 from companion.records import ASKED, PLANNED, PLANNED_CORNERS
 from companion.runtime.mailbox import Outbox, mailbox
@@ -147,9 +148,8 @@ def _think(questions: "Connection", answers: Outbox, settings: Avoidance) -> Non
 def rehearse(settings: Avoidance) -> None:
     """Answer some questions about nothing real, so that everything is compiled."""
     bearings = np.radians(np.arange(0.0, 360.0, 5.0))
-    methods = dict.fromkeys((settings.method, "vfh")) if settings.mapped else (settings.method,)
     upright = np.array([1.0, 0.0, 0.0, 0.0])
-    for method in methods:
+    for method in methods_in_use(settings.method):
         outlook = PlanningPipeline(msgspec.structs.replace(settings, method=method))
         for k in range(16):
             time_ns = k * 66_000_000
@@ -214,9 +214,9 @@ def pack_request(question: PlanRequest) -> bytes:
 
 def pack_result(answer: PlanResult) -> bytes:
     """The payload of a PLANNED record."""
-    corners = answer.way.corners[:PLANNED_CORNERS]
+    corners = answer.path.vertices[:PLANNED_CORNERS]
     record = np.zeros(1, PLANNED.dtype)
     record["number"], record["asked_ns"], record["corners"] = answer.number, answer.asked_ns, len(corners)
     record["way_ned"][0, : 2 * len(corners)] = corners.ravel()
-    record["speeds"][0, : len(corners)] = answer.way.speeds[:PLANNED_CORNERS]
+    record["speeds"][0, : len(corners)] = answer.path.speeds[:PLANNED_CORNERS]
     return record.tobytes()

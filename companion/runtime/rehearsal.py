@@ -6,6 +6,7 @@ import math
 import msgspec
 
 from companion.autopilot import Autopilot
+from companion.avoidance_methods import methods_in_use
 from companion.config import AvoidanceAltitudeSearch, Settings
 from companion.events import Datagram, Event, Reaction
 from companion.mission.plan import Mission
@@ -42,15 +43,14 @@ class RehearsalError(Exception):
 
 def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
-    if settings.avoidance.mapped and settings.avoidance.method != "vfh":  # which is asked where the others find nothing
-        avoidance = msgspec.structs.replace(settings.avoidance, method="vfh")
+    for method in methods_in_use(settings.avoidance.method):
+        avoidance = msgspec.structs.replace(settings.avoidance, method=method)
         _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output)
-    _fly(settings, body, mission, output)
 
 
 def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
     # At the route's altitudes, where the vehicle here is.
-    avoidance = msgspec.structs.replace(settings.avoidance, heights=AvoidanceAltitudeSearch())
+    avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
     planning = Planning(InProcessPlanner(settings.avoidance), settings.avoidance.answer_delay)
     thinning = Thinning(settings.log.trace_rate)

@@ -13,12 +13,14 @@ import numpy as np
 from companion.config import Settings
 from companion.logs.recordings import as_date, started_unix_s
 from companion.logs.target import output
+from companion.renamed_settings import RENAMED_SETTINGS
 from companion.view.findings import Event, Finding, events, findings, phase_name
 from companion.view.gather import CLEARANCE_BIN_M, Gathered
 from companion.view.lines import Floats, Line
 from companion.view.scene import mesh, solids
 from protocol.flightlog import FILE_NAME as LOG_NAME
 from protocol.flightlog import FlightLogError
+from protocol.toml_files import with_new_names
 
 FILE_NAME = "report.html"
 PAGE = Path(__file__).with_name("report_page.html")
@@ -589,9 +591,10 @@ def _changed(flight: Gathered) -> tuple[tuple[str, str, str], ...]:
     if flown is None:
         return ()
     try:
-        recorded = _flat(msgspec.json.decode(flown))
+        tables = msgspec.json.decode(flown, type=dict[str, Any])
     except msgspec.DecodeError:
         return ()
+    recorded = _flat(with_new_names(tables, RENAMED_SETTINGS))
     defaults = _flat(msgspec.to_builtins(Settings()))
     return tuple(
         (key, str(value), str(defaults.get(key, "not known")))

@@ -36,6 +36,20 @@ def test_impossible_values(override: str) -> None:
         load_settings(None, [override])
 
 
+def test_an_old_name_is_refused_with_the_new_one(tmp_path: Path) -> None:
+    path = tmp_path / "old.toml"
+    path.write_text("[avoidance.plan]\ndoubt = 120.0\n[avoidance.heights]\nabove = 4.0\nmargin = 1.0\n")
+    with pytest.raises(TomlFileError) as refused:
+        load_settings(path, [])
+    assert str(refused.value) == (
+        f"{path}: avoidance.plan.doubt is now avoidance.plan.unconfirmed_cost, "
+        "avoidance.heights.above is now avoidance.altitude_search.max_climb, "
+        "avoidance.heights.margin is now avoidance.altitude_search.margin"
+    )
+    with pytest.raises(TomlFileError, match=r"--set: avoidance\.course\.leash is now avoidance\.course\.max_lead"):
+        load_settings(None, ["avoidance.course.leash=0.5"])
+
+
 def test_a_vehicle_that_can_not_hover_within_the_limits_is_refused() -> None:
     mission, _ = load("hover")
     plan = Plan(load_settings(None, []), load_body("paper_quad"), mission, Output.RATES, 1.0, {})

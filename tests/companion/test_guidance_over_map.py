@@ -208,7 +208,7 @@ def test_the_reference_gives_in_where_the_guard_changes_much(
     flight = flown()
     if not over_map:
         flight.guidance.steer(leg_to((60.0, 0.0, -3.0)), flight.state, flight.now)
-    threshold = flight.settings.avoidance.course.give_in
+    threshold = flight.settings.avoidance.course.yield_threshold
     before = flight.reference
     behind = vehicle(before.position_ned - np.array([0.2, 0.1, 0.0]), before.velocity_ned - np.array([1.0, 0.0, 0.0]))
     flight.guidance.yield_to(verdict(threshold), before, behind, flight.now)

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.avoidance.methods import Method
+from companion.avoidance.methods import GoalRule
 from companion.avoidance.none import NoAvoidance
 from companion.events import Datagram, PlanReady
 from companion.link import wire
@@ -365,7 +365,7 @@ def test_seen_clearance_agrees_with_the_truth(method: str, sees_m: float) -> Non
 class Watched:
     """A method of avoidance that keeps what it is shown."""
 
-    def __init__(self, method: Method) -> None:
+    def __init__(self, method: GoalRule) -> None:
         self._method = method
         self.seen: list[Array] = []
 

@@ -32,13 +32,13 @@ def flown(folder: Path, height: object, *overrides: str, route_height: float = 3
     changes = (
         "avoidance.give_up_s=3.0",
         "avoidance.map.cells=192",
-        *(f"avoidance.heights.{each}" for each in overrides),
+        *(f"avoidance.altitude_search.{each}" for each in overrides),
     )
     return Joined(mission, overrides=changes, remembers=False).fly(limit_s=150.0)
 
 
 def test_over_the_walls_of_a_court_and_down_to_the_goal(tmp_path: Path) -> None:
-    joined = flown(tmp_path, HEIGHT, "above=8.0")
+    joined = flown(tmp_path, HEIGHT, "max_climb=8.0")
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
     assert np.hypot(summary.final_position_ned[0] - GOAL[0], summary.final_position_ned[1]) < 0.5
@@ -49,14 +49,14 @@ def test_over_the_walls_of_a_court_and_down_to_the_goal(tmp_path: Path) -> None:
 
 
 def test_under_walls_that_hang(tmp_path: Path) -> None:
-    joined = flown(tmp_path, [3.6, 12.0], "below=4.0", route_height=6.0)
+    joined = flown(tmp_path, [3.6, 12.0], "max_descent=4.0", route_height=6.0)
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
     assert np.hypot(summary.final_position_ned[0] - GOAL[0], summary.final_position_ned[1]) < 0.5
 
 
 def test_heights_that_do_not_help_are_left_and_the_goal_given_up(tmp_path: Path) -> None:
-    joined = flown(tmp_path, 30.0, "above=4.0")
+    joined = flown(tmp_path, 30.0, "max_climb=4.0")
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0
     assert not inside(joined.trace()["position_ned"]).any()

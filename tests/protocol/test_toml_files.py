@@ -1,5 +1,6 @@
 """Data files: what is good is read, and what is not is one line that names the file and the key."""
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -258,3 +259,36 @@ def test_thrust_and_torque_at_full_throttle() -> None:
     assert torque({"left"})[0] == pytest.approx(roll)
     assert torque({"front"})[1] == pytest.approx(pitch)
     assert torque({"front", "back"})[2] == pytest.approx(yaw)
+
+
+# --- old names --------------------------------------------------------------------------------------------------------
+
+RENAMED = {"frame": "body", "frame.weight": "body.mass_kg", "wing.number": "wing.count"}
+
+
+@pytest.mark.parametrize(
+    ("key", "new"),
+    [
+        ("frame.weight", "body.mass_kg"),
+        ("frame.arm_length_m", "body.arm_length_m"),
+        ("frame", "body"),
+        ("frames.weight", "frames.weight"),
+        ("wing.span_m", "wing.span_m"),
+    ],
+)
+def test_the_longest_old_name_that_fits_counts(key: str, new: str) -> None:
+    assert toml_files.new_name(key, RENAMED) == new
+    assert toml_files.override_with_new_name(f" {key} = [1, 2]", RENAMED) == f"{new}= [1, 2]"
+
+
+def test_tables_with_old_names_are_read_only_where_that_is_asked_for(path: Path) -> None:
+    new = tomllib.loads(GOOD)
+    old = {"name": new["name"], "frame": dict(new["body"]), "wing": {"span_m": 1.0, "number": 3}}
+    old["frame"]["weight"] = old["frame"].pop("mass_kg")
+    craft = toml_files.convert(toml_files.with_new_names(old, RENAMED), Craft, "log", renamed=RENAMED)
+    assert craft.body == toml_files.load(path, Craft, renamed=RENAMED).body and craft.wing == Wing(1.0, 3)
+    with pytest.raises(
+        TomlFileError, match=r"^log: .*frame\.weight is now body\.mass_kg.*wing\.number is now wing\.count"
+    ):
+        toml_files.convert(old, Craft, "log", renamed=RENAMED)
+    assert toml_files.with_new_names({"via": [], "wing": {}}, RENAMED) == {"via": [], "wing": {}}

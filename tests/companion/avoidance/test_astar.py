@@ -8,12 +8,13 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from companion.avoidance.astar import AStar, AStarSettings, GridPath
-from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
+from companion.avoidance.astar import AStar, GridPath
+from companion.avoidance.shortcut import line_cost, shorten, vertex_speeds
+from companion.config import AvoidancePlan
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Floats, MapView, distance_to
 from protocol.arrays import Array
 
-SETTINGS = AStarSettings(inflation=0.6, comfort=1.4, closeness=2.0, unknown=1.0)
+SETTINGS = AvoidancePlan(inflation=0.6, proximity_radius=1.4, proximity_cost=2.0, unknown_cost=1.0)
 CELL = 0.2
 
 
@@ -30,12 +31,12 @@ def field(rng: np.random.Generator, cells: int = 40, density: float = 0.01) -> B
 
 def plan(view: MapView, start: Array, goal: Array) -> tuple[GridPath | None, Floats]:
     search = AStar(SETTINGS, view.states.shape[0])
-    prices = search.prices(view)
-    return search.plan(view, prices, start, goal), prices
+    costmap = search.costmap(view)
+    return search.plan(view, costmap, start, goal), costmap
 
 
-def graph_of(view: MapView, prices: Floats) -> csr_array:
-    rows, columns = prices.shape
+def graph_of(view: MapView, costmap: Floats) -> csr_array:
+    rows, columns = costmap.shape
     edges: list[tuple[int, int, float]] = []
     clear = view.to_occupied
     for i in range(rows):
@@ -44,7 +45,7 @@ def graph_of(view: MapView, prices: Floats) -> csr_array:
                 a, b = i + dr, j + dc
                 if not (0 <= a < rows and 0 <= b < columns) or clear[a, b] < min(SETTINGS.inflation, clear[i, j]):
                     continue
-                cost = CELL * math.hypot(dr, dc) * 0.5 * (prices[i, j] + prices[a, b])
+                cost = CELL * math.hypot(dr, dc) * 0.5 * (costmap[i, j] + costmap[a, b])
                 edges.append((i * columns + j, a * columns + b, cost))
     start, end, cost_of = np.array(edges).T
     size = rows * columns
@@ -57,11 +58,11 @@ def test_cost_is_that_of_dijkstra() -> None:
     for _ in range(12):
         view = view_of(field(rng, density=0.025))
         start, goal = rng.uniform(0.5, 7.5, (2, 2))
-        path, prices = plan(view, start, goal)
+        path, costmap = plan(view, start, goal)
         if view.to_occupied[view.cell_of(goal)] < SETTINGS.inflation:
             continue
         s, g = view.cell_of(start), view.cell_of(goal)
-        expected = dijkstra(graph_of(view, prices), indices=s[0] * 40 + s[1])[g[0] * 40 + g[1]]
+        expected = dijkstra(graph_of(view, costmap), indices=s[0] * 40 + s[1])[g[0] * 40 + g[1]]
         if path is None:
             assert math.isinf(expected)
             lost += 1
@@ -83,12 +84,12 @@ def test_goal_beyond_the_window_is_reached_by_the_best_border_cell() -> None:
         goal = rng.uniform(-6.0, 14.0, 2)
         if view.contains(view.cell_of(goal)):
             goal[0] += 20.0
-        path, prices = plan(view, np.array([4.1, 4.1]), goal)
+        path, costmap = plan(view, np.array([4.1, 4.1]), goal)
         assert path is not None
-        distances = dijkstra(graph_of(view, prices), indices=20 * 40 + 20).reshape(40, 40)
+        distances = dijkstra(graph_of(view, costmap), indices=20 * 40 + 20).reshape(40, 40)
         border = (rows == 0) | (rows == 39) | (columns == 0) | (columns == 39)
         g = view.cell_of(goal)
-        beyond = (1.0 + SETTINGS.unknown) * CELL * np.hypot(rows - g[0], columns - g[1])
+        beyond = (1.0 + SETTINGS.unknown_cost) * CELL * np.hypot(rows - g[0], columns - g[1])
         assert path.cost == pytest.approx((distances + beyond)[border].min())
 
 
@@ -98,15 +99,15 @@ def test_no_cell_of_a_way_is_nearer_to_an_occupied_one_than_the_inflation() -> N
     for _ in range(40):
         view = view_of(field(rng, 64, 0.008))
         start = np.array([1.0, 1.0])
-        path, prices = plan(view, start, np.array([11.5, 11.5]))
+        path, costmap = plan(view, start, np.array([11.5, 11.5]))
         if path is None:
             continue
         ways += 1
         allowed = min(SETTINGS.inflation, view.to_occupied[view.cell_of(start)])
         assert view.to_occupied[tuple(path.cells.T)].min() >= allowed
         assert np.abs(np.diff(path.cells, axis=0)).max() == 1
-        corners = shorten(path, view, prices, SETTINGS.inflation)
-        for a, b in itertools.pairwise(corners):
+        vertices = shorten(path, view, costmap, SETTINGS.inflation)
+        for a, b in itertools.pairwise(vertices):
             for share in np.linspace(0.0, 1.0, 60):
                 assert view.to_occupied[view.cell_of(a + share * (b - a))] >= allowed - 0.5 * CELL
     assert ways > 20
@@ -154,10 +155,10 @@ def test_a_map_of_another_size_is_refused() -> None:
     larger = view_of(np.full((64, 64), FREE, np.uint8))
     search = AStar(SETTINGS, 40)
     with pytest.raises(ValueError, match=r"64.*40"):
-        search.prices(larger)
+        search.costmap(larger)
     with pytest.raises(ValueError, match=r"64.*40"):
         search.plan(larger, np.ones((64, 64), np.float32), np.ones(2), np.full(2, 5.0))
-    assert search.plan(view, search.prices(view), np.ones(2), np.full(2, 5.0)) is not None
+    assert search.plan(view, search.costmap(view), np.ones(2), np.full(2, 5.0)) is not None
 
 
 def test_a_gap_on_the_right_only_is_taken() -> None:
@@ -166,10 +167,10 @@ def test_a_gap_on_the_right_only_is_taken() -> None:
     states[40, :50] = OCCUPIED
     for flipped, east in ((False, True), (True, False)):
         view = view_of(states[:, ::-1].copy() if flipped else states)
-        path, prices = plan(view, np.array([2.1, 6.5]), np.array([12.0, 6.5]))
+        path, costmap = plan(view, np.array([2.1, 6.5]), np.array([12.0, 6.5]))
         assert path is not None
-        corners = shorten(path, view, prices, SETTINGS.inflation)
-        crossing = corners[np.abs(corners[:, 0] - 8.1).argmin(), 1]
+        vertices = shorten(path, view, costmap, SETTINGS.inflation)
+        crossing = vertices[np.abs(vertices[:, 0] - 8.1).argmin(), 1]
         assert (crossing > 10.0) if east else (crossing < 2.8)
 
 
@@ -208,39 +209,39 @@ def test_a_goal_that_is_forbidden_is_approached() -> None:
 
 def test_shortening_straightens_and_never_costs_more() -> None:
     """In the open one line is left; in a field the lines' cost is that of the cells' way at the most."""
-    path, prices = plan(view_of(np.full((40, 40), FREE, np.uint8)), np.array([0.5, 0.5]), np.array([7.5, 3.1]))
+    path, costmap = plan(view_of(np.full((40, 40), FREE, np.uint8)), np.array([0.5, 0.5]), np.array([7.5, 3.1]))
     assert path is not None
     open_view = view_of(np.full((40, 40), FREE, np.uint8))
-    corners = shorten(path, open_view, prices, SETTINGS.inflation)
-    assert len(corners) == 2
+    vertices = shorten(path, open_view, costmap, SETTINGS.inflation)
+    assert len(vertices) == 2
     rng = np.random.default_rng(5)
     for _ in range(20):
         view = view_of(field(rng, 64, 0.006))
-        path, prices = plan(view, np.array([1.0, 1.0]), np.array([11.5, 8.5]))
+        path, costmap = plan(view, np.array([1.0, 1.0]), np.array([11.5, 8.5]))
         if path is None:
             continue
-        corners = shorten(path, view, prices, SETTINGS.inflation)
-        inside = [np.array(view.cell_of(corner), float) for corner in corners]
+        vertices = shorten(path, view, costmap, SETTINGS.inflation)
+        inside = [np.array(view.cell_of(vertex), float) for vertex in vertices]
         costs = [
-            line_cost(prices, view.to_occupied, SETTINGS.inflation, CELL, a[0], a[1], b)
+            line_cost(costmap, view.to_occupied, SETTINGS.inflation, CELL, a[0], a[1], b)
             for a, b in itertools.pairwise(inside)
         ]
-        assert sum(costs) <= 1.03 * path.cost + 1e-9 and len(corners) <= len(path.cells)
+        assert sum(costs) <= 1.03 * path.cost + 1e-9 and len(vertices) <= len(path.cells)
 
 
-def test_corner_speeds() -> None:
+def test_vertex_speeds() -> None:
     """A right angle with 0.5 m of room: the radius is 0.5 / (sqrt 2 - 1); straight on is not slowed down; the end is
     rest, and what comes before can brake for what follows."""
-    corners = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0], [40.0, 30.0]])
+    vertices = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 0.0], [40.0, 30.0]])
     room = np.full(4, 0.5)
-    speeds = corner_speeds(corners, room, 10.0, 4.0, 4.0)
+    speeds = vertex_speeds(vertices, room, 10.0, 4.0, 4.0)
     turn = math.sqrt(4.0 * 0.5 / (math.sqrt(2.0) - 1.0))
     assert speeds[2] == pytest.approx(turn) and speeds[3] == 0.0 and speeds[0] == 10.0
     assert speeds[1] == pytest.approx(min(10.0, math.sqrt(turn**2 + 2 * 4.0 * 20.0)))
-    near = corner_speeds(corners * 0.05, room, 10.0, 4.0, 4.0)
+    near = vertex_speeds(vertices * 0.05, room, 10.0, 4.0, 4.0)
     assert near[2] == pytest.approx(math.sqrt(4.0 * 0.5))  # half of the shorter leg, 0.5 m, on the arc
     assert near[1] == pytest.approx(math.sqrt(near[2] ** 2 + 8.0))
     sharp = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, math.sqrt(3.0)]])  # a turn by 120 degrees, legs of 2 m
-    assert corner_speeds(sharp, np.full(3, 99.0), 10.0, 4.0, 4.0)[1] == pytest.approx(math.sqrt(4.0 / math.sqrt(3.0)))
-    back = corner_speeds(np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 0.0]]), np.full(3, 0.5), 10.0, 4.0, 4.0)
+    assert vertex_speeds(sharp, np.full(3, 99.0), 10.0, 4.0, 4.0)[1] == pytest.approx(math.sqrt(4.0 / math.sqrt(3.0)))
+    back = vertex_speeds(np.array([[0.0, 0.0], [5.0, 0.0], [0.0, 0.0]]), np.full(3, 0.5), 10.0, 4.0, 4.0)
     assert back[1] == 0.0

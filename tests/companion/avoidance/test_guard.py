@@ -9,8 +9,11 @@ import pytest
 from msgspec.structs import replace
 from scipy.optimize import linprog, nnls
 
+from companion.avoidance.barriers import Barrier, closing_limit, half_planes, nearest_allowed
 from companion.avoidance.braking import stopping_speed
-from companion.avoidance.guard import Guard, _stop_free, closing_limit, half_planes, nearest_allowed
+from companion.avoidance.clearance import ClearanceMap, KeepOut
+from companion.avoidance.guard import Guard
+from companion.avoidance.stops import Braking, stop_free_share
 from companion.config import AvoidanceGuard
 from companion.perception.free_space import free_space, nearest_points
 from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, MapView, distance_to
@@ -22,13 +25,13 @@ SETTINGS = AvoidanceGuard(
     keep_out_unseen=0.45,
     keep_out_tight=0.4,
     keep_out_unseen_tight=0.2,
-    crawl=1.0,
+    tight_speed=1.0,
     braking=4.5,
-    steepness=4.0,
-    nearness=2.0,
+    barrier_gain=4.0,
+    closing_gain=2.0,
     lag_s=0.15,
     horizon_s=0.1,
-    reach=9.0,
+    obstacle_range=9.0,
     stale_s=0.3,
 )
 CELL = 0.2
@@ -61,9 +64,8 @@ def wall(states: Bytes, north: float, what: int = OCCUPIED) -> Bytes:
 
 
 def planes_of(points: Array, position: Array, velocity: Array, command: Array) -> Array:
-    return half_planes(
-        points, position[0], position[1], velocity[0], velocity[1], command[0], command[1], 4.5, 4.0, 2.0
-    )
+    place, moves, asked = ((float(each[0]), float(each[1])) for each in (position, velocity, command))
+    return half_planes(points, place, moves, asked, Barrier(braking=4.5, gain=4.0, closing_gain=2.0))
 
 
 def random_planes(rng: np.random.Generator, count: int = 10, reach: float = 6.0) -> Array:
@@ -234,7 +236,7 @@ def test_a_stop_is_straight_or_swerves_to_the_free_side(side: int) -> None:
             states[row:, : middle + beyond] = OCCUPIED
         else:
             states[row:, middle + 1 - beyond :] = OCCUPIED
-        verdict = guard_on(states, here, replace(SETTINGS, reach=0.5)).filter(here, velocity, command, 0)
+        verdict = guard_on(states, here, replace(SETTINGS, obstacle_range=0.5)).filter(here, velocity, command, 0)
         return verdict.reason, verdict.acceleration_ned[:2]
 
     reason, found = verdict_before(5.3, 3)
@@ -303,9 +305,9 @@ def test_a_swerve_is_looked_at_where_it_leads(swerve: float, part: float) -> Non
         centres = (np.stack([rows, columns], axis=-1) + 0.5) * CELL - MIDDLE
         pillar = np.linalg.norm(centres - place, axis=-1).astype(np.float32)
         unseen = np.full_like(pillar, 2.0)
-        north, east = velocity.tolist()
-        found: float = _stop_free(pillar, unseen, CELL, MIDDLE, MIDDLE, north, east, swerve, 0.3, 0.2, braking, lag)
-        return found
+        clearances, (north, east) = ClearanceMap(pillar, unseen, CELL), velocity.tolist()
+        keep_out, brakes = KeepOut(0.3, 0.2), Braking(braking, lag)
+        return stop_free_share(clearances, (MIDDLE, MIDDLE), (north, east), swerve, keep_out, brakes)
 
     place = path[round(part * count) - 1]
     met = np.flatnonzero(np.linalg.norm(path - place, axis=1) < 0.3)[0] / count

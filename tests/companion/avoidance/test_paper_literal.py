@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.avoidance import methods as method
+from companion.avoidance.methods import goal_rule
 from companion.avoidance.paper_literal import LiteralPaperRule, outside_nearer_edge, past_edge_towards
 from companion.config import Avoidance
 from companion.state import AvoidanceDecision
@@ -40,7 +40,7 @@ def mirrored(vectors: Array) -> Array:
 
 
 def test_the_settings_choose_it() -> None:
-    assert isinstance(method.choose(SETTINGS), LiteralPaperRule)
+    assert isinstance(goal_rule(SETTINGS), LiteralPaperRule)
 
 
 def test_three_metres_outside_the_nearer_edge_and_past_the_obstacle() -> None:

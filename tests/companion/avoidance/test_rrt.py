@@ -11,22 +11,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.avoidance.astar import AStar, AStarSettings
-from companion.avoidance.rrt import PLANNERS, Rrt, RrtSettings
+from companion.avoidance.astar import AStar
+from companion.avoidance.rrt import Rrt
 from companion.avoidance.shortcut import shorten
+from companion.config import RRT_PLANNERS, AvoidancePlan, AvoidanceRrt, load_settings
 from companion.perception.rolling_map import FREE, OCCUPIED, Bytes, MapView, distance_to
 from protocol.arrays import Array
+from protocol.toml_files import TomlFileError
 
 ROOT = Path(__file__).resolve().parents[3]
 CELL, CELLS = 0.25, 128
 """The window is 32 x 32 m; places in quarters of a metre are exact."""
 INFLATION = 0.75
 ITERATIONS = {"bit*": 2000, "informed-rrt*": 700}
-both = pytest.mark.parametrize("planner", PLANNERS)
+both = pytest.mark.parametrize("planner", RRT_PLANNERS)
 
 
 def rrt(planner: str, seed: int = 1) -> Rrt:
-    return Rrt(RrtSettings(planner, ITERATIONS[planner], INFLATION, seed))
+    return Rrt(AvoidanceRrt(planner, ITERATIONS[planner], seed), INFLATION)
 
 
 def view_of(states: Bytes, corner: tuple[int, int] = (0, 0)) -> MapView:
@@ -83,11 +85,11 @@ def clearances(view: MapView, a: Array, b: Array) -> Array:
 
 
 def astar_length(view: MapView, start: Array, goal: Array) -> float:
-    search = AStar(AStarSettings(INFLATION, comfort=1.6, closeness=0.0, unknown=0.0), CELLS)
-    prices = search.prices(view)
-    path = search.plan(view, prices, start, goal)
+    search = AStar(AvoidancePlan(INFLATION, proximity_radius=1.6, proximity_cost=0.0, unknown_cost=0.0), CELLS)
+    costmap = search.costmap(view)
+    path = search.plan(view, costmap, start, goal)
     assert path is not None
-    return length(shorten(path, view, prices, INFLATION))
+    return length(shorten(path, view, costmap, INFLATION))
 
 
 @both
@@ -200,13 +202,13 @@ def test_another_seed_is_another_way_of_about_the_length(planner: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "named"),
+    ("override", "named"),
     [
-        (RrtSettings("rrt-connect", 100, INFLATION, 1), "rrt-connect.*informed-rrt"),
-        (RrtSettings("bit*", 0, INFLATION, 1), "iterations 0"),
-        (RrtSettings("bit*", 100, INFLATION, 0), "seed 0"),
+        ('planner="rrt-connect"', "rrt-connect.*informed-rrt"),
+        ("iterations=0", "iterations"),
+        ("seed=0", "seed"),
     ],
 )
-def test_settings_without_a_meaning_are_named(settings: RrtSettings, named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        Rrt(settings)
+def test_settings_without_a_meaning_are_named(override: str, named: str) -> None:
+    with pytest.raises(TomlFileError, match=named):
+        load_settings(None, [f"avoidance.rrt.{override}"])

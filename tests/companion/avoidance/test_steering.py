@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from companion.avoidance.astar import GridPath
-from companion.avoidance.planner import Planner, _up_to_doubt
-from companion.avoidance.steering import NO_WAY, Course, Way, wish
+from companion.avoidance.astar_planner import _up_to_unconfirmed
+from companion.avoidance.path import NO_PATH, Path
+from companion.avoidance.planner import Planner
+from companion.avoidance.steering import Course, steer
 from companion.config import Avoidance, AvoidanceCourse, AvoidanceMap
 from companion.mission.stall import Progress, Trail
 from companion.perception.rolling_map import FAR_M, FREE, OCCUPIED, MapView, distance_to
@@ -58,40 +60,40 @@ def test_a_course_waits_for_the_vehicle_and_gives_in_to_the_guard() -> None:
     for tick in range(1, 500):
         course.advance(tick * TICK_NS, np.array([5.0, 0.0]), np.zeros(2))
     place, velocity, _ = at(course, 499 * TICK_NS)
-    assert place == pytest.approx([SETTINGS.leash, 0.0]) and velocity[0] > 4.0
+    assert place == pytest.approx([SETTINGS.max_lead, 0.0]) and velocity[0] > 4.0
     for tick in range(500, 625):
         course.advance(tick * TICK_NS, np.zeros(2), np.zeros(2))
-        course.give_in(np.zeros(2), np.zeros(2), np.zeros(2))
+        course.yield_to(np.zeros(2), np.zeros(2), np.zeros(2))
     assert np.abs(at(course, 624 * TICK_NS)).max() < 0.05
 
 
 def test_a_wish_keeps_to_the_way_and_slows_down_before_a_corner() -> None:
-    corners = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 20.0]])
-    way = Way(corners, np.array([6.0, 2.0, 0.0]))
+    vertices = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 20.0]])
+    path = Path(vertices, np.array([6.0, 2.0, 0.0]))
     velocity = np.zeros(2)
-    far = wish(way, np.array([1.0, 0.5]), velocity, corners[-1], 6.0, BRAKING)
+    far = steer(path, np.array([1.0, 0.5]), velocity, vertices[-1], 6.0, BRAKING)
     assert np.linalg.norm(far.velocity) == pytest.approx(6.0) and far.velocity[1] < 0.0  # back to the line
-    near = wish(way, np.array([9.5, 0.0]), velocity, corners[-1], 6.0, BRAKING)
+    near = steer(path, np.array([9.5, 0.0]), velocity, vertices[-1], 6.0, BRAKING)
     assert np.linalg.norm(near.velocity) == pytest.approx(math.sqrt(4.0 + 2.0 * BRAKING * 0.5))
     assert near.velocity[1] > 0.0  # looks round the corner
-    assert far.places[-1] == pytest.approx(corners[-1]) and len(far.places) == 3 and len(near.places) == 2
-    onward = wish(way, np.array([7.0, 0.0]), np.array([5.0, 0.0]), corners[-1], 6.0, BRAKING)
+    assert far.path[-1] == pytest.approx(vertices[-1]) and len(far.path) == 3 and len(near.path) == 2
+    onward = steer(path, np.array([7.0, 0.0]), np.array([5.0, 0.0]), vertices[-1], 6.0, BRAKING)
     left = 3.0 - 0.1 * 5.0  # it brakes a tenth of a second later
     assert np.linalg.norm(onward.velocity) == pytest.approx(math.sqrt(4.0 + 2.0 * BRAKING * left))
-    beside = wish(way, np.array([10.0, 19.6]), velocity, corners[-1], 6.0, BRAKING)
+    beside = steer(path, np.array([10.0, 19.6]), velocity, vertices[-1], 6.0, BRAKING)
     assert beside.velocity == pytest.approx([0.0, 0.6])
 
 
 def test_a_bearing_across_the_motion_is_taken_slowly_and_none_is_a_stop() -> None:
-    east = Way(NO_WAY.corners, NO_WAY.speeds, 0.5 * math.pi)
+    east = Path(NO_PATH.vertices, NO_PATH.speeds, 0.5 * math.pi)
     goal = np.array([0.0, 50.0])
-    straight = wish(east, np.zeros(2), np.array([0.0, 5.0]), goal, 5.0, BRAKING)
-    across = wish(east, np.zeros(2), np.array([5.0, 0.0]), goal, 5.0, BRAKING)
+    straight = steer(east, np.zeros(2), np.array([0.0, 5.0]), goal, 5.0, BRAKING)
+    across = steer(east, np.zeros(2), np.array([5.0, 0.0]), goal, 5.0, BRAKING)
     assert straight.velocity == pytest.approx([0.0, 5.0], abs=1e-9)
     assert across.velocity == pytest.approx([0.0, 1.0], abs=1e-9)
-    aslant = wish(east, np.zeros(2), 5.0 * np.array([math.sin(1.0), math.cos(1.0)]), goal, 5.0, BRAKING)
+    aslant = steer(east, np.zeros(2), 5.0 * np.array([math.sin(1.0), math.cos(1.0)]), goal, 5.0, BRAKING)
     assert aslant.velocity == pytest.approx([0.0, 5.0 * math.cos(1.0) ** 2], abs=1e-9)
-    assert not wish(NO_WAY, np.zeros(2), np.zeros(2), goal, 5.0, BRAKING).velocity.any()
+    assert not steer(NO_PATH, np.zeros(2), np.zeros(2), goal, 5.0, BRAKING).velocity.any()
 
 
 def test_what_may_be_a_gap_is_looked_at_from_a_little_before_it() -> None:
@@ -101,9 +103,9 @@ def test_what_may_be_a_gap_is_looked_at_from_a_little_before_it() -> None:
     near[:, 32] = np.maximum(1.5 - 0.03 * np.arange(64), 0.0)
     view = MapView(np.full((64, 64), FREE, np.uint8), near, (0, 0), 0.2)
     cells = np.column_stack([np.arange(64), np.full(64, 32)])
-    path = _up_to_doubt(GridPath(cells, 0.2 * np.arange(64.0), 12.6, 0.0), view, room)
+    path = _up_to_unconfirmed(GridPath(cells, 0.2 * np.arange(64.0), 12.6, 0.0), view, room)
     rows = path.cells[:, 0]
-    assert not path.whole and (rows == np.arange(len(rows))).all() and len(path.costs) == len(rows)
+    assert not path.complete and (rows == np.arange(len(rows))).all() and len(path.costs) == len(rows)
     assert near[rows[-1], 32] >= room + 0.08 > near[rows[-1] + 1, 32]
 
 
@@ -122,11 +124,11 @@ def test_the_way_leads_round_the_open_end_of_a_wall(side: int) -> None:
     view = view_with((slice(148, 150), columns))
     planner = Planner(ON_A_MAP)
     here, goal = np.array([0.0, 0.0, -3.0]), np.array([10.0, 0.0, -3.0])
-    way = planner.way(view, here, np.zeros(3), goal, 5.0)
-    assert way.bearing is None and planner.blocked(view, here, goal)
-    assert way.corners[0] == pytest.approx(here[:2]) and way.corners[-1] == pytest.approx(goal[:2])
-    assert (side * way.corners[:, 1]).max() > 2.0 and way.speeds[-1] == 0.0
-    for start, end in zip(way.corners[:-1], way.corners[1:], strict=True):
+    path = planner.path(view, here, np.zeros(3), goal, 5.0)
+    assert path.bearing is None and planner.blocked(view, here, goal)
+    assert path.vertices[0] == pytest.approx(here[:2]) and path.vertices[-1] == pytest.approx(goal[:2])
+    assert (side * path.vertices[:, 1]).max() > 2.0 and path.speeds[-1] == 0.0
+    for start, end in zip(path.vertices[:-1], path.vertices[1:], strict=True):
         for share in np.linspace(0.0, 1.0, 200):
             place = start + share * (end - start)
             assert view.to_occupied[view.cell_of(place)] >= Avoidance().plan.inflation - 0.2
@@ -136,13 +138,13 @@ def test_vfh_steers_where_there_is_no_way() -> None:
     """A ring of wall at 6 m has no way out; both methods still answer, and only "astar" plans in the open."""
     open_view = view_with()
     here, goal = np.array([0.0, 0.0, -3.0]), np.array([20.0, 0.0, -3.0])
-    assert Planner(Avoidance(method="vfh")).way(open_view, here, np.zeros(3), goal, 5.0).bearing == pytest.approx(0.0)
-    straight = Planner(ON_A_MAP).way(open_view, here, np.zeros(3), goal, 5.0)
-    assert straight.bearing is None and len(straight.corners) == 2
+    assert Planner(Avoidance(method="vfh")).path(open_view, here, np.zeros(3), goal, 5.0).bearing == pytest.approx(0.0)
+    straight = Planner(ON_A_MAP).path(open_view, here, np.zeros(3), goal, 5.0)
+    assert straight.bearing is None and len(straight.vertices) == 2
     offset = np.hypot(*np.meshgrid(np.arange(256) - 128, np.arange(256) - 128))
     states = np.where(np.abs(offset - 48.0) < 2.0, OCCUPIED, FREE).astype(np.uint8)
     closed = MapView(states, distance_to(states == OCCUPIED, 0.2), (-128, -128), 0.2)
-    assert not len(Planner(ON_A_MAP).way(closed, here, np.zeros(3), goal, 5.0).corners)
+    assert not len(Planner(ON_A_MAP).path(closed, here, np.zeros(3), goal, 5.0).vertices)
 
 
 def test_the_trail_leads_back_without_its_loops() -> None:
@@ -156,12 +158,12 @@ def test_the_trail_leads_back_without_its_loops() -> None:
 def test_progress_is_a_metre_nearer_than_ever() -> None:
     progress = Progress()
     second = 1_000_000_000
-    assert progress.lacking_s(1, 50.0, 0) == 0.0
-    assert progress.lacking_s(1, 60.0, 10 * second) == 10.0
-    assert progress.lacking_s(1, 49.5, 20 * second) == 20.0
-    assert progress.lacking_s(1, 48.0, 30 * second) == 0.0
-    assert progress.lacking_s(1, 48.0, 35 * second) == 5.0
-    assert progress.lacking_s(2, 90.0, 40 * second) == 0.0
+    assert progress.stalled_s(1, 50.0, 0) == 0.0
+    assert progress.stalled_s(1, 60.0, 10 * second) == 10.0
+    assert progress.stalled_s(1, 49.5, 20 * second) == 20.0
+    assert progress.stalled_s(1, 48.0, 30 * second) == 0.0
+    assert progress.stalled_s(1, 48.0, 35 * second) == 5.0
+    assert progress.stalled_s(2, 90.0, 40 * second) == 0.0
 
 
 def gap_view(width_cells: int, *, certain: bool) -> MapView:
@@ -180,35 +182,35 @@ def test_a_tight_way_is_taken_instead_of_a_long_way_round(door_m: float, tight: 
     walls = [(slice(148, 150), slice(*span)) for span in ((0, 126), (130, door - 5), (door + 5, 256))]
     view = view_with(*walls)
     view = dataclasses.replace(view, certain=view.states == OCCUPIED)
-    way = Planner(ON_A_MAP).way(view, here, np.zeros(3), goal, 5.0)
-    assert way.tight == tight
-    assert (max(way.corners[:, 1]) > door_m - 1.0) == (not tight)
+    path = Planner(ON_A_MAP).path(view, here, np.zeros(3), goal, 5.0)
+    assert path.tight == tight
+    assert (max(path.vertices[:, 1]) > door_m - 1.0) == (not tight)
 
 
 def test_a_tight_way_is_taken_where_there_is_no_other() -> None:
     here, goal = np.array([0.1, 0.1, -3.0]), np.array([10.0, 0.1, -3.0])
     planner = Planner(ON_A_MAP)
-    wide = planner.way(gap_view(9, certain=True), here, np.zeros(3), goal, 5.0)
-    assert not wide.tight and wide.corners[-1] == pytest.approx(goal[:2])
-    tight = planner.way(gap_view(4, certain=True), here, np.zeros(3), goal, 5.0)
-    assert tight.tight and tight.corners[-1] == pytest.approx(goal[:2])
-    assert not len(planner.way(gap_view(2, certain=True), here, np.zeros(3), goal, 5.0).corners)
+    wide = planner.path(gap_view(9, certain=True), here, np.zeros(3), goal, 5.0)
+    assert not wide.tight and wide.vertices[-1] == pytest.approx(goal[:2])
+    tight = planner.path(gap_view(4, certain=True), here, np.zeros(3), goal, 5.0)
+    assert tight.tight and tight.vertices[-1] == pytest.approx(goal[:2])
+    assert not len(planner.path(gap_view(2, certain=True), here, np.zeros(3), goal, 5.0).vertices)
 
 
 def test_what_may_be_a_gap_is_gone_and_looked_at() -> None:
     """A wall that was seen from afar alone: the vehicle is sent before its thinnest place, and not into it."""
     here, goal = np.array([0.1, 0.1, -3.0]), np.array([10.0, 0.1, -3.0])
     view = gap_view(2, certain=False)
-    way = Planner(ON_A_MAP).way(view, here, np.zeros(3), goal, 5.0)
-    assert way.tight and way.speeds[-1] == 0.0
-    end = way.corners[-1]
+    path = Planner(ON_A_MAP).path(view, here, np.zeros(3), goal, 5.0)
+    assert path.tight and path.speeds[-1] == 0.0
+    end = path.vertices[-1]
     assert 3.0 < end[0] < 4.0 and abs(end[1] - 0.1) < 0.3
-    assert all(view.to_occupied[view.cell_of(corner)] >= 0.38 for corner in way.corners)
+    assert all(view.to_occupied[view.cell_of(vertex)] >= 0.38 for vertex in path.vertices)
 
 
-def crossing(way: Way, north: float) -> float:
+def crossing(path: Path, north: float) -> float:
     """East (m) where a way comes over a line across it."""
-    return float(np.interp(north, way.corners[:, 0], way.corners[:, 1]))
+    return float(np.interp(north, path.vertices[:, 0], path.vertices[:, 1]))
 
 
 @pytest.mark.parametrize("from_east", [-1.5, 0.1, 1.5])
@@ -220,9 +222,9 @@ def test_a_tight_way_leads_through_the_middle(from_east: float) -> None:
     view = MapView(states, distance_to(states == OCCUPIED, 0.05), (-256, -256), 0.05)
     view = dataclasses.replace(view, certain=states == OCCUPIED)
     planner = Planner(Avoidance(method="astar", map=AvoidanceMap(cell=0.05, cells=512)))
-    way = planner.way(view, np.array([0.0, from_east, -3.0]), np.zeros(3), np.array([10.0, from_east, -3.0]), 5.0)
-    assert way.tight
-    assert all(abs(crossing(way, north) - 0.05) < 0.04 for north in (4.0, 4.05, 4.1))
+    path = planner.path(view, np.array([0.0, from_east, -3.0]), np.zeros(3), np.array([10.0, from_east, -3.0]), 5.0)
+    assert path.tight
+    assert all(abs(crossing(path, north) - 0.05) < 0.04 for north in (4.0, 4.05, 4.1))
 
 
 def test_a_tight_way_is_gone_on_with_unless_another_is_much_cheaper() -> None:
@@ -236,13 +238,13 @@ def test_a_tight_way_is_gone_on_with_unless_another_is_much_cheaper() -> None:
         planner = Planner(ON_A_MAP)
         for k in range(6):
             here = np.array([0.1 * k, first * (-1) ** k * 0.15, -3.0])
-            fresh = Planner(ON_A_MAP).way(view, here, np.zeros(3), goal, 5.0)
-            way = planner.way(view, here, np.zeros(3), goal, 5.0)
-            assert way.tight and fresh.tight
+            fresh = Planner(ON_A_MAP).path(view, here, np.zeros(3), goal, 5.0)
+            path = planner.path(view, here, np.zeros(3), goal, 5.0)
+            assert path.tight and fresh.tight
             assert np.sign(crossing(fresh, 4.1)) == np.sign(here[1])
-            assert np.sign(crossing(way, 4.1)) == first
+            assert np.sign(crossing(path, 4.1)) == first
         far = np.array([1.5, -6.0 * first, -3.0])
-        assert np.sign(crossing(planner.way(view, far, np.zeros(3), goal, 5.0), 4.1)) == -first, "it was left"
+        assert np.sign(crossing(planner.path(view, far, np.zeros(3), goal, 5.0), 4.1)) == -first, "it was left"
 
 
 def test_an_earlier_tight_way_counts_for_its_own_goal_alone() -> None:
@@ -253,12 +255,12 @@ def test_an_earlier_tight_way_counts_for_its_own_goal_alone() -> None:
     view = dataclasses.replace(view, certain=view.states == OCCUPIED)
     start, end, aside = (np.array([north, east, -3.0]) for north, east in ((2.0, 0.1), (4.1, 0.1), (4.1, 3.1)))
     planner = Planner(ON_A_MAP)
-    assert planner.way(view, start, np.zeros(3), end, 5.0).tight
-    assert planner.way(view, end, np.zeros(3), end, 5.0).tight
-    around = planner.way(view, end, np.zeros(3), aside, 5.0)
-    assert around.tight and len(around.corners) > 2 and around.corners[:, 0].max() > 6.4
+    assert planner.path(view, start, np.zeros(3), end, 5.0).tight
+    assert planner.path(view, end, np.zeros(3), end, 5.0).tight
+    around = planner.path(view, end, np.zeros(3), aside, 5.0)
+    assert around.tight and len(around.vertices) > 2 and around.vertices[:, 0].max() > 6.4
     away = np.array([200.0, 0.0, -3.0])
-    assert not len(planner.way(view, away, np.zeros(3), aside, 5.0).corners), "outside of the window nothing is known"
+    assert not len(planner.path(view, away, np.zeros(3), aside, 5.0).vertices), "outside of the window nothing is known"
 
 
 def test_in_a_gap_the_way_stays_tight() -> None:
@@ -267,10 +269,10 @@ def test_in_a_gap_the_way_stays_tight() -> None:
     view, goal = gap_view(4, certain=True), np.array([10.0, 0.1, -3.0])
     inside = np.array([4.1, 0.0, -3.0])
     planner = Planner(ON_A_MAP)
-    assert planner.way(view, np.array([2.0, 0.1, -3.0]), np.zeros(3), goal, 5.0).tight
-    assert planner.way(view, inside, np.zeros(3), goal, 5.0).tight
-    assert not planner.way(view, np.array([6.0, 0.1, -3.0]), np.zeros(3), goal, 5.0).tight
-    assert not Planner(ON_A_MAP).way(view, inside, np.zeros(3), goal, 5.0).tight
+    assert planner.path(view, np.array([2.0, 0.1, -3.0]), np.zeros(3), goal, 5.0).tight
+    assert planner.path(view, inside, np.zeros(3), goal, 5.0).tight
+    assert not planner.path(view, np.array([6.0, 0.1, -3.0]), np.zeros(3), goal, 5.0).tight
+    assert not Planner(ON_A_MAP).path(view, inside, np.zeros(3), goal, 5.0).tight
 
 
 def test_at_a_doubt_without_space_before_it_the_vehicle_goes_on_to_it() -> None:
@@ -278,5 +280,5 @@ def test_at_a_doubt_without_space_before_it_the_vehicle_goes_on_to_it() -> None:
     view = view_with((slice(0, 150), slice(0, 127)), (slice(0, 150), slice(131, 256)), (slice(150, 151), slice(0, 256)))
     sure = (view.states == OCCUPIED) & (np.arange(256)[:, None] < 150)
     view = dataclasses.replace(view, certain=sure)
-    way = Planner(ON_A_MAP).way(view, np.array([0.1, 0.1, -3.0]), np.zeros(3), np.array([10.0, 0.1, -3.0]), 5.0)
-    assert way.tight and 3.6 < way.corners[-1][0] < 4.4
+    path = Planner(ON_A_MAP).path(view, np.array([0.1, 0.1, -3.0]), np.zeros(3), np.array([10.0, 0.1, -3.0]), 5.0)
+    assert path.tight and 3.6 < path.vertices[-1][0] < 4.4

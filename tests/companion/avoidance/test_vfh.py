@@ -5,12 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from companion.avoidance.vfh import SECTORS, Vfh, VfhSettings, cheapest, densities, mask
+from companion.avoidance.vfh import SECTORS, Vfh, cheapest, densities, mask
+from companion.config import AvoidanceVfh
 from companion.perception.rolling_map import FREE, OCCUPIED, Bytes, MapView, distance_to
 from protocol.arrays import Array, BoolArray
 from protocol.frames import wrap
 
-SETTINGS = VfhSettings(window=10.0, radius=0.8, low=0.05, high=0.1, turning_acceleration=4.0)
+SETTINGS = AvoidanceVfh(
+    window=10.0, enlargement_radius=0.8, low_threshold=0.05, high_threshold=0.1, turning_acceleration=4.0
+)
 CELL, CELLS = 0.2, 129
 HALF = 0.5 * CELL * CELLS
 HERE, STILL = np.zeros(3), np.zeros(3)
@@ -37,7 +40,7 @@ def wall(north: float, east_from: float, east_to: float) -> Array:
 
 
 def density_of(places: Array) -> Array:
-    return densities(view_of(places).states, CELL, HALF, HALF, SETTINGS.window, SETTINGS.radius)
+    return densities(view_of(places).states, CELL, (HALF, HALF), SETTINGS.window, SETTINGS.enlargement_radius)
 
 
 def blocked_at(*sectors: int) -> BoolArray:
@@ -89,7 +92,10 @@ def test_two_thresholds() -> None:
     """Between them a sector stays what it was."""
     one, few = np.array([[5.0, 0.0]]), wall(5.0, -0.5, 0.5)
     between = density_of(np.array([[5.0, 0.0], [5.2, 0.0]]))[0]
-    assert SETTINGS.low < between < SETTINGS.high < density_of(few)[0] and density_of(one)[0] < SETTINGS.low
+    assert (
+        SETTINGS.low_threshold < between < SETTINGS.high_threshold < density_of(few)[0]
+        and density_of(one)[0] < SETTINGS.low_threshold
+    )
     middle = np.array([[5.0, 0.0], [5.2, 0.0]])
     vfh = Vfh(SETTINGS)
     assert choose(middle, vfh=vfh) == pytest.approx(0.0)
@@ -105,7 +111,7 @@ def test_turning_circles_mask_what_lies_behind() -> None:
     none = np.zeros(SECTORS, np.bool_)
 
     def masked(turning: float) -> BoolArray:
-        return mask(none, view.states, CELL, HALF, HALF, 10.0, 0.8, 0.0, turning)
+        return mask(none, view.states, CELL, (HALF, HALF), 10.0, 0.8, (0.0, turning))
 
     fast = masked(4.0)
     bearings = np.array([wrap(k * STEP) for k in range(SECTORS)])

@@ -19,15 +19,17 @@ def rewritten(
     target: Path,
     change: Callable[[Record], Sequence[Record]] = lambda record: (record,),
     flight: dict[str, str] | None = None,
+    attachment: Callable[[str, bytes], bytes] = lambda name, content: content,
 ) -> Path:
-    """`source` with each record replaced by what `change` makes of it, and entries of the metadata "flight" set."""
+    """`source` with each record replaced by what `change` makes of it, entries of the metadata "flight" set, and the
+    attachments by what `attachment` makes of them."""
     log = LogReader(source)
     kinds = log.topics
     metadata = {name: table for name, table in log.metadata.items() if name != "flightlog"}
     metadata["flight"] = metadata.get("flight", {}) | (flight or {})
     with Writer(target, log.epoch_ns, metadata) as writer:
         for name, content in log.attachments.items():
-            writer.attach(name, content)
+            writer.attach(name, attachment(name, content))
         for record in log.records():
             for each in change(record):
                 writer.record(kinds[each.topic], each.time_ns, each.sequence, each.data)

@@ -46,7 +46,7 @@ class Flight:
 
 
 def test_up_first_then_down_and_back_in_the_end() -> None:
-    flight = Flight(-6.0, above=5.0, below=3.0).go(30.0)
+    flight = Flight(-6.0, max_climb=5.0, max_descent=3.0).go(30.0)
     assert [down for down, _ in flight.went] == [-8.0, -10.0, -4.0, -6.0]
     assert flight.went[-1][1] == "back" and flight.heights.flown(-6.0) == -6.0 and not flight.heights.busy
 
@@ -57,7 +57,7 @@ def test_none_is_tried_unless_allowed() -> None:
 
 
 def test_a_way_is_flown_a_margin_beyond_where_it_was_seen() -> None:
-    flight = Flight(above=6.0).go(1.5)
+    flight = Flight(max_climb=6.0).go(1.5)
     assert flight.went == [(-5.0, "trying")] and flight.heights.busy
     flight.go(2.0, detour=0.0)
     assert flight.went[1:] == [(-6.0, "on")] and not flight.heights.busy
@@ -72,37 +72,37 @@ def test_never_beyond_what_is_allowed_nor_too_low(
     route: float, above: float, below: float, step: float, seen: int
 ) -> None:
     """Whichever of the heights shows a way."""
-    flight = Flight(route, above=above, below=below, step=step)
+    flight = Flight(route, max_climb=above, max_descent=below, step=step)
     for _ in range(300):
         flight.go(0.1, detour=0.0 if len(flight.went) > seen else DEAR)
         assert route - above - 1e-6 <= flight.down <= max(min(route + below, GROUND), route) + 1e-6
 
 
 def test_limits_that_are_no_multiple_of_the_step_are_used() -> None:
-    assert [down for down, _ in Flight(above=1.5).go(9.0).went] == [-3.5, -3.0]
-    assert [down for down, _ in Flight(above=4.5).go(9.0).went] == [-5.0, -6.5, -3.0]
+    assert [down for down, _ in Flight(max_climb=1.5).go(9.0).went] == [-3.5, -3.0]
+    assert [down for down, _ in Flight(max_climb=4.5).go(9.0).went] == [-5.0, -6.5, -3.0]
 
 
 def test_a_height_is_left_only_if_its_way_was_dear_for_a_while() -> None:
-    flight = Flight(above=4.0, price=5.0).go(9.0, detour=9.9)
+    flight = Flight(max_climb=4.0, height_cost=5.0).go(9.0, detour=9.9)
     assert flight.went == []
     flight.go(0.5, detour=10.1).go(0.1, detour=3.0).go(0.9, detour=10.1)
     assert flight.went == []
     flight.now += 5 * SECOND  # nobody looked
     flight.go(0.9, detour=10.1)
     assert flight.went == []
-    assert Flight(above=4.0).go(0.1, detour=0.0, stuck=True).went == [(-5.0, "trying")]
+    assert Flight(max_climb=4.0).go(0.1, detour=0.0, stuck=True).went == [(-5.0, "trying")]
 
 
 def test_it_stands_before_it_goes_up_and_nothing_is_judged_on_the_way() -> None:
-    flight = Flight(above=6.0).go(1.2, speed=5.0).go(3.0, speed=5.0, stuck=True)
+    flight = Flight(max_climb=6.0).go(1.2, speed=5.0).go(3.0, speed=5.0, stuck=True)
     assert flight.went == [(-5.0, "trying")] and flight.down == ROUTE and flight.heights.busy
     assert flight.go(0.1).down == -5.0
 
 
 def test_it_comes_back_nowhere_but_where_it_left() -> None:
     """Over a roof, where a tower stands: outward only, and then on at that height."""
-    flight = Flight(above=5.0, below=1.0).go(1.5).go(2.0, detour=0.0)
+    flight = Flight(max_climb=5.0, max_descent=1.0).go(1.5).go(2.0, detour=0.0)
     assert flight.down == -6.0
     flight.north = 12.0
     flight.go(20.0)
@@ -111,7 +111,7 @@ def test_it_comes_back_nowhere_but_where_it_left() -> None:
 
 
 def test_over_goals_that_are_flown_through_the_height_is_kept_and_may_grow() -> None:
-    flight = Flight(above=5.0).go(1.5).go(2.0, detour=0.0)
+    flight = Flight(max_climb=5.0).go(1.5).go(2.0, detour=0.0)
     flight.north = 12.0
     flight.leg(-2.0, stopped=False).go(0.5, detour=0.0)
     assert flight.down == -6.0
@@ -124,14 +124,14 @@ def test_over_goals_that_are_flown_through_the_height_is_kept_and_may_grow() -> 
 
 
 def test_under_things_the_next_legs_are_never_flown_into_the_ground() -> None:
-    flight = Flight(-6.0, below=5.0).go(1.5).go(2.0, detour=0.0)
+    flight = Flight(-6.0, max_descent=5.0).go(1.5).go(2.0, detour=0.0)
     assert flight.down == -3.0
     for route in (-10.0, -3.0, -2.0):
         assert flight.leg(route, stopped=False).go(0.5, detour=0.0).down == max(-3.0, route)
 
 
 def test_after_giving_up_the_height_is_kept_and_no_other_tried() -> None:
-    flight = Flight(above=5.0).go(1.5).go(2.0, detour=0.0)
+    flight = Flight(max_climb=5.0).go(1.5).go(2.0, detour=0.0)
     flight.heights.forbid()
     flight.go(10.0, stuck=True)
     assert flight.down == -6.0 and flight.went[-1] == (-6.0, "on")

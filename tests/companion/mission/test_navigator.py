@@ -413,7 +413,7 @@ def test_a_mission_that_does_not_return_ends_where_it_is_given_up() -> None:
 def test_the_goal_follows_the_altitude_search() -> None:
     """The vehicle brakes, climbs, looks around and goes on: the goal's altitude, the speed and the wait say so."""
     flight = Flight(LONG, "avoidance.heights.above=6.0", "avoidance.give_up_s=20.0")
-    navigator, settings_ = flight.navigator, DEFAULTS.avoidance.heights
+    navigator, settings_ = flight.navigator, DEFAULTS.avoidance.altitude_search
     target = target_of(navigator)
     leg = navigator.leg(flight.place)
     assert np.array_equal(leg.goal_ned, target) and not leg.waits and leg.speed == LONG.speed

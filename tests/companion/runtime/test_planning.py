@@ -53,9 +53,9 @@ def elsewhere() -> Iterator[PlannerProcess]:
 def told(answer: PlanResult | None) -> tuple[object, ...]:
     """All that it says, arrays to the bit."""
     assert answer is not None
-    space, way = answer.space, answer.way
-    arrays = (space.to_occupied, space.to_unseen, space.points, way.corners, way.speeds)
-    plain = (space.seen_ns, space.corner, space.cell, space.tight, way.bearing, way.tight)
+    space, path = answer.space, answer.path
+    arrays = (space.to_occupied, space.to_unseen, space.points, path.vertices, path.speeds)
+    plain = (space.seen_ns, space.corner, space.cell, space.tight, path.bearing, path.tight)
     rest = (answer.number, answer.asked_ns, answer.clearance, answer.blocked)
     return (*plain, *rest, *((each.shape, each.dtype.str, each.tobytes()) for each in arrays))
 
@@ -68,7 +68,7 @@ def test_another_process_answers_the_same(elsewhere: PlannerProcess) -> None:
         elsewhere.ask(question)
     for question in questions():
         mine, theirs = here.take(0.0), elsewhere.take(20.0)
-        assert mine is not None and mine.number == question.number and len(mine.way.corners) > 1
+        assert mine is not None and mine.number == question.number and len(mine.path.vertices) > 1
         assert told(mine) == told(theirs)
     assert elsewhere.take(0.0) is None and elsewhere.fault is None
 
@@ -169,9 +169,9 @@ def test_the_record_says_number_and_way() -> None:
     assert answer is not None
     record = PLANNED.unpack(pack_result(answer))
     corners = record["corners"]
-    assert record["number"] == 1 and corners == len(answer.way.corners)
-    assert np.reshape(record["way_ned"], (-1, 2))[:corners] == pytest.approx(answer.way.corners, abs=1e-5)
-    assert record["speeds"][:corners] == pytest.approx(answer.way.speeds, abs=1e-5)
+    assert record["number"] == 1 and corners == len(answer.path.vertices)
+    assert np.reshape(record["way_ned"], (-1, 2))[:corners] == pytest.approx(answer.path.vertices, abs=1e-5)
+    assert record["speeds"][:corners] == pytest.approx(answer.path.speeds, abs=1e-5)
     assert not np.any(record["way_ned"][2 * corners :])
 
 

@@ -1,0 +1,87 @@
+"""The settings of logs that were flown when some had other names."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from companion.config import Settings
+from companion.logs.recorded import flown_overrides, open_flight
+from companion.renamed_settings import RENAMED_SETTINGS
+from companion.view.gather import Gathered
+from companion.view.mapping import avoidance_of
+from companion.view.report import compose
+from protocol.flightlog import LogReader
+from protocol.toml_files import TomlFileError, with_new_names
+from tests.companion.logs.changed_logs import rewritten
+from tests.golden.golden import path_of
+
+OLD_NAMES = {new: old for old, new in RENAMED_SETTINGS.items()}
+OVERRIDES = ["avoidance.plan.doubt = 120.0", "avoidance.heights.above=4", "mission.speed=3.0", "rates.scan=10"]
+
+
+@pytest.fixture
+def old_log(tmp_path: Path) -> Path:
+    """A golden flight, with settings by their old names, one of them changed."""
+
+    def attachment(name: str, content: bytes) -> bytes:
+        if name != "settings.json":
+            return content
+        settings = with_new_names(json.loads(content), RENAMED_SETTINGS)
+        settings["avoidance"]["plan"]["unconfirmed_cost"] = 120.0
+        return msgspec.json.encode(with_new_names(settings, OLD_NAMES))
+
+    flight = {"overrides": json.dumps(OVERRIDES)}
+    return rewritten(path_of("rates_lockstep"), tmp_path / "old.mcap", flight=flight, attachment=attachment)
+
+
+def old_settings(log: Path) -> dict[str, Any]:
+    return json.loads(LogReader(log).attachments["settings.json"])  # type: ignore[no-any-return]
+
+
+def test_an_old_log_is_read_by_the_new_names(old_log: Path) -> None:
+    assert old_settings(old_log)["avoidance"]["plan"]["doubt"] == 120.0
+    flight = open_flight(old_log)
+    plain = open_flight(path_of("rates_lockstep")).settings
+    plan = msgspec.structs.replace(plain.avoidance.plan, unconfirmed_cost=120.0)
+    avoidance = msgspec.structs.replace(plain.avoidance, plan=plan)
+    assert flight.settings == msgspec.structs.replace(plain, avoidance=avoidance)
+    assert flight.mission.speed == 3.0
+    assert flown_overrides(flight.log) == [
+        "avoidance.plan.unconfirmed_cost= 120.0",
+        "avoidance.altitude_search.max_climb=4",
+        *OVERRIDES[2:],
+    ]
+    assert open_flight(old_log, overrides=["avoidance.plan.tight_cost=70.0"]).settings.avoidance.plan.tight_cost == 70.0
+
+
+def test_an_old_name_for_what_if_is_refused(old_log: Path) -> None:
+    with pytest.raises(TomlFileError, match=r"avoidance\.plan\.doubt is now avoidance\.plan\.unconfirmed_cost"):
+        open_flight(old_log, overrides=["avoidance.plan.doubt=100.0"])
+
+
+def test_an_old_log_is_shown_by_the_new_names(old_log: Path) -> None:
+    changed = {key: value for key, value, _ in compose(Gathered(old_log)).changed}
+    assert changed["avoidance.plan.unconfirmed_cost"] == "120.0" and not changed.keys() & RENAMED_SETTINGS.keys()
+    settings = LogReader(old_log).attachments["settings.json"]
+    assert avoidance_of(settings).plan.unconfirmed_cost == 120.0
+
+
+def test_every_new_name_is_a_setting_and_no_old_one_is() -> None:
+    tables = msgspec.to_builtins(Settings())
+
+    def there(key: str) -> bool:
+        found: Any = tables
+        for part in key.split("."):
+            if not isinstance(found, dict) or part not in found:
+                return False
+            found = found[part]
+        return True
+
+    for old, new in RENAMED_SETTINGS.items():
+        assert there(new) and not there(old), old
+        assert new not in RENAMED_SETTINGS
+    assert with_new_names(tables, RENAMED_SETTINGS) == tables
+    assert len(OLD_NAMES) == len(RENAMED_SETTINGS)
