@@ -32,7 +32,7 @@ from companion.mission.altitude_search import AltitudeSearch, Place
 from companion.mission.plan import Mission, Phase, Step, steps
 from companion.mission.stall import Progress, Trail
 from companion.perception.recent_returns import RecentReturns
-from companion.perception.scans import SectorRing, obstacle_points
+from companion.perception.scans import SectorScanAssembler, obstacle_points
 from companion.state import (
     Announcement,
     AvoidanceDecision,
@@ -212,7 +212,7 @@ class Autopilot:
         self._heard_ns: int | None = None
         self._scan_ns: int | None = None
         self._scan_boot_us: int | None = None
-        self._sectors: SectorRing | None = SectorRing(wire.SECTORS)
+        self._sectors: SectorScanAssembler | None = SectorScanAssembler(wire.SECTORS)
         """For rings that come as sectors; None once one has come whole."""
         self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
         self._refusal = ""

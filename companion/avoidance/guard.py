@@ -25,8 +25,8 @@ import numpy as np
 
 from companion.avoidance.braking import stopping_speed
 from companion.config import AvoidanceGuard
+from companion.perception.distance_field import Floats, between
 from companion.perception.free_space import FreeSpace
-from companion.perception.rolling_map import Floats, between
 from companion.state import Reason
 from protocol.arrays import Array
 from protocol.jit import compiled

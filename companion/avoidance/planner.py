@@ -17,9 +17,10 @@ from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
 from companion.avoidance.steering import NO_WAY, Way
 from companion.avoidance.vfh import Vfh, VfhSettings
 from companion.config import Avoidance, picked
+from companion.perception.distance_field import Floats
 from companion.perception.free_space import Empty, FreeSpace, empty_here, space_bytes
 from companion.perception.local_map import LocalMap
-from companion.perception.rolling_map import Floats, MapView, to_certain
+from companion.perception.map_view import MapView, to_certain
 from companion.state import Scan
 from protocol.arrays import Array
 

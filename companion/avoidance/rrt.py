@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.astar import _nearest_allowed
-from companion.perception.rolling_map import Cell, MapView
+from companion.perception.map_view import Cell, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 

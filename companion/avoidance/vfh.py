@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.perception.rolling_map import OCCUPIED, Bytes, MapView
+from companion.perception.map_view import OCCUPIED, Bytes, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.frames import wrap
 from protocol.jit import compiled

@@ -14,7 +14,7 @@ from companion.config import Avoidance, Settings
 from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap
-from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, MapView
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.state import AttitudeReport, Scan
 from protocol.arrays import Array
 

@@ -7,7 +7,6 @@ import pytest
 
 from companion.autopilot import Datagram
 from companion.link.wire import RefusedError, sector_distance
-from companion.perception.scans import SectorRing
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
@@ -77,20 +76,6 @@ def test_sectors_count_until_a_whole_ring_says_something(frame: int, cm: int, ke
         fields = (40, *sensor(sector, 500)[1:])
         autopilot.handle(Datagram(2, encoder.encode_fields(dialect.MAVLink_distance_sensor_message, *fields)))
     assert autopilot._scan is not None and autopilot._scan.ranges_m.size == (8 if kept else 72)
-
-
-def test_the_ring_is_whole_or_ends_where_the_next_one_begins() -> None:
-    ring = SectorRing(8)
-    for sector in (0, 2, 4):
-        assert ring.add(sector, 1.0 + sector, True, True, 100, 5) is None
-    scan = ring.add(0, 9.0, False, True, 200, 6)
-    assert scan is not None and scan.boot_time_us == 100_000 and scan.time_ns == 6
-    assert scan.known.tolist() == [True, False] * 2 + [True] + [False] * 3
-    assert scan.ranges_m[[0, 2, 4]].tolist() == [1.0, 3.0, 5.0]
-    assert scan.bearings_frd[2] == pytest.approx(np.pi / 2)
-    whole = [ring.add(sector, 2.0, True, True, 200, 7) for sector in range(1, 8)]
-    assert whole[:-1] == [None] * 6 and whole[-1] is not None
-    assert whole[-1].known.all() and not whole[-1].hit[0] and whole[-1].hit[1:].all()
 
 
 def message_of(fields: tuple[object, ...]) -> object:

@@ -10,7 +10,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from companion.avoidance.astar import AStar, AStarSettings, GridPath
 from companion.avoidance.shortcut import corner_speeds, line_cost, shorten
-from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Floats, MapView, distance_to
+from companion.perception.distance_field import Floats, distance_to
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, MapView
 from protocol.arrays import Array
 
 SETTINGS = AStarSettings(inflation=0.6, comfort=1.4, closeness=2.0, unknown=1.0)

@@ -14,7 +14,8 @@ import pytest
 from companion.avoidance.astar import AStar, AStarSettings
 from companion.avoidance.rrt import PLANNERS, Rrt, RrtSettings
 from companion.avoidance.shortcut import shorten
-from companion.perception.rolling_map import FREE, OCCUPIED, Bytes, MapView, distance_to
+from companion.perception.distance_field import distance_to
+from companion.perception.map_view import FREE, OCCUPIED, Bytes, MapView
 from protocol.arrays import Array
 
 ROOT = Path(__file__).resolve().parents[3]

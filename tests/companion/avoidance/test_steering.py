@@ -11,7 +11,8 @@ from companion.avoidance.planner import Planner, _up_to_doubt
 from companion.avoidance.steering import NO_WAY, Course, Way, wish
 from companion.config import Avoidance, AvoidanceCourse, AvoidanceMap
 from companion.mission.stall import Progress, Trail
-from companion.perception.rolling_map import FAR_M, FREE, OCCUPIED, MapView, distance_to
+from companion.perception.distance_field import FAR_M, distance_to
+from companion.perception.map_view import FREE, OCCUPIED, MapView
 from protocol.arrays import Array
 
 SETTINGS = AvoidanceCourse()
