@@ -1,7 +1,9 @@
 """The companion's settings: TOML -> frozen, checked records. Every default stands here and nowhere else."""
 
+import copy
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -16,6 +18,10 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Vector = tuple[Positive, Positive, Positive]
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
+
+
+RENAMED_SETTINGS: dict[str, str] = {}
+"""Dotted old name -> dotted new name in the same table."""
 
 
 def _one_of(key: str, value: str, *known: str) -> None:
@@ -474,6 +480,19 @@ def load_settings(path: Path | None, overrides: list[str]) -> Settings:
     if path is None:
         return toml_files.convert({}, Settings, "settings", overrides)
     return toml_files.load(path, Settings, overrides)
+
+
+def recorded_settings(tables: dict[str, Any], source: str, overrides: Sequence[str] = ()) -> Settings:
+    """The settings of a log, whose names may be old ones. Raises TomlFileError, naming `source` and key."""
+    tables = copy.deepcopy(tables)
+    for old, new in RENAMED_SETTINGS.items():
+        *path, key = old.split(".")
+        table = tables
+        for name in path:
+            table = table.get(name, {})
+        if key in table:
+            table[new.rpartition(".")[2]] = table.pop(key)
+    return toml_files.convert(tables, Settings, source, overrides)
 
 
 def load_body(vehicle: str) -> Body:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from companion.config import Log, Settings, load_settings
+from companion.config import Log, Settings, load_settings, recorded_settings
 from companion.mission.plan import Mission
 from companion.runtime.flight import git_hash
 from companion.state import Output
@@ -59,7 +59,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         chosen = load_settings(settings, changes[""])
     else:
         tables: dict[str, Any] = _json(f"{path}, settings.json", _attachment(log, "settings.json"), dict[str, Any])
-        chosen = toml_files.convert(tables, Settings, f"{path}, settings.json", changes[""])
+        chosen = recorded_settings(tables, f"{path}, settings.json", changes[""])
     flown_with = toml_files.by_first_word(
         _json(f"{path}, overrides", flight.get("overrides", "[]"), list[str]), ("mission",)
     )

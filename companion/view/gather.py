@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import Settings
+from companion.config import Settings, recorded_settings
 from companion.link.firmware import firmware_of
 from companion.mission.plan import Phase
 from companion.records import LOOP, TICK, TRACE
@@ -29,6 +29,7 @@ from companion.view.lines import (
 )
 from protocol.flightlog import DATAGRAM, TEXT, LogReader, RecordType
 from protocol.messages import dialect
+from protocol.toml_files import TomlFileError
 
 Table = NDArray[np.void]
 Batch = tuple[str, RecordType, NDArray[np.int64], Any]
@@ -484,8 +485,9 @@ def _latencies(times: Floats, table: Any) -> tuple[Floats, Floats]:
 def settings_of(log: LogReader) -> Settings:
     """As they were flown; the defaults where the log has none that this version reads."""
     try:
-        return msgspec.json.decode(log.attachments.get("settings.json", b"{}"), type=Settings, strict=False)
-    except msgspec.MsgspecError:
+        tables = msgspec.json.decode(log.attachments.get("settings.json", b"{}"), type=dict[str, Any])
+        return recorded_settings(tables, "settings.json")
+    except (msgspec.MsgspecError, TomlFileError):
         return Settings()
 
 

@@ -10,13 +10,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import Avoidance, Settings
+from companion.config import Avoidance, recorded_settings
 from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.state import AttitudeReport, Scan
 from protocol.arrays import Array
+from protocol.toml_files import TomlFileError
 
 NAMES = frozenset({"ATTITUDE_QUATERNION", "ATTITUDE", "LOCAL_POSITION_NED", "OBSTACLE_DISTANCE"})
 """Names of the messages that a map is made of."""
@@ -137,8 +138,8 @@ def picture(view: MapView) -> NDArray[np.uint8]:
 def avoidance_of(settings: bytes) -> Avoidance:
     """The settings of a flight's map, from its log's attachment settings.json; the defaults if it can't be read."""
     try:
-        return msgspec.json.decode(settings, type=Settings).avoidance
-    except (msgspec.DecodeError, ValueError):
+        return recorded_settings(msgspec.json.decode(settings, type=dict[str, Any]), "settings.json").avoidance
+    except (msgspec.DecodeError, TomlFileError):
         return Avoidance()
 
 
