@@ -20,7 +20,16 @@ Vector = tuple[Positive, Positive, Positive]
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
 
 
-RENAMED_SETTINGS: dict[str, str] = {}
+RENAMED_SETTINGS: dict[str, str] = {
+    "avoidance.tracks.widest": "avoidance.tracks.max_extent",
+    "avoidance.tracks.acceleration": "avoidance.tracks.acceleration_noise",
+    "avoidance.tracks.hits": "avoidance.tracks.confirm_hits",
+    "avoidance.tracks.misses": "avoidance.tracks.delete_misses",
+    "avoidance.tracks.slowest": "avoidance.tracks.min_speed",
+    "avoidance.tracks.certainty": "avoidance.tracks.min_speed_sigmas",
+    "avoidance.tracks.steady": "avoidance.tracks.moving_scans",
+    "avoidance.tracks.rest": "avoidance.tracks.stopped_scans",
+}
 """Dotted old name -> dotted new name in the same table."""
 
 
@@ -167,7 +176,7 @@ class AvoidanceMap(Table, frozen=True):
     """The occupancy grid of "astar", "vfh" and the guard (`perception.rolling_map`)."""
 
     cell: Annotated[float, msgspec.Meta(ge=0.025)] = 0.125
-    """m, from 0.025 on."""
+    """m, from 0.025 on: size of a cell."""
     cells: int = 384
     """Along each side of the window around the vehicle; an even number."""
     layer: Positive = 3.0
@@ -280,26 +289,26 @@ class AvoidanceCourse(Table, frozen=True):
 
 
 class AvoidanceTracks(Table, frozen=True):
-    """What moves (`perception.tracks`)."""
+    """Tracking of moving obstacles (`perception.tracks`)."""
 
     gap: Positive = 1.0
-    """m between neighbouring returns from which on they are two things."""
-    widest: Positive = 1.2
-    """m; what is wider is not followed."""
-    acceleration: Positive = 1.5
-    """m/s2, standard deviation: a person's change of mind."""
-    hits: Annotated[int, msgspec.Meta(ge=1)] = 4
-    """After so many a track is believed."""
-    misses: Annotated[int, msgspec.Meta(ge=1)] = 4
-    """After so many in a row it is dropped."""
-    slowest: Positive = 0.5
-    """m/s; what is slower stands still."""
-    certainty: Positive = 3.0
-    """Standard deviations by which a velocity must differ from 0."""
-    steady: Annotated[int, msgspec.Meta(ge=1)] = 5
-    """Scans in a row for which it must."""
-    rest: Annotated[int, msgspec.Meta(ge=1)] = 15
-    """Scans in a row without it after which what moved stands."""
+    """m; neighbouring returns farther apart than this belong to two segments."""
+    max_extent: Positive = 1.2
+    """m; wider segments are not tracked."""
+    acceleration_noise: Positive = 1.5
+    """m/s2, standard deviation of a tracked obstacle's acceleration; 1.5 suits a walking person."""
+    confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 4
+    """Scans that must see a track before it is confirmed."""
+    delete_misses: Annotated[int, msgspec.Meta(ge=1)] = 4
+    """Scans in a row that miss a confirmed track before it is deleted."""
+    min_speed: Positive = 0.5
+    """m/s; slower tracks stand."""
+    min_speed_sigmas: Positive = 3.0
+    """Standard deviations by which the velocity of a moving track differs from 0, at least."""
+    moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 5
+    """Scans in a row with such a velocity after which a track is moving."""
+    stopped_scans: Annotated[int, msgspec.Meta(ge=1)] = 15
+    """Scans in a row without it after which a moving track stands. A walker who turns back is slow for a moment."""
 
 
 class AvoidanceGuard(Table, frozen=True):

@@ -170,7 +170,7 @@ def _track(
     usable = scan.hit & (points[:, 2] < ground_down)
     clusters = find_clusters(_Returns(points, usable, scan.ranges, scan.position, scan.width), rules[0])
     spans, centroids, covariances, extents = clusters
-    predict(tracks, dt, rules[0]["acceleration"])
+    predict(tracks, dt, rules[0]["acceleration_noise"])
     seen_as = associate(tracks, centroids, covariances)
     moving = np.zeros(beams, np.bool_)
     kept = np.empty(tracks.size + centroids.shape[0], tracks.dtype)
@@ -184,7 +184,7 @@ def _track(
                 moving[k % beams] |= tracks[t]["moving"]
         else:
             tracks[t]["misses"] += 1
-        if tracks[t]["misses"] < (rules[0]["misses"] if tracks[t]["hits"] >= rules[0]["hits"] else 1):
+        if tracks[t]["misses"] < (rules[0]["delete_misses"] if tracks[t]["hits"] >= rules[0]["confirm_hits"] else 1):
             kept[count] = tracks[t]
             count += 1
     for c in range(centroids.shape[0]):
@@ -221,12 +221,14 @@ def associate(tracks: Tracks, centroids: Array, covariances: Array) -> Integers:
 def update_status(track: Any, rule: Any) -> None:
     """Decide whether a TRACK that was seen is moving, by the settings as a record."""
     mean = track["mean"]
-    fast = math.hypot(mean[2], mean[3]) > rule["slowest"]
-    fast = fast and mahalanobis_squared(track["covariance"][2:, 2:], mean[2:]) > rule["certainty"] ** 2
+    fast = math.hypot(mean[2], mean[3]) > rule["min_speed"]
+    fast = fast and mahalanobis_squared(track["covariance"][2:, 2:], mean[2:]) > rule["min_speed_sigmas"] ** 2
     track["fast_scans"] = track["fast_scans"] + 1 if fast else 0
     track["slow_scans"] = 0 if fast else track["slow_scans"] + 1
-    goes_on = track["fast_scans"] >= rule["steady"] or (track["moving"] and track["slow_scans"] < rule["rest"])
-    track["moving"] = track["hits"] >= rule["hits"] and goes_on
+    goes_on = track["fast_scans"] >= rule["moving_scans"] or (
+        track["moving"] and track["slow_scans"] < rule["stopped_scans"]
+    )
+    track["moving"] = track["hits"] >= rule["confirm_hits"] and goes_on
 
 
 @compiled
@@ -321,7 +323,7 @@ def find_clusters(returns: _Returns, rule: Any) -> Clusters:
     count = 0
     for k in range(spans.shape[0]):
         centroid, covariance, extent, hidden = _measure(returns, spans[k, 0], spans[k, 1])
-        if not hidden and extent <= rule["widest"]:
+        if not hidden and extent <= rule["max_extent"]:
             spans[count], centroids[count], covariances[count], extents[count] = spans[k], centroid, covariance, extent
             count += 1
     return Clusters(spans[:count], centroids[:count], covariances[:count], extents[:count])

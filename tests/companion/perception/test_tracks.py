@@ -25,7 +25,15 @@ from vehicle_sim.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, WallTable, World, WorldTable
 
 SETTINGS = AvoidanceTracks(
-    gap=1.0, widest=1.2, acceleration=1.5, hits=4, misses=4, slowest=0.4, certainty=3.0, steady=5, rest=15
+    gap=1.0,
+    max_extent=1.2,
+    acceleration_noise=1.5,
+    confirm_hits=4,
+    delete_misses=4,
+    min_speed=0.4,
+    min_speed_sigmas=3.0,
+    moving_scans=5,
+    stopped_scans=15,
 )
 LEVEL = from_euler(0.0, 0.0, 0.0)
 PERIOD_NS = 66_666_667
@@ -99,7 +107,7 @@ def test_two_measurements_of_a_straight_flight_give_its_velocity() -> None:
 
 
 def test_a_track_that_is_slow_for_so_many_scans_stands() -> None:
-    """After `rest` slow scans in a row, and no later; a fast one in between restarts the count."""
+    """After `stopped_scans` slow scans in a row, and no later; a fast one in between restarts the count."""
     tracker = Tracker(SETTINGS)
     tracks = track_of(np.zeros(4), 1e-4 * np.eye(4))
     tracks["hits"], tracks["moving"] = 10, True
@@ -109,8 +117,8 @@ def test_a_track_that_is_slow_for_so_many_scans_stands() -> None:
         update_status(tracks[0], tracker._rules[0])
         return bool(tracks["moving"][0])
 
-    assert all(moves(0.0) for _ in range(SETTINGS.rest - 1)) and moves(1.5)
-    assert all(moves(0.0) for _ in range(SETTINGS.rest - 1)) and not moves(0.0)
+    assert all(moves(0.0) for _ in range(SETTINGS.stopped_scans - 1)) and moves(1.5)
+    assert all(moves(0.0) for _ in range(SETTINGS.stopped_scans - 1)) and not moves(0.0)
 
 
 def test_the_nearest_pair_is_taken_first() -> None:
@@ -206,7 +214,7 @@ def test_a_track_starts_at_once_and_is_deleted_after_some_misses() -> None:
     for _ in range(5):
         scene.see([(4.0, 0.0)])
     assert len(scene.tracker.tracks) == 1
-    for left in range(SETTINGS.misses - 1):
+    for left in range(SETTINGS.delete_misses - 1):
         scene.see([])
         assert len(scene.tracker.tracks) == 1, left
     scene.see([])
