@@ -1,10 +1,10 @@
-"""What each stage from a scan to the reference costs, in flight through a forest (density 1/25, trees of 0.6 m).
+"""Cost of each stage from a scan to the reference, in flight through a forest (density 1/25, trees of 0.6 m).
 
     python bench/avoidance.py [--json]
 
-The rings are the simulator's along a straight flight of 40 m at 5 m/s, tilted as the vehicle would be. The guard's
-filter is asked at each control step, the rest at each ring. Percentiles over all rings; a busy machine shows in the
-99th.
+The scans are the simulator's along a straight flight of 40 m at 5 m/s, tilted as the vehicle would be. The guard's
+filter runs at each control step, all else at each scan. Percentiles over all scans; the load of the machine shows in
+the 99th.
 """
 
 import argparse
@@ -20,10 +20,10 @@ from companion.avoidance.astar import AStar
 from companion.avoidance.guard import Guard
 from companion.avoidance.shortcut import shorten, vertex_speeds
 from companion.avoidance.vfh import Vfh
-from companion.config import Avoidance, picked
+from companion.config import Avoidance
 from companion.perception.free_space import free_space
-from companion.perception.rolling_map import GridSettings, OccupancyGrid
-from companion.perception.tracks import Tracker, TrackSettings
+from companion.perception.rolling_map import RollingMap
+from companion.perception.tracks import Tracker
 from companion.state import Scan
 from protocol.arrays import Array
 from protocol.frames import from_euler
@@ -33,7 +33,7 @@ from vehicle_sim.world import CylinderTable, OriginTable, World, WorldTable
 SETTINGS = Avoidance(method="astar")
 GOAL = np.array([40.0, 0.0, -3.0])
 SPEED = 5.0
-RINGS = 120
+SCANS = 120
 ROUNDS = 3
 T = TypeVar("T")
 
@@ -65,12 +65,12 @@ def forest(seed: int) -> World:
     return World.build(WorldTable(name="forest", origin=origin, cylinder=trees))
 
 
-def rings(world: World) -> list[tuple[Scan, Array, Array]]:
+def scans_of(world: World) -> list[tuple[Scan, Array, Array]]:
     """Scans with their poses."""
     lidar = Lidar(LidarSettings(), np.random.default_rng(1))
     bearings: Array = np.radians(5.0 * np.arange(72))
     found = []
-    for k in range(RINGS):
+    for k in range(SCANS):
         position = np.array([SPEED * k / 15.0, 0.0, -3.0])
         attitude = from_euler(0.03 * math.sin(0.7 * k), -0.12, 0.1 * math.sin(0.3 * k))
         distances = lidar.scan(world, position, attitude).astype(np.float64)
@@ -82,16 +82,16 @@ def rings(world: World) -> list[tuple[Scan, Array, Array]]:
 
 def fly(scans: list[tuple[Scan, Array, Array]], watch: Stopwatch) -> None:
     """All stages once along the flight."""
-    grid = OccupancyGrid(picked(GridSettings, SETTINGS.map, hull=SETTINGS.vehicle_radius))
+    rolling_map = RollingMap(SETTINGS.map, SETTINGS.vehicle_radius)
     search, vfh = AStar(SETTINGS.plan, SETTINGS.map.cells), Vfh(SETTINGS.vfh)
     guard_settings = SETTINGS.guard
-    guard, tracker = Guard(guard_settings), Tracker(picked(TrackSettings, SETTINGS.tracks))
+    guard, tracker = Guard(guard_settings), Tracker(SETTINGS.tracks)
     velocity, command = np.array([SPEED, 0.0, 0.0]), np.array([1.0, 0.5, 0.0])
     for scan, position, attitude in scans:
         began = time.perf_counter_ns()
         moving = watch.call("tracks", tracker.add, scan, position, attitude, -0.5)
-        watch.call("grid: a ring taken in", grid.add, scan, position, attitude, -0.5, moving)
-        view = watch.call("grid: view with distances", grid.view, scan.time_ns)
+        watch.call("map: add a scan", rolling_map.add, scan, position, attitude, -0.5, moving)
+        view = watch.call("map: view with distances", rolling_map.view, scan.time_ns)
         costmap = watch.call("astar: costmap", search.costmap, view)
         path = watch.call("astar: search", search.plan, view, costmap, position, GOAL)
         if path is not None:
@@ -107,7 +107,7 @@ def fly(scans: list[tuple[Scan, Array, Array]], watch: Stopwatch) -> None:
 
 def measure() -> dict[str, dict[str, float]]:
     """Median and 99th percentile (us) by stage."""
-    scans = rings(forest(1))
+    scans = scans_of(forest(1))
     fly(scans, Stopwatch())
     watch = Stopwatch()
     for _ in range(ROUNDS):

@@ -1,10 +1,9 @@
 """The companion's settings: TOML -> frozen, checked records. Every default stands here and nowhere else."""
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import msgspec
 
@@ -13,7 +12,6 @@ from companion.renamed_settings import RENAMED_SETTINGS
 from protocol import toml_files as toml_files
 from protocol.vehicle_parameters import Body
 
-T = TypeVar("T")
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
@@ -191,7 +189,7 @@ class AvoidanceMap(Table, frozen=True):
     """The occupancy grid of "astar", "vfh" and the guard (`perception.rolling_map`)."""
 
     cell: Annotated[float, msgspec.Meta(ge=0.025)] = 0.125
-    """m, from 0.025 on."""
+    """m, from 0.025 on: size of a cell."""
     cells: int = 384
     """Along each side of the window around the vehicle; an even number."""
     layer: Positive = 3.0
@@ -303,26 +301,26 @@ class AvoidanceCourse(Table, frozen=True):
 
 
 class AvoidanceTracks(Table, frozen=True):
-    """What moves (`perception.tracks`)."""
+    """Tracking of moving obstacles (`perception.tracks`)."""
 
     gap: Positive = 1.0
-    """m between neighbouring returns from which on they are two things."""
-    widest: Positive = 1.2
-    """m; what is wider is not followed."""
-    acceleration: Positive = 1.5
-    """m/s2, standard deviation: a person's change of mind."""
-    hits: Annotated[int, msgspec.Meta(ge=1)] = 4
-    """After so many a track is believed."""
-    misses: Annotated[int, msgspec.Meta(ge=1)] = 4
-    """After so many in a row it is dropped."""
-    slowest: Positive = 0.5
-    """m/s; what is slower stands still."""
-    certainty: Positive = 3.0
-    """Standard deviations by which a velocity must differ from 0."""
-    steady: Annotated[int, msgspec.Meta(ge=1)] = 5
-    """Scans in a row for which it must."""
-    rest: Annotated[int, msgspec.Meta(ge=1)] = 15
-    """Scans in a row without it after which what moved stands."""
+    """m; neighbouring returns farther apart than this belong to two segments."""
+    max_extent: Positive = 1.2
+    """m; wider segments are not tracked."""
+    acceleration_noise: Positive = 1.5
+    """m/s2, standard deviation of a tracked obstacle's acceleration; 1.5 suits a walking person."""
+    confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 4
+    """Scans that must see a track before it is confirmed."""
+    delete_misses: Annotated[int, msgspec.Meta(ge=1)] = 4
+    """Scans in a row that miss a confirmed track before it is deleted."""
+    min_speed: Positive = 0.5
+    """m/s; slower tracks stand."""
+    min_speed_sigmas: Positive = 3.0
+    """Standard deviations by which the velocity of a moving track differs from 0, at least."""
+    moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 5
+    """Scans in a row with such a velocity after which a track is moving."""
+    stopped_scans: Annotated[int, msgspec.Meta(ge=1)] = 15
+    """Scans in a row without it after which a moving track stands. A walker who turns back is slow for a moment."""
 
 
 class AvoidanceGuard(Table, frozen=True):
@@ -498,12 +496,6 @@ class Settings(Table, frozen=True):
 
 class _VehicleFile(msgspec.Struct, frozen=True):
     body: Body
-
-
-def picked(kind: type[T], table: msgspec.Struct, **more: Any) -> T:
-    """A stage's own settings out of a table of the companion's."""
-    names = (field.name for field in dataclasses.fields(kind) if field.name not in more)  # type: ignore[arg-type]
-    return kind(**{name: getattr(table, name) for name in names}, **more)
 
 
 def load_settings(path: Path | None, overrides: list[str]) -> Settings:

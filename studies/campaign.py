@@ -412,7 +412,7 @@ def _draw_map(axes: Any, joined: Joined) -> None:
         return
     from matplotlib.colors import ListedColormap
 
-    from companion.perception.rolling_map import FREE, OCCUPIED
+    from companion.perception.map_view import FREE, OCCUPIED
     from studies import style
 
     shades = np.where(view.states == OCCUPIED, 2, np.where(view.states == FREE, 1, 0))

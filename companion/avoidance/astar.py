@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import AvoidancePlan
-from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, Floats, MapView, has
+from companion.perception.distance_field import Floats, has
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, MapView
 from protocol.arrays import Array
 from protocol.jit import compiled
 

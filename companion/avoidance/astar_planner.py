@@ -9,7 +9,8 @@ from companion.avoidance.astar import AStar, GridPath, Integers
 from companion.avoidance.path import Path
 from companion.avoidance.shortcut import shorten, timed_path
 from companion.config import Avoidance
-from companion.perception.rolling_map import Floats, MapView, to_certain
+from companion.perception.distance_field import Floats
+from companion.perception.map_view import MapView, to_certain
 from protocol.arrays import Array
 
 _STANDOFF = 0.08

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.perception.rolling_map import Floats, between
+from companion.perception.distance_field import Floats, between
 from protocol.arrays import Array
 from protocol.jit import compiled
 

@@ -23,8 +23,8 @@ from companion.avoidance.braking import stopping_speed
 from companion.avoidance.clearance import ClearanceMap, KeepOut, free_ahead
 from companion.avoidance.stops import Braking, best_stop, straight_stop
 from companion.config import AvoidanceGuard
+from companion.perception.distance_field import Floats
 from companion.perception.free_space import FreeSpace
-from companion.perception.rolling_map import Floats
 from companion.state import Reason
 from protocol.arrays import Array
 from protocol.jit import compiled

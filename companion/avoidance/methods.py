@@ -7,7 +7,7 @@ from companion.avoidance.none import NoAvoidance
 from companion.avoidance.path import Path
 from companion.avoidance_methods import METHODS
 from companion.config import Avoidance
-from companion.perception.rolling_map import MapView
+from companion.perception.map_view import MapView
 from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 

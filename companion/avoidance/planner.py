@@ -18,7 +18,7 @@ from companion.avoidance_methods import FALLBACK
 from companion.config import Avoidance
 from companion.perception.free_space import Empty, FreeSpace, empty_here, space_bytes
 from companion.perception.local_map import LocalMap
-from companion.perception.rolling_map import MapView
+from companion.perception.map_view import MapView
 from companion.state import Scan
 from protocol.arrays import Array
 

@@ -25,7 +25,7 @@ from companion.avoidance.astar import nearest_allowed_cell
 from companion.avoidance.path import Path
 from companion.avoidance.shortcut import timed_path
 from companion.config import Avoidance, AvoidanceRrt
-from companion.perception.rolling_map import Cell, MapView
+from companion.perception.map_view import Cell, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from companion.avoidance.path import NO_PATH, Path
 from companion.config import Avoidance, AvoidanceVfh
-from companion.perception.rolling_map import OCCUPIED, Bytes, MapView
+from companion.perception.map_view import OCCUPIED, Bytes, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.frames import wrap
 from protocol.jit import compiled

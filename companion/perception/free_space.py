@@ -1,4 +1,4 @@
-"""Free space: what the guard needs of the map around the vehicle, as one scan left it."""
+"""Free space: the part of the map around the vehicle that the guard works with, as of one scan."""
 
 import math
 from collections.abc import Callable
@@ -7,41 +7,45 @@ import msgspec
 import numpy as np
 
 from companion.config import AvoidanceGuard
-from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, Floats, MapView, fill_distances, has
+from companion.perception.distance_field import Floats, fill_distances, has
+from companion.perception.map_view import FREE, UNKNOWN, Bytes, Cell, MapView
 from protocol.arrays import Array
 from protocol.jit import compiled
 
-POINT = 5
-"""Columns of a point to keep away from: north, east, its velocity north and east, keep-out (m from its centre)."""
-_BINS = 36
+POINT_COLUMNS = 5
+"""Columns of a point to keep away from: north, east (m), velocity north, east (m/s), keep-out from its centre (m)."""
+_SECTORS = 36
+"""Sectors around the vehicle of which each has a nearest point."""
 _FAR_UNSEEN_M = 2.0
-"""What is not seen free counts as so far, at the most: more than any keep-out."""
-_KEPT_M = 16.0
-"""Half the side of what is kept of the map: farther than the LiDAR sees there is nothing free."""
+"""m at which the distances to unseen cells saturate: more than any keep-out."""
+_HALF_SIDE_M = 16.0
+"""m: half the side of the part of the map; nothing is free farther away than the LiDAR sees."""
 Empty = Callable[[tuple[int, ...]], Floats]
-"""Gives an array whose values are not set yet."""
+"""Allocates an array of a shape without setting its values."""
 
 
 class FreeSpace(msgspec.Struct, frozen=True):
-    """What a guard needs of the map around the vehicle, as one ring left it."""
+    """A part of the map around the vehicle, as of one scan."""
 
     seen_ns: int
-    """When the ring arrived."""
+    """Arrival of the scan."""
     to_occupied: Floats
-    """(n, m) m, as in `MapView`; from a part of its window."""
+    """(rows, columns) m, as in `MapView`."""
     to_unseen: Floats
-    """(n, m) m to the nearest cell that is not free, unknown or occupied or beyond this part, at most _FAR_UNSEEN_M."""
+    """(rows, columns) m from a cell's centre to the nearest cell that is not known to be free, at most _FAR_UNSEEN_M.
+    The border of this part counts as unseen."""
     corner: Cell
     """World index of [0, 0]."""
     cell: float
+    """Size of a cell (m)."""
     points: Array
-    """(k, POINT) north, east (m, NED) and so on: the nearest ones all around, and what moves."""
+    """(k, POINT_COLUMNS) the nearest obstacles and unknown cells all around, and the moving obstacles."""
     tight: bool
-    """There is no other way than one nearer than `keep_out` to something."""
+    """The only way leads nearer than `keep_out` to an obstacle."""
 
 
 def empty_here(shape: tuple[int, ...]) -> Floats:
-    """In this process's own memory."""
+    """Allocates in the memory of this process."""
     return np.empty(shape, np.float32)
 
 
@@ -55,50 +59,59 @@ def free_space(
     tight: bool = False,
     empty: Empty = empty_here,
 ) -> FreeSpace:
-    """Of a view, around a place. `moving` (n, POINT): tracked things; `empty`: where the maps are to lie."""
+    """Free space of a view around a position (3,) NED (m).
+
+    `moving` (n, POINT_COLUMNS) are moving obstacles; `empty` allocates the two distance fields.
+    """
     north, east = (float(position_ned[axis]) - view.corner[axis] * view.cell for axis in (0, 1))
-    hits = view.hits
-    if hits is None:
-        hits = (np.argwhere(view.states == OCCUPIED) + np.array(view.corner) + 0.5) * view.cell
-    keep_out = settings.keep_out_tight if tight else settings.keep_out
-    unseen = settings.keep_out_unseen_tight if tight else settings.keep_out_unseen
-    corner_m = np.array(view.corner) * view.cell
-    points = nearest_points(
-        view.states, view.cell, north, east, hits - corner_m, settings.obstacle_range, keep_out, unseen
+    hits = view.obstacle_centres() if view.hits is None else view.hits
+    keep_outs = (
+        settings.keep_out_tight if tight else settings.keep_out,
+        settings.keep_out_unseen_tight if tight else settings.keep_out_unseen,
     )
+    corner_m = np.array(view.corner) * view.cell
+    points = nearest_points(view.states, view.cell, (north, east), hits - corner_m, settings.obstacle_range, keep_outs)
     points[:, :2] += corner_m
     if moving is not None and len(moving):
         points = np.concatenate((points, moving))
     rows, columns = (
-        slice(max(math.floor((at - _KEPT_M) / view.cell), 0), max(math.ceil((at + _KEPT_M) / view.cell), 0))
+        slice(max(math.floor((at - _HALF_SIDE_M) / view.cell), 0), max(math.ceil((at + _HALF_SIDE_M) / view.cell), 0))
         for at in (north, east)
     )
-    unseen_cells = view.states[rows, columns] != FREE
-    unseen_cells[:1] = unseen_cells[-1:] = unseen_cells[:, :1] = unseen_cells[:, -1:] = True
-    to_unseen, to_occupied = empty(unseen_cells.shape), empty(unseen_cells.shape)
-    fill_distances(to_unseen, unseen_cells, view.cell, _FAR_UNSEEN_M)
+    unseen = view.states[rows, columns] != FREE
+    unseen[:1] = unseen[-1:] = unseen[:, :1] = unseen[:, -1:] = True
+    to_unseen, to_occupied = empty(unseen.shape), empty(unseen.shape)
+    fill_distances(to_unseen, unseen, view.cell, _FAR_UNSEEN_M)
     to_occupied[:] = view.to_occupied[rows, columns]
     corner = view.corner[0] + rows.start, view.corner[1] + columns.start
     return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight)
 
 
 def space_bytes(cells: int, cell: float) -> int:
-    """Of the two maps of a FreeSpace, at the most."""
-    side = min(cells, math.ceil(2.0 * _KEPT_M / cell) + 1)
+    """Size (bytes) at the most of both distance fields of a FreeSpace, from a map of `cells` each way of `cell` m."""
+    side = min(cells, math.ceil(2.0 * _HALF_SIDE_M / cell) + 1)
     return 2 * np.dtype(np.float32).itemsize * side * side
 
 
 @compiled
 def nearest_points(
-    states: Bytes, cell: float, north: float, east: float, hits: Array, reach: float, occupied: float, unseen: float
+    states: Bytes,
+    cell: float,
+    position: tuple[float, float],
+    hits: Array,
+    reach: float,
+    keep_outs: tuple[float, float],
 ) -> Array:
-    """POINTs (n, 5): the nearest of the hits (k, 2) and the nearest unknown cell in each tenth of a right angle or so.
+    """(n, POINT_COLUMNS) the nearest return and the nearest unknown cell within `reach` (m) in each sector.
 
-    All places count from the window's corner (m); `occupied` and `unseen` are the keep-outs.
+    `position` and the returns `hits` (k, 2) are north and east (m) of the window's corner, and so are the results.
+    `keep_outs` (m) are that from occupied and that from unknown cells.
     """
+    north, east = position
+    occupied, unseen = keep_outs
     rows, columns = states.shape
-    points = np.zeros((2 * _BINS, POINT))
-    _take_nearest(points[:_BINS], hits[:, 0] - north, hits[:, 1] - east, north, east, reach, occupied)
+    points = np.zeros((2 * _SECTORS, POINT_COLUMNS))
+    _take_nearest(points[:_SECTORS], hits[:, 0] - north, hits[:, 1] - east, north, east, reach, occupied)
     first_row, last_row = max(math.floor((north - reach) / cell), 0), min(math.ceil((north + reach) / cell), rows)
     first, last = max(math.floor((east - reach) / cell), 0), min(math.ceil((east + reach) / cell), columns)
     size = max(last_row - first_row, 0) * max(last - first, 0)
@@ -107,34 +120,36 @@ def nearest_points(
     for i in range(first_row, last_row):
         if not has(states[i, first:last], UNKNOWN):
             continue
-        for j in range(first, last):  # each is written, and stays if it counts: no branch
+        for j in range(first, last):  # without a branch: each cell is written, and kept if it counts
             dn[count], de[count] = (i + 0.5) * cell - north, (j + 0.5) * cell - east
             count += int(states[i, j] == UNKNOWN)
-    _take_nearest(points[_BINS:], dn[:count], de[:count], north, east, reach, unseen)
+    _take_nearest(points[_SECTORS:], dn[:count], de[:count], north, east, reach, unseen)
     return points[points[:, 4] > 0.0]
 
 
 @compiled
 def _sector(north: float, east: float) -> int:
-    """0 to _BINS - 1 with the angle, from south over west: exact at each quarter, and cheaper than an arcus in
-    between."""
+    """Index of the sector of a direction, from 0 at south by way of west: exact at each quarter, and between them
+    cheaper than an arctangent."""
     size = abs(north) + abs(east)
     share = east / size if size > 0.0 else 0.0
     quarters = 2.0 + share if north >= 0.0 else (-share if east < 0.0 else 4.0 - share)
-    sector = int(quarters * _BINS / 4.0)
-    return sector if sector < _BINS else 0
+    sector = int(quarters * _SECTORS / 4.0)
+    return sector if sector < _SECTORS else 0
 
 
 @compiled
 def _take_nearest(
     points: Array, dn: Array, de: Array, north: float, east: float, reach: float, keep_out: float
 ) -> None:
-    """Write the nearest within `reach` of each sector to `points` (_BINS, POINT); `dn`, `de` (n,) are how far they are
-    away from `north` and `east`."""
+    """Write the nearest place within `reach` (m) of each sector to `points` (_SECTORS, POINT_COLUMNS).
+
+    `dn`, `de` (n,) are the offsets (m) of the places from `north` and `east`.
+    """
     count = dn.size
-    nearest = np.full(_BINS, reach * reach)
+    nearest = np.full(_SECTORS, reach * reach)
     squares, sectors = np.empty(count), np.empty(count, np.int32)
-    for k in range(count):  # without a branch: the processor does some at a time
+    for k in range(count):  # without a branch, so that the loop is vectorized
         squares[k] = dn[k] * dn[k] + de[k] * de[k]
         sectors[k] = np.int32(_sector(dn[k], de[k]))
     for k in range(count):

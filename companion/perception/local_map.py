@@ -2,51 +2,54 @@
 
 import math
 
-from companion.config import Avoidance, picked
+from companion.config import Avoidance
+from companion.perception.distance_field import FAR_M
 from companion.perception.free_space import Empty, FreeSpace, empty_here, free_space
-from companion.perception.rolling_map import FAR_M, GridSettings, MapView, OccupancyGrid
-from companion.perception.tracks import Tracker, TrackSettings
+from companion.perception.map_view import MapView
+from companion.perception.rolling_map import RollingMap
+from companion.perception.tracks import Tracker
 from companion.state import Scan
 from protocol.arrays import Array
 
-_AROUND_MOVING = 0.3
-"""m around what moves in which nothing else is held to stand."""
+_MOVING_MARGIN_M = 0.3
+"""m around a moving obstacle in which occupied cells are taken to be its own."""
 
 
 class LocalMap:
-    """The map and what moves on it."""
+    """The map of what stands and the tracks of what moves."""
 
     def __init__(self, settings: Avoidance, empty: Empty = empty_here) -> None:
+        """`empty` allocates the arrays of the free space."""
         self._settings = settings
-        self._guard = settings.guard
         self._empty = empty
-        self._grid = OccupancyGrid(picked(GridSettings, settings.map, hull=settings.vehicle_radius))
-        self._tracker = Tracker(picked(TrackSettings, settings.tracks))
+        self._map = RollingMap(settings.map, settings.vehicle_radius)
+        self._tracker = Tracker(settings.tracks)
         self.view: MapView | None = None
-        """At the last look."""
+        """As of the last `look`."""
 
     def add(self, scan: Scan, pose: tuple[Array, Array], ground_down: float, now_ns: int) -> None:
-        """Take a ring in, with the pose (3,), (4,) of its own time."""
+        """Add a scan with the pose of its own time: position (3,) NED (m) and attitude (4,) NED to FRD.
+
+        `ground_down` is the NED height (m) below which a return is the ground.
+        """
         moving = self._tracker.add(scan, *pose, ground_down)
-        self._grid.add(scan, *pose, ground_down, moving)
+        self._map.add(scan, *pose, ground_down, moving)
         for track in self._tracker.moving:
-            self._grid.forget(track["mean"][:2], track["radius"], track["radius"] + _AROUND_MOVING, now_ns)
+            self._map.forget(track["mean"][:2], track["radius"], track["radius"] + _MOVING_MARGIN_M, now_ns)
 
     def look(self, now_ns: int) -> MapView:
-        """At the map as it is now."""
-        self.view = view = self._grid.view(now_ns)
+        """The map at a time."""
+        self.view = view = self._map.view(now_ns)
         return view
 
     def free_space(self, here: Array, now_ns: int, *, tight: bool = False) -> FreeSpace:
-        """For the guard, after a `look`."""
+        """Free space of the last `look` around a place (3,) NED (m), for the guard."""
         assert self.view is not None
-        moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving)
-        return free_space(self.view, here, now_ns, self._guard, moving, tight=tight, empty=self._empty)
+        guard = self._settings.guard
+        moving = self._tracker.points(0.0, guard.keep_out_moving)
+        return free_space(self.view, here, now_ns, guard, moving, tight=tight, empty=self._empty)
 
     def clearance(self, here: Array) -> float:
-        """m from the hull at a place to the nearest occupied cell's centre; inf if that is FAR_M away or more."""
-        view = self.view
-        if view is None or not view.contains(view.cell_of(here)):
-            return math.inf
-        distance = float(view.to_occupied[view.cell_of(here)])
-        return distance - self._settings.vehicle_radius if distance < FAR_M else math.inf
+        """m from the hull at a place (3,) NED (m) to the nearest obstacle; inf if that is FAR_M away or more."""
+        distance = None if self.view is None else self.view.distance_at(here)
+        return math.inf if distance is None or distance >= FAR_M else distance - self._settings.vehicle_radius

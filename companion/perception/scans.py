@@ -1,4 +1,4 @@
-"""A ring of ranges -> points in the world; and a ring from sensors that look to one side each."""
+"""Scans: returns as points in the world, and scans assembled from sensors that cover one sector each."""
 
 import math
 
@@ -11,18 +11,18 @@ from protocol.jit import compiled
 
 
 def obstacle_points(scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float) -> Array:
-    """Returns (n, 3) NED of a scan taken at that pose, in the order of bearing, without those of the ground.
+    """Returns (n, 3) NED (m) of a scan taken at that pose, in the order of bearing, without those of the ground.
 
-    `ground_down` is the NED height below which a return is the ground: a tilted ring looks down.
+    `ground_down` is the NED height (m) below which a return is the ground: a tilted scan looks down.
     """
     bearings, ranges = scan.bearings_frd[scan.hit], scan.ranges_m[scan.hit]
-    points = place(bearings, ranges, position_ned, attitude_ned_frd)
+    points = world_points(bearings, ranges, position_ned, attitude_ned_frd)
     return points[points[:, 2] < ground_down]
 
 
 @compiled
-def place(bearings: Array, ranges: Array, position_ned: Array, attitude_ned_frd: Array) -> Array:
-    """(n, 3) NED of returns with bearings (n,) and ranges (n,)."""
+def world_points(bearings: Array, ranges: Array, position_ned: Array, attitude_ned_frd: Array) -> Array:
+    """(n, 3) NED (m) of returns with bearings (n,) rad and ranges (n,) m, seen from one pose (3,), (4,)."""
     points = np.empty((bearings.size, 3))
     for i in range(bearings.size):
         beam = ranges[i] * math.cos(bearings[i]), ranges[i] * math.sin(bearings[i]), 0.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.link.firmware import firmware_of
-from companion.perception.rolling_map import FAR_M
+from companion.perception.distance_field import FAR_M
 from companion.records import PLANNED, TRACE
 from companion.state import Reason, Scan
 from companion.view.findings import phase_name, state_name

@@ -15,7 +15,7 @@ import numpy as np
 from companion.view.control import Control, Panel
 from companion.view.history import History, Moment, Plan
 from companion.view.lines import Floats
-from companion.view.mapping import MapAt, avoidance_of, occupied, picture
+from companion.view.mapping import MapAt, avoidance_of, picture
 from companion.view.scene import Prism, mesh, solids
 from companion.view.sources import Source
 from protocol.arrays import Array
@@ -285,7 +285,7 @@ class Page:
         if shown is None:
             return
         view, down = shown
-        places = occupied(view)
+        places = view.obstacle_centres()
         self._walls.points = _enu(np.column_stack((places, np.full(len(places), down))))
         size = view.cell * len(view.states)
         self._map.image = picture(view)[::-1]  # the page's images begin below

@@ -1,6 +1,6 @@
-"""The map that the rings of any MAVLink vehicle draw, for those who look: the page, Foxglove.
+"""The map from the scans of any MAVLink vehicle, for display: the live page, Foxglove.
 
-It is the one that avoidance flies over (`companion.avoidance.mapped.Surroundings`), looked at when it is asked for.
+It is the map that avoidance uses (`companion.perception.local_map`); a view is made only on request.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,24 +14,24 @@ from companion.config import Avoidance, recorded_settings
 from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap
-from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, MapView
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.reports import AttitudeReport
 from companion.state import Scan
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError
 
 NAMES = frozenset({"ATTITUDE_QUATERNION", "ATTITUDE", "LOCAL_POSITION_NED", "OBSTACLE_DISTANCE"})
-"""The messages that a map is made of."""
+"""Names of the messages that a map is made of."""
 
 _REBOOT_MS = 1000
-"""The vehicle's clock back by more than this: it has started anew, or the log is played again."""
+"""ms that the vehicle's clock goes back by, at least, when it has rebooted or when the log is played again."""
 _UNKNOWN_COLOR = (90, 170, 235, 0)
 _FREE_COLOR = (90, 170, 235, 70)
 _OCCUPIED_COLOR = (190, 30, 60, 235)
 
 
 class PosedScan(NamedTuple):
-    """A ring with the pose of its own time."""
+    """A scan with the pose of its own time: position (3,) m and attitude (4,)."""
 
     scan: Scan
     position_ned: Array
@@ -39,29 +39,30 @@ class PosedScan(NamedTuple):
 
 
 class Mapper:
-    """Takes messages in the order of their arrival, or rings that have their pose already; shows the map when asked.
-
-    `ground_down`: NED height (m) of the ground; what returns from less than `avoidance.ground_height` above it is
-    the ground.
-    """
+    """Builds the map from messages in the order of their arrival, or from scans with poses."""
 
     def __init__(self, avoidance: Avoidance, ground_down: float = 0.0) -> None:
-        self._surroundings = LocalMap(avoidance)
+        """`ground_down`: NED height (m) of the ground. Returns from less than `avoidance.ground_height` above it are
+        the ground."""
+        self._local_map = LocalMap(avoidance)
         self._ground_down = ground_down - avoidance.ground_height
         self._estimator = Estimator()
         self._has_quaternion = False
         self.position_ned: Array | None = None
-        """(3,) where the latest ring was taken; its height is the map's."""
+        """(3,) m: where the latest scan was taken; its height is the map's."""
 
     def take(self, name: str, fields: Mapping[str, Any] | np.void, time_ns: int) -> bool:
-        """A message of one vehicle by its name, its fields as a dict or as a row of a structured array; `time_ns`: of
-        its arrival. True if it was a ring that is in the map now. What can't be true is passed over."""
+        """Take a message of the vehicle; True if it was a scan that is in the map now.
+
+        `fields` is a dict or a row of a structured array, `time_ns` the time of arrival. A message with impossible
+        values is ignored.
+        """
         if name not in NAMES:
             return False
         message = _Fields(fields)
         try:
             if name == "OBSTACLE_DISTANCE":
-                return self._ring(wire.obstacle_distance(message, time_ns))
+                return self._scan(wire.obstacle_distance(message, time_ns))
             if name == "LOCAL_POSITION_NED":
                 self._estimator.position(wire.local_position(message), time_ns)
             elif name == "ATTITUDE_QUATERNION" or not self._has_quaternion:
@@ -73,14 +74,14 @@ class Mapper:
         return False
 
     def add(self, posed: PosedScan) -> None:
-        """A ring in, in the order of time."""
-        scan, place, attitude = posed
-        self._surroundings.add(scan, (place, attitude), self._ground_down, scan.time_ns)
-        self.position_ned = place
+        """Add a scan; scans come in the order of time."""
+        scan, position, attitude = posed
+        self._local_map.add(scan, (position, attitude), self._ground_down, scan.time_ns)
+        self.position_ned = position
 
     def view(self, time_ns: int) -> MapView | None:
-        """The map at a time of the same clock; None before the first ring."""
-        return None if self.position_ned is None else self._surroundings.look(time_ns)
+        """The map at a time of the same clock; None before the first scan."""
+        return None if self.position_ned is None else self._local_map.look(time_ns)
 
     def _attitude(self, report: AttitudeReport, time_ns: int) -> None:
         taken = self._estimator.attitude(report, time_ns)
@@ -89,7 +90,7 @@ class Mapper:
             self._estimator.attitude(report, time_ns)
         self._estimator.state()
 
-    def _ring(self, scan: Scan) -> bool:
+    def _scan(self, scan: Scan) -> bool:
         pose = self._estimator.pose_at(scan.boot_time_us)
         if pose is None or not scan.known.any():
             return False
@@ -98,8 +99,10 @@ class Mapper:
 
 
 class MapAt:
-    """The map at any time of a flight whose rings can be had again, forwards step by step, backwards from as long ago
-    as is remembered."""
+    """The map at any time of a recorded flight.
+
+    Forwards it goes on from the last time; backwards it is built anew from the scans that are still remembered then.
+    """
 
     def __init__(self, avoidance: Avoidance) -> None:
         self._avoidance = avoidance
@@ -107,33 +110,30 @@ class MapAt:
         self._until = -np.inf
 
     def wants_from(self, time: float) -> float:
-        """From when on (s) the rings up to `time` are wanted; after a leap that is all that is remembered."""
+        """Time (s) from which on `at` needs the scans up to `time`; after a leap all that are remembered."""
         memory_s = self._avoidance.map.memory_s
         if not self._until <= time <= self._until + memory_s:
             self._mapper, self._until = Mapper(self._avoidance), time - memory_s
         return self._until
 
     def at(self, time: float, scans: Iterable[PosedScan]) -> tuple[MapView, float] | None:
-        """The map at a time (s), given the rings since `wants_from(time)`, and its height (NED, m)."""
+        """The map at a time (s) and its height (NED, m), given the scans since `wants_from(time)`.
+
+        None before the first scan.
+        """
         for posed in scans:
             self._mapper.add(posed)
         self._until = time
-        view, place = self._mapper.view(round(time * 1e9)), self._mapper.position_ned
-        return None if view is None or place is None else (view, float(place[2]))
+        view, position = self._mapper.view(round(time * 1e9)), self._mapper.position_ned
+        return None if view is None or position is None else (view, float(position[2]))
 
 
 def picture(view: MapView) -> NDArray[np.uint8]:
-    """(cells, cells, 4) red, green, blue, alpha; north up, east to the right. What is unknown is transparent."""
+    """(rows, columns, 4) red, green, blue, alpha; north is up, east on the right. Unknown cells are transparent."""
     colors = np.zeros((3, 4), np.uint8)
     colors[UNKNOWN], colors[FREE], colors[OCCUPIED] = _UNKNOWN_COLOR, _FREE_COLOR, _OCCUPIED_COLOR
     shown: NDArray[np.uint8] = colors[view.states[::-1]]
     return shown
-
-
-def occupied(view: MapView) -> Array:
-    """(n, 2) north and east (m) of the centres of the cells where something stands."""
-    places: Array = (np.argwhere(view.states == OCCUPIED) + np.array(view.corner) + 0.5) * view.cell
-    return places
 
 
 def avoidance_of(settings: bytes) -> Avoidance:
@@ -145,7 +145,7 @@ def avoidance_of(settings: bytes) -> Avoidance:
 
 
 class _Fields:
-    """Fields as a message has them: attributes, and plain numbers."""
+    """The fields of a message as attributes, with plain numbers."""
 
     __slots__ = ("_fields",)
 

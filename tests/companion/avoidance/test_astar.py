@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import dijkstra
 from companion.avoidance.astar import AStar, GridPath
 from companion.avoidance.shortcut import line_cost, shorten, vertex_speeds
 from companion.config import AvoidancePlan
-from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, Floats, MapView, distance_to
+from companion.perception.distance_field import Floats, distance_to
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, MapView
 from protocol.arrays import Array
 
 SETTINGS = AvoidancePlan(inflation=0.6, proximity_radius=1.4, proximity_cost=2.0, unknown_cost=1.0)

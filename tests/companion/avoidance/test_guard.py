@@ -15,8 +15,9 @@ from companion.avoidance.clearance import ClearanceMap, KeepOut
 from companion.avoidance.guard import Guard
 from companion.avoidance.stops import Braking, stop_free_share
 from companion.config import AvoidanceGuard
+from companion.perception.distance_field import distance_to
 from companion.perception.free_space import free_space, nearest_points
-from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, Bytes, MapView, distance_to
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, MapView
 from companion.state import Reason
 from protocol.arrays import Array
 
@@ -407,7 +408,7 @@ def test_nearest_points_are_those_a_search_finds() -> None:
     rng = np.random.default_rng(8)
     states = rng.choice(np.array([FREE, OCCUPIED, UNKNOWN], np.uint8), (60, 60), p=[0.9, 0.05, 0.05])
     standing = np.asarray((np.argwhere(states == OCCUPIED) + 0.5) * CELL, np.float64)
-    points = nearest_points(states, CELL, 6.13, 5.77, standing, 4.0, 0.7, 0.45)
+    points = nearest_points(states, CELL, (6.13, 5.77), standing, 4.0, (0.7, 0.45))
     for kind, keep_out in ((OCCUPIED, 0.7), (UNKNOWN, 0.45)):
         centres = (np.argwhere(states == kind) + 0.5) * CELL
         offsets = centres - [6.13, 5.77]

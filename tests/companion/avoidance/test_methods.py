@@ -10,7 +10,8 @@ from companion.avoidance.planner import Planner
 from companion.avoidance_methods import FALLBACK, METHODS, Method, listed, methods_in_use
 from companion.cli.flights import Avoid
 from companion.config import Avoidance, AvoidanceMap, load_settings
-from companion.perception.rolling_map import FREE, MapView, distance_to
+from companion.perception.distance_field import distance_to
+from companion.perception.map_view import FREE, MapView
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError
 

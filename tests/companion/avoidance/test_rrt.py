@@ -15,7 +15,8 @@ from companion.avoidance.astar import AStar
 from companion.avoidance.rrt import Rrt
 from companion.avoidance.shortcut import shorten
 from companion.config import RRT_PLANNERS, AvoidancePlan, AvoidanceRrt, load_settings
-from companion.perception.rolling_map import FREE, OCCUPIED, Bytes, MapView, distance_to
+from companion.perception.distance_field import distance_to
+from companion.perception.map_view import FREE, OCCUPIED, Bytes, MapView
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError
 

@@ -13,7 +13,8 @@ from companion.avoidance.planner import Planner
 from companion.avoidance.steering import Course, steer
 from companion.config import Avoidance, AvoidanceCourse, AvoidanceMap
 from companion.mission.stall import Progress, Trail
-from companion.perception.rolling_map import FAR_M, FREE, OCCUPIED, MapView, distance_to
+from companion.perception.distance_field import FAR_M, distance_to
+from companion.perception.map_view import FREE, OCCUPIED, MapView
 from protocol.arrays import Array
 
 SETTINGS = AvoidanceCourse()

@@ -7,7 +7,8 @@ import pytest
 
 from companion.avoidance.vfh import SECTORS, Vfh, cheapest, densities, mask
 from companion.config import AvoidanceVfh
-from companion.perception.rolling_map import FREE, OCCUPIED, Bytes, MapView, distance_to
+from companion.perception.distance_field import distance_to
+from companion.perception.map_view import FREE, OCCUPIED, Bytes, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.frames import wrap
 

@@ -1,30 +1,23 @@
-"""The rolling map: evidence cell by cell against a plain model, sides and frames, the window, fading, distances."""
+"""The rolling map: evidence cell by cell against a plain model, sides and frames, the window, fading."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy import ndimage
 
-from companion.config import load_settings
-from companion.perception import rolling_map as grid
-from companion.perception.rolling_map import (
-    FAR_M,
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    GridSettings,
-    MapView,
-    OccupancyGrid,
-    distance_to,
-)
+from companion.config import AvoidanceMap
+from companion.perception.inverse_sensor_model import FREE_STEP, Beams
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
+from companion.perception.occupancy_grid import CEILING, FLOOR
+from companion.perception.rolling_map import RollingMap
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
 from protocol.frames import from_euler, rotate, rotate_inverse
-from protocol.toml_files import TomlFileError
 
-SETTINGS = GridSettings(cell=0.2, cells=256, layer=1.5, memory_s=40.0, hull=0.36)
+SETTINGS = AvoidanceMap(cell=0.2, cells=256, layer=1.5, memory_s=40.0)
+HULL = 0.36
 HERE = np.array([0.05, -0.03, -3.0])
 LEVEL = from_euler(0.0, 0.0, 0.0)
 GROUND = -0.5
@@ -44,21 +37,21 @@ def seen(
     hit: BoolArray | None = None,
     attitude: Array = LEVEL,
     here: Array = HERE,
-    settings: GridSettings = SETTINGS,
-    rings: int = 1,
+    settings: AvoidanceMap = SETTINGS,
+    scans: int = 1,
 ) -> MapView:
-    chart = OccupancyGrid(settings)
-    for _ in range(rings):
-        chart.add(scan_of(ranges, hit), here, attitude, GROUND)
-    return chart.view(0)
+    rolling = RollingMap(settings, HULL)
+    for _ in range(scans):
+        rolling.add(scan_of(ranges, hit), here, attitude, GROUND)
+    return rolling.view(0)
 
 
 def state_at(view: MapView, north: float, east: float) -> int:
-    return int(view.states[view.cell_of(np.array([north, east]))])
+    return view.state_at(np.array([north, east]))
 
 
-def test_nothing_is_known_before_the_first_ring() -> None:
-    assert (OccupancyGrid(SETTINGS).view(0).states == UNKNOWN).all()
+def test_nothing_is_known_before_the_first_scan() -> None:
+    assert (RollingMap(SETTINGS, HULL).view(0).states == UNKNOWN).all()
 
 
 def test_a_wall_on_the_right_only() -> None:
@@ -74,18 +67,18 @@ def test_a_wall_on_the_right_only() -> None:
 
 
 def test_free_wedges_against_a_model_cell_by_cell() -> None:
-    """Random rings from random poses, tilted: each cell is asked for its own sector, slant range and height."""
+    """Random scans from random poses, tilted: each cell is asked for its own sector, slant range and height."""
     rng = np.random.default_rng(1)
-    settings = GridSettings(cell=0.5, cells=64, layer=1.5, memory_s=40.0, hull=0.1)
+    settings = AvoidanceMap(cell=0.5, cells=64, layer=1.5, memory_s=40.0)
     none = np.zeros(72, bool)
     for _ in range(6):
         ranges = rng.uniform(2.0, 12.0, 72)
         known = rng.random(72) > 0.1
         here = np.array([*rng.uniform(-50.0, 50.0, 2), -3.0])
         attitude = from_euler(rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(-3.0, 3.0))
-        chart = OccupancyGrid(settings)
-        chart.add(scan_of(ranges, none, known=known), here, attitude, GROUND)
-        view = chart.view(0)
+        rolling = RollingMap(settings, 0.1)
+        rolling.add(scan_of(ranges, none, known=known), here, attitude, GROUND)
+        view = rolling.view(0)
         forward, right = rotate(attitude, np.array([1.0, 0.0, 0.0])), rotate(attitude, np.array([0.0, 1.0, 0.0]))
         inverse = np.linalg.inv(np.array([forward[:2], right[:2]]).T)
         wrong = doubtful = 0
@@ -108,38 +101,36 @@ def test_free_wedges_against_a_model_cell_by_cell() -> None:
 
 def test_evidence_adds_up_is_bounded_and_fades() -> None:
     """One cell ahead, hit at close range and then seen free again and again: the sum in log-odds, by hand."""
-    chart = OccupancyGrid(SETTINGS)
+    rolling = RollingMap(SETTINGS, HULL)
     ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
     near, ahead = ranges.copy(), hit.copy()
     near[0], ahead[0] = 2.0, True
     cell = (math.floor((HERE[0] + 2.0) / 0.2) & 255, math.floor(HERE[1] / 0.2) & 255)
-    expected, fading = 0.0, grid.CEILING / SETTINGS.memory_s
+    expected, fading = 0.0, CEILING / SETTINGS.memory_s
     for k, (r, h) in enumerate([(near, ahead)] * 4 + [(ranges, hit)] * 9 + [(near, ahead)]):
-        chart.add(scan_of(r, h, k * 100_000_000), HERE, LEVEL, GROUND)
+        rolling.add(scan_of(r, h, k * 100_000_000), HERE, LEVEL, GROUND)
         expected = math.copysign(max(abs(expected) - 0.1 * fading, 0.0), expected) if k else 0.0
-        if h[0]:
-            expected = max(expected, min(expected + 0.5 * grid.CEILING, grid.CEILING))
-        else:
-            expected = max(expected - grid.FREE_STEP, grid.FLOOR)
-        assert chart._log_odds[cell] == pytest.approx(expected)
-    assert state_at(chart.view(1_300_000_000), HERE[0] + 2.0, HERE[1]) == OCCUPIED
-    assert state_at(chart.view(60_000_000_000), HERE[0] + 2.0, HERE[1]) == UNKNOWN
+        raised, lowered = max(expected, min(expected + 0.5 * CEILING, CEILING)), max(expected - FREE_STEP, FLOOR)
+        expected = raised if h[0] else lowered
+        assert rolling._log_odds[cell] == pytest.approx(expected)
+    assert state_at(rolling.view(1_300_000_000), HERE[0] + 2.0, HERE[1]) == OCCUPIED
+    assert state_at(rolling.view(60_000_000_000), HERE[0] + 2.0, HERE[1]) == UNKNOWN
 
 
 @pytest.mark.parametrize("start_s", [0.001, 10 * 86_400, 1_790_000_000, 2**31])
-def test_what_was_seen_fades_alike_whatever_the_clock_says(start_s: float) -> None:
+def test_fading_does_not_depend_on_the_absolute_time(start_s: float) -> None:
     start_ns = round(start_s * 1e9)
     bearings, attitude = np.radians(np.arange(0.0, 360.0, 5.0)), np.array([1.0, 0.0, 0.0, 0.0])
     ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
     ranges[0], hit[0] = 2.0, True
 
     def counts(start_ns: int) -> list[tuple[int, int]]:
-        grid = OccupancyGrid(SETTINGS)
+        rolling = RollingMap(SETTINGS, HULL)
         for k in range(20):
             time_ns = start_ns + k * 66_000_000
             scan = Scan(time_ns, time_ns // 1000, bearings, ranges, hit, np.ones(72, bool))
-            grid.add(scan, np.array([0.0, 0.0, -3.0]), attitude, -0.5)
-        views = (grid.view(start_ns + round(s * 1e9)) for s in (2.0, 7.0, 20.0, 35.0, 36.5, 37.0, 45.0))
+            rolling.add(scan, np.array([0.0, 0.0, -3.0]), attitude, -0.5)
+        views = (rolling.view(start_ns + round(s * 1e9)) for s in (2.0, 7.0, 20.0, 35.0, 36.5, 37.0, 45.0))
         return [(int((view.states == OCCUPIED).sum()), int((view.states == FREE).sum())) for view in views]
 
     found = counts(start_ns)
@@ -148,65 +139,65 @@ def test_what_was_seen_fades_alike_whatever_the_clock_says(start_s: float) -> No
 
 
 def test_a_wide_arc_is_believed_less() -> None:
-    """At 12 m the arc is five cells wide: all are occupied, and one free ring from there takes them away; a return at
-    2 m takes more."""
-    for distance, rings in ((12.0, 2), (2.0, 8)):
-        chart = OccupancyGrid(SETTINGS)
+    """At 12 m the arc is five cells wide: all are occupied, and one or two free scans from there clear them; a
+    return at 2 m takes more."""
+    for distance, scans in ((12.0, 2), (2.0, 8)):
+        rolling = RollingMap(SETTINGS, HULL)
         ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
         ranges[0], hit[0] = distance, True
         for _ in range(20):
-            chart.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+            rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
         half = max(0.5 * distance * WIDTH - 0.15, 0.0)  # the neighbours see what lies at the ends free
         for east in np.linspace(-half, half, 9):
-            assert state_at(chart.view(0), HERE[0] + distance, HERE[1] + east) == OCCUPIED
+            assert state_at(rolling.view(0), HERE[0] + distance, HERE[1] + east) == OCCUPIED
         count = 0
-        while state_at(chart.view(0), HERE[0] + distance, HERE[1]) == OCCUPIED:
-            chart.add(scan_of(np.full(72, 15.0), np.zeros(72, bool)), HERE, LEVEL, GROUND)
+        while state_at(rolling.view(0), HERE[0] + distance, HERE[1]) == OCCUPIED:
+            rolling.add(scan_of(np.full(72, 15.0), np.zeros(72, bool)), HERE, LEVEL, GROUND)
             count += 1
-        assert (count <= rings) if distance > 5.0 else (count >= rings)
+        assert (count <= scans) if distance > 5.0 else (count >= scans)
 
 
-def test_a_beam_that_passes_over_a_near_return_does_not_wipe_it_off() -> None:
+def test_a_beam_that_passes_over_a_near_return_does_not_clear_it() -> None:
     """Nose down by 15 degrees a beam passes 3 m ahead 0.8 m lower: not where the return was."""
-    chart = OccupancyGrid(SETTINGS)
+    rolling = RollingMap(SETTINGS, HULL)
     ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
     ranges[0], hit[0] = 3.0, True
     for _ in range(4):
-        chart.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+        rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
     for _ in range(20):
-        chart.add(scan_of(np.full(72, 15.0), np.zeros(72, bool)), HERE, from_euler(0.0, -0.26, 0.0), GROUND)
-    assert state_at(chart.view(0), HERE[0] + 3.0, HERE[1]) == OCCUPIED
+        rolling.add(scan_of(np.full(72, 15.0), np.zeros(72, bool)), HERE, from_euler(0.0, -0.26, 0.0), GROUND)
+    assert state_at(rolling.view(0), HERE[0] + 3.0, HERE[1]) == OCCUPIED
     for _ in range(20):
-        chart.add(scan_of(np.full(72, 15.0), np.zeros(72, bool)), HERE, LEVEL, GROUND)
-    assert state_at(chart.view(0), HERE[0] + 3.0, HERE[1]) == FREE
+        rolling.add(scan_of(np.full(72, 15.0), np.zeros(72, bool)), HERE, LEVEL, GROUND)
+    assert state_at(rolling.view(0), HERE[0] + 3.0, HERE[1]) == FREE
 
 
-def test_level_beams_wipe_off_wherever_the_map_began() -> None:
-    """It began on the climb, 1.3 m lower (less than what begins a new one); what was hit hard has gone since."""
-    settings = dataclasses.replace(SETTINGS, layer=3.0)
-    chart = OccupancyGrid(settings)
+def test_level_beams_clear_whatever_height_the_map_began_at() -> None:
+    """The map began on the climb, 1.3 m lower, too little to clear it; an obstacle with strong evidence has gone."""
+    settings = replace(SETTINGS, layer=3.0)
+    rolling = RollingMap(settings, HULL)
     nothing = scan_of(np.full(72, 15.0), np.zeros(72, bool))
-    chart.add(nothing, HERE + np.array([0.0, 0.0, 1.3]), LEVEL, GROUND)
+    rolling.add(nothing, HERE + np.array([0.0, 0.0, 1.3]), LEVEL, GROUND)
     hit = np.zeros(72, bool)
     hit[0] = True
     for _ in range(10):
-        chart.add(scan_of(np.where(hit, 2.0, 15.0), hit), HERE, LEVEL, GROUND)
-    assert state_at(chart.view(0), 2.05, -0.03) == OCCUPIED
+        rolling.add(scan_of(np.where(hit, 2.0, 15.0), hit), HERE, LEVEL, GROUND)
+    assert state_at(rolling.view(0), 2.05, -0.03) == OCCUPIED
     for _ in range(10):
-        chart.add(nothing, HERE, LEVEL, GROUND)
-    assert state_at(chart.view(0), 2.05, -0.03) == FREE
+        rolling.add(nothing, HERE, LEVEL, GROUND)
+    assert state_at(rolling.view(0), 2.05, -0.03) == FREE
 
 
-def test_ground_and_what_is_above_the_layer_are_no_obstacles() -> None:
+def test_returns_from_the_ground_and_above_the_layer_are_no_obstacles() -> None:
     """Nose down 20 degrees at 3 m: forward the ground at 8.8 m, backward something 5 m away and 1.7 m up."""
     ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
     ranges[0], ranges[36] = 3.0 / math.sin(math.radians(20.0)), 5.0
     hit[0] = hit[36] = True
-    view = seen(ranges, hit, from_euler(0.0, -math.radians(20.0), 0.0), rings=5)
+    view = seen(ranges, hit, from_euler(0.0, -math.radians(20.0), 0.0), scans=5)
     assert not (view.states == OCCUPIED).any()
     assert state_at(view, 4.0, 0.0) == FREE  # the layer of 1.5 m is left after 4.4 m
     assert state_at(view, 5.0, 0.0) == UNKNOWN
-    low = seen(ranges, hit, from_euler(0.0, -math.radians(20.0), 0.0), np.array([0.0, 0.0, -1.0]), rings=5)
+    low = seen(ranges, hit, from_euler(0.0, -math.radians(20.0), 0.0), np.array([0.0, 0.0, -1.0]), scans=5)
     assert not (low.states == OCCUPIED).any()
 
 
@@ -214,9 +205,9 @@ def test_unknown_sectors_and_moving_returns_leave_no_mark() -> None:
     ranges, hit, known = np.full(72, 15.0), np.zeros(72, bool), np.ones(72, bool)
     ranges[0], hit[0] = 5.0, True
     known[18] = False
-    chart = OccupancyGrid(SETTINGS)
-    chart.add(scan_of(ranges, hit, known=known), HERE, LEVEL, GROUND, moving=hit)
-    view = chart.view(0)
+    rolling = RollingMap(SETTINGS, HULL)
+    rolling.add(scan_of(ranges, hit, known=known), HERE, LEVEL, GROUND, moving=hit)
+    view = rolling.view(0)
     assert not (view.states == OCCUPIED).any()
     assert state_at(view, 4.0, 0.0) == FREE and state_at(view, 6.0, 0.0) == UNKNOWN
     assert state_at(view, 0.0, 5.0) == UNKNOWN and state_at(view, 0.0, -5.0) == FREE
@@ -224,33 +215,34 @@ def test_unknown_sectors_and_moving_returns_leave_no_mark() -> None:
 
 def test_each_beam_with_the_pose_of_its_own_time() -> None:
     """The same range from two places along the way marks two places."""
-    chart = OccupancyGrid(SETTINGS)
+    rolling = RollingMap(SETTINGS, HULL)
     positions = np.array([[0.1, 0.1, -3.0], [1.1, 0.1, -3.0]])
     attitudes = np.array([from_euler(0.0, 0.0, -math.pi / 2), from_euler(0.0, 0.0, math.pi / 2)])
     both = np.ones(2, bool)
-    chart.add_beams(0, np.zeros(2), np.array([3.0, 3.0]), both, both, positions, attitudes, WIDTH, GROUND)
-    view = chart.view(0)
+    beams = Beams(np.zeros(2), np.array([3.0, 3.0]), both, both, positions, attitudes, WIDTH)
+    rolling.add_beams(0, beams, GROUND)
+    view = rolling.view(0)
     assert state_at(view, 0.1, -2.9) == OCCUPIED and state_at(view, 1.1, 3.1) == OCCUPIED
     assert state_at(view, 1.1, -2.9) != OCCUPIED and state_at(view, 0.1, 3.1) != OCCUPIED
 
 
-def test_the_window_rolls_and_forgets_what_leaves_it() -> None:
-    """Flown 60 m and back: what was passed is known as long as it is in the window, and never seen at an alias."""
-    chart = OccupancyGrid(SETTINGS)
+def test_the_window_moves_and_forgets_what_leaves_it() -> None:
+    """Flown 60 m and back: an obstacle is known as long as it is in the window, and never appears at an alias."""
+    rolling = RollingMap(SETTINGS, HULL)
     ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
     ranges[18], hit[18] = 3.0, True
     for _ in range(4):
-        chart.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
-    corner = chart.view(0).corner
+        rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+    corner = rolling.view(0).corner
     nothing = np.zeros(72, bool)
     for north in np.arange(0.5, 60.0, 0.5):
         here = np.array([north, HERE[1], -3.0])
-        chart.add(scan_of(np.full(72, 0.5), nothing), here, from_euler(0.0, 0.0, math.pi), GROUND)
-        view = chart.view(0)
+        rolling.add(scan_of(np.full(72, 0.5), nothing), here, from_euler(0.0, 0.0, math.pi), GROUND)
+        view = rolling.view(0)
         inside = view.contains(view.cell_of(np.array([HERE[0], HERE[1] + 3.0])))
         assert (view.states == OCCUPIED).any() == inside == (north < 25.8)
-    chart.add(scan_of(np.full(72, 0.5), nothing), HERE, LEVEL, GROUND)
-    assert chart.view(0).corner == corner and not (chart.view(0).states == OCCUPIED).any()
+    rolling.add(scan_of(np.full(72, 0.5), nothing), HERE, LEVEL, GROUND)
+    assert rolling.view(0).corner == corner and not (rolling.view(0).states == OCCUPIED).any()
 
 
 def test_turning_or_mirroring_the_world_turns_or_mirrors_the_map() -> None:
@@ -266,21 +258,21 @@ def test_turning_or_mirroring_the_world_turns_or_mirrors_the_map() -> None:
     assert (mirrored != states[:, ::-1]).mean() < 1e-4
 
 
-def test_a_change_of_height_begins_a_new_map() -> None:
-    chart = OccupancyGrid(SETTINGS)
+def test_a_change_of_height_clears_the_map() -> None:
+    rolling = RollingMap(SETTINGS, HULL)
     ranges = np.full(72, 3.0)
-    chart.add(scan_of(ranges), HERE, LEVEL, GROUND)
-    assert (chart.view(0).states == OCCUPIED).any()
-    chart.add(scan_of(ranges, np.zeros(72, bool)), HERE + np.array([0.0, 0.0, -2.0]), LEVEL, GROUND)
-    assert not (chart.view(0).states == OCCUPIED).any()
+    rolling.add(scan_of(ranges), HERE, LEVEL, GROUND)
+    assert (rolling.view(0).states == OCCUPIED).any()
+    rolling.add(scan_of(ranges, np.zeros(72, bool)), HERE + np.array([0.0, 0.0, -2.0]), LEVEL, GROUND)
+    assert not (rolling.view(0).states == OCCUPIED).any()
 
 
-def test_forgetting_a_place() -> None:
-    chart = OccupancyGrid(SETTINGS)
-    chart.add(scan_of(np.full(72, 3.0)), HERE, LEVEL, GROUND)
-    before = chart.view(0).states.copy()
-    chart.forget(np.array([3.0, 0.0]), 0.3, 0.8, 0)
-    view = chart.view(0)
+def test_a_place_is_forgotten() -> None:
+    rolling = RollingMap(SETTINGS, HULL)
+    rolling.add(scan_of(np.full(72, 3.0)), HERE, LEVEL, GROUND)
+    before = rolling.view(0).states.copy()
+    rolling.forget(np.array([3.0, 0.0]), 0.3, 0.8, 0)
+    view = rolling.view(0)
     assert state_at(view, 3.05, 0.0) == UNKNOWN and state_at(view, -2.99, -0.03) == OCCUPIED
     centres = np.moveaxis(np.array([[view.centre_of((i, j)) for j in range(256)] for i in range(256)]), 2, 0)
     away = np.hypot(centres[0] - 3.0, centres[1])
@@ -289,30 +281,9 @@ def test_forgetting_a_place() -> None:
     assert (was_free & (away < 0.8)).any() and (view.states[was_free] == FREE).all(), "what was seen free stays so"
 
 
-def test_distances_against_scipy() -> None:
-    rng = np.random.default_rng(3)
-    for density in (0.0005, 0.01, 0.3):
-        marked = rng.random((70, 70)) < density
-        marked[5, 60] = True
-        exact = 0.2 * ndimage.distance_transform_edt(~marked)
-        assert np.allclose(distance_to(marked, 0.2), np.minimum(exact, FAR_M), rtol=1e-6)
-    assert (distance_to(np.zeros((16, 16), bool), 0.2) == FAR_M).all()
-
-
-def test_distances_at_the_smallest_cell_that_settings_allow() -> None:
-    smallest = 0.025
-    with pytest.raises(TomlFileError, match=r"avoidance\.map\.cell"):
-        load_settings(None, [f"avoidance.map.cell={math.nextafter(smallest, 0.0)}"])
-    assert load_settings(None, [f"avoidance.map.cell={smallest}"]).avoidance.map.cell == smallest
-    marked = np.zeros((320, 320), bool)
-    marked[[140, 200, 310], [160, 90, 10]] = True
-    exact = ndimage.distance_transform_edt(~marked) * smallest
-    assert np.allclose(distance_to(marked, smallest), np.minimum(exact, FAR_M), rtol=1e-6)
-
-
 @pytest.mark.parametrize("aside", [0.0, 0.09, 0.19])
-def test_a_ring_that_sees_beyond_the_window_leaves_its_border_unknown(aside: float) -> None:
-    """Wherever in its cell the vehicle is; all before the border is free."""
+def test_a_scan_that_sees_beyond_the_window_leaves_its_border_unknown(aside: float) -> None:
+    """Wherever in its cell the vehicle is; up to the border all is free."""
     view = seen(np.full(72, 100.0), np.zeros(72, bool), here=HERE + np.array([aside, -aside, 0.0]))
     assert (view.states == OCCUPIED).sum() == 0
     for border in (view.states[:2], view.states[-2:], view.states[:, :2], view.states[:, -2:]):
@@ -323,16 +294,8 @@ def test_a_ring_that_sees_beyond_the_window_leaves_its_border_unknown(aside: flo
         assert view.states[cell] == FREE
 
 
-def test_a_beam_is_followed_to_the_edge_of_the_layer() -> None:
-    rng = np.random.default_rng(4)
-    for above, down in zip(rng.uniform(-1.4, 1.4, 200), rng.uniform(-0.5, 0.5, 200), strict=True):
-        there = above + grid._within_layer(above, down, 1.5) * down
-        assert there == pytest.approx(math.copysign(1.5, down))
-    assert grid._within_layer(0.3, 0.0, 1.5) == math.inf and grid._within_layer(-1.6, 0.2, 1.5) == 0.0
-
-
-def test_free_is_free_all_the_way_from_the_sensor() -> None:
-    """No pinholes: a free disc, and every cell of it is."""
+def test_all_cells_up_to_the_range_are_free() -> None:
+    """The free disc has no pinholes."""
     view = seen(np.full(72, 10.0), np.zeros(72, bool))
     rows, columns = np.indices(view.states.shape)
     centres = (np.stack([rows, columns], -1) + np.array(view.corner) + 0.5) * view.cell
@@ -340,23 +303,23 @@ def test_free_is_free_all_the_way_from_the_sensor() -> None:
     assert (view.states[away < 9.9] == FREE).all() and (view.states[away > 10.05] == UNKNOWN).all()
 
 
-def test_a_size_that_can_not_wrap_is_refused() -> None:
+def test_an_odd_size_is_refused() -> None:
     with pytest.raises(ValueError, match="251: not an even"):
-        OccupancyGrid(GridSettings(cell=0.2, cells=251, layer=1.5, memory_s=40.0, hull=0.36))
+        AvoidanceMap(cell=0.2, cells=251)
 
 
 def test_a_free_beam_has_the_direction_that_the_frames_say() -> None:
     """A single known sector, 30 degrees to the right of a nose that points 40 degrees: free along 70 degrees."""
     known = np.zeros(72, bool)
     known[6] = True
-    chart = OccupancyGrid(SETTINGS)
+    rolling = RollingMap(SETTINGS, HULL)
     attitude = from_euler(0.0, 0.0, math.radians(40.0))
-    chart.add(scan_of(np.full(72, 8.0), np.zeros(72, bool), known=known), HERE, attitude, GROUND)
-    free = np.argwhere(chart.view(0).states == FREE)
+    rolling.add(scan_of(np.full(72, 8.0), np.zeros(72, bool), known=known), HERE, attitude, GROUND)
+    free = np.argwhere(rolling.view(0).states == FREE)
     for cell in free:
-        offset = chart.view(0).centre_of((int(cell[0]), int(cell[1]))) - HERE[:2]
+        offset = rolling.view(0).centre_of((int(cell[0]), int(cell[1]))) - HERE[:2]
         body = rotate_inverse(attitude, np.array([*offset, 0.0]))
-        if math.hypot(*offset) > SETTINGS.hull:
+        if math.hypot(*offset) > HULL:
             assert abs(math.atan2(body[1], body[0]) - math.radians(30.0)) < 0.5 * WIDTH + 1e-9
     assert len(free) > 50
 
@@ -380,15 +343,15 @@ def test_a_wall_seen_at_a_slant_has_no_holes(slope: float) -> None:
     where there is a gap as wide as a door."""
     here, beyond = (SETTINGS.cells // 2 + round(north / SETTINGS.cell) for north in (0.0, 8.1))
     for gap, leads_through in ((None, False), ((-1.5, 1.5), True)):
-        view = seen(*walled(6.0, slope, gap), rings=3)
+        view = seen(*walled(6.0, slope, gap), scans=3)
         near = view.to_occupied[here - 10 : beyond + 1, here - 25 : here + 26] >= 0.6
         parts, _ = ndimage.label(near, structure=np.ones((3, 3)))
         assert parts[10, 25] > 0 and parts[-1, 25] > 0
         assert (parts[10, 25] == parts[-1, 25]) == leads_through
 
 
-def test_what_is_near_is_measured_to_the_return() -> None:
-    """A thing dead ahead, wherever in its cell: the distance at a place before it is to the arc."""
+def test_short_distances_are_measured_to_the_return() -> None:
+    """An obstacle dead ahead, wherever in its cell: the distance at a place before it is that to the arc."""
     for distance in (2.0, 2.07, 2.13, 2.19):
         ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
         ranges[[71, 0, 1]], hit[[71, 0, 1]] = distance, True
@@ -399,18 +362,10 @@ def test_what_is_near_is_measured_to_the_return() -> None:
         assert view.to_occupied[view.cell_of(place)] == pytest.approx(exact, abs=0.03)
 
 
-def test_between_is_linear_and_nothing_outside() -> None:
-    slope = np.add.outer(2.0 * np.arange(6.0), 3.0 * np.arange(5.0))
-    for row, column in ((0.0, 0.0), (2.25, 1.5), (4.75, 3.999)):
-        assert grid.between(slope, row, column) == pytest.approx(2.0 * row + 3.0 * column)
-    for row, column in ((-0.1, 2.0), (2.0, -0.1), (5.1, 2.0), (2.0, 4.5)):
-        assert grid.between(slope, row, column) == 0.0
-
-
-def test_only_what_was_near_is_certain() -> None:
+def test_only_what_was_seen_from_near_by_is_certain() -> None:
     for distance, sure in ((0.6, True), (3.0, False)):
         ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
         ranges[[71, 0, 1]], hit[[71, 0, 1]] = distance, True
-        view = seen(ranges, hit, rings=5)
+        view = seen(ranges, hit, scans=5)
         assert view.certain is not None
         assert view.certain[view.cell_of(HERE + np.array([distance, 0.0, 0.0]))] == sure

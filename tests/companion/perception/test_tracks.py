@@ -1,22 +1,22 @@
-"""Tracks: the filter against a plain reference and its own consistency; who moves and who does not; birth and death."""
+"""Tracks: the filter against a reference and its own consistency, association, status, start and deletion."""
 
 import math
 
 import numpy as np
 import pytest
 
+from companion.config import AvoidanceTracks
 from companion.perception.tracks import (
     TRACK,
     Tracker,
     Tracks,
-    TrackSettings,
-    _judge,
-    bear,
+    associate,
     correct,
-    pairs,
+    mahalanobis_squared,
     predict,
-    runs,
-    square_in_sigmas,
+    segments,
+    start_track,
+    update_status,
 )
 from companion.state import Scan
 from protocol.arrays import Array
@@ -24,8 +24,16 @@ from protocol.frames import from_euler
 from vehicle_sim.sensors.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, WallTable, World, WorldTable
 
-SETTINGS = TrackSettings(
-    gap=1.0, widest=1.2, acceleration=1.5, hits=4, misses=4, slowest=0.4, certainty=3.0, steady=5, rest=15
+SETTINGS = AvoidanceTracks(
+    gap=1.0,
+    max_extent=1.2,
+    acceleration_noise=1.5,
+    confirm_hits=4,
+    delete_misses=4,
+    min_speed=0.4,
+    min_speed_sigmas=3.0,
+    moving_scans=5,
+    stopped_scans=15,
 )
 LEVEL = from_euler(0.0, 0.0, 0.0)
 PERIOD_NS = 66_666_667
@@ -33,7 +41,7 @@ BEARINGS: Array = np.radians(5.0 * np.arange(72))
 
 
 class Scene:
-    """Cylinders that move and walls that do not, seen by the simulator's LiDAR."""
+    """Moving cylinders and walls, seen by the simulator's LiDAR."""
 
     def __init__(self, seed: int = 1, walls: tuple[WallTable, ...] = (), noise_m: float = 0.02) -> None:
         self._lidar = Lidar(LidarSettings(noise_m=noise_m), np.random.default_rng(seed))
@@ -42,7 +50,7 @@ class Scene:
         self.time_ns = 0
 
     def see(self, places: list[tuple[float, float]], position: Array | None = None, yaw: float = 0.0) -> Scan:
-        """One ring, taken in; cylinders of 0.3 m at these places."""
+        """Add one scan; cylinders of 0.3 m at these places."""
         here = np.array([0.0, 0.0, -2.0]) if position is None else position
         cylinders = tuple(CylinderTable(name=f"{k}", center=p, radius=0.3, height=4.0) for k, p in enumerate(places))
         origin = OriginTable(latitude_deg=0.0, longitude_deg=0.0, altitude_m=0.0)
@@ -78,7 +86,7 @@ def test_filter_against_the_information_form() -> None:
     assert np.allclose(tracks["mean"], mean)
     assert np.allclose(tracks["covariance"], covariance)
     spread, offset = covariance[:2, :2] + noise, middle - mean[:2]
-    assert square_in_sigmas(spread, offset) == pytest.approx(offset @ np.linalg.inv(spread) @ offset)
+    assert mahalanobis_squared(spread, offset) == pytest.approx(offset @ np.linalg.inv(spread) @ offset)
     correct(tracks[0], middle, noise, 0.3)
     seen = np.eye(2, 4)
     information = np.linalg.inv(covariance) + seen.T @ np.linalg.inv(noise) @ seen
@@ -91,43 +99,47 @@ def test_two_measurements_of_a_straight_flight_give_its_velocity() -> None:
     """With little noise the velocity is the difference of places over time: to the right is east."""
     noise = 1e-8 * np.eye(2)
     tracks = np.zeros(1, TRACK)
-    bear(tracks[0], 7, np.array([3.0, 1.0]), noise, 0.3)
+    start_track(tracks[0], 7, np.array([3.0, 1.0]), noise, 0.3)
     predict(tracks, 0.5, 0.0)
     correct(tracks[0], np.array([3.2, 1.6]), noise, 0.3)
     assert np.allclose(tracks["mean"], [3.2, 1.6, 0.4, 1.2], atol=1e-5)
     assert tracks["number"] == 7
 
 
-def test_who_is_slow_in_so_many_rings_rests() -> None:
-    """In `rest` of them one after the other, and not a ring later; a fast one in between begins the count anew."""
+def test_a_track_that_is_slow_for_so_many_scans_stands() -> None:
+    """After `stopped_scans` slow scans in a row, and no later; a fast one in between restarts the count."""
     tracker = Tracker(SETTINGS)
     tracks = track_of(np.zeros(4), 1e-4 * np.eye(4))
     tracks["hits"], tracks["moving"] = 10, True
 
     def moves(speed: float) -> bool:
         tracks["mean"][0, 2] = speed
-        _judge(tracks[0], tracker._rules[0])
+        update_status(tracks[0], tracker._rules[0])
         return bool(tracks["moving"][0])
 
-    assert all(moves(0.0) for _ in range(SETTINGS.rest - 1)) and moves(1.5)
-    assert all(moves(0.0) for _ in range(SETTINGS.rest - 1)) and not moves(0.0)
+    assert all(moves(0.0) for _ in range(SETTINGS.stopped_scans - 1)) and moves(1.5)
+    assert all(moves(0.0) for _ in range(SETTINGS.stopped_scans - 1)) and not moves(0.0)
 
 
 def test_the_nearest_pair_is_taken_first() -> None:
-    """Each track goes on with one thing and each thing with one track; what is farther than the gate with none."""
+    """Each track continues with one cluster and each cluster with one track; beyond the gate there is no pair."""
     tracks = np.concatenate([track_of(np.array([place, 0.0, 0.0, 0.0]), 0.01 * np.eye(4)) for place in (0.0, 0.3, 9.0)])
-    things = np.array([[0.2, 0.0], [0.5, 0.0], [20.0, 0.0]])
+    clusters = np.array([[0.2, 0.0], [0.5, 0.0], [20.0, 0.0]])
     noises = np.broadcast_to(0.01 * np.eye(2), (3, 2, 2)).copy()
-    assert pairs(tracks, things, noises).tolist() == [-1, 0, -1]  # the first is farther from the second than the gate
-    assert pairs(tracks, things[:1], noises[:1]).tolist() == [-1, 0, -1]
-    assert pairs(tracks[:1], things, noises).tolist() == [0]
-    # Within the gate by the track's and the thing's own uncertainty together, by neither alone.
-    assert pairs(tracks[:1], np.array([[0.0, 0.45]]), noises[:1]).tolist() == [0]
-    assert pairs(tracks[:0], things, noises).tolist() == []
-    assert pairs(tracks, things[:0], noises[:0]).tolist() == [-1] * 3
+    assert associate(tracks, clusters, noises).tolist() == [
+        -1,
+        0,
+        -1,
+    ]  # the first is farther from the second than the gate
+    assert associate(tracks, clusters[:1], noises[:1]).tolist() == [-1, 0, -1]
+    assert associate(tracks[:1], clusters, noises).tolist() == [0]
+    # Within the gate by the uncertainty of the track and of the cluster together, by neither alone.
+    assert associate(tracks[:1], np.array([[0.0, 0.45]]), noises[:1]).tolist() == [0]
+    assert associate(tracks[:0], clusters, noises).tolist() == []
+    assert associate(tracks, clusters[:0], noises[:0]).tolist() == [-1] * 3
 
 
-def test_the_filter_believes_what_is_true() -> None:
+def test_the_filter_is_consistent() -> None:
     """Squared errors in standard deviations (NEES) of 300 simulated tracks: 4 on average."""
     rng = np.random.default_rng(2)
     noise = np.diag([0.01, 0.04])
@@ -135,7 +147,7 @@ def test_the_filter_believes_what_is_true() -> None:
     for _ in range(300):
         truth = np.array([5.0, 0.0, *rng.normal(0.0, 1.5, 2)])
         tracks = np.zeros(1, TRACK)
-        bear(tracks[0], 0, truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3)
+        start_track(tracks[0], 0, truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3)
         for _ in range(20):
             push = rng.normal(0.0, 1.5, 2)
             truth[:2] += 0.1 * truth[2:] + 0.005 * push
@@ -147,8 +159,8 @@ def test_the_filter_believes_what_is_true() -> None:
     assert np.mean(values) == pytest.approx(4.0, abs=0.5)
 
 
-def test_a_walker_is_found_with_his_velocity() -> None:
-    """He walks from left to right, 5 m ahead of a vehicle that heads east: north is on its left."""
+def test_a_walker_is_tracked_with_its_velocity() -> None:
+    """The walker goes from left to right, 5 m ahead of a vehicle that heads east: north is on its left."""
     scene = Scene()
     for k in range(40):
         scene.see([(2.0 - 1.4 * k / 15.0, 5.0)], yaw=math.pi / 2)
@@ -166,8 +178,8 @@ def test_a_walker_is_found_with_his_velocity() -> None:
     assert point[4] == pytest.approx(track["radius"] + 0.6)
 
 
-def test_trees_stand_still_and_leave_the_tracks_that_move_empty() -> None:
-    """Flown past at 5 m/s, seen 150 times: nothing of a wood and of a wall may move for more than a moment."""
+def test_trees_and_walls_do_not_move() -> None:
+    """Flown past at 5 m/s, seen 150 times: less than 1 % of the returns of a wood and a wall count as moving."""
     rng = np.random.default_rng(3)
     wall = WallTable(name="wall", start=(-20.0, 9.0), end=(80.0, 9.0), thickness=0.3, height=4.0)
     trees = [(float(n), float(e)) for n, e in zip(rng.uniform(-10, 60, 60), rng.uniform(-10, 6, 60), strict=True)]
@@ -181,7 +193,7 @@ def test_trees_stand_still_and_leave_the_tracks_that_move_empty() -> None:
     assert moving < 0.01 * returns
 
 
-def test_two_who_pass_each_other_keep_their_tracks() -> None:
+def test_two_walkers_that_pass_each_other_keep_their_tracks() -> None:
     scene = Scene()
     numbers = []
     for k in range(60):
@@ -195,14 +207,14 @@ def test_two_who_pass_each_other_keep_their_tracks() -> None:
     assert all((track["mean"][0] > 4.75) == (track["mean"][3] > 0.0) for track in scene.tracker.moving)
 
 
-def test_birth_and_death() -> None:
+def test_a_track_starts_at_once_and_is_deleted_after_some_misses() -> None:
     scene = Scene()
     scene.see([(4.0, 0.0)])
     assert len(scene.tracker.tracks) == 1 and len(scene.tracker.moving) == 0
     for _ in range(5):
         scene.see([(4.0, 0.0)])
     assert len(scene.tracker.tracks) == 1
-    for left in range(SETTINGS.misses - 1):
+    for left in range(SETTINGS.delete_misses - 1):
         scene.see([])
         assert len(scene.tracker.tracks) == 1, left
     scene.see([])
@@ -210,25 +222,25 @@ def test_birth_and_death() -> None:
     assert scene.tracker.points(0.0, 0.6).shape == (0, 5)
 
 
-def test_a_flicker_is_forgotten_at_once() -> None:
+def test_an_unconfirmed_track_is_deleted_at_its_first_miss() -> None:
     scene = Scene()
     scene.see([(4.0, 0.0)])
     scene.see([])
     assert len(scene.tracker.tracks) == 0
 
 
-def test_runs_go_around_the_ring() -> None:
-    """A run over the seam is one run; a ring that closes is none."""
+def test_segments_go_around_the_scan() -> None:
+    """A segment across the last and the first beam is one; a scan in which all are connected has none."""
     points = np.column_stack([5.0 * np.cos(BEARINGS), 5.0 * np.sin(BEARINGS), np.zeros(72)])
     usable = np.zeros(72, np.bool_)
     usable[[70, 71, 0, 1, 20, 40, 41]] = True
-    assert sorted(map(tuple, runs(points, usable, 1.0).tolist())) == [(20, 1), (40, 2), (70, 4)]
-    assert len(runs(points, np.ones(72, np.bool_), 1.0)) == 0
-    assert sorted(runs(points, usable, 0.1)[:, 1].tolist()) == [1] * 7
+    assert sorted(map(tuple, segments(points, usable, 1.0).tolist())) == [(20, 1), (40, 2), (70, 4)]
+    assert len(segments(points, np.ones(72, np.bool_), 1.0)) == 0
+    assert sorted(segments(points, usable, 0.1)[:, 1].tolist()) == [1] * 7
 
 
-def test_a_walker_who_turns_goes_on_being_followed() -> None:
-    """To and fro on a line, slow for a moment where he turns; when he has stopped for good he stands."""
+def test_a_walker_that_turns_back_is_still_moving() -> None:
+    """Back and forth on a line, slow for a moment at each turn; after a stop the track no longer moves."""
     scene = Scene()
     moved = []
     for k in range(150):

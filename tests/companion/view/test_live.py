@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator
 
-from companion.perception.rolling_map import FAR_M
+from companion.perception.distance_field import FAR_M
 from companion.state import Reason
 from companion.view.history import History, Moment, quaternions
 from companion.view.live import _BEHIND, _LOUD, Page, ahead, turned, words

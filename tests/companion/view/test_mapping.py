@@ -1,4 +1,4 @@
-"""The map for those who look, from a simulated vehicle's telemetry: what stands where, and the flight's own map."""
+"""The map for display, from a simulated vehicle's telemetry: obstacles in their places, and the flight's own map."""
 
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -12,10 +12,10 @@ from companion.config import Avoidance, Settings
 from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap
-from companion.perception.rolling_map import FREE, OCCUPIED, UNKNOWN, MapView
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.view.gather import Batch
 from companion.view.history import History
-from companion.view.mapping import MapAt, Mapper, avoidance_of, occupied, picture
+from companion.view.mapping import MapAt, Mapper, avoidance_of, picture
 from protocol.flightlog.mavlink_records import message_type
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
@@ -30,7 +30,7 @@ Message = tuple[str, dict[str, Any], int]
 
 @pytest.fixture(scope="module")
 def heard() -> list[Message]:
-    """What a vehicle says that takes off in front of a wall and turns as it likes."""
+    """The messages of a vehicle that takes off in front of a wall and turns freely."""
     vehicle = Vehicle(AIRFRAME, world_with_wall(WALL))
     pilot = Encoder(254, 190)
     for _ in range(400):
@@ -59,10 +59,10 @@ def mapped(messages: list[Message], avoidance: Avoidance) -> tuple[MapView, int]
 
 
 def state_at(view: MapView, north: float, east: float) -> int:
-    return int(view.states[view.cell_of(np.array([north, east]))])
+    return view.state_at(np.array([north, east]))
 
 
-def test_a_wall_stands_where_it_is_with_free_before_it_and_nothing_known_behind(heard: list[Message]) -> None:
+def test_a_wall_is_in_its_place_with_free_before_it_and_unknown_behind(heard: list[Message]) -> None:
     view, count = mapped(heard, Avoidance())
     assert count == sum(name == "OBSTACLE_DISTANCE" for name, _, _ in heard) > 80
     for east in (-3.0, 0.0, 3.0):
@@ -72,10 +72,10 @@ def test_a_wall_stands_where_it_is_with_free_before_it_and_nothing_known_behind(
     assert state_at(view, -6.0, 6.0) == FREE, "nothing stands south-east"
 
 
-def test_it_is_the_map_that_was_flown_over(heard: list[Message]) -> None:
-    """Bit for bit the one of the stages that avoidance uses, given the same rings and poses."""
+def test_it_is_the_map_that_avoidance_uses(heard: list[Message]) -> None:
+    """Bit for bit the map of the stages that avoidance uses, given the same scans and poses."""
     avoidance = Avoidance()
-    surroundings, estimator = LocalMap(avoidance), Estimator()
+    local_map, estimator = LocalMap(avoidance), Estimator()
     for name, fields, time_ns in heard:
         message = SimpleNamespace(**fields)
         if name == "ATTITUDE_QUATERNION":
@@ -87,19 +87,19 @@ def test_it_is_the_map_that_was_flown_over(heard: list[Message]) -> None:
             scan = wire.obstacle_distance(message, time_ns)
             pose = estimator.pose_at(scan.boot_time_us)
             if pose is not None:
-                surroundings.add(scan, pose, -avoidance.ground_height, time_ns)
+                local_map.add(scan, pose, -avoidance.ground_height, time_ns)
                 last_ns = time_ns
-    surroundings.look(last_ns)
+    local_map.look(last_ns)
     mapper = Mapper(avoidance)
     for message_ in heard:
         mapper.take(*message_)
     view = mapper.view(last_ns)
-    assert view is not None and surroundings.view is not None
-    assert view.corner == surroundings.view.corner
-    assert np.array_equal(view.states, surroundings.view.states)
+    assert view is not None and local_map.view is not None
+    assert view.corner == local_map.view.corner
+    assert np.array_equal(view.states, local_map.view.states)
 
 
-def test_angles_do_for_a_vehicle_without_quaternions_and_a_clock_may_start_anew(heard: list[Message]) -> None:
+def test_angles_do_for_a_vehicle_without_quaternions_and_the_clock_may_restart(heard: list[Message]) -> None:
     whole, count = mapped(heard, Avoidance())
     angles_only, fewer = mapped([each for each in heard if each[0] != "ATTITUDE_QUATERNION"], Avoidance())
     assert fewer > 0.9 * count
@@ -122,7 +122,7 @@ def as_batch(name: str, messages: list[Message]) -> Batch:
     return kind.topic, kind, np.array([time_ns for _, time_ns in chosen]), table
 
 
-def test_any_moment_s_map_is_the_stream_s(heard: list[Message]) -> None:
+def test_the_map_at_any_time_is_that_of_the_stream(heard: list[Message]) -> None:
     """Step by step, after a leap ahead and back again, from batches in any order."""
     history, maps = History(), MapAt(Avoidance())
     for name in ("OBSTACLE_DISTANCE", "LOCAL_POSITION_NED", "HEARTBEAT", "ATTITUDE_QUATERNION"):
@@ -142,7 +142,7 @@ def test_any_moment_s_map_is_the_stream_s(heard: list[Message]) -> None:
     assert maps.at(maps.wants_from(1e6) + 40.0, history.scans(1e6, 1e6)) is None, "nothing is remembered for so long"
 
 
-def test_what_can_t_be_true_is_passed_over() -> None:
+def test_impossible_values_are_ignored() -> None:
     mapper = Mapper(Avoidance())
     nan = float("nan")
     assert not mapper.take("LOCAL_POSITION_NED", {"time_boot_ms": 1, **dict.fromkeys(("x", "y", "z"), nan)}, 0)
@@ -157,10 +157,17 @@ def test_the_picture_has_north_above_and_east_on_the_right() -> None:
     shown = picture(view)
     assert np.argwhere(shown[..., 3]).tolist() == [[0, 0], [3, 2]]
     assert shown[0, 0, 3] > shown[3, 2, 3], "what stands there is the clearer"
-    assert occupied(view) == pytest.approx(np.array([[0.7, 0.1]]))
+    assert view.obstacle_centres() == pytest.approx(np.array([[0.7, 0.1]]))
 
 
 def test_a_flight_s_own_settings_make_its_map() -> None:
     changed = msgspec.structs.replace(Avoidance(), vehicle_radius=0.5)
     assert avoidance_of(msgspec.json.encode(Settings(avoidance=changed))).vehicle_radius == 0.5
     assert avoidance_of(b"") == avoidance_of(b'{"control": 3}') == Avoidance()
+
+
+def test_the_settings_of_an_old_log_are_read_by_their_old_names() -> None:
+    old = b'{"avoidance": {"tracks": {"slowest": 0.8, "rest": 9, "gap": 0.7}, "map": {"cells": 64}}}'
+    avoidance = avoidance_of(old)
+    assert (avoidance.tracks.min_speed, avoidance.tracks.stopped_scans, avoidance.tracks.gap) == (0.8, 9, 0.7)
+    assert avoidance.map.cells == 64

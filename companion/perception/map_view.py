@@ -1,0 +1,86 @@
+"""A view of the map: for each cell of the window its state and the distance to the nearest obstacle.
+
+Consumers ask by position (m, NED) where they can; rows and columns belong to the planar grid.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.perception.distance_field import Floats, fill_distances, fill_distances_to_returns
+from protocol.arrays import Array, BoolArray
+
+UNKNOWN, FREE, OCCUPIED = 0, 1, 2
+"""States of a cell in a `MapView`."""
+
+Bytes = NDArray[np.uint8]
+Cell = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class MapView:
+    """The window at one time; rows run north, columns east. The arrays are the map's own: its next view overwrites
+    them."""
+
+    states: Bytes
+    """(rows, columns) UNKNOWN, FREE or OCCUPIED."""
+    to_occupied: Floats
+    """(rows, columns) m from the cell's centre to the nearest occupied cell's centre, or to the return in it; at most
+    FAR_M."""
+    corner: Cell
+    """World index of [0, 0]: that cell begins at corner * cell north and east."""
+    cell: float
+    """Size of a cell (m)."""
+    hits: Array | None = None
+    """(k, 2) m, NED: the return in each occupied cell, in the cells' order; None: the cells' centres stand for them."""
+    certain: BoolArray | None = None
+    """(rows, columns) occupied and confirmed from close range, so that there is no gap in it; None: all that are
+    occupied."""
+
+    def cell_of(self, place: Array) -> Cell:
+        """Row and column of a place (2,) or (3,) NED (m); outside of the window if the place is."""
+        return (
+            math.floor(place[0] / self.cell) - self.corner[0],
+            math.floor(place[1] / self.cell) - self.corner[1],
+        )
+
+    def centre_of(self, cell: Cell) -> Array:
+        """(2,) north and east (m) of a cell's centre."""
+        centre: Array = (np.array(self.corner) + np.array(cell) + 0.5) * self.cell
+        return centre
+
+    def contains(self, cell: Cell) -> bool:
+        """Whether a row and column are in the window."""
+        rows, columns = self.states.shape
+        return bool(0 <= cell[0] < rows and 0 <= cell[1] < columns)
+
+    def state_at(self, place: Array) -> int:
+        """State of the cell at a place (2,) or (3,) NED (m); UNKNOWN outside of the window."""
+        cell = self.cell_of(place)
+        return int(self.states[cell]) if self.contains(cell) else UNKNOWN
+
+    def distance_at(self, place: Array) -> float | None:
+        """Distance (m) to the nearest obstacle from the cell at a place (2,) or (3,) NED (m); None outside of the
+        window."""
+        cell = self.cell_of(place)
+        return float(self.to_occupied[cell]) if self.contains(cell) else None
+
+    def obstacle_centres(self) -> Array:
+        """(k, 2) north and east (m) of the centres of the occupied cells."""
+        centres: Array = (np.argwhere(self.states == OCCUPIED) + np.array(self.corner) + 0.5) * self.cell
+        return centres
+
+
+def to_certain(view: MapView) -> Floats:
+    """(rows, columns) m as `view.to_occupied`, but to the certain cells only."""
+    if view.certain is None:
+        return view.to_occupied
+    distances = np.empty_like(view.to_occupied)
+    if view.hits is None:
+        fill_distances(distances, view.certain, view.cell)
+    else:
+        hits = view.hits[view.certain[view.states == OCCUPIED]]
+        fill_distances_to_returns(distances, view.certain, hits, view.corner, view.cell)
+    return distances

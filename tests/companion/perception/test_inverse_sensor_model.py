@@ -1,0 +1,76 @@
+"""The inverse sensor model: what one scan adds to a grid, without the map around it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.perception.inverse_sensor_model import Beams, Layer, add_beams, range_within_layer
+from companion.perception.occupancy_grid import CEILING, FLOOR, Grid
+from protocol.arrays import Array
+from protocol.frames import from_euler
+
+SIZE, CELL = 64, 0.25
+LAYER = Layer(down=-3.0, half_height=1.5, ground_down=-0.5)
+
+
+def empty_grid(corner_row: int = -SIZE // 2, corner_column: int = -SIZE // 2, now_s: float = 0.0) -> Grid:
+    log_odds, updated_s = np.zeros((SIZE, SIZE), np.float32), np.zeros((SIZE, SIZE), np.float32)
+    return Grid(log_odds, updated_s, np.zeros((SIZE, SIZE, 3)), corner_row, corner_column, CELL, now_s, 0.1)
+
+
+def random_beams(rng: np.random.Generator, here: Array) -> Beams:
+    attitudes = np.tile(from_euler(rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), 0.4), (72, 1))
+    hit, known = rng.random(72) < 0.5, rng.random(72) < 0.9
+    bearings: Array = np.radians(5.0 * np.arange(72))
+    return Beams(bearings, rng.uniform(0.5, 9.0, 72), hit, known, np.tile(here, (72, 1)), attitudes, math.radians(5.0))
+
+
+def test_one_beam_lowers_its_wedge_and_raises_its_arc() -> None:
+    """North of the sensor; behind the return and outside of the sector nothing changes."""
+    grid = empty_grid()
+    one = np.ones(1, np.bool_)
+    pose = np.array([[0.1, 0.125, -3.0]]), np.array([from_euler(0.0, 0.0, 0.0)])
+    add_beams(grid, Beams(np.zeros(1), np.array([2.0]), one, one, *pose, math.radians(5.0)), LAYER)
+    rows, columns = np.nonzero(grid.log_odds)
+    assert (columns == 0).all() and rows.tolist() == list(range(9))
+    assert (grid.log_odds[:8, 0] < 0.0).all() and grid.log_odds[8, 0] == pytest.approx(0.5 * CEILING)
+    assert grid.returns[8, 0] == pytest.approx([2.1, 0.125, 2.0], abs=0.5 * 2.0 * math.radians(5.0)), "on the arc"
+
+
+def test_log_odds_stay_within_their_bounds() -> None:
+    rng = np.random.default_rng(7)
+    grid = empty_grid()
+    for k in range(200):
+        here = np.array([*rng.uniform(-2.0, 2.0, 2), -3.0 + rng.uniform(-1.0, 1.0)])
+        add_beams(grid._replace(now_s=0.066 * k), random_beams(rng, here), LAYER)
+        assert grid.log_odds.min() >= FLOOR and grid.log_odds.max() <= CEILING
+    assert grid.log_odds.min() == FLOOR and grid.log_odds.max() > 0.5 * CEILING
+
+
+@pytest.mark.parametrize("shift", [(0, 3), (-7, 0), (17, -40), (64, 128)])
+def test_the_place_in_memory_does_not_matter(shift: tuple[int, int]) -> None:
+    """The same scans seen from elsewhere give the same cells, rolled by the shift modulo the size."""
+    (rows, columns), here = shift, np.array([0.1, -0.2, -3.0])
+    there = here + CELL * np.array([rows, columns, 0.0])
+    first, second = empty_grid(), empty_grid(-SIZE // 2 + rows, -SIZE // 2 + columns)
+    for seed in range(5):
+        add_beams(first, random_beams(np.random.default_rng(seed), here), LAYER)
+        add_beams(second, random_beams(np.random.default_rng(seed), there), LAYER)
+    assert (first.log_odds != 0.0).sum() > 1000
+    assert np.allclose(np.roll(first.log_odds, shift, (0, 1)), second.log_odds)
+
+
+def test_returns_and_free_wedges_outside_of_the_layer_do_not_count() -> None:
+    grid = empty_grid()
+    above = random_beams(np.random.default_rng(1), np.array([0.0, 0.0, -3.0 - LAYER.half_height]))
+    add_beams(grid, above, LAYER)
+    assert not grid.log_odds.any()
+
+
+def test_a_beam_is_followed_to_the_edge_of_the_layer() -> None:
+    rng = np.random.default_rng(4)
+    for above, down in zip(rng.uniform(-1.4, 1.4, 200), rng.uniform(-0.5, 0.5, 200), strict=True):
+        there = above + range_within_layer(above, down, 1.5) * down
+        assert there == pytest.approx(math.copysign(1.5, down))
+    assert range_within_layer(0.3, 0.0, 1.5) == math.inf and range_within_layer(-1.6, 0.2, 1.5) == 0.0

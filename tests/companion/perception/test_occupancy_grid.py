@@ -1,0 +1,88 @@
+"""The cells of the occupancy grid: fading, the window's memory, discs, classification."""
+
+import numpy as np
+import pytest
+
+from companion.perception.distance_field import Floats
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN
+from companion.perception.occupancy_grid import (
+    FREE_BELOW,
+    OCCUPIED_ABOVE,
+    Grid,
+    classify,
+    faded,
+    move_window,
+    set_disc,
+)
+from protocol.arrays import Array
+
+SIZE, CELL = 16, 0.5
+CORNERS = [(0, 0), (-5, 7), (1003, -1009)]
+
+
+def grid_of(log_odds: Floats, corner: tuple[int, int], now_s: float = 0.0, fading: float = 0.0) -> Grid:
+    times, returns = np.zeros(log_odds.shape, np.float32), np.zeros((*log_odds.shape, 3))
+    return Grid(log_odds, times, returns, *corner, CELL, now_s, fading)
+
+
+def in_order(values: Array | Floats, corner: tuple[int, int]) -> Array:
+    """Cells in the window's order, from that of the memory."""
+    rows, columns = (np.arange(first, first + SIZE) % SIZE for first in corner)
+    return np.asarray(values[np.ix_(rows, columns)], np.float64)
+
+
+def test_fading_ends_at_unknown() -> None:
+    for value in (-1.0, 0.0, 2.5):
+        assert faded(value, 0.0, 0.1) == value and faded(value, 100.0, 0.1) == 0.0
+        assert faded(faded(value, 3.0, 0.1), 4.0, 0.1) == pytest.approx(faded(value, 7.0, 0.1))
+        assert faded(-value, 5.0, 0.1) == -faded(value, 5.0, 0.1)
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+@pytest.mark.parametrize("step", [(0, 0), (3, -2), (-1, 0), (SIZE, 0), (5, 40)])
+def test_the_window_keeps_what_stays_in_it(corner: tuple[int, int], step: tuple[int, int]) -> None:
+    rng = np.random.default_rng(1)
+    log_odds = rng.uniform(1.0, 2.0, (SIZE, SIZE)).astype(np.float32)
+    before = in_order(log_odds, corner)
+    moved = corner[0] + step[0], corner[1] + step[1]
+    move_window(log_odds, *corner, *moved)
+    after = in_order(log_odds, moved)
+    for i in range(SIZE):
+        for j in range(SIZE):
+            row, column = i + step[0], j + step[1]
+            stays = 0 <= row < SIZE and 0 <= column < SIZE
+            assert after[i, j] == (before[row, column] if stays else 0.0)
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+def test_a_disc_is_set_within_the_window_alone(corner: tuple[int, int]) -> None:
+    """At the window's edge the part outside is not wrapped to the other side."""
+    rng = np.random.default_rng(2)
+    indices = np.indices((SIZE, SIZE))
+    centres = [(axis + first + 0.5) * CELL for axis, first in zip(indices, corner, strict=True)]
+    for occupied_only in (False, True):
+        log_odds = rng.uniform(-1.0, 1.0, (SIZE, SIZE)).astype(np.float32)
+        before = in_order(log_odds, corner)
+        north, east = (corner[0] + 1.3) * CELL, (corner[1] + 9.1) * CELL
+        set_disc(grid_of(log_odds, corner), north, east, 1.7, 3.0, occupied_only)
+        inside = np.hypot(centres[0] - north, centres[1] - east) <= 1.7
+        inside &= (before > 0.0) | (not occupied_only)
+        assert 0 < inside.sum() < 60
+        assert np.array_equal(in_order(log_odds, corner), np.where(inside, 3.0, before))
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+def test_classification_against_a_model(corner: tuple[int, int]) -> None:
+    rng = np.random.default_rng(3)
+    grid = grid_of(rng.uniform(-1.5, 1.5, (SIZE, SIZE)).astype(np.float32), corner, now_s=4.0, fading=0.1)
+    grid.returns[:] = rng.uniform(0.0, 2.0, grid.returns.shape)
+    grid.updated_s[:] = rng.uniform(0.0, 4.0, grid.updated_s.shape)
+    states, certain = np.empty((SIZE, SIZE), np.uint8), np.empty((SIZE, SIZE), np.bool_)
+    hits = classify(grid, states, certain)
+    values = in_order(grid.log_odds, corner)
+    left = np.sign(values) * np.maximum(np.abs(values) - 0.1 * (4.0 - in_order(grid.updated_s, corner)), 0.0)
+    expected = np.where(left > OCCUPIED_ABOVE, OCCUPIED, np.where(left < FREE_BELOW, FREE, UNKNOWN))
+    assert np.array_equal(states, expected) and set(np.unique(states)) == {UNKNOWN, FREE, OCCUPIED}
+    returns = np.stack([in_order(grid.returns[:, :, k], corner) for k in range(3)], -1)
+    assert np.array_equal(hits, returns[states == OCCUPIED][:, :2])
+    assert np.array_equal(certain, (states == OCCUPIED) & (returns[:, :, 2] < 0.7))
