@@ -15,7 +15,7 @@ import numpy as np
 from companion.link.firmware import firmware_of
 from companion.link.firmware.firmware import Firmware
 from companion.state import FlightMode
-from companion.view.gather import Batch
+from companion.view.batches import Batch
 from companion.view.lines import Floats
 from companion.view.scene import in_the_way
 from protocol.arrays import Array

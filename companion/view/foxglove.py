@@ -42,7 +42,7 @@ from companion.logs.recordings import DRAWN, has_texts, unpack
 from companion.logs.target import output
 from companion.records import LOGGED, PLANNED
 from companion.state import Reason
-from companion.view.history import quaternions
+from companion.view.attitudes import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
 from companion.view.scene import mesh, solids

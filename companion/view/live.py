@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from companion.view.attitudes import rotated
 from companion.view.control import Control, Panel
 from companion.view.history import History, Moment, Plan
 from companion.view.lines import Floats
@@ -365,7 +366,7 @@ class Page:
         self._returns.visible = self._rays.visible = shown
         if place is None or attitude is None or not shown:
             return
-        points = _enu(place + turned(attitude, moment.returns_frd))
+        points = _enu(place + rotated(attitude, moment.returns_frd))
         self._returns.points = points
         nearest = int((moment.returns_frd**2).sum(axis=1).argmin())
         self._rays.points = np.stack((_enu(place), points[nearest]))[None]
@@ -382,14 +383,6 @@ def ahead(place_ned: Floats, plan: Plan) -> Array:
 def _enu(vectors_ned: Floats) -> Array:
     """(..., 3)"""
     return enu_to_ned(vectors_ned.astype(np.float64))
-
-
-def turned(attitude: Floats, vectors: Floats) -> Floats:
-    """(n, 3) body vectors into the world; `protocol.frames.rotate` for many."""
-    axis, w = attitude[1:], attitude[0]
-    t = 2.0 * np.cross(axis, vectors)
-    result: Floats = vectors + w * t + np.cross(axis, t)
-    return result
 
 
 def _every(count: int, most: int) -> Any:

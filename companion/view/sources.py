@@ -16,7 +16,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
-from companion.view.gather import BATCH, Batch, batch, batches
+from companion.view.batches import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, FILE_NAME, MAGIC, FlightLogError, LogReader, RecordType, decompressed
 from protocol.flightlog.recorder import message_type

@@ -15,8 +15,9 @@ from playwright.sync_api import Locator
 
 from companion.perception.rolling_map import FAR_M
 from companion.state import Reason
-from companion.view.history import History, Moment, quaternions
-from companion.view.live import _BEHIND, _LOUD, Page, ahead, turned, words
+from companion.view.attitudes import quaternions, rotated
+from companion.view.history import History, Moment
+from companion.view.live import _BEHIND, _LOUD, Page, ahead, words
 from companion.view.sources import GrowingLog, Link, Source, newest, open_log
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
@@ -169,14 +170,14 @@ def test_a_link_shows_what_its_vehicle_says_and_says_nothing_itself() -> None:
     assert theirs.receive(0.0) is None
 
 
-def test_many_vectors_are_turned_as_one_is() -> None:
+def test_many_vectors_are_rotated_as_one_is() -> None:
     generator = np.random.default_rng(3)
     angles = generator.uniform(-1.5, 1.5, (50, 3))
     attitudes = quaternions(angles)
     vectors = generator.normal(size=(4, 3))
     for angle, attitude in zip(angles, attitudes, strict=True):
         assert attitude == pytest.approx(from_euler(*angle))
-        for vector, result in zip(vectors, turned(attitude, vectors), strict=True):
+        for vector, result in zip(vectors, rotated(attitude, vectors), strict=True):
             assert result == pytest.approx(rotate(attitude, vector))
 
 
