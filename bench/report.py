@@ -129,7 +129,7 @@ def run(command: str, log: Path) -> tuple[str, float, float]:
     """A command of the companion in a process of its own: what it prints, its time (s), its greatest memory (MB)."""
     code = (
         "import sys; sys.argv = ['companion', *sys.argv[1:]]\n"
-        "from companion.cli.flights import app; app(standalone_mode=False)\n"
+        "from companion.cli.app import app; app(standalone_mode=False)\n"
         "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
     )  # (getrusage would count what this process had when it forked)
     began = time.perf_counter()

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from companion.cli.flights import app
+from companion.cli.app import app
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ def loaded_by(statement: str) -> set[str]:
         ("companion.view.report", COMPILES_OR_FLIES),
         ("companion.runtime.summary", COMPILES_OR_FLIES),
         ("companion.logs.info", COMPILES_OR_FLIES | {"numpy"}),
-        ("companion.cli.flights", COMPILES_OR_FLIES | {"numpy", "msgspec", "mcap", "rich"}),
+        ("companion.cli.app", COMPILES_OR_FLIES | {"numpy", "msgspec", "mcap", "rich"}),
     ],
 )
 def test_a_reader_loads_no_more_than_it_needs(module: str, unwanted: set[str]) -> None:
