@@ -146,7 +146,7 @@ def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) 
     flight = GatheredFlight(make(tmp_path, silent=(12.0, 12.6), late_ms={750: 7.0, 1000: 1.9}))
     found = findings(flight)
     gaps = {finding.text.split()[0]: finding for finding in found if finding.about == "telemetry"}
-    assert set(gaps) == {"LOCAL_POSITION_NED", "ATTITUDE_QUATERNION"}, "the ring is not flown by at each step"
+    assert set(gaps) == {"LOCAL_POSITION_NED", "ATTITUDE_QUATERNION"}, "scans come too seldom to be judged"
     for gap in gaps.values():
         assert gap.level is Level.WARNING
         assert gap.at[0] == pytest.approx(11.98)
