@@ -2,10 +2,9 @@
 
     python bench/report.py [LOG] [--minutes 20] [--hours 8] [--openings 5] [--json]
 
-LOG is a flight's, the courier's where none is given (it is flown first). The flight of 20 minutes is that log again and
-again. --hours N also writes a log of N hours with 1000 messages a second (for 8: minutes, and 0.7 GB) and lets
-`companion info` and `companion report` have it. Chromium is headless and draws in software; without one that part is
-left out.
+Without a LOG the courier's mission is flown first. The log of 20 minutes repeats that log. --hours N also writes a log
+of N hours with 1000 messages a second (8 hours take minutes and 0.7 GB), and measures `companion info` and `companion
+report` of it. Chromium is headless and draws in software; without it that part is left out.
 """
 
 import argparse
@@ -34,7 +33,7 @@ RATE = 1000
 
 
 def repeated(source: Path, target: Path, seconds: float) -> Path:
-    """A log as long as wanted: all records of another one again and again, each time later."""
+    """A log of `seconds`: all records of another log again and again, each time later."""
     log = LogReader(source)
     kinds, records = log.topics, list(log.records())
     span_ns = max(record.time_ns for record in records) - records[0].time_ns + 4_000_000
@@ -60,12 +59,13 @@ new MutationObserver((_, watcher) => {
 }).observe(document, {subtree: true, childList: true, attributeFilter: ["data-drawn"]});
 addEventListener("DOMContentLoaded", () => document.querySelector(".plot").scrollIntoView());
 """
-"""Charts are drawn when they are looked at. The page's own clock counts: what drives the browser looks in seldom."""
+"""A chart is drawn when it comes into view. The page's own clock measures, because playwright asks only now and
+then."""
 
 
 def opening(report: Path, times: int) -> dict[str, float]:
-    """s from asking for the page to when its first words and its first chart are on the screen, in a browser that has
-    just started."""
+    """Times (s) from the request of the page until its first words and its first chart are on the screen, in a browser
+    that has just started."""
     words, charts, all_charts = [], [], 0
     with sync_playwright() as playwright:
         for _ in range(times):
@@ -89,7 +89,7 @@ def opening(report: Path, times: int) -> dict[str, float]:
 
 
 def fly(folder: Path) -> Path:
-    """The courier's log, in lockstep."""
+    """The log of the courier's mission, flown in lockstep."""
     command = [sys.executable, "-m", "companion", "demo", "courier", "--no-report", "--log", str(folder)]
     subprocess.run(command, check=True, capture_output=True)
     (log,) = folder.glob("*/flight.mcap")
@@ -97,7 +97,7 @@ def fly(folder: Path) -> Path:
 
 
 def long_log(path: Path, hours: float) -> int:
-    """Four vehicles' attitudes at 250 Hz each, in chunks of 80 ms; how many messages."""
+    """Write a log with the attitudes of four vehicles at 250 Hz each, in chunks of 80 ms. Returns its messages."""
     file = McapFile(path)
     file.add_metadata("flightlog", {"version": "1", "epoch_ns": "0"})
     attitude, beat = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, dialect.MAVLINK_MSG_ID_HEARTBEAT
@@ -121,16 +121,16 @@ def long_log(path: Path, hours: float) -> int:
 
 
 def kind_of_beat(index: int) -> bytes:
-    """A PX4 vehicle's heartbeat, in turns in two modes."""
+    """The heartbeat of a PX4 vehicle that alternates between two modes."""
     mode = (6 if index // RATE // 60 % 2 else 3) << 16
     return message_type(dialect.MAVLINK_MSG_ID_HEARTBEAT, "/x")[0].pack(mode, 2, 12, 0x81, 4, 3)
 
 
 def run(command: str, log: Path) -> tuple[str, float, float]:
-    """A command of the companion in a process of its own: what it prints, its time (s), its greatest memory (MB)."""
+    """Run a command of the companion in a process: what it prints, its time (s) and its largest memory (MB)."""
     code = (
         "import sys; sys.argv = ['companion', *sys.argv[1:]]\n"
-        "from companion.cli.flights import app; app(standalone_mode=False)\n"
+        "from companion.cli.app import app; app(standalone_mode=False)\n"
         "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
     )  # (getrusage would count what this process had when it forked)
     began = time.perf_counter()

@@ -3,6 +3,6 @@
 
 def main() -> None:
     """The program `companion`."""
-    from companion.cli.flights import main as run_app
+    from companion.cli.app import main as run_app
 
     run_app()

@@ -1,24 +1,19 @@
-"""The command line: `companion demo`, `companion fly`, and what the other modules add to it."""
+"""The commands that fly: demo, fly."""
 
 import json
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from companion.avoidance_methods import listed
-from companion.cli import logs as cli_logs
-from companion.cli import view as cli_view
-from companion.cli.shell import ABANDONED, FAILED, exit_on_user_error, run
-from companion.cli.shell import say as _say
+from companion.cli.options import options
+from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_error, say
 
-app = typer.Typer(
-    help="Fly a vehicle over MAVLink: LQR attitude control, backstepping position control, LiDAR avoidance.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-)
+if TYPE_CHECKING:
+    from companion.runtime.flight import Pace, Plan
 
 MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
 OutputName = Annotated[
@@ -48,7 +43,7 @@ DemoOverrides = Annotated[
         metavar="KEY=VALUE",
     ),
 ]
-Avoid = Annotated[
+MethodName = Annotated[
     str | None,
     typer.Option(
         "--avoid",
@@ -59,132 +54,138 @@ Avoid = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the end table as one JSON object.")]
 
 
-@app.command()
-def demo(
-    mission: MissionName = "courier",
-    output: OutputName = "rates",
-    pace: PaceName = "lockstep",
-    avoid: Avoid = None,
-    seed: Annotated[int, typer.Option(help="Of the simulator's noise.", min=0)] = 1,
-    log: LogFolder = Path("logs"),
-    settings: SettingsFile = None,
-    overrides: DemoOverrides = None,
+@dataclass(frozen=True, slots=True)
+class DemoOptions:
+    """What `companion demo` is asked for."""
+
+    mission: MissionName = "courier"
+    output: OutputName = "rates"
+    pace: PaceName = "lockstep"
+    avoid: MethodName = None
+    seed: Annotated[int, typer.Option(help="Of the simulator's noise.", min=0)] = 1
+    log: LogFolder = Path("logs")
+    settings: SettingsFile = None
+    overrides: DemoOverrides = None
     truth: Annotated[
         bool, typer.Option("--truth", help="Leave the true motion of every tick beside the log, as truth.npy.")
-    ] = False,
-    report: Annotated[bool, typer.Option(help="Write report.html beside the log.")] = True,
-    as_json: AsJson = False,
-) -> None:
-    """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
-    plan = _plan(mission, output, pace, settings, _chosen(avoid, overrides), seed)
-    _say("getting ready (the first time on a machine, some 20 s of compiling)")
-    from companion.runtime.demo import demo as fly_demo
-
-    verdict = _usable(fly_demo, plan, log, console=True, truth=truth)
-    _print_table(verdict.table(), verdict.result.log, as_json)
-    if report:
-        from companion.view.report import write
-
-        _say(f"report: {_usable(write, verdict.result.log)}")
-    if not verdict.succeeded:
-        _say(f"failed: {verdict.outcome}")
-        raise typer.Exit(FAILED)
+    ] = False
+    report: Annotated[bool, typer.Option(help="Write report.html beside the log.")] = True
+    as_json: AsJson = False
 
 
-@app.command()
-def fly(
-    mission: MissionName,
+@dataclass(frozen=True, slots=True)
+class FlyOptions:
+    """What `companion fly` is asked for."""
+
+    mission: MissionName
     connect: Annotated[
         str,
         typer.Option(help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD."),
-    ] = "udpin:127.0.0.1:14540",
-    output: OutputName = "rates",
-    pace: PaceName = "realtime",
-    avoid: Avoid = None,
-    log: LogFolder = Path("logs"),
-    settings: SettingsFile = None,
-    overrides: Overrides = None,
-    as_json: AsJson = False,
-) -> None:
-    """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
-    plan = _plan(mission, output, pace, settings, _chosen(avoid, overrides), None)
-    from companion.runtime.flight import end_table, prepare
-    from companion.runtime.flight import fly as fly_plan
-    from companion.runtime.summary import summarize
-    from protocol.transport import open_url
+    ] = "udpin:127.0.0.1:14540"
+    output: OutputName = "rates"
+    pace: PaceName = "realtime"
+    avoid: MethodName = None
+    log: LogFolder = Path("logs")
+    settings: SettingsFile = None
+    overrides: Overrides = None
+    as_json: AsJson = False
 
-    transport = _usable(open_url, connect)
-    _usable(prepare, plan)
-    left = "; a vehicle in the air holds and lands by itself"
-    result = _usable(fly_plan, plan, transport, log, console=True, left=left)
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the program."""
+    for command in (demo, fly):
+        app.command()(command)
+
+
+@options(DemoOptions)
+def demo(asked: DemoOptions) -> None:
+    """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
+    with _abandoned():
+        plan = exit_on_user_error(_plan, asked, asked.seed)
+        say("getting ready (the first time on a machine, some 20 s of compiling)")
+        from companion.runtime.demo import demo as fly_demo
+
+        verdict = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth)
+    _print_end(verdict.table(), verdict.result.log, as_json=asked.as_json)
+    if asked.report:
+        from companion.view.report import write
+
+        with _abandoned():
+            say(f"report: {exit_on_user_error(write, verdict.result.log)}")
+    if not verdict.succeeded:
+        exit_as_failed(verdict.outcome)
+
+
+@options(FlyOptions)
+def fly(asked: FlyOptions) -> None:
+    """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
+    with _abandoned():
+        plan = exit_on_user_error(_plan, asked, None)
+        from companion.runtime.flight import end_table, prepare
+        from companion.runtime.flight import fly as fly_plan
+        from companion.runtime.summary import summarize
+        from protocol.transport import open_url
+
+        transport = exit_on_user_error(open_url, asked.connect)
+        exit_on_user_error(prepare, plan)
+    with _abandoned("; a vehicle in the air holds and lands by itself"):
+        result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True)
     outcome = result.fault or ("delivered" if result.delivered else "flown")
     summary = summarize(result.log)
-    if summary.distance_m > 0.0 or as_json:
-        _print_table({"outcome": outcome, **end_table(result, summary)}, result.log, as_json)
+    if summary.distance_m > 0.0 or asked.as_json:
+        table = {"outcome": outcome, **end_table(result, summary)}
+        _print_end(table, result.log, as_json=asked.as_json)
     if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
-        _say(f"failed: {outcome}")
-        raise typer.Exit(FAILED)
+        exit_as_failed(outcome)
 
 
-cli_logs.register(app)
-cli_view.register(app)
+def _abandoned(consequence: str = "") -> AbstractContextManager[None]:
+    """Ends the program at an interrupt, which has this consequence."""
+    return exit_on_interrupt(f"companion: abandoned{consequence}")
 
 
-@app.command()
-def settings() -> None:
-    """Print every setting with its default and its meaning (Markdown)."""
-    from companion.cli.settings_page import page
+def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
+    """Read and check all that a flight needs. `seed`: the simulator's; None for a vehicle that is no simulator of ours.
 
-    typer.echo(page(), nl=False)
+    Raises TomlFileError and PlanError.
+    """
+    from companion.config import load_body, load_settings
+    from companion.mission import plan as missions
+    from companion.runtime.demo import SIMULATOR_FILES
+    from companion.runtime.flight import Plan, PlanError, check
+    from companion.state import Output
+    from protocol import toml_files as toml_files
 
-
-def main() -> None:
-    """The program `companion`."""
-    run(app)
-
-
-def _chosen(avoid: str | None, overrides: list[str] | None) -> list[str]:
-    """The overrides with that of --avoid as the last word."""
-    return [*(overrides or ()), *([] if avoid is None else [f"avoidance.method={json.dumps(avoid)}"])]
-
-
-def _plan(mission: str, output: str, pace: str, settings: Path | None, overrides: list[str], seed: int | None) -> Any:
-    def read() -> Any:
-        from companion.config import load_body, load_settings
-        from companion.mission import plan as missions
-        from companion.runtime.demo import SIMULATOR_FILES
-        from companion.runtime.flight import Plan, PlanError, check
-        from companion.state import Output
-        from protocol import toml_files as toml_files
-
-        changes = toml_files.by_first_word(overrides, ("mission", *SIMULATOR_FILES))
-        if seed is None and any(changes[word] for word in SIMULATOR_FILES):
-            raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
-        read_settings = load_settings(settings, changes[""])
-        flown, path = missions.load(mission, changes["mission"])
-        files = {
-            "mission": path,
-            "vehicle": toml_files.find("vehicles", flown.vehicle),
-            "world": toml_files.find("worlds", flown.world),
-        }
-        try:
-            chosen = Output(output)
-        except ValueError:
-            *names, last = (each.value for each in Output)
-            raise PlanError(f"--output {output}: there are {', '.join(names)} and {last}") from None
-        body, given = load_body(flown.vehicle), tuple(overrides)
-        plan = Plan(read_settings, body, flown, chosen, _pace(pace), files, seed, given)
-        check(plan)
-        return plan
-
-    return _usable(read)
+    overrides = list(asked.overrides or ())
+    if asked.avoid is not None:  # the last word
+        overrides.append(f"avoidance.method={json.dumps(asked.avoid)}")
+    changes = toml_files.by_first_word(overrides, ("mission", *SIMULATOR_FILES))
+    if seed is None and any(changes[word] for word in SIMULATOR_FILES):
+        raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
+    settings = load_settings(asked.settings, changes[""])
+    mission, path = missions.load(asked.mission, changes["mission"])
+    files = {
+        "mission": path,
+        "vehicle": toml_files.find("vehicles", mission.vehicle),
+        "world": toml_files.find("worlds", mission.world),
+    }
+    try:
+        output = Output(asked.output)
+    except ValueError:
+        *names, last = (each.value for each in Output)
+        raise PlanError(f"--output {asked.output}: there are {', '.join(names)} and {last}") from None
+    body = load_body(mission.vehicle)
+    plan = Plan(settings, body, mission, output, _pace(asked.pace), files, seed, tuple(overrides))
+    check(plan)
+    return plan
 
 
-def _pace(text: str) -> Any:
+def _pace(text: str) -> "Pace":
+    """Raises PlanError."""
     from companion.runtime.flight import PlanError
 
     if text == "lockstep":
-        return text
+        return "lockstep"
     if text == "realtime":
         return 1.0
     try:
@@ -196,16 +197,8 @@ def _pace(text: str) -> Any:
     return factor
 
 
-def _usable(function: Any, *arguments: Any, left: str = "", **options: Any) -> Any:
-    """As `shell.usable`; whoever interrupts it is told what is `left` then."""
-    try:
-        return exit_on_user_error(function, *arguments, **options)
-    except KeyboardInterrupt:
-        _say(f"companion: abandoned{left}")
-        raise typer.Exit(ABANDONED) from None
-
-
-def _print_table(values: dict[str, object], log: Path, as_json: bool) -> None:
+def _print_end(values: dict[str, object], log: Path, *, as_json: bool) -> None:
+    """How a flight ended, as a table or as JSON."""
     if as_json:
         typer.echo(json.dumps({**values, "log": str(log)}))
         return

@@ -3,13 +3,23 @@
 import json
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from companion.cli.shell import ABANDONED, FAILED, UNUSABLE, exit_if_damaged, exit_on_user_error, log_file, say
+from companion.cli.shell import (
+    FAILED,
+    exit_as_unusable,
+    exit_if_damaged,
+    exit_on_interrupt,
+    exit_on_user_error,
+    log_file,
+    note,
+    say,
+)
 
 if TYPE_CHECKING:
     from companion.logs.info import Info
@@ -17,6 +27,7 @@ if TYPE_CHECKING:
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap), a folder with one, or a .tlog.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+_RARE_FAULTS = frozenset({"frames_bad", "duplicates", "sequence_restarts", "reboots", "messages_late"})
 _MOST_SHOWN = 40
 _BLANKS = dict.fromkeys(range(32), " ")
 """For control characters, which would break a line of a table."""
@@ -24,7 +35,7 @@ _FASTEST = 1e6
 
 
 def register(app: typer.Typer) -> None:
-    """Put the commands onto the program's."""
+    """Add the commands to the program."""
     for command in (replay, play, info, digest, repair, convert, logs):
         app.command()(command)
 
@@ -59,8 +70,8 @@ def replay(
 
         exit_on_user_error(check, plot)
     result = exit_on_user_error(fly_again, path, settings, overrides or [], keeps_series=plot is not None, trace=trace)
-    for note in result.notes:
-        say(f"companion: {note}")
+    for line in result.notes:
+        note(line)
     if as_json:
         typer.echo(json.dumps(_replay_table(result)))
     else:
@@ -168,13 +179,18 @@ def _show_info(found: "Info") -> None:
         ("started", started),
         ("duration", f"{found.duration_s:.3f} s"),
         *((name.replace("_", " "), value) for name, value in found.flight.items() if value),
-        *((name.replace("_", " "), value) for name, value in found.result.items() if value),
+        *((name.replace("_", " "), value) for name, value in found.result.items() if _is_worth_saying(name, value)),
         *((name, f"{size} bytes") for name, size in found.attachments.items()),
     ]
     _table(None, head)
     rate = 1.0 / found.duration_s if found.duration_s > 0.0 else 0.0
     rows = [(topic, str(count), f"{count * rate:.1f}") for topic, count in found.topics.items()]
     _table(("topic", "messages", "a second"), rows)
+
+
+def _is_worth_saying(name: str, value: str) -> bool:
+    """Whether a value of a flight's result is listed: the counters of the link's rarer faults are not if they are 0."""
+    return bool(value) and not (name in _RARE_FAULTS and value == "0")
 
 
 def digest(log: LogFile) -> None:
@@ -221,10 +237,8 @@ def play(
 
     path = log_file(log)
     if not 0.0 < speed <= _FASTEST:
-        say(f"companion: --speed {speed:g}: not a positive number up to {_FASTEST:g}")
-        raise typer.Exit(UNUSABLE)
-    transport = exit_on_user_error(open_url, to)
-    try:
+        exit_as_unusable(f"--speed {speed:g}: not a positive number up to {_FASTEST:g}")
+    with closing(exit_on_user_error(open_url, to)) as transport, exit_on_interrupt(""):
         played = exit_on_user_error(
             send_again,
             path,
@@ -235,11 +249,6 @@ def play(
             progress=lambda time_s: typer.echo(f"\r{time_s:9.1f} s", err=True, nl=False),
             pausing=lambda wait_s: say(f"\rcompanion: {path}: the next datagram comes in {wait_s:.0f} s"),
         )
-    except KeyboardInterrupt:
-        say("")
-        raise typer.Exit(ABANDONED) from None
-    finally:
-        transport.close()
     say("")
     typer.echo(f"{played.datagrams} datagrams ({played.bytes} bytes), {played.played_s:.1f} s of the log, to {to}")
 

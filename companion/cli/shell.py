@@ -1,13 +1,14 @@
-"""What all commands share: exit codes, words to the person, and errors from outside as one line."""
+"""What all commands share: exit codes, lines on standard error, and errors of the user as one line."""
 
 import errno
 import os
 import stat
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import NoReturn, ParamSpec, TypeVar
 
 import typer
 
@@ -23,29 +24,55 @@ ABANDONED = 130
 
 
 def exit_on_user_error(function: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-    """Call it; what can't be used ends the program with one line and exit code 2."""
+    """Call a function. A file, a setting or an address that can't be used ends the program with one line."""
     try:
         return function(*arguments, **options)
     except Exception as error:
-        if not isinstance(error, _from_outside()):
+        if not _is_the_user_s(error):
             raise
-        say(f"companion: {error}")
-        raise typer.Exit(UNUSABLE) from None
+        exit_as_unusable(str(error))
 
 
-def _from_outside() -> tuple[type[Exception], ...]:
-    """Imported when there is something to say: a listing of logs need not load the autopilot."""
-    from companion.runtime.flight import PlanError
-    from companion.runtime.rehearsal import RehearsalError
+def _is_the_user_s(error: Exception) -> bool:
+    """Whether an error says that a file, a setting or an address can't be used. The modules that raise it are imported
+    only now, the autopilot's last, because a listing of logs should not load it."""
     from protocol.flightlog import FlightLogError
     from protocol.toml_files import TomlFileError
     from protocol.transport import TransportError
 
-    return TomlFileError, FlightLogError, PlanError, RehearsalError, TransportError
+    if isinstance(error, TomlFileError | FlightLogError | TransportError):
+        return True
+    from companion.runtime.flight import PlanError
+    from companion.runtime.rehearsal import RehearsalError
+
+    return isinstance(error, PlanError | RehearsalError)
+
+
+@contextmanager
+def exit_on_interrupt(text: str | None = None) -> Iterator[None]:
+    """A block in which an interrupt ends the program with exit code 130, with this line if any."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if text is not None:
+            say(text)
+        raise typer.Exit(ABANDONED) from None
+
+
+def exit_as_unusable(text: str) -> NoReturn:
+    """Say what can't be used, and end the program with exit code 2. Call it while nothing was done yet."""
+    note(text)
+    raise typer.Exit(UNUSABLE) from None
+
+
+def exit_as_failed(outcome: str) -> NoReturn:
+    """Say how it ended, and end the program with exit code 1."""
+    say(f"failed: {outcome}")
+    raise typer.Exit(FAILED)
 
 
 def run(app: typer.Typer) -> None:
-    """The whole program: names that are not UTF-8 are printed all the same, and an output that is full is one line."""
+    """Run the whole program. Names that are not UTF-8 are printed escaped, and a full disk is one line."""
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
@@ -56,13 +83,13 @@ def run(app: typer.Typer) -> None:
     except OSError as error:
         if error.errno != errno.ENOSPC or error.filename is not None:
             raise
-        say(f"companion: standard output: {error.strerror}")
+        note(f"standard output: {error.strerror}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left in the buffer has nowhere to go
         sys.exit(UNUSABLE)
 
 
 def log_file(log: Path) -> Path:
-    """The log that is meant: a folder of a flight stands for its file. Without one the program ends with one line."""
+    """The file of a log; the folder of a flight stands for its file. Without one the program ends with one line."""
     from protocol.flightlog import FILE_NAME
 
     path = log
@@ -73,19 +100,22 @@ def log_file(log: Path) -> Path:
             mode = path.stat().st_mode
     except OSError as error:
         inside = path is not log and isinstance(error, FileNotFoundError)
-        say(f"companion: {log}: " + (f"a folder without {FILE_NAME}" if inside else error.strerror or str(error)))
-        raise typer.Exit(UNUSABLE) from None
+        exit_as_unusable(f"{log}: " + (f"a folder without {FILE_NAME}" if inside else error.strerror or str(error)))
     if not stat.S_ISREG(mode):
-        say(f"companion: {path}: not a file")
-        raise typer.Exit(UNUSABLE)
+        exit_as_unusable(f"{path}: not a file")
     return path
 
 
 def exit_if_damaged(problem: str | None) -> None:
-    """Say what is wrong with a log, if anything is, and end with exit code 1; after all that could be done with it."""
+    """Say what is wrong with a log, if anything is, and end with exit code 1. Call it last: what is whole was done."""
     if problem is not None:
-        say(f"companion: {problem}")
+        note(problem)
         raise typer.Exit(FAILED)
+
+
+def note(text: str) -> None:
+    """A line on standard error, in the program's name."""
+    say(f"companion: {text}")
 
 
 def say(text: str) -> None:

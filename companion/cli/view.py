@@ -3,18 +3,20 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from companion.cli.shell import ABANDONED, UNUSABLE, exit_if_damaged, exit_on_user_error, log_file, say
+from companion.cli.logs import LogFile
+from companion.cli.shell import exit_as_unusable, exit_if_damaged, exit_on_interrupt, exit_on_user_error, log_file
 
-LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap), a folder with one, or a .tlog.")]
+if TYPE_CHECKING:
+    from companion.view.control import Control
+    from companion.view.sources import Source
 
 
 def register(app: typer.Typer) -> None:
-    """Put the commands onto the program's."""
+    """Add the commands to the program."""
     for command in (report, view, foxglove):
         app.command()(command)
 
@@ -47,36 +49,39 @@ def view(
     ),
 ) -> None:
     """Show a flight in the browser, in the air or from its log. It only looks, unless --control is given."""
-    from companion.view.live import Page, serve
-    from companion.view.sources import Link, Source, newest, open_log
+    if source is not None and ":" in source and not Path(source).exists():
+        _view_link(source, port, world, control=control)
+        return
+    if control:
+        exit_as_unusable("--control needs the URL of a vehicle")
+    if world is not None:
+        exit_as_unusable("--world is for a link; a log has its own")
+    from companion.view.sources import newest, open_log
+
+    log = Path(source) if source is not None else exit_on_user_error(newest, logs)
+    with flight_log(log) as shown:
+        opened = exit_on_user_error(open_log, shown.path)
+        opened.name = str(log)
+        _serve(opened, port)
+
+
+def _view_link(url: str, port: int, world: str | None, *, control: bool) -> None:
+    """Show the vehicle at a URL, in a world if one is named, with buttons if `control`."""
+    from companion.view.control import Control
+    from companion.view.sources import Link
     from protocol.clock import RealClock
     from protocol.toml_files import find
     from protocol.transport import open_url
 
-    chosen: Source
-    asked = None
-    if source is not None and ":" in source and not Path(source).exists():
-        drawn = exit_on_user_error(find, "worlds", world).read_bytes() if world is not None else b""
-        transport = exit_on_user_error(open_url, source)
-        chosen = Link(source, transport, drawn)
-        if control:
-            from companion.view.control import Control
+    drawn = exit_on_user_error(find, "worlds", world).read_bytes() if world is not None else b""
+    transport = exit_on_user_error(open_url, url)
+    _serve(Link(url, transport, drawn), port, Control(transport.send, RealClock().now_ns) if control else None)
 
-            asked = Control(transport.send, RealClock().now_ns)
-    else:
-        if control:
-            say("companion: --control needs the URL of a vehicle")
-            raise typer.Exit(UNUSABLE)
-        if world is not None:
-            say("companion: --world is for a link; a log has its own")
-            raise typer.Exit(UNUSABLE)
-        log = Path(source) if source is not None else exit_on_user_error(newest, logs)
-        with flight_log(log) as shown:
-            chosen = exit_on_user_error(open_log, shown.path)
-            chosen.name = str(log)
-            serve(exit_on_user_error(Page, chosen, port, asked), typer.echo)
-        return
-    serve(exit_on_user_error(Page, chosen, port, asked), typer.echo)
+
+def _serve(source: "Source", port: int, control: "Control | None" = None) -> None:
+    from companion.view.live import Page, serve
+
+    serve(exit_on_user_error(Page, source, port, control), typer.echo)
 
 
 def foxglove(
@@ -88,11 +93,8 @@ def foxglove(
     is whole of it is drawn."""
     from companion.view.foxglove import beside, convert
 
-    try:
-        with flight_log(log) as shown:
-            drawn = exit_on_user_error(convert, shown.path, to or beside(log_file(log)))
-    except KeyboardInterrupt:
-        raise typer.Exit(ABANDONED) from None
+    with exit_on_interrupt(), flight_log(log) as shown:
+        drawn = exit_on_user_error(convert, shown.path, to or beside(log_file(log)))
     typer.echo(f"foxglove: {drawn.path}, {drawn.added} messages added")
     exit_if_damaged(shown.problem or drawn.problem)
 
@@ -103,12 +105,14 @@ class Shown(NamedTuple):
     path: Path
     """A flight log."""
     problem: str | None
-    """What is wrong with the telemetry log that it was made of."""
+    """What is wrong with the telemetry log that it was made from, if anything is."""
 
 
 @contextmanager
 def flight_log(log: Path) -> Iterator[Shown]:
-    """The flight log that is meant; a telemetry log becomes one for as long as it is needed."""
+    """The flight log of a file or folder. A telemetry log is converted to one that exists as long as the block."""
+    from tempfile import TemporaryDirectory
+
     from companion.logs.convert.telemetry import to_flight_log
     from companion.logs.recordings import printable
     from companion.logs.traffic import open_log, traffic_of

@@ -1,4 +1,4 @@
-"""The companion and the simulator as two processes, and the verdict on the flight."""
+"""A flight against the simulator, each in a process of its own, and the verdict on it."""
 
 import json
 import shutil
@@ -16,41 +16,43 @@ from protocol.transport import Udp
 
 TRUTH_NAME = "truth.npy"
 SIMULATOR_FILES = ("vehicle", "world")
-"""First words of the overrides that are the simulator's."""
+"""First words of the overrides that only the simulator is told."""
 
 _GRACE_S = 60.0
+"""Time (s) that the simulator has to end after the flight."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The flight as the companion, its log and the world's truth have it."""
+    """A flight as the companion, its log and the simulator's ground truth report it."""
 
     outcome: str
-    """"delivered" or "flown" (a mission without a parcel), otherwise what happened, in one sentence."""
+    """"delivered", or "flown" for a mission without a parcel; otherwise what happened, in one sentence."""
     succeeded: bool
     result: Result
     summary: Summary
     contacts: int
     least_clearance_m: float | None
-    """True distance between the hull and the nearest obstacle; None where the world has none."""
+    """Least true distance between the hull and an obstacle (m); None if the world has none."""
 
     def table(self) -> dict[str, object]:
-        """Names and values for a table or JSON."""
+        """The verdict as names and values, for a table or JSON."""
         least = None if self.least_clearance_m is None else round(self.least_clearance_m, 3)
         truth = {"contacts": self.contacts, "least_clearance_m": least}
         return {"outcome": self.outcome, **truth, **end_table(self.result, self.summary)}
 
 
 def demo(plan: Plan, logs: Path, *, console: bool, truth: bool = False) -> Verdict:
-    """Start the simulator, fly the plan against it, end it, and judge.
+    """Start the simulator, fly the plan against it, end it, and judge the flight.
 
-    `truth`: it leaves the true motion as truth.npy beside the log. Overrides of vehicle and world are the simulator's
-    alone. Raises PlanError if the simulator does not start or can't write.
+    `truth`: the simulator writes the true motion to truth.npy beside the log. Overrides of vehicle and world go to the
+    simulator only. Raises PlanError and RehearsalError if the plan can't be flown, PlanError if the simulator does not
+    start or can't write, and FlightLogError if the log can't be written.
     """
-    prepare(plan)  # before the simulator starts: the two would compile the same functions at the same time
+    prepare(plan)  # before the simulator starts, or both would compile the same functions at the same time
     if not truth:
         return _fly_and_judge(plan, logs, None, console=console)
-    with tempfile.TemporaryDirectory() as folder:  # the log's own folder is not made before the simulator answers
+    with tempfile.TemporaryDirectory() as folder:  # the log's own folder is made after the simulator has answered
         file = Path(folder) / TRUTH_NAME
         verdict = _fly_and_judge(plan, logs, file, console=console)
         shutil.move(file, verdict.result.log.parent / TRUTH_NAME)
@@ -84,18 +86,18 @@ def _start_simulator(plan: Plan, port: int, truth: Path | None) -> "subprocess.P
     command += [part for override in simulator_overrides(plan) for part in ("--set", override)]
     if truth is not None:
         command += ["--truth", str(truth)]
-    # In a session of its own: Ctrl-C is for the companion, which lands the vehicle.
+    # The simulator has a session of its own, so that Ctrl-C reaches only the companion, which lands the vehicle.
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
 
 
 def simulator_overrides(plan: Plan) -> list[str]:
-    """What changes the vehicle flown and its world, of which the companion is told nothing."""
+    """The overrides of the vehicle and the world, which the companion is not told."""
     groups = by_first_word(plan.overrides, SIMULATOR_FILES)
     return [f"{word}.{override}" for word in SIMULATOR_FILES for override in groups[word]]
 
 
 def _end(simulator: "subprocess.Popen[str]") -> dict[str, Any]:
-    """Its own report; it ends by itself after the flight."""
+    """The report of the simulator, which ends by itself after the flight; empty if there is none."""
     try:
         text, _ = simulator.communicate(timeout=_GRACE_S)
     except subprocess.TimeoutExpired:

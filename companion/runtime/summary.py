@@ -1,4 +1,4 @@
-"""What a flight came to, from its log."""
+"""The figures of a flight, from its log."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ Axes = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Lengths in m; per axis north, east, down. None where nothing was flown."""
+    """Figures of a flight. Errors are along north, east and down; None if nothing was flown."""
 
     distance_m: float
     mae_m: Axes | None
     rmse_m: Axes | None
     seen_clearance_m: float | None
-    """Least distance from the hull to a return of the ring, in flight."""
+    """Least distance (m) from the hull to a return of a scan, in flight; None if nothing was seen."""
     latency_p50_us: float | None
     latency_p99_us: float | None
     messages_in: int
@@ -30,7 +30,10 @@ class Summary:
 
 
 def summarize(path: Path) -> Summary:
-    """Tracking is judged while the mission is flown (not while holding or landing). A log that is gone says nothing."""
+    """Summarize a log. Tracking counts while the mission is flown, not while the companion holds or lands.
+
+    The summary of a log that can't be opened is empty.
+    """
     try:
         log = LogReader(path)
     except FlightLogError:
@@ -55,14 +58,15 @@ def summarize(path: Path) -> Summary:
 
 
 def latencies_us(log: LogReader) -> NDArray[np.float64]:
-    """(n,) of all commands in order, from their datagrams to their departures; older logs have one a record."""
+    """(n,) latencies (us) of all commands in order, from the receipt of an attitude to the command's departure."""
     kind = log.topics.get(LOOP.topic)
+    # In an older log each record has one latency.
     found = [] if kind is None else [kind.unpack(each.data)["latency_ns"] for each in log.records((LOOP.topic,))]
     return np.hstack([np.empty(0), *found]) * 1e-3
 
 
 def _array(log: LogReader, kind: RecordType) -> NDArray[np.void]:
-    """The records of a type; none if the flight came to no such record."""
+    """(n,) all records of a type."""
     return log.array(kind.topic) if kind.topic in log.topics else np.empty(0, [("time_ns", "<i8"), *_fields(kind)])
 
 
@@ -77,6 +81,6 @@ def _axes(values: NDArray[np.float64]) -> Axes:
 
 
 def _is_vehicle(topic: str) -> bool | None:
-    """Whether a decoded message is from the vehicle (component 1) or the companion; None for what is no message."""
+    """Whether the message of a topic is from the vehicle (component 1); None if the topic is no message's."""
     parts = topic.split("/")
     return parts[3] == "1" if len(parts) == 5 and parts[1] == "mavlink" else None

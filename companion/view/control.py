@@ -1,8 +1,8 @@
-"""What a page may ask of a vehicle when it was started with `--control`, each after a second look: hold, land, return,
-go to a place, and resume, which gives it back to the companion that flew it.
+"""The buttons of a page that was started with `--control`: hold, land, return, go to a place, and resume, which gives
+the vehicle back to the companion that flew it. Each asks for confirmation.
 
-A ground station's commands (DO_SET_MODE, DO_REPOSITION), sent to the vehicle's own autopilot until it answers. A
-companion that flies at the moment sees its mode changed by others, and waits to be given control back.
+The page sends a ground station's commands (DO_SET_MODE, DO_REPOSITION) to the vehicle's own autopilot until it answers.
+A companion that flies at that time sees its mode changed by others, and waits to be given control back.
 """
 
 import math
@@ -15,7 +15,7 @@ import numpy as np
 from companion.link.firmware import firmware_of
 from companion.link.firmware.firmware import Firmware
 from companion.state import FlightMode
-from companion.view.gather import Batch
+from companion.view.batches import Batch, sender_and_name
 from companion.view.lines import Floats
 from companion.view.scene import in_the_way
 from protocol.arrays import Array
@@ -23,27 +23,26 @@ from protocol.frames import enu_to_ned, to_geodetic
 from protocol.messages import Encoder, dialect
 
 SYSTEM, COMPONENT = 255, 190
-"""A ground station's usual ids."""
-ASKED = {
+"""The usual ids of a ground station."""
+REQUESTS = {
     "hold": FlightMode.HOLD,
     "resume": FlightMode.EXTERNAL,
     "land": FlightMode.LAND,
     "return": FlightMode.RETURN,
 }
 GO_TO = "go to"
-_QUESTIONS = {
+_CONFIRMATIONS = {
     "hold": "The vehicle stops, and stays where it is. A companion that flies it waits to be given control back.",
     "land": "The vehicle comes down where it is, whatever is below it.",
     "resume": "The vehicle obeys its companion again, which goes on with its mission. It is refused where no companion "
     "sends setpoints.",
     "return": "The vehicle flies home by itself. It looks out for nothing on its way.",
 }
-_BEAT_NS = 1_000_000_000
-_AGAIN_NS = 500_000_000
+_HEARTBEAT_NS = 1_000_000_000
+_RETRY_NS = 500_000_000
 _TRIES = 6
-_NOT_FLOWN = 8
 _FARTHEST_M = 1000.0
-"""From the vehicle to a click; one near the horizon is hardly meant."""
+"""A click farther than this (m) from the vehicle, near the horizon, is not taken for a place."""
 _LOWEST_M, _HIGHEST_M = 0.5, 120.0
 _FLAG = (190, 60, 200)
 _RESULTS = {
@@ -57,44 +56,48 @@ _RESULTS = {
 
 
 @dataclass(slots=True)
-class _Wish:
-    """A command on its way."""
+class _Request:
+    """A command that is sent until it is answered."""
 
     text: str
     command: int
     encode: Callable[[tuple[int, int], int], bytes]
-    """Of the target's system and component, and how often it was sent before."""
+    """Makes the datagram from the target's system and component, and how often the command was sent before."""
     sent: int = 0
-    again_ns: int = 0
+    retry_ns: int = 0
     answered: bool = False
 
 
 class Control:
-    """One vehicle's ground station; `send` takes a datagram to where the vehicle is, `now_ns` is any clock."""
+    """The ground station of one vehicle, the first that is heard. `send` takes a datagram to it, `now_ns` is any
+    monotonic clock."""
 
     def __init__(self, send: Callable[[bytes], None], now_ns: Callable[[], int]) -> None:
         self._send = send
         self._now_ns = now_ns
         self._encoder = Encoder(SYSTEM, COMPONENT)
         self._vehicle: tuple[int, int, Firmware] | None = None
-        self._beat_due_ns = 0
-        self._wish: _Wish | None = None
+        self._heartbeat_due_ns = 0
+        self._request: _Request | None = None
         self._home: tuple[Array, tuple[float, float, float]] | None = None
+        """Where it is (3,) in the vehicle's NED (m), and as latitude, longitude (rad) and altitude (m)."""
         self._here: tuple[Array, tuple[float, float, float]] | None = None
-        self._place = np.zeros(3)
+        """The vehicle itself, in the same way."""
+        self._position_ned = np.zeros(3)
         self.answer = ""
-        """What became of the last wish, in words."""
+        """What became of the last request, in words."""
 
     def take(self, batch: Batch) -> None:
         """Learn from what the vehicle says."""
         topic, _, _, table = batch
-        parts = topic.split("/")
-        if len(parts) != 5 or parts[1] != "mavlink":
+        message = sender_and_name(topic)
+        if message is None:
             return
-        sender, name = (int(parts[2]), int(parts[3])), parts[4]
+        system, _, component = message[0].partition("/")
+        sender, name = (int(system), int(component)), message[1]
         if name == "HEARTBEAT" and self._vehicle is None:
             firmware = firmware_of(int(table[-1]["autopilot"]))
-            if firmware is not None and int(table[-1]["autopilot"]) != _NOT_FLOWN:
+            if firmware is not None and int(table[-1]["autopilot"]) != dialect.MAV_AUTOPILOT_INVALID:
                 self._vehicle = (*sender, firmware)
         if self._vehicle is None or sender != self._vehicle[:2]:
             return
@@ -103,38 +106,41 @@ class Control:
         elif name == "HOME_POSITION":
             self._home = _ned(table[-1]), _on_earth(table[-1], "latitude", "longitude", "altitude")
         elif name == "LOCAL_POSITION_NED":
-            self._place = _ned(table[-1])
+            self._position_ned = _ned(table[-1])
         elif name == "GLOBAL_POSITION_INT":
-            self._here = self._place, _on_earth(table[-1], "lat", "lon", "alt")
+            self._here = self._position_ned, _on_earth(table[-1], "lat", "lon", "alt")
 
     def _answered(self, table: Any) -> None:
-        """PX4 answers twice, and what it says last is what it does."""
-        wish = self._wish
-        if wish is None or not wish.sent:
+        """The last answer counts: PX4 answers twice."""
+        request = self._request
+        if request is None or not request.sent:
             return
-        mine = table[(table["command"] == wish.command) & _for_us(table)]
+        mine = table[(table["command"] == request.command) & _for_us(table)]
         if not len(mine):
             return
         result = int(mine[-1]["result"])
-        wish.answered = True
-        self.answer = f"{wish.text}: {_RESULTS.get(result, f'result {result}')}"
+        request.answered = True
+        self.answer = f"{request.text}: {_RESULTS.get(result, f'result {result}')}"
 
-    def ask(self, wish: str) -> None:
-        """One of ASKED. What can't be asked, and every answer, is in `answer`."""
+    def ask(self, request: str) -> None:
+        """Ask for one of REQUESTS. Why it can't be asked for, and every answer, is in `answer`."""
         if self._vehicle is None:
-            self.answer = f"{wish}: no vehicle was heard yet"
+            self.answer = f"{request}: no vehicle was heard yet"
             return
-        command, mode = dialect.MAV_CMD_DO_SET_MODE, self._vehicle[2].mode_command(ASKED[wish])
+        command, mode = dialect.MAV_CMD_DO_SET_MODE, self._vehicle[2].mode_command(REQUESTS[request])
 
         def encode(target: tuple[int, int], sent: int) -> bytes:
             fields = (*target, command, sent, *mode, 0.0, 0.0, 0.0, 0.0)
             return self._encoder.encode_fields(dialect.MAVLink_command_long_message, *fields)
 
-        self._begin(_Wish(wish, command, encode))
+        self._begin(_Request(request, command, encode))
 
     def send_to(self, target_ned: Floats) -> None:
-        """To a place (3,) in the vehicle's own NED, by way of the earth's coordinates: those of its home, which PX4 and
-        ArduPilot tell in both, or else its own of this moment."""
+        """Ask the vehicle to fly to a place (3,) in its own NED (m).
+
+        The place is sent in latitude and longitude, relative to the vehicle's home, which PX4 and ArduPilot tell in
+        both kinds of coordinates, or else to its present position.
+        """
         known = self._home or self._here
         if self._vehicle is None or known is None:
             self.answer = f"{GO_TO}: the vehicle has not said where on earth it is"
@@ -152,42 +158,43 @@ class Control:
             fields = (*target, frame, command, 0, 0, *wanted)
             return self._encoder.encode_fields(dialect.MAVLink_command_int_message, *fields)
 
-        self._begin(_Wish(f"{GO_TO} {place_words(target_ned)}", command, encode))
+        self._begin(_Request(f"{GO_TO} {place_words(target_ned)}", command, encode))
 
-    def _begin(self, wish: _Wish) -> None:
-        self.answer = f"{wish.text}: sent"
-        self._wish = wish
+    def _begin(self, request: _Request) -> None:
+        self.answer = f"{request.text}: sent"
+        self._request = request
 
     def step(self) -> None:
         """Send what is due: a heartbeat each second, and a command until it is answered."""
-        now, wish = self._now_ns(), self._wish
-        if now >= self._beat_due_ns:
-            self._beat_due_ns = now + _BEAT_NS
-            beat = (dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3)
-            self._send(self._encoder.encode_fields(dialect.MAVLink_heartbeat_message, *beat))
-        if wish is None or self._vehicle is None or wish.answered or now < wish.again_ns:
+        now, request = self._now_ns(), self._request
+        if now >= self._heartbeat_due_ns:
+            self._heartbeat_due_ns = now + _HEARTBEAT_NS
+            heartbeat = (dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3)
+            self._send(self._encoder.encode_fields(dialect.MAVLink_heartbeat_message, *heartbeat))
+        if request is None or self._vehicle is None or request.answered or now < request.retry_ns:
             return
-        if wish.sent == _TRIES:
-            self._wish, self.answer = None, f"{wish.text}: no answer"
+        if request.sent == _TRIES:
+            self._request, self.answer = None, f"{request.text}: no answer"
             return
-        self._send(wish.encode(self._vehicle[:2], wish.sent))
-        wish.sent += 1
-        wish.again_ns = now + _AGAIN_NS
+        self._send(request.encode(self._vehicle[:2], request.sent))
+        request.sent += 1
+        request.retry_ns = now + _RETRY_NS
 
 
 class Panel:
-    """The buttons, each with a question behind it. `here`: where the vehicle is (3,) NED; `world`: what is drawn."""
+    """The buttons, each with a confirmation. `here` gives the vehicle's position (3,) NED (m), `world` the world's
+    file."""
 
     def __init__(
         self, server: Any, control: Control, here: Callable[[], Floats | None], world: Callable[[], bytes]
     ) -> None:
         self._server, self._control, self._here, self._world = server, control, here, world
         self._aim_says = ""
-        """What to click, while a click is waited for."""
+        """What to click; empty unless a click is expected."""
         with server.gui.add_folder("Control"):
-            for wish in ASKED:
-                button = server.gui.add_button(wish)
-                button.on_click(lambda _, wish=wish: self._confirm(wish))
+            for request in REQUESTS:
+                button = server.gui.add_button(request)
+                button.on_click(lambda _, request=request: self._confirm(request))
             aim = server.gui.add_button(f"{GO_TO} …", hint="a place on the ground, which is clicked next")
             aim.on_click(lambda _: self._aim())
             self._answer = server.gui.add_markdown("")
@@ -197,32 +204,32 @@ class Panel:
         self._spot = server.scene.add_icosphere("/asked_spot", 0.25, color=_FLAG, visible=False)
 
     def show(self) -> None:
-        """The latest answer."""
+        """Show the latest answer, and what to click."""
         self._answer.content = "\n\n".join(filter(None, (self._control.answer, self._aim_says)))
 
-    def _confirm(self, wish: str) -> None:
+    def _confirm(self, request: str) -> None:
         self._stop_aiming()
-        with self._server.gui.add_modal(f"Ask the vehicle to {wish}?") as question:
-            self._server.gui.add_markdown(_QUESTIONS[wish])
-            self._buttons(question, wish, lambda: self._ask(wish), lambda: None)
+        with self._server.gui.add_modal(f"Ask the vehicle to {request}?") as dialog:
+            self._server.gui.add_markdown(_CONFIRMATIONS[request])
+            self._buttons(dialog, request, lambda: self._ask(request), lambda: None)
 
-    def _ask(self, wish: str) -> None:
-        self._control.ask(wish)
-        self._plant(None)
+    def _ask(self, request: str) -> None:
+        self._control.ask(request)
+        self._mark(None)
 
-    def _buttons(self, question: Any, wish: str, wanted: Callable[[], None], not_wanted: Callable[[], None]) -> None:
-        sure = self._server.gui.add_button(f"yes, {wish}", color="red")
-        rather_not = self._server.gui.add_button("no")
+    def _buttons(self, dialog: Any, request: str, confirmed: Callable[[], None], cancelled: Callable[[], None]) -> None:
+        yes = self._server.gui.add_button(f"yes, {request}", color="red")
+        no = self._server.gui.add_button("no")
 
         def close(then: Callable[[], None]) -> None:
-            question.close()
+            dialog.close()
             then()
 
-        sure.on_click(lambda _: close(wanted))
-        rather_not.on_click(lambda _: close(not_wanted))
+        yes.on_click(lambda _: close(confirmed))
+        no.on_click(lambda _: close(cancelled))
 
     def _aim(self) -> None:
-        """The next click on the ground is the place; asked once more, it is not."""
+        """Take the next click on the ground for the place, or, while a click is expected, stop expecting it."""
         if self._aim_says:
             self._stop_aiming()
             return
@@ -245,26 +252,26 @@ class Panel:
             self._ask_height(place, here)
 
     def _ask_height(self, place: Floats, here: Floats) -> None:
-        """The question names place and height, and what is known to stand in the way."""
+        """Ask for confirmation and height, with what is known to stand in the way."""
         gui = self._server.gui
         height = round(min(max(-float(here[2]), _LOWEST_M), _HIGHEST_M), 1)
-        with gui.add_modal(f"{GO_TO.capitalize()} {place_words(place)}?") as question:
+        with gui.add_modal(f"{GO_TO.capitalize()} {place_words(place)}?") as dialog:
             number = gui.add_number("height, m", height, min=_LOWEST_M, max=_HIGHEST_M, step=0.1)
             text = gui.add_markdown("")
-            self._buttons(question, GO_TO, lambda: self._control.send_to(target()), lambda: self._plant(None))
+            self._buttons(dialog, GO_TO, lambda: self._control.send_to(target()), lambda: self._mark(None))
 
         def target() -> Floats:
             return np.array([place[0], place[1], -float(number.value)])
 
         def describe(_: Any = None) -> None:
             text.content = go_to_words(here, target(), self._world())
-            self._plant(target())
+            self._mark(target())
 
         number.on_update(describe)
         describe()
 
-    def _plant(self, target_ned: Floats | None) -> None:
-        """A flag where it was asked to go."""
+    def _mark(self, target_ned: Floats | None) -> None:
+        """Mark the place (3,) that the vehicle was asked to fly to; None removes the mark."""
         self._flag.visible = self._spot.visible = target_ned is not None
         if target_ned is not None:
             top = enu_to_ned(np.asarray(target_ned, np.float64))
@@ -273,7 +280,10 @@ class Panel:
 
 
 def on_ground(origin_enu: tuple[float, ...], direction_enu: tuple[float, ...]) -> Floats | None:
-    """(3,) NED: where a ray meets the ground; None if it goes up."""
+    """Where a ray from a camera meets the ground, (3,) NED (m); None if it goes up.
+
+    Origin (m) and direction of the ray are east, north, up.
+    """
     if direction_enu[2] >= 0.0 or origin_enu[2] <= 0.0:
         return None
     reach = -origin_enu[2] / direction_enu[2]
@@ -282,19 +292,19 @@ def on_ground(origin_enu: tuple[float, ...], direction_enu: tuple[float, ...]) -
 
 
 def place_words(place_ned: Floats) -> str:
-    """With its height, unless that is the ground's."""
+    """A place (3,) in words, with its height unless it is on the ground."""
     north, east, down = place_ned.tolist()
     return f"north {north:.1f}, east {east:.1f}" + (f", {-down:.1f} m high" if down else "")
 
 
 def out_of_bounds(target_ned: Floats) -> str:
-    """Why nobody is sent to a place (3,), in words; empty for one that is not too high or low."""
+    """Why the vehicle is not sent to a place (3,), in words; empty unless it is too high or too low."""
     height = -float(target_ned[2])
     return "" if _LOWEST_M <= height <= _HIGHEST_M else f"{height:.1f} m is not between {_LOWEST_M} and {_HIGHEST_M} m"
 
 
 def go_to_words(here_ned: Floats, target_ned: Floats, world: bytes) -> str:
-    """What the question says."""
+    """The text of the confirmation of a flight between two places (3,); `world` is the world's file."""
     if refused := out_of_bounds(target_ned):
         return f"**Not sent: {refused}.**"
     distance = math.dist(here_ned, target_ned)
@@ -308,12 +318,12 @@ def _ned(row: Any) -> Array:
 
 
 def _on_earth(row: Any, latitude: str, longitude: str, altitude: str) -> tuple[float, float, float]:
-    """1e-7 degrees and mm, as rad and m."""
+    """Fields in 1e-7 degrees and mm, as rad and m."""
     return math.radians(row[latitude] * 1e-7), math.radians(row[longitude] * 1e-7), float(row[altitude]) * 1e-3
 
 
 def _for_us(table: Any) -> Any:
-    """Answers to this ground station, or to nobody in particular (before MAVLink 2 there was no addressee)."""
+    """(n,) whether answers are for this ground station; those without an addressee (MAVLink 1) are for everybody."""
     return (table["target_system"] == 0) | (
         (table["target_system"] == SYSTEM) & (table["target_component"] == COMPONENT)
     )

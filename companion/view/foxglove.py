@@ -1,8 +1,8 @@
-"""`companion foxglove`: a log with what Foxglove draws without an extension beside what was recorded, all but the bare
-datagrams.
+"""`companion foxglove`: a copy of a log with topics that Foxglove draws without an extension.
 
-Made after the flight, so that it costs the flight nothing. Frames as in Foxglove's own converter for PX4:
-`local_origin` (east, north, up) and `base_link` (forward, left, up). Schemas are Foxglove's, encoded as protobuf.
+The copy holds everything that was recorded except the bare datagrams. It is made after the flight and costs the flight
+nothing. The frames are those of Foxglove's own converter for PX4: `local_origin` (east, north, up) and `base_link`
+(forward, left, up). The schemas are Foxglove's, encoded as protobuf.
 """
 
 import math
@@ -42,7 +42,7 @@ from companion.logs.recordings import EXPORT_LIBRARY, has_texts, unpack
 from companion.logs.target import output
 from companion.records import LOGGED, PLANNED
 from companion.state import Reason
-from companion.view.history import quaternions
+from companion.view.attitudes import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
 from companion.view.scene import mesh, solids
@@ -55,18 +55,18 @@ _POSE_EVERY_S = 0.02
 _PLAN_EVERY_S = 0.1
 _MAP_EVERY_S = 1.0
 _MAP_UP_M = 0.02
-"""Above the ground, so that it is seen."""
+"""Height (m) of the map above the ground, so that the ground does not hide it."""
 _GUARD_SHOWN_S = 0.3
 _PATH_POINTS = 300
 _ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
 _FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
 _REASONS = {reason.value: reason.name.lower().replace("_", " ") for reason in Reason}
 _LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)
-"""MAV_SEVERITY -> foxglove.Log's level."""
+"""The level of foxglove.Log by MAV_SEVERITY."""
 
 
 class Converter:
-    """Copies a log's records into another file and adds topics under /foxglove as they come by."""
+    """Copies the records of a log into another file and adds topics under /foxglove."""
 
     def __init__(self, log: LogReader, writer: Writer) -> None:
         self._log = log
@@ -74,27 +74,25 @@ class Converter:
         self._copied: dict[str, int] = {}
         self._added: dict[str, tuple[int, int]] = {}
         self._due: dict[str, float] = {}
-        self._place: Array | None = None
+        self._position_ned: Array | None = None
         self._tracks = {name: Track(8, _PATH_POINTS) for name in ("path", "reference_path")}
         self._way = np.empty((0, 2))
-        """(k, 2) north and east of the corners that were planned last, the first where the vehicle was then."""
+        """(k, 2) north and east (m) of the last planned corners; the first is where the vehicle was then."""
         self._mapper = Mapper(avoidance_of(log.attachments.get("settings.json", b"{}")))
         self._started = False
         self._has_texts = has_texts(log)
         self._kinds = log.topics
 
     def run(self) -> int:
-        """Convert all of it; how many messages were added."""
+        """Convert the whole log. Returns the number of messages that were added."""
         topics = frozenset(self._log.topics) - {DATAGRAM.topic}
         for record in self._log.records(topics):
             if not self._started:
                 self._started = True
-                self._set_the_stage(record.time_ns)
+                self._add_world_and_vehicle(record.time_ns)
             self._copy(record)
             self._convert(record)
         return sum(sequence for _, sequence in self._added.values())
-
-    # ------------------------------------------------------------------------------------------------------- the file
 
     def _copy(self, record: Record) -> None:
         channel = self._copied.get(record.topic)
@@ -106,7 +104,7 @@ class Converter:
         self._writer.add_message(channel, time_ns, record.data, time_ns, record.sequence)
 
     def _add(self, name: str, time_ns: int, message: Any) -> None:
-        """Write a message to /foxglove/`name`, at a time of the log's clock."""
+        """Write a message to /foxglove/`name`. The time is one of the log's clock."""
         known = self._added.get(name)
         if known is None:
             schema = register_schema(self._writer, type(message))
@@ -126,8 +124,6 @@ class Converter:
             return False
         self._due[name] = time + every_s - 1e-9
         return True
-
-    # ---------------------------------------------------------------------------------------------------- the messages
 
     def _convert(self, record: Record) -> None:
         name = record.topic.rpartition("/")[2]
@@ -151,12 +147,12 @@ class Converter:
     def _message(self, record: Record, name: str) -> None:
         if name == "LOCAL_POSITION_NED":
             place = self._fields(record)
-            self._place = np.array([place["x"], place["y"], place["z"]])
+            self._position_ned = np.array([place["x"], place["y"], place["z"]])
         elif name in ("ATTITUDE_QUATERNION", "ATTITUDE"):
-            if self._place is not None and self._is_due("pose", record.time_ns, _POSE_EVERY_S):
+            if self._position_ned is not None and self._is_due("pose", record.time_ns, _POSE_EVERY_S):
                 self._pose(record.time_ns, _attitude(self._fields(record)))
         elif name == "OBSTACLE_DISTANCE":
-            self._ring(record.time_ns, self._fields(record))
+            self._scan(record.time_ns, self._fields(record))
         elif name == "GLOBAL_POSITION_INT":
             self._fix(record.time_ns, self._fields(record))
         elif name == "STATUSTEXT" and not self._has_texts:
@@ -169,8 +165,8 @@ class Converter:
         return unpack(self._log, self._kinds[record.topic], record)
 
     def _pose(self, time_ns: int, attitude_ned_frd: Array) -> None:
-        assert self._place is not None
-        stamp, place = self._stamp(time_ns), enu_to_ned(self._place)
+        assert self._position_ned is not None
+        stamp, place = self._stamp(time_ns), enu_to_ned(self._position_ned)
         turn = multiply(_ENU_NED, multiply(attitude_ned_frd, _FRD_FLU))
         pose = Pose(position=_vector(place), orientation=_quaternion(turn))
         transform = FrameTransform(
@@ -182,13 +178,13 @@ class Converter:
         )
         self._add("transforms", time_ns, FrameTransforms(transforms=[transform]))
         self._add("pose", time_ns, PoseInFrame(timestamp=stamp, frame_id=WORLD_FRAME, pose=pose))
-        self._walk("path", time_ns, place, turn)
+        self._add_to_path("path", time_ns, place, turn)
 
-    def _walk(self, name: str, time_ns: int, place: Array, turn: Array) -> None:
-        """One more pose of a path."""
+    def _add_to_path(self, name: str, time_ns: int, place: Array, turn: Array) -> None:
+        """Add a pose (position (3,) in m and attitude (4,)) to a path."""
         track = self._tracks[name]
         track.add(np.array([time_ns * 1e-9]), np.concatenate((place, turn))[None])
-        # A path is as long as the flight; written each second at first and ever more rarely, it stays a small part.
+        # A path is as long as the flight. It is written each second at first and then ever more rarely, to stay small.
         if self._is_due(name, time_ns, max(1.0, 0.02 * time_ns * 1e-9)):
             poses = [Pose(position=_vector(row[1:4]), orientation=_quaternion(row[4:])) for row in track.rows()]
             self._add(name, time_ns, PosesInFrame(timestamp=self._stamp(time_ns), frame_id=WORLD_FRAME, poses=poses))
@@ -202,7 +198,7 @@ class Converter:
         turn = np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)])
         pose = Pose(position=_vector(wanted), orientation=_quaternion(turn))
         self._add("reference", time_ns, PoseInFrame(timestamp=stamp, frame_id=WORLD_FRAME, pose=pose))
-        self._walk("reference_path", time_ns, wanted, turn)
+        self._add_to_path("reference_path", time_ns, wanted, turn)
         color = _color(0.91, 0.63, 0.16) if trace["blocked"] else _color(0.23, 0.49, 0.87)
         ahead = [_point(np.array([east, north, target[2]])) for north, east in self._way[1:]]
         entity = SceneEntity(timestamp=stamp, frame_id=WORLD_FRAME, id="plan")
@@ -222,7 +218,7 @@ class Converter:
         self._add("plan", time_ns, SceneUpdate(entities=[entity]))
 
     def _guard(self, time_ns: int, trace: dict[str, Any]) -> None:
-        """A red disc at the vehicle, and why, for a moment."""
+        """A red disc at the vehicle, with the guard's reason, for a moment."""
         place = enu_to_ned(np.array(trace["position_ned"]))
         reason = _REASONS.get(trace["guard_reason"], f"reason {trace['guard_reason']}")
         entity = SceneEntity(timestamp=self._stamp(time_ns), frame_id=WORLD_FRAME, id="guard")
@@ -240,7 +236,7 @@ class Converter:
         self._add("guard", time_ns, SceneUpdate(entities=[entity]))
 
     def _map(self, time_ns: int) -> None:
-        """What the rings have shown, on the ground: a row of cells is one from west to east, the southernmost first."""
+        """The map on the ground. A row of cells goes from west to east, and the southernmost row comes first."""
         if not self._is_due("map", time_ns, _MAP_EVERY_S):
             return
         view = self._mapper.view(time_ns)
@@ -261,12 +257,12 @@ class Converter:
             grid.fields.append(PackedElementField(name=color, offset=offset, type=PackedElementField.UINT8))
         self._add("map", time_ns, grid)
 
-    def _ring(self, time_ns: int, ring: dict[str, Any]) -> None:
-        step = math.radians(ring["increment_f"] or ring["increment"])
-        offset = math.radians(ring["angle_offset"])
-        reach = ring["max_distance"]
-        # Clockwise in the message, counter-clockwise here: the last sector comes first.
-        ranges = [0.01 * cm if cm <= reach else math.inf for cm in reversed(ring["distances"])]
+    def _scan(self, time_ns: int, distances: dict[str, Any]) -> None:
+        step = math.radians(distances["increment_f"] or distances["increment"])
+        offset = math.radians(distances["angle_offset"])
+        reach = distances["max_distance"]
+        # Sectors go clockwise in the message and counter-clockwise here, so the last one comes first.
+        ranges = [0.01 * cm if cm <= reach else math.inf for cm in reversed(distances["distances"])]
         scan = LaserScan(
             timestamp=self._stamp(time_ns),
             frame_id=BODY_FRAME,
@@ -291,9 +287,7 @@ class Converter:
         said = Log(timestamp=self._stamp(time_ns), level=level, name=name, message=text)
         self._add("log", time_ns, said)
 
-    # ------------------------------------------------------------------------------------------------------ the stage
-
-    def _set_the_stage(self, time_ns: int) -> None:
+    def _add_world_and_vehicle(self, time_ns: int) -> None:
         stamp = self._stamp(time_ns)
         entities = []
         for number, prism in enumerate(solids(self._log.attachments.get("world.toml", b""))):
@@ -315,7 +309,7 @@ class Converter:
 
 
 def _airframe(stamp: Timestamp) -> SceneEntity:
-    """Body, arms and rotors, carried by base_link."""
+    """The vehicle's body, arms and rotors, fixed to base_link."""
     ink, red = _color(0.18, 0.19, 0.21), _color(0.84, 0.27, 0.38)
     entity = SceneEntity(timestamp=stamp, frame_id=BODY_FRAME, id="vehicle", frame_locked=True)
     for x, y, z, color in ((0.18, 0.18, 0.09, ink), (0.54, 0.03, 0.02, ink), (0.03, 0.54, 0.02, ink)):
@@ -359,7 +353,7 @@ def _color(red: float, green: float, blue: float, alpha: float = 1.0) -> Color:
 
 
 def beside(log: Path) -> Path:
-    """Where the converted log goes."""
+    """Where the copy of a log goes."""
     return log.with_name(f"{log.stem}_foxglove.mcap")
 
 
@@ -368,15 +362,15 @@ class Drawn(NamedTuple):
 
     path: Path
     added: int
-    """Messages, beside those of the log."""
+    """Messages beside those of the log."""
     problem: str | None
-    """What is wrong with the log; what is whole of it was written."""
+    """What is wrong with the log; the rest of it was written."""
 
 
 def convert(log: Path, target: Path | None = None) -> Drawn:
-    """Write the log that Foxglove draws, by default NAME_foxglove.mcap beside it, in place of an older one.
+    """Write a copy of a log for Foxglove, by default NAME_foxglove.mcap beside it. An older copy is replaced.
 
-    Raises FlightLogError if the log can't be read, the file can't be written or is a recording itself.
+    Raises FlightLogError if the log can't be read, or if the target can't be written or is a recording itself.
     """
     reader = LogReader(log)
     target = beside(log) if target is None else target

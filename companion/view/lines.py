@@ -1,10 +1,9 @@
-"""What a stream of any length comes to in bounded memory: lines for charts, spectra, stretches, gaps, rings.
+"""Summaries of streams of any length in bounded memory: lines for charts, paths, stretches of time, gaps, scans.
 
-Times are float seconds since the log's start, in batches that come in order; every `add` may be called any number of
+Times are float seconds since the log's start, in batches that come in order. Every `add` may be called any number of
 times and keeps no more than its class says.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -15,13 +14,13 @@ from numpy.typing import NDArray
 Floats = NDArray[np.floating[Any]]
 
 BUCKETS = 1500
-"""Of a line, each with its least and greatest value: more than a chart has pixels."""
+"""Stretches of time of a line, each with its least and its greatest value: more than a chart has pixels."""
 
 
 def thin(times: Floats, values: Floats, buckets: int) -> tuple[Floats, Floats]:
     """The least and the greatest value of each of `buckets` equal stretches of time, at their own times.
 
-    (n,) and (n,) -> (m,) and (m,) with m <= 2 * buckets; thinning what was thinned keeps the extremes.
+    Times (n,) in s and values (n,) -> (m,) each with m <= 2 * buckets. Thinning again keeps the extremes.
     """
     if len(times) <= 2 * buckets:
         return times, values
@@ -36,7 +35,7 @@ def thin(times: Floats, values: Floats, buckets: int) -> tuple[Floats, Floats]:
 
 
 class Line:
-    """One curve of a chart: at most 8 * BUCKETS samples are held, of which `points` are at most 2 * BUCKETS."""
+    """One curve of a chart. It holds at most 8 * BUCKETS samples, and gives at most 2 * BUCKETS as `points`."""
 
     __slots__ = ("_held", "_times", "_values")
 
@@ -46,7 +45,7 @@ class Line:
         self._held = 0
 
     def add(self, times: Floats, values: Floats) -> None:
-        """(n,) each; what is not finite is left out."""
+        """Times (n,) in s and values (n,); values that are not finite are left out."""
         finite = np.isfinite(values)
         if not finite.all():
             times, values = times[finite], values[finite]
@@ -64,15 +63,30 @@ class Line:
         self._held = len(thinned[0])
 
     def points(self) -> tuple[Floats, Floats]:
-        """Times and values (m,)."""
+        """Times (m,) in s and values (m,)."""
         if not self._times:
             return np.empty(0), np.empty(0)
         self._settle()
         return self._times[0], self._values[0]
 
 
+class Lines(dict[str, Line]):
+    """Lines by a key of the caller's."""
+
+    def add(self, key: str, times: Floats, values: Floats) -> None:
+        """Add to a line: times (n,) in s and values (n,), or (n, k) for the k lines `key`.0, `key`.1 and so on."""
+        if values.ndim == 2:
+            for column in range(values.shape[1]):
+                self.add(f"{key}.{column}", times, values[:, column])
+            return
+        line = self.get(key)
+        if line is None:
+            line = self[key] = Line()
+        line.add(times, values)
+
+
 class Track:
-    """A path in space with whatever belongs to it, thinned evenly: at most 2 * `most` rows of `columns` numbers."""
+    """Rows of numbers over time, such as a path, thinned evenly: at most 2 * `most` rows of `columns` numbers."""
 
     __slots__ = ("_columns", "_held", "_last", "_most", "_parts", "_since", "_step")
 
@@ -86,7 +100,7 @@ class Track:
         self._since: float | None = None
 
     def add(self, times: Floats, rows: Floats) -> None:
-        """(n,) and (n, columns - 1): the time becomes the first column."""
+        """Times (n,) in s and values (n, columns - 1); the time becomes the first column."""
         if not len(times):
             return
         if self._since is None:
@@ -112,7 +126,7 @@ class Track:
         return kept
 
     def rows(self) -> Floats:
-        """(m, columns), the time first."""
+        """(m, columns) with the time (s) in the first column."""
         if not self._parts:
             return np.empty((0, self._columns))
         if len(self._parts) > 1:
@@ -122,7 +136,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A time during which something stayed as it was."""
+    """A stretch of time (s) during which a value stayed the same."""
 
     start: float
     stop: float
@@ -134,19 +148,19 @@ class Stretch:
 
 
 class Stretches:
-    """A whole-numbered value over time as stretches; those beyond `most` are only counted."""
+    """A whole-numbered value over time as stretches. Those beyond the first `most` are only counted."""
 
     def __init__(self, most: int = 2000) -> None:
         self._most = most
         self._open: Stretch | None = None
         self._closed: list[Stretch] = []
         self.seconds: dict[int, float] = {}
-        """In total, by value."""
+        """Total time (s) by value."""
         self.count: dict[int, int] = {}
-        """Of stretches, by value."""
+        """Number of stretches by value."""
 
     def add(self, times: Floats, values: NDArray[np.integer]) -> None:
-        """(n,) each."""
+        """Times (n,) in s and values (n,)."""
         if not len(times):
             return
         changes = np.flatnonzero(np.diff(values)) + 1
@@ -167,7 +181,7 @@ class Stretches:
             self._closed.append(stretch)
 
     def finish(self) -> list[Stretch]:
-        """All of them in order; nothing may be added after."""
+        """All stretches in order. Nothing may be added afterwards."""
         if self._open is not None:
             self._close(self._open)
             self._open = None
@@ -175,13 +189,14 @@ class Stretches:
 
 
 _PER_DECADE = 20
-_SHORTEST = 1e-5
-_AT_ONCE = 0.05
-"""Of the mean interval: what is shorter lies within a burst."""
+"""Bins of intervals in a factor of ten."""
+_SHORTEST_S = 1e-5
+_BURST = 0.05
+"""Fraction of the mean interval: messages whose median interval is shorter come in bursts."""
 
 
 class Regularity:
-    """How regularly something comes: the distribution of its intervals and its longest silences."""
+    """How regularly messages come: the distribution of their intervals, and the longest of them."""
 
     def __init__(self, longest: int = 5) -> None:
         self._longest = longest
@@ -193,7 +208,7 @@ class Regularity:
         self.last = 0.0
 
     def add(self, times: Floats) -> None:
-        """(n,), in order."""
+        """Times (n,) in s, in order."""
         if not len(times):
             return
         if self.count == 0:
@@ -207,7 +222,7 @@ class Regularity:
         self.last = float(times[-1])
         if not len(intervals):
             return
-        bins = (np.log10(np.maximum(intervals, _SHORTEST) / _SHORTEST) * _PER_DECADE).astype(np.int64)
+        bins = (np.log10(np.maximum(intervals, _SHORTEST_S) / _SHORTEST_S) * _PER_DECADE).astype(np.int64)
         bins = bins.clip(max=len(self._counts) - 1)
         self._counts += np.bincount(bins, minlength=len(self._counts))
         self._sums += np.bincount(bins, intervals, len(self._counts))
@@ -217,178 +232,38 @@ class Regularity:
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
-        """The longest intervals, longest first: seconds, and when each began."""
+        """The longest intervals, longest first: (length in s, start in s)."""
         return self._gaps
 
     @property
     def usual(self) -> float:
-        """s from one to the next: the median, to 12 %; the mean where several come at once. 0 for less than two."""
+        """The usual interval (s): the median, to 12 %, or the mean if messages come in bursts; 0 for less than two."""
         total = int(self._counts.sum())
         if not total:
             return 0.0
         index = int(np.searchsorted(np.cumsum(self._counts), 0.5 * total))
         median, mean = float(self._sums[index] / self._counts[index]), (self.last - self.first) / total
-        return mean if median < _AT_ONCE * mean else median
+        return mean if median < _BURST * mean else median
 
     @property
     def rate(self) -> float:
-        """Mean, in Hz."""
+        """Mean rate (Hz)."""
         return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
 
 
-SEGMENT = 1024
-_WIENER = 1e-3
-"""Of the strongest frequency's power: below it a frequency counts less and less."""
-
-
-class Segments(ABC):
-    """Evenly sampled columns, handed on in segments that overlap by half; those across a gap in time are left out."""
-
-    def __init__(self, columns: int) -> None:
-        self._times = np.empty(0)
-        self._values = np.empty((0, columns))
-        self._window = np.hanning(SEGMENT + 1)[:-1]
-        self._seconds = 0.0
-        self.segments = 0
-
-    def add(self, times: Floats, values: Floats) -> None:
-        """(n,) and (n, columns)."""
-        self._times = np.concatenate((self._times, times))
-        self._values = np.concatenate((self._values, values))
-        start = 0
-        while start + SEGMENT <= len(self._times):
-            self._look(self._times[start : start + SEGMENT], self._values[start : start + SEGMENT])
-            start += SEGMENT // 2
-        self._times, self._values = self._times[start:], self._values[start:]
-
-    def _look(self, times: Floats, values: Floats) -> None:
-        step = float((times[-1] - times[0]) / (SEGMENT - 1))
-        if step <= 0.0 or np.diff(times).max() > 5.0 * step or not np.isfinite(values).all():
-            return
-        self._take(np.fft.rfft((values - values.mean(axis=0)) * self._window[:, None], axis=0), step)
-        self._seconds += step
-        self.segments += 1
-
-    @abstractmethod
-    def _take(self, spectrum: Any, step: float) -> None:
-        """A segment's spectrum (SEGMENT // 2 + 1, columns), sampled each `step` s."""
-
-    @property
-    def step(self) -> float:
-        """s between samples, on average."""
-        return self._seconds / max(self.segments, 1)
-
-
-class Spectrum(Segments):
-    """Welch's averaged power spectral density (Hann window, half overlap).
-
-    P. Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
-    """
-
-    def __init__(self, columns: int) -> None:
-        super().__init__(columns)
-        self._sum = np.zeros((SEGMENT // 2 + 1, columns))
-
-    def _take(self, spectrum: Any, step: float) -> None:
-        power = np.abs(spectrum) ** 2 * step / (self._window**2).sum()
-        power[1:-1] *= 2.0
-        self._sum += power
-
-    def density(self) -> tuple[Floats, Floats]:
-        """Frequencies (m,) in Hz and power per Hz (m, columns); empty before a whole segment came."""
-        if not self.segments:
-            return np.empty(0), np.empty((0, self._sum.shape[1]))
-        return np.fft.rfftfreq(SEGMENT, self.step), self._sum / self.segments
-
-    def rms_above(self, frequency: float) -> Floats:
-        """(columns,): root mean square of what is above so many Hz."""
-        frequencies, density = self.density()
-        if len(frequencies) < 2:
-            return np.zeros(self._sum.shape[1])
-        kept: Floats = np.sqrt(density[frequencies > frequency].sum(axis=0) * (frequencies[1] - frequencies[0]))
-        return kept
-
-
-class Response(Segments):
-    """The step response that commands and answers imply, by deconvolution (Wiener's): cross spectrum over spectrum.
-
-    Frequencies that the commands hardly hold count little, so that the answer is smooth where nothing is known.
-    """
-
-    def __init__(self, axes: int) -> None:
-        super().__init__(2 * axes)
-        self._axes = axes
-        self._cross = np.zeros((SEGMENT // 2 + 1, axes), np.complex128)
-        self._power = np.zeros((SEGMENT // 2 + 1, axes))
-
-    def add_pairs(self, times: Floats, commands: Floats, answers: Floats) -> None:
-        """(n,), (n, axes) and (n, axes)."""
-        self.add(times, np.column_stack((commands, answers)))
-
-    def _take(self, spectrum: Any, step: float) -> None:
-        command, answer = spectrum[:, : self._axes], spectrum[:, self._axes :]
-        self._cross += command.conj() * answer
-        self._power += np.abs(command) ** 2
-
-    def step_response(self, seconds: float) -> tuple[Floats, Floats]:
-        """Times (m,) after a step of 1 and what follows (m, axes); empty if nothing was commanded."""
-        if not self.segments or not self._power.max(axis=0).all():
-            return np.empty(0), np.empty((0, self._axes))
-        transfer = self._cross / (self._power + _WIENER * self._power.max(axis=0))
-        transfer[0] = transfer[1].real  # the means were taken off
-        impulse = np.fft.irfft(transfer, SEGMENT, axis=0)
-        count = min(round(seconds / self.step), SEGMENT // 2)
-        return np.arange(count) * self.step, np.cumsum(impulse[:count], axis=0)
-
-
-class Pairs:
-    """Commands and answers of the same times, which come in batches of their own: handed on as soon as both are there.
-
-    At most `most` of either wait for the others.
-    """
-
-    def __init__(self, columns: int, most: int = 20_000) -> None:
-        self._most = most
-        self._none: tuple[Floats, Floats] = np.empty(0), np.empty((0, columns))
-        self._commands: tuple[Floats, Floats] = self._none
-        self._answers: tuple[Floats, Floats] = self._none
-
-    def commands(self, times: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
-        """(n,) and (n, columns), in order: times, commands and answers (m, ...) of the pairs that are whole now."""
-        self._commands = self._longer(self._commands, times, values)
-        return self._pairs()
-
-    def answers(self, times: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
-        """As `commands`, for the other side."""
-        self._answers = self._longer(self._answers, times, values)
-        return self._pairs()
-
-    def _longer(self, known: tuple[Floats, Floats], times: Floats, values: Floats) -> tuple[Floats, Floats]:
-        longer = np.concatenate((known[0], times)), np.concatenate((known[1], values))
-        return longer[0][-self._most :], longer[1][-self._most :]
-
-    def _pairs(self) -> tuple[Floats, Floats, Floats]:
-        (asked, commands), (answered, answers) = self._commands, self._answers
-        if not len(asked) or not len(answered):
-            return self._none[0], self._none[1], self._none[1]
-        times, mine, theirs = np.intersect1d(asked, answered, return_indices=True)
-        until = min(asked[-1], answered[-1])
-        self._commands = asked[asked > until], commands[asked > until]
-        self._answers = answered[answered > until], answers[answered > until]
-        return times, commands[mine], answers[theirs]
-
-
-class Rings:
-    """Rings of ranges over time: at most 2 * `most` rows, each the nearest of the rings that it stands for."""
+class ScanRows:
+    """LiDAR scans over time: at most 2 * `most` rows, each with the nearest ranges of the scans that it stands for."""
 
     def __init__(self, most: int = 400) -> None:
         self._most = most
         self._each = 1
+        """Scans that a row stands for."""
         self._waiting: list[tuple[float, Floats]] = []
         self._rows: list[tuple[float, Floats]] = []
 
     def add(self, time: float, ranges: Floats) -> None:
-        """(beams,) in m, NaN where nothing was seen."""
+        """Time (s) and ranges (beams,) in m, NaN where nothing was seen. A scan with another number of beams than the
+        first is left out."""
         if self._rows and self._rows[0][1].shape != ranges.shape:
             return
         self._waiting.append((time, ranges))
@@ -401,11 +276,11 @@ class Rings:
             self._each *= 2
 
     def rows(self) -> Iterator[tuple[float, Floats]]:
-        """Time of the first ring and the ranges of each row."""
+        """The time (s) of each row's first scan, and its ranges (beams,) in m."""
         yield from self._rows
         if self._waiting:
             yield _nearest(self._waiting)
 
 
-def _nearest(rings: list[tuple[float, Floats]]) -> tuple[float, Floats]:
-    return rings[0][0], np.fmin.reduce([ranges for _, ranges in rings])
+def _nearest(scans: list[tuple[float, Floats]]) -> tuple[float, Floats]:
+    return scans[0][0], np.fmin.reduce([ranges for _, ranges in scans])

@@ -1,4 +1,4 @@
-"""What stands in the world, for drawing only: the log carries the world's file as it was flown."""
+"""The obstacles of a world's file, for drawing only; the log carries the file as it was flown."""
 
 import tomllib
 from dataclasses import dataclass
@@ -10,28 +10,29 @@ import numpy as np
 from companion.view.lines import Floats
 
 Place = tuple[float, float]
+"""North, east (m)."""
 
 ROOM = 0.8
-"""m that a flight should leave to what stands there: the hull, and the vehicle's tracking."""
+"""Distance (m) that a flight should keep from obstacles, for the hull and the tracking errors."""
 SIDES = 16
-"""A round thing is drawn with so many."""
+"""Sides with which a round obstacle is drawn."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prism:
-    """An upright obstacle: its outline from above and how high it is from and to (m above the ground)."""
+    """An upright obstacle: its outline from above, and the heights of its bottom and top (m above the ground)."""
 
     name: str
     outline: tuple[Place, ...]
-    """North, east (m), clockwise from above."""
+    """Corners, clockwise from above."""
     bottom: float
     top: float
     round: bool
 
 
 def solids(world: bytes) -> list[Prism]:
-    """The boxes, walls, cylinders and trees of a world file; what it can't make sense of is left out, all of it for a
-    file that is no TOML."""
+    """The boxes, walls, cylinders and trees of a world's file. Entries that are not understood are left out, and so is
+    everything in a file that is no TOML."""
     try:
         tables = tomllib.loads(world.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError):
@@ -48,7 +49,7 @@ def solids(world: bytes) -> list[Prism]:
 
 
 def origin(world: bytes) -> tuple[float, float, float] | None:
-    """Latitude and longitude (rad) and altitude (m) of the take-off point, or None if the file does not say."""
+    """Latitude and longitude (rad) and altitude (m) of the take-off point; None if the file does not say."""
     try:
         table = tomllib.loads(world.decode())["origin"]
         return radians(table["latitude_deg"]), radians(table["longitude_deg"]), float(table["altitude_m"])
@@ -98,14 +99,14 @@ def _tree(table: dict[str, Any]) -> list[Prism]:
 
 
 def in_the_way(world: bytes, start_ned: Floats, end_ned: Floats) -> list[str]:
-    """The names of what a straight flight between two places (3,) would come nearer to than ROOM."""
+    """The names of the obstacles that a straight flight between two places (3,) NED (m) comes nearer to than ROOM."""
     steps = max(2, ceil(float(np.linalg.norm(end_ned - start_ned)) / (0.5 * ROOM)))
     places = start_ned + np.linspace(0.0, 1.0, steps)[:, None] * (end_ned - start_ned)
     return list(dict.fromkeys(prism.name for prism in solids(world) if _is_near(prism, places)))
 
 
 def _is_near(prism: Prism, places_ned: Floats) -> bool:
-    """Whether one of the places (n, 3) is nearer than ROOM; at corners, a little farther counts too."""
+    """Whether one of the places (n, 3) NED (m) is nearer than ROOM, or at a corner a little farther."""
     corners = np.array(prism.outline)
     edges = np.roll(corners, -1, axis=0) - corners
     outwards = np.column_stack((-edges[:, 1], edges[:, 0])) / np.linalg.norm(edges, axis=1)[:, None]
@@ -116,7 +117,7 @@ def _is_near(prism: Prism, places_ned: Floats) -> bool:
 
 
 def mesh(prism: Prism) -> tuple[list[tuple[float, float, float]], list[tuple[int, int, int]]]:
-    """Corners (east, north, up) and triangles, turned outwards, of a prism with a convex outline."""
+    """Corners (m, east, north, up) and triangles, which face outwards, of a prism with a convex outline."""
     count = len(prism.outline)
     corners = [(east, north, height) for height in (prism.bottom, prism.top) for north, east in prism.outline]
     faces: list[tuple[int, int, int]] = []

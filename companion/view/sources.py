@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Protocol
 
-from companion.view.gather import BATCH, Batch, batch, batches
+from companion.view.batches import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
 from protocol.flightlog import DATAGRAM, FILE_NAME, FlightLogError, LogFollower, LogReader, RecordType
 from protocol.flightlog.mavlink_records import message_type

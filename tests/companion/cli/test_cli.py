@@ -1,11 +1,16 @@
-"""What the command line says to whoever interrupts it."""
+"""What the command line says: at an interrupt, of a log's result, and of a file that can't be used."""
 
+import json
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
-from companion.cli.flights import app
+from companion.cli.app import app
+from tests.companion.view.made_logs import make
 
 
 @pytest.mark.parametrize(
@@ -27,3 +32,28 @@ def test_of_a_vehicle_in_the_air_only_a_flight_speaks(
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 130 and "companion: abandoned" in done.output
     assert ("in the air" in done.output) == flies
+
+
+def test_the_link_s_rare_faults_are_listed_only_where_there_were_any(tmp_path: Path) -> None:
+    result = {"landed": "True", "messages_lost": "0", "frames_bad": "0", "duplicates": "3", "reboots": "0"}
+    log = make(tmp_path, 0.2, result=result)
+    shown = CliRunner().invoke(app, ["info", str(log)])
+    assert shown.exit_code == 0
+    listed = {" ".join(line.split()[:-1]): line.split()[-1] for line in shown.output.splitlines() if line.strip()}
+    assert (listed["messages lost"], listed["duplicates"]) == ("0", "3")
+    assert "frames bad" not in listed and "reboots" not in listed
+    whole = json.loads(CliRunner().invoke(app, ["info", "--json", str(log)]).output)
+    assert whole["result"] == result
+
+
+def test_a_log_that_can_t_be_used_does_not_load_the_autopilot(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(b"nothing of the kind")
+    code = (
+        "import sys; from companion.cli.app import app; sys.argv = ['companion', 'info', sys.argv[1]]\n"
+        "try: app()\n"
+        "except SystemExit as ended: assert ended.code == 2\n"
+        "assert 'companion.autopilot' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(broken)], capture_output=True, text=True, check=True)
+    assert done.stderr.startswith(f"companion: {broken}: ") and done.stderr.count("\n") == 1

@@ -15,7 +15,7 @@ from mcap_ros1.decoder import DecoderFactory
 from pymavlink import mavutil
 from typer.testing import CliRunner
 
-from companion.cli.flights import app
+from companion.cli.app import app
 from companion.cli.shell import FAILED
 from companion.logs.convert import convert
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader, datagrams

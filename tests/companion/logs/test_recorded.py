@@ -10,7 +10,7 @@ import pytest
 from companion.config import Settings
 from companion.logs.recorded import flown_overrides, open_flight
 from companion.renamed_settings import RENAMED_SETTINGS
-from companion.view.gather import Gathered
+from companion.view.gather import GatheredFlight
 from companion.view.mapping import avoidance_of
 from companion.view.report import compose
 from protocol.flightlog import LogReader
@@ -63,7 +63,7 @@ def test_an_old_name_for_what_if_is_refused(old_log: Path) -> None:
 
 
 def test_an_old_log_is_shown_by_the_new_names(old_log: Path) -> None:
-    changed = {key: value for key, value, _ in compose(Gathered(old_log)).changed}
+    changed = {key: value for key, value, _ in compose(GatheredFlight(old_log)).changed}
     assert changed["avoidance.plan.unconfirmed_cost"] == "120.0" and not changed.keys() & RENAMED_SETTINGS.keys()
     settings = LogReader(old_log).attachments["settings.json"]
     assert avoidance_of(settings).plan.unconfirmed_cost == 120.0

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from companion.cli.flights import app
+from companion.cli.app import app
 from companion.cli.shell import UNUSABLE
 from companion.logs.recordings import as_date, is_recording, printable, started_unix_s
 from companion.logs.target import output, writable

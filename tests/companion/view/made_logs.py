@@ -114,8 +114,8 @@ def plan(number: int, corners: Sequence[tuple[float, float]]) -> bytes:
 def telemetry(
     vehicle: Encoder, step: int, north: float, rates_frd: Any = (0.0, 0.0, 0.0), motion_every: int = 5
 ) -> bytes:
-    """What the vehicle says at a step: its motion each `motion_every` steps, the ring 10 times a second, a heartbeat
-    once."""
+    """What the vehicle says at a step: its motion every `motion_every` steps, a scan 10 times a second, a heartbeat
+    once a second."""
     boot_ms = step * 4
     frames = []
     if step % motion_every == 0:
@@ -126,8 +126,8 @@ def telemetry(
     if step % 25 == 0:
         distances = [501] * 72
         distances[9] = 300  # 45 degrees to the right
-        ring = (boot_ms * 1000, 0, distances, 5, 20, 500, 5.0, 0.0, dialect.MAV_FRAME_BODY_FRD)
-        frames.append(vehicle.encode_fields(dialect.MAVLink_obstacle_distance_message, *ring))
+        scan = (boot_ms * 1000, 0, distances, 5, 20, 500, 5.0, 0.0, dialect.MAV_FRAME_BODY_FRD)
+        frames.append(vehicle.encode_fields(dialect.MAVLink_obstacle_distance_message, *scan))
     if step % 250 == 0:
         offboard = 6 << 16
         beat = (dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_PX4, 0x80 | 0x01, offboard, 4, 3)

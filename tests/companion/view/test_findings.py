@@ -12,7 +12,7 @@ from companion.mission.plan import Phase
 from companion.state import Reason
 from companion.supervision.states import State
 from companion.view.findings import Finding, Level, events, findings
-from companion.view.gather import Gathered
+from companion.view.gather import GatheredFlight
 from protocol.flightlog import Direction
 from protocol.messages import Encoder, dialect
 from tests.companion.view.made_logs import Values, make
@@ -24,10 +24,10 @@ def about(found: list[Finding], subject: str) -> Finding:
 
 
 def test_a_clean_flight_has_no_warning(tmp_path: Path) -> None:
-    flight = Gathered(make(tmp_path))
+    flight = GatheredFlight(make(tmp_path))
     found = findings(flight)
     assert {finding.level for finding in found} == {Level.GOOD}
-    assert flight.distance_m == pytest.approx(2.0 * 19.996)
+    assert flight.paths.distance_m == pytest.approx(2.0 * 19.996)
     assert flight.vehicle == "1/1"
     tracking = about(found, "tracking")
     assert "10.0 cm" in tracking.text
@@ -52,7 +52,7 @@ def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path, trace_r
         values["blocked"] = 8.0 <= time < 10.0 or 12.0 <= time < 12.5
         values["clearance"] = math.hypot(0.5, time - 9.0) if time < 19.0 else math.inf
 
-    flight = Gathered(make(tmp_path, change=change, trace_rate=trace_rate))
+    flight = GatheredFlight(make(tmp_path, change=change, trace_rate=trace_rate))
     found = findings(flight)
     saturation = about(found, "saturation")
     assert saturation.level is Level.WARNING
@@ -64,7 +64,7 @@ def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path, trace_r
     clearance = about(found, "clearance")
     assert (clearance.level, clearance.at) == (Level.WARNING, (9.0,))
     assert "0.50 m" in clearance.text
-    assert flight.clearance_counts.sum() == pytest.approx(19 * trace_rate, abs=2)
+    assert flight.clearance.total == pytest.approx(19 * trace_rate, abs=2)
 
 
 def test_what_one_step_saw_is_said_of_a_thinned_trace(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_what_one_step_saw_is_said_of_a_thinned_trace(tmp_path: Path) -> None:
         if step == 1503:
             values["thrust_command"] = 0.99
 
-    flight = Gathered(make(tmp_path, change=change, trace_rate=50.0))
+    flight = GatheredFlight(make(tmp_path, change=change, trace_rate=50.0))
     found = findings(flight)
     texts = {finding.text: finding for finding in found}
     assert any(text.startswith("A limit on thrust or tilt was reached one time, 0.02 s") for text in texts)
@@ -98,7 +98,7 @@ def test_a_command_at_the_end_of_its_range_is_said(
         if 3.0 <= time < 3.1:
             values["thrust_command"], values["torque_command"] = thrust, (0.0, 0.0, torque)
 
-    found = findings(Gathered(make(tmp_path, 6.0, change=change)))
+    found = findings(GatheredFlight(make(tmp_path, 6.0, change=change)))
     ends = [finding for finding in found if finding.text.endswith("reached the end of its range.")]
     assert [finding.level for finding in ends] == levels, "the torque is not what is sent with rates"
     assert ends[0].at == pytest.approx((3.0,))
@@ -114,7 +114,7 @@ def test_what_others_fly_is_near_all_the_same_but_none_of_our_commands(
         if 5.0 <= time < 6.0:
             values |= {"state": state.value, "limited": True, "blocked": True, "clearance": 0.3}
 
-    flight = Gathered(make(tmp_path, 10.0, change=change))
+    flight = GatheredFlight(make(tmp_path, 10.0, change=change))
     clearance = about(findings(flight), "clearance")
     assert "0.30 m" in clearance.text and clearance.at == (5.0,)
     assert ("No limit" in about(findings(flight), "saturation").text) is not counts
@@ -128,23 +128,25 @@ def test_the_share_of_steps_with_too_little_room_is_counted_by_the_settings_own_
     def change(time: float, values: Values) -> None:
         values["clearance"] = 1.1 if time < 0.5 else 1.3 if time < 1.0 else 4.0
 
-    evidence = about(findings(Gathered(make(tmp_path, 10.0, change=change))), "clearance").evidence
+    evidence = about(findings(GatheredFlight(make(tmp_path, 10.0, change=change))), "clearance").evidence
     assert evidence[1] == "5.0 % of the steps with something near were within 1.2 m"
 
 
 def test_a_vehicle_that_falls_silent_for_good_has_a_gap_to_the_log_s_end(tmp_path: Path) -> None:
     found = [
-        finding for finding in findings(Gathered(make(tmp_path, silent=(16.0, 20.0)))) if finding.about == "telemetry"
+        finding
+        for finding in findings(GatheredFlight(make(tmp_path, silent=(16.0, 20.0))))
+        if finding.about == "telemetry"
     ]
     assert [finding.level for finding in found] == [Level.WARNING] * 2
     assert all(finding.evidence[0].startswith("4016 ms from 15.98 s") for finding in found)
 
 
 def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) -> None:
-    flight = Gathered(make(tmp_path, silent=(12.0, 12.6), late_ms={750: 7.0, 1000: 1.9}))
+    flight = GatheredFlight(make(tmp_path, silent=(12.0, 12.6), late_ms={750: 7.0, 1000: 1.9}))
     found = findings(flight)
     gaps = {finding.text.split()[0]: finding for finding in found if finding.about == "telemetry"}
-    assert set(gaps) == {"LOCAL_POSITION_NED", "ATTITUDE_QUATERNION"}, "the ring is not flown by at each step"
+    assert set(gaps) == {"LOCAL_POSITION_NED", "ATTITUDE_QUATERNION"}, "scans come too seldom to be judged"
     for gap in gaps.values():
         assert gap.level is Level.WARNING
         assert gap.at[0] == pytest.approx(11.98)
@@ -155,7 +157,7 @@ def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) 
 
 
 def test_a_position_that_jumps_is_told_from_one_that_moves(tmp_path: Path) -> None:
-    flight = Gathered(make(tmp_path, jump_at=15.0, silent=(4.0, 4.5)))
+    flight = GatheredFlight(make(tmp_path, jump_at=15.0, silent=(4.0, 4.5)))
     jump = about(findings(flight), "estimator")
     assert jump.level is Level.WARNING
     assert "position jumped one time" in jump.text
@@ -167,7 +169,9 @@ def test_shaking_is_measured_above_its_frequency(tmp_path: Path) -> None:
     def change(time: float, values: Values) -> None:
         values["rates_frd"] = (0.0, 0.6 * math.sin(2.0 * math.pi * 40.0 * time), 2.0 * math.sin(2.0 * math.pi * time))
 
-    shaking = about(findings(Gathered(make(tmp_path, change=change, motion_every=1, trace_rate=50.0))), "vibration")
+    shaking = about(
+        findings(GatheredFlight(make(tmp_path, change=change, motion_every=1, trace_rate=50.0))), "vibration"
+    )
     assert shaking.level is Level.WARNING
     assert f"{np.degrees(0.6 / math.sqrt(2.0)):.2f} deg/s rms" in shaking.text
 
@@ -179,7 +183,7 @@ def test_the_guard_s_changes_are_counted_by_their_reason(tmp_path: Path) -> None
         if 8.0 <= time < 8.1:
             values["guard_reason"], values["guard_change"] = Reason.STALE.value, 0.5
 
-    guard = about(findings(Gathered(make(tmp_path, change=change))), "guard")
+    guard = about(findings(GatheredFlight(make(tmp_path, change=change))), "guard")
     assert guard.level is Level.WARNING
     assert "3 times, 1.60 s in all" in guard.text
     assert guard.evidence[0] == "no way to stop was left: 2 times, 1.50 s"
@@ -200,15 +204,40 @@ def test_energy_is_voltage_times_current_over_time(tmp_path: Path) -> None:
             status = (0, 0, 0, 0, 12_000, centiamperes, 50, 0, 0, 0, 0, 0, 0)
             data = vehicle.encode_fields(dialect.MAVLink_sys_status_message, *status)
             writer.datagram(second * 1_000_000_000, second, Direction.IN, "", data)
-    assert Gathered(path).energy_wh == {"1/1/SYS_STATUS": pytest.approx(1.8 - 18.0 / 3600.0, rel=1e-3)}
+    assert GatheredFlight(path).energy.watt_hours == {"1/1/SYS_STATUS": pytest.approx(1.8 - 18.0 / 3600.0, rel=1e-3)}
 
 
 def test_a_failed_flight_says_so_first(tmp_path: Path) -> None:
     result = {"delivered": "False", "landed": "False", "fault": "no ring for 0.52 s", "messages_lost": "3"}
-    found = findings(Gathered(make(tmp_path, 2.0, result=result)))
+    found = findings(GatheredFlight(make(tmp_path, 2.0, result=result)))
     assert (found[0].level, found[0].about) == (Level.PROBLEM, "outcome")
     assert "no ring for 0.52 s" in found[0].text
     assert any(finding.text.startswith("3 messages of the vehicle were lost") for finding in found)
+
+
+def test_the_link_s_counters_are_said_where_they_are_not_zero(tmp_path: Path) -> None:
+    ended = {"delivered": "True", "landed": "True", "fault": "", "messages_lost": "0"}
+    clean = dict.fromkeys(("frames_bad", "duplicates", "sequence_restarts", "reboots", "messages_late"), "0")
+    disordered = clean | {"duplicates": "1", "sequence_restarts": "2"}
+    cases: tuple[tuple[dict[str, str], Level, tuple[str, ...]], ...] = (
+        (clean, Level.GOOD, ()),
+        (disordered, Level.NOTE, ("one duplicate", "2 sequence restarts")),
+        (disordered | {"frames_bad": "7"}, Level.WARNING, ("7 damaged frames", "one duplicate", "2 sequence restarts")),
+        (clean | {"messages_late": "3"}, Level.NOTE, ("3 late messages",)),
+    )
+    for number, (counters, level, rows) in enumerate(cases):
+        flight = GatheredFlight(make(tmp_path / str(number), 2.0, result=ended | counters))
+        telemetry = about(findings(flight), "telemetry")
+        assert (telemetry.level, telemetry.evidence) == (level, rows)
+        assert telemetry.text.startswith("Not every message") is bool(rows)
+
+
+def test_a_reboot_of_the_vehicle_is_a_warning_of_its_own(tmp_path: Path) -> None:
+    result = {"landed": "True", "reboots": "1", "messages_lost": "4", "duplicates": "nonsense"}
+    found = findings(GatheredFlight(make(tmp_path, 2.0, result=result)))
+    telemetry = [finding for finding in found if finding.about == "telemetry"]
+    assert [finding.level for finding in telemetry] == [Level.WARNING] * 2
+    assert telemetry[0].text.startswith("4 messages") and "rebooted one time" in telemetry[1].text
 
 
 def test_an_error_in_one_phase_is_said_of_that_phase(tmp_path: Path) -> None:
@@ -216,7 +245,7 @@ def test_an_error_in_one_phase_is_said_of_that_phase(tmp_path: Path) -> None:
         if values["phase"] == Phase.RETURN.value:
             values["reference_position_ned"] = (2.0 * time, 0.8, -3.0)
 
-    tracking = about(findings(Gathered(make(tmp_path, change=change))), "tracking")
+    tracking = about(findings(GatheredFlight(make(tmp_path, change=change))), "tracking")
     assert tracking.level is Level.WARNING
     assert "rms 10.0, 0.0, 0.0 cm" in tracking.evidence[0]
     assert "rms 0.0, 80.0, 0.0 cm" in tracking.evidence[1]
@@ -227,5 +256,5 @@ def test_a_log_cut_short_is_reported_on_as_far_as_it_goes(tmp_path: Path) -> Non
     path = make(tmp_path, 4.0)
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
-    found = findings(Gathered(path))
+    found = findings(GatheredFlight(path))
     assert any(finding.about == "log" and "cut off" in finding.text for finding in found)

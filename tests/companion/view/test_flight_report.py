@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from companion.logs.writer import Writer
-from companion.view.gather import Gathered
+from companion.view.attitudes import euler_deg
+from companion.view.gather import GatheredFlight
 from companion.view.lines import Floats
-from companion.view.report import Page, compose, write
+from companion.view.report import compose, write
+from companion.view.report_page import Page
 from companion.view.scene import solids
 from protocol.flightlog import Direction, FlightLogError
+from protocol.frames import to_euler
 from protocol.messages import Encoder, dialect
 from tests.companion.view.browser import needs_chromium, opened
 from tests.companion.view.made_logs import SPEED, WORLD, from_tlog, make
@@ -49,7 +52,10 @@ def test_the_report_opens_draws_every_chart_and_follows_a_look(tmp_path: Path) -
         )
         assert flown == pytest.approx([2.0 * 19.98 + 1.5, 0.0], abs=0.01), "as the vehicle told it"
         obstacles = page.evaluate("document.querySelectorAll('.plot')[1].data.at(-1).i.length")
-        assert obstacles == sum(len(solid.faces) for solid in compose(Gathered(tmp_path / "flight.mcap")).solids) // 3
+        assert (
+            obstacles
+            == sum(len(solid.faces) for solid in compose(GatheredFlight(tmp_path / "flight.mcap")).solids) // 3
+        )
         page.locator(".finding.warning button").first.click()
         page.wait_for_function(SHOWS, arg=[10.0, 20.0])
         page.locator("#whole").click()
@@ -64,7 +70,7 @@ def test_the_report_opens_draws_every_chart_and_follows_a_look(tmp_path: Path) -
 
 
 def test_the_motion_is_drawn_to_its_end_though_the_trace_ends_before(tmp_path: Path) -> None:
-    page = compose(Gathered(make(tmp_path, traced=12.0)))
+    page = compose(GatheredFlight(make(tmp_path, traced=12.0)))
     charts = {chart.title: {curve.name: points(curve.x) for curve in chart.curves} for chart in page.charts}
     for title in ("Height", "Speed", "Position north", "Velocity down", "Roll", "Pitch rate"):
         assert charts[title]["is"][-1] == pytest.approx(19.98)
@@ -80,7 +86,7 @@ def test_the_motion_is_drawn_to_its_end_though_the_trace_ends_before(tmp_path: P
 
 def test_only_what_stands_around_the_path_is_drawn(tmp_path: Path) -> None:
     """A street of 120 m, of which 4 m are flown."""
-    shown = {solid.name for solid in compose(Gathered(make(tmp_path, 2.0))).solids}
+    shown = {solid.name for solid in compose(GatheredFlight(make(tmp_path, 2.0))).solids}
     everything = solids(WORLD)
     near = {prism.name for prism in everything if min(abs(north) + abs(east) for north, east in prism.outline) < 20.0}
     far = {prism.name for prism in everything if min(north for north, _ in prism.outline) > 40.0}
@@ -97,11 +103,11 @@ def test_the_greatest_tilt_is_of_the_whole_attitude(tmp_path: Path) -> None:
             data = vehicle.encode_fields(dialect.MAVLink_heartbeat_message, *beat)
             data += vehicle.encode_fields(dialect.MAVLink_attitude_message, *attitude)
             writer.datagram(number * 20_000_000, number, Direction.IN, "", data)
-    assert ("greatest tilt", f"{math.degrees(math.acos(0.75)):.0f}°") in compose(Gathered(path)).tiles
+    assert ("greatest tilt", f"{math.degrees(math.acos(0.75)):.0f}°") in compose(GatheredFlight(path)).tiles
 
 
 def test_px4_s_integer_parameters_are_read_by_their_bits(tmp_path: Path) -> None:
-    shown = dict(compose(Gathered(from_tlog(DATA / "px4_offboard.tlog", tmp_path))).parameters)
+    shown = dict(compose(GatheredFlight(from_tlog(DATA / "px4_offboard.tlog", tmp_path))).parameters)
     assert (shown["CAL_ACC0_ID"], shown["CAL_MAG0_PRIO"], shown["CAL_BARO0_OFF"]) == ("1310988", "50", "0")
 
 
@@ -133,7 +139,7 @@ def test_a_text_of_the_vehicle_can_t_break_out_of_the_page(tmp_path: Path) -> No
 def test_flights_of_other_systems_are_reported_on(tmp_path: Path, name: str) -> None:
     """Recorded from PX4 and ArduCopter: what they flew is in the recordings' description."""
     path = from_tlog(DATA / f"{name}.tlog", tmp_path)
-    flight = Gathered(path)
+    flight = GatheredFlight(path)
     page = compose(flight)
     titles = {chart.title for chart in page.charts}
     assert {"Height", "Roll", "Yaw rate", "Velocity down", "Thrust", "Battery voltage", "Body rates"} <= titles
@@ -159,9 +165,6 @@ def test_a_report_of_another_system_draws(tmp_path: Path) -> None:
 
 
 def test_euler_angles_are_those_of_the_frames_module() -> None:
-    from companion.view.gather import euler_deg
-    from protocol.frames import to_euler
-
     generator = np.random.default_rng(5)
     attitudes = generator.normal(size=(200, 4))
     attitudes /= np.linalg.norm(attitudes, axis=1)[:, None]

@@ -9,17 +9,14 @@ from hypothesis import strategies as st
 
 from companion.view.lines import (
     BUCKETS,
-    SEGMENT,
     Line,
-    Pairs,
     Regularity,
-    Response,
-    Rings,
-    Spectrum,
+    ScanRows,
     Stretches,
     Track,
     thin,
 )
+from companion.view.spectra import SEGMENT, Pairs, Response, Spectrum
 
 
 @given(st.integers(1, 400), st.integers(1, 60), st.integers(0, 2**32 - 1))
@@ -154,12 +151,12 @@ def test_a_first_order_lag_is_found_in_its_commands_and_answers() -> None:
 
 
 def test_rings_keep_the_nearest_return_of_each_bearing() -> None:
-    rings = Rings(most=4)
+    scans = ScanRows(most=4)
     for index in range(64):
         ranges = np.full(3, np.nan)
         ranges[1] = 10.0 - (index == 37) * 9.0
-        rings.add(float(index), ranges)
-    rows = list(rings.rows())
+        scans.add(float(index), ranges)
+    rows = list(scans.rows())
     assert len(rows) <= 8
     nearest = np.array([row for _, row in rows])
     assert np.isnan(nearest[:, [0, 2]]).all()

@@ -3,7 +3,7 @@
 import io
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Locator
+from playwright.sync_api import Page as Browser
 
 from companion.perception.distance_field import FAR_M
 from companion.state import Reason
-from companion.view.history import History, Moment, quaternions
-from companion.view.live import _BEHIND, _LOUD, Page, ahead, turned, words
+from companion.view.attitudes import quaternions, rotated
+from companion.view.history import History, Moment
+from companion.view.live import Page
+from companion.view.live_scene import BEHIND, ahead
+from companion.view.live_words import HIGHLIGHT, words
 from companion.view.sources import GrowingLog, Link, Source, newest, open_log
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
@@ -138,7 +141,7 @@ def test_the_clearance_is_drawn_up_to_where_it_is_known(tmp_path: Path) -> None:
     assert clearance[near] == pytest.approx(1.5)
     assert clearance[(times < 1.99) | (times > 3.01)] == pytest.approx(FAR_M)
     alone = filled(open_log(make(tmp_path / "alone", 5.0, traced=0.0)))
-    assert alone.clearance(0.0, 5.0)[1] == pytest.approx(3.0), "the ring's nearest return"
+    assert alone.clearance(0.0, 5.0)[1] == pytest.approx(3.0), "the nearest return"
 
 
 def test_a_damaged_log_is_said_to_be_damaged(tmp_path: Path) -> None:
@@ -169,14 +172,14 @@ def test_a_link_shows_what_its_vehicle_says_and_says_nothing_itself() -> None:
     assert theirs.receive(0.0) is None
 
 
-def test_many_vectors_are_turned_as_one_is() -> None:
+def test_many_vectors_are_rotated_as_one_is() -> None:
     generator = np.random.default_rng(3)
     angles = generator.uniform(-1.5, 1.5, (50, 3))
     attitudes = quaternions(angles)
     vectors = generator.normal(size=(4, 3))
     for angle, attitude in zip(angles, attitudes, strict=True):
         assert attitude == pytest.approx(from_euler(*angle))
-        for vector, result in zip(vectors, turned(attitude, vectors), strict=True):
+        for vector, result in zip(vectors, rotated(attitude, vectors), strict=True):
             assert result == pytest.approx(rotate(attitude, vector))
 
 
@@ -207,18 +210,18 @@ def test_time_goes_on_where_a_vehicle_falls_silent_and_the_page_says_so() -> Non
         theirs.send(telemetry(vehicle, 0, 1.0))
         for _ in range(20):
             live.step(0.0)
-        assert "heard 0 ms ago" in live._words.content and ", live" in live._words.content
-        assert _LOUD not in live._words.content
+        assert "heard 0 ms ago" in live.words.content and ", live" in live.words.content
+        assert HIGHLIGHT not in live.words.content
         for _ in range(20):
             live.step(0.25)
         live.step(0.0)
-        text = live._words.content
+        text = live.words.content
         assert "heard 5000 ms ago" in text and "nothing new for 5 s" in text and "north" not in text
-        assert text.count(_LOUD) == 2, "the time and the link"
+        assert text.count(HIGHLIGHT) == 2, "the time and the link"
         theirs.send(telemetry(vehicle, 25, 1.0))
         for _ in range(5):
             live.step(0.0)
-        assert ", live" in live._words.content
+        assert ", live" in live.words.content
     finally:
         live.stop()
 
@@ -236,77 +239,105 @@ def wait_for(look: Callable[[], T], is_right: Callable[[T], bool]) -> T:
 
 
 def returns_on(picture: bytes) -> NDArray[np.int64]:
-    """Columns of the pixels that have the colour of the ring's returns and nothing else's."""
+    """Columns of the pixels that have the colour of the scan's returns and nothing else's."""
     red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), np.int64), 2, 0)
     return np.nonzero((red > 200) & (green < 120) & (blue < 40))[1]
 
 
-@needs_chromium
-def test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider(tmp_path: Path) -> None:
-    """The page is stepped by hand: a browser that draws in software can't keep up with 20 pictures a second."""
-    live = Page(open_log(make(tmp_path, silent=(12.0, 16.0))), 0)
+class Looked:
+    """A page that is stepped by hand, in a browser: one that draws in software can't keep up with 20 pictures a
+    second."""
 
-    def drawn(seconds: float = 0.0) -> None:
-        live.step(seconds)
+    def __init__(self, live: Page, browser: Browser) -> None:
+        self.live = live
+        self.browser = browser
+
+    def step(self, seconds: float = 0.0) -> None:
+        self.live.step(seconds)
         for _ in range(20):  # the words and the paths take turns
-            live.step(0.0)
+            self.live.step(0.0)
 
+    def waits_for(self, element: str, start: str) -> None:
+        """Until an element's text begins so."""
+
+        def read() -> str:
+            self.step()
+            return self.text(element)
+
+        wait_for(read, lambda text: text.startswith(start))
+
+    def go_to(self, time: str) -> None:
+        """A whole second, by the slider."""
+        slider = self.browser.locator("input[inputmode=decimal]").first
+        slider.fill(time)
+        slider.press("Enter")
+        self.waits_for("#time", f"{time}.00 s")
+
+    def tick(self, label: str) -> None:
+        self.browser.get_by_label(label, exact=True).evaluate("box => box.click()")
+
+    def text(self, element: str) -> str:
+        return str(self.browser.locator(element).inner_text())
+
+
+@pytest.fixture
+def looked(tmp_path: Path) -> Iterator[Looked]:
+    """A log of 20 s, silent from 12 to 16 s, played from the moment when somebody looks."""
+    live = Page(open_log(make(tmp_path, silent=(12.0, 16.0))), 0)
     try:
-        drawn(2.0)
-        assert live._time == 0.0, "it waits for somebody to look"
-        with opened(f"http://127.0.0.1:{live.port}") as (page, errors):
-            wait_for(lambda: (page.screenshot(), live._somebody)[1], bool)
-            drawn(2.0)
-
-            def read(words: Locator) -> str:
-                drawn()
-                return str(words.inner_text())
-
-            place = page.locator("#place")
-            wait_for(lambda: read(place), lambda text: text.startswith("north 4.0"))
-            drawn(1.0)
-            wait_for(lambda: read(place), lambda text: text.startswith("north 6.0"))
-            (client,) = live._server.get_clients().values()
-            wait_for(
-                lambda: (page.screenshot(), client.camera.look_at)[1],
-                lambda at: np.allclose(at, (0.0, 6.0, 3.0), atol=0.05),
-            )
-            away = np.linalg.norm(client.camera.position - client.camera.look_at)
-            assert away == pytest.approx(np.linalg.norm(_BEHIND), rel=0.05)
-            for label in ("camera follows", "play"):
-                page.get_by_label(label, exact=True).evaluate("box => box.click()")
-
-            def go_to(time: str) -> None:
-                slider = page.locator("input[inputmode=decimal]").first
-                slider.fill(time)
-                slider.press("Enter")
-                shown = page.locator("#time")
-                wait_for(lambda: read(shown), lambda text: text.startswith(f"{time}.00 s"))
-
-            go_to("5")
-            assert place.inner_text() == "north 10.0, east 0.0, height 3.0 m"
-            assert page.locator("#phase").inner_text() == "route"
-            first = wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) > 10)
-            go_to("6")
-            assert place.inner_text() == "north 12.0, east 0.0, height 3.0 m"
-            wait_for(
-                lambda: returns_on(page.screenshot()),
-                lambda found: len(found) > 5 and abs(found.mean() - first.mean()) > 3.0,
-            )
-            go_to("15")
-            assert place.count() == 0
-            assert page.locator("#phase").inner_text() == "return"
-            wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) == 0)
-            assert page.locator(".uplot").count() == 3
-            go_to("19")
-            page.get_by_label("play", exact=True).evaluate("box => box.click()")
-            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("19.00 s of 20.0 s"))
-            drawn(5.0)
-            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("20.00 s"))
-            for _ in range(2):  # off, and on again: from the beginning
-                page.get_by_label("play", exact=True).evaluate("box => box.click()")
-                drawn()
-            wait_for(lambda: read(page.locator("#time")), lambda text: text.startswith("0.00 s"))
+        live.step(2.0)
+        assert live.playback.time == 0.0, "it waits for somebody to look"
+        with opened(f"http://127.0.0.1:{live.port}") as (browser, errors):
+            wait_for(lambda: (browser.screenshot(), live.cameras.watched)[1], bool)
+            yield Looked(live, browser)
             assert errors == []
     finally:
         live.stop()
+
+
+@needs_chromium
+def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: Looked) -> None:
+    page, live = looked.browser, looked.live
+    looked.step(2.0)
+    looked.waits_for("#place", "north 4.0")
+    looked.step(1.0)
+    looked.waits_for("#place", "north 6.0")
+    (client,) = live._server.get_clients().values()
+    wait_for(
+        lambda: (page.screenshot(), client.camera.look_at)[1],
+        lambda at: np.allclose(at, (0.0, 6.0, 3.0), atol=0.05),
+    )
+    away = np.linalg.norm(client.camera.position - client.camera.look_at)
+    assert away == pytest.approx(np.linalg.norm(BEHIND), rel=0.05)
+    looked.tick("camera follows")
+    looked.tick("play")
+    looked.go_to("5")
+    assert looked.text("#place") == "north 10.0, east 0.0, height 3.0 m"
+    assert looked.text("#phase") == "route"
+    first = wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) > 10)
+    looked.go_to("6")
+    assert looked.text("#place") == "north 12.0, east 0.0, height 3.0 m"
+    wait_for(
+        lambda: returns_on(page.screenshot()),
+        lambda found: len(found) > 5 and abs(found.mean() - first.mean()) > 3.0,
+    )
+    looked.go_to("15")
+    assert page.locator("#place").count() == 0
+    assert looked.text("#phase") == "return"
+    wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) == 0)
+    assert page.locator(".uplot").count() == 3
+
+
+@needs_chromium
+def test_a_log_that_is_played_at_its_end_starts_from_the_beginning(looked: Looked) -> None:
+    looked.step()
+    looked.tick("play")
+    looked.go_to("19")
+    looked.tick("play")
+    looked.waits_for("#time", "19.00 s of 20.0 s")
+    looked.step(5.0)
+    looked.waits_for("#time", "20.00 s")
+    for _ in range(2):  # off, and on again
+        looked.tick("play")
+        looked.step()
+    looked.waits_for("#time", "0.00 s")

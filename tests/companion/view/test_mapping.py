@@ -13,7 +13,7 @@ from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
-from companion.view.gather import Batch
+from companion.view.batches import Batch
 from companion.view.history import History
 from companion.view.mapping import MapAt, Mapper, avoidance_of, picture
 from protocol.flightlog.mavlink_records import message_type

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from companion.cli.flights import app
+from companion.cli.app import app
 from companion.cli.shell import ABANDONED, FAILED, UNUSABLE
 from companion.cli.view import flight_log
 from companion.view.foxglove import Converter

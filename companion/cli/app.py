@@ -1,0 +1,21 @@
+"""The program `companion`: its commands in the order of its help."""
+
+import typer
+
+from companion.cli import flights, logs, settings, view
+from companion.cli.shell import run
+
+app = typer.Typer(
+    help="Fly a vehicle over MAVLink: LQR attitude control, backstepping position control, LiDAR avoidance.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+for commands in (flights, logs, view, settings):
+    commands.register(app)
+
+
+def main() -> None:
+    """Run the program with the arguments of its process."""
+    run(app)

@@ -1,0 +1,75 @@
+"""The live page's table of figures: the moment that is shown, in words."""
+
+import math
+from html import escape
+
+import numpy as np
+
+from companion.view.history import Moment, Plan
+
+_SILENT_S = 0.5
+"""A vehicle that was not heard for longer than this (s) is highlighted: the companion waits no longer either."""
+HIGHLIGHT = ' style="color:#e2007a;font-weight:600"'
+
+
+def words(moment: Moment, name: str, when: str, problem: str | None, *, quiet: bool = False) -> str:
+    """The table of a moment of the flight `name`, as HTML. Text from outside is escaped.
+
+    `when` follows the time; `problem` stands above the table; `quiet`: nothing new comes.
+    """
+    plan = moment.plan
+    rows = [("flight", name), ("time", f"{moment.time:.2f} s{when}")]
+    if plan is not None:
+        rows += [("phase", plan.phase), ("companion", plan.state)]
+    rows += [*_link(moment), *_motion(moment)]
+    if plan is not None:
+        rows += _avoidance(plan)
+    if moment.nearest is not None:
+        rows.append(("nearest", f"{moment.nearest:.2f} m"))
+    if moment.battery is not None:
+        rows.append(("battery", f"{moment.battery:.0f} %"))
+    highlighted = {
+        "time": quiet,
+        "failsafe": moment.failsafe,
+        "link": moment.link_age is not None and moment.link_age > _SILENT_S,
+        "guard": plan is not None and bool(plan.guard),
+    }
+    cells = "".join(
+        f'<tr><td style="opacity:.65;padding-right:12px">{name}</td>'
+        f'<td id="{name}"{HIGHLIGHT if highlighted.get(name) else ""}>{escape(value)}</td></tr>'
+        for name, value in rows
+    )
+    said = "".join(f"<div>{text.time:.1f} {escape(text.text)}</div>" for text in moment.texts)
+    trouble = f'<div style="color:#d64560">{escape(problem)}</div>' if problem else ""
+    style = "font-size:13px;padding:4px 14px;font-variant-numeric:tabular-nums"
+    said_style = "margin-top:6px;opacity:.75;font-size:12px"
+    return f'<div style="{style}">{trouble}<table>{cells}</table><div style="{said_style}">{said}</div></div>'
+
+
+def _link(moment: Moment) -> list[tuple[str, str]]:
+    if moment.link_age is None:
+        return [("mode", "unknown"), ("failsafe", "unknown"), ("link", "silent")]
+    return [
+        ("mode", moment.mode + (", armed" if moment.armed else ", disarmed")),
+        ("failsafe", "YES" if moment.failsafe else "no"),
+        ("link", f"heard {1e3 * moment.link_age:.0f} ms ago"),
+    ]
+
+
+def _motion(moment: Moment) -> list[tuple[str, str]]:
+    if moment.position_ned is None or moment.velocity_ned is None:
+        return []
+    north, east, down = moment.position_ned
+    return [
+        ("place", f"north {north:.1f}, east {east:.1f}, height {-down:.1f} m"),
+        ("speed", f"{np.linalg.norm(moment.velocity_ned):.1f} m/s"),
+    ]
+
+
+def _avoidance(plan: Plan) -> list[tuple[str, str]]:
+    clearance = f"{plan.clearance:.2f} m" if math.isfinite(plan.clearance) else "nothing near"
+    notes = [note for note, holds in (("avoiding", plan.blocked), ("at a limit", plan.limited)) if holds]
+    return [
+        ("clearance", ", ".join([clearance, *notes])),
+        ("guard", f"{plan.guard}, {plan.guard_change:.1f} m/s²" if plan.guard else "quiet"),
+    ]
