@@ -53,7 +53,7 @@ from protocol.frames import yaw_of
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from protocol.peer import Peer
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 VEHICLE_COMPONENT = 1
 _SECOND_NS = 1_000_000_000
@@ -144,7 +144,7 @@ _NOTHING = Reaction(b"", None, (), None)
 class Autopilot:
     """One flight of one mission."""
 
-    def __init__(self, settings: Settings, body: Body, mission: Mission, output: Output) -> None:
+    def __init__(self, settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
         self.settings = settings
         self.body = body
         self.mission = mission

@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 
 from protocol import toml_files as toml_files
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 T = TypeVar("T")
 Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -460,7 +460,7 @@ class Settings(Table, frozen=True):
 
 
 class _VehicleFile(msgspec.Struct, frozen=True):
-    body: Body
+    body: VehicleParameters
 
 
 def picked(kind: type[T], table: msgspec.Struct, **more: Any) -> T:
@@ -476,6 +476,6 @@ def load_settings(path: Path | None, overrides: list[str]) -> Settings:
     return toml_files.load(path, Settings, overrides)
 
 
-def load_body(vehicle: str) -> Body:
+def load_body(vehicle: str) -> VehicleParameters:
     """The `[body]` of a vehicle, found by name or path: all that the companion knows of it beforehand."""
     return toml_files.load(toml_files.find("vehicles", vehicle), _VehicleFile).body

@@ -27,7 +27,7 @@ from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array, Vector
 from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_world
 from protocol.jit import compiled
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 LAWS = ("backstepping", "se3", "sliding_mode", "pid")
 _BACKSTEPPING, _SE3, _SLIDING_MODE, _PID = range(4)
@@ -114,7 +114,7 @@ _ROUNDS = 2
 class Controller:
     """The controller of one flight."""
 
-    def __init__(self, settings: Settings, body: Body, output: Output) -> None:
+    def __init__(self, settings: Settings, body: VehicleParameters, output: Output) -> None:
         self._parameters = _parameters(settings, body, output)
         self._memory = np.zeros(1, MEMORY)
         self._reference = np.zeros(18)
@@ -183,7 +183,7 @@ class Controller:
         return out, limited
 
 
-def _parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.void]:
+def _parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
     """One record of PARAMETERS; the LQR's gains are computed here."""
     control, limits = settings.control, settings.limits
     position, attitude, estimates = control.position, control.attitude, control.estimation

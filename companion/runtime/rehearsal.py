@@ -13,7 +13,7 @@ from companion.state import Output
 from companion.supervision.supervisor import State
 from companion.trace import Thinning
 from protocol.messages import Encoder, dialect
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 _TICK_NS = 4_000_000
 _LONGEST_TICKS = 50_000
@@ -33,7 +33,7 @@ class RehearsalError(Exception):
     """The autopilot does not get through its own mission on perfect telemetry."""
 
 
-def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
+def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
     """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
     if settings.avoidance.mapped and settings.avoidance.method != "vfh":  # which is asked where the others find nothing
         avoidance = msgspec.structs.replace(settings.avoidance, method="vfh")
@@ -41,7 +41,7 @@ def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -
     _fly(settings, body, mission, output)
 
 
-def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
+def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
     # At the route's heights, where the vehicle here is.
     avoidance = msgspec.structs.replace(settings.avoidance, heights=AvoidanceAltitudeSearch())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
