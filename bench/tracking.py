@@ -20,7 +20,7 @@ from companion.control.controller import THRUST, TORQUE, Controller
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
 from protocol.frames import flu_to_frd
-from protocol.vehicle_parameters import GRAVITY, Body
+from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 
 STEP_S = 0.005
 LAST_S = 12.0
@@ -50,12 +50,12 @@ def trajectories() -> dict[str, Any]:
     return found
 
 
-def body_of(parameters: dict[str, Any]) -> Body:
+def body_of(parameters: dict[str, Any]) -> VehicleParameters:
     """RotorPy's vehicle as our controller knows it."""
     arm = float(np.linalg.norm(parameters["rotor_pos"]["r1"]))
     most = parameters["k_eta"] * parameters["rotor_speed_max"] ** 2
     turning = 4.0 * math.sqrt(parameters["mass"] * GRAVITY / (4.0 * parameters["k_eta"]))  # rad/s of all at hover
-    return Body(
+    return VehicleParameters(
         mass_kg=parameters["mass"],
         arm_length_m=arm,
         inertia_kgm2=(parameters["Ixx"], parameters["Iyy"], parameters["Izz"]),

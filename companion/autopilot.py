@@ -20,13 +20,13 @@ from companion.supervision.operations import OwnReport
 from companion.supervision.states import COMMANDED, FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
 from companion.trace import ControlStep, pack
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 
 class Autopilot:
     """One flight of one mission."""
 
-    def __init__(self, settings: Settings, body: Body, mission: Mission, output: Output) -> None:
+    def __init__(self, settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
         self.settings = settings
         self.body = body
         self.supervisor = Supervisor(settings.supervision)

@@ -10,7 +10,7 @@ import msgspec
 from companion.avoidance_methods import METHODS
 from companion.renamed_settings import RENAMED_SETTINGS
 from protocol import toml_files as toml_files
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
@@ -495,7 +495,7 @@ class Settings(Table, frozen=True):
 
 
 class _VehicleFile(msgspec.Struct, frozen=True):
-    body: Body
+    body: VehicleParameters
 
 
 def load_settings(path: Path | None, overrides: list[str]) -> Settings:
@@ -511,6 +511,6 @@ def recorded_settings(tables: dict[str, Any], source: str, overrides: Sequence[s
     return toml_files.convert(tables, Settings, source, overrides, RENAMED_SETTINGS)
 
 
-def load_body(vehicle: str) -> Body:
+def load_body(vehicle: str) -> VehicleParameters:
     """The `[body]` of a vehicle, found by name or path: all that the companion knows of it beforehand."""
     return toml_files.load(toml_files.find("vehicles", vehicle), _VehicleFile).body

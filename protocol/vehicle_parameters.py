@@ -11,7 +11,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 
 
-class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class VehicleParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A quadrotor in "+" layout, with rotors front, right, back and left (the paper's Table 1)."""
 
     mass_kg: Positive

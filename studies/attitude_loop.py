@@ -10,7 +10,7 @@ from companion.control import lqr
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
 from protocol.frames import from_rotation_vector, to_euler
-from protocol.vehicle_parameters import GRAVITY, Body
+from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 from studies import style
 from studies.report import Cell, Report
 from vehicle_sim.airframe import Airframe, parameters
@@ -72,12 +72,12 @@ WITH_ARM = {1.0: (2.199, 3.97), 5.0: (0.991, 1.80), 10.0: (0.707, 1.29)}
 """Rise and settling of roll and pitch recomputed with the arm's length in the plant too."""
 
 
-def gain(body: Body, weight: float) -> Array:
+def gain(body: VehicleParameters, weight: float) -> Array:
     """K (3, 6) of (8)-(10) with Q(1,1) = Q(3,3) = Q(5,5) = `weight`."""
     return lqr.attitude_gain(body, (weight,) * 3, ONE, ONE)
 
 
-def linear(body: Body, axis: int, weight: float, *, published: bool) -> tuple[Array, Array]:
+def linear(body: VehicleParameters, axis: int, weight: float, *, published: bool) -> tuple[Array, Array]:
     """Time (n,) in s and angle (n,) in rad of a step of 1 rad on the linear plant.
 
     `published`: u = r - K x, and no arm's length in the plant; else u = K (x_ref - x) and the plant of the design.

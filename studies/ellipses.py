@@ -8,7 +8,7 @@ from companion.config import load_body
 from companion.control.flatness import inverse
 from companion.curves import Shape
 from companion.trajectory.shapes import shape_of
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 from studies import style
 from studies.report import Report
 from studies.tracks import Flight, fly, on_all_cores
@@ -40,7 +40,7 @@ def ellipse(speed: float, acceleration: float) -> Shape:
     return Shape("ellipse", speed, acceleration=acceleration, laps=max(round(12.0 / lap_s), 2) + 0.0, ramp_s=6.0)
 
 
-def feasible(body: Body, speed: float, acceleration: float) -> bool:
+def feasible(body: VehicleParameters, speed: float, acceleration: float) -> bool:
     """Whether every rotor stays within its thrust, less SPARE, on the ellipse at its full rate, by the model's
     flatness."""
     path = shape_of(ellipse(speed, acceleration))

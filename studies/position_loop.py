@@ -12,7 +12,7 @@ from companion.state import Output
 from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
-from protocol.vehicle_parameters import GRAVITY, Body
+from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 from studies import style
 from studies.joined import Joined, mission_of
 from studies.paper_settings import paper_settings
@@ -100,7 +100,13 @@ def flown(c: float, output: Output) -> tuple[Response, ...]:
 
 
 def growth(
-    body: Body, c: float, angle_weight: float, *, drag: bool, lag_s: float = 0.03, period_s: float = PERIOD_S
+    body: VehicleParameters,
+    c: float,
+    angle_weight: float,
+    *,
+    drag: bool,
+    lag_s: float = 0.03,
+    period_s: float = PERIOD_S,
 ) -> float:
     """Rate (1/s) at which the slowest mode of the linearised cascade grows (negative: fades).
 
@@ -162,7 +168,7 @@ def without_drag(airframe: Airframe) -> Airframe:
     return msgspec.structs.replace(airframe, body=body)
 
 
-def stable_from(body: Body, c: float, *, drag: bool) -> float:
+def stable_from(body: VehicleParameters, c: float, *, drag: bool) -> float:
     """The smallest angle weight at which no mode grows."""
     from scipy.optimize import brentq
 
@@ -291,7 +297,7 @@ def _shapes_picture(report: Report, shapes: dict[float, Response]) -> None:
     report.figure(figure, "position-loop-weights", "A step of 1 m at c = 1, flown without drag: the angle weight Q.")
 
 
-def _map_picture(report: Report, body: Body, flights: dict[tuple[bool, float, float], Response]) -> None:
+def _map_picture(report: Report, body: VehicleParameters, flights: dict[tuple[bool, float, float], Response]) -> None:
     constants, weights = np.linspace(0.5, 6.0, 34), np.logspace(-0.15, 2.7, 35)
     figure, row = style.sheet(1, 2, height=3.2, sharey=True)
     levels = np.array([-2.0, -1.5, -1.0, -0.5, -0.25, 0.0, 0.1, 0.2, 0.3])

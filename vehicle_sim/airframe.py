@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.toml_files import TomlFileError, load
-from protocol.vehicle_parameters import GRAVITY, Body, NotNegative, Positive
+from protocol.vehicle_parameters import GRAVITY, NotNegative, Positive, VehicleParameters
 from vehicle_sim.sensors.lidar import LidarSettings
 
 Axes = tuple[Positive, Positive, Positive]
@@ -94,7 +94,7 @@ class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A whole vehicle file."""
 
-    body: Body
+    body: VehicleParameters
     rotors: Rotors
     ground: Ground
     hull: Hull

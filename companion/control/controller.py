@@ -22,7 +22,7 @@ from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol.arrays import Array, Vector
 from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_world
 from protocol.jit import compiled
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 MEMORY = np.dtype(
     [
@@ -75,7 +75,7 @@ _UNKNOWN, _ANGULAR_ACCELERATION = int(TurningInput.UNKNOWN), int(TurningInput.AN
 class Controller:
     """The controller of one flight."""
 
-    def __init__(self, settings: Settings, body: Body, output: Output) -> None:
+    def __init__(self, settings: Settings, body: VehicleParameters, output: Output) -> None:
         self._record = np.zeros(1, CONTROLLER)
         self._parameters, self._memory = self._record["parameters"], self._record["memory"]
         self._parameters[:] = controller_parameters(settings, body, output)

@@ -21,10 +21,10 @@ from protocol.arrays import Array
 from protocol.disk_cache import cached_on_disk
 from protocol.frames import conjugate, multiply, to_rotation_vector
 from protocol.jit import compiled
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 
-def attitude_model(body: Body) -> tuple[Array, Array]:
+def attitude_model(body: VehicleParameters) -> tuple[Array, Array]:
     """A (6, 6) and B (6, 3) of (7): the linear plant about hover."""
     A = np.zeros((6, 6))
     B = np.zeros((6, 3))
@@ -42,7 +42,7 @@ def attitude_model(body: Body) -> tuple[Array, Array]:
 
 @cached_on_disk("control", "scipy", "numpy")
 def attitude_gain(
-    body: Body, angle_weight: Sequence[float], rate_weight: Sequence[float], input_weight: Sequence[float]
+    body: VehicleParameters, angle_weight: Sequence[float], rate_weight: Sequence[float], input_weight: Sequence[float]
 ) -> Array:
     """K (3, 6) for the diagonals of the weights (3 each): Q = diag(angle, rate, angle, ...), R = diag(input)."""
     import control  # takes seconds to import
@@ -52,7 +52,7 @@ def attitude_gain(
     return np.asarray(K, dtype=np.float64)
 
 
-def weights_for(body: Body, bandwidth: Sequence[float], damping: float) -> tuple[list[float], list[float]]:
+def weights_for(body: VehicleParameters, bandwidth: Sequence[float], damping: float) -> tuple[list[float], list[float]]:
     """Angle and rate weights (three each, R = 1) whose LQR has the closed loop s^2 + 2 damping w s + w^2 on each axis.
 
     With b the axis's entry of B the LQR gives k1 = sqrt(q_angle) and k2 = sqrt(q_rate + 2 k1 / b), and the closed loop
@@ -109,7 +109,7 @@ def sampled_gain(
     return gains
 
 
-def to_torque(body: Body) -> Array:
+def to_torque(body: VehicleParameters) -> Array:
     """(3,) torque (N m) for one unit of U2, U3, U4."""
     return np.array([body.arm_length_m, body.arm_length_m, 1.0])
 

@@ -12,7 +12,7 @@ from companion.control.laws import GAINS, LAWS
 from companion.outputs import OUTPUTS
 from companion.state import Output
 from protocol.arrays import Array
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 PARAMETERS = np.dtype(
     [
@@ -59,7 +59,7 @@ Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` is t
 U2, U3, U4."""
 
 
-def controller_parameters(settings: Settings, body: Body, output: Output) -> NDArray[np.void]:
+def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
     """(1,) of PARAMETERS; the LQR's gains are computed here."""
     record = np.zeros(1, PARAMETERS)
     parts = (
@@ -76,7 +76,7 @@ def controller_parameters(settings: Settings, body: Body, output: Output) -> NDA
     return record
 
 
-def _position(control: Control, body: Body) -> dict[str, Any]:
+def _position(control: Control, body: VehicleParameters) -> dict[str, Any]:
     """The position law, and what is fed forward to it."""
     position, law = control.position, LAWS[control.position.law]
     gains = np.zeros((GAINS, 3))
@@ -99,7 +99,7 @@ def _position(control: Control, body: Body) -> dict[str, Any]:
     }
 
 
-def _observer(estimation: Estimation, body: Body) -> dict[str, Any]:
+def _observer(estimation: Estimation, body: VehicleParameters) -> dict[str, Any]:
     """The disturbance observer: a state that is not estimated has neither deviation nor walk."""
     deviation, walk = np.zeros(disturbance_observer.STATES), np.zeros(disturbance_observer.STATES)
     deviation[disturbance_observer.VELOCITY] = 1.0
@@ -120,7 +120,7 @@ def _observer(estimation: Estimation, body: Body) -> dict[str, Any]:
     }
 
 
-def _timing(settings: Settings, body: Body) -> dict[str, Any]:
+def _timing(settings: Settings, body: VehicleParameters) -> dict[str, Any]:
     """Delays and lags."""
     prediction, half_period_ns = settings.control.prediction, 0
     if prediction.enabled:
@@ -134,7 +134,7 @@ def _timing(settings: Settings, body: Body) -> dict[str, Any]:
     }
 
 
-def _attitude(settings: Settings, body: Body) -> dict[str, Any]:
+def _attitude(settings: Settings, body: VehicleParameters) -> dict[str, Any]:
     """The attitude's LQR."""
     torque_gain, rates_gain = _attitude_gains(settings, body)
     return {
@@ -147,7 +147,7 @@ def _attitude(settings: Settings, body: Body) -> dict[str, Any]:
     }
 
 
-def _attitude_gains(settings: Settings, body: Body) -> tuple[Array, Array]:
+def _attitude_gains(settings: Settings, body: VehicleParameters) -> tuple[Array, Array]:
     """The gains (3, 3) of torques and of rates; see `lqr.axis_gain` and `lqr.rate_gain`."""
     attitude, lag = settings.control.attitude, body.rotor_time_constant_s
     angle_weight, rate_weight = list(attitude.angle_weight), list(attitude.rate_weight)
@@ -165,7 +165,7 @@ def _attitude_gains(settings: Settings, body: Body) -> tuple[Array, Array]:
     return torque_gain, rates_gain
 
 
-def _limits(limits: Limits, body: Body) -> dict[str, Any]:
+def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:
     """Limits of the commands."""
     tilt_rate, yaw_rate = math.radians(limits.roll_pitch_rate_deg), math.radians(limits.yaw_rate_deg)
     return {

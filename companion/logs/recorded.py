@@ -17,7 +17,7 @@ from companion.runtime.flight import git_hash
 from companion.state import Output
 from protocol import toml_files as toml_files
 from protocol.flightlog import FlightLogError, LogReader
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 T = TypeVar("T")
 
@@ -30,7 +30,7 @@ class Recorded:
     settings: Settings
     trace_rate: float
     """Hz, as it was flown."""
-    body: Body
+    body: VehicleParameters
     mission: Mission
     output: Output
     lockstep: bool
@@ -38,7 +38,7 @@ class Recorded:
 
 
 class _VehicleFile(msgspec.Struct, frozen=True):
-    body: Body
+    body: VehicleParameters
 
 
 class _LogSettings(msgspec.Struct, frozen=True):

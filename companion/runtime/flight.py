@@ -28,7 +28,7 @@ from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLog
 from protocol.transport import Transport
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 Pace = Literal["lockstep"] | float
 """Lockstep, or how many times as fast as real time."""
@@ -41,7 +41,7 @@ class Plan:
     """What is to be flown, read and checked."""
 
     settings: Settings
-    body: Body
+    body: VehicleParameters
     mission: Mission
     output: Output
     pace: Pace

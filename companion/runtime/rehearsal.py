@@ -16,7 +16,7 @@ from companion.state import Output
 from companion.supervision.states import State
 from companion.trace import Thinning
 from protocol.messages import Encoder, dialect
-from protocol.vehicle_parameters import Body
+from protocol.vehicle_parameters import VehicleParameters
 
 _TICK_NS = 4_000_000
 _LONGEST_TICKS = 50_000
@@ -41,14 +41,14 @@ class RehearsalError(Exception):
     """The autopilot does not get through its own mission on perfect telemetry."""
 
 
-def rehearse(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
+def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
     """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
     for method in methods_in_use(settings.avoidance.method):
         avoidance = msgspec.structs.replace(settings.avoidance, method=method)
         _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output)
 
 
-def _fly(settings: Settings, body: Body, mission: Mission, output: Output) -> None:
+def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
     # At the route's altitudes, where the vehicle here is.
     avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)

@@ -9,7 +9,7 @@ import pytest
 
 from protocol import toml_files as toml_files
 from protocol.toml_files import TomlFileError
-from protocol.vehicle_parameters import GRAVITY, Body
+from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 
 
 class Wing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -19,7 +19,7 @@ class Wing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 class Craft(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
-    body: Body
+    body: VehicleParameters
     wing: Wing | None = None
     via: tuple[tuple[float, float], ...] = ()
     armed: bool = False
@@ -58,7 +58,7 @@ def refusal(path: Path, *overrides: str) -> str:
 def test_a_good_file(path: Path) -> None:
     craft = toml_files.load(path, Craft)
     assert craft.name == "test craft"
-    assert craft.body == Body(0.65, 0.23, (7.5e-3, 7.5e-3, 1.3e-2), 4.0, 0.016)
+    assert craft.body == VehicleParameters(0.65, 0.23, (7.5e-3, 7.5e-3, 1.3e-2), 4.0, 0.016)
 
 
 @pytest.mark.parametrize(
@@ -232,7 +232,7 @@ def test_strange_names_are_refused(name: str) -> None:
 
 def test_every_vehicle_of_the_project_has_a_body_that_can_fly() -> None:
     class VehicleFile(msgspec.Struct):
-        body: Body
+        body: VehicleParameters
 
     files = sorted((toml_files.ROOT / "vehicles").glob("*.toml"))
     assert files
@@ -244,7 +244,7 @@ def test_every_vehicle_of_the_project_has_a_body_that_can_fly() -> None:
 
 
 def test_thrust_and_torque_at_full_throttle() -> None:
-    body = Body(0.65, 0.23, (7.5e-3, 7.5e-3, 1.3e-2), 4.0, 0.016)
+    body = VehicleParameters(0.65, 0.23, (7.5e-3, 7.5e-3, 1.3e-2), 4.0, 0.016)
     assert body.max_thrust_n == 16.0
     assert body.hover_thrust * 16.0 == pytest.approx(0.65 * GRAVITY)
     thrusts = {"front": (0.23, 0.0, 1), "right": (0.0, 0.23, -1), "back": (-0.23, 0.0, 1), "left": (0.0, -0.23, -1)}

@@ -71,7 +71,7 @@ class OffboardSetpoints:
         self._set(Level.RATES, "rates_frd", rates_frd, thrust, now_ns)
 
     def torque(self, controls: Sequence[float], now_ns: int) -> None:
-        """Roll, pitch and yaw torque in -1..1 of `Body.full_torque_nm`, and collective thrust 0..1."""
+        """Roll, pitch and yaw torque in -1..1 of `VehicleParameters.full_torque_nm`, and collective thrust 0..1."""
         full = self._body.full_torque_nm
         torque = tuple(min(max(controls[i], -1.0), 1.0) * full[i] for i in range(3))
         self._set(Level.TORQUE, "torque_frd", torque, controls[3], now_ns)

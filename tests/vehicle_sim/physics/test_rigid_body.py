@@ -167,7 +167,7 @@ def test_directions_in_which_a_faster_rotor_turns_and_moves_the_vehicle(
 
 
 def test_full_torque_is_that_of_full_actuator_controls() -> None:
-    """Body.full_torque_nm: one rotor full against its opposite at rest, one pair against the other."""
+    """VehicleParameters.full_torque_nm: one rotor full against its opposite at rest, one pair against the other."""
     p, rate = parameters(AIRFRAME), np.zeros(STATES)
     full = float(p["rotor_max_speed"][0])
     for axis, rotors in enumerate(([LEFT], [FRONT], [FRONT, BACK])):
