@@ -6,31 +6,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-import msgspec
 import numpy as np
 import pytest
 
 from companion.autopilot import Autopilot
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.avoidance.steering import NO_WAY
-from companion.config import load_body, load_settings
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.logs import replay as replaying
-from companion.mission import plan as missions
 from companion.perception.free_space import FreeSpace
-from companion.records import RECORD_TYPES
 from companion.runtime.driver import Driver
-from companion.runtime.planning import InProcessPlanner, Planning
-from companion.runtime.runner import Runner
-from companion.state import Output, Scan
+from companion.runtime.planning import Planning
+from companion.state import Scan
 from companion.supervision.operations import LandRequest
-from protocol import toml_files
-from protocol.flightlog import FlightLog
-from protocol.transport import Memory
 from studies.joined import Joined
-from vehicle_sim.airframe import Airframe
-from vehicle_sim.vehicle import Vehicle
-from vehicle_sim.world import World
+from tests.companion.runtime.hop import LOG, OVERRIDES, fly, hop_in
 
 MS = 1_000_000
 HERE = np.zeros(3)
@@ -172,19 +162,6 @@ def test_a_driver_needs_no_observer() -> None:
 
 # -- three drivers -----------------------------------------------------------------------------------------------------
 
-MISSION = """
-name = "hop"
-world = "empty"
-takeoff_height = 0.6
-return_home = false
-
-[[waypoints]]
-north = 0.3
-east = 0.0
-height = 0.6
-"""
-OVERRIDES = ("avoidance.map.cells=64", "avoidance.map.cell=0.25")
-
 
 class Recording(Autopilot):
     """The real one, with a list of its events."""
@@ -201,63 +178,6 @@ class Recording(Autopilot):
         return super().handle(event)
 
 
-class InMemory:
-    """The companion's end of an in-memory transport; the vehicle at the other end goes on when it is listened to."""
-
-    preserves_datagrams = True
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._near, self._far = Memory.pair()
-        self._vehicle = vehicle
-        self.peer = self._near.peer
-
-    def receive(self, timeout_s: float) -> bytes | None:
-        data = self._near.receive(0.0)
-        if data is None:
-            while (heard := self._far.receive(0.0)) is not None:
-                self._vehicle.receive(heard)
-            for datagram in self._vehicle.advance():
-                self._far.send(datagram)
-            data = self._near.receive(0.0)
-        return data
-
-    def send(self, data: bytes) -> None:
-        self._near.send(data)
-
-    def lock(self) -> None: ...
-
-    def close(self) -> None: ...
-
-
-def run(mission_file: Path, folder: Path) -> Recording:
-    """The flight by the runner in lockstep; its log is in the folder."""
-    mission, _ = missions.load(str(mission_file))
-    table = load_settings(None, list(OVERRIDES))
-    airframe = Airframe.load(toml_files.find("vehicles", mission.vehicle), ())
-    vehicle = Vehicle(airframe, World.load(toml_files.find("worlds", mission.world), ()), seed=1, lockstep=True)
-    autopilot = Recording(table, load_body(mission.vehicle), mission, Output.RATES)
-    attachments = {
-        "mission.toml": mission_file.read_bytes(),
-        "vehicle.toml": toml_files.find("vehicles", mission.vehicle).read_bytes(),
-        "world.toml": toml_files.find("worlds", mission.world).read_bytes(),
-        "settings.json": msgspec.json.encode(table),
-    }
-    flight = {"mission": mission.name, "output": "rates", "pace": "lockstep", "overrides": "[]"}
-    with FlightLog.open(
-        folder,
-        metadata={"flight": {**flight, "whole_datagrams": "True"}},
-        attachments=attachments,
-        types=RECORD_TYPES,
-        on_full="wait",
-        console=False,
-    ) as log:
-        planning = Planning(InProcessPlanner(table.avoidance), table.avoidance.answer_delay)
-        runner = Runner(autopilot, InMemory(vehicle), log, None, planning)
-        runner.run()
-        assert runner.failure is None
-    return autopilot
-
-
 def compared(events: list[Event]) -> Iterator[tuple[type, int, object]]:
     """Type, time and contents; of a plan its number and what it answers."""
     for event in events:
@@ -269,18 +189,15 @@ def compared(events: list[Event]) -> Iterator[tuple[type, int, object]]:
 
 def test_three_drivers_hand_the_same_events_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The runner in lockstep, the replay of its log, and the studies' flight in one thread."""
-    mission_file = tmp_path / "hop.toml"
-    mission_file.write_text(MISSION)
-    flown = run(mission_file, tmp_path / "log")
-    assert flown.ended and flown.supervisor.fault is None
-    kinds = {type(event) for event in flown.events}
-    assert kinds == {Datagram, Tick, PlanReady}
+    flown = fly(tmp_path, Recording)
+    assert isinstance(flown, Recording) and flown.ended and flown.supervisor.fault is None
+    assert {type(event) for event in flown.events} == {Datagram, Tick, PlanReady}
     monkeypatch.setattr(replaying, "Autopilot", Recording)
-    result = replaying.replay(tmp_path / "log" / "flight.mcap")
+    result = replaying.replay(tmp_path / LOG)
     assert result.differences == [] and result.notes == []
     again = Recording.made[-1]
     assert again is not flown
-    joined = Joined(missions.load(str(mission_file))[0], overrides=OVERRIDES).fly()
+    joined = Joined(hop_in(tmp_path), overrides=OVERRIDES).fly()
     assert joined.autopilot.ended
     expected = list(compared(flown.events))
     assert list(compared(again.events)) == expected
