@@ -45,7 +45,7 @@ OFFENCES = [
 
 def verdicts(root: Path) -> dict[str, str]:
     """KEPT or BROKEN of each contract for the packages in `root`, which has a pyproject.toml."""
-    command = [Path(sys.executable).with_name("lint-imports"), "--cache-dir", root / "cache"]
+    command = [str(Path(sys.executable).with_name("lint-imports")), "--cache-dir", str(root / "cache")]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     found = dict(re.findall(r"^(.+?) (KEPT|BROKEN)\b", done.stdout, re.MULTILINE))
     assert found, done.stdout + done.stderr
