@@ -114,6 +114,8 @@ def fly(
 
     transport = _usable(open_url, connect)
     _usable(prepare, plan)
+    if connect.endswith(":0"):
+        _say(f"companion: waiting at {connect[:-1]}{transport.port}")
     left = "; a vehicle in the air holds and lands by itself"
     result = _usable(fly_plan, plan, transport, log, console=True, left=left)
     outcome = result.fault or ("delivered" if result.delivered else "flown")

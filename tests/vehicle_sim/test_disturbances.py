@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from protocol.toml_files import TomlFileError, find
 from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, LAND, ForeignPilot, tilted
-from tests.vehicle_sim.test_vehicle_runner import Companion, hop, started
+from tests.vehicle_sim.test_vehicle_runner import UdpCompanion, hop
 from vehicle_sim import truth
 from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.cli import app
@@ -229,7 +229,7 @@ def test_a_truth_that_can_not_be_written_is_said(tmp_path: Path) -> None:
 
 def test_overrides_and_truth_of_a_whole_process(tmp_path: Path) -> None:
     file = tmp_path / "truth.npy"
-    with started(Companion(hop)) as companion:
+    with UdpCompanion(hop) as companion:
         url = f"udpout:127.0.0.1:{companion.port}"
         arguments = ["--bind", url, "--pace", "lockstep", "--once", "--world", "empty", "--truth", str(file)]
         changes = ["--set", "vehicle.body.mass_kg=2.0", "--set", "world.wind.mean_ned=[0, 3, 0]"]

@@ -1,6 +1,8 @@
 """The runner and the command line, over real UDP on loopback, with a companion in a thread or a process beside."""
 
+import collections
 import contextlib
+import itertools
 import json
 import math
 import signal
@@ -9,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -27,42 +29,102 @@ TICK_NS = 4_000_000
 UNSET = math.nan
 
 
-class Companion(threading.Thread):
-    """Answers each tick on its own socket with what `script(tick)` says; None from it means silence from then on."""
+Script = Callable[[int], list[object] | None]
 
-    def __init__(self, script: Callable[[int], list[object] | None], *, deaf_to: int = 0) -> None:
-        super().__init__(daemon=True)
+
+class Companion:
+    """Answers each tick with what `script(tick)` says; None from it means silence."""
+
+    def __init__(self, script: Script, *, deaf_to: int = 0) -> None:
         self._script = script
         self._deaf_to = deaf_to
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self._socket.settimeout(10.0)
-        self.port: int = self._socket.getsockname()[1]
+        self._reader, self._writer = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 191)
         self.heard: list[bytes] = []
         self.texts: list[str] = []
 
+    def hear(self, datagram: bytes) -> bytes | None:
+        """The answer to a datagram."""
+        self.heard.append(datagram)
+        if len(self.heard) <= self._deaf_to:
+            return None
+        out = None
+        for message in self._reader.parse_buffer(datagram) or []:
+            if message.get_type() == "STATUSTEXT":
+                self.texts.append(message.text)
+            if message.get_type() != "TIMESYNC" or message.tc1 != 0:
+                continue
+            answers = self._script(message.ts1 // TICK_NS)
+            if answers is not None:
+                answers.append(mavlink.MAVLink_timesync_message(message.ts1 + 1, message.ts1))
+                out = b"".join(answer.pack(self._writer) for answer in answers)  # type: ignore[attr-defined]
+        return out
+
+
+class UdpCompanion(threading.Thread):
+    """A companion on a socket of its own."""
+
+    def __init__(self, script: Script) -> None:
+        super().__init__(daemon=True)
+        self._companion = Companion(script)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self.port: int = self._socket.getsockname()[1]
+
+    @property
+    def texts(self) -> list[str]:
+        return self._companion.texts
+
+    @property
+    def heard(self) -> list[bytes]:
+        """Without what was sent again because an answer took long: that is as busy as the machine is."""
+        return [datagram for datagram, _ in itertools.groupby(self._companion.heard)]
+
     def run(self) -> None:
-        reader, writer = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 191)
         with contextlib.suppress(OSError):
             while True:
                 datagram, address = self._socket.recvfrom(65535)
-                self.heard.append(datagram)
-                if len(self.heard) <= self._deaf_to:
-                    continue
-                for message in reader.parse_buffer(datagram) or []:
-                    if message.get_type() == "STATUSTEXT":
-                        self.texts.append(message.text)
-                    if message.get_type() != "TIMESYNC" or message.tc1 != 0:
-                        continue
-                    answers = self._script(message.ts1 // TICK_NS)
-                    if answers is None:
-                        continue
-                    answers.append(mavlink.MAVLink_timesync_message(message.ts1 + 1, message.ts1))
-                    out = b"".join(answer.pack(writer) for answer in answers)  # type: ignore[attr-defined]
-                    self._socket.sendto(out, address)
+                if (answer := self._companion.hear(datagram)) is not None:
+                    self._socket.sendto(answer, address)
+
+    def __enter__(self) -> "UdpCompanion":
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)  # wakes its thread
+        self._socket.close()
+
+
+class Patient:
+    """A transport to a companion in this thread, and the clock: time passes only in waiting for what does not come."""
+
+    preserves_datagrams = True
+    peer = "memory:companion"
+
+    def __init__(self, companion: Companion) -> None:
+        self._companion = companion
+        self._answers: collections.deque[bytes] = collections.deque()
+        self._now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self._now_s
+
+    def send(self, data: bytes) -> None:
+        if (answer := self._companion.hear(data)) is not None:
+            self._answers.append(answer)
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        if self._answers:
+            return self._answers.popleft()
+        self._now_s += timeout_s
+        return None
+
+    def lock(self) -> None:
+        """There is nobody else."""
 
     def close(self) -> None:
-        self._socket.close()
+        """Nothing to give back."""
 
 
 def command(number: int, *params: float) -> object:
@@ -76,7 +138,7 @@ def hop(tick: int) -> list[object]:
     return [command(mavlink.MAV_CMD_NAV_LAND)] if tick == 500 else []
 
 
-def offboard_until(last: int) -> Callable[[int], list[object] | None]:
+def offboard_until(last: int) -> Script:
     """Up, then hover in OFFBOARD; after some tick, silence."""
 
     def script(tick: int) -> list[object] | None:
@@ -93,17 +155,9 @@ def offboard_until(last: int) -> Callable[[int], list[object] | None]:
     return script
 
 
-@contextlib.contextmanager
-def started(companion: Companion) -> Iterator[Companion]:
-    companion.start()
-    try:
-        yield companion
-    finally:
-        companion.close()
-
-
-def fly_lockstep(companion: Companion, seed: int = 0) -> Summary:
-    vehicle = Vehicle(AIRFRAME, EMPTY, seed=seed, lockstep=True)
+def fly_lockstep(companion: UdpCompanion) -> Summary:
+    """Over UDP."""
+    vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=True)
     transport = Udp("127.0.0.1", companion.port, bind=False)
     try:
         Runner(vehicle, transport, once=True).run_lockstep()
@@ -112,54 +166,67 @@ def fly_lockstep(companion: Companion, seed: int = 0) -> Summary:
     return vehicle.summary()
 
 
+@pytest.fixture
+def fly(monkeypatch: pytest.MonkeyPatch) -> Callable[[Companion], Summary]:
+    """Flies in lockstep with a companion in this thread, by its clock."""
+
+    def flight(companion: Companion) -> Summary:
+        vehicle, transport = Vehicle(AIRFRAME, EMPTY, lockstep=True), Patient(companion)
+        monkeypatch.setattr(runner, "time", transport)
+        Runner(vehicle, transport, once=True).run_lockstep()
+        return vehicle.summary()
+
+    return flight
+
+
 @pytest.fixture(scope="module", autouse=True)
 def warm() -> None:
     warm_up(AIRFRAME, EMPTY)
 
 
 def test_a_flight_in_lockstep_ends_with_its_last_words_heard() -> None:
-    with started(Companion(hop)) as companion:
+    with UdpCompanion(hop) as companion:
         summary = fly_lockstep(companion)
-    assert (summary.outcome, summary.contacts) == ("landed", 0)
-    assert summary.flight_time_s > 1.0
-    assert "Disarmed by landing" in companion.texts
-    ticks = round(summary.simulated_s * 1e9) // TICK_NS
-    assert len(companion.heard) >= ticks
+        assert (summary.outcome, summary.contacts) == ("landed", 0)
+        assert summary.flight_time_s > 1.0
+        assert "Disarmed by landing" in companion.texts
+        ticks = round(summary.simulated_s * 1e9) // TICK_NS
+        assert len(companion.heard) >= ticks
 
 
-def test_lockstep_repeats_over_udp() -> None:
+def test_lockstep_repeats_over_udp_and_in_memory(fly: Callable[[Companion], Summary]) -> None:
     heard = []
     for _ in range(2):
-        with started(Companion(hop)) as companion:
+        with UdpCompanion(hop) as companion:
             fly_lockstep(companion)
-        heard.append(companion.heard)
-    assert heard[0] == heard[1]
+            heard.append(companion.heard)
+    in_memory = Companion(hop)
+    fly(in_memory)
+    assert heard[0] == heard[1] == in_memory.heard
 
 
-def test_the_first_tick_is_sent_again_until_somebody_answers() -> None:
-    with started(Companion(hop, deaf_to=2)) as companion:
-        summary = fly_lockstep(companion)
+def test_the_first_tick_is_sent_again_until_somebody_answers(fly: Callable[[Companion], Summary]) -> None:
+    companion = Companion(hop, deaf_to=2)
+    summary = fly(companion)
     assert companion.heard[0] == companion.heard[1] == companion.heard[2] != companion.heard[3]
     assert summary.outcome == "landed"
 
 
-def test_without_its_companion_the_vehicle_holds_and_lands_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "LOST_S", 0.4)
-    monkeypatch.setattr(runner, "RESEND_S", 0.15)
-    with started(Companion(offboard_until(1200))) as companion:
-        summary = fly_lockstep(companion)
+def test_without_its_companion_the_vehicle_holds_and_lands_alone(fly: Callable[[Companion], Summary]) -> None:
+    companion = Companion(offboard_until(1200))
+    summary = fly(companion)
     assert summary.outcome == "landed"
     assert summary.simulated_s > 1200 * 0.004 + 6.0
-    asked = companion.heard[1200]
-    assert companion.heard[1201] == asked  # sent again before it was given up
+    assert companion.heard[1199] != companion.heard[1200]
+    again = [datagram == companion.heard[1200] for datagram in companion.heard[1200:]]
+    assert sum(again) == runner.LOST_S / runner.RESEND_S  # sent again before it was given up
+    assert all(again[: sum(again)])
     assert {"Failsafe: offboard stream lost, holding", "Failsafe: offboard stream lost, landing"} <= set(
         companion.texts
     )
 
 
-def test_a_companion_that_comes_back_is_waited_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "LOST_S", 0.3)
-    monkeypatch.setattr(runner, "RESEND_S", 0.1)
+def test_a_companion_that_comes_back_is_waited_for_again(fly: Callable[[Companion], Summary]) -> None:
     silent = offboard_until(1200)
     answered: list[int] = []
 
@@ -169,12 +236,11 @@ def test_a_companion_that_comes_back_is_waited_for_again(monkeypatch: pytest.Mon
         answered.append(tick)
         return silent(tick) if tick <= 1200 else []
 
-    with started(Companion(script)) as companion:
-        summary = fly_lockstep(companion)
+    summary = fly(Companion(script))
     assert summary.outcome == "landed"
     after = [tick for tick in answered if tick >= 1300]
+    assert after == list(range(1300, after[-1] + 1))
     assert len(after) > 1000  # it flew on for seconds, each tick of them answered
-    assert after == sorted(after)
 
 
 def test_a_late_companion_still_flies_with_a_factor() -> None:
@@ -239,7 +305,7 @@ def test_who_was_heard_and_left_before_the_start_is_not_waited_for_long(monkeypa
 
 
 def test_compiling_before_the_start_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
-    with started(Companion(hop)) as companion:
+    with UdpCompanion(hop) as companion:
         vehicle = Vehicle(AIRFRAME, EMPTY, lockstep=True)
         transport = Udp("127.0.0.1", companion.port, bind=False)
         long_ago = time.monotonic() - 10.0 * runner.UNHEARD_S
@@ -305,13 +371,13 @@ def test_an_impossible_vehicle_names_file_and_key(tmp_path: Path, line: str, key
 def test_a_signal_ends_it_with_its_summary(number: signal.Signals) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ear:
         ear.bind(("127.0.0.1", 0))
-        ear.settimeout(60.0)
+        ear.settimeout(120.0)
         url = f"udpout:127.0.0.1:{ear.getsockname()[1]}"
         arguments = [sys.executable, "-m", "vehicle_sim", "--bind", url, "--pace", "lockstep", "--world", "empty"]
         with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             ear.recv(65535)
             process.send_signal(number)
-            out, errors = process.communicate(timeout=30.0)
+            out, errors = process.communicate(timeout=120.0)
     assert process.returncode == 0
     assert errors == b""
     summary = json.loads(out)
