@@ -22,6 +22,24 @@ PATIENCE_S = 300.0
 """Far more than anything takes, on a machine that is busy with other things, too; only a failing test waits for it."""
 
 
+PATIENT = tuple(
+    part
+    for setting in (
+        "supervision.find_timeout=600.0",
+        "supervision.ready_timeout=600.0",
+        "supervision.command_tries=100",
+        "supervision.telemetry_timeout=5.0",
+        "supervision.scan_timeout=5.0",
+        "supervision.overrun=5.0",
+        "supervision.heartbeat_timeout=6.0",
+        "supervision.silence_timeout=8.0",
+        "rates.least_share=0.01",
+    )
+    for part in ("--set", setting)
+)
+"""Options with which a flight in real time is flown to its end on a machine that stands still for seconds, too."""
+
+
 def run(*arguments: str, timeout: float = PATIENCE_S, **options: Any) -> "subprocess.CompletedProcess[str]":
     """`python -m ...` to its end."""
     return subprocess.run(
@@ -105,8 +123,7 @@ class Process:
 def waiting_companion(logs: Path, pace: str, mission: str = "courier", *more: str) -> Iterator[tuple[Process, int]]:
     """A companion that is ready for a vehicle, and the UDP port at which it waits."""
     options = ("--connect", "udpin:127.0.0.1:0", "--pace", pace, "--log", str(logs), "--json")
-    patience = ("--set", "supervision.find_timeout=600.0")  # a simulator starts slowly on a busy machine
-    with Process("companion", ("fly", mission, *options, *patience, *more)) as companion:
+    with Process("companion", ("fly", mission, *options, *PATIENT, *more)) as companion:
         yield companion, int(companion.wait_for("waiting at udpin:").rpartition(":")[2])
 
 
@@ -175,4 +192,5 @@ class Relay:
         """Until the companion has sent so many datagrams more."""
         with self._grown:
             goal = len(self.sent) + count
-            assert self._grown.wait_for(lambda: len(self.sent) >= goal, PATIENCE_S), (len(self.sent), goal)
+            while len(self.sent) < goal:
+                assert self._grown.wait(PATIENCE_S), f"{goal - len(self.sent)} of {count} datagrams are missing"
