@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.slow import SLOW, seconds
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("protocol", "companion", "vehicle_sim")
 
@@ -64,7 +66,6 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.mark.xdist_group("contracts")
 @pytest.mark.parametrize(("contract", "file", "added"), OFFENCES)
 def test_an_import_against_a_contract_breaks_it(copied: Path, contract: str, file: str, added: str) -> None:
     path = copied / file
@@ -97,6 +98,30 @@ def test_no_stage_names_the_truth_or_draws_random_numbers(path: Path) -> None:
     text = path.read_text(encoding="utf-8").lower()
     for forbidden in ("hil_state", "numpy.random", "np.random", "default_rng"):
         assert forbidden not in text, forbidden
+
+
+# --- what is found by its name ----------------------------------------------------------------------------------------
+
+
+def test_each_folder_of_code_is_a_package() -> None:
+    """Others are not installed."""
+    for package in (*PACKAGES, "studies"):
+        for path in (ROOT / package).rglob("*.py"):
+            assert (path.parent / "__init__.py").exists(), path
+
+
+@pytest.mark.parametrize("name", SLOW)
+def test_what_is_listed_as_slow_exists(name: str) -> None:
+    file, _, test = name.partition("::")
+    assert (ROOT / file).exists()
+    assert not test or re.search(rf"^def {test.partition('[')[0]}\(", (ROOT / file).read_text("utf-8"), re.MULTILINE)
+
+
+def test_the_longest_name_that_fits_says_how_slow_a_test_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"tests/a": 1.0, "tests/a/b.py": 2.0, "tests/a/b.py::c": 3.0, "tests/a/b.py::c[x]": 4.0}.items():
+        monkeypatch.setitem(SLOW, name, value)
+    tests = ("tests/a/x.py::c", "tests/a/b.py::d", "tests/a/b.py::c[y::z/w]", "tests/a/b.py::c[x]", "tests/b.py::c")
+    assert [seconds(test) for test in tests] == [1.0, 2.0, 3.0, 4.0, 0.0]
 
 
 # --- sizes ------------------------------------------------------------------------------------------------------------
@@ -165,7 +190,6 @@ protocol/flightlog/recorder.py: lines
 protocol/framing.py Framer._scan: lines
 tests/companion/view/test_live.py test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider: lines
 tests/companion/view/test_live_control.py test_each_button_reaches_the_vehicle: lines
-tests/flights/test_joined.py: lines
 tests/protocol/flightlog/test_flightlog.py: lines
 vehicle_sim/cli.py vehicle_sim: lines
 vehicle_sim/cli.py vehicle_sim: parameters
