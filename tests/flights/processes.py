@@ -1,5 +1,7 @@
 """Companion and simulator as real processes on loopback, for tests that kill and disturb them."""
 
+import importlib
+import io
 import json
 import os
 import queue
@@ -10,10 +12,12 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -45,6 +49,24 @@ def run(*arguments: str, timeout: float = PATIENCE_S, **options: Any) -> "subpro
     return subprocess.run(
         [sys.executable, "-m", *arguments], cwd=ROOT, capture_output=True, text=True, timeout=timeout, **options
     )
+
+
+def run_here(module: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    """The same in this process: for what ends before anything is started, without a second's imports."""
+    out, errors = io.StringIO(), io.StringIO()
+    main = importlib.import_module(f"{module}.cli").main
+    code: object = 0
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(out),
+        redirect_stderr(errors),
+    ):
+        patch.setattr(sys, "argv", [module, *arguments])
+        try:
+            main()
+        except SystemExit as ended:
+            code = ended.code
+    return subprocess.CompletedProcess(arguments, int(str(code or 0)), out.getvalue(), errors.getvalue())
 
 
 @dataclass
