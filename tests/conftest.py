@@ -4,13 +4,13 @@ time, so that a file's fixtures are made once."""
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
-from tests.slow import seconds
+from tests.slow import FLOWN, seconds
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if seconds(item.nodeid):
+        if seconds(item.nodeid) or FLOWN.intersection(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: -seconds(item.nodeid))
 
