@@ -1,17 +1,22 @@
-# The two commands: `make demo` flies, `make test` checks. Everything is installed into .venv from constraints.txt.
+# `make demo` flies, `make test` checks, `make quick` checks all but whole flights. Everything is installed into .venv
+# from constraints.txt.
 
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test check compiled paper control clean
+.PHONY: demo test quick check compiled paper control clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
 
 test: .venv/tested
 	$(MAKE) --jobs 2 --output-sync=target check compiled
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2
+
+# Under a minute, once it has run before.
+quick: check
+	$(BIN)/python -m pytest -n 2 -m "not slow"
 
 # A flight: it compiles what is compiled once, before the tests would do so side by side.
 compiled: .venv/tested
@@ -25,7 +30,7 @@ paper: .venv/tested
 control: .venv/tested
 	$(BIN)/python -m studies control
 
-# Formatting, lint, types, rules of import.
+# Formatting, lint, types, import contracts.
 check: .venv/tested
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .

@@ -124,10 +124,12 @@ def fly(asked: FlyOptions) -> None:
         from companion.runtime.flight import end_table, prepare
         from companion.runtime.flight import fly as fly_plan
         from companion.runtime.summary import summarize
-        from protocol.transport import open_url
+        from protocol.transport import Udp, open_url
 
         transport = exit_on_user_error(open_url, asked.connect)
         exit_on_user_error(prepare, plan)
+        if isinstance(transport, Udp) and asked.connect.endswith(":0"):
+            say(f"companion: waiting at {asked.connect[:-1]}{transport.port}")
     with _abandoned("; a vehicle in the air holds and lands by itself"):
         result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True)
     outcome = result.fault or ("delivered" if result.delivered else "flown")

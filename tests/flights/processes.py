@@ -1,33 +1,72 @@
 """Companion and simulator as real processes on loopback, for tests that kill and disturb them."""
 
+import importlib
+import io
 import json
 import os
 import queue
+import select
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def free_port() -> int:
-    """A UDP port that nobody has just now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+PATIENCE_S = 300.0
+"""Far more than anything takes, on a machine that is busy with other things, too; only a failing test waits for it."""
 
 
-def run(*arguments: str, timeout: float = 200.0, **options: Any) -> "subprocess.CompletedProcess[str]":
+PATIENT = tuple(
+    part
+    for setting in (
+        "supervision.find_timeout=600.0",
+        "supervision.ready_timeout=600.0",
+        "supervision.command_tries=100",
+        "supervision.telemetry_timeout=5.0",
+        "supervision.scan_timeout=5.0",
+        "supervision.overrun=5.0",
+        "supervision.heartbeat_timeout=6.0",
+        "supervision.silence_timeout=8.0",
+        "rates.least_share=0.01",
+    )
+    for part in ("--set", setting)
+)
+"""Options with which a flight in real time is flown to its end on a machine that stands still for seconds, too."""
+
+
+def run(*arguments: str, timeout: float = PATIENCE_S, **options: Any) -> "subprocess.CompletedProcess[str]":
     """`python -m ...` to its end."""
     return subprocess.run(
         [sys.executable, "-m", *arguments], cwd=ROOT, capture_output=True, text=True, timeout=timeout, **options
     )
+
+
+def run_here(module: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    """The same in this process: for what ends before anything is started, without a second's imports."""
+    out, errors = io.StringIO(), io.StringIO()
+    main = importlib.import_module(f"{module}.cli").main
+    code: object = 0
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(out),
+        redirect_stderr(errors),
+    ):
+        patch.setattr(sys, "argv", [module, *arguments])
+        try:
+            main()
+        except SystemExit as ended:
+            code = ended.code
+    return subprocess.CompletedProcess(arguments, int(str(code or 0)), out.getvalue(), errors.getvalue())
 
 
 @dataclass
@@ -55,7 +94,7 @@ class Process:
             self._queue.put(line.rstrip())
         self._queue.put(None)
 
-    def wait_for(self, text: str, timeout: float = 120.0) -> str:
+    def wait_for(self, text: str, timeout: float = PATIENCE_S) -> str:
         """The first line (from here on) that holds the text."""
         return self._until(lambda line: text in line, f"{text!r}", timeout)
 
@@ -71,12 +110,18 @@ class Process:
             if holds(line):
                 return line
 
-    def end(self, timeout: float = 120.0) -> int:
+    def end(self, timeout: float = PATIENCE_S) -> int:
         """Wait for the end; its exit code."""
         code = self.process.wait(timeout)
-        while (line := self._queue.get(timeout=10.0)) is not None:
+        while (line := self._queue.get(timeout=PATIENCE_S)) is not None:
             self.lines.append(line)
         return code
+
+    def ended_within(self, seconds: float) -> bool:
+        """Wait for the end, at the longest so many seconds."""
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(seconds)
+        return self.process.poll() is not None
 
     def kill(self) -> None:
         """kill -9"""
@@ -96,14 +141,78 @@ class Process:
         self.process.wait()
 
 
-def pair(logs: Path, pace: str, mission: str = "courier", *more: str) -> tuple[Process, Process]:
-    """A simulator and a companion that have found each other's address."""
-    port = free_port()
-    companion = Process(
-        "companion",
-        ("fly", mission, "--connect", f"udpin:127.0.0.1:{port}", "--pace", pace, "--log", str(logs), "--json", *more),
-    )
-    simulator = Process(
-        "vehicle_sim", ("--once", "--bind", f"udpout:127.0.0.1:{port}", "--pace", pace, "--world", "neighbourhood")
-    )
-    return simulator, companion
+@contextmanager
+def waiting_companion(logs: Path, pace: str, mission: str = "courier", *more: str) -> Iterator[tuple[Process, int]]:
+    """A companion that is ready for a vehicle, and the UDP port at which it waits."""
+    options = ("--connect", "udpin:127.0.0.1:0", "--pace", pace, "--log", str(logs), "--json")
+    with Process("companion", ("fly", mission, *options, *PATIENT, *more)) as companion:
+        yield companion, int(companion.wait_for("waiting at udpin:").rpartition(":")[2])
+
+
+def simulator_for(port: int, pace: str, world: str = "neighbourhood") -> Process:
+    """A simulator that flies once, with the companion that waits at a port."""
+    return Process("vehicle_sim", ("--once", "--bind", f"udpout:127.0.0.1:{port}", "--pace", pace, "--world", world))
+
+
+@contextmanager
+def pair(logs: Path, pace: str, mission: str = "courier", *more: str) -> Iterator[tuple[Process, Process]]:
+    """A simulator and the companion that it flies with."""
+    with (
+        waiting_companion(logs, pace, mission, *more) as (companion, port),
+        simulator_for(port, pace) as simulator,
+    ):
+        yield simulator, companion
+
+
+class Relay:
+    """Stands between a companion that waits at `companion_port` and a simulator that sends to `port`.
+
+    Hands on every datagram, in a thread, and keeps what the companion sent.
+    """
+
+    def __init__(self, companion_port: int) -> None:
+        self._to_companion = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._to_companion.connect(("127.0.0.1", companion_port))
+        self._to_simulator = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._to_simulator.bind(("127.0.0.1", 0))
+        self.port: int = self._to_simulator.getsockname()[1]
+        self.sent: list[bytes] = []
+        """By the companion."""
+        self._grown = threading.Condition()
+        self._ends = False
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> "Relay":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ends = True
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as waker:
+            waker.sendto(b"", ("127.0.0.1", self.port))
+        self._thread.join()
+        self._to_companion.close()
+        self._to_simulator.close()
+
+    def _run(self) -> None:
+        simulator: tuple[str, int] | None = None
+        while not self._ends:
+            for end in select.select([self._to_companion, self._to_simulator], [], [])[0]:
+                with suppress(ConnectionError):  # whoever was sent to has gone
+                    data, address = end.recvfrom(65535)
+                    if end is self._to_simulator:
+                        simulator = simulator or address
+                        self._to_companion.send(data)
+                        continue
+                    with self._grown:
+                        self.sent.append(data)
+                        self._grown.notify_all()
+                    if simulator is not None:
+                        self._to_simulator.sendto(data, simulator)
+
+    def wait_for(self, count: int) -> None:
+        """Until the companion has sent so many datagrams more."""
+        with self._grown:
+            goal = len(self.sent) + count
+            while len(self.sent) < goal:
+                assert self._grown.wait(PATIENCE_S), f"{goal - len(self.sent)} of {count} datagrams are missing"

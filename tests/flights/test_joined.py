@@ -19,8 +19,6 @@ from protocol.arrays import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
-from studies.paper_settings import paper_settings
-from tests.flights import table_3
 from vehicle_sim.world import World
 
 COURIER = mission_of("courier")
@@ -80,15 +78,6 @@ def test_hover_on_each_output(output: Output) -> None:
     assert hover["thrust_command"].mean() == pytest.approx(weight / joined.autopilot.body.max_thrust_n, rel=0.005)
 
 
-@pytest.mark.parametrize("output", Output)
-@pytest.mark.parametrize("c", table_3.RISE_AND_OVERSHOOT)
-def test_step_of_one_metre_is_table_3(c: float, output: Output) -> None:
-    """The nonlinear vehicle with motor lag and drag, each axis."""
-    joined = Joined(mission_of("step"), output=output, overrides=paper_settings(c)).fly()
-    assert joined.autopilot.supervisor.fault is None
-    table_3.check(joined.trace(), c)
-
-
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not() -> None:
     first, second, other = (Joined(COURIER, seed=seed).fly(limit_s=25.0) for seed in (3, 3, 4))
     heard, again, else_heard = (
@@ -111,16 +100,6 @@ def test_only_sound_setpoints_leave() -> None:
                 assert 0.0 <= message.thrust <= 1.0
                 assert np.linalg.norm(message.q) == pytest.approx(1.0, abs=1e-3)
     assert count > 10_000
-
-
-def test_lyapunov_function_falls_on_the_way() -> None:
-    """V of the trace falls where the law promises it, on the ideal part of a step (after the attitude's lag)."""
-    joined = Joined(mission_of("step"), overrides=paper_settings(2.5)).fly()
-    trace = joined.trace()
-    step = trace[(trace["step"] == 2) & (trace["state"] == State.FLY.value)]
-    total = step["lyapunov"].sum(axis=1)[1:]
-    assert total[0] > 0.5 and total[-1] < 1e-4
-    assert (np.diff(total[75:]) < 1e-9).mean() > 0.97
 
 
 def ask_mode(joined: Joined, *main_and_sub: float) -> None:

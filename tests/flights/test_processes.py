@@ -1,14 +1,14 @@
 """The two processes over UDP: the demo, its repeatability, and what happens when one of them is killed."""
 
+import itertools
 import json
 import os
 import signal
 import socket
-import time
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -29,14 +29,17 @@ from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
 from studies.paper_settings import paper_settings
 from tests.flights import table_3
-from tests.flights.processes import Process, free_port, pair, run
+from tests.flights.processes import PATIENT, Process, Relay, pair, run, simulator_for, waiting_companion
+from tests.flights.shared import once
 
 EVERY_STEP = "log.trace_rate=250"
 KILLS = 12
 """bench/log.py kills fifty."""
-KILL_PACE = 2.0
-UNHURRIED = "2"
-"""A pace at which a busy machine may stand still for a quarter of a second: at 4 that is a failsafe."""
+KILL_PACES = ("2", "lockstep")
+STEPS_IN_A_FIFTH_OF_A_SECOND = 100
+"""At pace 2."""
+UNHURRIED = "1"
+"""A pace at which a busy machine may stand still for a second: that is when the vehicle's own failsafe comes."""
 
 
 def demo(logs: Path, *arguments: str) -> dict[str, Any]:
@@ -53,7 +56,7 @@ def test_demo_in_lockstep_delivers_and_repeats_to_the_byte(tmp_path: Path) -> No
         assert verdict["outcome"] == "delivered" and verdict["delivered"] is True
         assert verdict["contacts"] == 0 and verdict["messages_lost"] == 0
         assert verdict["least_clearance_m"] >= 0.5
-        assert verdict["duration_s"] > 0 and verdict["real_time_factor"] > 1
+        assert verdict["duration_s"] > 0 and verdict["real_time_factor"] > 0
     assert digest(first["log"]) == digest(second["log"])
     hashes = [run("companion", "digest", str(verdict["log"])).stdout for verdict in (first, second)]
     assert hashes[0] == hashes[1] and len(hashes[0].split()) == 4
@@ -67,13 +70,19 @@ def test_step_of_one_metre_over_udp_is_table_3(c: float, tmp_path: Path) -> None
     table_3.check(LogReader(verdict["log"]).array(TRACE.topic), c)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """One whole demo, with torques as the output."""
-    return demo(tmp_path_factory.mktemp("flown"), "--output", "actuators", "--seed", "2", "--set", EVERY_STEP)
+
+    def make(folder: Path) -> None:
+        verdict = demo(folder, "--output", "actuators", "--seed", "2", "--set", EVERY_STEP)
+        (folder / "verdict.json").write_text(json.dumps(verdict))
+
+    folder = once(tmp_path_factory, "courier_actuators", make)
+    verdict: dict[str, Any] = json.loads((folder / "verdict.json").read_text())
+    return verdict
 
 
-@pytest.mark.xdist_group("flown")
 def test_log_holds_everything(flown: dict[str, Any]) -> None:
     log = LogReader(flown["log"])
     assert log.complete and log.problem is None
@@ -87,7 +96,6 @@ def test_log_holds_everything(flown: dict[str, Any]) -> None:
     assert "/mavlink/1/191/SET_ACTUATOR_CONTROL_TARGET" in topics
 
 
-@pytest.mark.xdist_group("flown")
 def test_trace_agrees_with_the_ground_truth_in_the_log(flown: dict[str, Any]) -> None:
     """The companion's state against HIL_STATE_QUATERNION, which no stage of it reads."""
     log = LogReader(flown["log"])
@@ -101,7 +109,6 @@ def test_trace_agrees_with_the_ground_truth_in_the_log(flown: dict[str, Any]) ->
     assert inner.min() > 0.9999
 
 
-@pytest.mark.xdist_group("flown")
 def test_every_datagram_is_whole_frames(flown: dict[str, Any]) -> None:
     framer = Framer()
     count = dict.fromkeys(Direction, 0)
@@ -112,7 +119,6 @@ def test_every_datagram_is_whole_frames(flown: dict[str, Any]) -> None:
     assert abs(count[Direction.IN] - count[Direction.OUT]) < 10 and count[Direction.IN] > 10_000
 
 
-@pytest.mark.xdist_group("flown")
 def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
     """Its events, fed to a new autopilot, lead to the same bytes as were sent."""
     log = LogReader(flown["log"])
@@ -146,32 +152,43 @@ def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
     assert len(sent) > 100_000 and repeated == sent
 
 
-@pytest.mark.parametrize("pace", ["realtime", UNHURRIED])
-def test_demo_by_the_clock(tmp_path: Path, pace: str) -> None:
+@pytest.mark.parametrize("pace", ["realtime", "1.5"])
+def test_demo_in_real_time(tmp_path: Path, pace: str) -> None:
     """Deadlines are absolute: no drift between the clocks of the two, and it lands like in lockstep."""
-    verdict = demo(tmp_path, "hover", "--pace", pace)
+    verdict = demo(tmp_path, "hover", "--pace", pace, *PATIENT)
     assert verdict["outcome"] == "flown"
     log = LogReader(verdict["log"])
-    attitude = log.array("/mavlink/1/1/ATTITUDE_QUATERNION")
-    passed_s = (attitude["time_ns"][-1] - attitude["time_ns"][0]) * 1e-9
-    assert (attitude["time_boot_ms"][-1] - attitude["time_boot_ms"][0]) * 1e-3 == pytest.approx(passed_s, rel=0.05)
     assert log.complete
+    attitude = log.array("/mavlink/1/1/ATTITUDE_QUATERNION")
+    offset_s = (attitude["time_ns"].astype(np.int64) - attitude["time_boot_ms"].astype(np.int64) * 1_000_000) * 1e-9
+    # Messages are late at times, and many are late on a busy machine; of each half, the one that was least so.
+    half = len(attitude) // 2
+    passed_s = (attitude["time_ns"][-1] - attitude["time_ns"][0]) * 1e-9
+    assert abs(offset_s[half:].min() - offset_s[:half].min()) < 0.01 * passed_s
 
 
-def killed_companion(folder: Path, delay_s: float) -> tuple[dict[str, Any], float, Path]:
-    """Kill the companion `delay_s` after its take-off; the simulator's report, the wall time of the kill, the log."""
-    # However busy the machine is: the kill is the point, not the telemetry's rate.
+class Killed(NamedTuple):
+    """What is left of a flight whose companion was killed."""
+
+    sent: list[bytes]
+    report: dict[str, Any]
+    log: Path
+
+
+def killed_companion(folder: Path, pace: str, steps: int) -> Killed:
+    """Kill the companion when it has sent so many datagrams since its take-off."""
     # The planner's process takes its time to start, and ends with the companion in any case: see test_planning.py.
-    plain = ("--set", "avoidance.method=paper", "--set", "rates.least_share=0.01")
-    simulator, companion = pair(folder, f"{KILL_PACE:g}", "courier", *plain)
-    with simulator, companion:
+    with (
+        waiting_companion(folder, pace, "courier", "--set", "avoidance.method=paper") as (companion, port),
+        Relay(port) as relay,
+        simulator_for(relay.port, pace) as simulator,
+    ):
         companion.wait_for("armed, taking off")
-        time.sleep(delay_s)  # the random moment itself
-        killed_at = time.time()
+        relay.wait_for(steps)
         companion.kill()
-        simulator.end()
+        assert simulator.end() == 0
         (log,) = folder.glob("*/flight.mcap")
-        return simulator.report(), killed_at, log
+        return Killed(relay.sent, simulator.report(), log)
 
 
 def children(parent: Process) -> list[int]:
@@ -180,43 +197,40 @@ def children(parent: Process) -> list[int]:
     return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-@pytest.mark.timeout(600)
 def test_companion_killed_at_random_moments(tmp_path: Path) -> None:
-    """The vehicle holds, then lands; the log opens and reaches to within 0.2 s of the kill."""
-    delays = np.random.default_rng(1).uniform(0.0, 4.0, KILLS)
+    """The vehicle holds, then lands; the log opens and has all that was sent up to 0.2 s before the kill."""
+    steps = np.random.default_rng(1).integers(0, 2000, KILLS).tolist()
     folders = [tmp_path / str(index) for index in range(KILLS)]
     with ThreadPoolExecutor(3) as pool:
-        results = list(pool.map(killed_companion, folders, delays))
-    for report, killed_at, path in results:
+        results = list(pool.map(killed_companion, folders, itertools.cycle(KILL_PACES), steps))
+    for sent, report, path in results:
         assert report["outcome"] == "landed" and report["contacts"] == 0
-        log = LogReader(path)
-        assert log.problem is None
-        last = max(record.time_ns for record in log.records())
-        expected_ns = (killed_at - float(log.metadata["flight"]["started_unix_s"])) * KILL_PACE * 1e9
-        assert last > expected_ns - 0.2 * KILL_PACE * 1e9
+        assert LogReader(path).problem is None
+        logged = {data for _, direction, _, data in datagrams(path) if direction is Direction.OUT}
+        lost = [data not in logged for data in sent]
+        assert len(sent) > 100 and not any(lost[:-STEPS_IN_A_FIFTH_OF_A_SECOND])
 
 
 @pytest.mark.parametrize("pace", ["1", "lockstep"])
 def test_simulator_killed(tmp_path: Path, pace: str) -> None:
-    """The companion ends by itself, by its own clock within 5 s of the last word, and leaves a whole log."""
-    simulator, companion = pair(tmp_path, pace)
-    with simulator, companion:
+    """The companion ends by itself as soon as the silence is long enough, and leaves a whole log."""
+    with pair(tmp_path, pace) as (simulator, companion):
         companion.wait_for("armed, taking off")
         simulator.kill()
         assert companion.end() == 1
-        assert any("silent" in line for line in companion.lines)
-        (path,) = tmp_path.glob("*/flight.mcap")
-        log = LogReader(path)
-        assert log.complete
-        if pace == "1":  # in lockstep its clock has stopped with the simulator's
-            heard = [time_ns for time_ns, direction, _, _ in datagrams(path) if direction is Direction.IN]
-            assert max(record.time_ns for record in log.records()) - heard[-1] < 5_000_000_000
+    assert any("silent" in line for line in companion.lines)
+    (path,) = tmp_path.glob("*/flight.mcap")
+    log = LogReader(path)
+    assert log.complete
+    heard_ns = max(time_ns for time_ns, direction, _, _ in datagrams(path) if direction is Direction.IN)
+    silence_s = (log.array(TICK.topic)["time_ns"].astype(np.int64) - heard_ns) * 1e-9
+    timeout_s = msgspec.json.decode(log.attachments["settings.json"], type=Settings).supervision.silence_timeout
+    assert silence_s[-1] > timeout_s and (silence_s[:-1] <= timeout_s).all()
 
 
 def test_recorder_killed(tmp_path: Path) -> None:
     """The flight goes on and says so; what was written is read."""
-    simulator, companion = pair(tmp_path, UNHURRIED, "hover", "--set", "avoidance.method=none")
-    with simulator, companion:
+    with pair(tmp_path, UNHURRIED, "hover", "--set", "avoidance.method=none") as (simulator, companion):
         companion.wait_for("armed, taking off")
         (path,) = tmp_path.glob("*/flight.mcap")
         (recorder,) = children(companion)
@@ -236,8 +250,7 @@ def test_recorder_killed(tmp_path: Path) -> None:
 
 def test_planner_killed(tmp_path: Path) -> None:
     """On the way: it is said to everybody, the vehicle brakes, holds and lands unhurt, and the log replays."""
-    simulator, companion = pair(tmp_path, UNHURRIED)
-    with simulator, companion:
+    with pair(tmp_path, UNHURRIED) as (simulator, companion):
         companion.wait_for("route, step")
         (planner,) = (pid for pid in children(companion) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
         os.kill(planner, signal.SIGKILL)
@@ -262,26 +275,20 @@ def test_planner_killed(tmp_path: Path) -> None:
 
 def test_garbage_does_not_disturb(tmp_path: Path) -> None:
     """Strangers send noise to the companion's port before and during the flight."""
-    port = free_port()
-    arguments = (
-        "fly",
-        "hover",
-        "--connect",
-        f"udpin:127.0.0.1:{port}",
-        "--pace",
-        UNHURRIED,
-        "--log",
-        str(tmp_path),
-        "--json",
-    )
-    with Process("companion", (*arguments, "--set", "avoidance.method=none")) as companion:
-        rng = np.random.default_rng(1)
-        with (
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
-            Process("vehicle_sim", ("--once", "--bind", f"udpout:127.0.0.1:{port}", "--pace", UNHURRIED)) as simulator,
-        ):
-            while companion.process.poll() is None:
-                stranger.sendto(rng.bytes(int(rng.integers(1, 300))), ("127.0.0.1", port))
-                time.sleep(0.005)  # a rate, not a wait
+    rng = np.random.default_rng(1)
+    with (
+        waiting_companion(tmp_path, UNHURRIED, "hover", "--set", "avoidance.method=none") as (companion, port),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+
+        def disturb() -> None:
+            stranger.sendto(rng.bytes(int(rng.integers(1, 300))), ("127.0.0.1", port))
+
+        for _ in range(100):
+            disturb()
+        with simulator_for(port, UNHURRIED) as simulator:
+            while not companion.ended_within(0.005):
+                disturb()
             assert companion.end() == 0, companion.lines
             simulator.end()
+            assert simulator.report()["outcome"] == "landed"

@@ -10,28 +10,22 @@ from protocol.flightlog.mcap_file import McapFile
 from protocol.flightlog.mcap_format import message_record
 from tests.companion.logs.changed_logs import Flyer
 from tests.flights.processes import run
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What looks at flown logs goes to one worker, which flies each of them once."""
-    for item in items:
-        if "fly" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.xdist_group("logs"))
+from tests.flights.shared import once
 
 
 @pytest.fixture(scope="session")
 def fly(tmp_path_factory: pytest.TempPathFactory) -> Flyer:
     """Flies the hover in two processes, once for each set of options; the log."""
-    flown: dict[tuple[str, ...], Path] = {}
 
     def flyer(*options: str) -> Path:
-        if options not in flown:
-            folder = tmp_path_factory.mktemp("flown")
+        options = options or ("--output", "rates", "--pace", "lockstep")
+
+        def make(folder: Path) -> None:
             done = run("companion", "demo", "hover", "--no-report", "--log", str(folder), *options)
-            assert done.returncode in (0, 1), done.stderr  # 1: by the clock on a machine that is too busy
-            (flown[options],) = folder.glob("*/flight.mcap")
-        return flown[options]
+            assert done.returncode in (0, 1), done.stderr  # 1: in real time on a machine that is too busy
+
+        (log,) = once(tmp_path_factory, "_".join(("hover", *options)), make).glob("*/flight.mcap")
+        return log
 
     return flyer
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from companion.autopilot import Autopilot
+from companion.avoidance.path import NO_PATH
 from companion.avoidance.planner import PlanRequest, PlanResult
-from companion.avoidance.steering import NO_WAY
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.logs import replay as replaying
 from companion.perception.free_space import FreeSpace
@@ -32,7 +32,7 @@ def request(number: int, asked_ns: int) -> PlanRequest:
 
 
 def answer(asked: PlanRequest) -> PlanResult:
-    return PlanResult(asked.number, asked.asked_ns, cast(FreeSpace, None), 1.0, NO_WAY, False)
+    return PlanResult(asked.number, asked.asked_ns, cast(FreeSpace, None), 1.0, NO_PATH, False)
 
 
 @dataclass

@@ -1,0 +1,27 @@
+"""The order of the tests: slow ones first, each by itself, so that all workers end together; the others a file at a
+time, so that a file's fixtures are made once."""
+
+import pytest
+from xdist.scheduler import LoadScopeScheduling
+
+from tests.slow import FLOWN, seconds
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if seconds(item.nodeid) or FLOWN.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
+    items.sort(key=lambda item: -seconds(item.nodeid))
+
+
+class LongestFirst(LoadScopeScheduling):  # type: ignore[misc]
+    """Hands out units of work in the order of the tests."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return nodeid if seconds(nodeid) else nodeid.split("::")[0]
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> LongestFirst:
+    config.option.loadscopereorder = False
+    return LongestFirst(config, log)
