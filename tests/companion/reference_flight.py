@@ -60,6 +60,10 @@ class ReferenceFlight:
         self.references: list[Reference] = []
         self.motion: MotionReport | None = None
         self.results: list[PlanResult] = []
+        self.sees_m = 15.0
+        """The range of the LiDAR."""
+        self.ranges = np.full(72, self.sees_m)
+        """m, of the scans from now on; what is nearer than `sees_m` is an obstacle."""
 
     @property
     def now(self) -> int:
@@ -95,9 +99,9 @@ class ReferenceFlight:
         return self
 
     def see(self, leg: Leg) -> None:
-        """A scan of open space is taken up at once."""
-        known = np.ones(72, np.bool_)
-        scan = Scan(self.now, self.now // 1000, BEARINGS, np.full(72, 15.0), ~known, known)
+        """A scan is taken up at once."""
+        hit, known = self.ranges < self.sees_m, np.ones(72, np.bool_)
+        scan = Scan(self.now, self.now // 1000, BEARINGS, self.ranges, hit, known)
         pose = self.state.position_ned, self.state.attitude_ned_frd
         request = self.guidance.look(scan, pose, 0.0, self.state, leg, self.now)
         if request is not None:

@@ -268,6 +268,13 @@ def test_sectors_are_a_scan_until_a_whole_one_came_that_knows_something() -> Non
     assert isinstance(whole, Scan) and whole.boot_time_us == 4000
 
 
+def test_a_sector_that_was_not_measured_shows_nothing() -> None:
+    link, vehicle = found()
+    (scan,) = hear(link, b"".join(vehicle.sector(1, k, quality=1 if k == 3 else 0) for k in range(8)))
+    assert isinstance(scan, Scan)
+    assert scan.known.tolist() == scan.hit.tolist() == [k != 3 for k in range(8)]
+
+
 def test_a_scan_of_sectors_counts_as_a_scan_for_its_rate() -> None:
     link, vehicle = found()
     for number in range(15):

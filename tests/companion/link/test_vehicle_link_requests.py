@@ -163,6 +163,13 @@ def test_a_message_that_comes_too_slowly_is_named_with_its_rate(name: str, count
     assert link.report(now, None, before_flight=False).shortcoming is None, "in flight it is not looked for"
 
 
+def test_the_least_share_of_a_rate_is_enough() -> None:
+    link, vehicle = found()
+    hear(link, vehicle.version(1, 13))
+    now = stream(link, vehicle, {"position": 100, "attitude": 100, "scan": 6, "landed": 2})
+    assert link.report(now, None, before_flight=True).shortcoming is None
+
+
 def test_no_scan_is_needed_without_avoidance() -> None:
     link, vehicle = found(overrides=("avoidance.method=none",))
     hear(link, vehicle.version(1, 13))

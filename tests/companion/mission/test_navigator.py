@@ -22,6 +22,7 @@ MS, SECOND = 1_000_000, 1_000_000_000
 START = np.array([5.0, -7.0, 1.5])
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 ALONG = MotionReport(following=False, rests=False, track_start_ned=None, over_map=False)
+ON_MAP = MotionReport(following=False, rests=False, track_start_ned=None, over_map=True)
 ACCEPTED = CommandReport(True, 1, "accepted")
 DEFAULTS = load_settings(None, [])
 CURVE_S = 20.0
@@ -323,6 +324,15 @@ class Flight:
                 return judgement
         return None
 
+    def obey(self, detour: float) -> Judgement:
+        """A tenth of a second in which the vehicle stands and is at once at the altitude that is wanted."""
+        self.now += SECOND // 10
+        judgement = self.navigator.judge(self.place, detour, self.now)
+        for _ in range(2):
+            self.navigator.advance(ON_MAP, vehicle(self.place), self.now)
+            self.place = np.array([*self.place[:2], self.navigator.leg(self.place).goal_ned[2]])
+        return judgement
+
 
 LONG = Mission(name="long", waypoints=[Waypoint(100.0, 0.0, 3.0), Waypoint(100.0, 100.0, 3.0)])
 
@@ -421,24 +431,66 @@ def test_the_goal_follows_the_altitude_search() -> None:
     assert judgement is not None and judgement.failure is None
     assert judgement.announcements[0].text.endswith("5.0 m of height")
     assert navigator.leg(flight.place).waits
-    on_map = MotionReport(following=False, rests=False, track_start_ned=None, over_map=True)
     navigator.advance(ALONG, vehicle(flight.place), flight.now)
     assert np.array_equal(navigator.leg(flight.place).goal_ned, target), "only where the way over the map is looked at"
-    navigator.advance(on_map, vehicle(flight.place, (1.0, 0.0, 0.0)), flight.now)
+    navigator.advance(ON_MAP, vehicle(flight.place, (1.0, 0.0, 0.0)), flight.now)
     assert np.array_equal(navigator.leg(flight.place).goal_ned, target), "it brakes first"
-    navigator.advance(on_map, vehicle(flight.place), flight.now)
+    navigator.advance(ON_MAP, vehicle(flight.place), flight.now)
     leg = navigator.leg(flight.place)
     assert leg.goal_ned.tolist() == pytest.approx([*target[:2], target[2] - settings_.step])
     assert leg.waits and leg.speed == settings_.speed
     flight.place = np.array([*flight.place[:2], leg.goal_ned[2]])
-    navigator.advance(on_map, vehicle(flight.place), flight.now)
+    navigator.advance(ON_MAP, vehicle(flight.place), flight.now)
     judgement = flight.judge(2.0)
     assert judgement is not None and "going on" in judgement.announcements[0].text
     flight.place = np.subtract(flight.place, (0.0, 0.0, settings_.margin))
-    navigator.advance(on_map, vehicle(flight.place), flight.now)
+    navigator.advance(ON_MAP, vehicle(flight.place), flight.now)
     leg = navigator.leg(flight.place)
     assert not leg.waits and leg.goal_ned[2] == pytest.approx(target[2] - settings_.step - settings_.margin)
     assert target_of(navigator) is target, "the mission's own is kept"
+
+
+def climbed(*overrides: str) -> Flight:
+    """A flight on whose way another altitude was found; it flies 3 m higher now."""
+    flight = Flight(LONG, "avoidance.heights.above=6.0", *overrides)
+    flight.judge(2.0, detour=math.inf)
+    for detour in (math.inf, 0.0, 0.0):
+        flight.obey(detour)
+    while flight.navigator.leg(flight.place).waits:
+        flight.obey(0.0)
+    assert flight.navigator.leg(flight.place).goal_ned[2] == target_of(flight.navigator)[2] - 3.0
+    return flight
+
+
+def test_an_altitude_is_kept_past_a_waypoint_and_left_at_a_stop() -> None:
+    navigator = (flight := climbed()).navigator
+    assert navigator.step.passes
+    navigator.next_step(flight.now)
+    assert not navigator.step.passes
+    assert navigator.leg(flight.place).goal_ned[2] == target_of(navigator)[2] - 3.0
+    navigator.next_step(flight.now)
+    assert np.array_equal(navigator.leg(flight.place).goal_ned, target_of(navigator))
+
+
+def test_nothing_is_given_up_while_the_altitude_is_changed() -> None:
+    """However long the vehicle takes to stand, to climb or to look around."""
+    flight = Flight(LONG, "avoidance.heights.above=6.0")
+    assert flight.judge(2.0, detour=math.inf) is not None
+    assert flight.judge(3.0 * GIVE_UP_S, detour=math.inf) is None
+
+
+def test_once_a_goal_is_given_up_no_other_altitude_is_tried() -> None:
+    flight = Flight(LONG, "avoidance.heights.above=4.0")
+    said: list[str] = []
+    while not any("no progress" in text for text in said):
+        said += [each.text for each in flight.obey(math.inf).announcements]
+        assert flight.now < 1000 * SECOND
+    altitudes = [text.split(":")[0] for text in said[:-2]]
+    assert altitudes == ["no way or a long one, trying", "no way or a long one, trying", "no better way, back"]
+    flight.place = np.add(START, (60.0, 0.0, -3.0))
+    for _ in range(100):
+        assert flight.obey(math.inf) == Judgement()
+    assert not flight.navigator.leg(flight.place).waits
 
 
 def test_a_change_of_altitude_gives_the_step_its_time_again() -> None:
@@ -455,8 +507,7 @@ def test_a_waypoint_is_passed_at_the_altitude_that_is_flown() -> None:
     flight = Flight(LONG, "avoidance.heights.above=6.0")
     navigator, target = flight.navigator, target_of(flight.navigator)
     flight.judge(2.0, detour=math.inf)
-    on_map = MotionReport(following=False, rests=False, track_start_ned=None, over_map=True)
-    navigator.advance(on_map, vehicle(flight.place), flight.now)
+    navigator.advance(ON_MAP, vehicle(flight.place), flight.now)
     goal = navigator.leg(flight.place).goal_ned
     assert goal[2] == target[2] - 2.0 and navigator.step.passes
     assert navigator.advance(ALONG, vehicle(target), flight.now) is Arrival.NOT_YET
