@@ -75,7 +75,7 @@ def test_another_mode_is_asked_for_at_once_and_from_the_beginning() -> None:
     assert [(m.command, m.param2, m.param3) for _, m in (hold[0], land[0])] == [(176, 4.0, 3.0), (176, 4.0, 6.0)]
 
 
-def test_a_mode_that_was_forgotten_is_asked_for_anew() -> None:
+def test_a_mode_that_was_forgotten_is_asked_for_from_the_beginning() -> None:
     link, _ = found()
     ask(link, VehicleRequest.HOLD, 0, 100)
     link.forget_mode()
