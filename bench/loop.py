@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from companion.autopilot import Autopilot
-from companion.config import load_body, load_settings
 from companion.events import Tick
+from companion.runtime.files import load_body, load_settings
 from companion.state import Output
 from studies.joined import Joined, mission_of
 

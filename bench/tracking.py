@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.config import load_settings
 from companion.control.controller import THRUST, TORQUE, Controller
+from companion.runtime.files import load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
 from protocol.frames import flu_to_frd

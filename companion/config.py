@@ -1,16 +1,11 @@
-"""The companion's settings: TOML -> frozen, checked records. Every default stands here and nowhere else."""
+"""The companion's settings as frozen, checked records. Every default stands here and nowhere else."""
 
 import math
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 
 from companion.avoidance_methods import METHODS
-from companion.renamed_settings import RENAMED_SETTINGS
-from protocol import toml_files as toml_files
-from protocol.vehicle_parameters import VehicleParameters
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
@@ -492,25 +487,3 @@ class Settings(Table, frozen=True):
     rates: Rates = Rates()
     identity: Identity = Identity()
     log: Log = Log()
-
-
-class _VehicleFile(msgspec.Struct, frozen=True):
-    body: VehicleParameters
-
-
-def load_settings(path: Path | None, overrides: list[str]) -> Settings:
-    """Raises TomlFileError, naming file and key; for a key that was renamed, its new name."""
-    if path is None:
-        return toml_files.convert({}, Settings, "settings", overrides, RENAMED_SETTINGS)
-    return toml_files.load(path, Settings, overrides, RENAMED_SETTINGS)
-
-
-def recorded_settings(tables: dict[str, Any], source: str, overrides: Sequence[str] = ()) -> Settings:
-    """The settings of a log, whose names may be old ones. Raises TomlFileError, naming `source` and key."""
-    tables = toml_files.with_new_names(tables, RENAMED_SETTINGS)
-    return toml_files.convert(tables, Settings, source, overrides, RENAMED_SETTINGS)
-
-
-def load_body(vehicle: str) -> VehicleParameters:
-    """The `[body]` of a vehicle, found by name or path: all that the companion knows of it beforehand."""
-    return toml_files.load(toml_files.find("vehicles", vehicle), _VehicleFile).body

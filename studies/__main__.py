@@ -75,7 +75,7 @@ def _studies(page: Page) -> list[Study]:
 
 def _check_choice(choice: Choice) -> None:
     """Raises TomlFileError for what the companion would refuse, before anything is flown."""
-    from companion.config import load_settings
+    from companion.runtime.files import load_settings
 
     for method in choice.methods:
         load_settings(None, [f'avoidance.method="{method}"'])

@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion.config import Avoidance, load_body, load_settings
+from companion.config import Avoidance
 from companion.mission.plan import Mission, Phase
 from companion.runtime import flight as whole_flight
+from companion.runtime.files import load_body, load_settings
 from companion.state import Output
 from protocol import toml_files as toml_files
 from protocol.arrays import Array

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from companion.config import load_body
 from companion.control.flatness import inverse
 from companion.curves import Shape
+from companion.runtime.files import load_body
 from companion.trajectory.shapes import shape_of
 from protocol.vehicle_parameters import VehicleParameters
 from studies import style

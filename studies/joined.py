@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.autopilot import Autopilot
-from companion.config import load_body, load_settings
 from companion.events import Datagram, Event, Reaction
-from companion.mission import plan as missions
 from companion.mission.plan import Mission
 from companion.records import TRACE
 from companion.runtime.driver import Driver, nobody
+from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
 from companion.state import Output
 from protocol import toml_files as toml_files
@@ -116,4 +115,4 @@ class Joined:
 
 def mission_of(name: str) -> Mission:
     """One of the project's missions."""
-    return missions.load(name)[0]
+    return load_mission(name)[0]

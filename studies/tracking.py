@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.mission import plan as missions
 from companion.mission.plan import Mission, Phase, Waypoint
+from companion.runtime.files import load_mission
 from companion.state import Output
 from companion.supervision.states import State
 from protocol.arrays import Array
@@ -74,7 +74,7 @@ Flown = Mapping[tuple[str, str, float], Tracked]
 
 def mission_of(name: str) -> Mission:
     """One of SHAPES, or the route."""
-    return missions.load(name, SHAPES[name])[0] if name in SHAPES else ROUTE
+    return load_mission(name, SHAPES[name])[0] if name in SHAPES else ROUTE
 
 
 def fly(name: str, c: float, fed_forward: str) -> Tracked:

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.mission import plan as missions
 from companion.mission.plan import Mission, Phase
+from companion.runtime.files import load_mission
 from companion.state import Output
 from companion.supervision.states import State
 from protocol import toml_files as toml_files
@@ -116,7 +116,7 @@ def fly(
     c: float, yaw_weight: float, *, field_of_view_deg: float = FIELD_OF_VIEW_DEG, speed: float = SPEED, seed: int = 1
 ) -> Flight:
     """Fly the mission, torques commanded, until it has landed or hit something."""
-    mission, _ = missions.load(MISSION, [f"speed={speed}"])
+    mission, _ = load_mission(MISSION, [f"speed={speed}"])
     airframe = Airframe.load(toml_files.find("vehicles", mission.vehicle), lidar_overrides(field_of_view_deg))
     joined = Joined(mission, Output.ACTUATORS, overrides(c, yaw_weight), seed, airframe)
     joined.fly(limit_s=200.0, until=lambda flown: flown.vehicle.finished)
@@ -250,7 +250,7 @@ def _where(outcomes: Outcomes) -> str:
 def _from_above(flights: Sequence[Flight]) -> Any:
     from studies.route import draw_world
 
-    mission, _ = missions.load(MISSION)
+    mission, _ = load_mission(MISSION)
     world = World.load(toml_files.find("worlds", mission.world))
     figure, axes = style.sheet(1, len(YAW_WEIGHTS), height=3.6, sharey=True)
     for number, (panel, weight) in enumerate(zip(axes, YAW_WEIGHTS, strict=True), start=7):

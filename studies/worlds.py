@@ -316,10 +316,10 @@ def fig6(seed: int) -> Site:
     """The paper's Fig. 6 as in worlds/paper_fig6.toml; the seed is that of the noise alone."""
     import tomllib
 
-    from companion.mission import plan as missions
+    from companion.runtime.files import load_mission
 
     tables = tomllib.loads(toml_files.find("worlds", "paper_fig6").read_text(encoding="utf-8"))
-    flown, _ = missions.load("paper_fig6")
+    flown, _ = load_mission("paper_fig6")
     points = tuple((point.north, point.east) for point in flown.waypoints)
     return Site(f"fig6_{seed}", tables, points, flown.takeoff_height)
 

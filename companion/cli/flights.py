@@ -151,9 +151,8 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
 
     Raises TomlFileError and PlanError.
     """
-    from companion.config import load_body, load_settings
-    from companion.mission import plan as missions
     from companion.runtime.demo import SIMULATOR_FILES
+    from companion.runtime.files import load_body, load_mission, load_settings
     from companion.runtime.flight import Plan, PlanError, check
     from companion.state import Output
     from protocol import toml_files as toml_files
@@ -165,7 +164,7 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
     if seed is None and any(changes[word] for word in SIMULATOR_FILES):
         raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
     settings = load_settings(asked.settings, changes[""])
-    mission, path = missions.load(asked.mission, changes["mission"])
+    mission, path = load_mission(asked.mission, changes["mission"])
     files = {
         "mission": path,
         "vehicle": toml_files.find("vehicles", mission.vehicle),

@@ -10,9 +10,10 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from companion.config import Log, Settings, load_settings, recorded_settings
+from companion.config import Log, Settings
 from companion.mission.plan import Mission
 from companion.renamed_settings import RENAMED_SETTINGS
+from companion.runtime.files import load_settings, recorded_settings
 from companion.runtime.flight import git_hash
 from companion.state import Output
 from protocol import toml_files as toml_files
@@ -49,7 +50,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
     """The flight in a log with its own settings, or those of a file, either with `overrides`: "table.key=value", with
     "mission." before it for the mission.
 
-    Raises FlightLogError for a log that holds no flight of this companion, DataFileError for settings that don't fit.
+    Raises FlightLogError for a log that holds no flight of this companion, TomlFileError for settings that don't fit.
     """
     log = LogReader(path)
     flight = log.metadata.get("flight")

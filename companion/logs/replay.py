@@ -69,7 +69,7 @@ def replay(
     """Fly the log's flight again, with other settings if any are given.
 
     `trace`: a new file, where the log goes with the trace of every control step, as it is now, and the settings that it
-    was made with. Raises FlightLogError for what is no log of a flight or if that can't be written, DataFileError for
+    was made with. Raises FlightLogError for what is no log of a flight or if that can't be written, TomlFileError for
     settings that can't be used.
     """
     flight = open_flight(path, settings, overrides)

@@ -1,9 +1,7 @@
 """The route: a TOML file of waypoints and a delivery, turned into the steps that are flown one after the other."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from pathlib import Path
 from typing import Annotated
 
 import msgspec
@@ -11,7 +9,6 @@ import numpy as np
 
 from companion.config import NotNegative, Positive, Table
 from companion.curves import Curve, Route, Shape
-from protocol import toml_files as toml_files
 from protocol.arrays import Array
 
 Metres = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
@@ -93,12 +90,6 @@ class Step:
     """Obstacles are flown around."""
     curve: Curve | None = None
     """Flown once the vehicle stands at `target_ned`, where it begins."""
-
-
-def load(name: str, overrides: Sequence[str] = ()) -> tuple[Mission, Path]:
-    """The mission of that name or path, changed by overrides as "speed=8", and its file. Raises DataFileError."""
-    path = toml_files.find("missions", name)
-    return toml_files.load(path, Mission, overrides), path
 
 
 def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:

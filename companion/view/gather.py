@@ -7,8 +7,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import Settings, recorded_settings
+from companion.config import Settings
 from companion.records import LOOP, TICK, TRACE
+from companion.runtime.files import recorded_settings
 from companion.view.accumulators.clearance import Clearance
 from companion.view.accumulators.estimator import EstimatorJumps
 from companion.view.accumulators.interventions import Interventions

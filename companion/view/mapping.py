@@ -10,12 +10,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import Avoidance, recorded_settings
+from companion.config import Avoidance
 from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.reports import AttitudeReport
+from companion.runtime.files import recorded_settings
 from companion.state import Scan
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError

@@ -7,12 +7,12 @@ import pytest
 
 from companion.avoidance.guard import Guard
 from companion.avoidance.planner import PlanningPipeline, PlanResult
-from companion.config import Settings, load_settings
+from companion.config import Settings
 from companion.guidance import Guidance
-from companion.mission import plan as missions
 from companion.mission.navigator import Leg
 from companion.mission.plan import Mission, Phase, Step, Waypoint
 from companion.reports import MotionReport
+from companion.runtime.files import load_mission, load_settings
 from companion.state import Reference, Scan, VehicleState
 from protocol.arrays import Array
 from protocol.frames import from_euler
@@ -21,8 +21,8 @@ TICK_NS, SECOND = 4_000_000, 1_000_000_000
 DT = TICK_NS * 1e-9
 SCAN_EVERY = 16
 ROUTE = Mission(name="route", waypoints=[Waypoint(60.0, 0.0, 3.0)], speed=4.0)
-STEPS = missions.load("step")[0]
-CIRCLE = missions.load("circle")[0]
+STEPS = load_mission("step")[0]
+CIRCLE = load_mission("circle")[0]
 START = np.array([0.0, 0.0, -3.0])
 SMALL_MAP = ("avoidance.map.cells=128", "avoidance.map.cell=0.25")
 BEARINGS = np.radians(np.linspace(0.0, 355.0, 72))
@@ -60,6 +60,10 @@ class ReferenceFlight:
         self.references: list[Reference] = []
         self.motion: MotionReport | None = None
         self.results: list[PlanResult] = []
+        self.sees_m = 15.0
+        """The range of the LiDAR."""
+        self.ranges = np.full(72, self.sees_m)
+        """m, of the scans from now on; what is nearer than `sees_m` is an obstacle."""
 
     @property
     def now(self) -> int:
@@ -95,9 +99,9 @@ class ReferenceFlight:
         return self
 
     def see(self, leg: Leg) -> None:
-        """A scan of open space is taken up at once."""
-        known = np.ones(72, np.bool_)
-        scan = Scan(self.now, self.now // 1000, BEARINGS, np.full(72, 15.0), ~known, known)
+        """A scan is taken up at once."""
+        hit, known = self.ranges < self.sees_m, np.ones(72, np.bool_)
+        scan = Scan(self.now, self.now // 1000, BEARINGS, self.ranges, hit, known)
         pose = self.state.position_ned, self.state.attitude_ned_frd
         request = self.guidance.look(scan, pose, 0.0, self.state, leg, self.now)
         if request is not None:

@@ -3,8 +3,8 @@
 import pytest
 
 from companion.autopilot import Autopilot
-from companion.config import load_body, load_settings
 from companion.events import Datagram, Tick
+from companion.runtime.files import load_body, load_settings
 from companion.state import Output
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect

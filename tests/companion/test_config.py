@@ -7,8 +7,7 @@ import pytest
 
 from companion import config
 from companion.cli.settings_page import page
-from companion.config import load_body, load_settings
-from companion.mission.plan import load
+from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.flight import Plan, PlanError, check
 from companion.state import Output
 from protocol.toml_files import TomlFileError
@@ -51,7 +50,7 @@ def test_an_old_name_is_refused_with_the_new_one(tmp_path: Path) -> None:
 
 
 def test_a_vehicle_that_can_not_hover_within_the_limits_is_refused() -> None:
-    mission, _ = load("hover")
+    mission, _ = load_mission("hover")
     plan = Plan(load_settings(None, []), load_body("paper_quad"), mission, Output.RATES, 1.0, {})
     check(plan)
     heavy = msgspec.structs.replace(plan.body, mass_kg=3.5)

@@ -61,8 +61,10 @@ def test_before_the_start_the_decision_is_to_stay() -> None:
 
 def test_another_leg_begins_with_a_decision_of_its_own() -> None:
     flight = ReferenceFlight()
+    flight.ranges[[*range(68, 72), *range(5)]] = 6.0
     flight.steer(leg_to((60.0, 0.0, -3.0), avoids=True), 1.0)
     before = flight.guidance.decision
+    assert before.blocked
     flight.guidance.begin_leg(leg_to((7.0, 8.0, -9.0)), flight.now)
     decision = flight.guidance.decision
     assert decision.target_ned.tolist() == [7.0, 8.0, -9.0] and not decision.blocked
@@ -208,6 +210,26 @@ def test_what_is_left_of_a_track_is_taken_up_where_it_was_left() -> None:
     assert (flight.tick - began) * DT < 0.75 * duration
     whole = missions.steps(CIRCLE, np.array([0.0, 1.0, 0.0]))[1]
     assert flight.reference.position_ned == pytest.approx(whole.target_ned, abs=1e-6), "three whole laps"
+
+
+def test_a_track_that_is_left_twice_is_taken_up_where_it_was_left_last() -> None:
+    flight = ReferenceFlight(CIRCLE)
+    duration, leg = flight.guidance.durations[1], joined(flight)
+    assert duration is not None
+    places = []
+    for _ in range(2):
+        flight.steer(leg, 0.3 * duration)
+        places.append(flight.reference.position_ned)
+        flight.guidance.halt(flight.now)
+        flight.drift(5.0)
+        flight.motion = None
+        flight.steer(leg, 0.5)
+        flight.guidance.halt(flight.now)  # on the way back to the track, of which nothing more is flown
+        flight.steer(leg, 20.0, until=lambda each: each.motion is not None and each.motion.rests)
+        assert flight.motion is not None
+        assert flight.motion.track_start_ned == pytest.approx(places[-1], abs=1e-9)
+        flight.guidance.arrive(Arrival.AT_TRACK, leg, flight.now)
+    assert np.linalg.norm(places[1] - places[0]) > 1.0
 
 
 def test_a_track_that_was_left_is_forgotten_with_its_leg() -> None:

@@ -51,6 +51,18 @@ def test_over_the_map_it_goes_where_the_way_leads_within_its_limits(flown: Calla
     assert np.abs(np.diff(rows[:, 0], axis=0) - rows[1:, 1] * DT).max() < course.acceleration * DT**2
 
 
+def test_it_flies_no_faster_than_what_is_seen_free_allows() -> None:
+    """By a LiDAR that sees 1.5 m far, at the speed from which the vehicle stops within that."""
+    flight = ReferenceFlight()
+    flight.sees_m, flight.ranges = 1.5, np.full(72, 1.5)
+    flight.steer(FAR, 4.0)
+    limit, guard = flight.guidance.decision.speed_limit, flight.settings.avoidance.guard
+    free = flight.guidance.free_distance
+    assert 0.3 < free < 1.5 and not flight.guidance.decision.blocked
+    assert limit * guard.reaction_time + limit**2 / (2.0 * guard.braking) == pytest.approx(free, rel=0.01)
+    assert 1.0 < flight.speed < 1.1 * limit < 0.8 * FAR.speed
+
+
 def test_the_way_is_looked_at_often_but_not_at_each_step(flown: Callable[[], ReferenceFlight]) -> None:
     flight = flown()
     looked = []

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.mission import plan as mission
+from companion.runtime.files import load_mission
 from protocol.flightlog import LogReader
 from protocol.toml_files import find
 from protocol.vehicle_parameters import GRAVITY
@@ -47,7 +47,7 @@ def test_a_vehicle_other_than_the_companion_thinks(tmp_path: Path) -> None:
 
 
 def test_a_mission_is_changed_before_it_is_checked() -> None:
-    flown, path = mission.load("hover", ["speed=7", "vehicle=sun_quad"])
+    flown, path = load_mission("hover", ["speed=7", "vehicle=sun_quad"])
     assert (flown.speed, flown.vehicle, path.name) == (7.0, "sun_quad", "hover.toml")
 
 

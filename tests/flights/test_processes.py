@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 from companion.autopilot import Autopilot
-from companion.config import Settings, load_body
+from companion.config import Settings
 from companion.events import Datagram, PlanReady, Tick, operation_of
 from companion.logs.replay import replay
 from companion.mission.plan import Mission
 from companion.records import OPERATION, PLANNED, TICK, TRACE
+from companion.runtime.files import load_body
 from companion.runtime.planning import InProcessPlanner
 from companion.state import Output, Reason
 from companion.supervision.operations import PlannerFault

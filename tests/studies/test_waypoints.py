@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from companion.mission import plan as missions
+from companion.runtime.files import load_mission
 from protocol import toml_files as toml_files
 from studies import waypoints
 from vehicle_sim.world import World
 
 
 def test_each_obstacle_stands_across_its_leg_five_metres_behind_the_start() -> None:
-    mission, _ = missions.load(waypoints.MISSION)
+    mission, _ = load_mission(waypoints.MISSION)
     world = World.load(toml_files.find("worlds", mission.world))
     assert len(world.boxes) == len(mission.waypoints)
     start = np.zeros(3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from companion.mission import plan as missions
+from companion.runtime.files import load_mission
 from studies import __main__ as command_line
 from studies import worlds
 from studies.worlds import HULL, SITES, shortest
@@ -34,7 +34,7 @@ def test_the_seed_is_the_place_and_the_file_is_the_world(kind: str, tmp_path: Pa
     np.testing.assert_array_equal(read.cylinders, made.cylinders)
     assert read.names == made.names and len(read.names) == len(read.boxes) + len(read.cylinders) > 0
     assert [each.appears_within for each in read.dynamic] == [each.appears_within for each in made.dynamic]
-    mission, _ = missions.load(str(mission_file))
+    mission, _ = load_mission(str(mission_file))
     assert mission == site.mission(3.5, world_file.absolute())
     assert (mission.waypoints[-1].north, mission.waypoints[-1].east) == site.goal
 
@@ -181,6 +181,6 @@ def test_command_line(tmp_path: Path) -> None:
     )
     assert run.exit_code == 0
     assert {path.name for path in tmp_path.iterdir()} == {"gap_7.toml", "gap_7_mission.toml", "gap_7.png", "gap_7.svg"}
-    assert missions.load(str(tmp_path / "gap_7_mission.toml"))[0].speed == 2.0
+    assert load_mission(str(tmp_path / "gap_7_mission.toml"))[0].speed == 2.0
     wrong = CliRunner().invoke(command_line.places, ["swamp"])
     assert wrong.exit_code == 2 and "swamp: no such place (there: forest" in wrong.output

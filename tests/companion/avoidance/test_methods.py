@@ -11,9 +11,10 @@ from companion.avoidance.path import Path
 from companion.avoidance.planner import Planner
 from companion.avoidance_methods import FALLBACK, METHODS, Method, listed, methods_in_use
 from companion.cli.flights import MethodName
-from companion.config import Avoidance, AvoidanceMap, load_settings
+from companion.config import Avoidance, AvoidanceMap
 from companion.perception.distance_field import distance_to
 from companion.perception.map_view import FREE, MapView
+from companion.runtime.files import load_settings
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError
 

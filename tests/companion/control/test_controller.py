@@ -7,11 +7,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.config import load_body, load_settings
 from companion.control import disturbance_observer, prediction
 from companion.control.controller import MEMORY, RATES, SIZE, THRUST, TORQUE, Controller, _fade_jumps
 from companion.control.laws import LAWS
 from companion.outputs import TurningInput
+from companion.runtime.files import load_body, load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
 from protocol.frames import from_rotation_vector, multiply, rotate, rotate_inverse

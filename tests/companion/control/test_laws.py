@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from companion.config import POSITION_LAWS, load_body, load_settings
+from companion.config import POSITION_LAWS
 from companion.control import controller, laws
 from companion.control.parameters import controller_parameters
 from companion.control.tracking_error import TrackingError
 from companion.records import CONTROL_FIELDS
+from companion.runtime.files import load_body, load_settings
 from companion.state import Output
 
 

@@ -6,8 +6,8 @@ import control
 import numpy as np
 import pytest
 
-from companion.config import load_body
 from companion.control import lqr
+from companion.runtime.files import load_body
 from protocol.arrays import Array
 from protocol.frames import from_rotation_vector, multiply
 

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from companion.config import load_settings
 from companion.link.vehicle_link import VehicleLink
 from companion.reports import Report
+from companion.runtime.files import load_settings
 from companion.state import Announcement, Output
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
@@ -43,8 +43,8 @@ class Sender:
     def scan(self, boot_ms: int, cm: int = 500) -> bytes:
         return self(dialect.MAVLink_obstacle_distance_message, boot_ms * 1000, 0, [cm] * 72, 5, 20, 1500, 5.0, 0.0, 12)
 
-    def sector(self, boot_ms: int, sector: int, cm: int = 500) -> bytes:
-        fields = boot_ms, 20, 1500, cm, 0, 10 + sector, sector, 0, 0.0, 0.0, (0.0,) * 4, 0
+    def sector(self, boot_ms: int, sector: int, cm: int = 500, quality: int = 0) -> bytes:
+        fields = boot_ms, 20, 1500, cm, 0, 10 + sector, sector, 0, 0.0, 0.0, (0.0,) * 4, quality
         return self(dialect.MAVLink_distance_sensor_message, *fields)
 
     def text(self, severity: int, text: bytes) -> bytes:

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from companion.autopilot import Autopilot
-from companion.config import load_body, load_settings
 from companion.events import Datagram, Tick
-from companion.mission.plan import load
+from companion.runtime.files import load_body, load_mission, load_settings
 from companion.state import FlightMode, Output, VehicleState
 from companion.supervision.states import State
 
@@ -35,7 +34,7 @@ def frames(name: str) -> Iterator[tuple[int, bytes]]:
 )
 def test_a_real_flight_is_read(name: str, make: str, highest: float) -> None:
     """The same code reads both: a climb, level attitudes of unit length, armed under external control, down again."""
-    autopilot = Autopilot(load_settings(None, []), load_body("paper_quad"), load("hover")[0], Output.RATES)
+    autopilot = Autopilot(load_settings(None, []), load_body("paper_quad"), load_mission("hover")[0], Output.RATES)
     states: list[VehicleState] = []
     modes: set[tuple[FlightMode, bool]] = set()
     for time_ns, frame in frames(name):
@@ -62,7 +61,7 @@ def test_a_real_flight_is_read(name: str, make: str, highest: float) -> None:
 
 def test_a_vehicle_that_is_armed_already_is_left_alone() -> None:
     """The recording of PX4 from the middle of its flight: the companion ends, and sends nothing that commands."""
-    autopilot = Autopilot(load_settings(None, []), load_body("paper_quad"), load("hover")[0], Output.RATES)
+    autopilot = Autopilot(load_settings(None, []), load_body("paper_quad"), load_mission("hover")[0], Output.RATES)
     records = list(frames("px4_offboard.tlog"))
     for time_ns, frame in records[len(records) // 2 :]:
         autopilot.handle(Datagram(time_ns, frame))

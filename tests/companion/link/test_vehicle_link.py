@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.config import load_settings
 from companion.link.vehicle_link import Traffic, VehicleLink
 from companion.reports import AttitudeReport, PositionReport, Rebooted, RepeatedAttitude
+from companion.runtime.files import load_settings
 from companion.state import Announcement, FlightMode, Output, Scan, Severity
 from protocol.framing import Framer
 from protocol.messages import dialect
@@ -267,6 +267,13 @@ def test_sectors_are_a_scan_until_a_whole_one_came_that_knows_something() -> Non
     assert isinstance(blind, Scan) and not blind.known.any() and isinstance(scan, Scan) and scan.boot_time_us == 3000
     (whole,) = hear(link, vehicle.scan(4) + sectors(5))
     assert isinstance(whole, Scan) and whole.boot_time_us == 4000
+
+
+def test_a_sector_that_was_not_measured_shows_nothing() -> None:
+    link, vehicle = found()
+    (scan,) = hear(link, b"".join(vehicle.sector(1, k, quality=1 if k == 3 else 0) for k in range(8)))
+    assert isinstance(scan, Scan)
+    assert scan.known.tolist() == scan.hit.tolist() == [k != 3 for k in range(8)]
 
 
 def test_a_scan_of_sectors_counts_as_a_scan_for_its_rate() -> None:

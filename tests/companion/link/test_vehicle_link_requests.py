@@ -75,7 +75,7 @@ def test_another_mode_is_asked_for_at_once_and_from_the_beginning() -> None:
     assert [(m.command, m.param2, m.param3) for _, m in (hold[0], land[0])] == [(176, 4.0, 3.0), (176, 4.0, 6.0)]
 
 
-def test_a_mode_that_was_forgotten_is_asked_for_anew() -> None:
+def test_a_mode_that_was_forgotten_is_asked_for_from_the_beginning() -> None:
     link, _ = found()
     ask(link, VehicleRequest.HOLD, 0, 100)
     link.forget_mode()
@@ -161,6 +161,13 @@ def test_a_message_that_comes_too_slowly_is_named_with_its_rate(name: str, count
     shortcoming = link.report(now, None, before_flight=True).shortcoming
     assert shortcoming is not None and shortcoming.startswith(f"telemetry too slow: {text}")
     assert link.report(now, None, before_flight=False).shortcoming is None, "in flight it is not looked for"
+
+
+def test_the_least_share_of_a_rate_is_enough() -> None:
+    link, vehicle = found()
+    hear(link, vehicle.version(1, 13))
+    now = stream(link, vehicle, {"position": 100, "attitude": 100, "scan": 6, "landed": 2})
+    assert link.report(now, None, before_flight=True).shortcoming is None
 
 
 def test_no_scan_is_needed_without_avoidance() -> None:

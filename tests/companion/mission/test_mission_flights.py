@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from companion.config import load_body, load_settings
 from companion.mission.plan import Phase
+from companion.runtime.files import load_body, load_settings
 from companion.runtime.rehearsal import rehearse
 from companion.state import Output
 from companion.supervision.states import State

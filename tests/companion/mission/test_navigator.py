@@ -1,79 +1,42 @@
-"""The mission step by step, without a vehicle: arrival, time, release, giving up."""
+"""The mission step by step, without a vehicle: arrival, release, time."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.config import load_settings
 from companion.mission import plan as missions
-from companion.mission.navigator import Arrival, Judgement, Navigator
-from companion.mission.plan import Delivery, Mission, Phase, Waypoint
+from companion.mission.navigator import Arrival
+from companion.mission.plan import Phase
 from companion.reports import CommandReport, MotionReport
-from companion.state import Severity, VehicleState
+from companion.runtime.files import load_mission
+from companion.state import Severity
 from protocol.arrays import Array
-
-ROOT = Path(__file__).resolve().parents[3]
-MISSIONS = sorted(path.stem for path in (ROOT / "missions").glob("*.toml"))
-MS, SECOND = 1_000_000, 1_000_000_000
-START = np.array([5.0, -7.0, 1.5])
-UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-ALONG = MotionReport(following=False, rests=False, track_start_ned=None, over_map=False)
-ACCEPTED = CommandReport(True, 1, "accepted")
-DEFAULTS = load_settings(None, [])
-CURVE_S = 20.0
-"""What a track takes here."""
-
-
-def navigator_of(mission: Mission, *overrides: str) -> Navigator:
-    """A mission at its beginning, with the vehicle at `START`."""
-    navigator = before(mission, *overrides)
-    navigator.begin(START)
-    return navigator
-
-
-def before(mission: Mission, *overrides: str) -> Navigator:
-    steps = missions.steps(mission, np.zeros(3))
-    durations = [None if step.curve is None else CURVE_S for step in steps]
-    return Navigator(load_settings(None, list(overrides)), mission, durations)
-
-
-def vehicle(place: Array, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> VehicleState:
-    return VehicleState(0, np.asarray(place, np.float64), np.array(velocity), UPRIGHT, np.zeros(3), 0)
-
-
-def target_of(navigator: Navigator) -> Array:
-    target = navigator.step.target_ned
-    assert target is not None
-    return target
-
-
-def at_step(mission: Mission, phase: Phase, *overrides: str) -> Navigator:
-    """A mission at its first step of that phase."""
-    navigator = navigator_of(mission, *overrides)
-    while navigator.phase is not phase:
-        navigator.next_step(0)
-    return navigator
-
-
-ROUTE = Mission(
-    name="route",
-    waypoints=[Waypoint(10.0, 0.0, 3.0), Waypoint(20.0, 5.0, 4.0, hold_s=2.0), Waypoint(40.0, 5.0, 3.0)],
-    delivery=Delivery(),
-    speed=4.0,
+from tests.companion.mission.navigating import (
+    ACCEPTED,
+    ALONG,
+    CURVE_S,
+    DEFAULTS,
+    MISSIONS,
+    ROUTE,
+    SECOND,
+    START,
+    at_step,
+    before,
+    navigator_of,
+    overdue,
+    target_of,
+    vehicle,
 )
-"""Through one waypoint, a stop of 2 s at another one, and a delivery at the last."""
-
 
 # -- the steps ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_every_mission_goes_from_preparing_to_the_landing(name: str) -> None:
-    mission = missions.load(name)[0]
+    mission = load_mission(name)[0]
     navigator = before(mission)
     assert navigator.phase is Phase.PREPARE and not navigator.report(0, flying=False).done
     navigator.begin(START)
@@ -179,7 +142,7 @@ def test_a_waypoint_that_is_passed_is_reached_by_its_radius_alone(
 
 
 def test_where_the_reference_jumps_nothing_is_waited_for_but_the_hold() -> None:
-    mission = missions.load("step")[0]
+    mission = load_mission("step")[0]
     navigator = at_step(mission, Phase.ROUTE)
     hold_ns = round(navigator.step.hold_s * SECOND)
     far = vehicle(np.add(target_of(navigator), (50.0, 0.0, 0.0)), (9.0, 0.0, 0.0))
@@ -197,7 +160,7 @@ def following(*, rests: bool) -> MotionReport:
 
 
 def test_a_track_is_joined_settled_and_at_rest_and_done_at_its_end() -> None:
-    navigator = at_step(missions.load("circle")[0], Phase.TRACK)
+    navigator = at_step(load_mission("circle")[0], Phase.TRACK)
     start = np.add(target_of(navigator), (3.0, 0.0, 0.0))  # of what is left of it: not where the step begins
     there = vehicle(start)
     for motion, state in (
@@ -213,8 +176,8 @@ def test_a_track_is_joined_settled_and_at_rest_and_done_at_its_end() -> None:
 
 
 def test_an_arrival_at_a_track_does_not_count_again() -> None:
-    """After a hold the track must be joined anew, from where it was left."""
-    navigator = at_step(missions.load("circle")[0], Phase.TRACK)
+    """After a hold the track must be joined again, from where it was left."""
+    navigator = at_step(load_mission("circle")[0], Phase.TRACK)
     start = target_of(navigator)
     assert navigator.advance(to_join(start, rests=True), vehicle(start), 0) is Arrival.AT_TRACK
     away = vehicle(np.add(start, (5.0, 0.0, 0.0)))
@@ -251,10 +214,6 @@ def test_an_answer_that_comes_with_the_last_try_counts() -> None:
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def overdue(navigator: Navigator, seconds: float) -> float:
-    return navigator.report(round(seconds * SECOND), flying=True).overdue
-
-
 def test_a_step_is_overdue_after_its_way_its_hold_and_some_time_on_top() -> None:
     navigator = at_step(ROUTE, Phase.ROUTE)
     navigator.next_step(0)
@@ -267,7 +226,7 @@ def test_a_step_is_overdue_after_its_way_its_hold_and_some_time_on_top() -> None
 
 
 def test_a_track_may_take_its_own_time() -> None:
-    navigator = at_step(missions.load("circle")[0], Phase.TRACK)
+    navigator = at_step(load_mission("circle")[0], Phase.TRACK)
     assert navigator.step_index == 1
     way = math.dist(navigator.steps[0].target_ned, navigator.steps[1].target_ned)  # type: ignore[arg-type]
     allowed = DEFAULTS.supervision.step_timeout + CURVE_S + 3.0 * way / navigator.mission.speed
@@ -291,173 +250,10 @@ def test_the_time_that_others_fly_counts_for_nothing() -> None:
     assert overdue(navigator, 1061.0) == pytest.approx(1.0)
 
 
-def test_after_a_pause_a_stop_is_reached_anew() -> None:
+def test_after_a_pause_a_stop_is_reached_again() -> None:
     navigator = at_step(ROUTE, Phase.ROUTE)
     navigator.next_step(0)
     navigator.advance(ALONG, vehicle(target_of(navigator)), 0)
     navigator.pause(SECOND)
     navigator.resume(100 * SECOND)
     assert navigator.advance(ALONG, vehicle(START), 101 * SECOND) is Arrival.NOT_YET
-
-
-# -- giving up ---------------------------------------------------------------------------------------------------------
-
-GIVE_UP_S = DEFAULTS.avoidance.give_up_s
-
-
-class Flight:
-    """A vehicle on the way to the first goal of a mission, judged each tenth of a second."""
-
-    def __init__(self, mission: Mission, *overrides: str) -> None:
-        self.navigator = at_step(mission, Phase.ROUTE, *overrides)
-        self.now = 0
-        self.place = np.add(START, (0.0, 0.0, -3.0))
-
-    def judge(self, seconds: float, speed: float = 0.0, detour: float = 0.0) -> Judgement | None:
-        """The first judgement that changes anything, while the vehicle flies north."""
-        for _ in range(round(10 * seconds)):
-            self.now += SECOND // 10
-            self.place = np.add(self.place, (0.1 * speed, 0.0, 0.0))
-            judgement = self.navigator.judge(self.place, detour, self.now)
-            if judgement != Judgement():
-                return judgement
-        return None
-
-
-LONG = Mission(name="long", waypoints=[Waypoint(100.0, 0.0, 3.0), Waypoint(100.0, 100.0, 3.0)])
-
-
-def test_a_goal_is_given_up_after_so_long_without_a_metre_of_progress() -> None:
-    flight = Flight(LONG)
-    assert flight.judge(15.0, speed=2.0) is None
-    assert flight.judge(GIVE_UP_S - 1.0, speed=0.02) is None
-    judgement = flight.judge(3.0, speed=0.0)
-    assert judgement is not None and judgement.failure is not None
-    assert judgement.failure == "no progress for 40 s: the goal is given up, back the way it came"
-    assert [each.text for each in judgement.announcements] == [
-        judgement.failure,
-        f"return, step 3 of {len(flight.navigator.steps)}",
-    ]
-    assert judgement.announcements[0].severity is Severity.ERROR
-
-
-def test_a_metre_nearer_is_progress() -> None:
-    flight = Flight(LONG)
-    for _ in range(5):
-        assert flight.judge(0.9 * GIVE_UP_S) is None
-        assert flight.judge(0.1, speed=11.0) is None
-
-
-def test_farther_and_back_again_is_no_progress() -> None:
-    flight = Flight(LONG)
-    assert flight.judge(0.1, speed=0.0) is None
-    speeds = [-2.0, 2.0] * 10
-    assert any(flight.judge(4.0, speed=speed) is not None for speed in speeds)
-    assert flight.now == pytest.approx((GIVE_UP_S + 0.2) * SECOND, abs=0.15 * SECOND)
-
-
-def test_near_to_a_goal_nothing_is_given_up() -> None:
-    flight = Flight(LONG)
-    flight.place = np.add(target_of(flight.navigator), (1.9, 0.0, 5.0))
-    assert flight.judge(3.0 * GIVE_UP_S) is None
-
-
-def test_the_time_that_others_fly_is_no_lack_of_progress() -> None:
-    flight = Flight(LONG)
-    assert flight.judge(0.9 * GIVE_UP_S) is None
-    flight.navigator.pause(flight.now)
-    flight.now += 100 * SECOND
-    flight.navigator.resume(flight.now)
-    assert flight.judge(0.9 * GIVE_UP_S) is None
-
-
-def test_the_way_home_is_the_trail_backwards_and_then_the_landing() -> None:
-    flight = Flight(LONG)
-    flight.judge(20.0, speed=1.0)
-    before_it = flight.navigator.steps
-    flight.judge(2.0 * GIVE_UP_S)
-    navigator = flight.navigator
-    assert navigator.steps[:2] == before_it[:2] and navigator.step_index == 2
-    *back, home, land = navigator.steps[2:]
-    assert [step.phase for step in (*back, home, land)] == [Phase.RETURN] * (len(back) + 1) + [Phase.LAND]
-    assert all(step.passes and step.avoids for step in back) and home.avoids and not home.passes
-    assert home.target_ned is before_it[0].target_ned
-    norths = [float(step.target_ned[0]) for step in back if step.target_ned is not None]
-    assert norths == sorted(norths, reverse=True) and len(norths) >= 4
-    assert max(norths) <= flight.place[0] and min(norths) == pytest.approx(START[0] + 0.1)
-    assert navigator.report(flight.now, flying=True) == navigator.report(flight.now, flying=False), "not overdue"
-
-
-def test_what_is_given_up_twice_is_the_flight() -> None:
-    flight = Flight(LONG)
-    flight.judge(2.0 * GIVE_UP_S)
-    flight.navigator.next_step(flight.now)  # past the trail's one place
-    assert flight.navigator.step.phase is Phase.RETURN
-    flight.place = np.add(START, (60.0, 0.0, -3.0))
-    judgement = flight.judge(2.0 * GIVE_UP_S)
-    assert judgement is not None and judgement.failure is not None and judgement.failure.endswith("landing")
-    assert flight.navigator.phase is Phase.LAND and flight.navigator.report(flight.now, flying=True).done
-    assert flight.navigator.steps[-1] is flight.navigator.step
-
-
-def test_a_mission_that_does_not_return_ends_where_it_is_given_up() -> None:
-    flight = Flight(Mission(name="away", waypoints=[Waypoint(100.0, 0.0, 3.0)], return_home=False))
-    judgement = flight.judge(2.0 * GIVE_UP_S)
-    assert judgement is not None and "landing" in str(judgement.failure)
-    assert flight.navigator.phase is Phase.LAND
-
-
-# -- other altitudes ---------------------------------------------------------------------------------------------------
-
-
-def test_the_goal_follows_the_altitude_search() -> None:
-    """The vehicle brakes, climbs, looks around and goes on: the goal's altitude, the speed and the wait say so."""
-    flight = Flight(LONG, "avoidance.heights.above=6.0", "avoidance.give_up_s=20.0")
-    navigator, settings_ = flight.navigator, DEFAULTS.avoidance.altitude_search
-    target = target_of(navigator)
-    leg = navigator.leg(flight.place)
-    assert np.array_equal(leg.goal_ned, target) and not leg.waits and leg.speed == LONG.speed
-    judgement = flight.judge(2.0, detour=math.inf)
-    assert judgement is not None and judgement.failure is None
-    assert judgement.announcements[0].text.endswith("5.0 m of height")
-    assert navigator.leg(flight.place).waits
-    on_map = MotionReport(following=False, rests=False, track_start_ned=None, over_map=True)
-    navigator.advance(ALONG, vehicle(flight.place), flight.now)
-    assert np.array_equal(navigator.leg(flight.place).goal_ned, target), "only where the way over the map is looked at"
-    navigator.advance(on_map, vehicle(flight.place, (1.0, 0.0, 0.0)), flight.now)
-    assert np.array_equal(navigator.leg(flight.place).goal_ned, target), "it brakes first"
-    navigator.advance(on_map, vehicle(flight.place), flight.now)
-    leg = navigator.leg(flight.place)
-    assert leg.goal_ned.tolist() == pytest.approx([*target[:2], target[2] - settings_.step])
-    assert leg.waits and leg.speed == settings_.speed
-    flight.place = np.array([*flight.place[:2], leg.goal_ned[2]])
-    navigator.advance(on_map, vehicle(flight.place), flight.now)
-    judgement = flight.judge(2.0)
-    assert judgement is not None and "going on" in judgement.announcements[0].text
-    flight.place = np.subtract(flight.place, (0.0, 0.0, settings_.margin))
-    navigator.advance(on_map, vehicle(flight.place), flight.now)
-    leg = navigator.leg(flight.place)
-    assert not leg.waits and leg.goal_ned[2] == pytest.approx(target[2] - settings_.step - settings_.margin)
-    assert target_of(navigator) is target, "the mission's own is kept"
-
-
-def test_a_change_of_altitude_gives_the_step_its_time_again() -> None:
-    flight = Flight(LONG, "avoidance.heights.above=6.0")
-    flight.navigator.start_step(0)
-    flight.now = 1000 * SECOND
-    assert overdue(flight.navigator, 1000.0) > 0.0
-    assert flight.judge(2.0, detour=math.inf) is not None
-    assert flight.navigator.report(flight.now, flying=True).overdue == 0.0
-
-
-def test_a_waypoint_is_passed_at_the_altitude_that_is_flown() -> None:
-    """And not 3 m above it, where the search has gone around what stands in the way."""
-    flight = Flight(LONG, "avoidance.heights.above=6.0")
-    navigator, target = flight.navigator, target_of(flight.navigator)
-    flight.judge(2.0, detour=math.inf)
-    on_map = MotionReport(following=False, rests=False, track_start_ned=None, over_map=True)
-    navigator.advance(on_map, vehicle(flight.place), flight.now)
-    goal = navigator.leg(flight.place).goal_ned
-    assert goal[2] == target[2] - 2.0 and navigator.step.passes
-    assert navigator.advance(ALONG, vehicle(target), flight.now) is Arrival.NOT_YET
-    assert navigator.advance(ALONG, vehicle(goal), flight.now) is Arrival.DONE

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from companion.curves import Route, Shape
-from companion.mission.plan import Phase, load, steps
+from companion.mission.plan import Phase, steps
+from companion.runtime.files import load_mission
 from protocol.toml_files import ROOT, TomlFileError
 
 HEAD = 'name = "mine"\n'
@@ -20,14 +21,14 @@ def refused(tmp_path: Path, text: str) -> str:
     path = tmp_path / "mine.toml"
     path.write_text(HEAD + text)
     with pytest.raises(TomlFileError) as refusal:
-        load(str(path))
+        load_mission(str(path))
     assert "mine.toml" in str(refusal.value)
     return str(refusal.value)
 
 
 @pytest.mark.parametrize("name", MISSIONS)
 def test_every_mission_takes_off_first_and_lands_last(name: str) -> None:
-    mission, path = load(name)
+    mission, path = load_mission(name)
     assert mission.name == path.stem
     plan = steps(mission, START)
     assert plan[0].phase is Phase.TAKEOFF and plan[-1].phase is Phase.LAND
@@ -37,13 +38,13 @@ def test_every_mission_takes_off_first_and_lands_last(name: str) -> None:
 def test_a_shape_begins_over_the_place_of_take_off_or_where_it_is_put(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(HEAD + "takeoff_height = 4.0\n" + SHAPE.format("circle") + "radius = 2.0\n")
-    mission, _ = load(str(path))
+    mission, _ = load_mission(str(path))
     phases = [step.phase for step in steps(mission, START)]
     assert phases == [Phase.TAKEOFF, Phase.TRACK, Phase.RETURN, Phase.LAND]
     track = steps(mission, START)[1]
     assert track.target_ned is not None and track.curve is mission.trajectory
     assert track.target_ned.tolist() == [5.0, 6.0, -3.5]
-    elsewhere, _ = load(str(path), ["trajectory.north=10.0", "trajectory.east=-1.0", "trajectory.height=7.0"])
+    elsewhere, _ = load_mission(str(path), ["trajectory.north=10.0", "trajectory.east=-1.0", "trajectory.height=7.0"])
     track = steps(elsewhere, START)[1]
     assert track.target_ned is not None and track.target_ned.tolist() == [15.0, 5.0, -6.5]
 
@@ -58,7 +59,7 @@ def test_one_curve_up_to_each_hold(tmp_path: Path) -> None:
         for (north, east), hold_s in zip(places, holds, strict=True)
     )
     path.write_text(HEAD + 'profile = "minimum_snap"\nspeed = 7.0\n' + waypoints)
-    plan = steps(load(str(path))[0], START)
+    plan = steps(load_mission(str(path))[0], START)
     phases = ["TAKEOFF", "ROUTE", "TRACK", "ROUTE", "TRACK", "RETURN", "RETURN", "LAND"]
     assert [step.phase.name for step in plan] == phases
     assert [step.hold_s for step in plan] == [0.0, 1.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0]

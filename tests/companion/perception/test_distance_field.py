@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from companion.config import load_settings
 from companion.perception.distance_field import FAR_M, between, distance_to, fill_distances_to_returns
+from companion.runtime.files import load_settings
 from protocol.toml_files import TomlFileError
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import msgspec
 
 from companion.autopilot import Autopilot
-from companion.config import Avoidance, load_body, load_settings
-from companion.mission import plan as missions
+from companion.config import Avoidance
 from companion.mission.plan import Mission
 from companion.records import RECORD_TYPES
+from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.runtime.runner import Runner
 from companion.state import Output
@@ -76,7 +76,7 @@ def hop_in(folder: Path) -> Mission:
     """The mission, which stands in `hop.toml` there."""
     file = folder / "hop.toml"
     file.write_text(MISSION)
-    return missions.load(str(file))[0]
+    return load_mission(str(file))[0]
 
 
 def fly(

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.config import load_body, load_settings
-from companion.mission.plan import load
+from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.rehearsal import RehearsalError, rehearse
 from companion.state import Output
 
@@ -30,9 +29,9 @@ pickle.dump(joined.events, open({events!r}, "wb"))
 REPLAY = """
 import pickle, sys
 from numba.core.dispatcher import Dispatcher
-from companion.mission import plan as mission
+from companion.runtime.files import load_mission
 from companion.autopilot import Autopilot
-from companion.config import load_body, load_settings
+from companion.runtime.files import load_body, load_settings
 from companion.runtime.rehearsal import rehearse
 from companion.state import Output
 from companion.trace import Thinning
@@ -45,7 +44,7 @@ def compiled():
         for signature in function.signatures
     }}
 
-flown = load_settings(None, {coarse!r}), load_body("paper_quad"), mission.load({mission!r})[0], Output({output!r})
+flown = load_settings(None, {coarse!r}), load_body("paper_quad"), load_mission({mission!r})[0], Output({output!r})
 rehearse(*flown)
 before, modules = compiled(), set(sys.modules)
 autopilot = Autopilot(*flown)
@@ -94,11 +93,11 @@ def test_nothing_is_compiled_or_imported_in_flight(
     ],
 )
 def test_every_mission_gets_through_its_rehearsal(mission: str, output: Output) -> None:
-    rehearse(load_settings(None, []), load_body("paper_quad"), load(mission)[0], output)
+    rehearse(load_settings(None, []), load_body("paper_quad"), load_mission(mission)[0], output)
 
 
 def test_a_rehearsal_that_does_not_end_is_an_error() -> None:
     """A companion that waits for a rate that nobody can send would wait in the air as well."""
     settings = load_settings(None, ["rates.attitude=100000.0"])
     with pytest.raises(RehearsalError, match="ATTITUDE_QUATERNION"):
-        rehearse(settings, load_body("paper_quad"), load("hover")[0], Output.RATES)
+        rehearse(settings, load_body("paper_quad"), load_mission("hover")[0], Output.RATES)

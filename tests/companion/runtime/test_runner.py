@@ -12,10 +12,10 @@ import msgspec
 import pytest
 
 from companion.autopilot import Autopilot
-from companion.config import load_body, load_settings
 from companion.events import operation_of
 from companion.logs.replay import replay
 from companion.records import OPERATION, RECORD_TYPES
+from companion.runtime.files import load_body, load_settings
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.runtime.runner import Runner, lockstep_time
 from companion.state import Output
