@@ -37,11 +37,13 @@ PATIENT = tuple(
         "supervision.overrun=5.0",
         "supervision.heartbeat_timeout=6.0",
         "supervision.silence_timeout=8.0",
+        "supervision.resume_within=1.0",
         "rates.least_share=0.01",
     )
     for part in ("--set", setting)
 )
-"""Options with which a flight in real time is flown to its end on a machine that stands still for seconds, too."""
+"""Options with which a flight in real time is flown to its end on a machine that stands still at times, too, and fails
+at once where the vehicle's own failsafe has ended it."""
 
 
 def run(*arguments: str, timeout: float = PATIENCE_S, **options: Any) -> "subprocess.CompletedProcess[str]":
