@@ -69,7 +69,6 @@ class Autopilot:
             self.link.say(announcement)
 
     def _receive(self, event: Datagram) -> bytes | None:
-        """Reports come in; at an attitude, a control step."""
         now, due = event.time_ns, False
         for report in self.link.receive(event.data, now, whole=event.whole):
             if isinstance(report, Announcement):
@@ -92,16 +91,13 @@ class Autopilot:
         airborne = supervised in FLYING and not self.link.on_ground
         measured_ns = self.link.measured_ns(self.sensing.estimator.boot_time_ms, now)
         acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, airborne)
-        verdict = None
+        verdict, changed = None, False
         if self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):
             verdict = self.guard.filter(state.position_ned, state.velocity_ned, acceleration, now)
-            acceleration = verdict.acceleration_ned
+            acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
             guidance.yield_to(verdict, reference, state, now)
-        changed = verdict is not None and verdict.reason is not Reason.NONE
         control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)
-        if supervised not in FLYING:
-            self.controller.idle(control)
-        setpoint = self.controller.setpoint(control)
+        setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint):
             self.link.command(setpoint, self.sensing.estimator.boot_time_ms)
         what = supervised, navigator.phase, navigator.step_index, state, reference, control, limited
@@ -124,7 +120,6 @@ class Autopilot:
             guidance.begin_leg(navigator.leg(state.position_ned), now)
 
     def _tick(self, tick: Tick) -> PlanRequest | None:
-        """The surroundings, and supervision."""
         self.own.ticked(tick.late_ns)
         request = self._look_around(tick.time_ns) if self._plan or self.sensing.scan else None
         if tick.time_ns >= self.supervisor.due_ns:

@@ -3,6 +3,7 @@
 from pathlib import PurePosixPath
 
 SLOW: dict[str, float] = {
+    "tests/companion/view/test_live.py::test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider": 22,
     "tests/companion/avoidance/test_rrt.py::test_ways_are_the_same_in_any_order_and_process": 3,
     "tests/companion/logs/test_ahead.py": 3,
     "tests/companion/logs/test_ahead.py::test_in_a_copy_of_the_process": 12,
@@ -32,7 +33,6 @@ SLOW: dict[str, float] = {
     "tests/companion/view/test_flight_report.py::test_a_report_of_another_system_draws": 8,
     "tests/companion/view/test_flight_report.py::test_the_report_opens_draws_every_chart_and_follows_a_look": 10,
     "tests/companion/view/test_foxglove_reader.py": 2,
-    "tests/companion/view/test_live.py::test_the_page_moves_the_vehicle_draws_the_ring_and_obeys_the_slider": 22,
     "tests/companion/view/test_live_control.py": 28,
     "tests/flights": 2,
     "tests/flights/test_bad_input.py::test_log_folder_that_is_a_file": 4,
@@ -63,8 +63,8 @@ SLOW: dict[str, float] = {
     "tests/flights/test_processes.py::test_the_log_is_the_flight": 20,
     "tests/flights/test_sectors.py::test_a_pole_is_flown_around": 16,
     "tests/golden": 3,
-    "tests/protocol/flightlog/test_flightlog.py::test_flipped_bits_are_found": 6,
-    "tests/protocol/flightlog/test_flightlog.py::test_no_content_of_a_chunk_raises_anything": 5,
+    "tests/protocol/flightlog/test_damaged_files.py::test_flipped_bits_are_found": 6,
+    "tests/protocol/flightlog/test_damaged_files.py::test_no_content_of_a_chunk_raises_anything": 5,
     "tests/protocol/test_jit.py": 3,
     "tests/protocol/test_jit.py::test_the_cache_is_used_and_never_stale": 10,
     "tests/studies/test_campaign.py::test_a_contact_is_kept_and_flies_again_to_the_bit": 6,
@@ -73,8 +73,8 @@ SLOW: dict[str, float] = {
     "tests/studies/test_position_loop.py::test_the_papers_weight_diverges_in_flight_and_ten_does_not": 4,
     "tests/studies/test_tracking.py::test_the_flown_circle_is_the_ideal_one_within_a_tenth": 4,
     "tests/studies/test_waypoints.py": 3,
-    "tests/vehicle_sim/test_disturbances.py::test_overrides_and_truth_of_a_whole_process": 2,
-    "tests/vehicle_sim/test_vehicle_runner.py::test_a_signal_ends_it_with_its_summary": 2,
+    "tests/vehicle_sim/test_vehicle_cli.py::test_overrides_and_truth_of_a_whole_process": 2,
+    "tests/vehicle_sim/test_vehicle_cli.py::test_a_signal_ends_it_with_its_summary": 2,
     "tests/test_rules.py::test_an_import_against_a_contract_breaks_it": 1,
 }
 """Seconds that a test takes on an idle machine, by its id or the beginning of it (a folder, a file, a test without its

@@ -121,14 +121,14 @@ class Controller:
         limited = attitude_command(acceleration_ned, now_ns, rows, mass, changed, self._record, out)
         return out, limited
 
-    def idle(self, control: Array) -> None:
-        """Nothing is flown: forget everything, and make `control` (SIZE,) one that moves nothing."""
-        control[RATES] = control[TORQUE] = control[THRUST] = 0.0
-        self.reset()
+    def setpoint(self, control: Array, *, idle: bool = False) -> Setpoint:
+        """The part of CONTROL_FIELDS (SIZE,) that goes to the vehicle.
 
-    @staticmethod
-    def setpoint(control: Array) -> Setpoint:
-        """The part of CONTROL_FIELDS (SIZE,) that goes to the vehicle."""
+        `idle`: nothing is flown. `control` is changed to one that moves nothing, and the controller forgets everything.
+        """
+        if idle:
+            control[RATES] = control[TORQUE] = control[THRUST] = 0.0
+            self.reset()
         values = control.tolist()
         return Setpoint(values[ATTITUDE], values[RATES], values[TORQUE], values[THRUST])
 

@@ -16,6 +16,7 @@ from companion.link.firmware.firmware import Firmware
 from companion.link.message_rates import MessageRates
 from companion.link.requests import Requests
 from companion.link.sector_scans import SectorScans
+from companion.outputs import OUTPUTS
 from companion.reports import (
     AttitudeReport,
     CommandReport,
@@ -77,6 +78,7 @@ class VehicleLink:
         self.framer = Framer()
         self._settings = settings
         self._output = output
+        self._encode_setpoint = OUTPUTS[output].encode
         self._longest_age_ns = round(settings.control.prediction.longest * 1e9)
         self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
         self._requests = Requests(settings.supervision)
@@ -89,8 +91,8 @@ class VehicleLink:
         self._heard_ns: int | None = None
         self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
         self._refusal = ""
-        self._complaint = ""
-        self._complaint_ns = 0
+        self._complaint = 0, ""
+        """When the vehicle warned of something last (ns), and the text."""
         self._next_beat_ns = 0
         self._outbox: list[bytes] = []
         self._handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
@@ -221,7 +223,7 @@ class VehicleLink:
     def _on_statustext(self, message: Any, now_ns: int) -> Announcement:
         text = wire.vehicle_text(message)
         if message.severity <= Severity.WARNING:
-            self._complaint, self._complaint_ns = f" ({text})", now_ns
+            self._complaint = now_ns, f" ({text})"
         return Announcement(Severity(min(message.severity, 6)), f"vehicle: {text}")
 
     @property
@@ -252,7 +254,7 @@ class VehicleLink:
             silence=0.0 if self._heard_ns is None else (now_ns - self._heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusal if repeated else None,
-            complaint=self._complaint if now_ns - self._complaint_ns < _COMPLAINT_NS else "",
+            complaint=self._complaint[1] if now_ns - self._complaint[0] < _COMPLAINT_NS else "",
             exhausted=self._requests.exhausted(wanted, now_ns),
             shortcoming=self._shortcoming(now_ns) if before_flight else None,
             prearm_ok=self._prearm_ok,
@@ -333,7 +335,7 @@ class VehicleLink:
     def command(self, setpoint: Setpoint, boot_time_ms: int) -> None:
         """Send a setpoint on the layer of this flight's output."""
         assert self.vehicle is not None
-        message, fields = wire.setpoint_fields(setpoint, self._output, boot_time_ms, self.vehicle)
+        message, fields = self._encode_setpoint(setpoint, boot_time_ms, self.vehicle)
         self._send(message, *fields)
 
     def _send(self, message: type[Any], *fields: Any) -> None:

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from companion.link.sector_scans import SECTORS, SectorReport
-from companion.outputs import OUTPUTS, Message
 from companion.reports import AttitudeReport, PositionReport
-from companion.state import Output, Scan, Setpoint
+from companion.state import Scan
 from protocol.arrays import Array
 from protocol.frames import from_euler
 from protocol.messages import dialect
@@ -111,11 +110,6 @@ def sector_distance(message: Any) -> SectorReport | None:
         hit=distance <= far,
         known=message.signal_quality != 1,
     )
-
-
-def setpoint_fields(setpoint: Setpoint, output: Output, boot_time_ms: int, target: tuple[int, int]) -> Message:
-    """The message's class and fields for a setpoint on the layer `output`; `target` is (system, component)."""
-    return OUTPUTS[output].encode(setpoint, boot_time_ms, target)
 
 
 def statustext_fields(severity: int, text: str) -> list[tuple[int, bytes, int, int]]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from companion.link import wire
+from companion.outputs import OUTPUTS
 from companion.state import Output, Setpoint
 from protocol.frames import from_euler
 from protocol.framing import Framer
@@ -95,14 +96,14 @@ SETPOINT = Setpoint([0.5, -0.5, 0.5, -0.5], [0.1, 0.2, 0.3], [-0.1, 0.2, 0.4], 0
 
 def test_setpoints() -> None:
     for output, mask in ((Output.ATTITUDE, 0x07), (Output.RATES, 0x80)):
-        message = through_the_wire(*flat(wire.setpoint_fields(SETPOINT, output, 1234, (1, 1))))
+        message = through_the_wire(*flat(OUTPUTS[output].encode(SETPOINT, 1234, (1, 1))))
         assert message.get_type() == "SET_ATTITUDE_TARGET"
         assert message.type_mask == mask
         assert message.q == [0.5, -0.5, 0.5, -0.5]
         rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
         assert rates == pytest.approx((0.1, 0.2, 0.3))
         assert message.thrust == pytest.approx(0.45)
-    message = through_the_wire(*flat(wire.setpoint_fields(SETPOINT, Output.ACTUATORS, 1234, (1, 1))))
+    message = through_the_wire(*flat(OUTPUTS[Output.ACTUATORS].encode(SETPOINT, 1234, (1, 1))))
     assert message.get_type() == "SET_ACTUATOR_CONTROL_TARGET" and message.group_mlx == 0
     assert message.controls == pytest.approx([-0.1, 0.2, 0.4, 0.45, 0, 0, 0, 0])
 
