@@ -123,7 +123,7 @@ class Reference(msgspec.Struct, frozen=True, gc=False):
 
 
 class AvoidanceDecision(msgspec.Struct, frozen=True, gc=False):
-    """What the rings make of a wish to go somewhere."""
+    """What avoidance makes of a target: where to fly instead, and how fast."""
 
     target_ned: Array
     speed_limit: float

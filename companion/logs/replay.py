@@ -79,8 +79,8 @@ def replay(
         second = _flown_ahead(flight, keeps_series=keeps_series)
     if second is None:
         with _copy(flight, trace, settings, overrides) as writer, _no_garbage_collection():
-            thinker = InProcessPlanner(flight.settings.avoidance)
-            second = _Second(flight, _autopilot(flight), thinker, writer, keeps_series=keeps_series)
+            planner = InProcessPlanner(flight.settings.avoidance)
+            second = _Second(flight, _autopilot(flight), planner, writer, keeps_series=keeps_series)
             second.fly()
     wall_s = clock.now_ns() * 1e-9
     differ = second.differ
@@ -103,15 +103,15 @@ def replay(
 def _flown_ahead(flight: Recorded, *, keeps_series: bool) -> "_Second | None":
     """With the planner's answers from a process that runs ahead; None if this flight asks something else."""
     autopilot = _autopilot(flight)  # before the process starts, which then has what that loads
-    thinker = Ahead(flight.log.path, flight.settings.avoidance)
+    planner = Ahead(flight.log.path, flight.settings.avoidance)
     try:
         with _no_garbage_collection():
-            second = _Second(flight, autopilot, thinker, None, keeps_series=keeps_series)
+            second = _Second(flight, autopilot, planner, None, keeps_series=keeps_series)
             second.fly()
     except DivergedError:
         return None
     finally:
-        thinker.close()
+        planner.close()
     return second
 
 
@@ -158,7 +158,7 @@ class _Second:
         self,
         flight: Recorded,
         autopilot: Autopilot,
-        thinker: PlannerBackend,
+        planner: PlannerBackend,
         writer: Writer | None,
         *,
         keeps_series: bool,
@@ -176,10 +176,10 @@ class _Second:
         self._copied = 0
         """Records in the copy, but for messages: these have the number of their datagram."""
         self._datagram_number = 0
-        self._thinker = thinker
-        plans: Plans = _AsRecorded(thinker)
+        self._planner = planner
+        plans: Plans = _AsRecorded(planner)
         if PLANNED.topic not in self._topics:  # what it asks now, having asked nothing then, is answered as in lockstep
-            plans = Planning(thinker, flight.settings.avoidance.answer_delay)
+            plans = Planning(planner, flight.settings.avoidance.answer_delay)
         self._driver = Driver(autopilot, plans, after=self._react)
         self._somebody = False
         """Whether there is anybody to send to yet."""
@@ -274,9 +274,9 @@ class _Second:
     def _planned(self, now: int, record: bytes) -> None:
         """The answer of that number; it depends on all questions before, whose answers may have been lost."""
         number = PLANNED.unpack(record)["number"]
-        answer = self._thinker.take(0.0)
+        answer = self._planner.take(0.0)
         while answer is not None and answer.number < number:
-            answer = self._thinker.take(0.0)
+            answer = self._planner.take(0.0)
         if answer is not None:
             self._held += self._driver.handle(PlanReady(now, answer))
 

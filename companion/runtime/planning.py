@@ -1,7 +1,7 @@
-"""Where questions to the map and the planner are answered, and when the answers count: outside of the loop that flies.
+"""The backends that answer requests to map and planner outside of the loop that flies, and when their results count.
 
-By the clock a process of its own answers, and an answer counts at the first tick that finds it. In lockstep, where the
-vehicle waits anyway and no clock is looked at, it counts a fixed simulated time after its question.
+In real time a process of its own answers, and a result counts at the first tick that finds it. In lockstep, where the
+vehicle waits anyway and no clock is read, it counts a fixed simulated time after its request.
 """
 
 import contextlib
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
 
 _PATIENCE_S = 10.0
 """For an answer that must be waited for."""
-_MOST_OPEN = 24
+_MOST_UNANSWERED = 24
 """Questions, each 2 kB: so many fit into any pipe. They are 1.6 s; the failsafe for a lost ring has acted before."""
 _ENDED = "the planner's process has ended by itself"
 
 
 class PlannerBackend(Protocol):
-    """Answers questions in their order."""
+    """Answers requests in their order."""
 
     @property
     def fault(self) -> str | None:
         """Why there will be no more answers."""
 
-    def ask(self, question: PlanRequest) -> None:
+    def ask(self, request: PlanRequest) -> None:
         """Returns at once."""
 
     def take(self, patience_s: float) -> PlanResult | None:
@@ -56,13 +56,13 @@ class InProcessPlanner:
 
     def __init__(self, settings: Avoidance) -> None:
         self.outlook = PlanningPipeline(settings)
-        self._questions: deque[PlanRequest] = deque()
+        self._requests: deque[PlanRequest] = deque()
 
-    def ask(self, question: PlanRequest) -> None:
-        self._questions.append(question)
+    def ask(self, request: PlanRequest) -> None:
+        self._requests.append(request)
 
     def take(self, patience_s: float) -> PlanResult | None:
-        return self.outlook.answer(self._questions.popleft()) if self._questions else None
+        return self.outlook.answer(self._requests.popleft()) if self._requests else None
 
     def close(self) -> None:
         """Nothing to give back."""
@@ -73,8 +73,8 @@ class PlannerProcess:
 
     def __init__(self, settings: Avoidance) -> None:
         context = multiprocessing.get_context("spawn")
-        asked, self._questions = context.Pipe(duplex=False)
-        self._answers, answered = mailbox(context, _MOST_OPEN + 2, result_bytes(settings))
+        asked, self._requests = context.Pipe(duplex=False)
+        self._answers, answered = mailbox(context, _MOST_UNANSWERED + 2, result_bytes(settings))
         arguments = (asked, answered, settings)
         self._process = context.Process(target=_think, args=arguments, name="courier-planner", daemon=True)
         self._process.start()
@@ -82,19 +82,19 @@ class PlannerProcess:
         answered.close()
         self._poll = select.poll()
         self._poll.register(self._answers.fileno(), select.POLLIN | select.POLLHUP)
-        self._open = 0
-        self._trouble: str | None = None
+        self._unanswered = 0
+        self._fault: str | None = None
         try:
             self._answers.take()  # it is ready
         except (EOFError, OSError):
-            self._trouble = _ENDED
+            self._fault = _ENDED
             self._process.join(_PATIENCE_S)
 
     @property
     def fault(self) -> str | None:
         """Why there will be no more answers."""
-        if self._trouble is not _ENDED or self._process.exitcode is None:
-            return self._trouble
+        if self._fault is not _ENDED or self._process.exitcode is None:
+            return self._fault
         return f"{_ENDED} (exit code {self._process.exitcode})"
 
     @property
@@ -102,38 +102,38 @@ class PlannerProcess:
         """Of the process."""
         return self._process.pid
 
-    def ask(self, question: PlanRequest) -> None:
-        if self._trouble is not None:
+    def ask(self, request: PlanRequest) -> None:
+        if self._fault is not None:
             return
-        if self._open == _MOST_OPEN:  # more would fill the pipe, and stop the loop that flies
-            self._trouble = f"the planner's process has left {_MOST_OPEN} questions unanswered"
+        if self._unanswered == _MOST_UNANSWERED:  # more would fill the pipe, and stop the loop that flies
+            self._fault = f"the planner's process has left {_MOST_UNANSWERED} requests unanswered"
             return
         try:
-            self._questions.send(question)
-            self._open += 1
+            self._requests.send(request)
+            self._unanswered += 1
         except OSError:
-            self._trouble = _ENDED
+            self._fault = _ENDED
 
     def take(self, patience_s: float) -> PlanResult | None:
-        if self._trouble is not None or not self._open or not self._poll.poll(1e3 * patience_s):
+        if self._fault is not None or not self._unanswered or not self._poll.poll(1e3 * patience_s):
             return None
         try:
             answer: PlanResult = self._answers.take()
         except (EOFError, OSError):
-            self._trouble = _ENDED
+            self._fault = _ENDED
             return None
-        self._open -= 1
+        self._unanswered -= 1
         return answer
 
     def close(self) -> None:
-        self._questions.close()
+        self._requests.close()
         self._answers.close()
         self._process.join(_PATIENCE_S)
         if self._process.is_alive():
             self._process.kill()
 
 
-def _think(questions: "Connection", answers: Outbox, settings: Avoidance) -> None:
+def _think(requests: "Connection", answers: Outbox, settings: Avoidance) -> None:
     """The process: answer until the other side is gone."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
@@ -142,11 +142,11 @@ def _think(questions: "Connection", answers: Outbox, settings: Avoidance) -> Non
     with contextlib.suppress(EOFError, OSError):
         answers.put(None)
         while True:
-            answers.put(outlook.answer(questions.recv()))
+            answers.put(outlook.answer(requests.recv()))
 
 
 def rehearse(settings: Avoidance) -> None:
-    """Answer some questions about nothing real, so that everything is compiled."""
+    """Answer some requests about made-up scans, so that everything is compiled."""
     bearings = np.radians(np.arange(0.0, 360.0, 5.0))
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     for method in methods_in_use(settings.method):
@@ -163,52 +163,52 @@ def rehearse(settings: Avoidance) -> None:
 
 
 class Planning:
-    """Questions out, answers in when they count. `delay_s`: in lockstep, from a question to its answer; None by the
-    clock."""
+    """Requests out, results in when they count. `delay_s`: in lockstep, from a request to its result; None in
+    real time."""
 
-    def __init__(self, thinker: PlannerBackend, delay_s: float | None) -> None:
-        self._thinker = thinker
+    def __init__(self, backend: PlannerBackend, delay_s: float | None) -> None:
+        self._backend = backend
         self._delay_ns = None if delay_s is None else round(delay_s * 1e9)
         self._due: deque[int] = deque()
 
-    def ask(self, question: PlanRequest) -> None:
-        self._thinker.ask(question)
+    def ask(self, request: PlanRequest) -> None:
+        self._backend.ask(request)
         if self._delay_ns is not None:
-            self._due.append(question.asked_ns + self._delay_ns)
+            self._due.append(request.asked_ns + self._delay_ns)
 
     def due(self, now_ns: int) -> PlanResult | None:
         """The next answer that counts by now; to be called until there is none."""
         if self._delay_ns is None:
-            return self._thinker.take(0.0)
+            return self._backend.take(0.0)
         if not self._due or now_ns < self._due[0]:
             return None
         self._due.popleft()
-        return self._thinker.take(_PATIENCE_S)
+        return self._backend.take(_PATIENCE_S)
 
     @property
     def fault(self) -> str | None:
         """Why there will be no more answers."""
-        return self._thinker.fault
+        return self._backend.fault
 
     def close(self) -> None:
-        self._thinker.close()
+        self._backend.close()
 
 
-def pack_request(question: PlanRequest) -> bytes:
+def pack_request(request: PlanRequest) -> bytes:
     """The payload of an ASKED record."""
-    position, attitude = question.pose
+    position, attitude = request.pose
     return ASKED.pack(
-        question.number,
-        question.asked_ns,
-        question.scan.time_ns,
-        question.scan.boot_time_us,
+        request.number,
+        request.asked_ns,
+        request.scan.time_ns,
+        request.scan.boot_time_us,
         *position.tolist(),
         *attitude.tolist(),
-        question.ground_down,
-        *question.here.tolist(),
-        *question.velocity.tolist(),
-        *((math.nan,) * 3 if question.goal is None else question.goal.tolist()),
-        question.speed,
+        request.ground_down,
+        *request.here.tolist(),
+        *request.velocity.tolist(),
+        *((math.nan,) * 3 if request.goal is None else request.goal.tolist()),
+        request.speed,
     )
 
 

@@ -17,7 +17,7 @@ from companion.avoidance.planner import PlanRequest, PlanResult, result_bytes
 from companion.config import Avoidance, AvoidanceMap
 from companion.mission.plan import Phase
 from companion.records import PLANNED
-from companion.runtime.planning import _MOST_OPEN, InProcessPlanner, PlannerProcess, Planning, pack_result
+from companion.runtime.planning import _MOST_UNANSWERED, InProcessPlanner, PlannerProcess, Planning, pack_result
 from companion.state import Scan
 from companion.supervision.states import State
 from studies.joined import Joined, mission_of
@@ -75,7 +75,7 @@ def test_another_process_answers_the_same(elsewhere: PlannerProcess) -> None:
 
 def test_what_was_taken_last_holds_while_as_many_are_open_as_may_be(elsewhere: PlannerProcess) -> None:
     """The loop that flies looks at an answer's arrays where they lie, until it has taken another one up."""
-    asked = questions(_MOST_OPEN + 2)
+    asked = questions(_MOST_UNANSWERED + 2)
     for question in asked[:2]:
         elsewhere.ask(question)
     held = [elsewhere.take(20.0) for _ in range(2)]
