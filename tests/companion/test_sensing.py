@@ -58,9 +58,9 @@ def test_the_state_is_that_of_the_latest_update() -> None:
     assert state is not None and sensing.state is state and sensing.report(0, 0.0).has_state
     sensing.take(position(4, 2.0), 4 * MS)
     assert sensing.state is state
-    assert sensing.boot_time_ms == 0
+    assert sensing.estimator.boot_time_ms == 0
     sensing.take(attitude(8), 8 * MS)
-    assert sensing.boot_time_ms == 8
+    assert sensing.estimator.boot_time_ms == 8
 
 
 def test_telemetry_is_as_old_as_its_older_part() -> None:

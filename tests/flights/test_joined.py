@@ -218,7 +218,7 @@ def test_a_vehicle_that_restarts_in_other_hands_is_given_back(known: bool) -> No
     joined.fly(limit_s=1.0)
     restart_ns[0] = joined.vehicle.time_ns
     joined.fly(limit_s=0.3)
-    assert any("started anew" in text for text in joined.said) and joined.autopilot.sensing.state is None
+    assert any("rebooted" in text for text in joined.said) and joined.autopilot.sensing.state is None
     ask_mode(joined, 6.0, 0.0)
     if known:  # and no attitude after it, before the companion hears of the mode
         held_back.clear()

@@ -76,7 +76,7 @@ def test_sectors_count_until_a_whole_ring_says_something(frame: int, cm: int, ke
     for sector in range(8):
         fields = (40, *sensor(sector, 500)[1:])
         autopilot.handle(Datagram(2, encoder.encode_fields(dialect.MAVLink_distance_sensor_message, *fields)))
-    assert autopilot.sensing.scan_age(4) == (2e-9 if kept else 3e-9)
+    assert autopilot.sensing.scan_age(4) == pytest.approx(2e-9 if kept else 3e-9)
 
 
 def message_of(fields: tuple[object, ...]) -> object:
