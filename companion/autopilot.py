@@ -69,12 +69,12 @@ class Autopilot:
             self.link.say(announcement)
 
     def _receive(self, event: Datagram) -> bytes | None:
-        now, due = event.time_ns, False
+        now, due, take = event.time_ns, False, self.sensing.take
         for report in self.link.receive(event.data, now, whole=event.whole):
             if isinstance(report, Announcement):
                 self._said.append(report)
             else:
-                due = self.sensing.take(report, now) or due
+                due = take(report, now) or due
         state = self.sensing.update() if due else None
         return None if state is None or self.supervisor.state not in STREAMING else self._control(state, now)
 

@@ -64,10 +64,16 @@ class Peer:
         self.received += 1
         self.heard_ns = now_ns
         ahead = 1 if self._sequence is None else (frame.sequence - self._sequence) & 0xFF
+        if ahead == 1 and not self._missing:  # almost always
+            self._sequence = frame.sequence
+        else:
+            self._observe_jump(frame.sequence, ahead)
+        return True
+
+    def _observe_jump(self, sequence: int, ahead: int) -> None:
+        """Count a frame that is `ahead` of the newest, modulo 256, or comes while others are missing."""
         back = -ahead & 0xFF
-        if ahead == 1 and not self._missing:
-            pass
-        elif 0 < ahead <= 128:
+        if 0 < ahead <= 128:
             self.lost += ahead - 1
             self._missing = (self._missing << ahead | (1 << ahead) - 2) & (1 << _REORDERED + 1) - 1
         elif back <= _REORDERED:
@@ -77,12 +83,11 @@ class Peer:
                 self.lost -= 1
             else:
                 self.duplicates += 1
-            return True
+            return
         else:
             self.restarts += 1
             self._missing = 0
-        self._sequence = frame.sequence
-        return True
+        self._sequence = sequence
 
     def heartbeat(self, now_ns: int) -> None:
         """A HEARTBEAT of this peer arrived."""

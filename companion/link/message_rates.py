@@ -18,23 +18,24 @@ class MessageRates:
             message_id: deque(maxlen=round(rate) + 1) for message_id, rate in wanted.items()
         }
         self._ever: set[int] = set()
+        """Messages whose arrivals were dropped, since they are older than the window."""
 
     def count(self, message_id: int, now_ns: int) -> None:
         """One has arrived."""
         arrivals = self._arrivals.get(message_id)
         if arrivals is not None:
             arrivals.append(now_ns)
-            self._ever.add(message_id)
 
     def ever(self, message_id: int) -> bool:
         """It has come at least once."""
-        return message_id in self._ever
+        return bool(self._arrivals.get(message_id)) or message_id in self._ever
 
     def rate(self, message_id: int, now_ns: int) -> float:
         """Arrivals in the last second (at most the wanted rate and one)."""
         arrivals = self._arrivals[message_id]
         while arrivals and now_ns - arrivals[0] >= _WINDOW_NS:
             arrivals.popleft()
+            self._ever.add(message_id)
         return float(len(arrivals))
 
     def lacking(self, now_ns: int) -> list[int]:
@@ -55,7 +56,7 @@ class MessageRates:
         measured = self.rate(message_id, now_ns)
         cause = (
             "does the vehicle have that sensor?"
-            if message_id not in self._ever
+            if not self.ever(message_id)
             else "another ground station may have asked for less, or the link is too slow"
         )
         return f"{name} arrives at {measured:.0f} of {self.wanted[message_id]:.0f} Hz ({cause})"

@@ -88,7 +88,6 @@ class VehicleLink:
         self._sectors = SectorScans()
         self._whole_scans = False
         """A scan has come as one OBSTACLE_DISTANCE: DISTANCE_SENSORs are not needed."""
-        self._heard_ns: int | None = None
         self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
         self._refusal = ""
         self._complaint = 0, ""
@@ -119,15 +118,13 @@ class VehicleLink:
         """
         frames = self.framer.datagram(data) if whole else self.framer.feed(data)
         reports: list[Report | Announcement] = []
-        handlers, count = self._handlers, self._rates.count
+        peer, handlers, count = self.peer, self._handlers, self._rates.count
         for frame in frames:
             message_id = frame.message_id
-            if self.peer is None:
-                self._find(frame)
-            peer = self.peer
+            if peer is None:
+                peer = self._find(frame)
             if peer is None or not peer.observe(frame, now_ns):
                 continue
-            self._heard_ns = now_ns
             count(message_id, now_ns)
             handler = handlers.get(message_id)
             if handler is None:
@@ -143,22 +140,23 @@ class VehicleLink:
                 reports.append(report)
         return reports
 
-    def _find(self, frame: Frame) -> None:
+    def _find(self, frame: Frame) -> Peer | None:
         """Take the sender for the vehicle if this is the heartbeat of an autopilot that is known. No vehicle is system
         0, which addresses all systems."""
         if frame.message_id != dialect.MAVLINK_MSG_ID_HEARTBEAT or frame.component != VEHICLE_COMPONENT:
-            return
+            return None
         if frame.system == 0:
-            return
+            return None
         heartbeat: Any = decode(frame)
         firmware = firmware_of(heartbeat.autopilot)
         if firmware is None:
-            return
+            return None
         self.vehicle = (frame.system, VEHICLE_COMPONENT)
         self.peer = Peer(frame.system, VEHICLE_COMPONENT)
         self.firmware = self._requests.firmware = firmware
         identity = self._settings.identity
         self._encoder = Encoder(identity.system or frame.system, identity.component)
+        return self.peer
 
     def _complain(self, severity: Severity, text: str) -> Announcement:
         announcement = Announcement(severity, text)
@@ -246,12 +244,13 @@ class VehicleLink:
         """The vehicle as it is known now, and what came of what is `wanted` of it; what a flight would lack is looked
         for `before_flight` alone."""
         heartbeat_ns = self.peer.heartbeat_age_ns(now_ns) if self.peer is not None else None
+        heard_ns = self.peer.heard_ns if self.peer is not None else None
         repeated = len(self._refusals) == _REFUSALS_TOLERATED and now_ns - self._refusals[0] < _REFUSALS_NS
         return LinkReport(
             found=self.vehicle is not None,
             status=self.status,
             on_ground=self.on_ground,
-            silence=0.0 if self._heard_ns is None else (now_ns - self._heard_ns) * 1e-9,
+            silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusal if repeated else None,
             complaint=self._complaint[1] if now_ns - self._complaint[0] < _COMPLAINT_NS else "",
