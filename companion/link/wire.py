@@ -38,7 +38,7 @@ def _vector(name: str, limit: float, x: float, y: float, z: float) -> Array:
 
 
 def attitude_quaternion(message: Any, time_ns: int = 0) -> AttitudeReport:
-    """ATTITUDE_QUATERNION (31)."""
+    """ATTITUDE_QUATERNION (31). The time of arrival is not used: every handler of the link takes it."""
     w, x, y, z = message.q1, message.q2, message.q3, message.q4
     square = w * w + x * x + y * y + z * z
     if not 0.98 < square < 1.02:
@@ -56,7 +56,7 @@ def attitude(message: Any) -> AttitudeReport:
 
 
 def local_position(message: Any, time_ns: int = 0) -> PositionReport:
-    """LOCAL_POSITION_NED (32)."""
+    """LOCAL_POSITION_NED (32). The time of arrival is not used."""
     return PositionReport(
         message.time_boot_ms,
         _vector("LOCAL_POSITION_NED's position", _POSITION_LIMIT_M, message.x, message.y, message.z),

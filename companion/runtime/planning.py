@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _PATIENCE_S = 10.0
 """For an answer that must be waited for."""
 _MOST_UNANSWERED = 24
-"""Questions, each 2 kB: so many fit into any pipe. They are 1.6 s; the failsafe for a lost ring has acted before."""
+"""Requests, each 2 kB: so many fit into any pipe. They span 1.6 s; the failsafe for lost scans acts earlier."""
 _ENDED = "the planner's process has ended by itself"
 
 
@@ -37,20 +37,20 @@ class PlannerBackend(Protocol):
 
     @property
     def fault(self) -> str | None:
-        """Why there will be no more answers."""
+        """Why there will be no more results."""
 
     def ask(self, request: PlanRequest) -> None:
         """Returns at once."""
 
     def take(self, patience_s: float) -> PlanResult | None:
-        """The next answer; None if there is none within that time."""
+        """The next result; None if there is none within that time."""
 
     def close(self) -> None:
         """Give everything back."""
 
 
 class InProcessPlanner:
-    """In this process, when the answer is taken."""
+    """Computes a result in this process, when it is taken."""
 
     fault: str | None = None
 
@@ -92,7 +92,7 @@ class PlannerProcess:
 
     @property
     def fault(self) -> str | None:
-        """Why there will be no more answers."""
+        """Why there will be no more results."""
         if self._fault is not _ENDED or self._process.exitcode is None:
             return self._fault
         return f"{_ENDED} (exit code {self._process.exitcode})"
@@ -177,7 +177,7 @@ class Planning:
             self._due.append(request.asked_ns + self._delay_ns)
 
     def due(self, now_ns: int) -> PlanResult | None:
-        """The next answer that counts by now; to be called until there is none."""
+        """The next result that counts by now; to be called until there is none."""
         if self._delay_ns is None:
             return self._backend.take(0.0)
         if not self._due or now_ns < self._due[0]:
@@ -187,7 +187,7 @@ class Planning:
 
     @property
     def fault(self) -> str | None:
-        """Why there will be no more answers."""
+        """Why there will be no more results."""
         return self._backend.fault
 
     def close(self) -> None:
