@@ -16,6 +16,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize
 
+from companion.trajectory.timing import Phases, law_at, motion
 from protocol.arrays import Array
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
@@ -60,6 +61,12 @@ def polynomial_at(knots: Array, coefficients: Array, parameter: float) -> Array:
 
 
 @compiled
+def _polynomial_flown(knots: Array, coefficients: Array, phases: Phases, time: float, origin: Array) -> Array:
+    law = law_at(phases[0], phases[1], phases[2], phases[3], phases[4], time)
+    return motion(polynomial_at(knots, coefficients, law[0]), law, origin)
+
+
+@compiled
 def polynomials_at(knots: Array, coefficients: Array, samples: int) -> Array:
     """(n * samples + 1, 5, 3): `polynomial_at` at equally spaced samples of each piece."""
     pieces = coefficients.shape[0]
@@ -81,6 +88,10 @@ class PiecewisePolynomial:
     def at(self, parameter: float) -> Array:
         """(5, 3) position (m) and its first four derivatives by time."""
         return polynomial_at(self.knots, self.coefficients, parameter)
+
+    def flown(self, phases: Phases, time_s: float, origin_ned: Array) -> Array:
+        """See `Path.flown`."""
+        return _polynomial_flown(self.knots, self.coefficients, phases, time_s, origin_ned)
 
     @property
     def duration_s(self) -> float:

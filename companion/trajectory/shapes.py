@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.curves import Shape
+from companion.trajectory.timing import Phases, law_at, motion
 from protocol.arrays import Array
 from protocol.jit import compiled
 
@@ -50,6 +51,18 @@ def square_at(edge: float, parameter: float) -> Array:
     return out
 
 
+@compiled
+def _harmonic_flown(shape: tuple[float, float, float, float], phases: Phases, time: float, origin: Array) -> Array:
+    law = law_at(phases[0], phases[1], phases[2], phases[3], phases[4], time)
+    return motion(harmonic_at(shape[0], shape[1], shape[2], shape[3], law[0]), law, origin)
+
+
+@compiled
+def _square_flown(edge: float, phases: Phases, time: float, origin: Array) -> Array:
+    law = law_at(phases[0], phases[1], phases[2], phases[3], phases[4], time)
+    return motion(square_at(edge, law[0]), law, origin)
+
+
 @dataclass(frozen=True, slots=True)
 class Harmonic:
     """A path of `harmonic_at`; all in m."""
@@ -64,6 +77,10 @@ class Harmonic:
     def at(self, parameter: float) -> Array:
         """(5, 3) position and derivatives by the parameter."""
         return harmonic_at(self.along, self.across, self.twice, self.climb, parameter)
+
+    def flown(self, phases: Phases, time_s: float, origin_ned: Array) -> Array:
+        """See `Path.flown`."""
+        return _harmonic_flown((self.along, self.across, self.twice, self.climb), phases, time_s, origin_ned)
 
     @property
     def peak_speed(self) -> float:
@@ -83,6 +100,10 @@ class Square:
     def at(self, parameter: float) -> Array:
         """(5, 3) position and derivatives by the parameter."""
         return square_at(self.edge, parameter)
+
+    def flown(self, phases: Phases, time_s: float, origin_ned: Array) -> Array:
+        """See `Path.flown`."""
+        return _square_flown(self.edge, phases, time_s, origin_ned)
 
     @property
     def peak_speed(self) -> float:

@@ -1,8 +1,6 @@
 """A track: a path in space flown by a time law. It gives the reference at any time, exact up to snap."""
 
-import math
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -10,42 +8,11 @@ from companion.config import Trajectory as TrajectorySettings
 from companion.curves import Curve, Shape
 from companion.trajectory.minimum_snap import Limits, plan
 from companion.trajectory.shapes import shape_of
-from companion.trajectory.timing import TimeLaw, compose, law_at
+from companion.trajectory.timing import Path, TimeLaw
 from protocol.arrays import Array
-from protocol.jit import compiled
 
 _PEAK_SLOPE = 35.0 / 16.0
 """Greatest slope of the smooth step of `timing`, over unit height and length."""
-
-
-class Path(Protocol):
-    """A curve in space that begins at 0, 0, 0 (m, NED)."""
-
-    def at(self, parameter: float) -> Array:
-        """(5, 3) position (m) and its derivatives by the parameter."""
-
-
-@compiled
-def _heading(path: Array, law: Array) -> tuple[float, float, float]:
-    """The heading (rad) of the horizontal tangent, and its first two derivatives by time, from the path (5, 3) and the
-    time law (5,)."""
-    x1, y1, x2, y2, x3, y3 = path[1, 0], path[1, 1], path[2, 0], path[2, 1], path[3, 0], path[3, 1]
-    square = x1 * x1 + y1 * y1
-    if square == 0.0:
-        return 0.0, 0.0, 0.0
-    first = (x1 * y2 - y1 * x2) / square
-    second = (x1 * y3 - y1 * x3 - 2.0 * first * (x1 * x2 + y1 * y2)) / square
-    return math.atan2(y1, x1), first * law[1], second * law[1] ** 2 + first * law[2]
-
-
-@compiled
-def _motion(path: Array, law: Array, origin: Array) -> Array:
-    """(6, 3) as `Track.at`, from the path (5, 3) and the time law (5,)."""
-    out = np.empty((6, 3))
-    out[:5] = compose(path, law)
-    out[0] += origin
-    out[5, 0], out[5, 1], out[5, 2] = _heading(path, law)
-    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +31,7 @@ class Track:
     def at(self, time_s: float) -> Array:
         """(6, 3) position, velocity, acceleration, jerk and snap (m, s; NED), and yaw, its rate and its acceleration
         (rad, s). The track is at rest before 0 and after its end."""
-        law = law_at(*self.law.phases, time_s)
-        return _motion(self.path.at(law[0]), law, self.origin_ned)
+        return self.path.flown(self.law.phases, time_s, self.origin_ned)
 
     @property
     def duration_s(self) -> float:
