@@ -1,10 +1,15 @@
 """The order of the tests: slow ones first, each by itself, so that all workers end together; the others a file at a
-time, so that a file's fixtures are made once."""
+time, so that a file's fixtures are made once. And what holds for all property tests: the same examples in each run, and
+no limit on the time that they take, which says how busy the machine is."""
 
 import pytest
+from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
 from tests.slow import FLOWN, seconds
+
+settings.register_profile("courier", suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("courier")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -20,7 +20,7 @@ OPERATIONS: st.SearchStrategy[Operation] = st.one_of(
 )
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(event=OPERATIONS)
 def test_an_operation_comes_back_from_its_record(event: Operation) -> None:
     assert operation_of(OPERATION, event.time_ns, operation_record(event)) == event
@@ -55,7 +55,7 @@ def test_a_kind_that_is_not_known_is_an_error(kind: int) -> None:
         operation_of(OPERATION, 5, OPERATION.pack(kind, "text"))
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(time_ns=TIMES, late_ns=st.integers(-(2**63), 2**63 - 1))
 def test_a_tick_comes_back_from_its_record(time_ns: int, late_ns: int) -> None:
     record = tick_record(Tick(time_ns, late_ns))

@@ -31,7 +31,7 @@ from tests.companion.reference_flight import (
 # -- begin, hold and jumps ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(max_examples=50)
 @given(
     place=st.tuples(*[st.floats(-1e3, 1e3)] * 3),
     velocity=st.tuples(*[st.floats(-10.0, 10.0)] * 3),

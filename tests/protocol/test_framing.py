@@ -233,7 +233,7 @@ def test_memory_is_bounded() -> None:
         assert 0 <= given_bytes - taken - framer.bad_bytes <= LARGEST_FRAME
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 @given(st.lists(st.tuples(st.binary(max_size=40), st.integers(0, 255), st.booleans()), max_size=8), st.binary())
 def test_no_garbage_costs_a_good_frame(parts: list[tuple[bytes, int, bool]], tail: bytes) -> None:
     good = [heartbeat(sequence, v1=v1) for _, sequence, v1 in parts]
@@ -241,7 +241,7 @@ def test_no_garbage_costs_a_good_frame(parts: list[tuple[bytes, int, bool]], tai
     assert raws(Framer(carry_unknown=False).datagram(data)) == good
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 @given(st.lists(st.one_of(st.binary(max_size=30), st.sampled_from(list(STREAMS.values())[:7])), max_size=6))
 def test_any_pieces_give_what_their_sum_gives(pieces: list[bytes]) -> None:
     pieced, whole = Framer(), Framer()

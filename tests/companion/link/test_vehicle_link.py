@@ -290,7 +290,7 @@ def test_a_scan_of_sectors_counts_as_a_scan_for_its_rate() -> None:
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(
     ahead_ns=st.integers(-NOW, 10**18),
     age_ns=st.integers(-SECOND, 3 * SECOND),

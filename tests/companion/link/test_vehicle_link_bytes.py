@@ -97,7 +97,7 @@ HEARTBEATS = st.builds(heartbeat_of, IDS, IDS, st.sampled_from((PX4, ARDUPILOT, 
 PIECES = st.one_of(st.binary(max_size=40), HEARTBEATS, random_frames(), extreme_telemetry())
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(
     pieces=st.lists(PIECES, max_size=8),
     cuts=st.lists(st.integers(0, 400), max_size=4),

@@ -88,7 +88,7 @@ def along(way: tuple[float, ...], length: float) -> Array:
     return np.array(way) * (length / math.hypot(*way))
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(
     way=DIRECTIONS,
     moves=DIRECTIONS,
@@ -127,7 +127,7 @@ def test_an_arrival_counts_for_its_own_step_alone() -> None:
     assert navigator.advance(ALONG, vehicle(START), 60 * SECOND) is Arrival.NOT_YET
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(way=DIRECTIONS, distance=st.floats(0.0, 4.0), speed=st.floats(0.0, 10.0))
 def test_a_waypoint_that_is_passed_is_reached_by_its_radius_alone(
     way: tuple[float, ...], distance: float, speed: float

@@ -31,7 +31,7 @@ def quaternions(draw: st.DrawFn) -> list[float]:
     return [value * scale for value in values]
 
 
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=250)
 @given(
     attitude=quaternions(),
     rates=vectors(3, st.floats(-30.0, 30.0) | ANY),
@@ -54,7 +54,7 @@ def test_a_setpoint_passes_if_and_only_if_it_is_sound(
     assert (unsound(Setpoint(attitude, rates, torque, thrust)) is None) is sound
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(max_examples=50)
 @given(attitude=quaternions(), thrust=FRACTION)
 def test_both_signs_of_a_quaternion_are_the_same_attitude(attitude: list[float], thrust: float) -> None:
     other = [-value for value in attitude]

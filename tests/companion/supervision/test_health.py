@@ -86,7 +86,7 @@ def lacking(*places: int) -> Reports:
 
 
 @given(places=st.sets(st.integers(0, len(LACKS) - 1), min_size=1))
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 def test_the_first_thing_that_is_missing_is_named(places: set[int]) -> None:
     assert lacking(*places).health().missing == LACKS[min(places)][1]
 
@@ -113,7 +113,7 @@ def test_a_step_is_overdue_in_flight_alone(state: State) -> None:
 AGES = st.floats(0.0, 1e6) | st.just(math.inf)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     state=st.sampled_from(State),
     ages=st.tuples(AGES, AGES, AGES, AGES),
