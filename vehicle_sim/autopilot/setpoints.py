@@ -54,10 +54,14 @@ class OffboardSetpoints:
 
     def __init__(self, airframe: Airframe) -> None:
         self._body = airframe.body
+        self._max_thrust_n = airframe.body.max_thrust_n
         self._speed_limits = airframe.auto.speed_limits_m_s
         self.stream = SetpointStream()
         self.command: Command = np.zeros(1, COMMAND)
         self.command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
+        # Views: to find a field in a record takes longer than to write it, and a setpoint comes with each tick.
+        self._level, self._thrust = self.command["level"], self.command["thrust_n"]
+        self._values = {name: self.command[name][0] for name in ("attitude_ned_frd", "rates_frd", "torque_frd")}
 
     def attitude(self, attitude_ned_frd: Quaternion, thrust: float, now_ns: int) -> None:
         """Attitude, which is normalised here, and collective thrust 0..1. A norm below 0.1 is ignored."""
@@ -79,10 +83,9 @@ class OffboardSetpoints:
     def _set(self, level: Level, field: str, value: tuple[float, ...], thrust: float, now_ns: int) -> None:
         if not all(map(math.isfinite, value)):
             return
-        record = self.command[0]
-        record["level"] = level
-        record[field] = value
-        record["thrust_n"] = min(max(thrust, 0.0), 1.0) * self._body.max_thrust_n if math.isfinite(thrust) else 0.0
+        self._level[0] = level
+        self._values[field][:] = value
+        self._thrust[0] = min(max(thrust, 0.0), 1.0) * self._max_thrust_n if math.isfinite(thrust) else 0.0
         self.stream.observe(now_ns)
 
     def is_lost(self, now_ns: int) -> bool:
@@ -91,7 +94,7 @@ class OffboardSetpoints:
 
     def is_stale(self, now_ns: int) -> bool:
         """The setpoint is too old to be followed, see STALE_NS."""
-        return self.stream.age_ns(now_ns) > STALE_NS.get(self.command["level"][0], STREAM_LOSS_NS)
+        return self.stream.age_ns(now_ns) > STALE_NS.get(self._level.item(), STREAM_LOSS_NS)
 
     def brake(self, stop_ned: Vector, yaw: float, *, landed: bool) -> None:
         """Until the next setpoint, stop at this position (m) with this heading (rad); on the ground stop the motors."""
