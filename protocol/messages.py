@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from protocol.framing import Frame
 
-__all__ = ["Encoder", "Field", "Layout", "decode", "dialect", "layout"]
+__all__ = ["Encoder", "Field", "Layout", "decode", "decoder_of", "dialect", "layout"]
 
 _pack_header = struct.Struct("<BxxBBB3s").pack
 _FORMATS: Final = {
@@ -74,6 +74,11 @@ def decode(frame: Frame) -> Any | None:
     `get_header` the frame. Values are not checked: NaN and an empty payload pass.
     """
     return _decoders[frame.message_id](frame)
+
+
+def decoder_of(message_id: int) -> Callable[[Frame], Any]:
+    """`decode` for the frames of one message, one call shorter."""
+    return _decoders[message_id]
 
 
 class Encoder:

@@ -27,7 +27,7 @@ from companion.reports import (
 )
 from companion.state import Announcement, FlightMode, Output, Scan, Setpoint, Severity, VehicleRequest, VehicleStatus
 from protocol.framing import Frame, Framer
-from protocol.messages import Encoder, decode, dialect
+from protocol.messages import Encoder, decode, decoder_of, dialect
 from protocol.peer import Peer
 
 VEHICLE_COMPONENT = 1
@@ -94,7 +94,7 @@ class VehicleLink:
         """When the vehicle warned of something last (ns), and the text."""
         self._next_beat_ns = 0
         self._outbox: list[bytes] = []
-        self._handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
+        handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
             _ATTITUDE_QUATERNION: wire.attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: wire.local_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_euler_attitude,
@@ -108,6 +108,7 @@ class VehicleLink:
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             dialect.MAVLINK_MSG_ID_STATUSTEXT: self._on_statustext,
         }
+        self._handlers = {message_id: (decoder_of(message_id), handler) for message_id, handler in handlers.items()}
 
     # -- datagrams in, reports out -------------------------------------------------------------------------------------
 
@@ -126,10 +127,11 @@ class VehicleLink:
             if peer is None or not peer.observe(frame, now_ns):
                 continue
             count(message_id, now_ns)
-            handler = handlers.get(message_id)
-            if handler is None:
+            handling = handlers.get(message_id)
+            if handling is None:
                 continue
-            message: Any = decode(frame)
+            decoder, handler = handling
+            message = decoder(frame)
             if message_id == _ATTITUDE_QUATERNION and peer.observe_boot_time(message.time_boot_ms, now_ns):
                 reports += Rebooted(), self._complain(Severity.ERROR, "the vehicle rebooted")
             try:
@@ -335,7 +337,7 @@ class VehicleLink:
         """Send a setpoint on the layer of this flight's output."""
         assert self.vehicle is not None
         message, fields = self._encode_setpoint(setpoint, boot_time_ms, self.vehicle)
-        self._send(message, *fields)
+        self._outbox.append(self._encoder.encode_fields(message, *fields))
 
     def _send(self, message: type[Any], *fields: Any) -> None:
         self._outbox.append(self._encoder.encode_fields(message, *fields))
