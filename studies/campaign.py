@@ -181,7 +181,7 @@ class _Stages:
     """Wall times (ns) of the companion's stages during a flight."""
 
     def __init__(self, joined: Joined) -> None:
-        pipeline = joined.planner.outlook
+        pipeline = joined.planner.pipeline
         local_map, planner = pipeline.local_map, pipeline.planner
         self._map = [_timed(local_map, "add"), _timed(local_map, "look")]
         self._way = [] if planner is None else [_timed(planner, "path"), _timed(planner, "blocked")]
@@ -408,7 +408,7 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
 
 def _draw_map(axes: Any, joined: Joined) -> None:
     """Draw the companion's map at the end; grey is free."""
-    view = joined.planner.outlook.local_map.view
+    view = joined.planner.pipeline.local_map.view
     if view is None:
         return
     from matplotlib.colors import ListedColormap

@@ -27,7 +27,7 @@ from protocol.flightlog import LogReader
 
 _RING = "/OBSTACLE_DISTANCE"
 _RINGS = 64
-"""The latest, of which a question is about one."""
+"""The latest, of which a request is about one."""
 _WORTH_IT = 2_000_000
 """Bytes of log, some 20 s of flight; for less the process is hardly started."""
 _SLOTS = 16
@@ -36,7 +36,7 @@ _LOOK_S = 1.0
 
 
 class DivergedError(Exception):
-    """The replay asks something else than the flight did, or there are no more answers."""
+    """The replay asks something else than the flight did, or there are no more results."""
 
 
 def worth_it(log: LogReader) -> bool:
@@ -55,9 +55,9 @@ class Ahead:
     def __init__(self, path: Path, settings: Avoidance) -> None:
         # A copy of this process has all that is needed; it would copy the locks that other threads hold, too.
         context: Any = multiprocessing.get_context("fork" if threading.active_count() == 1 else "spawn")
-        self._answers, theirs = mailbox(context, _SLOTS, result_bytes(settings))
+        self._results, theirs = mailbox(context, _SLOTS, result_bytes(settings))
         self._free = context.Semaphore(_SLOTS - 2)
-        ours = self._answers if context.get_start_method() == "fork" else None
+        ours = self._results if context.get_start_method() == "fork" else None
         arguments = (theirs, ours, self._free, os.getpid(), path, settings)
         self._process = context.Process(target=_run, args=arguments, name="courier-ahead", daemon=True)
         self._process.start()
@@ -70,50 +70,50 @@ class Ahead:
         pid: int | None = self._process.pid
         return pid
 
-    def ask(self, question: PlanRequest) -> None:
-        self._open.append(question)
+    def ask(self, request: PlanRequest) -> None:
+        self._open.append(request)
 
     def take(self, patience_s: float) -> PlanResult | None:
         if not self._open:
             return None
-        question = self._open.popleft()
+        request = self._open.popleft()
         try:
-            asked, answer = self._answers.take()
+            asked, result = self._results.take()
         except (EOFError, OSError):
             raise DivergedError from None
         self._free.release()
-        if asked != _identity(question):
+        if asked != _identity(request):
             raise DivergedError
-        result: PlanResult = answer
-        return result
+        made: PlanResult = result
+        return made
 
     def close(self) -> None:
-        self._answers.close()
+        self._results.close()
         self._process.kill()
         self._process.join()
 
 
-def _identity(question: PlanRequest) -> bytes:
+def _identity(request: PlanRequest) -> bytes:
     """All that an answer depends on."""
-    scan = question.scan
+    scan = request.scan
     ring = (scan.bearings_frd, scan.ranges_m, scan.hit, scan.known)
-    return b"".join((pack_request(question), *(values.tobytes() for values in ring)))
+    return b"".join((pack_request(request), *(values.tobytes() for values in ring)))
 
 
 def _run(
-    answers: Outbox,
+    results: Outbox,
     copied: Inbox | None,
     free: Any,
     replay: int,
     path: Path,
     settings: Avoidance,
 ) -> None:
-    """The process: answer what the log asks, up to its end or to a question that it does not tell whole."""
+    """The process: answer what the log asks, up to its end or to a request that it does not tell whole."""
     if copied is not None:  # with this end open here, nobody would notice that the replay's is closed
         copied.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the replay ends, and ends this
-    with contextlib.suppress(Exception), contextlib.closing(answers):  # what is wrong with the log the replay says
-        outlook, log = PlanningPipeline(settings, answers.empty), LogReader(path)
+    with contextlib.suppress(Exception), contextlib.closing(results):  # what is wrong with the log the replay says
+        pipeline, log = PlanningPipeline(settings, results.empty), LogReader(path)
         kinds = {topic: kind for topic, kind in log.topics.items() if topic.endswith(_RING)}
         rings: OrderedDict[tuple[int, int], Scan] = OrderedDict()
         for record in log.records((*kinds, ASKED.topic)):
@@ -125,17 +125,17 @@ def _run(
                 while len(rings) > _RINGS:
                     rings.popitem(last=False)
                 continue
-            question = _question(ASKED.unpack(record.data), rings)
-            if question is None:
+            request = _request(ASKED.unpack(record.data), rings)
+            if request is None:
                 return
             while not free.acquire(timeout=_LOOK_S):
                 if os.getppid() != replay:  # it was killed
                     return
-            answers.put((_identity(question), outlook.answer(question)))
+            results.put((_identity(request), pipeline.answer(request)))
 
 
-def _question(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) -> PlanRequest | None:
-    """The question of a record; None if its ring is not there."""
+def _request(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) -> PlanRequest | None:
+    """The request of a record; None if its ring is not there."""
     scan = rings.get((asked["ring_ns"], asked["ring_boot_us"]))
     if scan is None:
         return None

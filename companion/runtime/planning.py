@@ -55,14 +55,14 @@ class InProcessPlanner:
     fault: str | None = None
 
     def __init__(self, settings: Avoidance) -> None:
-        self.outlook = PlanningPipeline(settings)
+        self.pipeline = PlanningPipeline(settings)
         self._requests: deque[PlanRequest] = deque()
 
     def ask(self, request: PlanRequest) -> None:
         self._requests.append(request)
 
     def take(self, patience_s: float) -> PlanResult | None:
-        return self.outlook.answer(self._requests.popleft()) if self._requests else None
+        return self.pipeline.answer(self._requests.popleft()) if self._requests else None
 
     def close(self) -> None:
         """Nothing to give back."""
@@ -74,18 +74,18 @@ class PlannerProcess:
     def __init__(self, settings: Avoidance) -> None:
         context = multiprocessing.get_context("spawn")
         asked, self._requests = context.Pipe(duplex=False)
-        self._answers, answered = mailbox(context, _MOST_UNANSWERED + 2, result_bytes(settings))
+        self._results, answered = mailbox(context, _MOST_UNANSWERED + 2, result_bytes(settings))
         arguments = (asked, answered, settings)
         self._process = context.Process(target=_think, args=arguments, name="courier-planner", daemon=True)
         self._process.start()
         asked.close()
         answered.close()
         self._poll = select.poll()
-        self._poll.register(self._answers.fileno(), select.POLLIN | select.POLLHUP)
+        self._poll.register(self._results.fileno(), select.POLLIN | select.POLLHUP)
         self._unanswered = 0
         self._fault: str | None = None
         try:
-            self._answers.take()  # it is ready
+            self._results.take()  # it is ready
         except (EOFError, OSError):
             self._fault = _ENDED
             self._process.join(_PATIENCE_S)
@@ -118,31 +118,31 @@ class PlannerProcess:
         if self._fault is not None or not self._unanswered or not self._poll.poll(1e3 * patience_s):
             return None
         try:
-            answer: PlanResult = self._answers.take()
+            result: PlanResult = self._results.take()
         except (EOFError, OSError):
             self._fault = _ENDED
             return None
         self._unanswered -= 1
-        return answer
+        return result
 
     def close(self) -> None:
         self._requests.close()
-        self._answers.close()
+        self._results.close()
         self._process.join(_PATIENCE_S)
         if self._process.is_alive():
             self._process.kill()
 
 
-def _think(requests: "Connection", answers: Outbox, settings: Avoidance) -> None:
+def _think(requests: "Connection", results: Outbox, settings: Avoidance) -> None:
     """The process: answer until the other side is gone."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     rehearse(settings)
-    outlook = PlanningPipeline(settings, answers.empty)
+    pipeline = PlanningPipeline(settings, results.empty)
     with contextlib.suppress(EOFError, OSError):
-        answers.put(None)
+        results.put(None)
         while True:
-            answers.put(outlook.answer(requests.recv()))
+            results.put(pipeline.answer(requests.recv()))
 
 
 def rehearse(settings: Avoidance) -> None:
@@ -150,7 +150,7 @@ def rehearse(settings: Avoidance) -> None:
     bearings = np.radians(np.arange(0.0, 360.0, 5.0))
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     for method in methods_in_use(settings.method):
-        outlook = PlanningPipeline(msgspec.structs.replace(settings, method=method))
+        pipeline = PlanningPipeline(msgspec.structs.replace(settings, method=method))
         for k in range(16):
             time_ns = k * 66_000_000
             ranges = np.full(72, 15.0)
@@ -159,7 +159,7 @@ def rehearse(settings: Avoidance) -> None:
             scan = Scan(time_ns, time_ns // 1000, bearings, ranges, (ranges < 15.0) & known, known)
             here = np.array([0.1 * k, 0.0, -3.0])
             goal, velocity = 20.0 * here, np.array([1.5, 0.0, 0.0])
-            outlook.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, 3.0))
+            pipeline.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, 3.0))
 
 
 class Planning:

@@ -106,9 +106,9 @@ def test_a_chunk_costs_little_memory_for_the_rest_of_the_flight(tmp_path: Path) 
 def test_chunks_grow_to_their_age(start: Opener) -> None:
     began = time.monotonic_ns()
     log = start()
-    for number in range(100):  # spread over many polls; on a slower machine there is time for more chunks
+    for number in range(100):  # each in a poll of its own; on a slower machine there is time for more chunks
         count(log, range(number, number + 1))
-        time.sleep(0.003)
+        until(functools.partial(is_written, log, number + 1))
     with log.path.open("rb") as file:  # as it is in flight
         log.close()
         most = (time.monotonic_ns() - began) // CHUNK_AGE_NS + 2
