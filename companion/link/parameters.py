@@ -12,6 +12,8 @@ Question = tuple[str, ...]
 
 _AT_ONCE = 5
 """Questions that wait for an answer; ArduPilot has room for so many."""
+_DIGITS = 7
+"""That a float of 32 bits has: 0.3 is read as 0.3."""
 _INTEGERS = {
     dialect.MAV_PARAM_TYPE_UINT8: "<B",
     dialect.MAV_PARAM_TYPE_INT8: "<b",
@@ -31,9 +33,11 @@ def value_of(message: Any, *, bytewise: bool) -> float | None:
         if bytewise:
             integer = _INTEGERS[message.param_type]
             return float(struct.unpack_from(integer, struct.pack("<f", message.param_value))[0])
-    elif message.param_type != dialect.MAV_PARAM_TYPE_REAL32:
+        value = float(message.param_value)
+    elif message.param_type == dialect.MAV_PARAM_TYPE_REAL32:
+        value = float(f"{message.param_value:.{_DIGITS}g}")
+    else:
         return None
-    value: float = message.param_value
     return value if math.isfinite(value) else None
 
 
