@@ -26,16 +26,15 @@ from protocol.vehicle_parameters import VehicleParameters
 class Autopilot:
     """One flight of one mission."""
 
-    def __init__(self, settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
-        self.settings = settings
-        self.body = body
+    def __init__(self, settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
+        self.settings, self.body = settings, body
         self.supervisor = Supervisor(settings.supervision)
         self.link = VehicleLink(settings, output)
         self.sensing = Sensing(needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
         self.navigator = Navigator(settings, mission, self.guidance.durations)
-        self.controller = Controller(settings, body, output)
+        self.controller = Controller(settings, body, self.link.readiness.output)
         self.own = OwnReport(settings.supervision)
         self._plan: PlanResult | None = None
         self._said: list[Announcement] = []
@@ -146,7 +145,7 @@ class Autopilot:
 
     def _supervise(self, now: int) -> None:
         supervisor, state = self.supervisor, self.supervisor.state
-        self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK)
+        self._say(*self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK))
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
         mission = self.navigator.report(now, flying=state is State.FLY)
@@ -162,6 +161,8 @@ class Autopilot:
         """What happens when a state is left and another one is entered."""
         if old is State.FLY:
             self.guidance.halt(now)
+        elif old is State.CHECK:
+            self.controller.use(self.link.readiness.output)
         if new is State.RELINQUISHED:
             self.navigator.pause(now)
         elif old is State.RELINQUISHED and new is State.HOLD:

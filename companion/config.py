@@ -429,7 +429,8 @@ class Supervision(Table, frozen=True):
     silence_timeout: Positive = 4.0
     """Nothing heard at all for so long: there is no vehicle any more."""
     find_timeout: Positive = 10.0
-    ready_timeout: Positive = 30.0
+    ready_timeout: Positive = 90.0
+    """ArduPilot's estimator has a position some 42 s after power-on."""
     stream_before_engaging: Positive = 1.2
     command_interval: Positive = 0.5
     command_tries: Annotated[int, msgspec.Meta(ge=1)] = 6

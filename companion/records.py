@@ -133,5 +133,22 @@ LEGACY_REQUEST = record_type("/companion/requests", "courier/Request", [("what",
 LOOP = record_type("/companion/loop", "courier/Loop", [("worst_ns", "uint32"), ("latency_ns", "uint32[]")])
 """Wall time from the receipt of a datagram with a new attitude to the command's departure, for those of a tenth of a
 second: how the machine did, not an event."""
-RECORD_TYPES = (LOGGED, TICK, OPERATION, ASKED, PLANNED, LOOP)
+AUDIT = record_type(
+    "/companion/audit",
+    "courier/Audit",
+    [
+        ("parameter", "string"),
+        ("value", "float64"),
+        ("wanted", "string"),
+        ("why", "string"),
+        ("safety", "uint8"),
+    ],
+    {
+        "value": "NaN: the vehicle does not have it, or does not say it",
+        "safety": "0 safe, 1 unsafe, 2 refused",
+    },
+)
+"""A parameter of the vehicle as it was read before the flight, and how it was judged. No event: the vehicle's answers
+are in its datagrams."""
+RECORD_TYPES = (LOGGED, TICK, OPERATION, ASKED, PLANNED, LOOP, AUDIT)
 """All that a flight writes."""

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from companion.state import Scan, VehicleStatus
+from companion.state import Safety, Scan, VehicleStatus
 from protocol.arrays import Array
 
 
@@ -33,6 +33,30 @@ class Rebooted(msgspec.Struct, frozen=True, gc=False):
 Report = AttitudeReport | RepeatedAttitude | PositionReport | Scan | Rebooted
 
 
+class Finding(msgspec.Struct, frozen=True, gc=False):
+    """A parameter of the vehicle as it is, and as it should be."""
+
+    parameter: str
+    value: float | None
+    """None: the vehicle does not have it, or does not say it."""
+    wanted: str
+    why: str
+    safety: Safety
+
+
+class VehicleSettings(msgspec.Struct, frozen=True, gc=False):
+    """What the vehicle's parameters say of how it flies setpoints. None for what is not known."""
+
+    setpoint_hold: float | None = None
+    """s that the last setpoint is followed when no more come."""
+    hover_thrust: float | None = None
+    """0..1 of full thrust."""
+    max_tilt: float | None = None
+    """rad; of the vehicle's own modes."""
+    angle_boost: bool = False
+    """The vehicle divides thrust by the cosine of its tilt."""
+
+
 class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """What the link knows of the vehicle at one moment. Ages in s, infinite for what never came."""
 
@@ -49,10 +73,14 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """What the vehicle warned of just now, to stand behind a sentence; empty if nothing."""
     exhausted: str | None = None
     """The request that was repeated as often as allowed, and its answer."""
+    refusal: str | None = None
+    """Why this vehicle is not flown, whatever one waits for: version, output, parameters. None in flight."""
     shortcoming: str | None = None
-    """What the link lacks before a flight: version, support of the output, message rates. None in flight."""
+    """What the link lacks before a flight: version, parameters, message rates. None in flight."""
     prearm_ok: bool = True
     """False: the vehicle says that its own arming checks fail."""
+    failed_check: str = ""
+    """Which, to stand behind a sentence; empty if it does not say."""
 
 
 class CommandReport(msgspec.Struct, frozen=True, gc=False):

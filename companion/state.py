@@ -159,6 +159,16 @@ class Reason(IntEnum):
     """Nothing was seen for too long."""
 
 
+class Safety(IntEnum):
+    """What a parameter of the vehicle means for a flight. The numbers go into the log."""
+
+    SAFE = 0
+    UNSAFE = 1
+    """Flown, with a warning."""
+    REFUSED = 2
+    """Not flown."""
+
+
 class Severity(IntEnum):
     """MAV_SEVERITY."""
 

@@ -101,7 +101,7 @@ class Vehicle:
         lidar = Lidar(airframe.lidar, lidar_rng)
         self.telemetry = Telemetry(self._encoder, airframe, self._scene, lidar, self.flight, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
-        self._services = Services(self._encoder, self.flight, self.telemetry, world.origin, self._release)
+        self._services = Services(self._encoder, airframe, self.flight, self.telemetry, world.origin, self._release)
         self._released_at_ned: Vector | None = None
         self._clearance = ClearanceMonitor(airframe.hull.radius_m)
 
@@ -239,6 +239,8 @@ def warm_up(airframe: Airframe, world: World) -> None:
         dialect.MAVLink_set_attitude_target_message(0, 0, 0, 7, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_set_attitude_target_message(0, 0, 0, 128, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_set_actuator_control_target_message(0, 0, 0, 0, [0.0] * 8),
+        dialect.MAVLink_param_request_read_message(0, 0, b"", 0),
+        dialect.MAVLink_param_request_read_message(0, 0, b"", -1),
         dialect.MAVLink_command_long_message(0, 0, dialect.MAV_CMD_NAV_LAND, 0, *(0.0,) * 7),
         dialect.MAVLink_command_int_message(0, 0, 0, dialect.MAV_CMD_NAV_LAND, 0, 0, *(0.0,) * 4, 0, 0, 0.0),
     ):

@@ -14,11 +14,21 @@ from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_
 
 if TYPE_CHECKING:
     from companion.runtime.flight import Pace, Plan
+    from companion.state import Output
 
 MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
 OutputName = Annotated[
-    str, typer.Option("--output", help="The lowest layer commanded: attitude, rates or actuators (torques).")
+    str,
+    typer.Option(
+        "--output",
+        help="The lowest layer commanded: attitude, rates or actuators (torques). auto: rates where the vehicle drops "
+        "the last setpoint within 0.3 s when the companion dies (COM_OF_LOSS_T, GUID_TIMEOUT), attitude elsewhere.",
+    ),
 ]
+ConnectUrl = Annotated[
+    str, typer.Option("--connect", help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD.")
+]
+DEFAULT_URL = "udpin:127.0.0.1:14540"
 PaceName = Annotated[
     str, typer.Option("--pace", help="realtime, lockstep (as fast as it goes, repeatable), or a factor such as 4.")
 ]
@@ -78,11 +88,8 @@ class FlyOptions:
     """What `companion fly` is asked for."""
 
     mission: MissionName
-    connect: Annotated[
-        str,
-        typer.Option(help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD."),
-    ] = "udpin:127.0.0.1:14540"
-    output: OutputName = "rates"
+    connect: ConnectUrl = DEFAULT_URL
+    output: OutputName = "auto"
     pace: PaceName = "realtime"
     avoid: MethodName = None
     log: LogFolder = Path("logs")
@@ -154,7 +161,6 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
     from companion.runtime.demo import SIMULATOR_FILES
     from companion.runtime.files import load_body, load_mission, load_settings
     from companion.runtime.flight import Plan, PlanError, check
-    from companion.state import Output
     from protocol import toml_files as toml_files
 
     overrides = list(asked.overrides or ())
@@ -170,15 +176,25 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
         "vehicle": toml_files.find("vehicles", mission.vehicle),
         "world": toml_files.find("worlds", mission.world),
     }
-    try:
-        output = Output(asked.output)
-    except ValueError:
-        *names, last = (each.value for each in Output)
-        raise PlanError(f"--output {asked.output}: there are {', '.join(names)} and {last}") from None
+    output = output_of(asked.output)
     body = load_body(mission.vehicle)
     plan = Plan(settings, body, mission, output, _pace(asked.pace), files, seed, tuple(overrides))
     check(plan)
     return plan
+
+
+def output_of(text: str) -> "Output | None":
+    """None: chosen once the vehicle is known. Raises PlanError."""
+    from companion.runtime.flight import AUTO, PlanError
+    from companion.state import Output
+
+    if text == AUTO:
+        return None
+    try:
+        return Output(text)
+    except ValueError:
+        names = ", ".join(each.value for each in Output)
+        raise PlanError(f"--output {text}: there are {names} and {AUTO}") from None
 
 
 def _pace(text: str) -> "Pace":

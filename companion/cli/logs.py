@@ -163,6 +163,7 @@ def _info_table(found: "Info") -> dict[str, Any]:
         "problem": found.problem,
         "flight": found.flight,
         "result": found.result,
+        "vehicle": found.vehicle,
         "attachments": found.attachments,
         "topics": found.topics,
     }
@@ -180,6 +181,7 @@ def _show_info(found: "Info") -> None:
         ("duration", f"{found.duration_s:.3f} s"),
         *((name.replace("_", " "), value) for name, value in found.flight.items() if value),
         *((name.replace("_", " "), value) for name, value in found.result.items() if _is_worth_saying(name, value)),
+        *((f"vehicle's {name}", value) for name, value in found.vehicle.items() if value),
         *((name, f"{size} bytes") for name, size in found.attachments.items()),
     ]
     _table(None, head)

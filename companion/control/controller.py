@@ -16,7 +16,7 @@ from companion.config import Settings
 from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust
 from companion.control.parameters import PARAMETERS, controller_parameters
 from companion.control.tracking_error import TrackingError
-from companion.outputs import TurningInput
+from companion.outputs import OUTPUTS, TurningInput
 from companion.records import CONTROL_FIELDS
 from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol.arrays import Array, Vector
@@ -83,6 +83,10 @@ class Controller:
         self._half_period_ns = int(self._parameters["half_period_ns"][0])
         self._lag_ns = round(body.rotor_time_constant_s * 1e9) if settings.control.prediction.enabled else 0
         self.reset()
+
+    def use(self, output: Output) -> None:
+        """Command this output from now on."""
+        self._parameters["turning_input"] = OUTPUTS[output].turning_input
 
     def reset(self) -> None:
         """Forget the flight so far: nothing is flown."""

@@ -2,10 +2,12 @@
 asked for again."""
 
 from collections import deque
+from collections.abc import Mapping
 
 from protocol.messages import dialect
 
 _WINDOW_NS = 1_000_000_000
+_WELCOME_ASKS = 3
 
 
 class MessageRates:
@@ -19,6 +21,22 @@ class MessageRates:
         }
         self._ever: set[int] = set()
         """Messages whose arrivals were dropped, since they are older than the window."""
+        self._welcome: dict[int, float] = {}
+        self._asks_left: dict[int, int] = {}
+
+    def welcome(self, rates: Mapping[int, float]) -> None:
+        """Rates by message, of what is good to have: it is never lacking, and asked for a few times only."""
+        for message_id, rate in rates.items():
+            if message_id not in self.wanted:
+                self._welcome[message_id], self._asks_left[message_id] = rate, _WELCOME_ASKS
+                self._arrivals[message_id] = deque(maxlen=1)
+
+    def unheard(self) -> list[int]:
+        """What is good to have, never came, and is worth asking for once more."""
+        unheard = [each for each, left in self._asks_left.items() if left > 0 and not self._arrivals[each]]
+        for each in unheard:
+            self._asks_left[each] -= 1
+        return unheard
 
     def count(self, message_id: int, now_ns: int) -> None:
         """One has arrived."""
@@ -48,7 +66,7 @@ class MessageRates:
 
     def interval_us(self, message_id: int) -> float:
         """What SET_MESSAGE_INTERVAL takes."""
-        return 1e6 / self.wanted[message_id]
+        return 1e6 / (self.wanted.get(message_id) or self._welcome[message_id])
 
     def describe(self, message_id: int, now_ns: int) -> str:
         """In words, with the likely cause."""

@@ -14,6 +14,7 @@ from companion.link import wire
 from companion.link.firmware import firmware_of
 from companion.link.firmware.firmware import Firmware
 from companion.link.message_rates import MessageRates
+from companion.link.readiness import Readiness
 from companion.link.requests import Requests
 from companion.link.sector_scans import SectorScans
 from companion.outputs import OUTPUTS
@@ -36,8 +37,6 @@ _SECOND_NS = 1_000_000_000
 _REFUSALS_TOLERATED = 3
 _REFUSALS_NS = _SECOND_NS // 2
 """So many refusals within this time are a fault."""
-_COMPLAINT_NS = 5 * _SECOND_NS
-"""A warning of the vehicle explains what happens within this time after it."""
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 _OBSTACLE_DISTANCE = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
@@ -66,32 +65,29 @@ class Traffic:
 class VehicleLink:
     """The first vehicle that is heard with a known firmware, and all that is said to it and by it."""
 
-    def __init__(self, settings: Settings, output: Output) -> None:
+    def __init__(self, settings: Settings, output: Output | None) -> None:
+        """`output`: None for whichever the vehicle is flown more safely on."""
         self.vehicle: tuple[int, int] | None = None
         """(system, component), once one was found."""
         self.peer: Peer | None = None
         self.firmware: Firmware | None = None
+        self.readiness = Readiness(settings, output)
         self.status = VehicleStatus(FlightMode.OTHER, False, False)
         self.on_ground = False
         """The vehicle says that it stands on the ground."""
         self.refused_messages = 0
         self.framer = Framer()
         self._settings = settings
-        self._output = output
-        self._encode_setpoint = OUTPUTS[output].encode
+        self._encode_setpoint = OUTPUTS[self.readiness.output].encode
         self._longest_age_ns = round(settings.control.prediction.longest * 1e9)
         self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
         self._requests = Requests(settings.supervision)
         self._rates = MessageRates(_needed(settings), settings.rates.least_share)
-        self._version: int | None = None
-        self._prearm_ok = True
         self._sectors = SectorScans()
         self._whole_scans = False
         """A scan has come as one OBSTACLE_DISTANCE: DISTANCE_SENSORs are not needed."""
         self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
         self._refusal = ""
-        self._complaint = 0, ""
-        """When the vehicle warned of something last (ns), and the text."""
         self._next_beat_ns = 0
         self._outbox: list[bytes] = []
         handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
@@ -102,11 +98,14 @@ class VehicleLink:
             dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
-            dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
-            dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
+            dialect.MAVLINK_MSG_ID_SYS_STATUS: self.readiness.on_sys_status,
+            dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.readiness.on_estimator,
+            dialect.MAVLINK_MSG_ID_PARAM_VALUE: self.readiness.on_parameter,
+            dialect.MAVLINK_MSG_ID_PARAM_ERROR: self.readiness.on_parameter_error,
+            dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.readiness.on_version,
             dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
-            dialect.MAVLINK_MSG_ID_STATUSTEXT: self._on_statustext,
+            dialect.MAVLINK_MSG_ID_STATUSTEXT: self.readiness.on_statustext,
         }
         self._handlers = {message_id: (decoder_of(message_id), handler) for message_id, handler in handlers.items()}
 
@@ -134,6 +133,8 @@ class VehicleLink:
             message = decoder(frame)
             if message_id == _ATTITUDE_QUATERNION and peer.observe_boot_time(message.time_boot_ms, now_ns):
                 reports += Rebooted(), self._complain(Severity.ERROR, "the vehicle rebooted")
+                if not self.status.armed:
+                    self._begin_audit()
             try:
                 report = handler(message, now_ns)
             except wire.RefusedError as refused:
@@ -158,7 +159,13 @@ class VehicleLink:
         self.firmware = self._requests.firmware = firmware
         identity = self._settings.identity
         self._encoder = Encoder(identity.system or frame.system, identity.component)
+        self._rates.welcome({**_WELCOME, **firmware.telemetry})
+        self._begin_audit()
         return self.peer
+
+    def _begin_audit(self) -> None:
+        assert self.firmware is not None
+        self.readiness.begin(self.firmware, self._encoder.system)
 
     def _complain(self, severity: Severity, text: str) -> Announcement:
         announcement = Announcement(severity, text)
@@ -199,14 +206,6 @@ class VehicleLink:
     def _on_extended_state(self, message: Any, now_ns: int) -> None:
         self.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
 
-    def _on_sys_status(self, message: Any, now_ns: int) -> None:
-        bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
-        if message.onboard_control_sensors_present & bit:
-            self._prearm_ok = bool(message.onboard_control_sensors_health & bit)
-
-    def _on_version(self, message: Any, now_ns: int) -> None:
-        self._version = message.flight_sw_version
-
     def _on_ack(self, message: Any, now_ns: int) -> None:
         system, component = self._encoder.system, self._encoder.component
         if message.target_system in (0, system) and message.target_component in (0, component):
@@ -219,12 +218,6 @@ class VehicleLink:
             self._send(dialect.MAVLink_timesync_message, max(now_ns, 1), message.ts1)
         else:
             self.peer.timesync_reply(message.tc1, message.ts1, now_ns)
-
-    def _on_statustext(self, message: Any, now_ns: int) -> Announcement:
-        text = wire.vehicle_text(message)
-        if message.severity <= Severity.WARNING:
-            self._complaint = now_ns, f" ({text})"
-        return Announcement(Severity(min(message.severity, 6)), f"vehicle: {text}")
 
     @property
     def traffic(self) -> Traffic:
@@ -255,19 +248,19 @@ class VehicleLink:
             silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusal if repeated else None,
-            complaint=self._complaint[1] if now_ns - self._complaint[0] < _COMPLAINT_NS else "",
+            complaint=self.readiness.complaint(now_ns),
             exhausted=self._requests.exhausted(wanted, now_ns),
+            refusal=self.readiness.refusal if before_flight else None,
             shortcoming=self._shortcoming(now_ns) if before_flight else None,
-            prearm_ok=self._prearm_ok,
+            prearm_ok=self.readiness.prearm_ok,
+            failed_check=self.readiness.failed_check(now_ns) if before_flight else "",
         )
 
     def _shortcoming(self, now_ns: int) -> str | None:
         """The first thing that the link lacks for a flight."""
-        if self._version is None or self.firmware is None:
-            return "the vehicle does not say its version (AUTOPILOT_VERSION)"
-        refusal = self.firmware.refusal(self._output, self._version)
-        if refusal is not None:
-            return refusal
+        shortcoming = self.readiness.shortcoming(now_ns)
+        if shortcoming is not None:
+            return shortcoming
         lacking = self._rates.lacking(now_ns)
         return f"telemetry too slow: {self._rates.describe(lacking[0], now_ns)}" if lacking else None
 
@@ -275,7 +268,7 @@ class VehicleLink:
 
     def request(self, wanted: VehicleRequest | None, now_ns: int) -> None:
         """Ask the vehicle for something, and again in intervals; to be called again and again while it is wanted."""
-        if wanted is None or (wanted is VehicleRequest.VERSION and self._version is not None):
+        if wanted is None or (wanted is VehicleRequest.VERSION and self.readiness.version is not None):
             return
         assert self.vehicle is not None
         message = self._requests.ask(wanted, now_ns, self.vehicle)
@@ -290,11 +283,27 @@ class VehicleLink:
         """The mode that was asked for is not wanted any more."""
         self._requests.forget_mode()
 
-    def beat(self, now_ns: int, *, asks_rates: bool) -> None:
+    def beat(self, now_ns: int, *, asks_rates: bool) -> list[Announcement]:
         """Once a second: the heartbeat, the question for the vehicle's clock and, if `asks_rates`, requests for the
-        messages that come too slowly."""
-        if now_ns < self._next_beat_ns:
-            return
+        messages that come too slowly. Whenever it is called: the vehicle's parameters, until they are known; what is to
+        be said of them."""
+        said = self._go_on_with_audit(now_ns)
+        if now_ns >= self._next_beat_ns:
+            self._beat_now(now_ns, asks_rates=asks_rates)
+        return said
+
+    def _go_on_with_audit(self, now_ns: int) -> list[Announcement]:
+        audit = self.readiness.audit
+        if audit is None or audit.done:
+            return []
+        assert self.vehicle is not None
+        names, said = audit.go_on(now_ns)
+        for name in names:
+            self._send(dialect.MAVLink_param_request_read_message, *self.vehicle, name.encode(), -1)
+        self._encode_setpoint = OUTPUTS[audit.output].encode
+        return said
+
+    def _beat_now(self, now_ns: int, *, asks_rates: bool) -> None:
         self._next_beat_ns = now_ns + _SECOND_NS
         self._send(
             dialect.MAVLink_heartbeat_message,
@@ -310,6 +319,8 @@ class VehicleLink:
         self._send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
         if not asks_rates:
             return
+        for message_id in self._rates.unheard():
+            self._request_interval(message_id, self._rates.interval_us(message_id))
         lacking = self._rates.lacking(now_ns)
         for message_id in lacking:
             self._request_interval(message_id, self._rates.interval_us(message_id))
@@ -349,6 +360,14 @@ class VehicleLink:
         datagram = b"".join(self._outbox)
         self._outbox.clear()
         return datagram
+
+
+_WELCOME = {
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
+    dialect.MAVLINK_MSG_ID_VIBRATION: 0.5,
+}
+"""Rates (Hz) by message, of what is good to have of any vehicle."""
 
 
 def _needed(settings: Settings) -> dict[int, float]:

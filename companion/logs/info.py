@@ -34,6 +34,8 @@ class Info:
     """How it was flown: mission, output, pace, seed, versions."""
     result: dict[str, str] = field(default_factory=dict)
     """How it ended; empty if the flight was cut off."""
+    vehicle: dict[str, str] = field(default_factory=dict)
+    """Firmware, version and parameters of the vehicle; empty if the flight was cut off."""
     attachments: dict[str, int] = field(default_factory=dict)
     """Sizes (bytes) of the files in it."""
 
@@ -87,6 +89,7 @@ def _flight_info(path: Path, metadata: dict[str, dict[str, str]], span_ns: tuple
         duration_s=(last_ns - first_ns) * 1e-9,
         flight=flight,
         result=metadata.get("result", {}),
+        vehicle=metadata.get("vehicle", {}),
         **rest,
     )
 

@@ -14,7 +14,7 @@ from companion.config import Log, Settings
 from companion.mission.plan import Mission
 from companion.renamed_settings import RENAMED_SETTINGS
 from companion.runtime.files import load_settings, recorded_settings
-from companion.runtime.flight import git_hash
+from companion.runtime.flight import AUTO, git_hash
 from companion.state import Output
 from protocol import toml_files as toml_files
 from protocol.flightlog import FlightLogError, LogReader
@@ -33,7 +33,8 @@ class Recorded:
     """Hz, as it was flown."""
     body: VehicleParameters
     mission: Mission
-    output: Output
+    output: Output | None
+    """None: what the vehicle's parameters say, as in flight."""
     lockstep: bool
     whole_datagrams: bool
 
@@ -64,7 +65,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         chosen = recorded_settings(tables, f"{path}, settings.json", changes[""])
     flown_with = toml_files.by_first_word(flown_overrides(log), ("mission",))
     try:
-        output = Output(flight["output"])
+        output = None if flight["output"] == AUTO else Output(flight["output"])
     except (KeyError, ValueError):
         raise FlightLogError(f"{path}: no flight of this companion, its output is not known") from None
     return Recorded(

@@ -33,6 +33,8 @@ from protocol.vehicle_parameters import VehicleParameters
 Pace = Literal["lockstep"] | float
 """Lockstep, or how many times as fast as real time."""
 
+AUTO = "auto"
+"""The output of a plan that leaves it to the vehicle, in words."""
 LIBRARIES = ("control", "mcap", "numba", "numpy", "pymavlink", "ruckig", "scipy")
 
 
@@ -43,7 +45,8 @@ class Plan:
     settings: Settings
     body: VehicleParameters
     mission: Mission
-    output: Output
+    output: Output | None
+    """None: chosen once the vehicle's parameters are known."""
     pace: Pace
     files: Mapping[str, Path]
     """Mission, vehicle and world, as they were found: attached to the log."""
@@ -62,6 +65,7 @@ class Result:
     fault: str | None
     """What went wrong first; None if nothing did."""
     log: Path
+    output: Output
     simulated_s: float
     """From the first event to the last, on the companion's clock; also where the log does not reach so far."""
     wall_s: float
@@ -130,6 +134,7 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
             landed=fault is None and autopilot.supervisor.state is State.ENDED,
             fault=fault,
             log=log.path,
+            output=autopilot.link.readiness.output,
             simulated_s=runner.flown_s,
             wall_s=time.monotonic() - wall,
             traffic=autopilot.link.traffic,
@@ -137,7 +142,8 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
             records_dropped=log.dropped,
             log_fault=log.fault,
         )
-        log.close({"result": {key: str(value) for key, value in _outcome(result).items()}})
+        tables = {"result": _outcome(result), "vehicle": _vehicle(autopilot)}
+        log.close({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})
     return replace(result, log_fault=log.fault)
 
 
@@ -146,10 +152,25 @@ def _outcome(result: Result) -> dict[str, object]:
         "delivered": result.delivered,
         "landed": result.landed,
         "fault": result.fault or "",
+        "output": result.output.value,
         **asdict(result.traffic),
         "missed_deadlines": result.missed_deadlines,
         "ended_unix_s": time.time(),
     }
+
+
+def _vehicle(autopilot: Autopilot) -> dict[str, object]:
+    """Firmware and parameters of the vehicle that was flown."""
+    firmware, readiness = autopilot.link.firmware, autopilot.link.readiness
+    if firmware is None or readiness.audit is None:
+        return {}
+    values = {each.parameter: "" if each.value is None else f"{each.value:g}" for each in readiness.audit.findings}
+    return {"firmware": firmware.name, "version": version_text(readiness.version), **values}
+
+
+def version_text(version: int | None) -> str:
+    """AUTOPILOT_VERSION.flight_sw_version as people write it."""
+    return "" if version is None else ".".join(str(version >> shift & 0xFF) for shift in (24, 16, 8))
 
 
 def end_table(result: Result, summary: Summary) -> dict[str, object]:
@@ -201,7 +222,7 @@ def new_folder(logs: Path, name: str, began: float) -> Path:
 def _metadata(plan: Plan, began: float) -> dict[str, str]:
     return {
         "mission": plan.mission.name,
-        "output": plan.output.value,
+        "output": AUTO if plan.output is None else plan.output.value,
         "pace": str(plan.pace),
         "seed": "" if plan.seed is None else str(plan.seed),
         "overrides": json.dumps(plan.overrides),

@@ -9,6 +9,8 @@ from companion.autopilot import Autopilot
 from companion.avoidance_methods import methods_in_use
 from companion.config import AvoidanceAltitudeSearch, Settings
 from companion.events import Datagram, Event, Reaction
+from companion.link.audit import LONGEST_HOLD_OF_RATES_S
+from companion.link.firmware.px4 import FIRMWARE as PX4
 from companion.mission.plan import Mission
 from companion.runtime.driver import Driver
 from companion.runtime.planning import InProcessPlanner, Planning
@@ -34,6 +36,9 @@ _REHEARSED_RAMP_S = 0.2
 _REHEARSED_REACH_M = 3.0
 _OFFBOARD, _LANDING, _POSITION = 6 << 16, 4 << 16 | 6 << 24, 3 << 16
 """PX4's custom modes."""
+_HOLDS_S = (1.0, LONGEST_HOLD_OF_RATES_S)
+"""Times that a vehicle may follow the last setpoint: one for each output that may be chosen."""
+_UNKNOWN_PARAMETER, _FLOAT = 0.0, dialect.MAV_PARAM_TYPE_REAL32
 _NO_HASHES = ([0] * 8, [0] * 8, [0] * 8)
 
 
@@ -41,14 +46,16 @@ class RehearsalError(Exception):
     """The autopilot does not get through its own mission on perfect telemetry."""
 
 
-def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
-    """Fly a vehicle that is always where it should be. Raises RehearsalError if that does not lead to the end."""
-    for method in methods_in_use(settings.avoidance.method):
-        avoidance = msgspec.structs.replace(settings.avoidance, method=method)
-        _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output)
+def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
+    """Fly a vehicle that is always where it should be, on each output that may be chosen. Raises RehearsalError if that
+    does not lead to the end."""
+    for hold_s in _HOLDS_S if output is None else _HOLDS_S[:1]:
+        for method in methods_in_use(settings.avoidance.method):
+            avoidance = msgspec.structs.replace(settings.avoidance, method=method)
+            _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output, hold_s)
 
 
-def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
+def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None, hold_s: float) -> None:
     # At the route's altitudes, where the vehicle here is.
     avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
@@ -59,7 +66,7 @@ def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: 
         if reaction.trace is not None:
             thinning.step(event.time_ns, reaction.trace)
 
-    driver, vehicle = Driver(autopilot, planning, after=thin), _CannedVehicle(autopilot)
+    driver, vehicle = Driver(autopilot, planning, after=thin), _CannedVehicle(autopilot, hold_s)
     for tick in range(1, _LONGEST_TICKS):
         driver.handle(Datagram(tick * _TICK_NS, vehicle.telemetry(tick)))
         driver.tick(tick * _TICK_NS)
@@ -73,8 +80,9 @@ def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: 
 class _CannedVehicle:
     """Telemetry of a vehicle that is in the mode and at the place where the autopilot wants it."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
+    def __init__(self, autopilot: Autopilot, hold_s: float) -> None:
         self._autopilot = autopilot
+        self._parameters = {name: _UNKNOWN_PARAMETER for (name, *_) in PX4.parameters} | {PX4.hold_parameter: hold_s}
         self._encoder = Encoder(1, 1)
         self._step, self._step_began = -1, 0
 
@@ -130,6 +138,10 @@ class _CannedVehicle:
                 send(dialect.MAVLink_timesync_message, 0, now),
                 send(dialect.MAVLink_timesync_message, now, now),
                 send(dialect.MAVLink_sys_status_message, *[0] * 13),
+                *(
+                    send(dialect.MAVLink_param_value_message, name.encode(), value, _FLOAT, len(self._parameters), 0)
+                    for name, value in self._parameters.items()
+                ),
                 send(dialect.MAVLink_statustext_message, dialect.MAV_SEVERITY_INFO, b"rehearsal"),
             )
         )

@@ -4,6 +4,7 @@ vehicle's clock."""
 import contextlib
 import gc
 import logging
+import math
 import os
 import signal
 import time
@@ -13,7 +14,8 @@ from types import FrameType
 
 from companion.autopilot import Autopilot
 from companion.events import Datagram, Event, PlanReady, Reaction, Tick, operation_record, tick_record
-from companion.records import ASKED, LOGGED, LOOP, OPERATION, PLANNED, TICK
+from companion.records import ASKED, AUDIT, LOGGED, LOOP, OPERATION, PLANNED, TICK
+from companion.reports import Finding
 from companion.runtime.driver import Driver
 from companion.runtime.planning import Planning, pack_request, pack_result
 from companion.supervision.operations import LandRequest, LogFault, LogRecovered, PlannerFault
@@ -73,6 +75,8 @@ class Runner:
         self._now = 0
         self._checked_log_ns = 0
         self._log_failed = False
+        self._audit: tuple[Finding, ...] = ()
+        """Of the vehicle's parameters, as it is in the log."""
         self._planning_failed = False
         self._thinning = Thinning(autopilot.settings.log.trace_rate)
         self._latencies: list[int] = []
@@ -208,6 +212,7 @@ class Runner:
                 self._log.status(line)
             elif self._console is not None:
                 self._console.status(line)
+        self._record_audit(now)
         answer = b""
         fault = self._planning.fault
         if fault is not None and not self._planning_failed:
@@ -218,6 +223,16 @@ class Runner:
             self._log_failed = fault is not None
             answer += self._driver.handle(LogRecovered(now) if fault is None else LogFault(now, fault))
         return answer
+
+    def _record_audit(self, now: int) -> None:
+        """What is known of the vehicle's parameters goes into the log once it is known."""
+        audit = self._autopilot.link.readiness.audit
+        if audit is None or audit.findings == self._audit:
+            return
+        self._audit = audit.findings
+        for each in self._audit:
+            value = math.nan if each.value is None else each.value
+            self._log.record(AUDIT, now, AUDIT.pack(each.parameter, value, each.wanted, each.why, int(each.safety)))
 
     def _record(self, event: Event) -> None:
         """Each event goes into the log before it is handled."""
@@ -296,6 +311,8 @@ def progress(autopilot: Autopilot, now: int) -> str:
     leg = f"{navigator.step_index + 1}/{len(navigator.steps)}" if navigator.steps else "-"
     doing = f"{autopilot.supervisor.state.name.lower():8} {autopilot.navigator.phase.name.lower():8}"
     head = f"{now * 1e-9:6.1f} s  {doing} step {leg:5}"
+    if autopilot.supervisor.waiting_for is not None:
+        return f"{head} waiting: {autopilot.supervisor.waiting_for}"
     if state is None:
         return head
     north, east, down = state.position_ned.tolist()

@@ -40,6 +40,8 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """By how much the present step of the mission takes longer than it may (s), else 0."""
     reason: str
     """What the vehicle said last that may explain a refusal."""
+    refusal: str | None = None
+    """Why this vehicle is not flown, whatever one waits for."""
 
 
 def health(
@@ -71,6 +73,7 @@ def health(
         landed=link.on_ground,
         overdue=mission.overdue if state is State.FLY else 0.0,
         reason=link.complaint,
+        refusal=link.refusal,
     )
 
 
@@ -85,5 +88,5 @@ def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport) -> str | 
     if not link.on_ground:
         return "the vehicle does not say that it stands on the ground"
     if not link.prearm_ok:
-        return f"the vehicle's own arming checks fail{link.complaint}"
+        return f"the vehicle's own arming checks fail{link.failed_check}"
     return None

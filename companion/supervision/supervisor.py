@@ -21,12 +21,15 @@ class Supervisor:
         """The first fault, in words; None for a flight without."""
         self.due_ns = 0
         """When the health is to be looked at next."""
+        self.waiting_for: str | None = None
+        """What is missing before the flight, in words."""
         self._mode_reached = False
         """The vehicle was in the mode that the present state commands."""
 
     def update(self, health: Health, now_ns: int) -> Announcement | None:
         """Take the first row that fits, if any, and say so."""
         self.due_ns = now_ns + _PERIOD_NS
+        self.waiting_for = health.missing
         if self._since_ns is None:
             self._since_ns = now_ns
         seconds = (now_ns - self._since_ns) * 1e-9

@@ -89,6 +89,9 @@ TABLE: tuple[Row, ...] = (
         "the vehicle is armed already: not taken over",
         fault=True,
     ),
+    _row(
+        State.CHECK, lambda h, s, t: h.refusal is not None, State.ENDED, _E, "not flown: {health.refusal}", fault=True
+    ),
     _row(State.CHECK, lambda h, s, t: h.missing is None, State.STREAM, _I, "ready"),
     _row(
         State.CHECK,

@@ -214,7 +214,7 @@ def _saturation(flight: GatheredFlight) -> list[Finding]:
 def _outputs(flight: GatheredFlight) -> list[Finding]:
     """About thrust and torque commands at the end of their range; the pulses of the motors depend on the vehicle."""
     found = []
-    sent = flight.log.metadata.get("flight", {}).get("output", "actuators")
+    sent = flight.output or "actuators"
     for name, quantity in (("torque", "worst_torque"), ("thrust", "worst_thrust")):
         for key, line in flight.lines.items():
             if not key.startswith(f"trace:{quantity}"):

@@ -138,6 +138,14 @@ class GatheredFlight:
         return max(counts, key=lambda sender: counts[sender], default="")
 
     @property
+    def output(self) -> str:
+        """What was commanded, "auto" if that was left to the vehicle and the log was cut; empty for another's log."""
+        metadata = self.log.metadata
+        asked: str = metadata.get("flight", {}).get("output", "")
+        flown: str = metadata.get("result", {}).get("output", asked)
+        return flown
+
+    @property
     def parameters(self) -> dict[str, float]:
         """The vehicle's parameters as it told them last."""
         return self._parameters.values(self.senders.bytewise)

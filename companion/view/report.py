@@ -58,7 +58,9 @@ def compose(flight: GatheredFlight) -> Page:
     when = started_unix_s(flight.log.metadata) or as_date(flight.start_ns * 1e-9) or 0.0
     return Page(
         title=flown.get("mission", "") or flight.log.path.stem,
-        subtitle=" · ".join(filter(None, (_date(when), *_how(flown), flown.get("source") or str(flight.log.path)))),
+        subtitle=" · ".join(
+            filter(None, (_date(when), *_how(flown, flight.output), flown.get("source") or str(flight.log.path)))
+        ),
         tiles=tiles(flight),
         findings=tuple(findings(flight)),
         events=tuple(events(flight)),
@@ -84,9 +86,9 @@ def time_text(unix_s: float) -> str:
     return np.datetime_as_string(np.datetime64(int(unix_s), "s"), unit="m").replace("T", " ") + " UTC"
 
 
-def _how(flown: dict[str, str]) -> list[str]:
+def _how(flown: dict[str, str], output: str) -> list[str]:
     """Output, pace and seed of a flight in words."""
-    words = [f"output {flown['output']}"] if "output" in flown else []
+    words = [f"output {output}"] if output else []
     if "pace" in flown:
         words.append("real time" if flown["pace"] == "1.0" else flown["pace"])
     return [*words, f"seed {flown['seed']}"] if flown.get("seed") else words

@@ -5,10 +5,12 @@ from typing import Any
 
 from protocol.framing import Frame
 from protocol.messages import Encoder, decode
+from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.services.commands import CommandService, Geodetic
 from vehicle_sim.services.link import LinkService
 from vehicle_sim.services.outbox import Outbox
+from vehicle_sim.services.parameters import ParameterService
 from vehicle_sim.services.setpoints import SetpointService
 from vehicle_sim.services.status_text import StatusTexts
 from vehicle_sim.services.telemetry import Telemetry
@@ -20,6 +22,7 @@ class Services:
     def __init__(
         self,
         encoder: Encoder,
+        airframe: Airframe,
         flight: FlightControl,
         telemetry: Telemetry,
         origin: Geodetic,
@@ -31,6 +34,7 @@ class Services:
         self._handlers: dict[int, Callable[[Any], None]] = {
             **LinkService(flight, self._outbox).handlers,
             **SetpointService(flight).handlers,
+            **ParameterService(airframe, self._outbox).handlers,
             **CommandService(flight, telemetry, self._outbox, origin, release).handlers,
         }
 

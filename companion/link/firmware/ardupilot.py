@@ -1,8 +1,11 @@
-"""ArduPilot: its telemetry is read; it is not flown yet (it takes off by NAV_TAKEOFF and needs GUID_OPTIONS read
-first)."""
+"""ArduPilot's copters. In GUIDED they take off by themselves once an armed vehicle on the ground gets a setpoint with
+thrust, so NAV_TAKEOFF is not needed."""
 
-from companion.link.firmware.firmware import Firmware
-from companion.state import FlightMode, Output
+import math
+
+from companion.link.firmware.firmware import Firmware, Judge, Terms, Values, first_known, within
+from companion.reports import Finding, VehicleSettings
+from companion.state import FlightMode, Output, Safety
 from protocol.messages import dialect
 
 _MODES = {
@@ -18,6 +21,13 @@ _MODES = {
 }
 _COMMANDS = {FlightMode.EXTERNAL: 4, FlightMode.HOLD: 17, FlightMode.RETURN: 6, FlightMode.LAND: 9}
 
+_HOLD_LIMIT_S = 1.0
+_THRUST_AS_THRUST = 8
+"""Bit 3 of GUID_OPTIONS."""
+_GCS_SYSTEM = ("MAV_GCS_SYSID", "SYSID_MYGCS")
+_ANGLE_MAX = ("ATC_ANGLE_MAX", "ANGLE_MAX")
+"""Since 4.7, in deg; before, in 0.01 deg."""
+
 
 def _mode_of(custom_mode: int) -> FlightMode:
     return _MODES.get(custom_mode, FlightMode.OTHER)
@@ -28,7 +38,83 @@ def _mode_command(mode: FlightMode) -> tuple[float, float, float]:
 
 
 def _refusal(output: Output, version: int) -> str | None:
-    return f"ArduPilot vehicles can be listened to but not flown yet (output {output.value})"
+    if output is not Output.ACTUATORS:
+        return None
+    return "ArduPilot has never followed SET_ACTUATOR_CONTROL_TARGET: use --output attitude or rates"
 
 
-FIRMWARE = Firmware("ArduPilot", dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, _mode_of, _mode_command, _refusal)
+def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
+    """Sources: ArduPilot's parameter reference and the source of its guided mode (4.7), and flights in which the
+    companion was stopped."""
+    judge, gcs, angle = Judge(values), first_known(_GCS_SYSTEM, values), first_known(_ANGLE_MAX, values)
+    watches = values.get("FS_GCS_ENABLE", 0.0) > 0.0
+    return (
+        judge(
+            "GUID_OPTIONS",
+            "bit 3 (8) set",
+            "without it thrust is taken as a climb rate",
+            lambda value: bool(round(value) & _THRUST_AS_THRUST),
+            Safety.REFUSED,
+        ),
+        judge(
+            "GUID_TIMEOUT",
+            f"at most {_HOLD_LIMIT_S:g} s",
+            "so long the last setpoint is followed when no more come; then the vehicle levels and drifts",
+            lambda value: 0.0 < value <= _HOLD_LIMIT_S,
+        ),
+        judge(
+            "FS_GCS_ENABLE",
+            "5 (land), or another action",
+            "0: nobody lands the vehicle when the companion is gone",
+            lambda value: value > 0.0,
+        ),
+        judge(
+            gcs,
+            f"{terms.system}, the companion's system",
+            "whose heartbeats FS_GCS_ENABLE watches; or set identity.system"
+            if watches
+            else "does nothing (FS_GCS_ENABLE)",
+            lambda value: not watches or round(value) == terms.system,
+        ),
+        judge("ATC_ANGLE_BOOST", "", "1: the vehicle divides thrust by the cosine of its tilt, which is allowed for"),
+        judge(
+            angle,
+            "",
+            f"{'deg' if angle == _ANGLE_MAX[0] else '0.01 deg'}; limits the vehicle's own modes, not the companion's "
+            "setpoints",
+        ),
+        judge("MOT_THST_HOVER", "", "the vehicle's own idea of its hover thrust"),
+    )
+
+
+def _settings(values: Values) -> VehicleSettings:
+    tilt_deg = values.get("ATC_ANGLE_MAX", values.get("ANGLE_MAX", math.inf) / 100.0)
+    return VehicleSettings(
+        setpoint_hold=within(values.get("GUID_TIMEOUT"), 0.0, 1e3),
+        hover_thrust=within(values.get("MOT_THST_HOVER"), 0.05, 0.95),
+        max_tilt=math.radians(tilt_deg) if 1.0 <= tilt_deg <= 90.0 else None,
+        angle_boost=values.get("ATC_ANGLE_BOOST", 1.0) != 0.0,
+    )
+
+
+FIRMWARE = Firmware(
+    name="ArduPilot",
+    autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    mode_of=_mode_of,
+    mode_command=_mode_command,
+    refusal=_refusal,
+    parameters=(
+        ("GUID_OPTIONS",),
+        ("GUID_TIMEOUT",),
+        ("FS_GCS_ENABLE",),
+        _GCS_SYSTEM,
+        ("ATC_ANGLE_BOOST",),
+        _ANGLE_MAX,
+        ("MOT_THST_HOVER",),
+    ),
+    bytewise=False,
+    hold_parameter="GUID_TIMEOUT",
+    audit=_audit,
+    settings=_settings,
+    telemetry={dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0},
+)

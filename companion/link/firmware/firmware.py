@@ -1,9 +1,26 @@
 """The questions that every make of autopilot answers differently."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from companion.state import FlightMode, Output
+from companion.link.parameters import Question
+from companion.reports import Finding, VehicleSettings
+from companion.state import FlightMode, Output, Safety
+
+Values = Mapping[str, float]
+"""Parameters of the vehicle by name; those that it does not have are left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """What the vehicle's parameters are judged by."""
+
+    output: Output | None
+    """None: whichever the vehicle is flown more safely on."""
+    system: int
+    """The companion's own."""
+    tilt_deg: float
+    """The companion's limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,3 +36,45 @@ class Firmware:
     """DO_SET_MODE's three parameters; KeyError for a mode that can't be commanded."""
     refusal: Callable[[Output, int], str | None]
     """Why an output can't be used with the version (AUTOPILOT_VERSION.flight_sw_version); None if it can."""
+    parameters: tuple[Question, ...]
+    """What is read before a flight."""
+    bytewise: bool
+    """Integer parameters are sent byte by byte in place of the float (see `parameters.value_of`)."""
+    hold_parameter: str
+    """Says for how long (s) the last setpoint is followed when no more come."""
+    audit: Callable[[Values, Terms], tuple[Finding, ...]]
+    """Each parameter that was read, judged."""
+    settings: Callable[[Values], VehicleSettings]
+    """What the parameters say."""
+    telemetry: Mapping[int, float]
+    """Rates (Hz) by message, of what is good to have in the log and for the words of a refusal."""
+
+
+class Judge:
+    """Makes findings of values; what is not known is as bad as what is wrong."""
+
+    def __init__(self, values: Values) -> None:
+        self._values = values
+
+    def __call__(
+        self,
+        parameter: str,
+        wanted: str,
+        why: str,
+        is_right: Callable[[float], bool] = lambda value: True,
+        otherwise: Safety = Safety.UNSAFE,
+    ) -> Finding:
+        """The finding on a parameter, which is safe if `is_right`."""
+        value = self._values.get(parameter)
+        safe = value is not None and is_right(value)
+        return Finding(parameter, value, wanted, why, Safety.SAFE if safe else otherwise)
+
+
+def first_known(question: Question, values: Values) -> str:
+    """The name that a parameter was found under; the first of its names if it was not found."""
+    return next((name for name in question if name in values), question[0])
+
+
+def within(value: float | None, least: float, most: float) -> float | None:
+    """The value if it is in a range; None for one that can't be true."""
+    return value if value is not None and least <= value <= most else None

@@ -1,7 +1,10 @@
 """PX4, and our own simulator, which behaves as PX4 does."""
 
-from companion.link.firmware.firmware import Firmware
-from companion.state import FlightMode, Output
+import math
+
+from companion.link.firmware.firmware import Firmware, Judge, Terms, Values, within
+from companion.reports import Finding, VehicleSettings
+from companion.state import FlightMode, Output, Safety
 from protocol.messages import dialect
 
 _MANUAL, _ALTCTL, _POSCTL, _AUTO, _ACRO, _OFFBOARD, _STABILIZED = range(1, 8)
@@ -28,6 +31,30 @@ _COMMANDS = {
 }
 _LAST_WITH_ACTUATOR_CONTROLS = (1, 13)
 
+_HOLD_LIMIT_S = 1.0
+_POSITION, _ALTITUDE, _STABILIZED_ON_LOSS, _RETURN, _LAND, _HOLD, _TERMINATE, _DISARM = range(8)
+"""COM_OBL_RC_ACT."""
+_NO_TERMINATION = 121212
+"""CBRK_FLIGHTTERM."""
+_PARAMETERS = (
+    "COM_OF_LOSS_T",
+    "COM_OBL_RC_ACT",
+    "COM_RCL_EXCEPT",
+    "COM_DISARM_LAND",
+    "MPC_THR_HOVER",
+    "MPC_TILTMAX_AIR",
+    "FD_FAIL_P",
+    "FD_FAIL_R",
+    "CBRK_FLIGHTTERM",
+)
+_LOSS_WHY = {
+    _ALTITUDE: "when setpoints stop, a pilot must fly (altitude mode)",
+    _STABILIZED_ON_LOSS: "when setpoints stop, a pilot must fly (stabilized mode)",
+    _HOLD: "when setpoints stop, the vehicle holds and nobody lands it",
+    _TERMINATE: "when setpoints stop, the motors stop in the air",
+    _DISARM: "when setpoints stop, the motors stop in the air",
+}
+
 
 def _mode_of(custom_mode: int) -> FlightMode:
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
@@ -53,4 +80,66 @@ def _refusal(output: Output, version: int) -> str | None:
     return None
 
 
-FIRMWARE = Firmware("PX4", dialect.MAV_AUTOPILOT_PX4, _mode_of, _mode_command, _refusal)
+def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
+    """Sources: PX4's parameter reference (v1.16), and flights in which the companion was stopped."""
+    judge, loss = Judge(values), values.get("COM_OBL_RC_ACT", -1.0)
+    terminates = values.get("CBRK_FLIGHTTERM") != _NO_TERMINATION
+    tilt_why = "beyond it the failure detector stops the motors" if terminates else "does nothing (CBRK_FLIGHTTERM)"
+    return (
+        judge(
+            "COM_OF_LOSS_T",
+            f"at most {_HOLD_LIMIT_S:g} s",
+            "so long the last setpoint is followed when no more come",
+            lambda value: 0.0 < value <= _HOLD_LIMIT_S,
+        ),
+        judge(
+            "COM_OBL_RC_ACT",
+            "0 (position), 3 (return) or 4 (land)",
+            _LOSS_WHY.get(round(loss), "what happens when setpoints stop; 0 descends where there is no pilot"),
+            lambda value: value in (_POSITION, _RETURN, _LAND),
+            Safety.REFUSED if loss in (_TERMINATE, _DISARM) else Safety.UNSAFE,
+        ),
+        judge("COM_RCL_EXCEPT", "", "with bit 2 (4) the loss of the transmitter does not end a flight"),
+        judge(
+            "COM_DISARM_LAND",
+            "above 0 s",
+            "so long after the landing the vehicle disarms; 0: never",
+            lambda value: value > 0.0,
+        ),
+        judge("MPC_THR_HOVER", "", "the vehicle's own idea of its hover thrust"),
+        judge("MPC_TILTMAX_AIR", "", "deg; limits the vehicle's own modes, not the companion's setpoints"),
+        *(
+            judge(
+                name,
+                f"0, or above limits.tilt_deg {terms.tilt_deg:g}",
+                tilt_why,
+                lambda value: not terminates or value <= 0.0 or value > terms.tilt_deg,
+            )
+            for name in ("FD_FAIL_P", "FD_FAIL_R")
+        ),
+    )
+
+
+def _settings(values: Values) -> VehicleSettings:
+    tilt_deg = within(values.get("MPC_TILTMAX_AIR"), 1.0, 90.0)
+    return VehicleSettings(
+        setpoint_hold=within(values.get("COM_OF_LOSS_T"), 0.0, 1e3),
+        hover_thrust=within(values.get("MPC_THR_HOVER"), 0.05, 0.95),
+        max_tilt=None if tilt_deg is None else math.radians(tilt_deg),
+        angle_boost=False,
+    )
+
+
+FIRMWARE = Firmware(
+    name="PX4",
+    autopilot=dialect.MAV_AUTOPILOT_PX4,
+    mode_of=_mode_of,
+    mode_command=_mode_command,
+    refusal=_refusal,
+    parameters=tuple((name,) for name in _PARAMETERS),
+    bytewise=True,
+    hold_parameter="COM_OF_LOSS_T",
+    audit=_audit,
+    settings=_settings,
+    telemetry={dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0},
+)

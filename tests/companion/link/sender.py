@@ -63,6 +63,14 @@ class Sender:
     def timesync(self, tc1: int, ts1: int) -> bytes:
         return self(dialect.MAVLink_timesync_message, tc1, ts1)
 
+    def parameter(self, name: str, value: float, kind: int = dialect.MAV_PARAM_TYPE_REAL32) -> bytes:
+        """`value` as it stands in the message."""
+        return self(dialect.MAVLink_param_value_message, name.encode(), value, kind, 1, 0)
+
+    def parameter_error(self, name: str, system: int = 1, component: int = OWN_COMPONENT) -> bytes:
+        error = dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST
+        return self(dialect.MAVLink_param_error_message, system, component, name.encode(), -1, error)
+
     def extended_state(self, landed: int) -> bytes:
         return self(dialect.MAVLink_extended_sys_state_message, 0, landed)
 
@@ -72,12 +80,22 @@ def hear(link: VehicleLink, data: bytes, now: int = NOW) -> list[Report | Announ
     return list(link.receive(data, now, whole=True))
 
 
+SOUND = {PX4: {"COM_OF_LOSS_T": 1.0, "COM_DISARM_LAND": 2.0}, ARDUPILOT: {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 1.0}}
+"""Parameters with which a vehicle is flown; those that are left out are 0."""
+
+
 def found(
-    output: Output = Output.RATES, overrides: tuple[str, ...] = (), autopilot: int = PX4
+    output: Output | None = Output.RATES, overrides: tuple[str, ...] = (), autopilot: int = PX4
 ) -> tuple[VehicleLink, Sender]:
-    """A link that has found its vehicle at `NOW`, and that vehicle."""
+    """A link that has found its vehicle at `NOW` and knows its parameters, and that vehicle."""
     link, vehicle = VehicleLink(load_settings(None, list(overrides)), output), Sender()
     assert hear(link, vehicle.heartbeat(autopilot)) == []
+    audit = link.readiness.audit
+    assert audit is not None and link.firmware is not None
+    for name, *_ in link.firmware.parameters:
+        assert hear(link, vehicle.parameter(name, SOUND[autopilot].get(name, 0.0))) == []
+    audit.go_on(NOW)
+    assert audit.done
     return link, vehicle
 
 

@@ -24,6 +24,13 @@ from tests.companion.link.sender import (
 )
 
 ARM = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+WELCOME = {
+    dialect.MAVLINK_MSG_ID_SYS_STATUS,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS,
+    dialect.MAVLINK_MSG_ID_VIBRATION,
+    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+}
+"""What is good to have of a PX4."""
 PERIOD_MS = 20
 """Of the supervision, which asks for requests and reports."""
 
@@ -118,6 +125,16 @@ def test_an_answer_to_the_companion_or_to_everybody_counts(target: tuple[int, in
 # -- rates and the beat ------------------------------------------------------------------------------------------------
 
 
+def finish_audit(link: VehicleLink, now: int) -> None:
+    """The vehicle does not have a single parameter."""
+    audit = link.readiness.audit
+    assert audit is not None and link.firmware is not None
+    for name, *_ in link.firmware.parameters:
+        hear(link, Sender().parameter_error(name), now)
+    audit.go_on(now)
+    assert audit.done
+
+
 def stream(link: VehicleLink, vehicle: Sender, hz: dict[str, int]) -> int:
     """One second of telemetry after NOW, with so many messages of each kind; the time at its end."""
     makers: dict[str, Callable[[int], bytes]] = {
@@ -183,17 +200,24 @@ def test_no_scan_is_needed_without_avoidance() -> None:
         (Output.ACTUATORS, PX4, 14, True),
         (Output.ACTUATORS, PX4, 13, False),
         (Output.RATES, PX4, 14, False),
-        (Output.RATES, ARDUPILOT, 14, True),
+        (None, PX4, 14, False),
+        (Output.RATES, ARDUPILOT, 14, False),
+        (Output.ATTITUDE, ARDUPILOT, 14, False),
+        (None, ARDUPILOT, 14, False),
+        (Output.ACTUATORS, ARDUPILOT, 13, True),
     ],
 )
-def test_an_output_that_the_firmware_does_not_take_is_a_shortcoming(
-    output: Output, autopilot: int, minor: int, refused: bool
+def test_an_output_that_the_firmware_does_not_take_is_refused_at_once(
+    output: Output | None, autopilot: int, minor: int, refused: bool
 ) -> None:
+    """As soon as the version is known, without any telemetry."""
     link, vehicle = found(output, autopilot=autopilot)
+    assert link.report(NOW, None, before_flight=True).refusal is None
     hear(link, vehicle.version(1, minor))
-    now = stream(link, vehicle, ENOUGH)
-    shortcoming = link.report(now, None, before_flight=True).shortcoming
-    assert (shortcoming is not None) is refused and "slow" not in (shortcoming or "")
+    refusal = link.report(NOW, None, before_flight=True).refusal
+    assert (refusal is not None) is refused
+    assert not refused or "SET_ACTUATOR_CONTROL_TARGET" in str(refusal)
+    assert link.report(NOW, None, before_flight=False).refusal is None
 
 
 def test_the_beat_is_once_a_second_and_asks_for_rates_only_when_told() -> None:
@@ -201,13 +225,14 @@ def test_the_beat_is_once_a_second_and_asks_for_rates_only_when_told() -> None:
     link.beat(0, asks_rates=True)
     assert names(sent(link)) == ["HEARTBEAT"], "nobody is there to be asked"
     hear(link, Sender().heartbeat(), 1)
+    finish_audit(link, 1)
     seen = []
     for ms in range(PERIOD_MS, 4000, PERIOD_MS):
         link.beat(ms * MS, asks_rates=ms >= 2500)
         messages = sent(link)
         if messages:
             seen.append((ms, names(messages)))
-    asks = ["COMMAND_LONG"] * 5  # four messages, and the sectors of a scan
+    asks = ["COMMAND_LONG"] * 9  # four messages, the sectors of a scan, and four that are good to have
     assert seen == [
         (1000, ["HEARTBEAT", "TIMESYNC"]),
         (2000, ["HEARTBEAT", "TIMESYNC"]),
@@ -219,8 +244,26 @@ def test_only_what_comes_too_slowly_is_asked_for_again() -> None:
     link, vehicle = found()
     now = stream(link, vehicle, ENOUGH | {"position": 20})
     link.beat(now, asks_rates=True)
-    (ask,) = [message for message in sent(link) if message.get_type() == "COMMAND_LONG"]
+    asks = [message for message in sent(link) if message.get_type() == "COMMAND_LONG"]
+    (ask,) = [message for message in asks if message.param1 not in WELCOME]
     assert (ask.command, ask.param1, ask.param2) == (dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 32.0, 4000.0)
+
+
+def test_what_is_good_to_have_is_asked_for_a_few_times_and_never_lacking() -> None:
+    link, vehicle = found()
+    hear(link, vehicle.version(1, 13))
+    asked: list[int] = []
+    for second in range(6):
+        now = NOW + second * SECOND
+        if second == 1:
+            hear(link, vehicle(dialect.MAVLink_vibration_message, 0, 0.0, 0.0, 0.0, 0, 0, 0), now)
+        link.beat(now, asks_rates=True)
+        asked += [int(each.param1) for each in sent(link) if each.get_type() == "COMMAND_LONG"]
+    counts = {each: asked.count(each) for each in WELCOME}
+    assert counts.pop(dialect.MAVLINK_MSG_ID_VIBRATION) == 1, "it came"
+    assert set(counts.values()) == {3}
+    now = stream(link, vehicle, ENOUGH)
+    assert link.report(now, None, before_flight=True).shortcoming is None
 
 
 def test_all_rates_are_asked_for_on_request() -> None:

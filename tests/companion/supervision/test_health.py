@@ -67,7 +67,7 @@ LACKS: list[tuple[dict[str, Any], str]] = [
     ({"shortcoming": "telemetry too slow"}, "telemetry too slow"),
     ({"has_state": False}, "no position and attitude"),
     ({"on_ground": False}, "the vehicle does not say that it stands on the ground"),
-    ({"prearm_ok": False, "complaint": " (compass)"}, "the vehicle's own arming checks fail (compass)"),
+    ({"prearm_ok": False, "failed_check": " (compass)"}, "the vehicle's own arming checks fail (compass)"),
 ]
 """What may be missing, the most important first."""
 

@@ -1,0 +1,122 @@
+"""What speaks for and against a flight with the vehicle that was found: its version, its parameters, and what it says
+of itself."""
+
+from typing import Any
+
+from companion.config import Settings
+from companion.link.audit import Audit
+from companion.link.firmware.firmware import Firmware, Terms
+from companion.link.wire import vehicle_text
+from companion.state import Announcement, Output, Severity
+from protocol.messages import dialect
+
+_COMPLAINT_NS = 5_000_000_000
+"""A warning of the vehicle explains what happens within this time after it."""
+_REASON_NS = 40_000_000_000
+"""A failed check stands for so long; ArduPilot repeats it each 30 s."""
+_CHECKS = ("PreArm", "Preflight", "Arm: ")
+"""How the texts of failed checks begin."""
+_FLAGS = {
+    dialect.EKF_ATTITUDE: "attitude",
+    dialect.EKF_VELOCITY_HORIZ: "velocity",
+    dialect.EKF_POS_VERT_ABS: "height",
+    dialect.EKF_POS_HORIZ_ABS: "position",
+}
+"""Of EKF_STATUS_REPORT."""
+
+
+class Readiness:
+    """Of one vehicle; its messages go in, and sentences come out."""
+
+    def __init__(self, settings: Settings, output: Output | None) -> None:
+        self.version: int | None = None
+        """AUTOPILOT_VERSION.flight_sw_version."""
+        self.audit: Audit | None = None
+        """Of its parameters, once a vehicle was found."""
+        self.prearm_ok = True
+        self._settings = settings
+        self._asked_output = output
+        self._firmware: Firmware | None = None
+        self._estimator: int | None = None
+        self._complaint = 0, ""
+        """When the vehicle warned of something last (ns), and the text."""
+        self._failed_check = 0, ""
+        """The same of its checks before arming."""
+
+    def begin(self, firmware: Firmware, own_system: int) -> None:
+        """A vehicle was found, or has started anew."""
+        terms = Terms(self._asked_output, own_system, self._settings.limits.tilt_deg)
+        self._firmware = firmware
+        self.audit = Audit(firmware, terms, self._settings.supervision)
+
+    # -- the vehicle's messages ----------------------------------------------------------------------------------------
+
+    def on_version(self, message: Any, now_ns: int) -> None:
+        """AUTOPILOT_VERSION (148)."""
+        self.version = message.flight_sw_version
+
+    def on_parameter(self, message: Any, now_ns: int) -> None:
+        """PARAM_VALUE (22)."""
+        if self.audit is not None:
+            self.audit.take(message)
+
+    def on_parameter_error(self, message: Any, now_ns: int) -> None:
+        """PARAM_ERROR (345)."""
+        if self.audit is not None:
+            self.audit.refuse(message)
+
+    def on_sys_status(self, message: Any, now_ns: int) -> None:
+        """SYS_STATUS (1)."""
+        bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
+        if message.onboard_control_sensors_present & bit:
+            self.prearm_ok = bool(message.onboard_control_sensors_health & bit)
+
+    def on_estimator(self, message: Any, now_ns: int) -> None:
+        """EKF_STATUS_REPORT (193)."""
+        self._estimator = message.flags
+
+    def on_statustext(self, message: Any, now_ns: int) -> Announcement:
+        """STATUSTEXT (253)."""
+        text = vehicle_text(message)
+        if message.severity <= Severity.WARNING:
+            self._complaint = now_ns, f" ({text})"
+            if text.startswith(_CHECKS):
+                self._failed_check = self._complaint
+        return Announcement(Severity(min(message.severity, 6)), f"vehicle: {text}")
+
+    # -- what follows from them ----------------------------------------------------------------------------------------
+
+    @property
+    def output(self) -> Output:
+        """What the flight commands; not fixed before the audit is through."""
+        return self._asked_output or Output.ATTITUDE if self.audit is None else self.audit.output
+
+    @property
+    def refusal(self) -> str | None:
+        """Why this vehicle is not flown, whatever one waits for."""
+        if self._firmware is None or self.audit is None:
+            return None
+        refusal = None if self.version is None else self._firmware.refusal(self.output, self.version)
+        return refusal or self.audit.refusal
+
+    def shortcoming(self, now_ns: int) -> str | None:
+        """What one waits for, in words; None if nothing."""
+        if self.version is None or self.audit is None:
+            return "the vehicle does not say its version (AUTOPILOT_VERSION)"
+        return self.audit.progress or self._estimator_lacks(now_ns)
+
+    def complaint(self, now_ns: int) -> str:
+        """What the vehicle warned of just now, to stand behind a sentence; empty if nothing."""
+        return self._complaint[1] if now_ns - self._complaint[0] < _COMPLAINT_NS else ""
+
+    def failed_check(self, now_ns: int) -> str:
+        """What the vehicle says is wrong before arming, to stand behind a sentence; empty if nothing."""
+        stands = not self.prearm_ok and now_ns - self._failed_check[0] < _REASON_NS
+        return self._failed_check[1] if stands else self.complaint(now_ns)
+
+    def _estimator_lacks(self, now_ns: int) -> str | None:
+        """None once the estimator has a position, or if it does not report."""
+        if self._estimator is None or self._estimator & dialect.EKF_POS_HORIZ_ABS:
+            return None
+        lacking = [name for flag, name in _FLAGS.items() if not self._estimator & flag]
+        return f"the vehicle's estimator has no {', '.join(lacking)} yet{self.failed_check(now_ns)}"
