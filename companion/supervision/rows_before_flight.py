@@ -1,0 +1,141 @@
+"""The rows of the way to the start, and of the way back from arming."""
+
+from companion.state import FlightMode
+from companion.supervision.rows import CRITICAL, ERROR, INFO, NOTICE, WARNING, Row, disarmed, left, row
+from companion.supervision.states import State
+
+BEFORE = frozenset({State.CHECK, State.STREAM, State.ENGAGE, State.ARM})
+
+BEFORE_FLIGHT: tuple[Row, ...] = (
+    # the way to the start
+    row(State.FIND, lambda h, s, t: h.seen, State.CHECK, INFO, "vehicle found"),
+    row(
+        State.FIND,
+        lambda h, s, t: h.land_requested or t > s.find_timeout,
+        State.ENDED,
+        ERROR,
+        "no vehicle within {settings.find_timeout:g} s",
+        fault=True,
+    ),
+    row(
+        BEFORE - {State.ARM},
+        lambda h, s, t: h.land_requested,
+        State.ENDED,
+        NOTICE,
+        "called off before the start",
+        fault=True,
+    ),
+    row(
+        State.CHECK,
+        lambda h, s, t: h.armed or h.airborne,
+        State.ENDED,
+        ERROR,
+        "the vehicle is armed already: not taken over",
+        fault=True,
+    ),
+    row(State.CHECK, lambda h, s, t: h.missing is None, State.STREAM, INFO, "ready"),
+    row(
+        State.CHECK,
+        lambda h, s, t: t > s.ready_timeout,
+        State.ENDED,
+        ERROR,
+        "not ready: {health.missing}",
+        fault=True,
+    ),
+    row(State.STREAM, lambda h, s, t: h.missing is not None, State.CHECK, WARNING, "not ready yet: {health.missing}"),
+    row(State.STREAM, lambda h, s, t: t >= s.stream_before_engaging, State.ENGAGE, INFO, "asking for control"),
+    row(State.ENGAGE, lambda h, s, t: h.mode is FlightMode.EXTERNAL, State.ARM, INFO, "in control, arming"),
+    row(
+        State.ARM,
+        lambda h, s, t: left(h),
+        State.DISARM,
+        WARNING,
+        "mode changed to {health.mode.value} while arming: disarming, and letting go{health.reason}",
+        fault=True,
+        outcome="the pilot took over before arming",
+    ),
+    row(
+        State.ARM,
+        lambda h, s, t: h.land_requested,
+        State.DISARM,
+        NOTICE,
+        "called off while arming: disarming",
+        fault=True,
+        outcome="called off while arming",
+    ),
+    row(
+        State.ARM,
+        lambda h, s, t: h.overrun > s.gap,
+        State.DISARM,
+        ERROR,
+        "own loop was {health.overrun:.2f} s late while arming: disarming",
+        fault=True,
+    ),
+    row(State.ARM, lambda h, s, t: h.armed, State.FLY, NOTICE, "armed, taking off"),
+    row(
+        State.ENGAGE,
+        lambda h, s, t: h.exhausted is not None,
+        State.ENDED,
+        ERROR,
+        "the vehicle refuses: {health.exhausted}{health.reason}",
+        fault=True,
+    ),
+    row(
+        State.ENGAGE,
+        lambda h, s, t: h.missing is not None,
+        State.ENDED,
+        ERROR,
+        "no longer ready: {health.missing}",
+        fault=True,
+    ),
+    row(
+        State.ARM,
+        lambda h, s, t: h.exhausted is not None,
+        State.DISARM,
+        ERROR,
+        "the vehicle refuses: {health.exhausted}{health.reason}, disarming",
+        fault=True,
+        outcome="the vehicle refuses: {health.exhausted}{health.reason}",
+    ),
+    row(
+        State.ARM,
+        lambda h, s, t: h.missing is not None,
+        State.DISARM,
+        ERROR,
+        "no longer ready: {health.missing}, disarming",
+        fault=True,
+        outcome="no longer ready: {health.missing}",
+    ),
+    # armed for nothing
+    row(
+        State.DISARM,
+        lambda h, s, t: h.airborne and h.armed and not left(h),
+        State.LAND,
+        CRITICAL,
+        "armed, and in the air: landing",
+        fault=True,
+    ),
+    row(
+        State.DISARM,
+        lambda h, s, t: h.airborne and h.armed,
+        State.RELEASED,
+        CRITICAL,
+        "armed, and in the air in mode {health.mode.value}: letting go",
+        fault=True,
+    ),
+    row(
+        State.DISARM,
+        lambda h, s, t: t > s.disarm_watch and disarmed(h, s),
+        State.ENDED,
+        NOTICE,
+        "disarmed",
+    ),
+    row(
+        State.DISARM,
+        lambda h, s, t: t > s.disarm_watch and h.exhausted is not None,
+        State.ENDED,
+        CRITICAL,
+        "the vehicle stays armed: {health.exhausted}{health.reason}",
+        fault=True,
+    ),
+)
