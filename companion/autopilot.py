@@ -15,9 +15,8 @@ from companion.mission.navigator import Arrival, Navigator
 from companion.mission.plan import Mission, Phase
 from companion.sensing import Sensing
 from companion.state import Announcement, Output, Reason, VehicleRequest, VehicleState
-from companion.supervision.health import health
 from companion.supervision.operations import OwnReport
-from companion.supervision.states import COMMANDED, FLYING, STREAMING, State
+from companion.supervision.states import AWAY, COMMANDED, FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
 from companion.trace import ControlStep, pack
 from protocol.vehicle_parameters import VehicleParameters
@@ -74,7 +73,7 @@ class Autopilot:
                 self._said.append(report)
             else:
                 due = take(report, now) or due
-        state = self.sensing.update() if due else None
+        state = self.sensing.update() if due and not self.link.is_old(self.sensing.boot_time_ms, now) else None
         return None if state is None or self.supervisor.state not in STREAMING else self._control(state, now)
 
     def _control(self, state: VehicleState, now: int) -> bytes:
@@ -87,8 +86,8 @@ class Autopilot:
             self._fly(state, now)
         reference, ahead = map(guidance.reference, self.controller.reference_times(now))
         mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
-        airborne = supervised in FLYING and not self.link.on_ground
-        measured_ns = self.link.measured_ns(self.sensing.estimator.boot_time_ms, now)
+        airborne = supervised in FLYING and not self.link.said.on_ground
+        measured_ns = self.link.measured_ns(self.sensing.boot_time_ms, now)
         acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, airborne)
         verdict, changed = None, False
         if self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):
@@ -98,7 +97,7 @@ class Autopilot:
         control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)
         setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint):
-            self.link.command(setpoint, self.sensing.estimator.boot_time_ms)
+            self.link.command(setpoint, self.sensing.boot_time_ms)
         what = supervised, navigator.phase, navigator.step_index, state, reference, control, limited
         return pack(ControlStep(*what, guidance.decision, guidance.free_distance, verdict))
 
@@ -119,7 +118,8 @@ class Autopilot:
             guidance.begin_leg(navigator.leg(state.position_ned), now)
 
     def _tick(self, tick: Tick) -> PlanRequest | None:
-        self.own.ticked(tick.late_ns)
+        if self.own.ticked(tick.late_ns, tick.time_ns):
+            self.link.said.stood_still(tick.time_ns)
         request = self._look_around(tick.time_ns) if self._plan or self.sensing.scan else None
         if tick.time_ns >= self.supervisor.due_ns:
             self._supervise(tick.time_ns)
@@ -149,8 +149,7 @@ class Autopilot:
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
         mission = self.navigator.report(now, flying=state is State.FLY)
-        taken_over = supervisor.taken_over(link.status.mode)
-        announcement = supervisor.update(health(state, link, sensing, mission, self.own, taken_over), now)
+        announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
         if announcement is not None:
             self._say(announcement)
             self._entered(state, supervisor.state, now)
@@ -163,9 +162,9 @@ class Autopilot:
             self.guidance.halt(now)
         elif old is State.CHECK:
             self.controller.use(self.link.readiness.output)
-        if new is State.RELINQUISHED:
+        if new in AWAY:
             self.navigator.pause(now)
-        elif old is State.RELINQUISHED and new is State.HOLD:
+        elif old in AWAY and new is State.HOLD:
             self.guidance.brake_from(self.sensing.present, now)
             self.navigator.resume(now)
         elif new is State.CHECK:

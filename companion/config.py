@@ -436,6 +436,14 @@ class Supervision(Table, frozen=True):
     command_tries: Annotated[int, msgspec.Meta(ge=1)] = 6
     overrun: Positive = 0.25
     """A tick later than this is an overrun."""
+    gap: Positive = 0.8
+    """After a longer one the vehicle may have left external control: no setpoint before it says what it does."""
+    failsafe_still: Positive = 15.0
+    """A vehicle that its own failsafe does not bring nearer to the ground or home for so long is asked to land."""
+    disarm_after: Positive = 10.0
+    """A vehicle that stands so long on the ground after its landing is disarmed."""
+    disarm_watch: Positive = 2.0
+    """So long an arming that was given up may still take effect, to be answered by disarming."""
     landing_timeout: Positive = 120.0
     resume_within: Positive = 300.0
     """So long may others fly before they give control back by putting the vehicle into external control again."""
@@ -449,6 +457,8 @@ class Rates(Table, frozen=True):
     attitude: Positive = 250.0
     position: Positive = 250.0
     scan: Positive = 15.0
+    heartbeat: Positive = 5.0
+    """The mode; a vehicle that goes on to send it once a second is flown all the same."""
     least_share: Fraction = 0.4
 
 

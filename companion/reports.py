@@ -57,6 +57,17 @@ class VehicleSettings(msgspec.Struct, frozen=True, gc=False):
     """The vehicle divides thrust by the cosine of its tilt."""
 
 
+class StatusReport(msgspec.Struct, frozen=True, gc=False):
+    """What to make of the vehicle's own word."""
+
+    current: bool = True
+    """Its heartbeat is newer than the mode that was asked for, and than a gap of our own."""
+    airborne: bool = False
+    """It says that it is in the air."""
+    landed_for: float = 0.0
+    """s that it has said without a break that it stands on the ground."""
+
+
 class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """What the link knows of the vehicle at one moment. Ages in s, infinite for what never came."""
 
@@ -77,6 +88,7 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """Why this vehicle is not flown, whatever one waits for: version, output, parameters. None in flight."""
     shortcoming: str | None = None
     """What the link lacks before a flight: version, parameters, message rates. None in flight."""
+    word: StatusReport = StatusReport()
     prearm_ok: bool = True
     """False: the vehicle says that its own arming checks fail."""
     failed_check: str = ""

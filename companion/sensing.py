@@ -27,6 +27,11 @@ class Sensing:
         assert state is not None
         return state
 
+    @property
+    def boot_time_ms(self) -> int:
+        """The vehicle's clock at its latest attitude."""
+        return self.estimator.boot_time_ms
+
     def take(self, report: Report, now_ns: int) -> bool:
         """Take a report in; whether it calls for a control step."""
         match report:

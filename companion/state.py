@@ -28,11 +28,13 @@ class VehicleRequest(Enum):
     """What the companion asks the vehicle for, again and again until it is there."""
 
     VERSION = "version"
+    STATUS = "heartbeat"
     EXTERNAL_CONTROL = "external control"
     ARM = "arm"
     RELEASE = "release the parcel"
     HOLD = "hold"
     LAND = "land"
+    DISARM = "disarm"
 
 
 class Output(Enum):

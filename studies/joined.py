@@ -95,6 +95,21 @@ class Joined:
             self.tick()
         return self
 
+    def freeze(self, seconds: float, backlog: int = 250) -> None:
+        """The companion stands still for so long, as after SIGSTOP: what comes queues up, the first so many datagrams
+        of it, and the loop's tick is late by all of that."""
+        queued: list[bytes] = []
+        for _ in range(round(seconds * 1e9 / TICK_NS)):
+            self.truths.append(self.vehicle.state.copy())
+            queued += self.vehicle.advance()
+        now = self.vehicle.time_ns
+        answers = [self._driver.tick(now, round(seconds * 1e9))]
+        answers += [self._driver.handle(Datagram(now, data)) for data in queued[:backlog]]
+        for answer in filter(None, answers):
+            if self.remembers:
+                self.sent.append(answer)
+            self.vehicle.receive(answer)
+
     def tracking_error(self) -> Array:
         """(n, 3) true position minus reference (m, NED), one row a trace but the last. A reference is meant for the
         middle of the tick that its command is held over."""

@@ -17,11 +17,17 @@ _MODES = {
 }
 _COMMANDS: dict[VehicleRequest, tuple[int, tuple[float, ...]]] = {
     VehicleRequest.VERSION: (dialect.MAV_CMD_REQUEST_MESSAGE, (float(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),)),
+    VehicleRequest.STATUS: (dialect.MAV_CMD_REQUEST_MESSAGE, (float(dialect.MAVLINK_MSG_ID_HEARTBEAT),)),
     VehicleRequest.ARM: (_ARM, (1.0,)),
+    VehicleRequest.DISARM: (_ARM, (0.0,)),
     VehicleRequest.RELEASE: (dialect.MAV_CMD_DO_GRIPPER, (1.0, float(dialect.GRIPPER_ACTION_RELEASE))),
 }
 """The command and its parameters; those of modes depend on the firmware."""
-_TITLES = {VehicleRequest.EXTERNAL_CONTROL: "control (DO_SET_MODE)", VehicleRequest.ARM: "arming"}
+_TITLES = {
+    VehicleRequest.EXTERNAL_CONTROL: "control (DO_SET_MODE)",
+    VehicleRequest.ARM: "arming",
+    VehicleRequest.DISARM: "disarming",
+}
 """In words, of the requests whose refusal ends the flight."""
 
 
@@ -51,7 +57,7 @@ class Requests:
         return CommandReport(commander.accepted(command), commander.tries(command), commander.answer(command))
 
     def exhausted(self, wanted: VehicleRequest | None, now_ns: int) -> str | None:
-        """In words, if control or arming was asked for as often as allowed, and the answer; else None."""
+        """In words, if control, arming or disarming was asked for as often as allowed, and the answer; else None."""
         if wanted not in _TITLES:
             return None
         command, _ = self._command(wanted)

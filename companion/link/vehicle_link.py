@@ -17,6 +17,7 @@ from companion.link.message_rates import MessageRates
 from companion.link.readiness import Readiness
 from companion.link.requests import Requests
 from companion.link.sector_scans import SectorScans
+from companion.link.vehicle_status import StatusWatch
 from companion.outputs import OUTPUTS
 from companion.reports import (
     AttitudeReport,
@@ -26,7 +27,7 @@ from companion.reports import (
     RepeatedAttitude,
     Report,
 )
-from companion.state import Announcement, FlightMode, Output, Scan, Setpoint, Severity, VehicleRequest, VehicleStatus
+from companion.state import Announcement, Output, Scan, Setpoint, Severity, VehicleRequest
 from protocol.framing import Frame, Framer
 from protocol.messages import Encoder, decode, decoder_of, dialect
 from protocol.peer import Peer
@@ -40,7 +41,8 @@ _REFUSALS_NS = _SECOND_NS // 2
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 _OBSTACLE_DISTANCE = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
-_ON_GROUND: int = dialect.MAV_LANDED_STATE_ON_GROUND
+_HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_SET_MODE = dialect.MAV_CMD_DO_SET_MODE
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +74,7 @@ class VehicleLink:
         self.peer: Peer | None = None
         self.firmware: Firmware | None = None
         self.readiness = Readiness(settings, output)
-        self.status = VehicleStatus(FlightMode.OTHER, False, False)
-        self.on_ground = False
-        """The vehicle says that it stands on the ground."""
+        self.said = StatusWatch()
         self.refused_messages = 0
         self.framer = Framer()
         self._settings = settings
@@ -97,7 +97,7 @@ class VehicleLink:
             _OBSTACLE_DISTANCE: self._on_obstacle_distance,
             dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
-            dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
+            dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.said.extended_state,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self.readiness.on_sys_status,
             dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.readiness.on_estimator,
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self.readiness.on_parameter,
@@ -133,7 +133,7 @@ class VehicleLink:
             message = decoder(frame)
             if message_id == _ATTITUDE_QUATERNION and peer.observe_boot_time(message.time_boot_ms, now_ns):
                 reports += Rebooted(), self._complain(Severity.ERROR, "the vehicle rebooted")
-                if not self.status.armed:
+                if not self.said.status.armed:
                     self._begin_audit()
             try:
                 report = handler(message, now_ns)
@@ -197,19 +197,14 @@ class VehicleLink:
     def _on_heartbeat(self, message: Any, now_ns: int) -> None:
         assert self.firmware is not None and self.peer is not None
         self.peer.heartbeat(now_ns)
-        self.status = VehicleStatus(
-            self.firmware.mode_of(message.custom_mode),
-            bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
-            message.system_status in (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY),
-        )
-
-    def _on_extended_state(self, message: Any, now_ns: int) -> None:
-        self.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+        self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), now_ns)
 
     def _on_ack(self, message: Any, now_ns: int) -> None:
         system, component = self._encoder.system, self._encoder.component
         if message.target_system in (0, system) and message.target_component in (0, component):
             self._requests.answered(message)
+            if message.command == _SET_MODE:
+                self.said.mode_answered(now_ns)
 
     def _on_timesync(self, message: Any, now_ns: int) -> None:
         assert self.peer is not None
@@ -235,6 +230,13 @@ class VehicleLink:
             return now_ns
         return min(max(boot_time_ms * 1_000_000 - self.peer.offset_ns, now_ns - self._longest_age_ns), now_ns)
 
+    def is_old(self, boot_time_ms: int, now_ns: int) -> bool:
+        """Telemetry with this time queued up in a gap of our own: it is nothing to act on."""
+        if not self.said.catching_up:
+            return False
+        offset_ns = None if self.peer is None else self.peer.offset_ns
+        return self.said.is_old(None if offset_ns is None else boot_time_ms * 1_000_000 - offset_ns, now_ns)
+
     def report(self, now_ns: int, wanted: VehicleRequest | None, *, before_flight: bool) -> LinkReport:
         """The vehicle as it is known now, and what came of what is `wanted` of it; what a flight would lack is looked
         for `before_flight` alone."""
@@ -243,8 +245,9 @@ class VehicleLink:
         repeated = len(self._refusals) == _REFUSALS_TOLERATED and now_ns - self._refusals[0] < _REFUSALS_NS
         return LinkReport(
             found=self.vehicle is not None,
-            status=self.status,
-            on_ground=self.on_ground,
+            status=self.said.status,
+            on_ground=self.said.on_ground,
+            word=self.said.report(now_ns),
             silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusal if repeated else None,
@@ -270,10 +273,14 @@ class VehicleLink:
         """Ask the vehicle for something, and again in intervals; to be called again and again while it is wanted."""
         if wanted is None or (wanted is VehicleRequest.VERSION and self.readiness.version is not None):
             return
+        if wanted is VehicleRequest.STATUS and self.said.catching_up:
+            return  # the answer would find no room behind what has queued up
         assert self.vehicle is not None
         message = self._requests.ask(wanted, now_ns, self.vehicle)
         if message is not None:
             self._send(message[0], *message[1])
+            if message[1][2:4] == (_SET_MODE, 0):  # the command, for the first time
+                self.said.mode_asked(now_ns)
 
     def answer(self, wanted: VehicleRequest) -> CommandReport:
         """What has come of a request so far."""
@@ -321,6 +328,8 @@ class VehicleLink:
             return
         for message_id in self._rates.unheard():
             self._request_interval(message_id, self._rates.interval_us(message_id))
+        if self.said.comes_slowly(self._settings.rates.heartbeat):
+            self._request_interval(_HEARTBEAT, 1e6 / self._settings.rates.heartbeat)
         lacking = self._rates.lacking(now_ns)
         for message_id in lacking:
             self._request_interval(message_id, self._rates.interval_us(message_id))
@@ -328,7 +337,8 @@ class VehicleLink:
             self._request_interval(dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, 1e6 / self._settings.rates.scan)
 
     def request_rates(self) -> None:
-        """Ask once for all messages that a flight needs, at their rates."""
+        """Ask once for all messages that a flight needs, at their rates, and for the mode more often than it comes."""
+        self._request_interval(_HEARTBEAT, 1e6 / self._settings.rates.heartbeat)
         for message_id in self._rates.wanted:
             self._request_interval(message_id, self._rates.interval_us(message_id))
 

@@ -163,6 +163,7 @@ class Runner:
         autopilot, transport = self._autopilot, self._transport
         while transport.receive(0.0) is not None:
             pass  # what queued up before the start is old
+        overrun_ns = round(autopilot.settings.supervision.overrun * 1e9)
         due = clock.now_ns() + TICK_NS
         while not autopilot.ended:
             wait = clock.wall_seconds_until(due)
@@ -170,16 +171,22 @@ class Runner:
             while data is None and clock.now_ns() < due:
                 data = transport.receive(0.0)
             now = clock.now_ns()
+            if now - due > overrun_ns:  # the loop stood still: it is told so before anything that queued up meanwhile
+                due = self._beat(now, due, clock)
             if data is not None:
                 began = time.perf_counter_ns()
                 self._send(now, self._datagram(now, data))
                 self._took(now, began)
             if now >= due:
-                late = now - due
-                if late > LATE_NS * clock.factor:
-                    self.missed_deadlines += 1
-                self._send(now, self._tick(now, late))
-                due += TICK_NS * (1 + late // TICK_NS)
+                due = self._beat(now, due, clock)
+
+    def _beat(self, now: int, due: int, clock: RealClock) -> int:
+        """A tick that was due; when the next one is."""
+        late = now - due
+        if late > LATE_NS * clock.factor:
+            self.missed_deadlines += 1
+        self._send(now, self._tick(now, late))
+        return due + TICK_NS * (1 + late // TICK_NS)
 
     # -- events --------------------------------------------------------------------------------------------------------
 

@@ -1,4 +1,8 @@
-"""The health of a flight at one moment, as a function of what its parts report."""
+"""The health of a flight at one moment, as a function of what its parts report.
+
+While the companion itself stood still, it heard nothing: that is no fault of the vehicle's. Silences count from the end
+of such a gap on.
+"""
 
 import msgspec
 
@@ -6,6 +10,7 @@ from companion.reports import LinkReport, MissionReport, SensingReport
 from companion.state import FlightMode
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import State
+from companion.supervision.watching import Watched
 
 
 class Health(msgspec.Struct, frozen=True, gc=False):
@@ -15,6 +20,8 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     missing: str | None
     """The first requirement for the flight that is not met."""
     mode: FlightMode
+    current: bool
+    """Mode, arming and failsafe are from after the mode was asked for, and after the latest gap of our own."""
     armed: bool
     failsafe: bool
     mission_done: bool
@@ -34,8 +41,13 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     land_requested: bool
     taken_over: bool
     """The mode that was commanded had been reached, and was changed since."""
+    still: float
+    """s that the vehicle's own failsafe has not brought it nearer to the ground or home; 0 where nobody looks."""
     landed: bool
     """It stands on the ground, as it says."""
+    landed_for: float
+    airborne: bool
+    """It is in the air, as it says."""
     overdue: float
     """By how much the present step of the mission takes longer than it may (s), else 0."""
     reason: str
@@ -50,27 +62,33 @@ def health(
     sensing: SensingReport,
     mission: MissionReport,
     own: OwnReport,
-    taken_over: bool,
+    watched: Watched,
+    now_ns: int,
 ) -> Health:
-    """The health of a flight in a state; `taken_over`: others have changed the mode that was commanded."""
+    """The health of a flight in a state."""
+    awake = own.awake_for(now_ns)
     return Health(
         seen=link.found,
         missing=_missing(link, sensing, own) if state < State.FLY else None,
         mode=link.status.mode,
+        current=link.word.current,
         armed=link.status.armed,
         failsafe=link.status.failsafe,
         mission_done=mission.done,
-        silence=link.silence,
-        telemetry_age=sensing.telemetry_age,
-        heartbeat_age=link.heartbeat_age,
-        scan_age=sensing.scan_age,
+        silence=min(link.silence, awake),
+        telemetry_age=min(sensing.telemetry_age, awake),
+        heartbeat_age=min(link.heartbeat_age, awake),
+        scan_age=min(sensing.scan_age, awake),
         refused_telemetry=link.refused,
         unsound_output=own.unsound_output,
         overrun=own.overrun_ns * 1e-9,
         exhausted=link.exhausted,
         land_requested=own.land_requested,
-        taken_over=taken_over,
+        taken_over=watched.taken_over,
+        still=watched.still,
         landed=link.on_ground,
+        landed_for=link.word.landed_for,
+        airborne=link.word.airborne,
         overdue=mission.overdue if state is State.FLY else 0.0,
         reason=link.complaint,
         refusal=link.refusal,

@@ -1,5 +1,6 @@
 """What the operator asks for and what fails around the autopilot."""
 
+import math
 from dataclasses import dataclass
 
 from companion.config import Supervision
@@ -49,6 +50,8 @@ class OwnReport:
         """What was wrong with the setpoint that the gate held back last."""
         self.overrun_ns = 0
         """How late the loop was, if that was too late."""
+        self._awake_ns: int | None = None
+        """The end of the latest overrun."""
         self.land_requested = False
         self.log_fault: str | None = None
 
@@ -74,10 +77,16 @@ class OwnReport:
             self.unsound_output = reason
         return reason is None
 
-    def ticked(self, late_ns: int) -> None:
-        """A tick of the loop was so late."""
-        if late_ns > self._overrun_ns:
-            self.overrun_ns = late_ns
+    def ticked(self, late_ns: int, now_ns: int) -> bool:
+        """A tick of the loop was so late; whether that was too late."""
+        if late_ns <= self._overrun_ns:
+            return False
+        self.overrun_ns, self._awake_ns = late_ns, now_ns
+        return True
+
+    def awake_for(self, now_ns: int) -> float:
+        """s since the latest overrun; infinite before the first."""
+        return math.inf if self._awake_ns is None else (now_ns - self._awake_ns) * 1e-9
 
     def begin(self) -> None:
         """The health was looked at: forget what concerned the time before."""

@@ -20,12 +20,17 @@ class State(IntEnum):
     RELEASED = 9
     ENDED = 10
     RELINQUISHED = 11
+    GAP = 12
+    WATCH = 13
+    DISARM = 14
 
 
 STREAMING = frozenset({State.STREAM, State.ENGAGE, State.ARM, State.FLY, State.HOLD, State.RELINQUISHED})
 """States in which setpoints are sent."""
-FLYING = frozenset({State.FLY, State.HOLD, State.WITHDRAW, State.LAND, State.RELINQUISHED})
+FLYING = frozenset({State.FLY, State.HOLD, State.WITHDRAW, State.LAND, State.RELINQUISHED, State.GAP, State.WATCH})
 """States between arming and the end in which the companion answers for the vehicle, or is ready to."""
+AWAY = frozenset({State.RELINQUISHED, State.GAP})
+"""States in which the companion does not move the vehicle, and from which a hold leads back to the mission."""
 
 COMMANDED = {State.WITHDRAW: FlightMode.HOLD, State.LAND: FlightMode.LAND}
 """The mode that a state asks the vehicle for, until the vehicle was in it once."""
@@ -35,5 +40,7 @@ REQUESTS = {
     State.ARM: VehicleRequest.ARM,
     State.WITHDRAW: VehicleRequest.HOLD,
     State.LAND: VehicleRequest.LAND,
+    State.GAP: VehicleRequest.STATUS,
+    State.DISARM: VehicleRequest.DISARM,
 }
 """What a state asks the vehicle for."""

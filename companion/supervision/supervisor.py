@@ -1,10 +1,13 @@
 """Who flies: the state of the flight, which nothing moves but the table of transitions."""
 
 from companion.config import Supervision
-from companion.state import Announcement, FlightMode, VehicleRequest
-from companion.supervision.health import Health
+from companion.reports import LinkReport, MissionReport, SensingReport
+from companion.state import Announcement, VehicleRequest, VehicleState, VehicleStatus
+from companion.supervision.health import Health, health
+from companion.supervision.operations import OwnReport
 from companion.supervision.states import COMMANDED, REQUESTS, State
 from companion.supervision.transitions import TABLE
+from companion.supervision.watching import UNWATCHED, Descent, Watched
 
 _PERIOD_NS = 20_000_000
 """50 Hz; no time in the settings is finer."""
@@ -25,6 +28,20 @@ class Supervisor:
         """What is missing before the flight, in words."""
         self._mode_reached = False
         """The vehicle was in the mode that the present state commands."""
+        self._descent = Descent()
+
+    def look(
+        self,
+        link: LinkReport,
+        sensing: SensingReport,
+        mission: MissionReport,
+        own: OwnReport,
+        vehicle: VehicleState | None,
+        now_ns: int,
+    ) -> Announcement | None:
+        """Take the health of the flight, from the reports and the vehicle's state, and what follows from it."""
+        watched = self.watch(link.status, link.word.current, vehicle, now_ns)
+        return self.update(health(self.state, link, sensing, mission, own, watched, now_ns), now_ns)
 
     def update(self, health: Health, now_ns: int) -> Announcement | None:
         """Take the first row that fits, if any, and say so."""
@@ -37,20 +54,26 @@ class Supervisor:
             if row.condition(health, self._settings, seconds):
                 text = row.text.format(health=health, settings=self._settings)
                 if row.fault and self.fault is None:
-                    self.fault = row.outcome or text
+                    self.fault = row.outcome.format(health=health, settings=self._settings) or text
                 self.state = row.to
                 self._since_ns = now_ns
                 self._mode_reached = False
+                self._descent = Descent()
                 return Announcement(row.severity, text)
         return None
 
-    def taken_over(self, mode: FlightMode) -> bool:
-        """The mode that the present state commands was reached before, and is not the vehicle's mode now."""
+    def watch(self, status: VehicleStatus, current: bool, vehicle: VehicleState | None, now_ns: int) -> Watched:
+        """What has become of the mode that the present state commands, or of the vehicle's own failsafe.
+
+        `current`: the status is newer than the command.
+        """
+        if self.state is State.WATCH:
+            return self._descent.watch(status, current, vehicle, now_ns)
         wanted = COMMANDED.get(self.state)
         if wanted is None:
-            return False
-        self._mode_reached = self._mode_reached or mode is wanted
-        return self._mode_reached and mode is not wanted
+            return UNWATCHED
+        self._mode_reached = self._mode_reached or (current and status.mode is wanted)
+        return Watched(self._mode_reached and current and status.mode is not wanted, 0.0)
 
     @property
     def request(self) -> VehicleRequest | None:

@@ -150,6 +150,9 @@ def _failsafes(flight: GatheredFlight) -> list[Finding]:
         State.WITHDRAW.value: "asked the vehicle to hold",
         State.RELINQUISHED.value: "left the vehicle to others",
         State.RELEASED.value: "let go",
+        State.GAP.value: "waited, after a gap of its own, for what the vehicle does",
+        State.WATCH.value: "watched the vehicle's own failsafe",
+        State.DISARM.value: "disarmed what it had armed",
     }
     for stretch in flight.states.finish():
         if stretch.value in bad:

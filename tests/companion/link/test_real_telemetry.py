@@ -42,7 +42,7 @@ def test_a_real_flight_is_read(name: str, make: str, highest: float) -> None:
         assert reaction.trace is None  # it listens and flies nothing
         if autopilot.sensing.state is not None and (not states or autopilot.sensing.state is not states[-1]):
             states.append(autopilot.sensing.state)
-        modes.add((autopilot.link.status.mode, autopilot.link.status.armed))
+        modes.add((autopilot.link.said.status.mode, autopilot.link.said.status.armed))
     assert autopilot.link.firmware is not None and autopilot.link.firmware.name == make
     assert autopilot.link.refused_messages == 0
     assert len(states) > 300

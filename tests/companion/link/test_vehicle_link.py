@@ -84,11 +84,11 @@ def test_a_heartbeat_says_mode_arming_and_failsafe(base: int, state: int) -> Non
 
 def test_what_the_vehicle_says_of_the_ground_and_of_its_arming_checks() -> None:
     link, vehicle = found()
-    assert not link.on_ground and link.report(NOW, None, before_flight=True).prearm_ok
+    assert not link.said.on_ground and link.report(NOW, None, before_flight=True).prearm_ok
     for landed in (1, 2, 3, 4, 1):
         hear(link, vehicle.extended_state(landed))
         report = link.report(NOW, None, before_flight=True)
-        assert link.on_ground == report.on_ground == (landed == dialect.MAV_LANDED_STATE_ON_GROUND)
+        assert link.said.on_ground == report.on_ground == (landed == dialect.MAV_LANDED_STATE_ON_GROUND)
     bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
     for present, healthy, ok in ((bit, 0, False), (0, 0, False), (bit, bit, True), (0, 0, True)):
         hear(link, vehicle(dialect.MAVLink_sys_status_message, present, 0, healthy, *[0] * 10))

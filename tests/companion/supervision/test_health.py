@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.config import Supervision
-from companion.reports import LinkReport, MissionReport, SensingReport
+from companion.reports import LinkReport, MissionReport, SensingReport, StatusReport
 from companion.state import FlightMode, VehicleStatus
 from companion.supervision.health import Health, health
 from companion.supervision.operations import LandRequest, LogFault, OwnReport
 from companion.supervision.states import State
+from companion.supervision.watching import UNWATCHED, Watched
 
 LINK = LinkReport(
     found=True,
@@ -41,7 +42,9 @@ class Reports:
     log_fault: str | None = None
     land_requested: bool = False
     overrun_ns: int = 0
-    taken_over: bool = False
+    watched: Watched = UNWATCHED
+    awake_ns: int = 10**18
+    """Since the overrun, if there was one."""
 
     def health(self) -> Health:
         own = OwnReport(Supervision())
@@ -49,8 +52,8 @@ class Reports:
             own.take(LogFault(0, self.log_fault))
         if self.land_requested:
             own.take(LandRequest(0))
-        own.ticked(self.overrun_ns)
-        return health(self.state, self.link, self.sensing, self.mission, own, self.taken_over)
+        own.ticked(self.overrun_ns, 0)
+        return health(self.state, self.link, self.sensing, self.mission, own, self.watched, self.awake_ns)
 
 
 def link(**changes: Any) -> LinkReport:
@@ -116,21 +119,21 @@ AGES = st.floats(0.0, 1e6) | st.just(math.inf)
 @settings(max_examples=60)
 @given(
     state=st.sampled_from(State),
-    ages=st.tuples(AGES, AGES, AGES, AGES),
-    flags=st.tuples(*[st.booleans()] * 7),
+    ages=st.tuples(*[AGES] * 6),
+    flags=st.tuples(*[st.booleans()] * 9),
     mode=st.sampled_from(FlightMode),
     texts=st.tuples(*[st.none() | st.text(max_size=5)] * 2),
 )
 def test_health_is_a_function_of_the_reports(
     state: State,
-    ages: tuple[float, float, float, float],
+    ages: tuple[float, ...],
     flags: tuple[bool, ...],
     mode: FlightMode,
     texts: tuple[str | None, str | None],
 ) -> None:
     """Each report comes through under its own name, and the same reports give the same health."""
-    silence, heartbeat_age, telemetry_age, scan_age = ages
-    seen, armed, failsafe, done, landed, land_requested, taken_over = flags
+    silence, heartbeat_age, telemetry_age, scan_age, still, landed_for = ages
+    seen, armed, failsafe, done, landed, land_requested, taken_over, current, airborne = flags
     refused, exhausted = texts
     reports = Reports(
         state,
@@ -143,16 +146,22 @@ def test_health_is_a_function_of_the_reports(
             refused=refused,
             exhausted=exhausted,
             complaint=" (said)",
+            word=StatusReport(current, airborne, landed_for),
         ),
         SensingReport(telemetry_age, scan_age, True),
         MissionReport(done, 0.0),
         land_requested=land_requested,
         overrun_ns=400_000_000,
-        taken_over=taken_over,
+        awake_ns=10**17,
+        watched=Watched(taken_over, still),
     )
     found = reports.health()
     assert found == reports.health()
-    assert (found.silence, found.heartbeat_age, found.telemetry_age, found.scan_age) == ages
+    assert (found.silence, found.heartbeat_age, found.telemetry_age, found.scan_age) == tuple(
+        min(age, 1e8) for age in ages[:4]
+    )
+    assert (found.still, found.landed_for) == ages[4:]
+    assert (found.current, found.airborne) == (current, airborne)
     assert (found.seen, found.armed, found.failsafe) == (seen, armed, failsafe)
     assert (found.mission_done, found.landed) == (done, landed)
     assert (found.land_requested, found.taken_over) == (land_requested, taken_over)
@@ -161,10 +170,24 @@ def test_health_is_a_function_of_the_reports(
     assert (found.reason, found.unsound_output) == (" (said)", None)
 
 
+def test_a_gap_of_our_own_is_no_silence_of_the_vehicle() -> None:
+    """All ages count from its end on."""
+    late = Reports(
+        State.LAND,
+        link(silence=10.0, heartbeat_age=10.5),
+        SensingReport(10.0, math.inf, True),
+        overrun_ns=10**10,
+        awake_ns=30_000_000,
+    ).health()
+    assert [late.silence, late.telemetry_age, late.heartbeat_age, late.scan_age] == pytest.approx([0.03] * 4)
+    longer = Reports(State.LAND, link(silence=0.2), overrun_ns=10**10, awake_ns=10**9).health()
+    assert longer.silence == 0.2, "what is younger than the gap is as old as it is"
+
+
 def test_looking_at_the_health_changes_no_report() -> None:
     own = OwnReport(Supervision())
     own.take(LogFault(0, "disk full"))
-    own.ticked(10**9)
+    own.ticked(10**9, 0)
     for _ in range(2):
-        found = health(State.CHECK, LINK, SENSING, MISSION, own, False)
+        found = health(State.CHECK, LINK, SENSING, MISSION, own, UNWATCHED, 0)
         assert found.overrun == 1.0 and found.missing == "the flight log fails (disk full)"

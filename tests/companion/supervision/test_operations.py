@@ -60,14 +60,14 @@ def test_a_request_to_land_lasts_and_is_not_said_here() -> None:
 @pytest.mark.parametrize(("late_ns", "counts"), [(0, False), (LATE_NS, False), (LATE_NS + 1, True)])
 def test_an_overrun_is_a_tick_later_than_the_settings_say(late_ns: int, counts: bool) -> None:
     own = OwnReport(SETTINGS)
-    own.ticked(late_ns)
+    own.ticked(late_ns, 0)
     assert own.overrun_ns == (late_ns if counts else 0)
 
 
 def test_an_overrun_is_kept_until_the_health_was_looked_at() -> None:
     own = OwnReport(SETTINGS)
-    own.ticked(2 * LATE_NS)
-    own.ticked(0)
+    own.ticked(2 * LATE_NS, 0)
+    own.ticked(0, 0)
     assert own.overrun_ns == 2 * LATE_NS
     own.begin()
     assert own.overrun_ns == 0

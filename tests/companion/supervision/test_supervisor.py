@@ -19,6 +19,7 @@ WELL = Health(
     seen=True,
     missing=None,
     mode=FlightMode.EXTERNAL,
+    current=True,
     armed=True,
     failsafe=False,
     mission_done=False,
@@ -32,7 +33,10 @@ WELL = Health(
     exhausted=None,
     land_requested=False,
     taken_over=False,
+    still=0.0,
     landed=False,
+    landed_for=0.0,
+    airborne=False,
     overdue=0.0,
     reason="",
 )
@@ -92,7 +96,8 @@ FAULTS = {
     "ring": (replace(WELL, scan_age=0.6), State.HOLD),
     "overrun": (replace(WELL, overrun=0.3), State.HOLD),
     "pilot": (replace(WELL, mode=FlightMode.MANUAL), State.RELINQUISHED),
-    "the vehicle itself": (replace(WELL, mode=FlightMode.HOLD, failsafe=True), State.RELEASED),
+    "the vehicle itself": (replace(WELL, mode=FlightMode.HOLD, failsafe=True), State.WATCH),
+    "gap": (replace(WELL, overrun=SETTINGS.gap + 0.1), State.GAP),
     "request": (replace(WELL, land_requested=True), State.LAND),
     "silence": (replace(WELL, silence=4.1, telemetry_age=4.1, heartbeat_age=4.1), State.ENDED),
     "disarmed": (replace(WELL, armed=False), State.ENDED),
@@ -110,7 +115,7 @@ def test_each_fault_has_its_answer_and_is_said(fault: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "the vehicle itself", "request", "overdue"})
+    "fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "the vehicle itself", "gap", "request", "overdue"})
 )
 def test_a_lasting_fault_becomes_a_landing(fault: str) -> None:
     health, _ = FAULTS[fault]
@@ -166,7 +171,8 @@ def test_the_pilot_keeps_the_vehicle() -> None:
     assert {row.to for row in TABLE if State.RELEASED in row.states} == {State.ENDED}
     assert State.RELEASED not in STREAMING
     supervisor, now = flying()
-    supervisor.update(FAULTS["the vehicle itself"][0], now)
+    supervisor.update(FAULTS["telemetry"][0], now)
+    supervisor.update(replace(WELL, mode=FlightMode.MANUAL), now + SECOND // 10)
     settle(supervisor, WELL, now, 60.0)
     assert supervisor.state is State.RELEASED and supervisor.fault is not None
 
@@ -253,8 +259,9 @@ def test_refusals_end_before_the_start(state: State) -> None:
         now += 2 * SECOND
     mode = FlightMode.HOLD if state is State.ENGAGE else FlightMode.EXTERNAL
     said = supervisor.update(replace(IDLE, mode=mode, exhausted="arming: denied", reason=" (why)"), now)
-    assert supervisor.state is State.ENDED
+    assert supervisor.state is (State.ENDED if state is State.ENGAGE else State.DISARM)
     assert said is not None and "denied" in said.text and "why" in said.text
+    assert supervisor.fault == "the vehicle refuses: arming: denied (why)"
 
 
 def test_not_ready_names_what_is_missing() -> None:
@@ -314,7 +321,7 @@ def test_a_pilot_who_stops_the_landing_keeps_the_vehicle() -> None:
         assert state_of(supervisor) is State.RELEASED
 
 
-def test_an_interrupt_while_arming_lands_what_may_be_armed() -> None:
+def test_an_interrupt_while_arming_disarms_what_may_be_armed() -> None:
     supervisor = Supervisor(SETTINGS)
     now = 0
     for health in (IDLE, IDLE, IDLE, replace(WELL, armed=False)):
@@ -322,7 +329,7 @@ def test_an_interrupt_while_arming_lands_what_may_be_armed() -> None:
         now += 2 * SECOND
     assert state_of(supervisor) is State.ARM
     supervisor.update(replace(WELL, land_requested=True), now)
-    assert state_of(supervisor) is State.LAND
+    assert state_of(supervisor) is State.DISARM and supervisor.fault == "called off while arming"
 
 
 def test_an_interrupt_after_a_takeover_leaves() -> None:

@@ -1,0 +1,117 @@
+"""What the vehicle says of itself: mode, arming, failsafe, whether it stands on the ground; and whether that is news.
+
+A heartbeat has no time. One that was sent before a command took effect, or before a gap of our own, says nothing of
+what came of it.
+"""
+
+from typing import Any
+
+from companion.reports import StatusReport
+from companion.state import FlightMode, VehicleStatus
+from protocol.messages import dialect
+
+_SECOND_NS = 1_000_000_000
+_ANSWER_NS = _SECOND_NS
+"""A mode that was asked for is there after this time, if the command was not answered."""
+_SETTLES_NS = _SECOND_NS // 10
+"""The same after the answer: PX4 answers twice, the first time up to 16 ms before the mode changes."""
+_BACKLOG_NS = 3 * _SECOND_NS // 10
+"""What queued up during a gap of our own has been read after this time. Where the vehicle's clock is known, its
+telemetry says so,"""
+_LONGEST_BACKLOG_NS = 2 * _SECOND_NS
+"""but it is not waited for longer than this."""
+_TOLERANCE_NS = _SECOND_NS // 20
+"""Of the vehicle's clock."""
+_MOST_ASKS = 5
+"""So often heartbeats are asked for at a rate that they don't come at."""
+
+_CRITICAL = frozenset({dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION})
+_AIRBORNE = frozenset(
+    {dialect.MAV_LANDED_STATE_IN_AIR, dialect.MAV_LANDED_STATE_TAKEOFF, dialect.MAV_LANDED_STATE_LANDING}
+)
+
+
+class StatusWatch:
+    """The latest heartbeat and the latest word on the ground. Times in ns of the companion's clock."""
+
+    def __init__(self) -> None:
+        self.status = VehicleStatus(FlightMode.OTHER, False, False)
+        self.on_ground = False
+        """The vehicle says that it stands on the ground."""
+        self.catching_up = False
+        """Telemetry from before a gap of our own may still come."""
+        self._airborne = False
+        self._landed_ns: int | None = None
+        self._heard_ns: int | None = None
+        self._interval_ns = 0
+        """Between the latest two heartbeats."""
+        self._asks = 0
+        self._awake_ns = 0
+        self._after_command_ns = 0
+        self._after_gap_ns = 0
+        """Heartbeats count that came after both."""
+
+    def heartbeat(self, message: Any, mode: FlightMode, now_ns: int) -> None:
+        """HEARTBEAT (0), whose custom mode means `mode`."""
+        if self._heard_ns is not None:
+            self._interval_ns = now_ns - self._heard_ns
+        self._heard_ns = now_ns
+        self.status = VehicleStatus(
+            mode,
+            bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
+            message.system_status in _CRITICAL,
+        )
+
+    def extended_state(self, message: Any, now_ns: int) -> None:
+        """EXTENDED_SYS_STATE (245)."""
+        self.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+        self._airborne = message.landed_state in _AIRBORNE
+        if not self.on_ground:
+            self._landed_ns = None
+        elif self._landed_ns is None:
+            self._landed_ns = now_ns
+
+    def report(self, now_ns: int) -> StatusReport:
+        """As it is known now."""
+        heard, counts_from = self._heard_ns, max(self._after_command_ns, self._after_gap_ns)
+        return StatusReport(
+            current=heard is not None and heard >= counts_from,
+            airborne=self._airborne,
+            landed_for=0.0 if self._landed_ns is None else (now_ns - self._landed_ns) * 1e-9,
+        )
+
+    # -- what makes a heartbeat old ------------------------------------------------------------------------------------
+
+    def mode_asked(self, now_ns: int) -> None:
+        """A mode is asked for, for the first time."""
+        self._after_command_ns = now_ns + _ANSWER_NS
+
+    def mode_answered(self, now_ns: int) -> None:
+        """The vehicle has answered that."""
+        self._after_command_ns = min(self._after_command_ns, now_ns + _SETTLES_NS)
+
+    def stood_still(self, now_ns: int) -> None:
+        """The companion itself stood still until now: what queued up meanwhile comes first, and is old."""
+        self.catching_up = True
+        self._awake_ns = now_ns
+        self._after_gap_ns = now_ns + _LONGEST_BACKLOG_NS
+
+    def is_old(self, measured_ns: int | None, now_ns: int) -> bool:
+        """Telemetry that was measured then (None: it is not known when) is from before the gap."""
+        waited = now_ns - self._awake_ns
+        if measured_ns is None:
+            old = waited < _BACKLOG_NS
+        else:
+            old = waited < _LONGEST_BACKLOG_NS and measured_ns < self._awake_ns - _TOLERANCE_NS
+        if not old:
+            self.catching_up = False
+            self._after_gap_ns = now_ns
+        return old
+
+    # -- how often -----------------------------------------------------------------------------------------------------
+
+    def comes_slowly(self, rate: float) -> bool:
+        """Heartbeats come at less than half of a rate (Hz), and were not asked for so often that it is no use."""
+        slow = self._interval_ns * rate > 2.0 * _SECOND_NS and self._asks < _MOST_ASKS
+        self._asks += slow
+        return slow

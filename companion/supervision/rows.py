@@ -1,0 +1,67 @@
+"""A row of the table of transitions, and what several rows ask."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from companion.config import Supervision
+from companion.state import FlightMode, Severity
+from companion.supervision.health import Health
+from companion.supervision.states import State
+
+Condition = Callable[[Health, Supervision, float], bool]
+"""Of the health, the settings and the seconds in the state."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """From any of `states`, when `condition` holds, to `to`, saying `text`."""
+
+    states: frozenset[State]
+    condition: Condition
+    to: State
+    severity: Severity
+    text: str
+    """Formatted with the health and the settings."""
+    fault: bool = False
+    """The flight has failed: the outcome says so,"""
+    outcome: str = ""
+    """in these words, formatted likewise; left out, in those of `text`."""
+
+
+def row(
+    states: State | frozenset[State],
+    condition: Condition,
+    to: State,
+    severity: Severity,
+    text: str,
+    *,
+    fault: bool = False,
+    outcome: str = "",
+) -> Row:
+    """A row from one state or several."""
+    states = states if isinstance(states, frozenset) else frozenset({states})
+    return Row(states, condition, to, severity, text, fault, outcome)
+
+
+def left(h: Health) -> bool:
+    """The vehicle has left external control."""
+    return h.current and h.mode is not FlightMode.EXTERNAL
+
+
+def elsewhere(h: Health, *expected: FlightMode) -> bool:
+    """The vehicle is in none of the modes that may follow a command."""
+    return h.current and (h.taken_over or h.mode not in (FlightMode.EXTERNAL, *expected))
+
+
+def disarmed(h: Health, s: Supervision) -> bool:
+    """The vehicle says so, and has not fallen silent."""
+    return h.current and h.heartbeat_age < s.heartbeat_timeout and not h.armed
+
+
+INFO, NOTICE, WARNING, ERROR, CRITICAL = (
+    Severity.INFO,
+    Severity.NOTICE,
+    Severity.WARNING,
+    Severity.ERROR,
+    Severity.CRITICAL,
+)
