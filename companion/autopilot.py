@@ -15,7 +15,6 @@ from companion.mission.navigator import Arrival, Navigator
 from companion.mission.plan import Mission, Phase
 from companion.sensing import Sensing
 from companion.state import Announcement, Output, Reason, VehicleRequest, VehicleState
-from companion.supervision.health import health
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import COMMANDED, FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
@@ -29,7 +28,7 @@ class Autopilot:
     def __init__(self, settings: Settings, body: VehicleParameters, mission: Mission, output: Output) -> None:
         self.settings = settings
         self.body = body
-        self.supervisor = Supervisor(settings.supervision)
+        self.supervisor = Supervisor(settings)
         self.link = VehicleLink(settings, output)
         self.sensing = Sensing(needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
@@ -149,13 +148,11 @@ class Autopilot:
         self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK)
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
-        mission = self.navigator.report(now, flying=state is State.FLY)
-        taken_over = supervisor.taken_over(link.status.mode)
-        announcement = supervisor.update(health(state, link, sensing, mission, self.own, taken_over), now)
+        mission = self.navigator.report(now, self.sensing.state, flying=state is State.FLY)
+        news, announcement = supervisor.look(link, sensing, mission, self.own, now)
+        self._say(news, announcement)
         if announcement is not None:
-            self._say(announcement)
             self._entered(state, supervisor.state, now)
-        self.own.begin()
         self.link.request(supervisor.request, now)
 
     def _entered(self, old: State, new: State, now: int) -> None:
@@ -174,6 +171,9 @@ class Autopilot:
             self.guidance.begin(self.sensing.present)
         elif new is State.FLY and old is State.ARM:
             self.navigator.start_step(now)
+        elif new is State.FLY and old is State.FLY:
+            self._say(self.navigator.go_home(self.sensing.present.position_ned, now))
+            self.guidance.begin_leg(self.navigator.leg(self.sensing.present.position_ned), now)
         elif new is State.ENDED:
             self.navigator.end()
         elif new in COMMANDED:

@@ -159,6 +159,15 @@ class Reason(IntEnum):
     """Nothing was seen for too long."""
 
 
+class BatteryLevel(IntEnum):
+    """What the battery calls for; the higher, the worse."""
+
+    FINE = 0
+    WARN = 1
+    RETURN = 2
+    LAND = 3
+
+
 class Severity(IntEnum):
     """MAV_SEVERITY."""
 

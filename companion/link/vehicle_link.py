@@ -19,6 +19,7 @@ from companion.link.sector_scans import SectorScans
 from companion.outputs import OUTPUTS
 from companion.reports import (
     AttitudeReport,
+    BatteryReading,
     CommandReport,
     LinkReport,
     Rebooted,
@@ -103,6 +104,7 @@ class VehicleLink:
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
+            dialect.MAVLINK_MSG_ID_BATTERY_STATUS: wire.battery_status,
             dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
             dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
@@ -197,10 +199,11 @@ class VehicleLink:
     def _on_extended_state(self, message: Any, now_ns: int) -> None:
         self.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
 
-    def _on_sys_status(self, message: Any, now_ns: int) -> None:
+    def _on_sys_status(self, message: Any, now_ns: int) -> BatteryReading:
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
         if message.onboard_control_sensors_present & bit:
             self._prearm_ok = bool(message.onboard_control_sensors_health & bit)
+        return wire.system_battery(message, now_ns)
 
     def _on_version(self, message: Any, now_ns: int) -> None:
         self._version = message.flight_sw_version
@@ -318,6 +321,7 @@ class VehicleLink:
         """Ask once for all messages that a flight needs, at their rates."""
         for message_id in self._rates.wanted:
             self._request_interval(message_id, self._rates.interval_us(message_id))
+        self._request_interval(dialect.MAVLINK_MSG_ID_BATTERY_STATUS, 1e6)
 
     def _request_interval(self, message_id: int, interval_us: float) -> None:
         assert self.vehicle is not None

@@ -3,7 +3,8 @@
 import msgspec
 
 from companion.reports import LinkReport, MissionReport, SensingReport
-from companion.state import FlightMode
+from companion.state import BatteryLevel, FlightMode
+from companion.supervision.limits import WITHIN, LimitsVerdict
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import State
 
@@ -40,6 +41,12 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """By how much the present step of the mission takes longer than it may (s), else 0."""
     reason: str
     """What the vehicle said last that may explain a refusal."""
+    battery: BatteryLevel = BatteryLevel.FINE
+    """What the battery calls for,"""
+    battery_text: str = ""
+    """and why."""
+    homeward: bool = False
+    """The mission leads to its landing place as directly as the way home would."""
 
 
 def health(
@@ -49,11 +56,12 @@ def health(
     mission: MissionReport,
     own: OwnReport,
     taken_over: bool,
+    limits: LimitsVerdict = WITHIN,
 ) -> Health:
     """The health of a flight in a state; `taken_over`: others have changed the mode that was commanded."""
     return Health(
         seen=link.found,
-        missing=_missing(link, sensing, own) if state < State.FLY else None,
+        missing=_missing(link, sensing, own, limits) if state < State.FLY else None,
         mode=link.status.mode,
         armed=link.status.armed,
         failsafe=link.status.failsafe,
@@ -71,10 +79,13 @@ def health(
         landed=link.on_ground,
         overdue=mission.overdue if state is State.FLY else 0.0,
         reason=link.complaint,
+        battery=limits.battery.level,
+        battery_text=limits.battery.text,
+        homeward=mission.homeward,
     )
 
 
-def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport) -> str | None:
+def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport, limits: LimitsVerdict) -> str | None:
     """The first requirement for the start that is not met."""
     if own.log_fault is not None:
         return f"the flight log fails ({own.log_fault})"
@@ -86,4 +97,4 @@ def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport) -> str | 
         return "the vehicle does not say that it stands on the ground"
     if not link.prearm_ok:
         return f"the vehicle's own arming checks fail{link.complaint}"
-    return None
+    return limits.battery.missing

@@ -1,8 +1,11 @@
 """Who flies: the state of the flight, which nothing moves but the table of transitions."""
 
-from companion.config import Supervision
+from companion.config import Settings
+from companion.reports import LinkReport, MissionReport, SensingReport
 from companion.state import Announcement, FlightMode, VehicleRequest
-from companion.supervision.health import Health
+from companion.supervision.health import Health, health
+from companion.supervision.limits import Limits
+from companion.supervision.operations import OwnReport
 from companion.supervision.states import COMMANDED, REQUESTS, State
 from companion.supervision.transitions import TABLE
 
@@ -13,8 +16,9 @@ _PERIOD_NS = 20_000_000
 class Supervisor:
     """The state and its time; nothing moves it but the table."""
 
-    def __init__(self, settings: Supervision) -> None:
-        self._settings = settings
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings.supervision
+        self._limits = Limits(settings)
         self.state = State.FIND
         self._since_ns: int | None = None
         self.fault: str | None = None
@@ -23,6 +27,16 @@ class Supervisor:
         """When the health is to be looked at next."""
         self._mode_reached = False
         """The vehicle was in the mode that the present state commands."""
+
+    def look(
+        self, link: LinkReport, sensing: SensingReport, mission: MissionReport, own: OwnReport, now_ns: int
+    ) -> tuple[Announcement | None, Announcement | None]:
+        """Judge what the parts report: what is to be said of the limits, and of the row that was taken."""
+        limits, news = self._limits.judge(self.state, link, sensing, mission, now_ns)
+        taken_over = self.taken_over(link.status.mode)
+        seen = health(self.state, link, sensing, mission, own, taken_over, limits)
+        own.begin()
+        return news, self.update(seen, now_ns)
 
     def update(self, health: Health, now_ns: int) -> Announcement | None:
         """Take the first row that fits, if any, and say so."""
@@ -34,7 +48,7 @@ class Supervisor:
             if row.condition(health, self._settings, seconds):
                 text = row.text.format(health=health, settings=self._settings)
                 if row.fault and self.fault is None:
-                    self.fault = row.outcome or text
+                    self.fault = row.outcome.format(health=health) or text
                 self.state = row.to
                 self._since_ns = now_ns
                 self._mode_reached = False

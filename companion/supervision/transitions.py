@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.config import Supervision
-from companion.state import FlightMode, Severity
+from companion.state import BatteryLevel, FlightMode, Severity
 from companion.supervision.health import Health
 from companion.supervision.states import FLYING, State
 
@@ -32,7 +32,7 @@ class Row:
     fault: bool = False
     """The flight has failed: the outcome says so,"""
     outcome: str = ""
-    """in these words; left out, in those of `text`."""
+    """in these words, formatted with the health; left out, in those of `text`."""
 
 
 def _row(
@@ -201,6 +201,15 @@ TABLE: tuple[Row, ...] = (
         outcome="called off in flight",
     ),
     _row(
+        _OWN,
+        lambda h, s, t: h.battery is BatteryLevel.LAND,
+        State.LAND,
+        _C,
+        "{health.battery_text}: landing",
+        fault=True,
+        outcome="landed: {health.battery_text}",
+    ),
+    _row(
         State.FLY,
         lambda h, s, t: h.overdue > 0.0,
         State.LAND,
@@ -221,6 +230,15 @@ TABLE: tuple[Row, ...] = (
         State.HOLD,
         _E,
         "no ring for {health.scan_age:.2f} s: holding",
+    ),
+    _row(
+        State.FLY,
+        lambda h, s, t: h.battery is BatteryLevel.RETURN and not h.homeward,
+        State.FLY,
+        _C,
+        "{health.battery_text}: returning",
+        fault=True,
+        outcome="returned: {health.battery_text}",
     ),
     _row(
         State.HOLD,
