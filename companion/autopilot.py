@@ -27,7 +27,7 @@ class Autopilot:
 
     def __init__(self, settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
         self.settings, self.body = settings, body
-        self.supervisor = Supervisor(settings.supervision)
+        self.supervisor = Supervisor(settings)
         self.link = VehicleLink(settings, output)
         self.sensing = Sensing(needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
@@ -148,12 +148,11 @@ class Autopilot:
         self._say(*self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK))
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
-        mission = self.navigator.report(now, flying=state is State.FLY)
-        announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
+        mission = self.navigator.report(now, self.sensing.state, flying=state is State.FLY)
+        news, announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
+        self._say(news, announcement)
         if announcement is not None:
-            self._say(announcement)
             self._entered(state, supervisor.state, now)
-        self.own.begin()
         self.link.request(supervisor.request, now)
 
     def _entered(self, old: State, new: State, now: int) -> None:
@@ -174,6 +173,9 @@ class Autopilot:
             self.guidance.begin(self.sensing.present)
         elif new is State.FLY and old is State.ARM:
             self.navigator.start_step(now)
+        elif new is State.FLY and old is State.FLY:
+            self._say(self.navigator.go_home(self.sensing.present.position_ned, now))
+            self.guidance.begin_leg(self.navigator.leg(self.sensing.present.position_ned), now)
         elif new is State.ENDED:
             self.navigator.end()
         elif new in COMMANDED:

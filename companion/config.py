@@ -6,10 +6,9 @@ from typing import Annotated
 import msgspec
 
 from companion.avoidance_methods import METHODS
+from companion.config_limits import Battery
+from companion.config_types import Fraction, NotNegative, Positive, Table
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
-Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Vector = tuple[Positive, Positive, Positive]
 RRT_PLANNERS = ("bit*", "informed-rrt*")
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
@@ -21,10 +20,6 @@ POSITION_LAWS = ("backstepping", "se3", "sliding_mode", "pid")
 def _one_of(key: str, value: str, *known: str) -> None:
     if value not in known:
         raise ValueError(f"{key} {value!r}: there are " + ", ".join(f'"{each}"' for each in known))
-
-
-class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of all tables: an unknown key is an error."""
 
 
 class PositionControl(Table, frozen=True):
@@ -495,6 +490,7 @@ class Settings(Table, frozen=True):
     trajectory: Trajectory = Trajectory()
     avoidance: Avoidance = Avoidance()
     supervision: Supervision = Supervision()
+    battery: Battery = Battery()
     rates: Rates = Rates()
     identity: Identity = Identity()
     log: Log = Log()

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from companion.config import NotNegative, Positive, Table
+from companion.config_types import NotNegative, Positive, Table
 from protocol.arrays import Array
 
 Offset = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]

@@ -1,8 +1,10 @@
 """What the parts report of the vehicle, the mission and the motion, in the units and frames of the companion."""
 
+from collections.abc import Mapping
+
 import msgspec
 
-from companion.state import Safety, Scan, VehicleStatus
+from companion.state import BatteryLevel, Safety, Scan, VehicleStatus
 from protocol.arrays import Array
 
 
@@ -30,7 +32,30 @@ class Rebooted(msgspec.Struct, frozen=True, gc=False):
     """The vehicle's time since boot fell: what was known of its motion is void."""
 
 
-Report = AttitudeReport | RepeatedAttitude | PositionReport | Scan | Rebooted
+SYSTEM_BATTERY = -1
+"""The `source` of what SYS_STATUS says, which names no battery."""
+
+
+class BatteryReading(msgspec.Struct, frozen=True, gc=False):
+    """What was said of a battery. None for what is not known."""
+
+    source: int
+    """The battery's number, from 0 on, or SYSTEM_BATTERY."""
+    time_ns: int
+    """Of arrival."""
+    charge: float | None = None
+    """Of a full battery, 0..1."""
+    volts: float | None = None
+    """Of the whole battery."""
+    cell_volts: float | None = None
+    """Of the lowest cell."""
+    level: BatteryLevel = BatteryLevel.FINE
+    """What its condition calls for, as the vehicle sees it."""
+    condition: str = ""
+    """That, in words."""
+
+
+Report = AttitudeReport | RepeatedAttitude | PositionReport | Scan | BatteryReading | Rebooted
 
 
 class Finding(msgspec.Struct, frozen=True, gc=False):
@@ -111,6 +136,10 @@ class MissionReport(msgspec.Struct, frozen=True, gc=False):
     """Only the landing is left."""
     overdue: float
     """By how much the present step takes longer than it may (s), else 0."""
+    homeward: bool = False
+    """What is left of it leads to its landing place as directly as the way home would."""
+    landing_s: float = 0.0
+    """Time (s) to the nearest known landing place, at the mission's speed, and down to the ground."""
 
 
 class MotionReport(msgspec.Struct, frozen=True, gc=False):
@@ -134,3 +163,5 @@ class SensingReport(msgspec.Struct, frozen=True, gc=False):
     """0 where no scan is needed."""
     has_state: bool
     """Position and attitude have come."""
+    batteries: Mapping[int, BatteryReading] = {}
+    """The latest reading of each source."""

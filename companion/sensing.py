@@ -3,7 +3,15 @@
 import math
 
 from companion.estimate import Estimator
-from companion.reports import AttitudeReport, PositionReport, Rebooted, RepeatedAttitude, Report, SensingReport
+from companion.reports import (
+    AttitudeReport,
+    BatteryReading,
+    PositionReport,
+    Rebooted,
+    RepeatedAttitude,
+    Report,
+    SensingReport,
+)
 from companion.state import Pose, Scan, VehicleState
 
 
@@ -19,6 +27,8 @@ class Sensing:
         """The latest, if it came since the last `look`."""
         self._scan_ns: int | None = None
         self._scan_boot_us: int | None = None
+        self._batteries: dict[int, BatteryReading] = {}
+        """The latest by their source."""
 
     @property
     def present(self) -> VehicleState:
@@ -44,6 +54,8 @@ class Sensing:
                 self._take_scan(report, now_ns)
             case RepeatedAttitude():
                 return True
+            case BatteryReading():
+                self._batteries[report.source] = report
             case Rebooted():
                 self.estimator.restart()
         return False
@@ -75,4 +87,5 @@ class Sensing:
             telemetry_age=math.inf if age_ns is None else age_ns * 1e-9,
             scan_age=max(self.scan_age(now_ns), map_age) if self._needs_scan else 0.0,
             has_state=self.state is not None,
+            batteries=self._batteries,
         )

@@ -171,6 +171,15 @@ class Safety(IntEnum):
     """Not flown."""
 
 
+class BatteryLevel(IntEnum):
+    """What the battery calls for; the higher, the worse."""
+
+    FINE = 0
+    WARN = 1
+    RETURN = 2
+    LAND = 3
+
+
 class Severity(IntEnum):
     """MAV_SEVERITY."""
 

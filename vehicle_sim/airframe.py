@@ -89,6 +89,8 @@ class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     empty_v: Positive
     efficiency: Annotated[float, msgspec.Meta(gt=0, le=1)]
     idle_w: NotNegative
+    charge: Annotated[float, msgspec.Meta(gt=0, le=1)] = 1.0
+    """Of a full battery, at the start."""
 
 
 class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -14,6 +14,7 @@ from vehicle_sim.autopilot.control_laws import COMMAND, Level
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Severity
 from vehicle_sim.estimator import Estimator
+from vehicle_sim.physics.battery import is_empty
 from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.physics.motion import FEEDBACK, Motion
 from vehicle_sim.physics.rigid_body import STATES
@@ -143,6 +144,8 @@ class Vehicle:
         advance(self.state, self.flight.command, self._parameters, self._feedback, self._work)
         before = self.motion
         self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
+        if self.flight.armed and is_empty(self.airframe, truth):
+            self.flight.lose_power()
         self.flight.step(truth)
         if self.world.force_ned != _NO_FORCE:
             self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned

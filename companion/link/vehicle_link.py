@@ -21,6 +21,7 @@ from companion.link.vehicle_status import StatusWatch
 from companion.outputs import OUTPUTS
 from companion.reports import (
     AttitudeReport,
+    BatteryReading,
     CommandReport,
     LinkReport,
     Rebooted,
@@ -98,7 +99,8 @@ class VehicleLink:
             dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.said.extended_state,
-            dialect.MAVLINK_MSG_ID_SYS_STATUS: self.readiness.on_sys_status,
+            dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
+            dialect.MAVLINK_MSG_ID_BATTERY_STATUS: wire.battery_status,
             dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.readiness.on_estimator,
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self.readiness.on_parameter,
             dialect.MAVLINK_MSG_ID_PARAM_ERROR: self.readiness.on_parameter_error,
@@ -198,6 +200,10 @@ class VehicleLink:
         assert self.firmware is not None and self.peer is not None
         self.peer.heartbeat(now_ns)
         self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), now_ns)
+
+    def _on_sys_status(self, message: Any, now_ns: int) -> BatteryReading:
+        self.readiness.on_sys_status(message, now_ns)
+        return wire.system_battery(message, now_ns)
 
     def _on_ack(self, message: Any, now_ns: int) -> None:
         system, component = self._encoder.system, self._encoder.component
@@ -341,6 +347,7 @@ class VehicleLink:
         self._request_interval(_HEARTBEAT, 1e6 / self._settings.rates.heartbeat)
         for message_id in self._rates.wanted:
             self._request_interval(message_id, self._rates.interval_us(message_id))
+        self._request_interval(dialect.MAVLINK_MSG_ID_BATTERY_STATUS, 1e6)
 
     def _request_interval(self, message_id: int, interval_us: float) -> None:
         assert self.vehicle is not None

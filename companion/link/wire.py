@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from companion.link.sector_scans import SECTORS, SectorReport
-from companion.reports import AttitudeReport, PositionReport
-from companion.state import Scan
+from companion.reports import SYSTEM_BATTERY, AttitudeReport, BatteryReading, PositionReport
+from companion.state import BatteryLevel, Scan
 from protocol.arrays import Array
 from protocol.frames import from_euler
 from protocol.messages import dialect
@@ -24,6 +24,26 @@ _NOTHING = 65535
 _HALF_SECTOR = math.pi / SECTORS
 _ARDUPILOT_RING = 10
 """PROXIMITY_SENSOR_ID_START"""
+
+_UNKNOWN_MV = 65535
+_HIGHEST_CELL_V = 5.0
+_CHARGE_STATES = {
+    dialect.MAV_BATTERY_CHARGE_STATE_LOW: (BatteryLevel.WARN, "low"),
+    dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL: (BatteryLevel.RETURN, "critical"),
+    dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY: (BatteryLevel.LAND, "almost empty"),
+    dialect.MAV_BATTERY_CHARGE_STATE_FAILED: (BatteryLevel.LAND, "failed"),
+    dialect.MAV_BATTERY_CHARGE_STATE_UNHEALTHY: (BatteryLevel.RETURN, "unhealthy"),
+}
+_GRAVE_FAULTS = (
+    dialect.MAV_BATTERY_FAULT_DEEP_DISCHARGE
+    | dialect.MAV_BATTERY_FAULT_CELL_FAIL
+    | dialect.MAV_BATTERY_FAULT_OVER_TEMPERATURE
+)
+_FAULTS = {
+    bit: entry.name.removeprefix("MAV_").removeprefix("BATTERY_FAULT_").lower().replace("_", " ")
+    for bit, entry in dialect.enums["MAV_BATTERY_FAULT"].items()
+    if bit.bit_count() == 1
+}
 
 
 class RefusedError(Exception):
@@ -110,6 +130,55 @@ def sector_distance(message: Any) -> SectorReport | None:
         hit=distance <= far,
         known=message.signal_quality != 1,
     )
+
+
+def battery_status(message: Any, time_ns: int) -> BatteryReading | None:
+    """BATTERY_STATUS (147): mV -> V, % -> 1. None of a battery of the payload's own.
+
+    A vehicle that does not know its cells gives the voltage of the whole battery as that of the first, and of the
+    second what is above 65.5 V. A battery of 0 V is not there, whatever its charge is said to be.
+    """
+    if message.battery_function == dialect.MAV_BATTERY_FUNCTION_PAYLOAD:
+        return None
+    cells = [each * 1e-3 for each in message.voltages if each != _UNKNOWN_MV]
+    cells += [each * 1e-3 for each in message.voltages_ext if 0 < each != _UNKNOWN_MV]
+    volts = sum(cells) if cells else None
+    level, words = _CHARGE_STATES.get(message.charge_state, (BatteryLevel.FINE, ""))
+    faults = message.fault_bitmask
+    if faults:
+        level = max(level, BatteryLevel.RETURN if faults & _GRAVE_FAULTS else BatteryLevel.WARN)
+        words = ", ".join([words] * bool(words) + [name for bit, name in _FAULTS.items() if faults & bit])
+    return BatteryReading(
+        message.id,
+        time_ns,
+        None if volts == 0.0 else _charge(message.battery_remaining),
+        volts or None,
+        min(cells) if len(cells) > 1 and 0.0 < max(cells) < _HIGHEST_CELL_V else None,
+        level,
+        words or ("fault" if faults else ""),
+    )
+
+
+def system_battery(message: Any, time_ns: int) -> BatteryReading:
+    """What SYS_STATUS (1) says of the battery: mV -> V, % -> 1."""
+    bit = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    used = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled & bit
+    ill = bool(used & ~message.onboard_control_sensors_health)
+    volts = None if message.voltage_battery == _UNKNOWN_MV else message.voltage_battery * 1e-3
+    return BatteryReading(
+        SYSTEM_BATTERY,
+        time_ns,
+        None if volts == 0.0 else _charge(message.battery_remaining),
+        volts or None,
+        None,
+        BatteryLevel.WARN if ill else BatteryLevel.FINE,
+        "unhealthy" if ill else "",
+    )
+
+
+def _charge(percent: int) -> float | None:
+    """-1: the vehicle does not estimate it."""
+    return percent * 0.01 if 0 <= percent <= 100 else None
 
 
 def statustext_fields(severity: int, text: str) -> list[tuple[int, bytes, int, int]]:

@@ -6,6 +6,7 @@ The navigator says where to go (`leg`) and is told how the motion goes (`advance
 import math
 from collections.abc import Sequence
 from enum import Enum
+from itertools import pairwise
 from typing import NamedTuple
 
 import msgspec
@@ -21,6 +22,12 @@ from protocol.arrays import Array
 
 NEAR_M = 2.0
 """From a goal that is nearer than this, no way over the map is needed."""
+
+_ALONG = (Phase.ROUTE, Phase.RETURN, Phase.TRACK)
+"""Phases in which the trail is followed up."""
+_LOW = (Phase.DESCEND, Phase.RELEASE, Phase.CLIMB)
+_SINKING = 0.7
+"""m/s at which vehicles land."""
 
 
 class Leg(msgspec.Struct, frozen=True, gc=False):
@@ -81,6 +88,8 @@ class Navigator:
         self._leg: Leg | None = None
         """As it was said last, until anything about it may have changed."""
         self._gave_up = False
+        self._cut_short = False
+        """What is left is the way home."""
         self._step_since_ns = 0
         self._arrived_ns: int | None = None
         self._paused_ns = 0
@@ -143,10 +152,37 @@ class Navigator:
         self._search.begin()
         self._leg = None
 
-    def report(self, now_ns: int, *, flying: bool) -> MissionReport:
-        """How far the mission is; a step is overdue only while the companion is `flying`."""
+    def report(self, now_ns: int, state: VehicleState | None = None, *, flying: bool) -> MissionReport:
+        """How far the mission is, with the vehicle in a `state` if that is known; a step is overdue only while the
+        companion is `flying`."""
         done = bool(self.steps) and self.step.phase is Phase.LAND
-        return MissionReport(done, self._overdue(now_ns) if flying else 0.0)
+        if not flying:
+            return MissionReport(done, 0.0)
+        homeward, landing_s = (False, 0.0) if state is None else self._way_to_landing(state.position_ned)
+        return MissionReport(done, self._overdue(now_ns), homeward, landing_s)
+
+    def _way_to_landing(self, here: Array) -> tuple[bool, float]:
+        """Whether the mission leads straight to where it lands, and the time (s) to the nearest landing place known."""
+        phase, home = self.phase, self.steps[0].target_ned
+        assert home is not None
+        if phase in _ALONG:
+            self._trail.add(here)
+        way = self._trail.length(here, home)
+        homeward = self._cut_short or phase in (Phase.RETURN, Phase.LAND)
+        if not (self.mission.return_home or homeward):
+            rest = self._rest(here)
+            homeward = rest <= way
+            way = min(rest, way)
+        height = max(self.ground_down - float(here[2]), 0.0)
+        return homeward, way / self._search.slowed(self.mission.speed) + height / _SINKING
+
+    def _rest(self, here: Array) -> float:
+        """m from a place to the end of the mission; inf where a track is on the way."""
+        left = self.steps[self.step_index :]
+        if any(step.curve is not None for step in left):
+            return math.inf
+        places = [here.tolist(), *(step.target_ned.tolist() for step in left if step.target_ned is not None)]
+        return sum(math.dist(one, other) for one, other in pairwise(places))
 
     def _overdue(self, now_ns: int) -> float:
         """How much longer than it may (s) the present step takes; 0 while there is time."""
@@ -242,6 +278,28 @@ class Navigator:
         self._step_since_ns = now_ns
         return Announcement(Severity.INFO, f"{change.why}: {self.ground_down - change.down:.1f} m of height")
 
+    def go_home(self, here: Array, now_ns: int) -> Announcement:
+        """Cut the rest of the mission: fly home from a place (3,) the way it came, and land there."""
+        home, back = self.steps[0].target_ned, list[Step]()
+        assert home is not None
+        if self.phase is not Phase.TAKEOFF:  # which is above the landing place
+            climb = next((step for step in self.steps[self.step_index :] if step.phase is Phase.CLIMB), None)
+            if self.phase in _LOW and climb is not None:
+                back.append(climb)
+            back += [Step(Phase.RETURN, place, passes=True, avoids=True) for place in self._trail.corners(here, home)]
+            back.append(Step(Phase.RETURN, home, avoids=True))
+        self._search.forbid()
+        return self._cut(back, now_ns)
+
+    def _cut(self, rest: list[Step], now_ns: int) -> Announcement:
+        """Fly the `rest` in place of what was to follow the present step, and land."""
+        self._leg = None
+        self._cut_short = True
+        rest = [*rest, Step(Phase.LAND)]
+        self.steps = (*self.steps[: self.step_index + 1], *rest)
+        self._durations = self._durations[: self.step_index + 1] + (None,) * len(rest)
+        return self.next_step(now_ns)
+
     def _give_up(self, now_ns: int) -> Judgement:
         """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""
         back: list[Step] = []
@@ -252,8 +310,4 @@ class Navigator:
         text = f"no progress for {self._settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
         self._gave_up = True
         self._search.forbid()
-        self._leg = None
-        rest = (*back, Step(Phase.LAND))
-        self.steps = self.steps[: self.step_index + 1] + rest
-        self._durations = self._durations[: self.step_index + 1] + (None,) * len(rest)
-        return Judgement((Announcement(Severity.ERROR, text), self.next_step(now_ns)), text)
+        return Judgement((Announcement(Severity.ERROR, text), self._cut(back, now_ns)), text)

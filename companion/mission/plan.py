@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from companion.config import NotNegative, Positive, Table
+from companion.config_types import NotNegative, Positive, Table
 from companion.curves import Curve, Route, Shape
 from protocol.arrays import Array
 

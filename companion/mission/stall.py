@@ -1,11 +1,18 @@
 """The trail on which the vehicle came, to fly back along it, and whether it still comes nearer to its goal."""
 
 import math
+from itertools import pairwise
+
+import numpy as np
 
 from protocol.arrays import Array
 
 _SPACING = 5.0
 """m between two places of the trail. A place nearer than that to an older one closes a loop, which is left out."""
+_STEP = 0.5
+"""m between two looks at it."""
+_ASIDE = 1.0
+"""m that a place may lie beside a straight stretch of the way back."""
 _PROGRESS = 1.0
 """m by which the vehicle must come nearer to the goal than ever before."""
 
@@ -15,18 +22,51 @@ class Trail:
 
     def __init__(self) -> None:
         self._places: list[Array] = []
+        self._seen: list[float] | None = None
+        """The place that was looked at last."""
+        self._length = 0.0
+        """m along the places."""
 
     def add(self, place: Array) -> None:
         """The vehicle is at a place (3,) m, NED, on the way to a goal of the route."""
+        here: list[float] = place.tolist()
+        if self._seen is not None and math.dist(here, self._seen) < _STEP:
+            return
+        self._seen = here
         for index, old in enumerate(self._places):
-            if math.dist(place.tolist(), old.tolist()) < _SPACING:
+            if math.dist(here, old.tolist()) < _SPACING:
                 del self._places[index + 1 :]
-                return
-        self._places.append(place)
+                break
+        else:
+            self._places.append(place)
+        self._length = sum(math.dist(one.tolist(), other.tolist()) for one, other in pairwise(self._places))
+
+    def length(self, here: Array, home: Array) -> float:
+        """m from a place back along the trail and on to `home`, both (3,) m, NED."""
+        if not self._places:
+            return math.dist(here.tolist(), home.tolist())
+        ends = math.dist(here.tolist(), self._places[-1].tolist()) + math.dist(self._places[0].tolist(), home.tolist())
+        return ends + self._length
+
+    def corners(self, here: Array, home: Array) -> list[Array]:
+        """The places at which the way back from `here` along the trail to `home` turns, in that order."""
+        return _corners(np.array([here, *self.back(), home]))
 
     def back(self) -> list[Array]:
         """The places, the latest first."""
         return self._places[::-1]
+
+
+def _corners(way: Array) -> list[Array]:
+    """The places between the ends of a way (n, 3) that it must keep so that it moves by `_ASIDE` at most (the
+    algorithm of Douglas and Peucker)."""
+    along = way[-1] - way[0]
+    shares = np.clip((way - way[0]) @ along / max(float(along @ along), 1e-9), 0.0, 1.0)
+    aside = np.linalg.norm(way - way[0] - shares[:, None] * along, axis=1)
+    farthest = int(aside.argmax())
+    if aside[farthest] <= _ASIDE:
+        return []
+    return [*_corners(way[: farthest + 1]), way[farthest], *_corners(way[farthest:])]
 
 
 class Progress:

@@ -4,10 +4,13 @@ While the companion itself stood still, it heard nothing: that is no fault of th
 of such a gap on.
 """
 
+from typing import NamedTuple
+
 import msgspec
 
 from companion.reports import LinkReport, MissionReport, SensingReport
-from companion.state import FlightMode
+from companion.state import BatteryLevel, FlightMode
+from companion.supervision.limits import WITHIN, LimitsVerdict
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import State
 from companion.supervision.watching import Watched
@@ -54,6 +57,19 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """What the vehicle said last that may explain a refusal."""
     refusal: str | None = None
     """Why this vehicle is not flown, whatever one waits for."""
+    battery: BatteryLevel = BatteryLevel.FINE
+    """What the battery calls for,"""
+    battery_text: str = ""
+    """and why."""
+    homeward: bool = False
+    """The mission leads to its landing place as directly as the way home would."""
+
+
+class Judged(NamedTuple):
+    """What was judged by itself."""
+
+    watched: Watched
+    limits: LimitsVerdict = WITHIN
 
 
 def health(
@@ -62,14 +78,15 @@ def health(
     sensing: SensingReport,
     mission: MissionReport,
     own: OwnReport,
-    watched: Watched,
+    judged: Judged,
     now_ns: int,
 ) -> Health:
     """The health of a flight in a state."""
+    watched, limits = judged
     awake = own.awake_for(now_ns)
     return Health(
         seen=link.found,
-        missing=_missing(link, sensing, own) if state < State.FLY else None,
+        missing=_missing(link, sensing, own, limits) if state < State.FLY else None,
         mode=link.status.mode,
         current=link.word.current,
         armed=link.status.armed,
@@ -92,10 +109,13 @@ def health(
         overdue=mission.overdue if state is State.FLY else 0.0,
         reason=link.complaint,
         refusal=link.refusal,
+        battery=limits.battery.level,
+        battery_text=limits.battery.text,
+        homeward=mission.homeward,
     )
 
 
-def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport) -> str | None:
+def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport, limits: LimitsVerdict) -> str | None:
     """The first requirement for the start that is not met."""
     if own.log_fault is not None:
         return f"the flight log fails ({own.log_fault})"
@@ -107,4 +127,4 @@ def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport) -> str | 
         return "the vehicle does not say that it stands on the ground"
     if not link.prearm_ok:
         return f"the vehicle's own arming checks fail{link.failed_check}"
-    return None
+    return limits.battery.missing

@@ -1,6 +1,6 @@
 """The rows of a flight: faults, gaps of our own, the vehicle's own failsafe, others, and the landing."""
 
-from companion.state import FlightMode
+from companion.state import BatteryLevel, FlightMode
 from companion.supervision.rows import CRITICAL, ERROR, NOTICE, WARNING, Row, disarmed, elsewhere, left, row
 from companion.supervision.states import State
 
@@ -88,6 +88,15 @@ IN_FLIGHT: tuple[Row, ...] = (
         outcome="called off in flight",
     ),
     row(
+        _OWN,
+        lambda h, s, t: h.battery is BatteryLevel.LAND,
+        State.LAND,
+        CRITICAL,
+        "{health.battery_text}: landing",
+        fault=True,
+        outcome="landed: {health.battery_text}",
+    ),
+    row(
         State.FLY,
         lambda h, s, t: h.overdue > 0.0,
         State.LAND,
@@ -108,6 +117,15 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.HOLD,
         ERROR,
         "no ring for {health.scan_age:.2f} s: holding",
+    ),
+    row(
+        State.FLY,
+        lambda h, s, t: h.battery is BatteryLevel.RETURN and not h.homeward,
+        State.FLY,
+        CRITICAL,
+        "{health.battery_text}: returning",
+        fault=True,
+        outcome="returned: {health.battery_text}",
     ),
     row(
         State.HOLD,

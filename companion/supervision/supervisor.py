@@ -1,9 +1,10 @@
 """Who flies: the state of the flight, which nothing moves but the table of transitions."""
 
-from companion.config import Supervision
+from companion.config import Settings
 from companion.reports import LinkReport, MissionReport, SensingReport
 from companion.state import Announcement, VehicleRequest, VehicleState, VehicleStatus
-from companion.supervision.health import Health, health
+from companion.supervision.health import Health, Judged, health
+from companion.supervision.limits import Limits
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import COMMANDED, REQUESTS, State
 from companion.supervision.transitions import TABLE
@@ -16,8 +17,9 @@ _PERIOD_NS = 20_000_000
 class Supervisor:
     """The state and its time; nothing moves it but the table."""
 
-    def __init__(self, settings: Supervision) -> None:
-        self._settings = settings
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings.supervision
+        self._limits = Limits(settings)
         self.state = State.FIND
         self._since_ns: int | None = None
         self.fault: str | None = None
@@ -38,10 +40,13 @@ class Supervisor:
         own: OwnReport,
         vehicle: VehicleState | None,
         now_ns: int,
-    ) -> Announcement | None:
-        """Take the health of the flight, from the reports and the vehicle's state, and what follows from it."""
+    ) -> tuple[Announcement | None, Announcement | None]:
+        """Judge what the parts report: what is to be said of the limits, and of the row that was taken."""
+        limits, news = self._limits.judge(self.state, link, sensing, mission, now_ns)
         watched = self.watch(link.status, link.word.current, vehicle, now_ns)
-        return self.update(health(self.state, link, sensing, mission, own, watched, now_ns), now_ns)
+        seen = health(self.state, link, sensing, mission, own, Judged(watched, limits), now_ns)
+        own.begin()
+        return news, self.update(seen, now_ns)
 
     def update(self, health: Health, now_ns: int) -> Announcement | None:
         """Take the first row that fits, if any, and say so."""

@@ -51,6 +51,7 @@ class FlightControl:
         self.failsafe = False
         self.crash: str | None = None
         """Name of what the vehicle hit."""
+        self._powerless = False
         self.mass_kg = airframe.takeoff_mass_kg
         self.home_ned: Vector = motion.position_ned
         self.airborne_ns = 0
@@ -162,6 +163,8 @@ class FlightControl:
         now_ns = self.motion.time_ns
         if self.crash is not None:
             return "crashed"
+        if self._powerless:
+            return "battery empty"
         if now_ns < BOOT_NS:
             return "estimator is starting"
         if self.motion.tilt > _ARMING_TILT:
@@ -200,6 +203,12 @@ class FlightControl:
         self.failsafe = False
         self.announce(Severity.INFO, text)
         self._fire(Trigger.DISARMED)
+
+    def lose_power(self) -> None:
+        """The battery is empty: the motors stop for good."""
+        self._powerless = True
+        self.armed = False
+        self.announce(Severity.EMERGENCY, "Battery empty: motors stop")
 
     def collide(self, name: str) -> None:
         """The vehicle hit something: the motors stop for good."""

@@ -14,11 +14,17 @@ class BatteryState(NamedTuple):
     """Of 1.0."""
 
 
+def is_empty(airframe: Airframe, motion: Motion) -> bool:
+    """All that it held has been used."""
+    b = airframe.battery
+    return motion.shaft_energy_j / b.efficiency + b.idle_w * motion.time_ns * 1e-9 >= b.charge * b.capacity_wh * 3600.0
+
+
 def battery_state(airframe: Airframe, motion: Motion) -> BatteryState:
     """At a motion, whose shaft energy and time since boot tell what has been used."""
     b = airframe.battery
     used_wh = (motion.shaft_energy_j / b.efficiency + b.idle_w * motion.time_ns * 1e-9) / 3600.0
-    remaining = max(0.0, 1.0 - used_wh / b.capacity_wh)
+    remaining = max(0.0, b.charge - used_wh / b.capacity_wh)
     volts = b.empty_v + (b.full_v - b.empty_v) * remaining
     shaft_w = (
         airframe.body.torque_per_thrust_m

@@ -39,6 +39,13 @@ _CAPABILITIES = (
 _VERSION = 0x010D00FF
 """PX4 1.13.0, release: the last version that takes SET_ACTUATOR_CONTROL_TARGET."""
 
+_CHARGE_STATES: tuple[tuple[float, int], ...] = (
+    (0.05, dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY),
+    (0.07, dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL),
+    (0.15, dialect.MAV_BATTERY_CHARGE_STATE_LOW),
+)
+"""Below which charge; PX4's BAT_EMERGEN_THR, BAT_CRIT_THR, BAT_LOW_THR."""
+
 _NOTHING_8 = bytes(8)
 _UNUSED_CELLS = (65535,) * 9
 
@@ -102,7 +109,7 @@ class StatusMessages:
             round(used_wh * 36.0),
             round(remaining * 100.0),
             0,
-            dialect.MAV_BATTERY_CHARGE_STATE_OK,
+            _charge_state(remaining),
             (0,) * 4,
             0,
             0,
@@ -153,3 +160,10 @@ class StatusMessages:
         full = math.sqrt(self._airframe.body.rotor_max_thrust_n / rotors.thrust_constant_ns2)
         pulses = [round(1000.0 + 1000.0 * speed / full) for speed in now.truth.rotor_speeds]
         return self._encode(dialect.MAVLink_servo_output_raw_message, now.now_us & 0xFFFFFFFF, 0, *pulses, *(0,) * 12)
+
+
+def _charge_state(remaining: float) -> int:
+    for threshold, state in _CHARGE_STATES:
+        if remaining < threshold:
+            return state
+    return int(dialect.MAV_BATTERY_CHARGE_STATE_OK)

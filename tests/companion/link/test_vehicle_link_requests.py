@@ -270,7 +270,8 @@ def test_all_rates_are_asked_for_on_request() -> None:
     link, _ = found()
     link.request_rates()
     asked = {message.param1: message.param2 for message in sent(link)}
-    assert asked == {0.0: 2e5, 32.0: 4000.0, 31.0: 4000.0, 330.0: pytest.approx(1e6 / 15), 245.0: 2e5}
+    wanted = {0.0: 2e5, 32.0: 4000.0, 31.0: 4000.0, 330.0: pytest.approx(1e6 / 15), 245.0: 2e5, 147.0: 1e6}
+    assert asked == wanted
 
 
 # -- setpoints and text ------------------------------------------------------------------------------------------------

@@ -9,7 +9,8 @@ import pytest
 
 from companion.link import wire
 from companion.outputs import OUTPUTS
-from companion.state import Output, Setpoint
+from companion.reports import BatteryReading
+from companion.state import BatteryLevel, Output, Setpoint
 from protocol.frames import from_euler
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
@@ -120,3 +121,107 @@ def test_status_text_fits_its_field() -> None:
 def test_a_vehicles_text_does_nothing_to_a_terminal() -> None:
     message = through_the_wire(dialect.MAVLink_statustext_message, 4, b"\x1b[2Jlow\r\nbattery")
     assert wire.vehicle_text(message) == "?[2Jlow??battery"
+
+
+BATTERY: dict[str, Any] = {
+    "id": 0,
+    "battery_function": dialect.MAV_BATTERY_FUNCTION_ALL,
+    "type": dialect.MAV_BATTERY_TYPE_LIPO,
+    "temperature": 32767,
+    "voltages": (11_100, *(65535,) * 9),
+    "current_battery": -1,
+    "current_consumed": -1,
+    "energy_consumed": -1,
+    "battery_remaining": 42,
+    "time_remaining": 0,
+    "charge_state": dialect.MAV_BATTERY_CHARGE_STATE_OK,
+    "voltages_ext": (0,) * 4,
+    "mode": 0,
+    "fault_bitmask": 0,
+}
+
+
+def battery(**changes: Any) -> BatteryReading:
+    reading = wire.battery_status(
+        through_the_wire(dialect.MAVLink_battery_status_message, *{**BATTERY, **changes}.values()), 7
+    )
+    assert reading is not None
+    return reading
+
+
+def test_a_battery_is_read_in_volts_and_shares() -> None:
+    reading = battery(id=3)
+    assert (reading.source, reading.time_ns, reading.level) == (3, 7, BatteryLevel.FINE)
+    assert reading.charge == pytest.approx(0.42) and reading.volts == pytest.approx(11.1) and reading.cell_volts is None
+
+
+def test_what_is_not_known_of_a_battery_is_none() -> None:
+    assert battery(battery_remaining=-1).charge is None
+    assert battery(battery_remaining=127).charge is None
+    assert battery(voltages=(65535,) * 10).volts is None
+    absent = battery(voltages=(0, *(65535,) * 9), battery_remaining=0)
+    assert absent.charge is None and absent.volts is None
+
+
+def test_the_lowest_cell_counts() -> None:
+    cells = (3900, 3850, 3400, 3950, *(65535,) * 6)
+    assert battery(voltages=cells).cell_volts == pytest.approx(3.4)
+    assert battery(voltages=(4000,) * 10, voltages_ext=(3900, 3100, 0, 0)).cell_volts == pytest.approx(3.1)
+    high = battery(voltages=(65534, 2000, *(65535,) * 8))
+    assert high.volts == pytest.approx(67.534) and high.cell_volts is None
+
+
+STATES = {
+    dialect.MAV_BATTERY_CHARGE_STATE_UNDEFINED: BatteryLevel.FINE,
+    dialect.MAV_BATTERY_CHARGE_STATE_LOW: BatteryLevel.WARN,
+    dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL: BatteryLevel.RETURN,
+    dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY: BatteryLevel.LAND,
+    dialect.MAV_BATTERY_CHARGE_STATE_FAILED: BatteryLevel.LAND,
+    dialect.MAV_BATTERY_CHARGE_STATE_UNHEALTHY: BatteryLevel.RETURN,
+    99: BatteryLevel.FINE,
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_the_state_of_a_battery_calls_for_something(state: int) -> None:
+    reading = battery(charge_state=state)
+    assert reading.level is STATES[state] and bool(reading.condition) is bool(reading.level)
+
+
+@pytest.mark.parametrize("bit", [1 << bit for bit in range(12)])
+def test_a_fault_of_a_battery_is_worth_a_word_at_least(bit: int) -> None:
+    reading = battery(fault_bitmask=bit)
+    assert reading.level >= BatteryLevel.WARN and reading.condition
+    assert battery(fault_bitmask=bit, charge_state=dialect.MAV_BATTERY_CHARGE_STATE_FAILED).level is BatteryLevel.LAND
+
+
+def test_a_cell_that_fails_calls_the_vehicle_home() -> None:
+    reading = battery(fault_bitmask=dialect.MAV_BATTERY_FAULT_CELL_FAIL | dialect.MAV_BATTERY_FAULT_SPIKES)
+    assert reading.level is BatteryLevel.RETURN and reading.condition == "spikes, cell fail"
+
+
+def test_the_payload_s_battery_is_not_the_vehicle_s() -> None:
+    fields = {**BATTERY, "battery_function": dialect.MAV_BATTERY_FUNCTION_PAYLOAD}
+    message = through_the_wire(dialect.MAVLink_battery_status_message, *fields.values())
+    assert wire.battery_status(message, 7) is None
+
+
+@pytest.mark.parametrize(
+    ("volts", "remaining", "health", "expected"),
+    [
+        (11_100, 42, True, (0.42, 11.1, BatteryLevel.FINE)),
+        (11_100, 42, False, (0.42, 11.1, BatteryLevel.WARN)),
+        (65535, -1, True, (None, None, BatteryLevel.FINE)),
+        (0, 0, True, (None, None, BatteryLevel.FINE)),
+    ],
+)
+def test_the_system_s_status_tells_of_the_battery(
+    volts: int, remaining: int, health: bool, expected: tuple[float | None, float | None, BatteryLevel]
+) -> None:
+    bit = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    fields = bit, bit, bit if health else 0, 0, volts, -1, remaining, *(0,) * 9
+    reading = wire.system_battery(through_the_wire(dialect.MAVLink_sys_status_message, *fields), 7)
+    charge, whole, level = expected
+    assert reading.level is level and reading.cell_volts is None
+    assert reading.charge == (None if charge is None else pytest.approx(charge))
+    assert reading.volts == (None if whole is None else pytest.approx(whole))

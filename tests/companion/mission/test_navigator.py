@@ -2,14 +2,15 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.mission import plan as missions
-from companion.mission.navigator import Arrival
-from companion.mission.plan import Phase
+from companion.mission.navigator import Arrival, Navigator
+from companion.mission.plan import Mission, Phase, Waypoint
 from companion.reports import CommandReport, MotionReport
 from companion.runtime.files import load_mission
 from companion.state import Severity
@@ -257,3 +258,50 @@ def test_after_a_pause_a_stop_is_reached_again() -> None:
     navigator.pause(SECOND)
     navigator.resume(100 * SECOND)
     assert navigator.advance(ALONG, vehicle(START), 101 * SECOND) is Arrival.NOT_YET
+
+
+def flown_along(mission: Mission, phase: Phase, north: float) -> Navigator:
+    """At the first step of a phase, having flown north at 3 m for so long."""
+    navigator = at_step(mission, phase)
+    for there in np.arange(0.0, north, 0.5):
+        navigator.report(0, vehicle(np.add(START, (there, 0.0, -3.0))), flying=True)
+    return navigator
+
+
+LONG_WAY = Mission(name="long", waypoints=[Waypoint(200.0, 0.0, 3.0)], speed=4.0)
+
+
+def test_home_is_the_way_it_came_and_down_again() -> None:
+    navigator = flown_along(LONG_WAY, Phase.ROUTE, 100.0)
+    here = np.add(START, (100.0, 0.0, -3.0))
+    report = navigator.report(0, vehicle(here), flying=True)
+    assert not report.homeward
+    assert 100.0 / 4.0 < report.landing_s < 100.0 / 4.0 + 3.0 / 0.5
+    said = navigator.go_home(here, SECOND)
+    assert "return" in said.text and navigator.report(0, vehicle(here), flying=True).homeward
+    rest = navigator.steps[navigator.step_index :]
+    assert [step.phase for step in rest] == [Phase.RETURN, Phase.LAND]
+    assert rest[0].target_ned is not None and rest[0].target_ned.tolist() == np.add(START, (0, 0, -3.0)).tolist()
+
+
+def test_from_the_take_off_home_is_below() -> None:
+    navigator = navigator_of(LONG_WAY)
+    navigator.go_home(np.add(START, (0.0, 0.0, -1.0)), 0)
+    assert navigator.report(0, flying=True).done
+
+
+def test_from_the_delivery_it_climbs_before_it_flies_home() -> None:
+    navigator = at_step(ROUTE, Phase.DESCEND)
+    navigator.go_home(np.add(target_of(navigator), (0.0, 0.0, -1.0)), 0)
+    assert navigator.phase is Phase.CLIMB and not navigator.released
+    phases = [step.phase for step in navigator.steps[navigator.step_index :]]
+    assert Phase.RELEASE not in phases and phases[-2:] == [Phase.RETURN, Phase.LAND]
+
+
+@pytest.mark.parametrize(("north", "homeward"), [(90.0, False), (110.0, True)])
+def test_a_mission_that_does_not_return_lands_where_it_is_nearer(north: float, homeward: bool) -> None:
+    one_way = msgspec.structs.replace(LONG_WAY, return_home=False)
+    navigator = flown_along(one_way, Phase.ROUTE, north)
+    report = navigator.report(0, vehicle(np.add(START, (north, 0.0, -3.0))), flying=True)
+    assert report.homeward is homeward
+    assert report.landing_s == pytest.approx(90.0 / 4.0 + 3.0 / 0.7, abs=1.0)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from companion.config import Supervision
 from companion.reports import LinkReport, MissionReport, SensingReport, StatusReport
 from companion.state import FlightMode, VehicleStatus
-from companion.supervision.health import Health, health
+from companion.supervision.health import Health, Judged, health
 from companion.supervision.operations import LandRequest, LogFault, OwnReport
 from companion.supervision.states import State
 from companion.supervision.watching import UNWATCHED, Watched
@@ -53,7 +53,7 @@ class Reports:
         if self.land_requested:
             own.take(LandRequest(0))
         own.ticked(self.overrun_ns, 0)
-        return health(self.state, self.link, self.sensing, self.mission, own, self.watched, self.awake_ns)
+        return health(self.state, self.link, self.sensing, self.mission, own, Judged(self.watched), self.awake_ns)
 
 
 def link(**changes: Any) -> LinkReport:
@@ -189,5 +189,5 @@ def test_looking_at_the_health_changes_no_report() -> None:
     own.take(LogFault(0, "disk full"))
     own.ticked(10**9, 0)
     for _ in range(2):
-        found = health(State.CHECK, LINK, SENSING, MISSION, own, UNWATCHED, 0)
+        found = health(State.CHECK, LINK, SENSING, MISSION, own, Judged(UNWATCHED), 0)
         assert found.overrun == 1.0 and found.missing == "the flight log fails (disk full)"

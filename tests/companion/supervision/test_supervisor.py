@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from companion.config import Supervision
-from companion.state import FlightMode, Setpoint
+from companion.config import Settings, Supervision
+from companion.state import BatteryLevel, FlightMode, Setpoint
 from companion.supervision.gate import unsound
 from companion.supervision.health import Health
 from companion.supervision.states import FLYING, STREAMING, State
@@ -45,7 +45,7 @@ IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
 
 def flying() -> tuple[Supervisor, int]:
     """A supervisor in FLY, and the time."""
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     now = 0
     for health in (IDLE, IDLE, IDLE, WELL, WELL, WELL):
         supervisor.update(health, now)
@@ -68,7 +68,7 @@ def settle(supervisor: Supervisor, health: Health, now: int, seconds: float) -> 
 
 
 def test_the_way_to_the_start() -> None:
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     seen = []
     for second, health in enumerate((IDLE, IDLE, IDLE, IDLE, WELL, WELL)):
         supervisor.update(health, second * 2 * SECOND)
@@ -102,6 +102,7 @@ FAULTS = {
     "silence": (replace(WELL, silence=4.1, telemetry_age=4.1, heartbeat_age=4.1), State.ENDED),
     "disarmed": (replace(WELL, armed=False), State.ENDED),
     "overdue": (replace(WELL, overdue=1.0), State.LAND),
+    "battery empty": (replace(WELL, battery=BatteryLevel.LAND, battery_text="battery at 6 %"), State.LAND),
 }
 
 
@@ -115,7 +116,11 @@ def test_each_fault_has_its_answer_and_is_said(fault: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "fault", sorted(set(FAULTS) - {"silence", "disarmed", "pilot", "the vehicle itself", "gap", "request", "overdue"})
+    "fault",
+    sorted(
+        set(FAULTS)
+        - {"silence", "disarmed", "pilot", "the vehicle itself", "gap", "request", "overdue", "battery empty"}
+    ),
 )
 def test_a_lasting_fault_becomes_a_landing(fault: str) -> None:
     health, _ = FAULTS[fault]
@@ -252,7 +257,7 @@ def test_a_vehicle_that_others_landed_is_not_taken_off_again() -> None:
 
 @pytest.mark.parametrize("state", [State.ENGAGE, State.ARM])
 def test_refusals_end_before_the_start(state: State) -> None:
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     now = 0
     while supervisor.state is not state:
         supervisor.update(IDLE if supervisor.state is not State.ENGAGE else replace(WELL, armed=False), now)
@@ -265,7 +270,7 @@ def test_refusals_end_before_the_start(state: State) -> None:
 
 
 def test_not_ready_names_what_is_missing() -> None:
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     supervisor.update(IDLE, 0)
     lacking = replace(IDLE, missing="no ring")
     settle(supervisor, lacking, 0, SETTINGS.ready_timeout + 1.0)
@@ -273,7 +278,7 @@ def test_not_ready_names_what_is_missing() -> None:
 
 
 def test_no_vehicle() -> None:
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     settle(supervisor, replace(IDLE, seen=False), 0, SETTINGS.find_timeout - 0.1)
     assert state_of(supervisor) is State.FIND
     settle(supervisor, replace(IDLE, seen=False), round(SETTINGS.find_timeout * SECOND), 0.2)
@@ -281,7 +286,7 @@ def test_no_vehicle() -> None:
 
 
 def test_an_armed_vehicle_is_not_taken_over() -> None:
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     supervisor.update(WELL, 0)
     supervisor.update(WELL, SECOND)
     assert supervisor.state is State.ENDED
@@ -292,6 +297,35 @@ def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle() -> None:
         rows = [row for row in TABLE if state in row.states]
         silent = replace(WELL, silence=5.0)
         assert any(row.to is State.ENDED and row.condition(silent, SETTINGS, 0.0) for row in rows)
+
+
+def test_a_low_battery_returns_once_and_the_outcome_says_so() -> None:
+    supervisor, now = flying()
+    low = replace(WELL, battery=BatteryLevel.RETURN, battery_text="battery at 14 %")
+    said = supervisor.update(low, now)
+    assert said is not None and said.text == "battery at 14 %: returning"
+    assert supervisor.state is State.FLY and supervisor.fault == "returned: battery at 14 %"
+    home = replace(low, homeward=True)
+    assert supervisor.update(home, now + SECOND) is None
+    assert supervisor.update(replace(home, mission_done=True), now + 2 * SECOND) is not None
+    assert state_of(supervisor) is State.LAND and supervisor.fault == "returned: battery at 14 %"
+
+
+def test_a_battery_that_gets_low_while_holding_returns_once_that_is_over() -> None:
+    supervisor, now = flying()
+    low = replace(WELL, battery=BatteryLevel.RETURN, battery_text="battery at 14 %")
+    supervisor.update(replace(low, scan_age=1.0), now)
+    assert state_of(supervisor) is State.HOLD
+    settle(supervisor, low, now, SETTINGS.least_hold + 0.1)
+    assert state_of(supervisor) is State.FLY and supervisor.fault == "returned: battery at 14 %"
+
+
+def test_who_flies_by_hand_is_not_made_to_return() -> None:
+    supervisor, now = flying()
+    supervisor.update(FAULTS["pilot"][0], now)
+    empty = replace(FAULTS["pilot"][0], battery=BatteryLevel.LAND, battery_text="battery at 6 %")
+    settle(supervisor, empty, now, 5.0)
+    assert state_of(supervisor) is State.RELINQUISHED
 
 
 SOUND = Setpoint([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, 0.5)
@@ -322,7 +356,7 @@ def test_a_pilot_who_stops_the_landing_keeps_the_vehicle() -> None:
 
 
 def test_an_interrupt_while_arming_disarms_what_may_be_armed() -> None:
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     now = 0
     for health in (IDLE, IDLE, IDLE, replace(WELL, armed=False)):
         supervisor.update(health, now)

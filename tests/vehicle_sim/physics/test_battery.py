@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.vehicle_sim.foreign_pilot import AIRFRAME
-from vehicle_sim.physics.battery import battery_state
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, ForeignPilot, airframe_with
+from vehicle_sim.physics.battery import battery_state, is_empty
 from vehicle_sim.physics.motion import FEEDBACK, Motion
 from vehicle_sim.physics.rigid_body import ROTORS, STATES
 
@@ -36,3 +36,33 @@ def test_voltage_falls_from_full_to_empty() -> None:
     full, empty = battery_state(AIRFRAME, motion(0.0)), battery_state(AIRFRAME, motion(0.0, 1e9))
     assert (full.volts, full.remaining) == (BATTERY.full_v, 1.0)
     assert (empty.volts, empty.remaining) == (BATTERY.empty_v, 0.0)
+
+
+@pytest.mark.parametrize("charge", [1.0, 0.3])
+def test_it_is_empty_when_its_charge_has_been_used(charge: float) -> None:
+    airframe = airframe_with(f"battery.charge={charge}")
+    assert battery_state(airframe, motion(0.0)).remaining == charge
+    lasts = charge * BATTERY.capacity_wh / BATTERY.idle_w * 3600.0
+    for seconds, empty in ((0.999 * lasts, False), (1.001 * lasts, True)):
+        assert is_empty(airframe, motion(seconds)) is empty
+        assert (battery_state(airframe, motion(seconds)).remaining == 0.0) is empty
+
+
+def test_a_vehicle_whose_battery_is_empty_falls_and_is_not_armed_again() -> None:
+    pilot = ForeignPilot(airframe=airframe_with("battery.capacity_wh=1.0"))
+    vehicle = pilot.vehicle
+    pilot.fly(1.5)
+    vehicle.flight.arm()
+    vehicle.flight.take_off(3.0)
+    assert pilot.fly(60.0, until=lambda: not vehicle.flight.armed) and -vehicle.motion.position_ned[2] > 2.5
+    assert vehicle.flight.crash is None
+    assert pilot.fly(5.0, until=lambda: vehicle.flight.crash is not None), "it hits the ground"
+    assert any("Battery empty" in text for text in pilot.texts)
+
+
+def test_an_empty_battery_arms_nothing() -> None:
+    pilot = ForeignPilot(airframe=airframe_with("battery.capacity_wh=0.002"))
+    vehicle = pilot.vehicle
+    vehicle.flight.arm(force=True)
+    pilot.fly(2.0)
+    assert not vehicle.flight.armed and vehicle.flight.arming_problem() == "battery empty"

@@ -16,6 +16,7 @@ from tests.vehicle_sim.foreign_pilot import (
     OFFBOARD,
     UNSET,
     ForeignPilot,
+    airframe_with,
     tilted,
     world_with_wall,
 )
@@ -312,6 +313,14 @@ def test_battery_runs_down(moving: ForeignPilot) -> None:
     assert last.current_consumed > first.current_consumed
     assert 10_500 < last.voltages[0] < 12_600
     assert last.current_battery > 300
+
+
+def test_a_battery_says_how_low_it_is() -> None:
+    states = {0.5: 1, 0.14: 2, 0.06: 3, 0.04: 4}  # ok, low, critical, emergency
+    for charge, state in states.items():
+        pilot = ForeignPilot(airframe=airframe_with(f"battery.charge={charge}"), all_streams=True)
+        pilot.fly(2.1)
+        assert pilot.last("BATTERY_STATUS").charge_state == state
 
 
 def test_mavsdk_gets_what_it_waits_for() -> None:

@@ -1,0 +1,40 @@
+"""The settings of the limits of a flight: its battery and its fence."""
+
+from typing import Annotated
+
+import msgspec
+
+from companion.config_types import Positive, Table
+
+Share = Annotated[float, msgspec.Meta(ge=0, lt=1)]
+
+
+class Battery(Table, frozen=True):
+    """The battery failsafe (`supervision.battery`): warn, fly home the way it came, land where it is. Charges are
+    fractions of a full battery; 0 switches a threshold off."""
+
+    warn_charge: Share = 0.25
+    return_charge: Share = 0.15
+    """No flight begins below this."""
+    land_charge: Share = 0.07
+    way_home_margin: Annotated[float, msgspec.Meta(ge=0)] = 1.3
+    """The vehicle returns while it has `land_charge` and so many times what the way home takes at the consumption seen
+    in this flight. 0: it returns at `return_charge` only."""
+    warn_voltage: Positive | None = None
+    """V of a cell, under load; not set: the voltage is not looked at."""
+    return_voltage: Positive | None = None
+    """V of a cell."""
+    land_voltage: Positive | None = None
+    """V of a cell."""
+    cells: Annotated[int, msgspec.Meta(ge=1, le=48)] | None = None
+    """Cells in series, for vehicles that report the voltage of the whole battery alone."""
+    required: bool = False
+    """Whether a flight needs a battery that reports its charge: none begins without, and one whose charge is not known
+    any more (silent, or the same value for too long) returns. If not, that is said and the flight goes on."""
+
+    def __post_init__(self) -> None:
+        if not self.land_charge <= self.return_charge <= self.warn_charge:
+            raise ValueError("land_charge, return_charge and warn_charge must rise in this order")
+        volts = [each for each in (self.land_voltage, self.return_voltage, self.warn_voltage) if each is not None]
+        if volts != sorted(volts):
+            raise ValueError("land_voltage, return_voltage and warn_voltage must rise in this order")

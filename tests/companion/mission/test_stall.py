@@ -1,0 +1,70 @@
+"""The trail: how long the way back is, and where it turns."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.mission.stall import Trail
+from protocol.arrays import Array
+
+HOME = np.array([0.0, 0.0, -3.0])
+
+
+def along(*corners: tuple[float, float], step: float = 0.2) -> Trail:
+    """A trail from home straight through these places (north, east), at 3 m."""
+    trail = Trail()
+    here = HOME
+    for north, east in corners:
+        there = np.array([north, east, -3.0])
+        count = max(round(math.dist(here.tolist(), there.tolist()) / step), 1)
+        for share in np.linspace(0.0, 1.0, count + 1):
+            trail.add(here + share * (there - here))
+        here = there
+    return trail
+
+
+def end(north: float, east: float) -> Array:
+    return np.array([north, east, -3.0])
+
+
+def test_a_straight_way_back_has_no_corners() -> None:
+    trail = along((100.0, 0.0))
+    assert trail.corners(end(100.0, 0.0), HOME) == []
+    assert trail.length(end(100.0, 0.0), HOME) == pytest.approx(100.0)
+
+
+def test_round_a_corner_the_way_back_turns_there() -> None:
+    trail = along((50.0, 0.0), (50.0, 40.0))
+    corners = trail.corners(end(50.0, 40.0), HOME)
+    assert 1 <= len(corners) <= 2
+    assert all(math.dist(corner.tolist(), (50.0, 0.0, -3.0)) < 6.0 for corner in corners)
+    assert trail.length(end(50.0, 40.0), HOME) == pytest.approx(90.0, abs=5.0)
+
+
+def test_loops_are_no_part_of_the_way_back() -> None:
+    square = along((30.0, 0.0), (30.0, 30.0), (0.0, 30.0), (0.0, 0.0))
+    assert square.length(HOME, HOME) < 1.0 and square.corners(HOME, HOME) == []
+
+
+def test_without_a_trail_home_is_straight_away() -> None:
+    assert Trail().corners(end(30.0, 40.0), HOME) == []
+    assert Trail().length(end(30.0, 40.0), HOME) == pytest.approx(50.0)
+
+
+@given(st.lists(st.tuples(st.floats(-80.0, 80.0), st.floats(-80.0, 80.0)), min_size=1, max_size=6))
+def test_the_way_back_keeps_to_the_trail(corners: list[tuple[float, float]]) -> None:
+    """Each place of the trail is within a metre of the polygon that is flown back, in its order."""
+    trail, here = along(*corners, step=1.0), end(*corners[-1])
+    way = [here, *trail.corners(here, HOME), HOME]
+    for place in trail.back():
+        assert min(distance(place, one, other) for one, other in pairwise(way)) <= 1.0 + 1e-9
+
+
+def distance(place: Array, start: Array, stop: Array) -> float:
+    way = stop - start
+    share = float(np.clip((place - start) @ way / max(float(way @ way), 1e-12), 0.0, 1.0))
+    return float(np.linalg.norm(place - start - share * way))
