@@ -2,10 +2,12 @@
 asked for again."""
 
 from collections import deque
+from collections.abc import Iterable
 
 from protocol.messages import dialect
 
 _WINDOW_NS = 1_000_000_000
+_DENIALS = (dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_UNSUPPORTED)
 
 
 class MessageRates:
@@ -19,6 +21,10 @@ class MessageRates:
         }
         self._ever: set[int] = set()
         """Messages whose arrivals were dropped, since they are older than the window."""
+        self.denied: set[int] = set()
+        """Messages that the vehicle does not send, or not at such a rate: asking again changes nothing."""
+        self._asked: list[int] = []
+        self._answers: list[int] = []
 
     def count(self, message_id: int, now_ns: int) -> None:
         """One has arrived."""
@@ -46,16 +52,35 @@ class MessageRates:
             if self.rate(message_id, now_ns) < wanted * self._least_share
         ]
 
-    def interval_us(self, message_id: int) -> float:
-        """What SET_MESSAGE_INTERVAL takes."""
-        return 1e6 / self.wanted[message_id]
+    def to_ask(self, message_ids: Iterable[int], rate: float | None = None) -> list[tuple[int, float]]:
+        """Those of these messages that are worth asking for, each with its interval (us), of `rate` or the wanted one;
+        they count as asked for."""
+        asked = [message_id for message_id in message_ids if message_id not in self.denied]
+        self._asked += asked
+        return [(message_id, 1e6 / (rate or self.wanted[message_id])) for message_id in asked]
+
+    def answered(self, result: int) -> None:
+        """A COMMAND_ACK to one of these has come; it does not say to which."""
+        if len(self._answers) < len(self._asked):
+            self._answers.append(result)
+
+    def settle(self) -> None:
+        """The time for answers to what was asked since the last call is over. Answers come in the order of requests, so
+        where each has one, it is known to which it belongs."""
+        if len(self._answers) == len(self._asked):
+            answers = zip(self._asked, self._answers, strict=True)
+            self.denied.update(message_id for message_id, result in answers if result in _DENIALS)
+        self._asked.clear()
+        self._answers.clear()
 
     def describe(self, message_id: int, now_ns: int) -> str:
         """In words, with the likely cause."""
         name = dialect.mavlink_map[message_id].msgname
         measured = self.rate(message_id, now_ns)
         cause = (
-            "does the vehicle have that sensor?"
+            "the vehicle denies SET_MESSAGE_INTERVAL for it"
+            if message_id in self.denied
+            else "does the vehicle have that sensor?"
             if not self.ever(message_id)
             else "another ground station may have asked for less, or the link is too slow"
         )

@@ -5,7 +5,7 @@ No I/O and no clock: time is an argument.
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from companion.link.firmware import firmware_of
 from companion.link.firmware.firmware import Firmware
 from companion.link.message_rates import MessageRates
 from companion.link.requests import Requests
-from companion.link.sector_scans import SectorScans
+from companion.link.rings import DISTANCE_SENSOR, OBSTACLE_DISTANCE, RING_MESSAGES, Rings, Source
 from companion.outputs import OUTPUTS
 from companion.reports import (
     AttitudeReport,
@@ -40,7 +40,6 @@ _COMPLAINT_NS = 5 * _SECOND_NS
 """A warning of the vehicle explains what happens within this time after it."""
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
-_OBSTACLE_DISTANCE = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
 _ON_GROUND: int = dialect.MAV_LANDED_STATE_ON_GROUND
 
 
@@ -85,9 +84,7 @@ class VehicleLink:
         self._rates = MessageRates(_needed(settings), settings.rates.least_share)
         self._version: int | None = None
         self._prearm_ok = True
-        self._sectors = SectorScans()
-        self._whole_scans = False
-        """A scan has come as one OBSTACLE_DISTANCE: DISTANCE_SENSORs are not needed."""
+        self._rings = Rings(self._rates.count)
         self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
         self._refusal = ""
         self._complaint = 0, ""
@@ -98,8 +95,8 @@ class VehicleLink:
             _ATTITUDE_QUATERNION: wire.attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: wire.local_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_euler_attitude,
-            _OBSTACLE_DISTANCE: self._on_obstacle_distance,
-            dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
+            OBSTACLE_DISTANCE: self._on_ring,
+            DISTANCE_SENSOR: self._on_ring,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
@@ -110,6 +107,11 @@ class VehicleLink:
         }
 
     # -- datagrams in, reports out -------------------------------------------------------------------------------------
+
+    def sense(self, data: bytes, now_ns: int) -> list[Report | Announcement]:
+        """The scans in bytes of a sensor that has a link of its own; none before the vehicle is found."""
+        frames = self._rings.framer.feed(data)
+        return [report for frame in frames for report in self._others(frame, Source.SENSOR_LINK, now_ns)]
 
     def receive(self, data: bytes, now_ns: int, *, whole: bool) -> list[Report | Announcement]:
         """The reports of one datagram (`whole`) or of a piece of a byte stream, and what the vehicle says, in order.
@@ -123,7 +125,11 @@ class VehicleLink:
             message_id = frame.message_id
             if peer is None:
                 peer = self._find(frame)
-            if peer is None or not peer.observe(frame, now_ns):
+            if peer is None:
+                continue
+            if not peer.observe(frame, now_ns):
+                if message_id in RING_MESSAGES and frame.system == peer.system:
+                    reports += self._others(frame, Source.COMPONENT, now_ns)
                 continue
             count(message_id, now_ns)
             handler = handlers.get(message_id)
@@ -132,6 +138,7 @@ class VehicleLink:
             message: Any = decode(frame)
             if message_id == _ATTITUDE_QUATERNION and peer.observe_boot_time(message.time_boot_ms, now_ns):
                 reports += Rebooted(), self._complain(Severity.ERROR, "the vehicle rebooted")
+                self._rates.denied.clear()
             try:
                 report = handler(message, now_ns)
             except wire.RefusedError as refused:
@@ -154,6 +161,7 @@ class VehicleLink:
         self.vehicle = (frame.system, VEHICLE_COMPONENT)
         self.peer = Peer(frame.system, VEHICLE_COMPONENT)
         self.firmware = self._requests.firmware = firmware
+        self._rings.silent_when_free = firmware.silent_when_free
         identity = self._settings.identity
         self._encoder = Encoder(identity.system or frame.system, identity.component)
         return self.peer
@@ -173,17 +181,16 @@ class VehicleLink:
     def _on_euler_attitude(self, message: Any, now_ns: int) -> AttitudeReport | RepeatedAttitude:
         return RepeatedAttitude() if self._rates.ever(_ATTITUDE_QUATERNION) else wire.attitude(message)
 
-    def _on_obstacle_distance(self, message: Any, now_ns: int) -> Scan:
-        scan = wire.obstacle_distance(message, now_ns)
-        self._whole_scans = self._whole_scans or bool(scan.known.any())
-        return scan
+    def _on_ring(self, message: Any, now_ns: int) -> Scan | None:
+        return self._rings.take(message, Source.AUTOPILOT, self.peer, now_ns)
 
-    def _on_distance_sensor(self, message: Any, now_ns: int) -> Scan | None:
-        sector = None if self._whole_scans else wire.sector_distance(message)
-        scan = None if sector is None else self._sectors.add(sector, now_ns)
-        if scan is not None:
-            self._rates.count(_OBSTACLE_DISTANCE, now_ns)
-        return scan
+    def _others(self, frame: Frame, source: Source, now_ns: int) -> list[Scan | Announcement]:
+        """What others than the autopilot report: scans alone."""
+        try:
+            report: Scan | Announcement | None = self._rings.of_others(frame, source, self.peer, now_ns)
+        except wire.RefusedError as refused:
+            report = self._refuse(str(refused), now_ns)
+        return [] if report is None else [report]
 
     def _on_heartbeat(self, message: Any, now_ns: int) -> None:
         assert self.firmware is not None and self.peer is not None
@@ -197,10 +204,12 @@ class VehicleLink:
     def _on_extended_state(self, message: Any, now_ns: int) -> None:
         self.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
 
-    def _on_sys_status(self, message: Any, now_ns: int) -> None:
+    def _on_sys_status(self, message: Any, now_ns: int) -> Scan | None:
+        assert self.peer is not None
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
         if message.onboard_control_sensors_present & bit:
             self._prearm_ok = bool(message.onboard_control_sensors_health & bit)
+        return self._rings.silent(message, self.peer, now_ns)
 
     def _on_version(self, message: Any, now_ns: int) -> None:
         self._version = message.flight_sw_version
@@ -209,6 +218,8 @@ class VehicleLink:
         system, component = self._encoder.system, self._encoder.component
         if message.target_system in (0, system) and message.target_component in (0, component):
             self._requests.answered(message)
+            if message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+                self._rates.answered(message.result)
 
     def _on_timesync(self, message: Any, now_ns: int) -> None:
         assert self.peer is not None
@@ -306,24 +317,25 @@ class VehicleLink:
         if self.peer is None:
             return
         self._send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
-        if not asks_rates:
-            return
-        lacking = self._rates.lacking(now_ns)
-        for message_id in lacking:
-            self._request_interval(message_id, self._rates.interval_us(message_id))
-        if _OBSTACLE_DISTANCE in lacking and not self._whole_scans:
-            self._request_interval(dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, 1e6 / self._settings.rates.scan)
+        self._rates.settle()
+        if asks_rates:
+            lacking = self._rates.lacking(now_ns)
+            self._request_intervals(self._rates.to_ask(lacking))
+            if OBSTACLE_DISTANCE in lacking and not self._rings.whole:
+                self._request_intervals(self._rates.to_ask(self._rings.parts, self._settings.rates.scan))
 
     def request_rates(self) -> None:
         """Ask once for all messages that a flight needs, at their rates."""
-        for message_id in self._rates.wanted:
-            self._request_interval(message_id, self._rates.interval_us(message_id))
+        self._request_intervals(self._rates.to_ask(self._rates.wanted))
+        if OBSTACLE_DISTANCE in self._rates.wanted and self._rings.silent_when_free:
+            self._request_intervals(self._rates.to_ask(self._rings.parts, self._settings.rates.scan))
 
-    def _request_interval(self, message_id: int, interval_us: float) -> None:
+    def _request_intervals(self, intervals: Iterable[tuple[int, float]]) -> None:
         assert self.vehicle is not None
-        parameters = (float(message_id), interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
         command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-        self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *parameters)
+        for message_id, interval_us in intervals:
+            parameters = (float(message_id), interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
+            self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *parameters)
 
     def say(self, announcement: Announcement) -> None:
         """STATUSTEXT to the ground station, once a vehicle is there to pass it on."""
@@ -354,6 +366,6 @@ def _needed(settings: Settings) -> dict[int, float]:
     rates = settings.rates
     needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position, _ATTITUDE_QUATERNION: rates.attitude}
     if settings.avoidance.needs_scan:
-        needed[_OBSTACLE_DISTANCE] = rates.scan
+        needed[OBSTACLE_DISTANCE] = rates.scan
     needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
     return needed

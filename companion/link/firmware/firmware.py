@@ -19,3 +19,5 @@ class Firmware:
     """DO_SET_MODE's three parameters; KeyError for a mode that can't be commanded."""
     refusal: Callable[[Output, int], str | None]
     """Why an output can't be used with the version (AUTOPILOT_VERSION.flight_sw_version); None if it can."""
+    silent_when_free: bool = False
+    """A ring of sectors is not sent while all of them are empty."""
