@@ -14,6 +14,8 @@ from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_
 
 if TYPE_CHECKING:
     from companion.runtime.flight import Pace, Plan
+    from companion.runtime.side_links import SideLinks
+    from protocol.transport import Transport
 
 MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
 OutputName = Annotated[
@@ -83,6 +85,19 @@ class FlyOptions:
         typer.Option(help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD."),
     ] = "udpin:127.0.0.1:14540"
     output: OutputName = "rates"
+    gcs: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--gcs",
+            help="A ground station that watches and commands beside the companion, as often as wanted: qgc (where "
+            "QGroundControl listens, udpout:127.0.0.1:14550), or a URL as of --connect; tcpin:HOST:PORT waits for one.",
+            metavar="URL",
+        ),
+    ] = None
+    lidar: Annotated[
+        str | None,
+        typer.Option(help="A URL by which a scanner's driver sends OBSTACLE_DISTANCE (docs/lidar.md).", metavar="URL"),
+    ] = None
     pace: PaceName = "realtime"
     avoid: MethodName = None
     log: LogFolder = Path("logs")
@@ -127,11 +142,14 @@ def fly(asked: FlyOptions) -> None:
         from protocol.transport import Udp, open_url
 
         transport = exit_on_user_error(open_url, asked.connect)
+        beside = exit_on_user_error(_beside, asked, transport)
         exit_on_user_error(prepare, plan)
         if isinstance(transport, Udp) and asked.connect.endswith(":0"):
             say(f"companion: waiting at {asked.connect[:-1]}{transport.port}")
+        for place in beside.places():
+            say(f"companion: {place}")
     with _abandoned("; a vehicle in the air holds and lands by itself"):
-        result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True)
+        result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside)
     outcome = result.fault or ("delivered" if result.delivered else "flown")
     summary = summarize(result.log)
     if summary.distance_m > 0.0 or asked.as_json:
@@ -139,6 +157,16 @@ def fly(asked: FlyOptions) -> None:
         _print_end(table, result.log, as_json=asked.as_json)
     if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
         exit_as_failed(outcome)
+
+
+def _beside(asked: FlyOptions, transport: "Transport") -> "SideLinks":
+    """Open what is beside the vehicle's link. Raises TransportError and PlanError."""
+    from companion.runtime.flight import PlanError
+    from companion.runtime.side_links import open_side_links
+
+    if asked.pace == "lockstep" and (asked.gcs or asked.lidar):
+        raise PlanError("--gcs and --lidar: not with --pace lockstep, in which time is the vehicle's alone")
+    return open_side_links(transport, asked.gcs or (), asked.lidar)
 
 
 def _abandoned(consequence: str = "") -> AbstractContextManager[None]:

@@ -108,16 +108,15 @@ class VehicleLink:
 
     # -- datagrams in, reports out -------------------------------------------------------------------------------------
 
-    def sense(self, data: bytes, now_ns: int) -> list[Report | Announcement]:
-        """The scans in bytes of a sensor that has a link of its own; none before the vehicle is found."""
-        frames = self._rings.framer.feed(data)
-        return [report for frame in frames for report in self._others(frame, Source.SENSOR_LINK, now_ns)]
-
-    def receive(self, data: bytes, now_ns: int, *, whole: bool) -> list[Report | Announcement]:
-        """The reports of one datagram (`whole`) or of a piece of a byte stream, and what the vehicle says, in order.
+    def receive(self, data: bytes, now_ns: int, *, whole: bool, sensor: bool = False) -> list[Report | Announcement]:
+        """The reports of one datagram (`whole`) or of a piece of a byte stream, and what the vehicle says, in order; of
+        the link of a `sensor` its scans alone.
 
         What is to be answered goes into the outbox. Raises nothing for any bytes.
         """
+        if sensor:
+            ours = self._rings.framer.feed(data)
+            return [report for frame in ours for report in self._others(frame, Source.SENSOR_LINK, now_ns)]
         frames = self.framer.datagram(data) if whole else self.framer.feed(data)
         reports: list[Report | Announcement] = []
         peer, handlers, count = self.peer, self._handlers, self._rates.count

@@ -21,6 +21,7 @@ from companion.records import RECORD_TYPES
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
 from companion.runtime.runner import Runner
+from companion.runtime.side_links import NONE, SideLinks
 from companion.runtime.summary import Axes, Summary
 from companion.state import Output
 from companion.supervision.states import State
@@ -92,7 +93,7 @@ def check(plan: Plan) -> None:
         )
 
 
-def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Result:
+def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: SideLinks = NONE) -> Result:
     """Fly a prepared plan and leave a log in a new folder of `logs`.
 
     Raises, before anything is sent, FlightLogError if the log can't be written and PlanError if the planner's process
@@ -118,7 +119,7 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
         epoch_ns=0 if clock is None else round(began * 1e9),
         preserves_datagrams=transport.preserves_datagrams,
     )
-    runner = Runner(autopilot, transport, log, clock, planning, console=console)
+    runner = Runner(autopilot, transport, log, clock, planning, console=console, beside=beside)
     wall = time.monotonic()
     try:
         runner.run()

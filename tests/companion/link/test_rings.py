@@ -5,9 +5,22 @@ import pytest
 
 from companion.link.rings import ArrivalClock
 from companion.link.vehicle_link import VehicleLink
-from companion.state import Scan
+from companion.reports import Report
+from companion.state import Announcement, Output, Scan
 from protocol.messages import dialect
-from tests.companion.link.sender import ARDUPILOT, MS, NOW, OWN_COMPONENT, PX4, SECOND, Sender, found, hear, sent
+from tests.companion.link.sender import (
+    ARDUPILOT,
+    MS,
+    NOW,
+    OWN_COMPONENT,
+    PX4,
+    SECOND,
+    SETTINGS,
+    Sender,
+    found,
+    hear,
+    sent,
+)
 
 PROXIMITY = dialect.MAV_SYS_STATUS_SENSOR_PROXIMITY
 OTHERS = 0x3FFFFFFF & ~PROXIMITY
@@ -24,6 +37,11 @@ def status(vehicle: Sender, present: int = PROXIMITY, enabled: int = PROXIMITY, 
 
 def scans(link: VehicleLink, data: bytes, now: int = NOW) -> list[Scan]:
     return [report for report in hear(link, data, now) if isinstance(report, Scan)]
+
+
+def sensed(link: VehicleLink, data: bytes, now: int = NOW) -> list[Report | Announcement]:
+    """What comes of bytes on a sensor's own link."""
+    return link.receive(data, now, whole=False, sensor=True)
 
 
 # -- silence -----------------------------------------------------------------------------------------------------------
@@ -123,19 +141,19 @@ def test_a_better_source_is_kept_when_it_falls_silent() -> None:
     assert len(scans(link, vehicle.scan(1))) == 1
     assert len(scans(link, sensor.scan(1))) == 1
     assert scans(link, vehicle.scan(2), NOW + 10 * SECOND) == []
-    assert [type(each) for each in link.sense(own.scan(1), NOW + 11 * SECOND)] == [Scan]
+    assert [type(each) for each in sensed(link, own.scan(1), NOW + 11 * SECOND)] == [Scan]
     assert scans(link, sensor.scan(2) + vehicle.scan(3), NOW + 12 * SECOND) == []
-    assert [type(each) for each in link.sense(own.scan(2), NOW + 13 * SECOND)] == [Scan]
+    assert [type(each) for each in sensed(link, own.scan(2), NOW + 13 * SECOND)] == [Scan]
 
 
 def test_bytes_of_a_sensors_own_link_may_come_in_pieces_and_mean_rings_alone() -> None:
     link, vehicle = found()
     sensor = Sender(9, 158)
     data = b"junk" + sensor.heartbeat() + sensor.scan(5, 250) + vehicle.position(4)
-    reports = [report for index in range(len(data)) for report in link.sense(data[index : index + 1], NOW)]
+    reports = [report for index in range(len(data)) for report in sensed(link, data[index : index + 1])]
     (scan,) = reports
     assert isinstance(scan, Scan) and np.allclose(scan.ranges_m, 2.5)
-    assert VehicleLink(link._settings, link._output).sense(sensor.scan(6), NOW) == [], "there is no vehicle yet"
+    assert sensed(VehicleLink(SETTINGS, Output.RATES), sensor.scan(6)) == [], "there is no vehicle yet"
 
 
 def test_the_same_ring_twice_is_one_but_a_sensor_without_a_clock_is_believed() -> None:
