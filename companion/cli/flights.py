@@ -82,7 +82,10 @@ class FlyOptions:
     mission: MissionName
     connect: Annotated[
         str,
-        typer.Option(help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD."),
+        typer.Option(
+            help="px4 (udpin:127.0.0.1:14540), ardupilot (udpin:127.0.0.1:14550), udpin:HOST:PORT, udpout:HOST:PORT, "
+            "tcp:HOST:PORT (ArduPilot's SITL: tcp:127.0.0.1:5760), serial:DEVICE:BAUD (serial:/dev/ttyACM0:921600)."
+        ),
     ] = "udpin:127.0.0.1:14540"
     output: OutputName = "rates"
     gcs: Annotated[
@@ -138,10 +141,11 @@ def fly(asked: FlyOptions) -> None:
         plan = exit_on_user_error(_plan, asked, None)
         from companion.runtime.flight import end_table, prepare
         from companion.runtime.flight import fly as fly_plan
+        from companion.runtime.side_links import open_link
         from companion.runtime.summary import summarize
-        from protocol.transport import Udp, open_url
+        from protocol.transport import Udp
 
-        transport = exit_on_user_error(open_url, asked.connect)
+        transport = exit_on_user_error(open_link, asked.connect)
         beside = exit_on_user_error(_beside, asked, transport)
         exit_on_user_error(prepare, plan)
         if isinstance(transport, Udp) and asked.connect.endswith(":0"):

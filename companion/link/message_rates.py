@@ -73,6 +73,13 @@ class MessageRates:
         self._asked.clear()
         self._answers.clear()
 
+    def measured(self, now_ns: int) -> str:
+        """What really arrives of all that is wanted, in words."""
+        rates = (
+            (dialect.mavlink_map[each].msgname, self.rate(each, now_ns), self.wanted[each]) for each in self.wanted
+        )
+        return ", ".join(f"{name} {rate:.0f} of {wanted:.0f} Hz" for name, rate, wanted in rates)
+
     def describe(self, message_id: int, now_ns: int) -> str:
         """In words, with the likely cause."""
         name = dialect.mavlink_map[message_id].msgname

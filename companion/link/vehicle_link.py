@@ -243,6 +243,10 @@ class VehicleLink:
 
     # -- what is known of the vehicle ----------------------------------------------------------------------------------
 
+    def measured_rates(self, now_ns: int) -> str:
+        """What really arrives, in words."""
+        return self._rates.measured(now_ns)
+
     def measured_ns(self, boot_time_ms: int, now_ns: int) -> int:
         """When telemetry with this time was measured, on the companion's clock: now while the vehicle's clock is not
         known, and no longer ago than is predicted over."""

@@ -80,6 +80,7 @@ class Runner:
         self._now = 0
         self._checked_log_ns = 0
         self._log_failed = False
+        self._told_rates = False
         self._planning_failed = False
         self._thinning = Thinning(autopilot.settings.log.trace_rate)
         self._latencies: list[int] = []
@@ -246,6 +247,9 @@ class Runner:
                 self._log.status(line)
             elif self._console is not None:
                 self._console.status(line)
+        if not self._told_rates and self._autopilot.supervisor.state >= State.STREAM:
+            self._told_rates = True
+            self._say(logging.INFO, f"telemetry: {self._autopilot.link.measured_rates(now)}")
         answer = b""
         fault = self._planning.fault
         if fault is not None and not self._planning_failed:

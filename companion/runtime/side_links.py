@@ -11,7 +11,12 @@ GROUND_STATION = "udpout:127.0.0.1:14550"
 """Where QGroundControl listens."""
 _STATION_SHARE = 0.2
 """What each ground station may take of a slow link to the vehicle."""
-NAMES = {"qgc": GROUND_STATION}
+NAMES = {
+    "px4": "udpin:127.0.0.1:14540",
+    "ardupilot": "udpin:127.0.0.1:14550",
+    "qgc": GROUND_STATION,
+}
+"""Where each talks unless told otherwise."""
 
 
 @dataclass(slots=True)
@@ -39,6 +44,13 @@ class SideLinks:
 NONE = SideLinks()
 
 
+def open_link(name: str) -> Transport:
+    """A link by URL or name. Raises TransportError."""
+    if ":" not in name and name not in NAMES:
+        raise TransportError(f"{name}: neither a URL (udpin:HOST:PORT, ...) nor one of {', '.join(NAMES)}")
+    return open_url(NAMES.get(name, name))
+
+
 def open_side_links(vehicle: Transport, stations: Sequence[str], sensor: str | None) -> SideLinks:
     """Open ground stations' and the sensor's URLs. Raises TransportError for one that can't be opened."""
     capacity = bytes_per_s(vehicle)
@@ -47,8 +59,11 @@ def open_side_links(vehicle: Transport, stations: Sequence[str], sensor: str | N
     try:
         for name in stations:
             url = NAMES.get(name, name)
-            transport = open_url(url)
+            transport = open_link(name)
             place = _place(url, transport)
+            if isinstance(vehicle, Udp) and transport.peer == f"127.0.0.1:{vehicle.port}":
+                transport.close()
+                raise TransportError(f"--gcs {name}: that is where the companion itself waits for the vehicle")
             opened.append(Station(place, transport, partial(open_url, place) if url.startswith("tcpin:") else None))
         router = Router(opened, whole=vehicle.preserves_datagrams, bytes_per_s=rate) if opened else None
         if sensor is None:
