@@ -68,7 +68,7 @@ class Autopilot:
 
     def _receive(self, event: Datagram) -> bytes | None:
         now, due, take = event.time_ns, False, self.sensing.take
-        for report in self.link.receive(event.data, now, whole=event.whole):
+        for report in self.link.receive(event.data, now, whole=event.whole, sensor=event.sensor):
             if isinstance(report, Announcement):
                 self._said.append(report)
             else:

@@ -13,11 +13,13 @@ from protocol.flightlog import RecordType
 
 
 class Datagram(msgspec.Struct, frozen=True, gc=False):
-    """Bytes arrived. `whole`: they are one datagram of a transport that keeps datagrams apart."""
+    """Bytes arrived. `whole`: they are one datagram of a transport that keeps datagrams apart. `sensor`: by the link of
+    a sensor, not by the vehicle's."""
 
     time_ns: int
     data: bytes
     whole: bool = True
+    sensor: bool = False
 
 
 class Tick(msgspec.Struct, frozen=True, gc=False):

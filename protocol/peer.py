@@ -54,7 +54,8 @@ class Peer:
         self._sequence: int | None = None
         self._missing = 0  # bit k: the frame k before the newest has not arrived
         self._heartbeat_ns: int | None = None
-        self._boot_time_ms: int | None = None
+        self.boot_time_ms: int | None = None
+        """The latest time since boot; None before the first."""
         self._requests: deque[int] = deque(maxlen=_REQUESTS_KEPT)
 
     def observe(self, frame: Frame, now_ns: int) -> bool:
@@ -103,12 +104,12 @@ class Peer:
         A fall of up to a second is a message that was overtaken. After a reboot the sequence number and the clock
         offset are unknown again.
         """
-        if self._boot_time_ms is not None:
-            step_ms = (time_boot_ms - self._boot_time_ms + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
+        if self.boot_time_ms is not None:
+            step_ms = (time_boot_ms - self.boot_time_ms + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
             if -_BOOT_TIME_TOLERANCE_MS <= step_ms < 0:
                 return False
             if step_ms < 0:
-                self._boot_time_ms = time_boot_ms
+                self.boot_time_ms = time_boot_ms
                 self._sequence = None
                 self._missing = 0
                 self.offset_ns = None
@@ -116,7 +117,7 @@ class Peer:
                 self.reboots += 1
                 self.rebooted_ns = now_ns
                 return True
-        self._boot_time_ms = time_boot_ms
+        self.boot_time_ms = time_boot_ms
         return False
 
     def timesync_request(self, now_ns: int) -> tuple[int, int]:

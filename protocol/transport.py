@@ -308,6 +308,8 @@ class Serial:
         self._name = f"serial:{device}:{baud}"
         self._peer = device
         self._left_over = b""
+        self.bytes_per_s = baud / 10.0
+        """Each way: a byte is ten bits on the line."""
         try:
             self._port = serial.Serial(device, baud, timeout=0.0, exclusive=True)
         except (OSError, ValueError, OverflowError, termios.error) as error:
@@ -376,6 +378,11 @@ class Memory:
 
     def close(self) -> None:
         """Nothing to release."""
+
+
+def bytes_per_s(transport: Transport) -> float | None:
+    """What a link carries each way; None where that is not known."""
+    return transport.bytes_per_s if isinstance(transport, Serial) else None
 
 
 def open_url(url: str) -> Transport:

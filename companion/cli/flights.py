@@ -14,7 +14,9 @@ from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_
 
 if TYPE_CHECKING:
     from companion.runtime.flight import Pace, Plan
+    from companion.runtime.side_links import SideLinks
     from companion.state import Output
+    from protocol.transport import Transport
 
 MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
 OutputName = Annotated[
@@ -26,7 +28,11 @@ OutputName = Annotated[
     ),
 ]
 ConnectUrl = Annotated[
-    str, typer.Option("--connect", help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD.")
+    str,
+    typer.Option(
+        help="px4 (udpin:127.0.0.1:14540), ardupilot (udpin:127.0.0.1:14550), udpin:HOST:PORT, udpout:HOST:PORT, "
+        "tcp:HOST:PORT (ArduPilot's SITL: tcp:127.0.0.1:5760), serial:DEVICE:BAUD (serial:/dev/ttyACM0:921600)."
+    ),
 ]
 DEFAULT_URL = "udpin:127.0.0.1:14540"
 PaceName = Annotated[
@@ -90,6 +96,19 @@ class FlyOptions:
     mission: MissionName
     connect: ConnectUrl = DEFAULT_URL
     output: OutputName = "auto"
+    gcs: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--gcs",
+            help="A ground station that watches and commands beside the companion, as often as wanted: qgc (where "
+            "QGroundControl listens, udpout:127.0.0.1:14550), or a URL as of --connect; tcpin:HOST:PORT waits for one.",
+            metavar="URL",
+        ),
+    ] = None
+    lidar: Annotated[
+        str | None,
+        typer.Option(help="A URL by which a scanner's driver sends OBSTACLE_DISTANCE (docs/lidar.md).", metavar="URL"),
+    ] = None
     pace: PaceName = "realtime"
     avoid: MethodName = None
     log: LogFolder = Path("logs")
@@ -130,15 +149,19 @@ def fly(asked: FlyOptions) -> None:
         plan = exit_on_user_error(_plan, asked, None)
         from companion.runtime.flight import end_table, prepare
         from companion.runtime.flight import fly as fly_plan
+        from companion.runtime.side_links import open_link
         from companion.runtime.summary import summarize
-        from protocol.transport import Udp, open_url
+        from protocol.transport import Udp
 
-        transport = exit_on_user_error(open_url, asked.connect)
+        transport = exit_on_user_error(open_link, asked.connect)
+        beside = exit_on_user_error(_beside, asked, transport)
         exit_on_user_error(prepare, plan)
         if isinstance(transport, Udp) and asked.connect.endswith(":0"):
             say(f"companion: waiting at {asked.connect[:-1]}{transport.port}")
+        for place in beside.places():
+            say(f"companion: {place}")
     with _abandoned("; a vehicle in the air holds and lands by itself"):
-        result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True)
+        result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside)
     outcome = result.fault or ("delivered" if result.delivered else "flown")
     summary = summarize(result.log)
     if summary.distance_m > 0.0 or asked.as_json:
@@ -146,6 +169,16 @@ def fly(asked: FlyOptions) -> None:
         _print_end(table, result.log, as_json=asked.as_json)
     if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
         exit_as_failed(outcome)
+
+
+def _beside(asked: FlyOptions, transport: "Transport") -> "SideLinks":
+    """Open what is beside the vehicle's link. Raises TransportError and PlanError."""
+    from companion.runtime.flight import PlanError
+    from companion.runtime.side_links import open_side_links
+
+    if asked.pace == "lockstep" and (asked.gcs or asked.lidar):
+        raise PlanError("--gcs and --lidar: not with --pace lockstep, in which time is the vehicle's alone")
+    return open_side_links(transport, asked.gcs or (), asked.lidar)
 
 
 def _abandoned(consequence: str = "") -> AbstractContextManager[None]:

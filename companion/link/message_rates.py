@@ -2,12 +2,13 @@
 asked for again."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from protocol.messages import dialect
 
 _WINDOW_NS = 1_000_000_000
 _WELCOME_ASKS = 3
+_DENIALS = (dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_UNSUPPORTED)
 
 
 class MessageRates:
@@ -21,8 +22,12 @@ class MessageRates:
         }
         self._ever: set[int] = set()
         """Messages whose arrivals were dropped, since they are older than the window."""
+        self.denied: set[int] = set()
+        """Messages that the vehicle does not send, or not at such a rate: asking again changes nothing."""
         self._welcome: dict[int, float] = {}
         self._asks_left: dict[int, int] = {}
+        self._asked: list[int] = []
+        self._answers: list[int] = []
 
     def welcome(self, rates: Mapping[int, float]) -> None:
         """Rates by message, of what is good to have: it is never lacking, and asked for a few times only."""
@@ -64,16 +69,42 @@ class MessageRates:
             if self.rate(message_id, now_ns) < wanted * self._least_share
         ]
 
-    def interval_us(self, message_id: int) -> float:
-        """What SET_MESSAGE_INTERVAL takes."""
-        return 1e6 / (self.wanted.get(message_id) or self._welcome[message_id])
+    def to_ask(self, message_ids: Iterable[int], rate: float | None = None) -> list[tuple[int, float]]:
+        """Those of these messages that are worth asking for, each with its interval (us), of `rate` or its own; they
+        count as asked for."""
+        asked = [message_id for message_id in message_ids if message_id not in self.denied]
+        self._asked += asked
+        return [(each, 1e6 / (rate or self.wanted.get(each) or self._welcome[each])) for each in asked]
+
+    def answered(self, result: int) -> None:
+        """A COMMAND_ACK to one of these has come; it does not say to which."""
+        if len(self._answers) < len(self._asked):
+            self._answers.append(result)
+
+    def settle(self) -> None:
+        """The time for answers to what was asked since the last call is over. Answers come in the order of requests, so
+        where each has one, it is known to which it belongs."""
+        if len(self._answers) == len(self._asked):
+            answers = zip(self._asked, self._answers, strict=True)
+            self.denied.update(message_id for message_id, result in answers if result in _DENIALS)
+        self._asked.clear()
+        self._answers.clear()
+
+    def measured(self, now_ns: int) -> str:
+        """What really arrives of all that is wanted, in words."""
+        rates = (
+            (dialect.mavlink_map[each].msgname, self.rate(each, now_ns), self.wanted[each]) for each in self.wanted
+        )
+        return ", ".join(f"{name} {rate:.0f} of {wanted:.0f} Hz" for name, rate, wanted in rates)
 
     def describe(self, message_id: int, now_ns: int) -> str:
         """In words, with the likely cause."""
         name = dialect.mavlink_map[message_id].msgname
         measured = self.rate(message_id, now_ns)
         cause = (
-            "does the vehicle have that sensor?"
+            "the vehicle denies SET_MESSAGE_INTERVAL for it"
+            if message_id in self.denied
+            else "does the vehicle have that sensor?"
             if not self.ever(message_id)
             else "another ground station may have asked for less, or the link is too slow"
         )

@@ -5,7 +5,7 @@ No I/O and no clock: time is an argument.
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from companion.link.firmware.firmware import Firmware
 from companion.link.message_rates import MessageRates
 from companion.link.readiness import Readiness
 from companion.link.requests import Requests
-from companion.link.sector_scans import SectorScans
+from companion.link.rings import DISTANCE_SENSOR, OBSTACLE_DISTANCE, RING_MESSAGES, Rings, Source
 from companion.link.vehicle_status import StatusWatch
 from companion.outputs import OUTPUTS
 from companion.reports import (
@@ -41,7 +41,6 @@ _REFUSALS_NS = _SECOND_NS // 2
 """So many refusals within this time are a fault."""
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
-_OBSTACLE_DISTANCE = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
 _HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _SET_MODE = dialect.MAV_CMD_DO_SET_MODE
 
@@ -84,9 +83,9 @@ class VehicleLink:
         self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
         self._requests = Requests(settings.supervision)
         self._rates = MessageRates(_needed(settings), settings.rates.least_share)
-        self._sectors = SectorScans()
-        self._whole_scans = False
-        """A scan has come as one OBSTACLE_DISTANCE: DISTANCE_SENSORs are not needed."""
+        self._rings = Rings(self._rates.count)
+        self._beside: list[Report] = []
+        """What a message reports beside its first report."""
         self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
         self._refusal = ""
         self._next_beat_ns = 0
@@ -95,8 +94,8 @@ class VehicleLink:
             _ATTITUDE_QUATERNION: wire.attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: wire.local_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_euler_attitude,
-            _OBSTACLE_DISTANCE: self._on_obstacle_distance,
-            dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
+            OBSTACLE_DISTANCE: self._on_ring,
+            DISTANCE_SENSOR: self._on_ring,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.said.extended_state,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
@@ -113,11 +112,15 @@ class VehicleLink:
 
     # -- datagrams in, reports out -------------------------------------------------------------------------------------
 
-    def receive(self, data: bytes, now_ns: int, *, whole: bool) -> list[Report | Announcement]:
-        """The reports of one datagram (`whole`) or of a piece of a byte stream, and what the vehicle says, in order.
+    def receive(self, data: bytes, now_ns: int, *, whole: bool, sensor: bool = False) -> list[Report | Announcement]:
+        """The reports of one datagram (`whole`) or of a piece of a byte stream, and what the vehicle says, in order; of
+        the link of a `sensor` its scans alone.
 
         What is to be answered goes into the outbox. Raises nothing for any bytes.
         """
+        if sensor:
+            ours = self._rings.framer.feed(data)
+            return [report for frame in ours for report in self._others(frame, Source.SENSOR_LINK, now_ns)]
         frames = self.framer.datagram(data) if whole else self.framer.feed(data)
         reports: list[Report | Announcement] = []
         peer, handlers, count = self.peer, self._handlers, self._rates.count
@@ -125,7 +128,11 @@ class VehicleLink:
             message_id = frame.message_id
             if peer is None:
                 peer = self._find(frame)
-            if peer is None or not peer.observe(frame, now_ns):
+            if peer is None:
+                continue
+            if not peer.observe(frame, now_ns):
+                if message_id in RING_MESSAGES and frame.system == peer.system:
+                    reports += self._others(frame, Source.COMPONENT, now_ns)
                 continue
             count(message_id, now_ns)
             handling = handlers.get(message_id)
@@ -135,6 +142,7 @@ class VehicleLink:
             message = decoder(frame)
             if message_id == _ATTITUDE_QUATERNION and peer.observe_boot_time(message.time_boot_ms, now_ns):
                 reports += Rebooted(), self._complain(Severity.ERROR, "the vehicle rebooted")
+                self._rates.denied.clear()
                 if not self.said.status.armed:
                     self._begin_audit()
             try:
@@ -143,6 +151,9 @@ class VehicleLink:
                 report = self._refuse(str(refused), now_ns)
             if report is not None:
                 reports.append(report)
+        if self._beside:
+            reports += self._beside
+            self._beside.clear()
         return reports
 
     def _find(self, frame: Frame) -> Peer | None:
@@ -159,6 +170,7 @@ class VehicleLink:
         self.vehicle = (frame.system, VEHICLE_COMPONENT)
         self.peer = Peer(frame.system, VEHICLE_COMPONENT)
         self.firmware = self._requests.firmware = firmware
+        self._rings.silent_when_free = firmware.silent_when_free
         identity = self._settings.identity
         self._encoder = Encoder(identity.system or frame.system, identity.component)
         self._rates.welcome({**_WELCOME, **firmware.telemetry})
@@ -184,17 +196,16 @@ class VehicleLink:
     def _on_euler_attitude(self, message: Any, now_ns: int) -> AttitudeReport | RepeatedAttitude:
         return RepeatedAttitude() if self._rates.ever(_ATTITUDE_QUATERNION) else wire.attitude(message)
 
-    def _on_obstacle_distance(self, message: Any, now_ns: int) -> Scan:
-        scan = wire.obstacle_distance(message, now_ns)
-        self._whole_scans = self._whole_scans or bool(scan.known.any())
-        return scan
+    def _on_ring(self, message: Any, now_ns: int) -> Scan | None:
+        return self._rings.take(message, Source.AUTOPILOT, self.peer, now_ns)
 
-    def _on_distance_sensor(self, message: Any, now_ns: int) -> Scan | None:
-        sector = None if self._whole_scans else wire.sector_distance(message)
-        scan = None if sector is None else self._sectors.add(sector, now_ns)
-        if scan is not None:
-            self._rates.count(_OBSTACLE_DISTANCE, now_ns)
-        return scan
+    def _others(self, frame: Frame, source: Source, now_ns: int) -> list[Scan | Announcement]:
+        """What others than the autopilot report: scans alone."""
+        try:
+            report: Scan | Announcement | None = self._rings.of_others(frame, source, self.peer, now_ns)
+        except wire.RefusedError as refused:
+            report = self._refuse(str(refused), now_ns)
+        return [] if report is None else [report]
 
     def _on_heartbeat(self, message: Any, now_ns: int) -> None:
         assert self.firmware is not None and self.peer is not None
@@ -202,7 +213,11 @@ class VehicleLink:
         self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), now_ns)
 
     def _on_sys_status(self, message: Any, now_ns: int) -> BatteryReading:
+        assert self.peer is not None
         self.readiness.on_sys_status(message, now_ns)
+        scan = self._rings.silent(message, self.peer, now_ns)
+        if scan is not None:
+            self._beside.append(scan)
         return wire.system_battery(message, now_ns)
 
     def _on_ack(self, message: Any, now_ns: int) -> None:
@@ -211,6 +226,8 @@ class VehicleLink:
             self._requests.answered(message)
             if message.command == _SET_MODE:
                 self.said.mode_answered(now_ns)
+            elif message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+                self._rates.answered(message.result)
 
     def _on_timesync(self, message: Any, now_ns: int) -> None:
         assert self.peer is not None
@@ -228,6 +245,10 @@ class VehicleLink:
         return Traffic(*counts)
 
     # -- what is known of the vehicle ----------------------------------------------------------------------------------
+
+    def measured_rates(self, now_ns: int) -> str:
+        """What really arrives, in words."""
+        return self._rates.measured(now_ns)
 
     def measured_ns(self, boot_time_ms: int, now_ns: int) -> int:
         """When telemetry with this time was measured, on the companion's clock: now while the vehicle's clock is not
@@ -330,30 +351,31 @@ class VehicleLink:
         if self.peer is None:
             return
         self._send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
+        self._rates.settle()
         if not asks_rates:
             return
-        for message_id in self._rates.unheard():
-            self._request_interval(message_id, self._rates.interval_us(message_id))
-        if self.said.comes_slowly(self._settings.rates.heartbeat):
-            self._request_interval(_HEARTBEAT, 1e6 / self._settings.rates.heartbeat)
+        rates = self._settings.rates
+        if self.said.comes_slowly(rates.heartbeat):
+            self._ask(self._rates.to_ask((_HEARTBEAT,), rates.heartbeat))
         lacking = self._rates.lacking(now_ns)
-        for message_id in lacking:
-            self._request_interval(message_id, self._rates.interval_us(message_id))
-        if _OBSTACLE_DISTANCE in lacking and not self._whole_scans:
-            self._request_interval(dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, 1e6 / self._settings.rates.scan)
+        self._ask(self._rates.to_ask((*self._rates.unheard(), *lacking)))
+        if OBSTACLE_DISTANCE in lacking and not self._rings.whole:
+            self._ask(self._rates.to_ask(self._rings.parts, rates.scan))
 
     def request_rates(self) -> None:
         """Ask once for all messages that a flight needs, at their rates, and for the mode more often than it comes."""
-        self._request_interval(_HEARTBEAT, 1e6 / self._settings.rates.heartbeat)
-        for message_id in self._rates.wanted:
-            self._request_interval(message_id, self._rates.interval_us(message_id))
-        self._request_interval(dialect.MAVLINK_MSG_ID_BATTERY_STATUS, 1e6)
+        rates = self._settings.rates
+        self._ask(self._rates.to_ask((_HEARTBEAT,), rates.heartbeat))
+        self._ask(self._rates.to_ask(self._rates.wanted))
+        if OBSTACLE_DISTANCE in self._rates.wanted and self._rings.silent_when_free:
+            self._ask(self._rates.to_ask(self._rings.parts, rates.scan))
 
-    def _request_interval(self, message_id: int, interval_us: float) -> None:
+    def _ask(self, intervals: Iterable[tuple[int, float]]) -> None:
         assert self.vehicle is not None
-        parameters = (float(message_id), interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
         command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-        self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *parameters)
+        for message_id, interval_us in intervals:
+            parameters = (float(message_id), interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
+            self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *parameters)
 
     def say(self, announcement: Announcement) -> None:
         """STATUSTEXT to the ground station, once a vehicle is there to pass it on."""
@@ -392,6 +414,6 @@ def _needed(settings: Settings) -> dict[int, float]:
     rates = settings.rates
     needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position, _ATTITUDE_QUATERNION: rates.attitude}
     if settings.avoidance.needs_scan:
-        needed[_OBSTACLE_DISTANCE] = rates.scan
+        needed[OBSTACLE_DISTANCE] = rates.scan
     needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
     return needed

@@ -115,10 +115,11 @@ def sector_distance(message: Any) -> SectorReport | None:
     """DISTANCE_SENSOR (132), in the body's frame: cm -> m. None of one that does not cover its eighth of the ring: up
     and down, and narrow beams, beside which the vehicle may hit what they miss.
 
-    ArduPilot reports its rings so, with ids from 10 on and no field of view; beyond `max_distance` nothing is there.
+    ArduPilot reports its rings so, with ids from 10 on and no field of view, and an empty sector as `max_distance`; of
+    others, that is the farthest hit.
     """
-    is_ring = message.id >= _ARDUPILOT_RING if message.horizontal_fov == 0.0 else message.horizontal_fov > _HALF_SECTOR
-    if message.orientation >= SECTORS or not is_ring:
+    is_ardupilot = message.horizontal_fov == 0.0 and message.id >= _ARDUPILOT_RING
+    if message.orientation >= SECTORS or not (is_ardupilot or message.horizontal_fov > _HALF_SECTOR):
         return None
     near, far, distance = message.min_distance, message.max_distance, message.current_distance
     if far <= near:
@@ -127,8 +128,9 @@ def sector_distance(message: Any) -> SectorReport | None:
         message.time_boot_ms,
         message.orientation,
         min(distance, far) * 0.01,
-        hit=distance <= far,
+        hit=distance < far if is_ardupilot else distance <= far,
         known=message.signal_quality != 1,
+        reach_m=far * 0.01,
     )
 
 

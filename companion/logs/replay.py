@@ -251,12 +251,17 @@ class _Second:
     def _datagram(self, now: int, record: bytes) -> None:
         """One that was received, or sent."""
         direction, has_address, data = datagram_of(record)
+        if direction == Direction.FORWARDED:  # from a ground station to the vehicle: the companion had no part in it
+            return
         if direction == Direction.OUT:
             self._somebody = True
             self.differ.datagram(now, data, self._due.pop(0)[1] if self._due else b"")
             return
         if self._due or self._traces:
             self._overdue()
+        if direction == Direction.SENSOR:  # as in flight, what it leads to is sent with the next tick's
+            self._held += self._driver.handle(Datagram(now, data, whole=False, sensor=True))
+            return
         self._somebody = self._somebody or has_address
         answer = self._driver.handle(Datagram(now, data, self._flight.whole_datagrams))
         if not self._flight.lockstep:

@@ -1,6 +1,7 @@
 """One flight from settings to result: everything is checked and opened before the vehicle is asked for anything."""
 
 import json
+import logging
 import os
 import platform
 import subprocess
@@ -15,19 +16,21 @@ import msgspec
 
 from companion.autopilot import Autopilot
 from companion.config import Settings
+from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
 from companion.mission.plan import Mission
 from companion.records import RECORD_TYPES
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
 from companion.runtime.runner import Runner
+from companion.runtime.side_links import NONE, SideLinks
 from companion.runtime.summary import Axes, Summary
 from companion.state import Output
 from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLog
-from protocol.transport import Transport
+from protocol.transport import Transport, bytes_per_s
 from protocol.vehicle_parameters import VehicleParameters
 
 Pace = Literal["lockstep"] | float
@@ -96,12 +99,32 @@ def check(plan: Plan) -> None:
         )
 
 
-def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Result:
+def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:
+    """The plan with telemetry rates that the link carries, and what that changed, in words; PlanError if it carries no
+    flight."""
+    capacity, rates = bytes_per_s(transport), plan.settings.rates
+    if capacity is None:
+        return plan, ""
+    try:
+        slower = fitted(rates, capacity, scans=plan.settings.avoidance.needs_scan)
+    except ValueError as error:
+        raise PlanError(f"the link to the vehicle is too slow: {error}; raise its baud rate") from None
+    if slower == rates:
+        return plan, ""
+    note = (
+        f"the link carries {capacity:.0f} bytes a second: attitude at {slower.attitude:.0f}, position at "
+        f"{slower.position:.0f}, rings at {slower.scan:.0f} Hz"
+    )
+    return replace(plan, settings=msgspec.structs.replace(plan.settings, rates=slower)), note
+
+
+def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: SideLinks = NONE) -> Result:
     """Fly a prepared plan and leave a log in a new folder of `logs`.
 
     Raises, before anything is sent, FlightLogError if the log can't be written and PlanError if the planner's process
     does not start.
     """
+    plan, note = fitted_to(plan, transport)
     avoidance = plan.settings.avoidance
     if plan.pace == "lockstep" or not avoidance.looks_around:
         planning = Planning(InProcessPlanner(avoidance), avoidance.answer_delay)
@@ -122,7 +145,9 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool) -> Resul
         epoch_ns=0 if clock is None else round(began * 1e9),
         preserves_datagrams=transport.preserves_datagrams,
     )
-    runner = Runner(autopilot, transport, log, clock, planning, console=console)
+    if note:
+        log.text(0, logging.INFO, "companion", note)
+    runner = Runner(autopilot, transport, log, clock, planning, console=console, beside=beside)
     wall = time.monotonic()
     try:
         runner.run()

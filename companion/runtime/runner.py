@@ -18,6 +18,8 @@ from companion.records import ASKED, AUDIT, LOGGED, LOOP, OPERATION, PLANNED, TI
 from companion.reports import Finding
 from companion.runtime.driver import Driver
 from companion.runtime.planning import Planning, pack_request, pack_result
+from companion.runtime.router import Router
+from companion.runtime.side_links import NONE, SideLinks
 from companion.supervision.operations import LandRequest, LogFault, LogRecovered, PlannerFault
 from companion.supervision.states import FLYING, State
 from companion.trace import Thinning
@@ -35,6 +37,8 @@ SPIN_S = 1e-3
 _STATUS_EVERY_S = 0.2
 _LOG_CHECK_NS = 100_000_000
 _LATENCIES_NS = 100_000_000
+_MOST_SENSED = 4
+"""Datagrams of a sensor's link a tick; a scan needs one, or eight each 16 ticks."""
 _LONGEST_NS = 2**32 - 1
 _LOCKSTEP_PATIENCE_S = 3.0
 _START_PATIENCE_S = 0.2
@@ -58,6 +62,7 @@ class Runner:
         planning: Planning,
         *,
         console: bool = False,
+        beside: SideLinks = NONE,
     ) -> None:
         self._autopilot = autopilot
         self._planning = planning
@@ -65,6 +70,8 @@ class Runner:
         self._commanded = False
         """A control step was taken since this was asked last."""
         self._transport = transport
+        self._router = beside.router
+        self._sensor = beside.sensor
         self._log = log
         self._clock = clock
         self._landing_requested = False
@@ -77,6 +84,7 @@ class Runner:
         self._log_failed = False
         self._audit: tuple[Finding, ...] = ()
         """Of the vehicle's parameters, as it is in the log."""
+        self._told_rates = False
         self._planning_failed = False
         self._thinning = Thinning(autopilot.settings.log.trace_rate)
         self._latencies: list[int] = []
@@ -164,6 +172,8 @@ class Runner:
         while transport.receive(0.0) is not None:
             pass  # what queued up before the start is old
         overrun_ns = round(autopilot.settings.supervision.overrun * 1e9)
+        if self._router is not None:
+            self._router.begin()
         due = clock.now_ns() + TICK_NS
         while not autopilot.ended:
             wait = clock.wall_seconds_until(due)
@@ -177,6 +187,8 @@ class Runner:
                 began = time.perf_counter_ns()
                 self._send(now, self._datagram(now, data))
                 self._took(now, began)
+                if self._router is not None:
+                    self._router.heard(data)
             if now >= due:
                 due = self._beat(now, due, clock)
 
@@ -186,6 +198,8 @@ class Runner:
         if late > LATE_NS * clock.factor:
             self.missed_deadlines += 1
         self._send(now, self._tick(now, late))
+        if self._router is not None:
+            self._route(self._router, now)
         return due + TICK_NS * (1 + late // TICK_NS)
 
     # -- events --------------------------------------------------------------------------------------------------------
@@ -207,7 +221,32 @@ class Runner:
         if now - self._checked_log_ns >= _LOG_CHECK_NS:
             self._checked_log_ns = now
             answer += self._look_around(now)
+        if self._sensor is not None:
+            answer += self._sense(self._sensor, now)
         return answer + self._driver.tick(now, late_ns)
+
+    def _sense(self, sensor: Transport, now: int) -> bytes:
+        """What a sensor on a link of its own has sent since the last tick."""
+        answer = b""
+        try:
+            for _ in range(_MOST_SENSED):
+                data = sensor.receive(0.0)
+                if data is None:
+                    break
+                answer += self._driver.handle(Datagram(now, data, whole=False, sensor=True))
+        except TransportError as error:
+            self._sensor = None
+            self._say(logging.ERROR, f"the sensor's link is gone: {error}")
+        return answer
+
+    def _route(self, router: Router, now: int) -> None:
+        """Between the vehicle and the ground stations: what these send goes into the log, and is no event."""
+        for address, data in router.pump(now):
+            if self._transport.peer:
+                self._transport.send(data)
+                self._log.datagram(now, Direction.FORWARDED, address, data)
+        for trouble in router.troubles():
+            self._say(logging.WARNING, trouble)
 
     def _look_around(self, now: int) -> bytes:
         """What need not be done at each tick: the log's health, the progress line."""
@@ -220,6 +259,9 @@ class Runner:
             elif self._console is not None:
                 self._console.status(line)
         self._record_audit(now)
+        if not self._told_rates and self._autopilot.supervisor.state >= State.STREAM:
+            self._told_rates = True
+            self._say(logging.INFO, f"telemetry: {self._autopilot.link.measured_rates(now)}")
         answer = b""
         fault = self._planning.fault
         if fault is not None and not self._planning_failed:
@@ -248,7 +290,10 @@ class Runner:
             self._began_ns = now
         match event:
             case Datagram():
-                self._log.datagram(now, Direction.IN, self._transport.peer, event.data)
+                direction, end = Direction.IN, self._transport
+                if event.sensor and self._sensor is not None:
+                    direction, end = Direction.SENSOR, self._sensor
+                self._log.datagram(now, direction, end.peer, event.data)
             case Tick():
                 self._log.record(TICK, now, tick_record(event))
             case PlanReady():
@@ -310,6 +355,8 @@ class Runner:
         if data and self._transport.peer:  # before anybody is known there is nobody to send to
             self._transport.send(data)
             self._log.datagram(now, Direction.OUT, self._transport.peer, data)
+            if self._router is not None:
+                self._router.said(data)
 
 
 def progress(autopilot: Autopilot, now: int) -> str:

@@ -84,7 +84,8 @@ class MessageWriter:
         """Write the messages in `datagram`, a record of DATAGRAM, with its sequence and log time."""
         direction, _, data = datagram_of(datagram)
         framer = self._framers[direction]
-        for frame in framer.datagram(data) if self._preserves_datagrams else framer.feed(data):
+        whole = self._preserves_datagrams and direction != Direction.SENSOR
+        for frame in framer.datagram(data) if whole else framer.feed(data):
             known = frame.known
             key = frame.message_id, frame.system, frame.component, known
             try:

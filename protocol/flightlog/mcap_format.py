@@ -36,7 +36,13 @@ class Direction(IntEnum):
     """Of a datagram, as the companion sees it."""
 
     IN = 0
+    """From the vehicle."""
     OUT = 1
+    """To the vehicle, from the companion."""
+    FORWARDED = 2
+    """To the vehicle, from a ground station whose address it has."""
+    SENSOR = 3
+    """From a sensor on a link of its own."""
 
 
 def message_record(channel: int, sequence: int, log_time: int, data: bytes) -> bytes:

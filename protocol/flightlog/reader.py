@@ -163,8 +163,9 @@ def datagrams(path: Path | str) -> Iterator[tuple[int, Direction, str, bytes]]:
 
 
 def digest(path: Path | str) -> dict[Direction, str]:
-    """SHA-256 over each direction's datagrams with time and length; addresses are left out, since ports vary."""
-    sums = {direction: hashlib.sha256() for direction in Direction}
+    """SHA-256 over the datagrams received and sent, and of each other direction that there is, with time and length;
+    addresses are left out, since ports vary."""
+    sums = {direction: hashlib.sha256() for direction in (Direction.IN, Direction.OUT)}
     for time_ns, direction, _, data in datagrams(path):
-        sums[direction].update(struct.pack("<qI", time_ns, len(data)) + data)
+        sums.setdefault(direction, hashlib.sha256()).update(struct.pack("<qI", time_ns, len(data)) + data)
     return {direction: total.hexdigest() for direction, total in sums.items()}

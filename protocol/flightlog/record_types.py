@@ -221,7 +221,7 @@ DATAGRAM = record_type(
     "/courier/datagrams",
     "courier/Datagram",
     [("direction", "uint8"), ("address", "string"), ("data", "uint8[]")],
-    {"direction": "0 received, 1 sent"},
+    {"direction": "0 received, 1 sent, 2 sent on for a ground station, 3 received from a sensor's own link"},
 )
 TEXT = record_type(
     "/log",

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,6 +61,62 @@ def test_a_pole_is_flown_around(tmp_path: Path) -> None:
     assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
     assert np.hypot(*(np.array(summary.final_position_ned[:2]) - pole(1).goal)) < 0.5
     assert summary.least_clearance_m is not None and summary.least_clearance_m > 0.1
+
+
+class ArduPilotsSectors(Sectors):
+    """The same as ArduPilot does it: nothing while all are empty, and a sector that never saw anything is left out."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._ever: set[int] = set()
+        self.silent = self.said = 0
+
+    def __call__(self, time_ns: int, data: bytes) -> bytes:
+        parts = []
+        for frame in Framer().datagram(super().__call__(time_ns, data)):
+            if frame.message_id == dialect.MAVLINK_MSG_ID_SYS_STATUS:
+                message = decode(frame)
+                assert message is not None
+                for name in ("present", "enabled", "health"):
+                    bits = getattr(message, f"onboard_control_sensors_{name}")
+                    setattr(message, f"onboard_control_sensors_{name}", bits | dialect.MAV_SYS_STATUS_SENSOR_PROXIMITY)
+                parts.append(self._encoder.encode(message))
+            elif frame.message_id == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
+                parts += self._sector(decode(frame))
+            else:
+                parts.append(frame.raw)
+        return b"".join(parts)
+
+    def _sector(self, message: Any) -> list[bytes]:
+        if message.orientation == 0:
+            self._ring: list[Any] = []
+        self._ring.append(message)
+        if len(self._ring) < 8:
+            return []
+        seen = {each.orientation for each in self._ring if each.current_distance < FAR_CM}
+        self._ever |= seen
+        self.said += bool(seen)
+        self.silent += not seen
+        for each in self._ring:
+            each.current_distance = min(each.current_distance, FAR_CM)
+        return [self._encoder.encode(each) for each in self._ring if seen and each.orientation in self._ever]
+
+
+def test_out_of_open_country_past_a_pole_and_into_it_again(tmp_path: Path) -> None:
+    """No hold where nothing is to be seen: not before the take-off, not behind the last obstacle."""
+    site = pole(1)
+    meddle = ArduPilotsSectors()
+    overrides = ("avoidance.map.cells=192",)
+    mission = site.mission(2.0, site.save(tmp_path)[0])
+    joined = Joined(mission, meddle=meddle, overrides=overrides, remembers=True)
+    joined.fly(limit_s=5.0, until=lambda each: each.autopilot.link.firmware is not None)
+    joined.autopilot.link._rings.silent_when_free = True
+    joined.fly(limit_s=120.0)
+    summary = joined.vehicle.summary()
+    assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
+    assert np.hypot(*(np.array(summary.final_position_ned[:2]) - site.goal)) < 0.5
+    assert meddle.silent > 20 and meddle.said > 20, "both were flown through"
+    assert not any("holding" in text or "no ring" in text for text in joined.said)
 
 
 @pytest.mark.parametrize(("frame", "cm", "kept"), [(0, 300, True), (12, 65535, True), (12, 300, False)])

@@ -117,4 +117,5 @@ FIRMWARE = Firmware(
     audit=_audit,
     settings=_settings,
     telemetry={dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0},
+    silent_when_free=True,
 )

@@ -48,6 +48,8 @@ class Firmware:
     """What the parameters say."""
     telemetry: Mapping[int, float]
     """Rates (Hz) by message, of what is good to have in the log and for the words of a refusal."""
+    silent_when_free: bool = False
+    """A ring of sectors is not sent while all of them are empty."""
 
 
 class Judge:

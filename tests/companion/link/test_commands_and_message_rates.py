@@ -76,4 +76,35 @@ def test_rates_over_the_last_second() -> None:
     assert "sensor" in rates.describe(330, now) and "0 of 10" in rates.describe(330, now)
     assert rates.lacking(now + 600 * MS) == [31, 330]
     assert "ATTITUDE_QUATERNION" in rates.describe(31, now + 900 * MS)
-    assert rates.interval_us(31) == 20_000.0
+    assert rates.to_ask([31, 330]) == [(31, 20_000.0), (330, 100_000.0)]
+    assert rates.to_ask([132], 10.0) == [(132, 100_000.0)]
+
+
+DENIED, ACCEPTED = dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_ACCEPTED
+
+
+def answers(rates: MessageRates, asked: list[int], results: list[int]) -> list[int]:
+    """One round of requests with their answers; what would be asked in the next one."""
+    rates.to_ask(asked)
+    for result in results:
+        rates.answered(result)
+    rates.settle()
+    return [message_id for message_id, _ in rates.to_ask(asked)]
+
+
+def test_what_is_denied_is_not_asked_for_again() -> None:
+    rates = MessageRates({31: 50.0, 330: 10.0, 245: 5.0}, 0.5)
+    assert answers(rates, [31, 330, 245], [ACCEPTED, DENIED, ACCEPTED]) == [31, 245]
+    assert "denies" in rates.describe(330, 0)
+    rates.settle()
+    assert answers(rates, [31, 245], [dialect.MAV_RESULT_TEMPORARILY_REJECTED, dialect.MAV_RESULT_UNSUPPORTED]) == [31]
+
+
+def test_answers_that_can_not_be_told_apart_deny_nothing() -> None:
+    rates = MessageRates({31: 50.0, 330: 10.0}, 0.5)
+    assert answers(rates, [31, 330], [DENIED]) == [31, 330], "one was lost"
+    rates.answered(ACCEPTED)
+    for _ in range(9):
+        rates.answered(DENIED)
+    rates.settle()
+    assert [each for each, _ in rates.to_ask([31, 330])] == [31], "and more than were asked for are somebody else's"

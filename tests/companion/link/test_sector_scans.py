@@ -6,6 +6,8 @@ import pytest
 from companion.link.sector_scans import SectorReport, SectorScans
 from companion.state import Scan
 
+MS = 1_000_000
+
 
 def test_a_scan_is_complete_or_ends_where_the_next_one_begins() -> None:
     scans = SectorScans()
@@ -23,3 +25,29 @@ def test_a_scan_is_complete_or_ends_where_the_next_one_begins() -> None:
     whole = [add(sector, 2.0, True, 200, 7) for sector in range(1, 8)]
     assert whole[:-1] == [None] * 6 and whole[-1] is not None
     assert whole[-1].known.all() and not whole[-1].hit[0] and whole[-1].hit[1:].all()
+
+
+def test_silence_is_a_free_scan_as_far_as_the_sensor_sees() -> None:
+    scans = SectorScans()
+    before = scans.free(7, 0, 0)
+    assert before is not None and (before.ranges_m == 5.0).all(), "it has not said how far that is"
+    scans.add(SectorReport(100, 2, 3.0, True, True, reach_m=16.0), 1000 * MS)
+    assert scans.free(8, 1149 * MS, 0) is None
+    scan = scans.free(9, 1150 * MS, 0)
+    assert scan is not None and scan.boot_time_us == 9 and scan.time_ns == 1150 * MS
+    assert scan.known.all() and not scan.hit.any() and (scan.ranges_m == 16.0).all()
+
+
+def test_where_messages_were_lost_silence_takes_longer() -> None:
+    scans = SectorScans()
+    scans.add(SectorReport(100, 2, 3.0, True, True), 0, lost=3)
+    assert scans.free(8, 399 * MS, 4) is None
+    assert scans.free(8, 400 * MS, 4) is not None
+
+
+def test_what_was_seen_before_a_silence_is_no_part_of_the_scan_after_it() -> None:
+    scans = SectorScans()
+    scans.add(SectorReport(100, 2, 3.0, True, True), 0)
+    assert scans.add(SectorReport(900, 0, 9.0, True, True), 800 * MS) is None
+    scan = scans.add(SectorReport(970, 0, 9.0, True, True), 870 * MS)
+    assert scan is not None and scan.known.tolist() == [True] + [False] * 7

@@ -1,0 +1,283 @@
+"""Ground stations beside the flight: what the vehicle and the companion say goes to them, and what they say goes to the
+vehicle, by MAVLink's rules (https://mavlink.io/en/guide/routing.html).
+
+The loop hands over bytes and goes on. All else is done once a tick, after the setpoint has left, and is bounded: so
+many datagrams and bytes of each station, and none of it waits.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+from protocol.framing import Frame, Framer
+from protocol.messages import dialect, layout
+from protocol.transport import Transport, TransportError
+
+_MOST_READS = 4
+"""Datagrams of a station that are taken at a tick; the others wait in its socket, or are lost there."""
+_BURST_S = 0.5
+"""So much of a second's bytes may come at once."""
+_MOST_WAITING = 1 << 16
+"""Bytes of the vehicle that wait for the next tick; what comes beyond is not sent on."""
+_DATAGRAM = 1200
+"""Bytes; passes any network whole."""
+_MOST_SENDERS = 64
+_REOPEN_NS = 1_000_000_000
+STATION_BYTES_PER_S = 20_000.0
+"""What each station may send to the vehicle: more than parameters, missions and RTK corrections take."""
+_NOBODYS = frozenset({dialect.MAVLINK_MSG_ID_TIMESYNC, dialect.MAVLINK_MSG_ID_SETUP_SIGNING})
+"""Between two ends of one link: clocks, and keys."""
+
+Sender = tuple[int, int]
+"""System and component."""
+
+
+class Station:
+    """A ground station's link. `open_again`: of one that waits to be called, for when its caller has left."""
+
+    def __init__(self, url: str, transport: Transport, open_again: Callable[[], Transport] | None = None) -> None:
+        self.url = url
+        self.seen: set[Sender] = set()
+        """Who is behind it."""
+        self.sent_on = 0
+        """Frames to the vehicle."""
+        self._transport: Transport | None = transport
+        self._open_again = open_again
+        self._framer = Framer()
+        self._allowance = 0.0
+        """Bytes that may be taken now."""
+        self._waiting: list[bytes] = []
+        self._reopen_ns = 0
+        self.trouble: str | None = None
+        """What went wrong, until somebody has been told."""
+
+    @property
+    def address(self) -> str:
+        """Of the station, or its URL while nobody is there."""
+        return (self._transport.peer if self._transport is not None else "") or self.url
+
+    def grant(self, seconds: float, bytes_per_s: float) -> None:
+        """Time has passed."""
+        self._allowance = min(self._allowance + seconds * bytes_per_s, _BURST_S * bytes_per_s)
+
+    def drain(self) -> None:
+        """What has queued up before the flight is old, and no command any more."""
+        if self._transport is not None and self._transport.preserves_datagrams:
+            while self._transport.receive(0.0) is not None:
+                pass
+
+    def frames(self, now_ns: int) -> list[Frame]:
+        """What it has sent, as much as it is allowed to."""
+        found: list[Frame] = []
+        if self._transport is None:
+            self._reopen(now_ns)
+        try:
+            for _ in range(_MOST_READS):
+                if self._transport is None or self._allowance <= 0.0:
+                    break
+                data = self._transport.receive(0.0)
+                if data is None:
+                    break
+                self._allowance -= len(data)
+                whole = self._transport.preserves_datagrams
+                found += self._framer.datagram(data) if whole else self._framer.feed(data)
+        except TransportError as error:
+            self._gone(error)
+        return found
+
+    def queue(self, raw: bytes) -> None:
+        """A frame for it."""
+        self._waiting.append(raw)
+
+    def flush(self) -> None:
+        """Send what waits for it."""
+        if not self._waiting:
+            return
+        try:
+            for datagram in packed(self._waiting):
+                if self._transport is not None:
+                    self._transport.send(datagram)
+        except TransportError as error:
+            self._gone(error)
+        self._waiting.clear()
+
+    def close(self) -> None:
+        """Release its address."""
+        if self._transport is not None:
+            self._transport.close()
+            self._transport = None
+
+    def _gone(self, error: Exception) -> None:
+        self.trouble = f"ground station {self.url} is gone: {error}"
+        self.close()
+        self.seen.clear()
+        self._framer = Framer()
+
+    def _reopen(self, now_ns: int) -> None:
+        if self._open_again is None or now_ns < self._reopen_ns:
+            return
+        self._reopen_ns = now_ns + _REOPEN_NS
+        try:
+            self._transport = self._open_again()
+        except TransportError:  # it is tried again
+            self._transport = None
+
+
+class Router:
+    """Stations on one side, the vehicle and the companion on the other."""
+
+    def __init__(
+        self, stations: Sequence[Station], *, whole: bool = True, bytes_per_s: float = STATION_BYTES_PER_S
+    ) -> None:
+        self.stations = tuple(stations)
+        self.bytes_per_s = bytes_per_s
+        """What each station may send."""
+        self._whole = whole
+        """The vehicle's transport keeps datagrams apart."""
+        self._vehicle: set[Sender] = set()
+        """Who has been heard on the vehicle's link."""
+        self._own: set[Sender] = set()
+        self._vehicle_framer, self._own_framer = Framer(), Framer()
+        self._waiting: list[tuple[Framer, bytes]] = []
+        self._waiting_bytes = 0
+        self._last_ns: int | None = None
+        self.left_out = 0
+        """Bytes that no station was sent, since too many came at once."""
+
+    def begin(self) -> None:
+        """The flight begins."""
+        for station in self.stations:
+            station.drain()
+
+    def heard(self, data: bytes) -> None:
+        """The vehicle has sent this."""
+        self._keep(self._vehicle_framer, data)
+
+    def said(self, data: bytes) -> None:
+        """The companion has sent this to the vehicle."""
+        self._keep(self._own_framer, data)
+
+    def _keep(self, framer: Framer, data: bytes) -> None:
+        if self._waiting_bytes + len(data) > _MOST_WAITING:
+            self.left_out += len(data)
+            return
+        self._waiting_bytes += len(data)
+        self._waiting.append((framer, data))
+
+    def pump(self, now_ns: int) -> list[tuple[str, bytes]]:
+        """Send on what has come, to the stations; for the vehicle, a station's address and its bytes."""
+        for framer, data in self._waiting:
+            own = framer is self._own_framer
+            senders = self._own if own else self._vehicle
+            for frame in framer.datagram(data) if own or self._whole else framer.feed(data):
+                learn(senders, frame)
+                self._to_stations(frame, None)
+        self._waiting.clear()
+        self._waiting_bytes = 0
+        seconds = 0.0 if self._last_ns is None else max(now_ns - self._last_ns, 0) * 1e-9
+        self._last_ns = now_ns
+        for_vehicle: list[tuple[str, bytes]] = []
+        for station in self.stations:
+            station.grant(seconds, self.bytes_per_s)
+            frames = [frame.raw for frame in station.frames(now_ns) if self._from_station(frame, station)]
+            station.sent_on += len(frames)
+            for_vehicle += [(station.address, datagram) for datagram in packed(frames)]
+        for station in self.stations:
+            station.flush()
+        return for_vehicle
+
+    def _from_station(self, frame: Frame, station: Station) -> bool:
+        """Send it on to the other stations that it is for; whether it is for the vehicle."""
+        sender = frame.system, frame.component
+        if sender in self._own or (sender[1] == dialect.MAV_COMP_ID_AUTOPILOT1 and sender in self._vehicle):
+            return False  # what we sent it comes back, or somebody plays the vehicle
+        learn(station.seen, frame)
+        self._to_stations(frame, station)
+        target = target_of(frame)
+        return frame.message_id not in _NOBODYS and target not in self._own and is_for(target, self._vehicle)
+
+    def _to_stations(self, frame: Frame, origin: Station | None) -> None:
+        if frame.message_id in _NOBODYS:
+            return
+        target, sender = target_of(frame), (frame.system, frame.component)
+        for station in self.stations:
+            if station is not origin and sender not in station.seen and is_for(target, station.seen):
+                station.queue(frame.raw)
+
+    def troubles(self) -> list[str]:
+        """What has gone wrong since the last call."""
+        found = [station.trouble for station in self.stations if station.trouble is not None]
+        for station in self.stations:
+            station.trouble = None
+        return found
+
+    def close(self) -> None:
+        """Release all addresses."""
+        for station in self.stations:
+            station.close()
+
+
+def learn(seen: set[Sender], frame: Frame) -> None:
+    """Who has sent this is on that link; so many at the most, since anybody can make up senders."""
+    if frame.system and len(seen) < _MOST_SENDERS:
+        seen.add((frame.system, frame.component))
+
+
+def is_for(target: Sender, seen: set[Sender]) -> bool:
+    """A message for this target belongs on a link where these senders were heard: for all, or for one of them."""
+    system, component = target
+    if system == 0:
+        return True
+    if component == 0:
+        return any(each == system for each, _ in seen)
+    return target in seen
+
+
+def target_of(frame: Frame) -> Sender:
+    """Whom a message is for; 0 stands for all, and for a message that names nobody."""
+    if not frame.known:
+        return 0, 0
+    system_at, component_at = _places(frame.message_id)
+    payload = frame.payload
+    system = payload[system_at] if system_at is not None and system_at < len(payload) else 0
+    component = payload[component_at] if component_at is not None and component_at < len(payload) else 0
+    return system, component
+
+
+@lru_cache(maxsize=512)
+def _places(message_id: int) -> tuple[int | None, int | None]:
+    """Where target_system and target_component are in a payload."""
+    places: dict[str, int] = {}
+    at = 0
+    for field in layout(message_id).fields:
+        places[field.name] = at
+        at += _SIZES[field.type] * max(field.array_length, 1)
+    return places.get("target_system"), places.get("target_component")
+
+
+_SIZES = {
+    "char": 1,
+    "int8_t": 1,
+    "uint8_t": 1,
+    "int16_t": 2,
+    "uint16_t": 2,
+    "int32_t": 4,
+    "uint32_t": 4,
+    "float": 4,
+    "int64_t": 8,
+    "uint64_t": 8,
+    "double": 8,
+}
+
+
+def packed(frames: Sequence[bytes]) -> list[bytes]:
+    """The frames in their order, in datagrams that pass any network whole."""
+    datagrams: list[bytes] = []
+    part: list[bytes] = []
+    size = 0
+    for frame in frames:
+        if part and size + len(frame) > _DATAGRAM:
+            datagrams.append(b"".join(part))
+            part, size = [], 0
+        part.append(frame)
+        size += len(frame)
+    return [*datagrams, b"".join(part)] if part else datagrams

@@ -1,0 +1,81 @@
+"""The links of a flight beside the vehicle's: to ground stations, and to a sensor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from companion.runtime.router import STATION_BYTES_PER_S, Router, Station
+from protocol.transport import Tcp, Transport, TransportError, Udp, bytes_per_s, open_url
+
+GROUND_STATION = "udpout:127.0.0.1:14550"
+"""Where QGroundControl listens."""
+_STATION_SHARE = 0.2
+"""What each ground station may take of a slow link to the vehicle."""
+NAMES = {
+    "px4": "udpin:127.0.0.1:14540",
+    "ardupilot": "udpin:127.0.0.1:14550",
+    "qgc": GROUND_STATION,
+}
+"""Where each talks unless told otherwise."""
+
+
+@dataclass(slots=True)
+class SideLinks:
+    """None of them can end a flight: what fails is told once, and the flight goes on without it."""
+
+    router: Router | None = None
+    sensor: Transport | None = None
+    sensor_url: str = ""
+
+    def places(self) -> list[str]:
+        """Where each is, as a line for whoever starts the flight."""
+        stations = self.router.stations if self.router is not None else ()
+        lines = [f"ground station at {station.url}" for station in stations]
+        return lines if self.sensor is None else [*lines, f"sensor at {self.sensor_url}"]
+
+    def close(self) -> None:
+        """Release all addresses."""
+        if self.router is not None:
+            self.router.close()
+        if self.sensor is not None:
+            self.sensor.close()
+
+
+NONE = SideLinks()
+
+
+def open_link(name: str) -> Transport:
+    """A link by URL or name. Raises TransportError."""
+    if ":" not in name and name not in NAMES:
+        raise TransportError(f"{name}: neither a URL (udpin:HOST:PORT, ...) nor one of {', '.join(NAMES)}")
+    return open_url(NAMES.get(name, name))
+
+
+def open_side_links(vehicle: Transport, stations: Sequence[str], sensor: str | None) -> SideLinks:
+    """Open ground stations' and the sensor's URLs. Raises TransportError for one that can't be opened."""
+    capacity = bytes_per_s(vehicle)
+    rate = STATION_BYTES_PER_S if capacity is None else min(STATION_BYTES_PER_S, _STATION_SHARE * capacity)
+    opened: list[Station] = []
+    try:
+        for name in stations:
+            url = NAMES.get(name, name)
+            transport = open_link(name)
+            place = _place(url, transport)
+            if isinstance(vehicle, Udp) and transport.peer == f"127.0.0.1:{vehicle.port}":
+                transport.close()
+                raise TransportError(f"--gcs {name}: that is where the companion itself waits for the vehicle")
+            opened.append(Station(place, transport, partial(open_url, place) if url.startswith("tcpin:") else None))
+        router = Router(opened, whole=vehicle.preserves_datagrams, bytes_per_s=rate) if opened else None
+        if sensor is None:
+            return SideLinks(router)
+        transport = open_url(sensor)
+        return SideLinks(router, transport, _place(sensor, transport))
+    except TransportError:
+        for station in opened:
+            station.close()
+        raise
+
+
+def _place(url: str, transport: Transport) -> str:
+    """The URL with the port that the system chose."""
+    return f"{url[:-1]}{transport.port}" if url.endswith(":0") and isinstance(transport, Udp | Tcp) else url

@@ -1,0 +1,121 @@
+"""A ground station beside the companion, by `--gcs`: pymavlink's own, on a real socket."""
+
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+os.environ["MAVLINK20"] = "1"
+
+from pymavlink import mavutil
+
+from companion.logs.replay import replay
+from protocol.flightlog import Direction, LogReader, datagrams
+from protocol.framing import Framer
+from protocol.messages import Encoder, dialect
+from tests.flights.processes import PATIENCE_S, simulator_for, waiting_companion
+
+AUTO, LOITER, OFFBOARD = 4, 3, 6
+
+
+class GroundStation:
+    """pymavlink's connection, and how to wait for what is said."""
+
+    def __init__(self) -> None:
+        self.link: Any = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, source_component=190)
+        self.port: int = self.link.port.getsockname()[1]
+
+    def wait(self, kind: str, holds: Any = lambda message: True) -> Any:
+        """The next message of a kind that comes from the vehicle or its companion."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            message = self.link.recv_match(type=kind, blocking=True, timeout=1.0)
+            if message is not None and holds(message):
+                return message
+        raise AssertionError(f"no {kind}")
+
+    def set_mode(self, main: int, sub: int = 0) -> None:
+        """PX4's DO_SET_MODE, until the heartbeat has it."""
+        while True:
+            self.link.mav.command_long_send(1, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1, main, sub, 0, 0, 0, 0)
+            beat = self.wait("HEARTBEAT", lambda message: message.get_srcComponent() == 1)
+            if beat.custom_mode >> 16 & 0xFF == main:
+                return
+
+
+@contextmanager
+def ground_station() -> Iterator[GroundStation]:
+    station = GroundStation()
+    try:
+        yield station
+    finally:
+        station.link.close()
+
+
+def test_a_ground_station_watches_asks_and_takes_over(tmp_path: Path) -> None:
+    with (
+        ground_station() as station,
+        waiting_companion(
+            tmp_path,
+            "realtime",
+            "hover",
+            *("--set", "avoidance.method=none", "--set", "supervision.resume_within=300.0"),
+            *("--gcs", f"udpout:127.0.0.1:{station.port}"),
+        ) as (companion, port),
+        simulator_for(port, "realtime") as simulator,
+    ):
+        assert station.wait("HEARTBEAT", lambda each: each.get_srcComponent() == 191).get_srcSystem() == 1
+        station.wait("HEARTBEAT", lambda each: each.get_srcComponent() == 1)
+        version = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        station.link.mav.command_long_send(1, 1, dialect.MAV_CMD_REQUEST_MESSAGE, 0, version, 0, 0, 0, 0, 0, 0)
+        ack = station.wait("COMMAND_ACK", lambda each: each.command == dialect.MAV_CMD_REQUEST_MESSAGE)
+        assert (ack.target_system, ack.target_component) == (255, 190)
+        station.wait("STATUSTEXT", lambda each: "taking off" in each.text)
+        station.wait("LOCAL_POSITION_NED", lambda each: each.z < -1.0)
+        station.set_mode(AUTO, LOITER)
+        station.wait("STATUSTEXT", lambda each: "by others" in each.text and each.get_srcComponent() == 191)
+        station.set_mode(OFFBOARD)
+        companion.wait_for("control is given back")
+        assert companion.end() == 0 and simulator.end() == 0
+    log = LogReader(companion.report()["log"])
+    assert "/mavlink/255/190/COMMAND_LONG" in log.topics, "who commanded"
+    forwarded = [address for _, direction, address, _ in datagrams(log.path) if direction is Direction.FORWARDED]
+    assert set(forwarded) == {f"127.0.0.1:{station.port}"}
+    result = replay(log.path)
+    assert result.differences == [] and result.datagrams > 1000
+
+
+def test_a_flood_of_a_ground_station_leaves_the_flight_alone(tmp_path: Path) -> None:
+    """Everything that it throws at the companion, while that flies: what reaches the vehicle is a trickle of it."""
+    encoder = Encoder(255, 190)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flood,
+        waiting_companion(
+            tmp_path, "realtime", "hover", "--set", "avoidance.method=none", "--gcs", "udpin:127.0.0.1:0"
+        ) as (companion, port),
+        simulator_for(port, "realtime") as simulator,
+    ):
+        flood.connect(("127.0.0.1", int(companion.wait_for("ground station at udpin:").rpartition(":")[2])))
+        flood.setblocking(False)
+        rubbish = np.random.default_rng(1).bytes(600)
+        while not simulator.ended_within(0.001):
+            beat = encoder.encode_fields(dialect.MAVLink_heartbeat_message, 6, 8, 0, 0, 4, 3)
+            for data in (beat, rubbish) * 5:
+                try:
+                    flood.send(data)
+                except (BlockingIOError, ConnectionRefusedError):
+                    break
+        assert companion.end() == 0
+    report = companion.report()
+    assert report["outcome"] == "flown"
+    sizes = [len(data) for _, way, _, data in datagrams(report["log"]) if way is Direction.FORWARDED]
+    assert 0 < sum(sizes) < 20_000.0 * (report["simulated_s"] + 1.0)
+    for _, way, _, data in datagrams(report["log"]):
+        if way is Direction.FORWARDED:
+            assert all(frame.system == 255 for frame in Framer().datagram(data))
+    assert replay(Path(report["log"])).differences == []
