@@ -100,6 +100,7 @@ class VehicleLink:
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self.readiness.on_sys_status,
             dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.readiness.on_estimator,
+            dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self.readiness.on_estimator,
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self.readiness.on_parameter,
             dialect.MAVLINK_MSG_ID_PARAM_ERROR: self.readiness.on_parameter_error,
             dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.readiness.on_version,

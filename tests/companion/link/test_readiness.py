@@ -2,9 +2,13 @@
 
 import pytest
 
+from companion.link.firmware.ardupilot import FIRMWARE
+from companion.link.vehicle_link import VehicleLink
+from companion.runtime.files import load_settings
 from companion.state import Output
 from protocol.messages import dialect
 from tests.companion.link.sender import ARDUPILOT, MS, NOW, PX4, SECOND, Sender, found, hear
+from tests.companion.link.test_real_telemetry import frames
 
 ATTITUDE, VELOCITY, POSITION, HEIGHT = (
     dialect.EKF_ATTITUDE,
@@ -52,6 +56,33 @@ def test_ardupilot_is_ready_once_its_estimator_has_a_position(flags: int, lackin
         hear(link, data, now)
     assert (link.report(NOW + SECOND, None, before_flight=True).shortcoming is None) is (lacking is None)
     assert link.report(NOW + SECOND, None, before_flight=False).shortcoming is None
+
+
+def test_a_real_ardupilot_waits_for_its_estimator_and_then_flies() -> None:
+    """Recorded from before its estimator had a position: the reason changes once, and before it takes off."""
+    link = VehicleLink(load_settings(None, []), None)
+    waited: list[bool] = []
+    for time_ns, frame in frames("ardupilot_guided.tlog"):
+        hear(link, frame, time_ns)
+        hear(link, b"".join(Sender().parameter(name, 8.0) for name, *_ in FIRMWARE.parameters), time_ns)
+        if link.vehicle is not None and not link.status.armed:
+            link.beat(time_ns, asks_rates=False)
+            waits = "estimator has no position" in (link.report(time_ns, None, before_flight=True).shortcoming or "")
+            if not waited or waits is not waited[-1]:
+                waited.append(waits)
+        if link.status.armed:
+            break
+    assert waited == [False, True, False], "no report yet, none of a position, one"
+
+
+def test_px4_may_know_its_place_by_a_camera_alone() -> None:
+    """A position relative to where it began is enough for it to be in OFFBOARD."""
+    link, vehicle = found(overrides=("avoidance.method=none",))
+    hear(link, vehicle.version(1, 16))
+    for flags, waits in ((ATTITUDE, True), (ATTITUDE | dialect.ESTIMATOR_POS_HORIZ_REL, False), (POSITION, False)):
+        hear(link, vehicle(dialect.MAVLink_estimator_status_message, 0, flags, *[0.1] * 8))
+        shortcoming = link.report(NOW, None, before_flight=True).shortcoming or ""
+        assert ("the vehicle's estimator has no" in shortcoming) is waits
 
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
