@@ -26,6 +26,7 @@ SLOW: dict[str, float] = {
     "tests/companion/logs/test_replay.py::test_the_whole_trace_comes_back": 6,
     "tests/companion/logs/test_replay.py::test_what_if": 6,
     "tests/companion/mission/test_mission_flights.py": 2,
+    "tests/companion/runtime/test_auto_output.py": 3,
     "tests/companion/runtime/test_planning.py": 2,
     "tests/companion/runtime/test_rehearsal.py": 2,
     "tests/companion/runtime/test_rehearsal.py::test_nothing_is_compiled_or_imported_in_flight": 10,

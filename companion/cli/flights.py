@@ -30,8 +30,9 @@ OutputName = Annotated[
 ConnectUrl = Annotated[
     str,
     typer.Option(
+        "--connect",
         help="px4 (udpin:127.0.0.1:14540), ardupilot (udpin:127.0.0.1:14550), udpin:HOST:PORT, udpout:HOST:PORT, "
-        "tcp:HOST:PORT (ArduPilot's SITL: tcp:127.0.0.1:5760), serial:DEVICE:BAUD (serial:/dev/ttyACM0:921600)."
+        "tcp:HOST:PORT (ArduPilot's SITL: tcp:127.0.0.1:5760), serial:DEVICE:BAUD (serial:/dev/ttyACM0:921600).",
     ),
 ]
 DEFAULT_URL = "udpin:127.0.0.1:14540"

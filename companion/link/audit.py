@@ -76,7 +76,7 @@ class Audit:
     def _output_in_words(self, hold: float | None) -> Announcement:
         """The output, and what becomes of the last setpoint."""
         time = "for an unknown time" if hold is None else f"for {hold:g} s"
-        text = f"output {self.output.value}; last one followed {time} ({self._firmware.hold_parameter})"
+        text = f"output {self.output.value}, last setpoint held {time} ({self._firmware.hold_parameter})"
         harmless = self.output is Output.ATTITUDE or (hold is not None and hold <= LONGEST_HOLD_OF_RATES_S)
         return Announcement(Severity.INFO if harmless else Severity.WARNING, text)
 

@@ -22,7 +22,7 @@ _FLAGS = {
     dialect.EKF_POS_VERT_ABS: "height",
     dialect.EKF_POS_HORIZ_ABS: "position",
 }
-"""Of EKF_STATUS_REPORT."""
+"""Of EKF_STATUS_REPORT, and of ESTIMATOR_STATUS, which has the same."""
 
 
 class Readiness:
@@ -72,7 +72,7 @@ class Readiness:
             self.prearm_ok = bool(message.onboard_control_sensors_health & bit)
 
     def on_estimator(self, message: Any, now_ns: int) -> None:
-        """EKF_STATUS_REPORT (193)."""
+        """EKF_STATUS_REPORT (193) or ESTIMATOR_STATUS (230)."""
         self._estimator = message.flags
 
     def on_statustext(self, message: Any, now_ns: int) -> Announcement:
@@ -116,7 +116,7 @@ class Readiness:
 
     def _estimator_lacks(self, now_ns: int) -> str | None:
         """None once the estimator has a position, or if it does not report."""
-        if self._estimator is None or self._estimator & dialect.EKF_POS_HORIZ_ABS:
+        if self._estimator is None or self._firmware is None or self._estimator & self._firmware.position_flags:
             return None
         lacking = [name for flag, name in _FLAGS.items() if not self._estimator & flag]
         return f"the vehicle's estimator has no {', '.join(lacking)} yet{self.failed_check(now_ns)}"

@@ -101,6 +101,7 @@ class VehicleLink:
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
             dialect.MAVLINK_MSG_ID_BATTERY_STATUS: wire.battery_status,
             dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.readiness.on_estimator,
+            dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self.readiness.on_estimator,
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self.readiness.on_parameter,
             dialect.MAVLINK_MSG_ID_PARAM_ERROR: self.readiness.on_parameter_error,
             dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.readiness.on_version,

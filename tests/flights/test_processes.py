@@ -17,12 +17,13 @@ import pytest
 from companion.autopilot import Autopilot
 from companion.config import Settings
 from companion.events import Datagram, PlanReady, Tick, operation_of
+from companion.logs.recorded import open_flight
 from companion.logs.replay import replay
 from companion.mission.plan import Mission
 from companion.records import OPERATION, PLANNED, TICK, TRACE
 from companion.runtime.files import load_body
 from companion.runtime.planning import InProcessPlanner
-from companion.state import Output, Reason
+from companion.state import Reason
 from companion.supervision.operations import PlannerFault
 from companion.supervision.states import State
 from protocol import toml_files as toml_files
@@ -130,7 +131,7 @@ def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
         msgspec.json.decode(log.attachments["settings.json"], type=Settings),
         load_body("paper_quad"),
         toml_files.convert(tables, Mission, "mission.toml"),
-        Output(log.metadata["flight"]["output"]),
+        open_flight(log.path).output,
     )
     thinker = InProcessPlanner(autopilot.settings.avoidance)
     sent, repeated = b"", b""

@@ -116,6 +116,7 @@ FIRMWARE = Firmware(
     hold_parameter="GUID_TIMEOUT",
     audit=_audit,
     settings=_settings,
+    position_flags=dialect.EKF_POS_HORIZ_ABS,
     telemetry={dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0},
     silent_when_free=True,
 )

@@ -46,6 +46,8 @@ class Firmware:
     """Each parameter that was read, judged."""
     settings: Callable[[Values], VehicleSettings]
     """What the parameters say."""
+    position_flags: int
+    """Of EKF_STATUS_REPORT or ESTIMATOR_STATUS, which have the same: any of them says that there is a position."""
     telemetry: Mapping[int, float]
     """Rates (Hz) by message, of what is good to have in the log and for the words of a refusal."""
     silent_when_free: bool = False

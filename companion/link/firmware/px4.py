@@ -141,5 +141,6 @@ FIRMWARE = Firmware(
     hold_parameter="COM_OF_LOSS_T",
     audit=_audit,
     settings=_settings,
+    position_flags=dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS,
     telemetry={dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0},
 )

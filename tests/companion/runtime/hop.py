@@ -11,6 +11,7 @@ from companion.config import Avoidance
 from companion.mission.plan import Mission
 from companion.records import RECORD_TYPES
 from companion.runtime.files import load_body, load_mission, load_settings
+from companion.runtime.flight import AUTO
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.runtime.runner import Runner
 from companion.state import Output
@@ -84,19 +85,21 @@ def fly(
     autopilot_class: type[Autopilot] = Autopilot,
     planner: Callable[[Avoidance], InProcessPlanner] = InProcessPlanner,
     interrupt_ns: int | None = None,
+    output: Output | None = Output.RATES,
 ) -> Autopilot:
-    """The whole flight; its log is `LOG` in the folder."""
+    """The whole flight; its log is `LOG` in the folder. `output`: None for whichever suits the vehicle."""
     mission, table = hop_in(folder), load_settings(None, list(OVERRIDES))
     airframe = Airframe.load(toml_files.find("vehicles", mission.vehicle), ())
     vehicle = Vehicle(airframe, World.load(toml_files.find("worlds", mission.world), ()), seed=1, lockstep=True)
-    autopilot = autopilot_class(table, load_body(mission.vehicle), mission, Output.RATES)
+    autopilot = autopilot_class(table, load_body(mission.vehicle), mission, output)
     attachments = {
         "mission.toml": (folder / "hop.toml").read_bytes(),
         "vehicle.toml": toml_files.find("vehicles", mission.vehicle).read_bytes(),
         "world.toml": toml_files.find("worlds", mission.world).read_bytes(),
         "settings.json": msgspec.json.encode(table),
     }
-    flight = {"mission": mission.name, "output": "rates", "pace": "lockstep", "overrides": "[]"}
+    name = AUTO if output is None else output.value
+    flight = {"mission": mission.name, "output": name, "pace": "lockstep", "overrides": "[]"}
     with FlightLog.open(
         folder / "log",
         metadata={"flight": {**flight, "whole_datagrams": "True"}},

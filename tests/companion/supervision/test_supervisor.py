@@ -277,6 +277,25 @@ def test_not_ready_names_what_is_missing() -> None:
     assert supervisor.state is State.ENDED and "no ring" in (supervisor.fault or "")
 
 
+def test_what_is_waited_for_is_known_while_it_lasts() -> None:
+    supervisor = Supervisor(SETTINGS)
+    supervisor.update(replace(IDLE, missing="no ring"), 0)
+    supervisor.update(replace(IDLE, missing="no ring"), SECOND)
+    assert supervisor.waiting_for == "no ring" and supervisor.state is State.CHECK
+    supervisor.update(replace(IDLE, missing=None), 2 * SECOND)
+    assert supervisor.waiting_for is None and state_of(supervisor) is State.STREAM
+
+
+def test_what_nobody_can_wait_for_ends_the_flight_at_once() -> None:
+    supervisor = Supervisor(SETTINGS)
+    refused = replace(IDLE, missing="no ring", refusal="GUID_OPTIONS is 0")
+    supervisor.update(refused, 0)
+    assert supervisor.state is State.CHECK
+    said = supervisor.update(refused, SECOND // 50)
+    assert state_of(supervisor) is State.ENDED and said is not None and "GUID_OPTIONS is 0" in said.text
+    assert "GUID_OPTIONS is 0" in (supervisor.fault or "")
+
+
 def test_no_vehicle() -> None:
     supervisor = Supervisor(Settings())
     settle(supervisor, replace(IDLE, seen=False), 0, SETTINGS.find_timeout - 0.1)

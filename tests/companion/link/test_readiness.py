@@ -1,0 +1,124 @@
+"""What the vehicle says of its being ready, and the words for it."""
+
+import pytest
+
+from companion.link.firmware.ardupilot import FIRMWARE
+from companion.link.vehicle_link import VehicleLink
+from companion.runtime.files import load_settings
+from companion.state import Output
+from protocol.messages import dialect
+from tests.companion.link.sender import ARDUPILOT, MS, NOW, PX4, SECOND, Sender, found, hear
+from tests.companion.link.test_real_telemetry import frames
+
+ATTITUDE, VELOCITY, POSITION, HEIGHT = (
+    dialect.EKF_ATTITUDE,
+    dialect.EKF_VELOCITY_HORIZ,
+    dialect.EKF_POS_HORIZ_ABS,
+    dialect.EKF_POS_VERT_ABS,
+)
+PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
+WARNING, CRITICAL, INFO = dialect.MAV_SEVERITY_WARNING, dialect.MAV_SEVERITY_CRITICAL, dialect.MAV_SEVERITY_INFO
+
+
+def estimator(vehicle: Sender, flags: int) -> bytes:
+    return vehicle(dialect.MAVLink_ekf_status_report_message, flags, 0.1, 0.1, 0.1, 0.1, 0.1)
+
+
+def sys_status(vehicle: Sender, *, ready: bool) -> bytes:
+    return vehicle(dialect.MAVLink_sys_status_message, PREARM, PREARM, PREARM * ready, *[0] * 10)
+
+
+def telemetry(vehicle: Sender, start_ns: int = NOW) -> list[tuple[int, bytes]]:
+    """A second of all that a flight without a scan needs."""
+    ticks = range(0, 1000, 4)
+    return [
+        (start_ns + ms * MS, vehicle.quaternion(ms) + vehicle.position(ms) + vehicle.extended_state(1)) for ms in ticks
+    ]
+
+
+@pytest.mark.parametrize(
+    ("flags", "lacking"),
+    [
+        (0, "attitude, velocity, height, position"),
+        (ATTITUDE, "velocity, height, position"),
+        (ATTITUDE | VELOCITY | HEIGHT, "position"),
+        (ATTITUDE | VELOCITY | HEIGHT | POSITION, None),
+        (POSITION, None),
+    ],
+)
+def test_ardupilot_is_ready_once_its_estimator_has_a_position(flags: int, lacking: str | None) -> None:
+    """Whatever its PREARM bit says, and before its telemetry is looked at: that lacks for the same reason."""
+    link, vehicle = found(autopilot=ARDUPILOT, overrides=("avoidance.method=none",))
+    hear(link, vehicle.version(4, 7) + sys_status(vehicle, ready=True) + estimator(vehicle, flags))
+    shortcoming = link.report(NOW, None, before_flight=True).shortcoming or ""
+    assert shortcoming.startswith("telemetry" if lacking is None else f"the vehicle's estimator has no {lacking} yet")
+    for now, data in telemetry(vehicle):
+        hear(link, data, now)
+    assert (link.report(NOW + SECOND, None, before_flight=True).shortcoming is None) is (lacking is None)
+    assert link.report(NOW + SECOND, None, before_flight=False).shortcoming is None
+
+
+def test_a_real_ardupilot_waits_for_its_estimator_and_then_flies() -> None:
+    """Recorded from before its estimator had a position: the reason changes once, and before it takes off."""
+    link = VehicleLink(load_settings(None, []), None)
+    waited: list[bool] = []
+    for time_ns, frame in frames("ardupilot_guided.tlog"):
+        hear(link, frame, time_ns)
+        hear(link, b"".join(Sender().parameter(name, 8.0) for name, *_ in FIRMWARE.parameters), time_ns)
+        if link.vehicle is not None and not link.status.armed:
+            link.beat(time_ns, asks_rates=False)
+            waits = "estimator has no position" in (link.report(time_ns, None, before_flight=True).shortcoming or "")
+            if not waited or waits is not waited[-1]:
+                waited.append(waits)
+        if link.status.armed:
+            break
+    assert waited == [False, True, False], "no report yet, none of a position, one"
+
+
+def test_px4_may_know_its_place_by_a_camera_alone() -> None:
+    """A position relative to where it began is enough for it to be in OFFBOARD."""
+    link, vehicle = found(overrides=("avoidance.method=none",))
+    hear(link, vehicle.version(1, 16))
+    for flags, waits in ((ATTITUDE, True), (ATTITUDE | dialect.ESTIMATOR_POS_HORIZ_REL, False), (POSITION, False)):
+        hear(link, vehicle(dialect.MAVLink_estimator_status_message, 0, flags, *[0.1] * 8))
+        shortcoming = link.report(NOW, None, before_flight=True).shortcoming or ""
+        assert ("the vehicle's estimator has no" in shortcoming) is waits
+
+
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_a_vehicle_that_does_not_report_its_estimator_is_flown(autopilot: int) -> None:
+    link, vehicle = found(Output.ATTITUDE, autopilot=autopilot, overrides=("avoidance.method=none",))
+    hear(link, vehicle.version(1, 14))
+    for now, data in telemetry(vehicle):
+        hear(link, data, now)
+    report = link.report(NOW + SECOND, None, before_flight=True)
+    assert report.shortcoming is None and report.refusal is None and report.prearm_ok
+
+
+def test_the_reason_is_the_vehicle_s_own_words() -> None:
+    """ArduPilot repeats the failed check each 30 s; other warnings in between don't hide it."""
+    link, vehicle = found(autopilot=ARDUPILOT)
+    hear(link, vehicle.version(4, 7) + sys_status(vehicle, ready=False) + estimator(vehicle, ATTITUDE))
+    hear(link, vehicle.text(CRITICAL, b"PreArm: GPS 1: Bad fix"))
+    hear(link, vehicle.text(WARNING, b"SmartRTL deactivated"), NOW + SECOND)
+    later = link.report(NOW + 30 * SECOND, None, before_flight=True)
+    assert later.shortcoming is not None and later.shortcoming.endswith("yet (PreArm: GPS 1: Bad fix)")
+    assert later.failed_check == " (PreArm: GPS 1: Bad fix)" and not later.prearm_ok
+    assert link.report(NOW + 50 * SECOND, None, before_flight=True).failed_check == "", "it is not said any more"
+
+
+def test_a_check_that_failed_once_explains_nothing_where_the_checks_pass() -> None:
+    link, vehicle = found(autopilot=ARDUPILOT)
+    hear(link, sys_status(vehicle, ready=False) + vehicle.text(CRITICAL, b"PreArm: Compass not calibrated"))
+    hear(link, sys_status(vehicle, ready=True), NOW + SECOND)
+    assert link.report(NOW + 10 * SECOND, None, before_flight=True).failed_check == ""
+    hear(link, vehicle.text(WARNING, b"Motors: safety switch"), NOW + 10 * SECOND)
+    assert "safety switch" in link.report(NOW + 11 * SECOND, None, before_flight=True).failed_check
+    hear(link, vehicle.text(INFO, b"all is well"), NOW + 20 * SECOND)
+    assert link.report(NOW + 21 * SECOND, None, before_flight=True).failed_check == ""
+
+
+def test_without_a_vehicle_its_version_is_what_lacks() -> None:
+    link, _ = found()
+    report = link.report(NOW, None, before_flight=True)
+    assert report.shortcoming == "the vehicle does not say its version (AUTOPILOT_VERSION)"
