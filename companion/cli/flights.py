@@ -2,7 +2,7 @@
 
 import json
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +14,7 @@ from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_
 
 if TYPE_CHECKING:
     from companion.runtime.flight import Pace, Plan
+    from companion.state import Adoption
 
 MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
 OutputName = Annotated[
@@ -88,6 +89,15 @@ class FlyOptions:
     log: LogFolder = Path("logs")
     settings: SettingsFile = None
     overrides: Overrides = None
+    adopt: Annotated[
+        bool,
+        typer.Option(
+            "--adopt",
+            help="Take over a vehicle that is in the air: hold, then fly what is left of the mission, from the nearest "
+            "step on. Without it an armed vehicle is refused.",
+        ),
+    ] = False
+    land: Annotated[bool, typer.Option("--land", help="With --adopt: land the vehicle where it is.")] = False
     as_json: AsJson = False
 
 
@@ -120,7 +130,7 @@ def demo(asked: DemoOptions) -> None:
 def fly(asked: FlyOptions) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
     with _abandoned():
-        plan = exit_on_user_error(_plan, asked, None)
+        plan = replace(exit_on_user_error(_plan, asked, None), adoption=exit_on_user_error(_adoption, asked))
         from companion.runtime.flight import end_table, prepare
         from companion.runtime.flight import fly as fly_plan
         from companion.runtime.summary import summarize
@@ -137,7 +147,8 @@ def fly(asked: FlyOptions) -> None:
     if summary.distance_m > 0.0 or asked.as_json:
         table = {"outcome": outcome, **end_table(result, summary)}
         _print_end(table, result.log, as_json=asked.as_json)
-    if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
+    delivers = plan.mission.delivery is not None and not asked.land
+    if result.fault is not None or (delivers and not result.delivered):
         exit_as_failed(outcome)
 
 
@@ -179,6 +190,18 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
     plan = Plan(settings, body, mission, output, _pace(asked.pace), files, seed, tuple(overrides))
     check(plan)
     return plan
+
+
+def _adoption(asked: FlyOptions) -> "Adoption | None":
+    """Raises PlanError."""
+    from companion.runtime.flight import PlanError
+    from companion.state import Adoption
+
+    if asked.land and not asked.adopt:
+        raise PlanError("--land goes with --adopt; Ctrl-C lands a flight of this program's own")
+    if not asked.adopt:
+        return None
+    return Adoption.LAND if asked.land else Adoption.MISSION
 
 
 def _pace(text: str) -> "Pace":

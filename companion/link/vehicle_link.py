@@ -68,7 +68,8 @@ class Traffic:
 class VehicleLink:
     """The first vehicle that is heard with a known firmware, and all that is said to it and by it."""
 
-    def __init__(self, settings: Settings, output: Output) -> None:
+    def __init__(self, settings: Settings, output: Output, *, needs_home: bool = False) -> None:
+        """`needs_home`: the vehicle is asked where it took off."""
         self.vehicle: tuple[int, int] | None = None
         """(system, component), once one was found."""
         self.peer: Peer | None = None
@@ -77,6 +78,7 @@ class VehicleLink:
         self.refused_messages = 0
         self.framer = Framer()
         self._settings = settings
+        self._needs_home = needs_home
         self._output = output
         self._encode_setpoint = OUTPUTS[output].encode
         self._longest_age_ns = round(settings.control.prediction.longest * 1e9)
@@ -102,6 +104,7 @@ class VehicleLink:
             dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.said.extended_state,
+            dialect.MAVLINK_MSG_ID_HOME_POSITION: self._on_home,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
             dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
             dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
@@ -190,6 +193,9 @@ class VehicleLink:
         self.peer.heartbeat(now_ns)
         self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), now_ns)
 
+    def _on_home(self, message: Any, now_ns: int) -> None:
+        self.said.home_ned = wire.home_position(message)
+
     def _on_sys_status(self, message: Any, now_ns: int) -> None:
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
         if message.onboard_control_sensors_present & bit:
@@ -253,6 +259,7 @@ class VehicleLink:
             status=self.said.status,
             on_ground=self.said.on_ground,
             word=self.said.report(now_ns),
+            home_known=self.said.home_ned is not None,
             silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusal if repeated else None,
@@ -276,7 +283,9 @@ class VehicleLink:
 
     def request(self, wanted: VehicleRequest | None, now_ns: int) -> None:
         """Ask the vehicle for something, and again in intervals; to be called again and again while it is wanted."""
-        if wanted is None or (wanted is VehicleRequest.VERSION and self._version is not None):
+        if wanted is VehicleRequest.VERSION and self._version is not None:
+            wanted = VehicleRequest.HOME if self.said.home_ned is None and self._needs_home else None
+        if wanted is None:
             return
         if wanted is VehicleRequest.STATUS and self.said.catching_up:
             return  # the answer would find no room behind what has queued up
@@ -297,7 +306,12 @@ class VehicleLink:
 
     def beat(self, now_ns: int, *, asks_rates: bool) -> None:
         """Once a second: the heartbeat, the question for the vehicle's clock and, if `asks_rates`, requests for the
-        messages that come too slowly."""
+        messages that come too slowly. A heartbeat of the vehicle's that is late is asked for at once."""
+        rate = self._settings.rates.heartbeat
+        if asks_rates and self.said.is_due(rate, now_ns) and self.vehicle is not None:
+            parameters = (float(_HEARTBEAT), *(0.0,) * 6)
+            command = dialect.MAV_CMD_REQUEST_MESSAGE
+            self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *parameters)
         if now_ns < self._next_beat_ns:
             return
         self._next_beat_ns = now_ns + _SECOND_NS
@@ -315,8 +329,6 @@ class VehicleLink:
         self._send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
         if not asks_rates:
             return
-        if self.said.comes_slowly(self._settings.rates.heartbeat):
-            self._request_interval(_HEARTBEAT, 1e6 / self._settings.rates.heartbeat)
         lacking = self._rates.lacking(now_ns)
         for message_id in lacking:
             self._request_interval(message_id, self._rates.interval_us(message_id))

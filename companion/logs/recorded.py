@@ -15,7 +15,7 @@ from companion.mission.plan import Mission
 from companion.renamed_settings import RENAMED_SETTINGS
 from companion.runtime.files import load_settings, recorded_settings
 from companion.runtime.flight import git_hash
-from companion.state import Output
+from companion.state import Adoption, Output
 from protocol import toml_files as toml_files
 from protocol.flightlog import FlightLogError, LogReader
 from protocol.vehicle_parameters import VehicleParameters
@@ -34,6 +34,8 @@ class Recorded:
     body: VehicleParameters
     mission: Mission
     output: Output
+    adoption: Adoption | None
+    """What the vehicle was taken over in flight for, if it was."""
     lockstep: bool
     whole_datagrams: bool
 
@@ -67,6 +69,10 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         output = Output(flight["output"])
     except (KeyError, ValueError):
         raise FlightLogError(f"{path}: no flight of this companion, its output is not known") from None
+    try:
+        adoption = Adoption(flight["adopted"]) if flight.get("adopted") else None
+    except ValueError:
+        raise FlightLogError(f"{path}: it does not say what the vehicle was taken over for") from None
     return Recorded(
         log=log,
         settings=chosen,
@@ -74,6 +80,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         body=_table(log, "vehicle.toml", _VehicleFile).body,
         mission=_table(log, "mission.toml", Mission, [*flown_with["mission"], *changes["mission"]]),
         output=output,
+        adoption=adoption,
         lockstep=flight.get("pace") == "lockstep",
         whole_datagrams=flight.get("whole_datagrams") != "False",
     )

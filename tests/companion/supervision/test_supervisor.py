@@ -31,6 +31,7 @@ WELL = Health(
     unsound_output=None,
     overrun=0.0,
     exhausted=None,
+    adopts=False,
     land_requested=False,
     taken_over=False,
     still=0.0,
@@ -41,13 +42,14 @@ WELL = Health(
     reason="",
 )
 IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
+ENGAGED = replace(WELL, armed=False)
 
 
 def flying() -> tuple[Supervisor, int]:
     """A supervisor in FLY, and the time."""
     supervisor = Supervisor(SETTINGS)
     now = 0
-    for health in (IDLE, IDLE, IDLE, WELL, WELL, WELL):
+    for health in (IDLE, IDLE, IDLE, ENGAGED, WELL, WELL):
         supervisor.update(health, now)
         now += 2 * SECOND
     assert supervisor.state is State.FLY
@@ -70,7 +72,7 @@ def settle(supervisor: Supervisor, health: Health, now: int, seconds: float) -> 
 def test_the_way_to_the_start() -> None:
     supervisor = Supervisor(SETTINGS)
     seen = []
-    for second, health in enumerate((IDLE, IDLE, IDLE, IDLE, WELL, WELL)):
+    for second, health in enumerate((IDLE, IDLE, IDLE, IDLE, ENGAGED, WELL)):
         supervisor.update(health, second * 2 * SECOND)
         seen.append(supervisor.state)
     assert seen == [State.CHECK, State.STREAM, State.ENGAGE, State.ENGAGE, State.ARM, State.FLY]
