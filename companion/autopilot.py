@@ -8,15 +8,16 @@ from companion.avoidance.guard import Guard
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.config import Settings
 from companion.control.controller import Controller
+from companion.entering import entered
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
 from companion.mission.navigator import Arrival, Navigator
 from companion.mission.plan import Mission, Phase
 from companion.sensing import Sensing
-from companion.state import Announcement, Output, Reason, VehicleRequest, VehicleState
+from companion.state import Adoption, Announcement, Output, Reason, VehicleRequest, VehicleState
 from companion.supervision.operations import OwnReport
-from companion.supervision.states import AWAY, COMMANDED, FLYING, STREAMING, State
+from companion.supervision.states import FLYING, FOLLOWING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
 from companion.trace import ControlStep, pack
 from protocol.vehicle_parameters import VehicleParameters
@@ -25,16 +26,23 @@ from protocol.vehicle_parameters import VehicleParameters
 class Autopilot:
     """One flight of one mission."""
 
-    def __init__(self, settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        body: VehicleParameters,
+        mission: Mission,
+        output: Output | None,
+        adopt: Adoption | None = None,
+    ) -> None:
         self.settings, self.body = settings, body
         self.supervisor = Supervisor(settings)
-        self.link = VehicleLink(settings, output)
+        self.link = VehicleLink(settings, output, needs_home=adopt is not None)
         self.sensing = Sensing(needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
-        self.navigator = Navigator(settings, mission, self.guidance.durations)
+        self.navigator = Navigator(settings, mission, self.guidance.durations, lands=adopt is Adoption.LAND)
         self.controller = Controller(settings, body, self.link.readiness.output)
-        self.own = OwnReport(settings.supervision)
+        self.own = OwnReport(settings.supervision, adopt)
         self._plan: PlanResult | None = None
         self._said: list[Announcement] = []
 
@@ -79,7 +87,7 @@ class Autopilot:
     def _control(self, state: VehicleState, now: int) -> bytes:
         """Reference, acceleration, guard, attitude, gate; the payload of a TRACE record."""
         supervised, navigator, guidance = self.supervisor.state, self.navigator, self.guidance
-        if supervised is State.RELINQUISHED:  # others fly: what is sent would keep the vehicle wherever it is
+        if supervised in FOLLOWING:  # others fly: what is sent would keep the vehicle wherever it is
             guidance.hold_at(state)
             self.controller.reset()
         elif supervised is State.FLY:
@@ -152,31 +160,7 @@ class Autopilot:
         news, announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
         self._say(news, announcement)
         if announcement is not None:
-            self._entered(state, supervisor.state, now)
+            if state is State.CHECK:
+                self.controller.use(self.link.readiness.output)
+            self._say(entered(state, supervisor.state, now, self.link, self.navigator, self.guidance, self.sensing))
         self.link.request(supervisor.request, now)
-
-    def _entered(self, old: State, new: State, now: int) -> None:
-        """What happens when a state is left and another one is entered."""
-        if old is State.FLY:
-            self.guidance.halt(now)
-        elif old is State.CHECK:
-            self.controller.use(self.link.readiness.output)
-        if new in AWAY:
-            self.navigator.pause(now)
-        elif old in AWAY and new is State.HOLD:
-            self.guidance.brake_from(self.sensing.present, now)
-            self.navigator.resume(now)
-        elif new is State.CHECK:
-            self.link.request_rates()
-        elif new is State.STREAM:
-            self.navigator.begin(self.sensing.present.position_ned)
-            self.guidance.begin(self.sensing.present)
-        elif new is State.FLY and old is State.ARM:
-            self.navigator.start_step(now)
-        elif new is State.FLY and old is State.FLY:
-            self._say(self.navigator.go_home(self.sensing.present.position_ned, now))
-            self.guidance.begin_leg(self.navigator.leg(self.sensing.present.position_ned), now)
-        elif new is State.ENDED:
-            self.navigator.end()
-        elif new in COMMANDED:
-            self.link.forget_mode()

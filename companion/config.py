@@ -453,7 +453,7 @@ class Rates(Table, frozen=True):
     position: Positive = 250.0
     scan: Positive = 15.0
     heartbeat: Positive = 5.0
-    """The mode; a vehicle that goes on to send it once a second is flown all the same."""
+    """With the mode; one that is late is asked for."""
     least_share: Fraction = 0.4
 
 

@@ -114,6 +114,8 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     shortcoming: str | None = None
     """What the link lacks before a flight: version, parameters, message rates. None in flight."""
     word: StatusReport = StatusReport()
+    home_known: bool = False
+    """The vehicle has said where it took off."""
     prearm_ok: bool = True
     """False: the vehicle says that its own arming checks fail."""
     failed_check: str = ""

@@ -28,6 +28,7 @@ class VehicleRequest(Enum):
     """What the companion asks the vehicle for, again and again until it is there."""
 
     VERSION = "version"
+    HOME = "home position"
     STATUS = "heartbeat"
     EXTERNAL_CONTROL = "external control"
     ARM = "arm"
@@ -35,6 +36,14 @@ class VehicleRequest(Enum):
     HOLD = "hold"
     LAND = "land"
     DISARM = "disarm"
+
+
+class Adoption(Enum):
+    """What is to be done with a vehicle that is taken over in flight."""
+
+    MISSION = "mission"
+    """What is left of the mission."""
+    LAND = "land"
 
 
 class Output(Enum):

@@ -2,7 +2,7 @@
 
 import json
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +15,7 @@ from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_
 if TYPE_CHECKING:
     from companion.runtime.flight import Pace, Plan
     from companion.runtime.side_links import SideLinks
-    from companion.state import Output
+    from companion.state import Adoption, Output
     from protocol.transport import Transport
 
 MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
@@ -115,6 +115,15 @@ class FlyOptions:
     log: LogFolder = Path("logs")
     settings: SettingsFile = None
     overrides: Overrides = None
+    adopt: Annotated[
+        bool,
+        typer.Option(
+            "--adopt",
+            help="Take over a vehicle that is in the air: hold, then fly what is left of the mission, from the nearest "
+            "step on. Without it an armed vehicle is refused.",
+        ),
+    ] = False
+    land: Annotated[bool, typer.Option("--land", help="With --adopt: land the vehicle where it is.")] = False
     as_json: AsJson = False
 
 
@@ -147,7 +156,7 @@ def demo(asked: DemoOptions) -> None:
 def fly(asked: FlyOptions) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
     with _abandoned():
-        plan = exit_on_user_error(_plan, asked, None)
+        plan = replace(exit_on_user_error(_plan, asked, None), adoption=exit_on_user_error(_adoption, asked))
         from companion.runtime.flight import end_table, prepare
         from companion.runtime.flight import fly as fly_plan
         from companion.runtime.side_links import open_link
@@ -168,7 +177,8 @@ def fly(asked: FlyOptions) -> None:
     if summary.distance_m > 0.0 or asked.as_json:
         table = {"outcome": outcome, **end_table(result, summary)}
         _print_end(table, result.log, as_json=asked.as_json)
-    if result.fault is not None or (plan.mission.delivery is not None and not result.delivered):
+    delivers = plan.mission.delivery is not None and not asked.land
+    if result.fault is not None or (delivers and not result.delivered):
         exit_as_failed(outcome)
 
 
@@ -229,6 +239,18 @@ def output_of(text: str) -> "Output | None":
     except ValueError:
         names = ", ".join(each.value for each in Output)
         raise PlanError(f"--output {text}: there are {names} and {AUTO}") from None
+
+
+def _adoption(asked: FlyOptions) -> "Adoption | None":
+    """Raises PlanError."""
+    from companion.runtime.flight import PlanError
+    from companion.state import Adoption
+
+    if asked.land and not asked.adopt:
+        raise PlanError("--land goes with --adopt; Ctrl-C lands a flight of this program's own")
+    if not asked.adopt:
+        return None
+    return Adoption.LAND if asked.land else Adoption.MISSION
 
 
 def _pace(text: str) -> "Pace":

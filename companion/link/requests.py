@@ -17,6 +17,7 @@ _MODES = {
 }
 _COMMANDS: dict[VehicleRequest, tuple[int, tuple[float, ...]]] = {
     VehicleRequest.VERSION: (dialect.MAV_CMD_REQUEST_MESSAGE, (float(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION),)),
+    VehicleRequest.HOME: (dialect.MAV_CMD_REQUEST_MESSAGE, (float(dialect.MAVLINK_MSG_ID_HOME_POSITION),)),
     VehicleRequest.STATUS: (dialect.MAV_CMD_REQUEST_MESSAGE, (float(dialect.MAVLINK_MSG_ID_HEARTBEAT),)),
     VehicleRequest.ARM: (_ARM, (1.0,)),
     VehicleRequest.DISARM: (_ARM, (0.0,)),

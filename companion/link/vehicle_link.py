@@ -67,8 +67,9 @@ class Traffic:
 class VehicleLink:
     """The first vehicle that is heard with a known firmware, and all that is said to it and by it."""
 
-    def __init__(self, settings: Settings, output: Output | None) -> None:
-        """`output`: None for whichever the vehicle is flown more safely on."""
+    def __init__(self, settings: Settings, output: Output | None, *, needs_home: bool = False) -> None:
+        """`output`: None for whichever the vehicle is flown more safely on. `needs_home`: the vehicle is asked where it
+        took off."""
         self.vehicle: tuple[int, int] | None = None
         """(system, component), once one was found."""
         self.peer: Peer | None = None
@@ -78,6 +79,7 @@ class VehicleLink:
         self.refused_messages = 0
         self.framer = Framer()
         self._settings = settings
+        self._needs_home = needs_home
         self._encode_setpoint = OUTPUTS[self.readiness.output].encode
         self._longest_age_ns = round(settings.control.prediction.longest * 1e9)
         self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
@@ -98,6 +100,7 @@ class VehicleLink:
             DISTANCE_SENSOR: self._on_ring,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.said.extended_state,
+            dialect.MAVLINK_MSG_ID_HOME_POSITION: self._on_home,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
             dialect.MAVLINK_MSG_ID_BATTERY_STATUS: wire.battery_status,
             dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.readiness.on_estimator,
@@ -213,6 +216,9 @@ class VehicleLink:
         self.peer.heartbeat(now_ns)
         self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), now_ns)
 
+    def _on_home(self, message: Any, now_ns: int) -> None:
+        self.said.home_ned = wire.home_position(message)
+
     def _on_sys_status(self, message: Any, now_ns: int) -> BatteryReading:
         assert self.peer is not None
         self.readiness.on_sys_status(message, now_ns)
@@ -276,6 +282,7 @@ class VehicleLink:
             status=self.said.status,
             on_ground=self.said.on_ground,
             word=self.said.report(now_ns),
+            home_known=self.said.home_ned is not None,
             silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusal if repeated else None,
@@ -299,7 +306,9 @@ class VehicleLink:
 
     def request(self, wanted: VehicleRequest | None, now_ns: int) -> None:
         """Ask the vehicle for something, and again in intervals; to be called again and again while it is wanted."""
-        if wanted is None or (wanted is VehicleRequest.VERSION and self.readiness.version is not None):
+        if wanted is VehicleRequest.VERSION and self.readiness.version is not None:
+            wanted = VehicleRequest.HOME if self.said.home_ned is None and self._needs_home else None
+        if wanted is None:
             return
         if wanted is VehicleRequest.STATUS and self.said.catching_up:
             return  # the answer would find no room behind what has queued up
@@ -320,9 +329,13 @@ class VehicleLink:
 
     def beat(self, now_ns: int, *, asks_rates: bool) -> list[Announcement]:
         """Once a second: the heartbeat, the question for the vehicle's clock and, if `asks_rates`, requests for the
-        messages that come too slowly. Whenever it is called: the vehicle's parameters, until they are known; what is to
-        be said of them."""
+        messages that come too slowly. Whenever it is called: the vehicle's parameters, until they are known, and a
+        heartbeat of the vehicle's that is late; what is to be said of them."""
         said = self._go_on_with_audit(now_ns)
+        if asks_rates and self.said.is_due(self._settings.rates.heartbeat, now_ns) and self.vehicle is not None:
+            parameters = (float(_HEARTBEAT), *(0.0,) * 6)
+            command = dialect.MAV_CMD_REQUEST_MESSAGE
+            self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *parameters)
         if now_ns >= self._next_beat_ns:
             self._beat_now(now_ns, asks_rates=asks_rates)
         return said
@@ -356,8 +369,6 @@ class VehicleLink:
         if not asks_rates:
             return
         rates = self._settings.rates
-        if self.said.comes_slowly(rates.heartbeat):
-            self._ask(self._rates.to_ask((_HEARTBEAT,), rates.heartbeat))
         lacking = self._rates.lacking(now_ns)
         self._ask(self._rates.to_ask((*self._rates.unheard(), *lacking)))
         if OBSTACLE_DISTANCE in lacking and not self._rings.whole:

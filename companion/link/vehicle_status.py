@@ -8,6 +8,7 @@ from typing import Any
 
 from companion.reports import StatusReport
 from companion.state import FlightMode, VehicleStatus
+from protocol.arrays import Array
 from protocol.messages import dialect
 
 _SECOND_NS = 1_000_000_000
@@ -22,8 +23,8 @@ _LONGEST_BACKLOG_NS = 2 * _SECOND_NS
 """but it is not waited for longer than this."""
 _TOLERANCE_NS = _SECOND_NS // 20
 """Of the vehicle's clock."""
-_MOST_ASKS = 5
-"""So often heartbeats are asked for at a rate that they don't come at."""
+_LATE_PERIODS = 1.5
+"""A heartbeat that is older than so many of its periods is asked for."""
 
 _CRITICAL = frozenset({dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION})
 _AIRBORNE = frozenset(
@@ -38,23 +39,27 @@ class StatusWatch:
         self.status = VehicleStatus(FlightMode.OTHER, False, False)
         self.on_ground = False
         """The vehicle says that it stands on the ground."""
+        self.home_ned: Array | None = None
+        """(3,) m: where it took off, as it says."""
         self.catching_up = False
         """Telemetry from before a gap of our own may still come."""
         self._airborne = False
         self._landed_ns: int | None = None
         self._heard_ns: int | None = None
-        self._interval_ns = 0
-        """Between the latest two heartbeats."""
-        self._asks = 0
+        self._asked_ns = -_SECOND_NS
         self._awake_ns = 0
         self._after_command_ns = 0
         self._after_gap_ns = 0
         """Heartbeats count that came after both."""
 
+    @property
+    def home(self) -> Array:
+        """(3,) m: where it took off, once it has said so."""
+        assert self.home_ned is not None
+        return self.home_ned
+
     def heartbeat(self, message: Any, mode: FlightMode, now_ns: int) -> None:
         """HEARTBEAT (0), whose custom mode means `mode`."""
-        if self._heard_ns is not None:
-            self._interval_ns = now_ns - self._heard_ns
         self._heard_ns = now_ns
         self.status = VehicleStatus(
             mode,
@@ -110,8 +115,11 @@ class StatusWatch:
 
     # -- how often -----------------------------------------------------------------------------------------------------
 
-    def comes_slowly(self, rate: float) -> bool:
-        """Heartbeats come at less than half of a rate (Hz), and were not asked for so often that it is no use."""
-        slow = self._interval_ns * rate > 2.0 * _SECOND_NS and self._asks < _MOST_ASKS
-        self._asks += slow
-        return slow
+    def is_due(self, rate: float, now_ns: int) -> bool:
+        """A heartbeat at this rate (Hz) is late, and is to be asked for now: PX4 sends one a second, and no more unless
+        it is asked for each."""
+        late_ns, period_ns = _LATE_PERIODS * _SECOND_NS / rate, _SECOND_NS / rate
+        if self._heard_ns is None or now_ns - self._heard_ns < late_ns or now_ns - self._asked_ns < period_ns:
+            return False
+        self._asked_ns = now_ns
+        return True

@@ -84,6 +84,11 @@ def local_position(message: Any, time_ns: int = 0) -> PositionReport:
     )
 
 
+def home_position(message: Any) -> Array:
+    """HOME_POSITION (242): (3,) m, NED, in the frame of LOCAL_POSITION_NED."""
+    return _vector("HOME_POSITION's position", _POSITION_LIMIT_M, message.x, message.y, message.z)
+
+
 def obstacle_distance(message: Any, time_ns: int) -> Scan:
     """OBSTACLE_DISTANCE (330), in the body's frame: cm -> m.
 

@@ -15,7 +15,7 @@ from companion.mission.plan import Mission
 from companion.renamed_settings import RENAMED_SETTINGS
 from companion.runtime.files import load_settings, recorded_settings
 from companion.runtime.flight import AUTO, git_hash
-from companion.state import Output
+from companion.state import Adoption, Output
 from protocol import toml_files as toml_files
 from protocol.flightlog import FlightLogError, LogReader
 from protocol.vehicle_parameters import VehicleParameters
@@ -35,6 +35,8 @@ class Recorded:
     mission: Mission
     output: Output | None
     """None: what the vehicle's parameters say, as in flight."""
+    adoption: Adoption | None
+    """What the vehicle was taken over in flight for, if it was."""
     lockstep: bool
     whole_datagrams: bool
 
@@ -68,6 +70,10 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         output = None if flight["output"] == AUTO else Output(flight["output"])
     except (KeyError, ValueError):
         raise FlightLogError(f"{path}: no flight of this companion, its output is not known") from None
+    try:
+        adoption = Adoption(flight["adopted"]) if flight.get("adopted") else None
+    except ValueError:
+        raise FlightLogError(f"{path}: it does not say what the vehicle was taken over for") from None
     return Recorded(
         log=log,
         settings=chosen,
@@ -75,6 +81,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         body=_table(log, "vehicle.toml", _VehicleFile).body,
         mission=_table(log, "mission.toml", Mission, [*flown_with["mission"], *changes["mission"]]),
         output=output,
+        adoption=adoption,
         lockstep=flight.get("pace") == "lockstep",
         whole_datagrams=flight.get("whole_datagrams") != "False",
     )

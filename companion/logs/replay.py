@@ -116,7 +116,7 @@ def _flown_ahead(flight: Recorded, *, keeps_series: bool) -> "_Second | None":
 
 
 def _autopilot(flight: Recorded) -> Autopilot:
-    return Autopilot(flight.settings, flight.body, flight.mission, flight.output)
+    return Autopilot(flight.settings, flight.body, flight.mission, flight.output, flight.adoption)
 
 
 @contextmanager

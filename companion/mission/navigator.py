@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.config import Settings
 from companion.mission.altitude_search import AltitudeSearch, Place
-from companion.mission.plan import Mission, Phase, Step, steps
+from companion.mission.plan import Mission, Phase, Step, nearest_step, steps
 from companion.mission.stall import Progress, Trail
 from companion.reports import CommandReport, MissionReport, MotionReport
 from companion.state import Announcement, Severity, VehicleState
@@ -66,8 +66,11 @@ _GOING_ON = Judgement()
 class Navigator:
     """One mission, step by step."""
 
-    def __init__(self, settings: Settings, mission: Mission, durations: Sequence[float | None]) -> None:
-        """`durations`: s that each step's track takes; None for a step without one."""
+    def __init__(
+        self, settings: Settings, mission: Mission, durations: Sequence[float | None], *, lands: bool = False
+    ) -> None:
+        """`durations`: s that each step's track takes; None for a step without one. `lands`: a vehicle that is taken
+        over in flight does nothing else."""
         self.mission = mission
         self.steps: tuple[Step, ...] = ()
         """Known from the place of the start on (`begin`)."""
@@ -81,6 +84,7 @@ class Navigator:
         self.ground_down = 0.0
         """m, NED: the place of the start."""
         self._settings = settings
+        self._lands = lands
         self._durations = tuple(durations)
         self._search = AltitudeSearch(settings.avoidance.altitude_search)
         self._trail = Trail()
@@ -101,6 +105,16 @@ class Navigator:
         self.ground_down = float(start_ned[2])
         self.steps = steps(self.mission, start_ned)
         self._enter(0)
+
+    def adopt(self, start_ned: Array, here_ned: Array, now_ns: int) -> Announcement:
+        """The vehicle, which started at a place (3,), is taken over in flight at another (3,): what is left of the
+        mission is flown from the nearest step on, or nothing but the landing."""
+        self.begin(start_ned)
+        if self._lands:
+            self.steps, self._durations = (Step(Phase.LAND),), (None,)
+        self._enter(0 if self._lands else nearest_step(self.steps, start_ned, here_ned))
+        self._step_since_ns = now_ns
+        return Announcement(Severity.INFO, f"from step {self.step_index + 1} of {len(self.steps)} on")
 
     def _enter(self, index: int) -> None:
         self.step_index = index

@@ -1,5 +1,7 @@
 """The route: a TOML file of waypoints and a delivery, turned into the steps that are flown one after the other."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated
@@ -11,6 +13,7 @@ from companion.config_types import NotNegative, Positive, Table
 from companion.curves import Curve, Route, Shape
 from protocol.arrays import Array
 
+_AS_NEAR_M = 1.0
 Metres = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 
 
@@ -125,6 +128,26 @@ def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
         plan.append(Step(Phase.RETURN, over_home, avoids=not curved))
     plan.append(Step(Phase.LAND))
     return tuple(plan)
+
+
+def nearest_step(plan: Sequence[Step], start_ned: Array, here_ned: Array) -> int:
+    """The step that is flown from `here_ned` (3,) on: the one whose way, from the place before to its own, is nearest.
+
+    Of ways that are as near to within a metre (out and back along the same route) it is the first: rather a part of the
+    mission twice than left out. A track counts as the way to its beginning, from where all of it is flown.
+    """
+    before, distances = start_ned, []
+    for step in plan:
+        if step.target_ned is None:
+            distances.append(math.inf)
+            continue
+        way = step.target_ned - before
+        length = float(way @ way)
+        share = min(max(float((here_ned - before) @ way) / length, 0.0), 1.0) if length else 0.0
+        distances.append(math.dist((before + share * way).tolist(), here_ned.tolist()))
+        before = step.target_ned
+    nearest = min(distances)
+    return next(index for index, distance in enumerate(distances) if distance <= nearest + _AS_NEAR_M)
 
 
 def _curves(phase: Phase, places: list[Array], holds: list[float], speed: float) -> list[Step]:

@@ -25,7 +25,7 @@ from companion.runtime.rehearsal import rehearse
 from companion.runtime.runner import Runner
 from companion.runtime.side_links import NONE, SideLinks
 from companion.runtime.summary import Axes, Summary
-from companion.state import Output
+from companion.state import Adoption, Output
 from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
@@ -56,6 +56,8 @@ class Plan:
     seed: int | None = None
     overrides: tuple[str, ...] = ()
     """All of `--set`, for the log; settings and mission have theirs already."""
+    adoption: Adoption | None = None
+    """A vehicle in flight is taken over, for this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +134,7 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: 
         planning = Planning(PlannerProcess(avoidance), None)
     if planning.fault is not None:
         raise PlanError(planning.fault)
-    autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output)
+    autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output, plan.adoption)
     began = time.time()
     clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
     log = FlightLog.open(
@@ -251,6 +253,7 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
         "pace": str(plan.pace),
         "seed": "" if plan.seed is None else str(plan.seed),
         "overrides": json.dumps(plan.overrides),
+        "adopted": "" if plan.adoption is None else plan.adoption.value,
         "started_unix_s": repr(began),
         "host": platform.platform(),
         "cpus": str(os.cpu_count()),

@@ -41,6 +41,8 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """How late the loop was (s) if that was too late just now, else 0."""
     exhausted: str | None
     """The command that was sent as often as allowed, and its answer."""
+    adopts: bool
+    """A vehicle in flight is to be taken over."""
     land_requested: bool
     taken_over: bool
     """The mode that was commanded had been reached, and was changed since."""
@@ -100,6 +102,7 @@ def health(
         unsound_output=own.unsound_output,
         overrun=own.overrun_ns * 1e-9,
         exhausted=link.exhausted,
+        adopts=own.adoption is not None,
         land_requested=own.land_requested,
         taken_over=watched.taken_over,
         still=watched.still,
@@ -123,6 +126,8 @@ def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport, limits: L
         return link.shortcoming
     if not sensing.has_state:
         return "no position and attitude"
+    if own.adoption is not None:
+        return None if link.home_known else "the vehicle does not say where it took off (HOME_POSITION)"
     if not link.on_ground:
         return "the vehicle does not say that it stands on the ground"
     if not link.prearm_ok:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from companion.config import Supervision
-from companion.state import Announcement, Setpoint, Severity
+from companion.state import Adoption, Announcement, Setpoint, Severity
 from companion.supervision.gate import unsound
 
 
@@ -44,7 +44,9 @@ Operation = LandRequest | LogFault | LogRecovered | PlannerFault
 class OwnReport:
     """What the companion knows of itself and of its operator, from one look at the health to the next."""
 
-    def __init__(self, settings: Supervision) -> None:
+    def __init__(self, settings: Supervision, adoption: Adoption | None = None) -> None:
+        self.adoption = adoption
+        """The operator's consent to take over a vehicle in flight, and what for."""
         self._overrun_ns = settings.overrun * 1e9
         self.unsound_output: str | None = None
         """What was wrong with the setpoint that the gate held back last."""

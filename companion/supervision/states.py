@@ -23,13 +23,18 @@ class State(IntEnum):
     GAP = 12
     WATCH = 13
     DISARM = 14
+    ADOPT = 15
 
 
-STREAMING = frozenset({State.STREAM, State.ENGAGE, State.ARM, State.FLY, State.HOLD, State.RELINQUISHED})
+STREAMING = frozenset({State.STREAM, State.ENGAGE, State.ARM, State.FLY, State.HOLD, State.RELINQUISHED, State.ADOPT})
 """States in which setpoints are sent."""
-FLYING = frozenset({State.FLY, State.HOLD, State.WITHDRAW, State.LAND, State.RELINQUISHED, State.GAP, State.WATCH})
+FLYING = frozenset(
+    {State.FLY, State.HOLD, State.WITHDRAW, State.LAND, State.RELINQUISHED, State.GAP, State.WATCH, State.ADOPT}
+)
 """States between arming and the end in which the companion answers for the vehicle, or is ready to."""
-AWAY = frozenset({State.RELINQUISHED, State.GAP})
+FOLLOWING = frozenset({State.RELINQUISHED, State.ADOPT})
+"""States in which setpoints are sent to stay wherever the vehicle is, which others fly, or its own failsafe."""
+AWAY = FOLLOWING | {State.GAP}
 """States in which the companion does not move the vehicle, and from which a hold leads back to the mission."""
 
 COMMANDED = {State.WITHDRAW: FlightMode.HOLD, State.LAND: FlightMode.LAND}
@@ -40,6 +45,7 @@ REQUESTS = {
     State.ARM: VehicleRequest.ARM,
     State.WITHDRAW: VehicleRequest.HOLD,
     State.LAND: VehicleRequest.LAND,
+    State.ADOPT: VehicleRequest.EXTERNAL_CONTROL,
     State.GAP: VehicleRequest.STATUS,
     State.DISARM: VehicleRequest.DISARM,
 }

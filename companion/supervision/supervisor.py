@@ -31,6 +31,8 @@ class Supervisor:
         self._mode_reached = False
         """The vehicle was in the mode that the present state commands."""
         self._descent = Descent()
+        self._seconds = 0.0
+        """In this state."""
 
     def look(
         self,
@@ -54,7 +56,7 @@ class Supervisor:
         self.waiting_for = health.missing
         if self._since_ns is None:
             self._since_ns = now_ns
-        seconds = (now_ns - self._since_ns) * 1e-9
+        self._seconds = seconds = (now_ns - self._since_ns) * 1e-9
         for row in _ROWS_OF[self.state]:
             if row.condition(health, self._settings, seconds):
                 text = row.text.format(health=health, settings=self._settings)
@@ -62,6 +64,7 @@ class Supervisor:
                     self.fault = row.outcome.format(health=health, settings=self._settings) or text
                 self.state = row.to
                 self._since_ns = now_ns
+                self._seconds = 0.0
                 self._mode_reached = False
                 self._descent = Descent()
                 return Announcement(row.severity, text)
@@ -83,6 +86,8 @@ class Supervisor:
     @property
     def request(self) -> VehicleRequest | None:
         """What the present state asks the vehicle for, as long as it has not been there."""
+        if self.state is State.ADOPT and self._seconds < self._settings.stream_before_engaging:
+            return None
         return None if self._mode_reached else REQUESTS.get(self.state)
 
     def failed(self, text: str) -> None:

@@ -40,7 +40,8 @@ class Descent:
         if current and (status.failsafe or self._mode is None):
             self._mode = status.mode
         others = current and not status.failsafe and status.mode not in (self._mode, FlightMode.EXTERNAL)
-        if self._since_ns is None or (vehicle is not None and self._comes_nearer(vehicle.position_ned, status.mode)):
+        nearer = vehicle is not None and self._comes_nearer(vehicle.position_ned, status.mode)
+        if nearer or self._since_ns is None:
             self._since_ns = now_ns
         return Watched(others, (now_ns - self._since_ns) * 1e-9)
 

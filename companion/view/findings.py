@@ -152,6 +152,7 @@ def _failsafes(flight: GatheredFlight) -> list[Finding]:
         State.RELEASED.value: "let go",
         State.GAP.value: "waited, after a gap of its own, for what the vehicle does",
         State.WATCH.value: "watched the vehicle's own failsafe",
+        State.ADOPT.value: "took the vehicle over in flight, which took",
         State.DISARM.value: "disarmed what it had armed",
     }
     for stretch in flight.states.finish():

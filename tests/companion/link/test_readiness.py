@@ -65,12 +65,12 @@ def test_a_real_ardupilot_waits_for_its_estimator_and_then_flies() -> None:
     for time_ns, frame in frames("ardupilot_guided.tlog"):
         hear(link, frame, time_ns)
         hear(link, b"".join(Sender().parameter(name, 8.0) for name, *_ in FIRMWARE.parameters), time_ns)
-        if link.vehicle is not None and not link.status.armed:
+        if link.vehicle is not None and not link.said.status.armed:
             link.beat(time_ns, asks_rates=False)
             waits = "estimator has no position" in (link.report(time_ns, None, before_flight=True).shortcoming or "")
             if not waited or waits is not waited[-1]:
                 waited.append(waits)
-        if link.status.armed:
+        if link.said.status.armed:
             break
     assert waited == [False, True, False], "no report yet, none of a position, one"
 

@@ -282,6 +282,7 @@ def test_a_scan_of_sectors_counts_as_a_scan_for_its_rate() -> None:
         data = b"".join(vehicle.sector(number, k) for k in range(8))
         hear(link, data, NOW + number * 60 * MS)
     hear(link, vehicle.version(1, 13))
+    hear(link, vehicle.heartbeat(), NOW + 900 * MS)
     link.beat(NOW + 900 * MS, asks_rates=True)
     asked = {message.param1 for message in sent(link) if message.get_type() == "COMMAND_LONG"}
     needed = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED

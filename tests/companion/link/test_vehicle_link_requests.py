@@ -228,6 +228,8 @@ def test_the_beat_is_once_a_second_and_asks_for_rates_only_when_told() -> None:
     finish_audit(link, 1)
     seen = []
     for ms in range(PERIOD_MS, 4000, PERIOD_MS):
+        if ms % 200 == 0:
+            hear(link, Sender().heartbeat(), ms * MS)
         link.beat(ms * MS, asks_rates=ms >= 2500)
         messages = sent(link)
         if messages:
@@ -243,6 +245,7 @@ def test_the_beat_is_once_a_second_and_asks_for_rates_only_when_told() -> None:
 def test_only_what_comes_too_slowly_is_asked_for_again() -> None:
     link, vehicle = found()
     now = stream(link, vehicle, ENOUGH | {"position": 20})
+    hear(link, vehicle.heartbeat(), now)
     link.beat(now, asks_rates=True)
     asks = [message for message in sent(link) if message.get_type() == "COMMAND_LONG"]
     (ask,) = [message for message in asks if message.param1 not in WELCOME]
@@ -264,6 +267,21 @@ def test_what_is_good_to_have_is_asked_for_a_few_times_and_never_lacking() -> No
     assert set(counts.values()) == {3}
     now = stream(link, vehicle, ENOUGH)
     assert link.report(now, None, before_flight=True).shortcoming is None
+
+
+def test_a_heartbeat_that_is_late_is_asked_for_by_itself() -> None:
+    """PX4 refuses another interval than a second for it."""
+    link, _ = found()
+    asked = []
+    for ms in range(0, 1000, PERIOD_MS):
+        link.beat(NOW + ms * MS, asks_rates=True)
+        messages = [message for message in sent(link) if message.get_type() == "COMMAND_LONG"]
+        wanted = [message.param1 for message in messages if message.command == dialect.MAV_CMD_REQUEST_MESSAGE]
+        asked += [ms for message_id in wanted if message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT]
+    assert asked == [300, 500, 700, 900]
+    quiet = found()[0]
+    quiet.beat(NOW + 900 * MS, asks_rates=False)
+    assert "COMMAND_LONG" not in names(sent(quiet))
 
 
 def test_all_rates_are_asked_for_on_request() -> None:

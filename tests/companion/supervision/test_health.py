@@ -157,9 +157,8 @@ def test_health_is_a_function_of_the_reports(
     )
     found = reports.health()
     assert found == reports.health()
-    assert (found.silence, found.heartbeat_age, found.telemetry_age, found.scan_age) == tuple(
-        min(age, 1e8) for age in ages[:4]
-    )
+    found_ages = found.silence, found.heartbeat_age, found.telemetry_age, found.scan_age
+    assert found_ages == tuple(min(age, 1e8) for age in ages[:4])
     assert (found.still, found.landed_for) == ages[4:]
     assert (found.current, found.airborne) == (current, airborne)
     assert (found.seen, found.armed, found.failsafe) == (seen, armed, failsafe)
@@ -179,7 +178,8 @@ def test_a_gap_of_our_own_is_no_silence_of_the_vehicle() -> None:
         overrun_ns=10**10,
         awake_ns=30_000_000,
     ).health()
-    assert [late.silence, late.telemetry_age, late.heartbeat_age, late.scan_age] == pytest.approx([0.03] * 4)
+    counted = [late.silence, late.telemetry_age, late.heartbeat_age, late.scan_age]
+    assert counted == pytest.approx([0.03] * 4)
     longer = Reports(State.LAND, link(silence=0.2), overrun_ns=10**10, awake_ns=10**9).health()
     assert longer.silence == 0.2, "what is younger than the gap is as old as it is"
 

@@ -31,6 +31,7 @@ WELL = Health(
     unsound_output=None,
     overrun=0.0,
     exhausted=None,
+    adopts=False,
     land_requested=False,
     taken_over=False,
     still=0.0,
@@ -41,13 +42,14 @@ WELL = Health(
     reason="",
 )
 IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
+ENGAGED = replace(WELL, armed=False)
 
 
 def flying() -> tuple[Supervisor, int]:
     """A supervisor in FLY, and the time."""
     supervisor = Supervisor(Settings())
     now = 0
-    for health in (IDLE, IDLE, IDLE, WELL, WELL, WELL):
+    for health in (IDLE, IDLE, IDLE, ENGAGED, WELL, WELL):
         supervisor.update(health, now)
         now += 2 * SECOND
     assert supervisor.state is State.FLY
@@ -70,7 +72,7 @@ def settle(supervisor: Supervisor, health: Health, now: int, seconds: float) -> 
 def test_the_way_to_the_start() -> None:
     supervisor = Supervisor(Settings())
     seen = []
-    for second, health in enumerate((IDLE, IDLE, IDLE, IDLE, WELL, WELL)):
+    for second, health in enumerate((IDLE, IDLE, IDLE, IDLE, ENGAGED, WELL)):
         supervisor.update(health, second * 2 * SECOND)
         seen.append(supervisor.state)
     assert seen == [State.CHECK, State.STREAM, State.ENGAGE, State.ENGAGE, State.ARM, State.FLY]
@@ -278,7 +280,7 @@ def test_not_ready_names_what_is_missing() -> None:
 
 
 def test_what_is_waited_for_is_known_while_it_lasts() -> None:
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     supervisor.update(replace(IDLE, missing="no ring"), 0)
     supervisor.update(replace(IDLE, missing="no ring"), SECOND)
     assert supervisor.waiting_for == "no ring" and supervisor.state is State.CHECK
@@ -287,7 +289,7 @@ def test_what_is_waited_for_is_known_while_it_lasts() -> None:
 
 
 def test_what_nobody_can_wait_for_ends_the_flight_at_once() -> None:
-    supervisor = Supervisor(SETTINGS)
+    supervisor = Supervisor(Settings())
     refused = replace(IDLE, missing="no ring", refusal="GUID_OPTIONS is 0")
     supervisor.update(refused, 0)
     assert supervisor.state is State.CHECK

@@ -1,0 +1,138 @@
+"""A heartbeat counts if it is newer than the mode that was asked for, and than a gap of our own."""
+
+import pytest
+
+from companion.link.vehicle_link import VehicleLink
+from companion.reports import StatusReport
+from companion.state import FlightMode, VehicleRequest
+from protocol.messages import dialect
+from tests.companion.link.sender import MS, NOW, OWN_COMPONENT, SECOND, Sender, found, hear, sent
+
+HOLD = 4 << 16 | 3 << 24
+SET_MODE = dialect.MAV_CMD_DO_SET_MODE
+
+
+def word(link: VehicleLink, now: int) -> StatusReport:
+    return link.report(now, None, before_flight=False).word
+
+
+def asked() -> tuple[VehicleLink, Sender]:
+    """A link that asked for hold at NOW."""
+    link, vehicle = found()
+    assert word(link, NOW).current
+    link.request(VehicleRequest.HOLD, NOW)
+    return link, vehicle
+
+
+def test_a_heartbeat_from_before_the_answer_says_nothing_of_what_was_asked_for() -> None:
+    link, vehicle = asked()
+    hear(link, vehicle.heartbeat(mode=3 << 16, state=5), NOW + 10 * MS)
+    assert not word(link, NOW + 10 * MS).current
+    hear(link, vehicle.ack(SET_MODE, 0, 1, OWN_COMPONENT), NOW + 20 * MS)
+    hear(link, vehicle.heartbeat(mode=3 << 16, state=5), NOW + 30 * MS)
+    assert not word(link, NOW + 30 * MS).current, "PX4 answers before the mode changes"
+    hear(link, vehicle.heartbeat(mode=HOLD), NOW + 120 * MS)
+    assert word(link, NOW + 120 * MS).current and link.said.status.mode is FlightMode.HOLD
+
+
+def test_a_command_without_an_answer_is_waited_for_a_second() -> None:
+    link, vehicle = asked()
+    hear(link, vehicle.ack(SET_MODE, 0, 255, 190), NOW + 20 * MS)
+    for ms, current in ((500, False), (999, False), (1000, True)):
+        link.request(VehicleRequest.HOLD, NOW + ms * MS)  # again, which does not begin the wait anew
+        hear(link, vehicle.heartbeat(mode=HOLD), NOW + ms * MS)
+        assert word(link, NOW + ms * MS).current == current, ms
+
+
+def test_the_answer_to_another_command_is_none() -> None:
+    link, vehicle = asked()
+    hear(link, vehicle.ack(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, OWN_COMPONENT), NOW + 20 * MS)
+    hear(link, vehicle.heartbeat(mode=HOLD), NOW + 500 * MS)
+    assert not word(link, NOW + 500 * MS).current
+
+
+def test_what_queued_up_in_a_gap_is_old_until_the_vehicles_clock_says_otherwise() -> None:
+    link, vehicle = found()
+    assert link.peer is not None
+    link.peer.offset_ns = -NOW  # its time since boot began at NOW
+    awake = NOW + 5 * SECOND
+    assert not link.is_old(100, awake), "without a gap nothing is"
+    link.said.stood_still(awake)
+    hear(link, vehicle.heartbeat(mode=HOLD), awake + MS)
+    assert link.is_old(2600, awake + MS) and not word(link, awake + MS).current
+    assert link.is_old(4900, awake + 2 * MS)
+    assert not link.is_old(4960, awake + 3 * MS) and not link.said.catching_up
+    assert not word(link, awake + 3 * MS).current, "the heartbeat came before"
+    hear(link, vehicle.heartbeat(mode=HOLD), awake + 4 * MS)
+    assert word(link, awake + 4 * MS).current
+
+
+def test_a_vehicle_whose_clock_is_not_known_is_believed_after_a_while() -> None:
+    link, vehicle = found()
+    link.said.stood_still(NOW)
+    assert link.is_old(0, NOW + 299 * MS) and not link.is_old(0, NOW + 300 * MS)
+    hear(link, vehicle.heartbeat(), NOW + 300 * MS)
+    assert word(link, NOW + 300 * MS).current
+
+
+def test_no_backlog_lasts_for_ever() -> None:
+    """Nor does a vehicle without telemetry keep its heartbeats from counting."""
+    link, vehicle = found()
+    assert link.peer is not None
+    link.peer.offset_ns = -NOW
+    link.said.stood_still(NOW)
+    hear(link, vehicle.heartbeat(), NOW + 1999 * MS)
+    assert not word(link, NOW + 1999 * MS).current
+    hear(link, vehicle.heartbeat(), NOW + 2000 * MS)
+    assert word(link, NOW + 2000 * MS).current
+    assert not link.is_old(0, NOW + 2000 * MS)
+
+
+def test_no_heartbeat_is_asked_for_behind_what_queued_up() -> None:
+    link, _ = found()
+    link.said.stood_still(NOW)
+    link.request(VehicleRequest.STATUS, NOW)
+    assert sent(link) == []
+    assert not link.is_old(0, NOW + SECOND)
+    link.request(VehicleRequest.STATUS, NOW + SECOND)
+    (ask,) = sent(link)
+    assert (ask.command, ask.param1) == (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HEARTBEAT)
+
+
+@pytest.mark.parametrize(
+    ("state", "failsafe"),
+    [(3, False), (4, False), (5, True), (6, True), (8, True)],
+)
+def test_a_critical_state_is_a_failsafe(state: int, failsafe: bool) -> None:
+    link, vehicle = found()
+    hear(link, vehicle.heartbeat(state=state))
+    assert link.said.status.failsafe == failsafe
+
+
+def test_the_time_on_the_ground_counts_from_the_landing_on() -> None:
+    link, vehicle = found()
+    for ms, landed, on_ground_for, airborne in (
+        (0, 1, 0.0, False),
+        (3000, 1, 3.0, False),
+        (4000, 2, 0.0, True),
+        (5000, 4, 0.0, True),
+        (6000, 1, 0.0, False),
+        (8000, 1, 2.0, False),
+        (9000, 0, 0.0, False),
+    ):
+        hear(link, vehicle.extended_state(landed), NOW + ms * MS)
+        found_word = word(link, NOW + ms * MS)
+        assert found_word.landed_for == pytest.approx(on_ground_for), ms
+        assert found_word.airborne == airborne, ms
+
+
+def test_home_is_where_the_vehicle_says_and_asked_for_only_if_it_is_needed() -> None:
+    link, vehicle = found()
+    hear(link, vehicle.version(1, 16))
+    link.request(VehicleRequest.VERSION, NOW)
+    assert sent(link) == [], "the version is known, and nobody needs home"
+    fields = (0, 0, 0, 1.5, -2.0, 0.25, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+    assert not link.report(NOW, None, before_flight=True).home_known
+    hear(link, vehicle(dialect.MAVLink_home_position_message, *fields))
+    assert link.report(NOW, None, before_flight=True).home_known
+    assert link.said.home.tolist() == [1.5, -2.0, 0.25]

@@ -1,0 +1,68 @@
+"""A companion is killed in flight, and another one takes the vehicle over: by --adopt alone, and never by itself."""
+
+import numpy as np
+import pytest
+
+from companion.autopilot import Autopilot
+from companion.mission.plan import Mission, Phase
+from companion.runtime.planning import InProcessPlanner
+from companion.state import Adoption, Output
+from companion.supervision.states import State
+from studies.joined import Joined, mission_of
+from tests.flights.test_gaps import HOVER, NO_WAY_TO_FIND, in_phase
+
+SQUARE = mission_of("square")
+
+
+def killed(mission: Mission, phase: Phase, alone_s: float) -> Joined:
+    """A flight whose companion was killed, and whose vehicle has been alone for so long."""
+    joined = Joined(mission, overrides=NO_WAY_TO_FIND).fly(until=in_phase(phase, 1.0))
+    for _ in range(round(alone_s / 0.004)):
+        joined.truths.append(joined.vehicle.state.copy())
+        joined.vehicle.advance()
+    return joined
+
+
+def restarted(joined: Joined, adoption: Adoption | None) -> Joined:
+    old = joined.autopilot
+    joined.autopilot = Autopilot(old.settings, old.body, joined.mission, Output.RATES, adoption)
+    joined.fly_with(InProcessPlanner(old.settings.avoidance))
+    joined.said.clear()
+    return joined
+
+
+@pytest.mark.parametrize("alone_s", [0.2, 2.5])
+def test_what_is_left_of_the_mission_is_flown(alone_s: float) -> None:
+    """From its own failsafe, too, and from external control."""
+    joined = restarted(killed(SQUARE, Phase.TRACK, alone_s), Adoption.MISSION)
+    began = len(joined.truths)
+    joined.fly()
+    summary, supervisor = joined.vehicle.summary(), joined.autopilot.supervisor
+    assert supervisor.state is State.ENDED and supervisor.fault is None, joined.said
+    assert summary.outcome == "landed" and np.hypot(*summary.final_position_ned[:2]) < 0.3
+    heights = -np.array(joined.truths)[began:, 2]
+    assert heights[: round(2.0 / 0.004)].min() > 1.0, "it neither falls nor lands at first"
+    assert any("from step" in text for text in joined.said)
+
+
+def test_a_vehicle_is_landed_where_it_is() -> None:
+    joined = restarted(killed(SQUARE, Phase.TRACK, 2.5), Adoption.LAND)
+    here = joined.vehicle.state[:2].copy()
+    joined.fly()
+    assert joined.autopilot.supervisor.fault is None and joined.vehicle.summary().outcome == "landed"
+    assert np.hypot(*(joined.vehicle.state[:2] - here)) < 2.0
+
+
+def test_an_armed_vehicle_is_refused_and_stays_refused_after_it_disarmed() -> None:
+    joined = restarted(killed(HOVER, Phase.ROUTE, 2.5), None).fly(limit_s=60.0)
+    assert joined.autopilot.supervisor.state is State.ENDED
+    assert "armed already" in (joined.autopilot.supervisor.fault or "")
+    assert joined.vehicle.flight.armed, "it is refused at once"
+    joined.drift(30.0)
+    assert not joined.vehicle.flight.armed and joined.vehicle.flight.landed
+
+
+def test_there_is_nothing_to_take_over_on_the_ground() -> None:
+    joined = Joined(HOVER, overrides=NO_WAY_TO_FIND)
+    restarted(joined, Adoption.MISSION).fly(limit_s=60.0)
+    assert "not armed" in (joined.autopilot.supervisor.fault or "") and not joined.vehicle.flight.armed
