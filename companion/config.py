@@ -94,15 +94,18 @@ class Estimation(Table, frozen=True):
     disturbance: bool = True
     """Estimate a disturbing acceleration."""
     velocity_noise: Positive = 0.02
-    """m/s; standard deviation of a measured velocity."""
+    """m/s; the least standard deviation of a measured velocity. What the innovations show beyond it is added."""
     acceleration_noise: Positive = 0.1
     """m/s2; walk of the velocity."""
-    thrust_scale_walk: NotNegative = 0.05
+    thrust_scale_walk: NotNegative = 0.005
     """Walk of the thrust's scale."""
     drag_scale_walk: NotNegative = 0.1
-    """Walk of the drag's scale."""
+    """Walk of the drag's scale, at speed; it rests where the vehicle hovers."""
     disturbance_walk: NotNegative = 1.0
     """m/s2; walk of the disturbance."""
+    disturbance_fading: NotNegative = 2.0
+    """1/s; rate at which a vertical disturbance falls back to 0. What lasts is put down to the thrust's scale: at hover
+    the two can't be told apart."""
 
 
 class GeometricControl(Table, frozen=True):

@@ -205,8 +205,7 @@ def _observe_and_predict(measured: prediction.Measured, measured_ns: int, mass: 
             measured.velocity,
             np.array(to_world(measured.attitude, (0.0, 0.0, -predicted.measured_thrust / mass))),
             -thrust.drag_compensation(measured.velocity, measured.attitude, p.drag_kg_s, mass),
-            p.velocity_noise,
-            p.walk,
+            disturbance_observer.Noise(p.velocity_noise, p.walk, p.fading),
         )
 
 
@@ -267,7 +266,7 @@ def attitude_command(
     out[15:19] = command
     out[19:22] = rates
     out[22:25] = torque
-    out[25] = collective / p.full_thrust_n
+    out[25] = thrust.on_the_wire(collective, m.attitude, p.angle_boost) / p.full_thrust_n
     out[26:29] = m.position
     out[29:32] = m.disturbance
     out[32] = m.thrust_scale

@@ -34,6 +34,7 @@ PARAMETERS = np.dtype(
         ("velocity_noise", "f8"),
         ("initial_deviation", "f8", disturbance_observer.STATES),
         ("walk", "f8", disturbance_observer.STATES),
+        ("fading", "f8"),
         ("predicts", "b1"),
         ("half_period_ns", "i8"),
         ("turning_input", "i8"),
@@ -50,11 +51,13 @@ PARAMETERS = np.dtype(
         ("max_thrust_n", "f8"),
         ("full_thrust_n", "f8"),
         ("max_tilt", "f8"),
+        ("angle_boost", "b1"),
     ],
     align=True,
 )
 """SI units. Of the fields that do not speak for themselves: `gains` are the law's (`laws.Law`); `c1`, `c2` those of the
 Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` is the time from a command to its effect;
+`fading` (1/s) that of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is known;
 `attitude_lead` (s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one unit of
 U2, U3, U4."""
 
@@ -117,6 +120,7 @@ def _observer(estimation: Estimation, body: VehicleParameters) -> dict[str, Any]
         "velocity_noise": estimation.velocity_noise,
         "initial_deviation": deviation,
         "walk": walk,
+        "fading": estimation.disturbance_fading,
     }
 
 

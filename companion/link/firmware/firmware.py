@@ -19,3 +19,6 @@ class Firmware:
     """DO_SET_MODE's three parameters; KeyError for a mode that can't be commanded."""
     refusal: Callable[[Output, int], str | None]
     """Why an output can't be used with the version (AUTOPILOT_VERSION.flight_sw_version); None if it can."""
+    angle_boost: bool = False
+    """The vehicle divides the thrust that it is asked for by the cosine of its tilt, unless a parameter says that it
+    does not."""
