@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
-from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust
+from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust, tilt
 from companion.control.parameters import PARAMETERS, controller_parameters
 from companion.control.tracking_error import TrackingError
 from companion.outputs import TurningInput
@@ -252,8 +252,8 @@ def attitude_command(
         collective += reference.thrust_change
     collective = min(max(collective, p.min_thrust_n), p.max_thrust_n)
     rates, torque, turning_input = _inner_loop(command, reference, p, m)
-    if p.attitude_lead > 0.0 and p.feed_attitude and p.turning_input == _UNKNOWN:
-        command = multiply(command, from_rotation_vector(p.attitude_lead * np.array(reference.rates)))
+    if p.attitude_lead > 0.0 and p.turning_input == _UNKNOWN:
+        command = _attitude_sent(command, reference, p, m)
     m.limited = limited or changed
     m.count = prediction.remember(m.commands, m.count, now_ns, collective, turning_input)
 
@@ -330,21 +330,50 @@ def _fade_jumps(rates: Vector, turning: Vector, dt: float, memory: Any) -> None:
 
 
 @compiled
+def _attitude_sent(command: Array, reference: _Turning, p: Any, m: Any) -> Array:
+    """The attitude (4,) for a vehicle whose attitude loop is as slow as `p.attitude_lead`: ahead of the command by that
+    and within the tilt limit, which the vehicle must not swing past either."""
+    if p.feed_attitude:
+        command = multiply(command, from_rotation_vector(p.attitude_lead * np.array(reference.rates)))
+        command = tilt.within(command, p.max_tilt)
+    rates = lqr.attitude_error(m.attitude, command) / p.attitude_lead
+    x, y = rates[0], rates[1]
+    tilt.limit_rates(rates, tilt.tilt_ahead(m.attitude, m.rates, p.max_tilt, p.tilt_braking))
+    if rates[0] == x and rates[1] == y:
+        return command
+    return tilt.within(multiply(m.attitude, from_rotation_vector(p.attitude_lead * rates)), p.max_tilt)
+
+
+@compiled
+def _limit(values: Array, limits: Array) -> None:
+    """Keep the values (3,) between their limits (3,) and the negative ones, in place."""
+    for i in range(3):
+        values[i] = np.minimum(np.maximum(values[i], -limits[i]), limits[i])
+
+
+@compiled
 def _inner_loop(command: Array, reference: _Turning, p: Any, m: Any) -> tuple[Array, Array, Array]:
     """The attitude's LQR: rates (3,) in rad/s, torque (3,) in fractions of the full one, and of both what
     `prediction.remember` takes."""
     error = se3.attitude_error(m.attitude, command) if p.lee_attitude_error else lqr.attitude_error(m.attitude, command)
     turns, inertia = m.rates, p.inertia
     gyroscopic = flatness.cross(turns, (inertia[0] * turns[0], inertia[1] * turns[1], inertia[2] * turns[2]))
-    rates, torque, turning_input = np.empty(3), np.empty(3), np.empty(3)
+    rates, turning, torque, turning_input = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
         rate_error, turning_error = reference.rates[i] - turns[i], reference.acceleration[i] - m.turning[i]
         rate = reference.rates[i] + lqr.feedback(error[i], rate_error, turning_error, p.rates_gain[i])
         if p.rate_loop[i] > 0.0:
             rate += reference.acceleration_ahead[i] / p.rate_loop[i]
-        rates[i] = np.minimum(np.maximum(rate, -p.rate_limit[i]), p.rate_limit[i])
+        rates[i] = rate
         push = lqr.feedback(error[i], rate_error, turning_error, p.torque_gain[i]) * p.torque_scale[i]
-        push += (inertia[i] * reference.acceleration_ahead[i] + gyroscopic[i]) / p.full_torque[i]
+        turning[i] = push * p.full_torque[i] / inertia[i] + reference.acceleration_ahead[i]
+    ahead = tilt.tilt_ahead(m.attitude, turns, p.max_tilt, p.tilt_braking)
+    _limit(rates, p.rate_limit)
+    tilt.limit_rates(rates, ahead)
+    tilt.limit_acceleration(turning, turns, ahead)
+    _limit(rates, p.rate_limit)
+    for i in range(3):
+        push = (turning[i] * inertia[i] + gyroscopic[i]) / p.full_torque[i]
         torque[i] = np.minimum(np.maximum(push, -1.0), 1.0)
         turning_input[i] = rates[i]
         if p.turning_input == _ANGULAR_ACCELERATION:

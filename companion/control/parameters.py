@@ -51,6 +51,7 @@ PARAMETERS = np.dtype(
         ("max_thrust_n", "f8"),
         ("full_thrust_n", "f8"),
         ("max_tilt", "f8"),
+        ("tilt_braking", "f8"),
         ("angle_boost", "b1"),
     ],
     align=True,
@@ -178,4 +179,5 @@ def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:
         "max_thrust_n": limits.highest_thrust * body.max_thrust_n,
         "full_thrust_n": body.max_thrust_n,
         "max_tilt": limits.tilt,
+        "tilt_braking": math.radians(limits.tilt_braking_deg),
     }

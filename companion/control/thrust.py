@@ -11,6 +11,7 @@ from protocol.vehicle_parameters import GRAVITY
 
 _LEAST_COSINE = 0.1
 
+
 @compiled
 def drag_compensation(velocity_ned: Array, attitude_ned_frd: Array, drag: Array, mass: float) -> Array:
     """Acceleration (3,) in m/s2, NED, that compensates linear drag (3,) in kg/s along the body's axes, at a velocity

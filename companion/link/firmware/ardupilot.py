@@ -31,4 +31,6 @@ def _refusal(output: Output, version: int) -> str | None:
     return f"ArduPilot vehicles can be listened to but not flown yet (output {output.value})"
 
 
-FIRMWARE = Firmware("ArduPilot", dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, _mode_of, _mode_command, _refusal, angle_boost=True)
+FIRMWARE = Firmware(
+    "ArduPilot", dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, _mode_of, _mode_command, _refusal, angle_boost=True
+)

@@ -153,9 +153,7 @@ def test_estimates_keep_within_their_bounds() -> None:
         effect = rng.normal(size=3) * 10.0
         velocity = rng.normal(size=3) * 100.0
         noise = disturbance_observer.Noise(0.02, np.ones(8), 2.0)
-        disturbance_observer.update(
-            observer[0], START_NS + tick * TICK_NS, velocity, effect, rng.normal(size=3), noise
-        )
+        disturbance_observer.update(observer[0], START_NS + tick * TICK_NS, velocity, effect, rng.normal(size=3), noise)
         mean = observer["mean"][0]
         assert np.isfinite(mean).all()
         assert (
