@@ -144,8 +144,8 @@ class Limits(Table, frozen=True):
 
     tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=85)] = 45.0
     tilt_braking_deg: Positive = 900.0
-    """deg/s2; the angular acceleration that the vehicle surely has to stop at the tilt limit. ArduPilot limits its own to
-    ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100."""
+    """deg/s2; the angular acceleration that the vehicle surely has to stop at the tilt limit. ArduPilot limits its own
+    to ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100."""
     lowest_thrust: Fraction = 0.1
     """Fraction of the full thrust."""
     highest_thrust: Fraction = 0.9

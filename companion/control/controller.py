@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from companion.config import Settings
 from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust, tilt
+from companion.control.lift_off import LiftOff
 from companion.control.parameters import PARAMETERS, controller_parameters
 from companion.control.tracking_error import TrackingError
 from companion.outputs import TurningInput
 from companion.records import CONTROL_FIELDS
+from companion.reports import Motors
 from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol.arrays import Array, Vector
 from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_world
@@ -81,6 +83,7 @@ class Controller:
         self._parameters[:] = controller_parameters(settings, body, output)
         self._acceleration = self._memory["acceleration"][0]
         self._half_period_ns = int(self._parameters["half_period_ns"][0])
+        self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
         self._lag_ns = round(body.rotor_time_constant_s * 1e9) if settings.control.prediction.enabled else 0
         self.reset()
 
@@ -88,6 +91,23 @@ class Controller:
         """Forget the flight so far: nothing is flown."""
         self._memory[:] = np.zeros(1, MEMORY)
         disturbance_observer.reset(self._memory["observer"][0], self._parameters["initial_deviation"][0])
+
+    def take_off(self) -> None:
+        """The vehicle was armed on the ground."""
+        self._lift_off.begin()
+
+    def flies(self, state: VehicleState, now_ns: int, mass: float, rises: bool, motors: Motors) -> bool:
+        """Whether the vehicle is in the air; see `LiftOff.update`. Until then, `setpoint` gives the thrust to lift off
+        with."""
+        if motors is not self._motors:
+            self._motors = motors
+            self._parameters["angle_boost"] = motors.angle_boost
+        if self._lift_off.thrust is None:
+            return True
+        scale = self._lift_off.update(state, now_ns, mass, rises, motors.spooling)
+        if scale is not None and self._parameters["initial_deviation"][0, disturbance_observer.THRUST_SCALE] > 0.0:
+            disturbance_observer.presume(self._memory["observer"][0], scale)
+        return scale is not None
 
     def reference_times(self, now_ns: int) -> tuple[int, int]:
         """The times of the two references of a step: when the command takes effect, and when the rotors will have
@@ -129,6 +149,9 @@ class Controller:
         if idle:
             control[RATES] = control[TORQUE] = control[THRUST] = 0.0
             self.reset()
+        elif self._lift_off.thrust is not None:
+            control[THRUST] = self._lift_off.thrust
+            self._memory["commands"]["thrust_n"] = self._lift_off.thrust * self._parameters["full_thrust_n"][0]
         values = control.tolist()
         return Setpoint(values[ATTITUDE], values[RATES], values[TORQUE], values[THRUST])
 

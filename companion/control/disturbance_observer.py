@@ -9,15 +9,16 @@ where f and r are the accelerations that thrust and drag should cause. This is l
 filter on (v, disturbance, thrust_scale, drag_scale) identifies each through its own regressor. What a regressor does
 not show must not wander:
 
-- At hover f is vertical and constant, so the thrust's scale and a vertical disturbance can't be told apart. The vertical
-  disturbance therefore falls back to 0 (a Gauss-Markov process), while the scale keeps (a random walk): what lasts is
-  the scale, what passes is the disturbance. A horizontal disturbance is always observable and is a random walk.
-- At low speed r says nothing of the drag. Its scale is corrected by a share that falls with the speed (the partial update
-  of the Schmidt-Kalman filter; K. Brink, "Partial-update Schmidt-Kalman filter", J. Guidance 40(9), 2017), and walks by
-  that share.
-- Noise of the velocity is measured by the innovations, whose variance beyond what the filter expects is noise (R. Mehra,
-  "On the identification of variances and adaptive Kalman filtering", IEEE TAC 15(2), 1970), so that an estimator's
-  wander does not pass for a disturbance.
+- At hover f is vertical and constant, so the thrust's scale and a vertical disturbance can't be told apart. The
+  vertical disturbance therefore falls back to 0 (a Gauss-Markov process), while the scale keeps (a random walk): what
+  lasts is the scale, what passes is the disturbance. A horizontal disturbance is always observable and is a random
+  walk.
+- At low speed r says nothing of the drag. Its scale is corrected by a share that falls with the speed (the partial
+  update of the Schmidt-Kalman filter; K. Brink, "Partial-update Schmidt-Kalman filter", J. Guidance 40(9), 2017), and
+  walks by that share.
+- Noise of the velocity is measured by the innovations, whose variance beyond what the filter expects is noise
+  (R. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE TAC 15(2), 1970), so that an
+  estimator's noise does not pass for a disturbance.
 
 The scale of the thrust is the hover-thrust estimate of PX4's MulticopterHoverThrustEstimator without its restriction to
 hover.
@@ -46,8 +47,8 @@ OBSERVER = np.dtype(
     align=True,
 )
 """The filter's state. `mean` is velocity (m/s, NED), disturbance (m/s2, NED), thrust scale and drag scale; the
-accelerations (m/s2, NED) and the measured `velocity` are those of the last update; `noise` is the variance of a velocity
-(m2/s2) by the innovations."""
+accelerations (m/s2, NED) and the measured `velocity` are those of the last update; `noise` is the variance of a
+velocity (m2/s2) by the innovations."""
 VELOCITY, DISTURBANCE, THRUST_SCALE, DRAG_SCALE = slice(0, 3), slice(3, 6), 6, 7
 """Places in `mean`."""
 _DOWNWARD = 5
@@ -63,6 +64,8 @@ _NOISE_WINDOW_S = 2.0
 """Time constant of the innovations' variance."""
 _DRAG_SPEED = 1.0
 """m/s; at this speed the drag's scale gets half of its correction."""
+_PRESUMED = 0.2
+"""Standard deviation of a thrust scale that was found at lift-off, as a share of it."""
 _LONGEST_S = 0.1
 """After a longer gap between two updates the velocity is set anew, and nothing is estimated from the gap."""
 
@@ -90,6 +93,13 @@ def reset(observer: Any, deviation: Array) -> None:
     observer.covariance[:, :] = 0.0
     for i in range(STATES):
         observer.covariance[i, i] = deviation[i] * deviation[i]
+
+
+def presume(observer: Any, thrust_scale: float) -> None:
+    """Begin a record of OBSERVER, after `reset`, with a thrust scale that is known to about a fifth."""
+    scale = min(max(thrust_scale, THRUST_SCALE_BOUNDS[0]), THRUST_SCALE_BOUNDS[1])
+    observer["mean"][THRUST_SCALE] = scale
+    observer["covariance"][THRUST_SCALE, THRUST_SCALE] = (_PRESUMED * scale) ** 2
 
 
 @compiled

@@ -58,9 +58,9 @@ PARAMETERS = np.dtype(
 )
 """SI units. Of the fields that do not speak for themselves: `gains` are the law's (`laws.Law`); `c1`, `c2` those of the
 Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` is the time from a command to its effect;
-`fading` (1/s) that of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is known;
-`attitude_lead` (s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one unit of
-U2, U3, U4."""
+`fading` (1/s) that of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is
+known; `attitude_lead` (s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one
+unit of U2, U3, U4."""
 
 
 def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:

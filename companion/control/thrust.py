@@ -58,4 +58,5 @@ def on_the_wire(collective_n: float, attitude_ned_frd: Array, boosted: bool) -> 
     if not boosted:
         return collective_n
     x, y = attitude_ned_frd[1], attitude_ned_frd[2]
-    return collective_n * max(1.0 - 2.0 * (x * x + y * y), _LEAST_COSINE)
+    cosine: float = max(1.0 - 2.0 * (x * x + y * y), _LEAST_COSINE)
+    return collective_n * cosine

@@ -1,14 +1,14 @@
 """The tilt limit in the inner loop: no command turns the vehicle beyond it.
 
-A command that is within the limit is not enough. A vehicle whose turning can be braked only so fast swings past it. The
-tilt is seen as a vector in the body's plane, along the axis about which the tilt grows (rad), which changes by the rates
-about x and y. It must stay within a circle of the limit's radius. With the angular acceleration `braking` that the
-vehicle surely brakes with, and a lag until it does, the rates are reduced to those from which it stops in time,
+A command that is within the limit is not enough. A vehicle whose turning can be braked only so fast swings past it.
+The tilt is seen as a vector in the body's plane, along the axis about which the tilt grows (rad), which changes by the
+rates about x and y. It must stay within a circle of the limit's radius. With the angular acceleration `braking` that
+the vehicle surely brakes with, and a lag until it does, the rates are reduced to those from which it stops in time,
 
     rate lag + rate^2 / (2 braking) = way to the circle
 
-along the rates' own direction: what turns the tilt's direction counts as well as what makes it grow. The tilt is taken a
-moment ahead, at the present rates, since the vehicle's own loops follow that late.
+along the rates' own direction: what turns the tilt's direction counts as well as what makes it grow. The tilt is taken
+a moment ahead, at the present rates, since the vehicle's own loops follow that late.
 """
 
 import math

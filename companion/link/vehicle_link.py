@@ -21,6 +21,7 @@ from companion.reports import (
     AttitudeReport,
     CommandReport,
     LinkReport,
+    Motors,
     Rebooted,
     RepeatedAttitude,
     Report,
@@ -41,7 +42,8 @@ _COMPLAINT_NS = 5 * _SECOND_NS
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 _OBSTACLE_DISTANCE = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
-_ON_GROUND: int = dialect.MAV_LANDED_STATE_ON_GROUND
+_EXTENDED_STATE = dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+"""Asked for, and done without where a vehicle does not send it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +74,9 @@ class VehicleLink:
         self.peer: Peer | None = None
         self.firmware: Firmware | None = None
         self.status = VehicleStatus(FlightMode.OTHER, False, False)
-        self.on_ground = False
-        """The vehicle says that it stands on the ground."""
+        self.on_ground: bool | None = None
+        """The vehicle says that it stands on the ground; None: it says nothing of it."""
+        self.motors = Motors()
         self.refused_messages = 0
         self.framer = Framer()
         self._settings = settings
@@ -101,7 +104,7 @@ class VehicleLink:
             _OBSTACLE_DISTANCE: self._on_obstacle_distance,
             dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: self._on_distance_sensor,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
-            dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
+            _EXTENDED_STATE: self._on_extended_state,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
             dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._on_version,
             dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
@@ -154,6 +157,7 @@ class VehicleLink:
         self.vehicle = (frame.system, VEHICLE_COMPONENT)
         self.peer = Peer(frame.system, VEHICLE_COMPONENT)
         self.firmware = self._requests.firmware = firmware
+        self.motors = Motors(angle_boost=firmware.angle_boost)
         identity = self._settings.identity
         self._encoder = Encoder(identity.system or frame.system, identity.component)
         return self.peer
@@ -195,7 +199,11 @@ class VehicleLink:
         )
 
     def _on_extended_state(self, message: Any, now_ns: int) -> None:
-        self.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+        firmware, on_ground = self.firmware, message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+        assert firmware is not None
+        if on_ground is not self.on_ground:
+            self.on_ground = on_ground
+            self.motors = Motors(spooling=on_ground and firmware.spools_on_ground, angle_boost=firmware.angle_boost)
 
     def _on_sys_status(self, message: Any, now_ns: int) -> None:
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
@@ -266,7 +274,7 @@ class VehicleLink:
         refusal = self.firmware.refusal(self._output, self._version)
         if refusal is not None:
             return refusal
-        lacking = self._rates.lacking(now_ns)
+        lacking = [each for each in self._rates.lacking(now_ns) if each != _EXTENDED_STATE]
         return f"telemetry too slow: {self._rates.describe(lacking[0], now_ns)}" if lacking else None
 
     # -- requests in, bytes out ----------------------------------------------------------------------------------------
@@ -355,5 +363,5 @@ def _needed(settings: Settings) -> dict[int, float]:
     needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position, _ATTITUDE_QUATERNION: rates.attitude}
     if settings.avoidance.needs_scan:
         needed[_OBSTACLE_DISTANCE] = rates.scan
-    needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
+    needed[_EXTENDED_STATE] = 5.0
     return needed

@@ -68,7 +68,7 @@ def health(
         exhausted=link.exhausted,
         land_requested=own.land_requested,
         taken_over=taken_over,
-        landed=link.on_ground,
+        landed=link.on_ground is True,
         overdue=mission.overdue if state is State.FLY else 0.0,
         reason=link.complaint,
     )
@@ -82,7 +82,7 @@ def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport) -> str | 
         return link.shortcoming
     if not sensing.has_state:
         return "no position and attitude"
-    if not link.on_ground:
+    if link.on_ground is False:
         return "the vehicle does not say that it stands on the ground"
     if not link.prearm_ok:
         return f"the vehicle's own arming checks fail{link.complaint}"

@@ -22,3 +22,5 @@ class Firmware:
     angle_boost: bool = False
     """The vehicle divides the thrust that it is asked for by the cosine of its tilt, unless a parameter says that it
     does not."""
+    spools_on_ground: bool = False
+    """While the vehicle says that it is on the ground, its motors don't follow the thrust yet."""

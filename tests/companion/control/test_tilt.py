@@ -51,7 +51,7 @@ class Turning:
 
 
 def flown(output: Output, seed: int, start: Array, seconds: float = 6.0) -> Array:
-    """The tilt (rad) tick by tick, with accelerations that jump to anything up to 20 m/s2, from the attitude `start`."""
+    """The tilt (rad) tick by tick from the attitude `start`, with accelerations that jump to any up to 20 m/s2."""
     rng = np.random.default_rng(seed)
     controller = Controller(load_settings(None, []), BODY, output)
     vehicle, wanted, tilts = Turning(start, np.zeros(3)), np.zeros(3), []
