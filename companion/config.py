@@ -181,7 +181,8 @@ class Trajectory(Table, frozen=True):
     acceptance_radius: Positive = 1.5
     """m; a waypoint that is passed through is reached within this distance."""
     settled_distance: Positive = 0.1
-    """m; a waypoint that is stopped at is reached within this distance and below `settled_speed`."""
+    """m; a waypoint that is stopped at is reached within this distance and below `settled_speed`. Both grow, up to five
+    times, where the vehicle wanders more about its reference."""
     settled_speed: Positive = 0.2
     """m/s"""
 
