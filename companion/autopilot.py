@@ -1,7 +1,6 @@
 """The autopilot: `handle(event)` -> what to send; a pure step over its own state.
 
-datagram -> link.receive -> reports -> sensing -> navigator.leg -> guidance.reference -> controller.acceleration_command
-         -> guard.filter -> controller.attitude_command -> gate -> link.command -> datagram
+datagram -> link -> sensing -> navigator -> guidance -> controller -> guard -> controller -> gate -> link -> datagram
 """
 
 from companion.avoidance.guard import Guard
@@ -59,10 +58,8 @@ class Autopilot:
             case _:
                 self._say(self.own.take(event))
         datagram = self.link.flush()
-        if not (datagram or self._said or trace or request):
-            return NOTHING
         said, self._said = tuple(self._said), []
-        return Reaction(datagram, trace, said, request)
+        return Reaction(datagram, trace, said, request) if datagram or said or trace or request else NOTHING
 
     @property
     def ended(self) -> bool:
@@ -87,14 +84,15 @@ class Autopilot:
     def _control(self, state: VehicleState, now: int) -> bytes:
         """Reference, acceleration, guard, attitude, gate; the payload of a TRACE record."""
         supervised, navigator, guidance = self.supervisor.state, self.navigator, self.guidance
-        if supervised in FOLLOWING:  # others fly: what is sent would keep the vehicle wherever it is
+        mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
+        flies = self.controller.flies(state, now, mass, supervised is State.FLY, self.link.motors)
+        airborne = flies and supervised in FLYING
+        if supervised in FOLLOWING or not airborne:  # what is sent would keep the vehicle wherever it is
             guidance.hold_at(state)
             self.controller.reset()
         elif supervised is State.FLY:
             self._fly(state, now)
         reference, ahead = map(guidance.reference, self.controller.reference_times(now))
-        mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
-        airborne = supervised in FLYING and not self.link.said.on_ground
         measured_ns = self.link.measured_ns(self.sensing.boot_time_ms, now)
         acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, airborne)
         verdict, changed = None, False
@@ -103,6 +101,7 @@ class Autopilot:
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
             guidance.yield_to(verdict, reference, state, now)
         control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)
+        navigator.tracked(control[:6])
         setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint):
             self.link.command(setpoint, self.sensing.boot_time_ms)
@@ -162,5 +161,7 @@ class Autopilot:
         if announcement is not None:
             if state is State.CHECK:
                 self.controller.use(self.link.readiness.output)
+            elif state is State.ARM and supervisor.state is State.FLY:
+                self.controller.take_off()
             self._say(entered(state, supervisor.state, now, self.link, self.navigator, self.guidance, self.sensing))
         self.link.request(supervisor.request, now)

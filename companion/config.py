@@ -89,15 +89,18 @@ class Estimation(Table, frozen=True):
     disturbance: bool = True
     """Estimate a disturbing acceleration."""
     velocity_noise: Positive = 0.02
-    """m/s; standard deviation of a measured velocity."""
+    """m/s; the least standard deviation of a measured velocity. What the innovations show beyond it is added."""
     acceleration_noise: Positive = 0.1
     """m/s2; walk of the velocity."""
-    thrust_scale_walk: NotNegative = 0.05
+    thrust_scale_walk: NotNegative = 0.005
     """Walk of the thrust's scale."""
     drag_scale_walk: NotNegative = 0.1
-    """Walk of the drag's scale."""
+    """Walk of the drag's scale, at speed; it rests where the vehicle hovers."""
     disturbance_walk: NotNegative = 1.0
     """m/s2; walk of the disturbance."""
+    disturbance_fading: NotNegative = 2.0
+    """1/s; rate at which a vertical disturbance falls back to 0. What lasts is put down to the thrust's scale: at hover
+    the two can't be told apart."""
 
 
 class GeometricControl(Table, frozen=True):
@@ -135,6 +138,9 @@ class Limits(Table, frozen=True):
     """Limits of the commands to the vehicle."""
 
     tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=85)] = 45.0
+    tilt_braking_deg: Positive = 900.0
+    """deg/s2; the angular acceleration that the vehicle surely has to stop at the tilt limit. ArduPilot limits its own
+    to ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100."""
     lowest_thrust: Fraction = 0.1
     """Fraction of the full thrust."""
     highest_thrust: Fraction = 0.9
@@ -170,7 +176,8 @@ class Trajectory(Table, frozen=True):
     acceptance_radius: Positive = 1.5
     """m; a waypoint that is passed through is reached within this distance."""
     settled_distance: Positive = 0.1
-    """m; a waypoint that is stopped at is reached within this distance and below `settled_speed`."""
+    """m; a waypoint that is stopped at is reached within this distance and below `settled_speed`. Both grow, up to five
+    times, where the vehicle wanders more about its reference."""
     settled_speed: Positive = 0.2
     """m/s"""
 

@@ -98,8 +98,8 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
 
     found: bool
     status: VehicleStatus
-    on_ground: bool
-    """The vehicle says that it stands on the ground."""
+    on_ground: bool | None
+    """The vehicle says that it stands on the ground; None: it says nothing of it."""
     silence: float
     """Age of the last message of any kind; 0 before the first."""
     heartbeat_age: float
@@ -120,6 +120,15 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """False: the vehicle says that its own arming checks fail."""
     failed_check: str = ""
     """Which, to stand behind a sentence; empty if it does not say."""
+
+
+class Motors(msgspec.Struct, frozen=True, gc=False):
+    """How the vehicle's motors follow the thrust that it is asked for."""
+
+    spooling: bool = False
+    """Not yet: it says that it stands on the ground, and its make waits there."""
+    angle_boost: bool = False
+    """It divides the thrust by the cosine of its tilt."""
 
 
 class CommandReport(msgspec.Struct, frozen=True, gc=False):

@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
-from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust
+from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust, tilt
+from companion.control.lift_off import LiftOff
 from companion.control.parameters import PARAMETERS, controller_parameters
 from companion.control.tracking_error import TrackingError
 from companion.outputs import OUTPUTS, TurningInput
 from companion.records import CONTROL_FIELDS
+from companion.reports import Motors
 from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol.arrays import Array, Vector
 from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_world
@@ -81,6 +83,7 @@ class Controller:
         self._parameters[:] = controller_parameters(settings, body, output)
         self._acceleration = self._memory["acceleration"][0]
         self._half_period_ns = int(self._parameters["half_period_ns"][0])
+        self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
         self._lag_ns = round(body.rotor_time_constant_s * 1e9) if settings.control.prediction.enabled else 0
         self.reset()
 
@@ -92,6 +95,23 @@ class Controller:
         """Forget the flight so far: nothing is flown."""
         self._memory[:] = np.zeros(1, MEMORY)
         disturbance_observer.reset(self._memory["observer"][0], self._parameters["initial_deviation"][0])
+
+    def take_off(self) -> None:
+        """The vehicle was armed on the ground."""
+        self._lift_off.begin()
+
+    def flies(self, state: VehicleState, now_ns: int, mass: float, rises: bool, motors: Motors) -> bool:
+        """Whether the vehicle is in the air; see `LiftOff.update`. Until then, `setpoint` gives the thrust to lift off
+        with."""
+        if motors is not self._motors:
+            self._motors = motors
+            self._parameters["angle_boost"] = motors.angle_boost
+        if self._lift_off.thrust is None:
+            return True
+        scale = self._lift_off.update(state, now_ns, mass, rises, motors.spooling)
+        if scale is not None and self._parameters["initial_deviation"][0, disturbance_observer.THRUST_SCALE] > 0.0:
+            disturbance_observer.presume(self._memory["observer"][0], scale)
+        return scale is not None
 
     def reference_times(self, now_ns: int) -> tuple[int, int]:
         """The times of the two references of a step: when the command takes effect, and when the rotors will have
@@ -133,6 +153,9 @@ class Controller:
         if idle:
             control[RATES] = control[TORQUE] = control[THRUST] = 0.0
             self.reset()
+        elif self._lift_off.thrust is not None:
+            control[THRUST] = self._lift_off.thrust
+            self._memory["commands"]["thrust_n"] = self._lift_off.thrust * self._parameters["full_thrust_n"][0]
         values = control.tolist()
         return Setpoint(values[ATTITUDE], values[RATES], values[TORQUE], values[THRUST])
 
@@ -209,8 +232,7 @@ def _observe_and_predict(measured: prediction.Measured, measured_ns: int, mass: 
             measured.velocity,
             np.array(to_world(measured.attitude, (0.0, 0.0, -predicted.measured_thrust / mass))),
             -thrust.drag_compensation(measured.velocity, measured.attitude, p.drag_kg_s, mass),
-            p.velocity_noise,
-            p.walk,
+            disturbance_observer.Noise(p.velocity_noise, p.walk, p.fading),
         )
 
 
@@ -257,8 +279,8 @@ def attitude_command(
         collective += reference.thrust_change
     collective = min(max(collective, p.min_thrust_n), p.max_thrust_n)
     rates, torque, turning_input = _inner_loop(command, reference, p, m)
-    if p.attitude_lead > 0.0 and p.feed_attitude and p.turning_input == _UNKNOWN:
-        command = multiply(command, from_rotation_vector(p.attitude_lead * np.array(reference.rates)))
+    if p.attitude_lead > 0.0 and p.turning_input == _UNKNOWN:
+        command = _attitude_sent(command, reference, p, m)
     m.limited = limited or changed
     m.count = prediction.remember(m.commands, m.count, now_ns, collective, turning_input)
 
@@ -271,7 +293,7 @@ def attitude_command(
     out[15:19] = command
     out[19:22] = rates
     out[22:25] = torque
-    out[25] = collective / p.full_thrust_n
+    out[25] = thrust.on_the_wire(collective, m.attitude, p.angle_boost) / p.full_thrust_n
     out[26:29] = m.position
     out[29:32] = m.disturbance
     out[32] = m.thrust_scale
@@ -335,21 +357,50 @@ def _fade_jumps(rates: Vector, turning: Vector, dt: float, memory: Any) -> None:
 
 
 @compiled
+def _attitude_sent(command: Array, reference: _Turning, p: Any, m: Any) -> Array:
+    """The attitude (4,) for a vehicle whose attitude loop is as slow as `p.attitude_lead`: ahead of the command by that
+    and within the tilt limit, which the vehicle must not swing past either."""
+    if p.feed_attitude:
+        command = multiply(command, from_rotation_vector(p.attitude_lead * np.array(reference.rates)))
+        command = tilt.within(command, p.max_tilt)
+    rates = lqr.attitude_error(m.attitude, command) / p.attitude_lead
+    x, y = rates[0], rates[1]
+    tilt.limit_rates(rates, tilt.tilt_ahead(m.attitude, m.rates, p.max_tilt, p.tilt_braking))
+    if rates[0] == x and rates[1] == y:
+        return command
+    return tilt.within(multiply(m.attitude, from_rotation_vector(p.attitude_lead * rates)), p.max_tilt)
+
+
+@compiled
+def _limit(values: Array, limits: Array) -> None:
+    """Keep the values (3,) between their limits (3,) and the negative ones, in place."""
+    for i in range(3):
+        values[i] = np.minimum(np.maximum(values[i], -limits[i]), limits[i])
+
+
+@compiled
 def _inner_loop(command: Array, reference: _Turning, p: Any, m: Any) -> tuple[Array, Array, Array]:
     """The attitude's LQR: rates (3,) in rad/s, torque (3,) in fractions of the full one, and of both what
     `prediction.remember` takes."""
     error = se3.attitude_error(m.attitude, command) if p.lee_attitude_error else lqr.attitude_error(m.attitude, command)
     turns, inertia = m.rates, p.inertia
     gyroscopic = flatness.cross(turns, (inertia[0] * turns[0], inertia[1] * turns[1], inertia[2] * turns[2]))
-    rates, torque, turning_input = np.empty(3), np.empty(3), np.empty(3)
+    rates, turning, torque, turning_input = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
         rate_error, turning_error = reference.rates[i] - turns[i], reference.acceleration[i] - m.turning[i]
         rate = reference.rates[i] + lqr.feedback(error[i], rate_error, turning_error, p.rates_gain[i])
         if p.rate_loop[i] > 0.0:
             rate += reference.acceleration_ahead[i] / p.rate_loop[i]
-        rates[i] = np.minimum(np.maximum(rate, -p.rate_limit[i]), p.rate_limit[i])
+        rates[i] = rate
         push = lqr.feedback(error[i], rate_error, turning_error, p.torque_gain[i]) * p.torque_scale[i]
-        push += (inertia[i] * reference.acceleration_ahead[i] + gyroscopic[i]) / p.full_torque[i]
+        turning[i] = push * p.full_torque[i] / inertia[i] + reference.acceleration_ahead[i]
+    ahead = tilt.tilt_ahead(m.attitude, turns, p.max_tilt, p.tilt_braking)
+    _limit(rates, p.rate_limit)
+    tilt.limit_rates(rates, ahead)
+    tilt.limit_acceleration(turning, turns, ahead)
+    _limit(rates, p.rate_limit)
+    for i in range(3):
+        push = (turning[i] * inertia[i] + gyroscopic[i]) / p.full_torque[i]
         torque[i] = np.minimum(np.maximum(push, -1.0), 1.0)
         turning_input[i] = rates[i]
         if p.turning_input == _ANGULAR_ACCELERATION:

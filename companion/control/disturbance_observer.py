@@ -6,14 +6,26 @@ acceleration (wind, a slung load) from the measured velocity, which changes by
     v' = g + thrust_scale f + drag_scale r + disturbance
 
 where f and r are the accelerations that thrust and drag should cause. This is linear in the unknowns, so a Kalman
-filter on (v, disturbance, thrust_scale, drag_scale), with random walks for the last three, identifies each through its
-own regressor. At hover the thrust's scale and a vertical disturbance can't be told apart and share the change by their
-variances; in motion they separate. The scale of the thrust is the hover-thrust estimate of PX4's
-MulticopterHoverThrustEstimator without its restriction to hover.
+filter on (v, disturbance, thrust_scale, drag_scale) identifies each through its own regressor. What a regressor does
+not show must not wander:
+
+- At hover f is vertical and constant, so the thrust's scale and a vertical disturbance can't be told apart. The
+  vertical disturbance therefore falls back to 0 (a Gauss-Markov process), while the scale keeps (a random walk): what
+  lasts is the scale, what passes is the disturbance. A horizontal disturbance is always observable and is a random
+  walk.
+- At low speed r says nothing of the drag. Its scale is corrected by a share that falls with the speed (the partial
+  update of the Schmidt-Kalman filter; K. Brink, "Partial-update Schmidt-Kalman filter", J. Guidance 40(9), 2017), and
+  walks by that share.
+- Noise of the velocity is measured by the innovations, whose variance beyond what the filter expects is noise
+  (R. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE TAC 15(2), 1970), so that an
+  estimator's noise does not pass for a disturbance.
+
+The scale of the thrust is the hover-thrust estimate of PX4's MulticopterHoverThrustEstimator without its restriction to
+hover.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,20 +41,45 @@ OBSERVER = np.dtype(
         ("covariance", "f8", (STATES, STATES)),
         ("thrust_acceleration", "f8", 3),
         ("drag_acceleration", "f8", 3),
+        ("velocity", "f8", 3),
+        ("noise", "f8", 3),
     ],
     align=True,
 )
 """The filter's state. `mean` is velocity (m/s, NED), disturbance (m/s2, NED), thrust scale and drag scale; the
-accelerations (m/s2, NED) are those of the last update."""
+accelerations (m/s2, NED) and the measured `velocity` are those of the last update; `noise` is the variance of a
+velocity (m2/s2) by the innovations."""
 VELOCITY, DISTURBANCE, THRUST_SCALE, DRAG_SCALE = slice(0, 3), slice(3, 6), 6, 7
 """Places in `mean`."""
+_DOWNWARD = 5
+"""Of the vertical disturbance."""
 
-THRUST_SCALE_BOUNDS = (0.5, 1.8)
+THRUST_SCALE_BOUNDS = (0.1, 10.0)
 DRAG_SCALE_BOUNDS = (0.0, 3.0)
 DISTURBANCE_BOUND = 8.0
 """Greatest size of the disturbance (m/s2)."""
+NOISE_BOUND = 0.25
+"""Greatest standard deviation of a velocity (m/s) that the innovations are believed."""
+_NOISE_WINDOW_S = 2.0
+"""Time constant of the innovations' variance."""
+_DRAG_SPEED = 1.0
+"""m/s; at this speed the drag's scale gets half of its correction."""
+_PRESUMED = 0.2
+"""Standard deviation of a thrust scale that was found at lift-off, as a share of it."""
 _LONGEST_S = 0.1
 """After a longer gap between two updates the velocity is set anew, and nothing is estimated from the gap."""
+
+
+class Noise(NamedTuple):
+    """How certain the parts of the model are."""
+
+    velocity: float
+    """m/s, the least standard deviation of a measured velocity."""
+    walk: Array
+    """(8,) how far each state wanders in a second, in the units of `mean`. A state without walk that started without
+    deviation keeps its nominal value."""
+    fading: float
+    """1/s; the rate at which a vertical disturbance falls back to 0."""
 
 
 @compiled
@@ -52,15 +89,24 @@ def reset(observer: Any, deviation: Array) -> None:
     observer.mean[:] = 0.0
     observer.mean[6] = 1.0
     observer.mean[7] = 1.0
+    observer.noise[:] = 0.0
     observer.covariance[:, :] = 0.0
     for i in range(STATES):
         observer.covariance[i, i] = deviation[i] * deviation[i]
 
 
+def presume(observer: Any, thrust_scale: float) -> None:
+    """Begin a record of OBSERVER, after `reset`, with a thrust scale that is known to about a fifth."""
+    scale = min(max(thrust_scale, THRUST_SCALE_BOUNDS[0]), THRUST_SCALE_BOUNDS[1])
+    observer["mean"][THRUST_SCALE] = scale
+    observer["covariance"][THRUST_SCALE, THRUST_SCALE] = (_PRESUMED * scale) ** 2
+
+
 @compiled
-def _predict(observer: Any, dt: float, f: Array, r: Array, walk: Array) -> None:
-    """Carry mean and covariance on by `dt` (s). f, r (3,): change of the velocity (m/s) by nominal thrust and drag."""
-    mean, covariance = observer.mean, observer.covariance
+def _predict(observer: Any, dt: float, f: Array, r: Array, noise: Noise, excitation: float) -> None:
+    """Carry mean and covariance on by `dt` (s). f, r (3,): change of the velocity (m/s) by nominal thrust and drag;
+    `excitation`: the share of the drag's correction that counts."""
+    mean, covariance, walk = observer.mean, observer.covariance, noise.walk
     for i in range(3):
         mean[i] += dt * mean[3 + i] + f[i] * mean[6] + r[i] * mean[7]
     mean[2] += dt * GRAVITY
@@ -71,24 +117,39 @@ def _predict(observer: Any, dt: float, f: Array, r: Array, walk: Array) -> None:
     for i in range(3):
         for k in range(STATES):
             covariance[k, i] += dt * covariance[k, 3 + i] + f[i] * covariance[k, 6] + r[i] * covariance[k, 7]
+    kept = 1.0 - dt * noise.fading
+    mean[_DOWNWARD] *= kept
     for k in range(STATES):
+        covariance[_DOWNWARD, k] *= kept
+        covariance[k, _DOWNWARD] *= kept
+    for k in range(DRAG_SCALE):
         covariance[k, k] += dt * walk[k] * walk[k]
+    covariance[DRAG_SCALE, DRAG_SCALE] += dt * excitation * walk[DRAG_SCALE] * walk[DRAG_SCALE]
 
 
 @compiled
-def _correct(observer: Any, velocity: Array, noise: float) -> None:
+def _correct(observer: Any, velocity: Array, dt: float, least_noise: float, excitation: float) -> None:
     """Correct mean and covariance by a measured velocity (3,), one axis after the other."""
-    mean, covariance = observer.mean, observer.covariance
+    mean, covariance, noise = observer.mean, observer.covariance, observer.noise
     gain, row = np.empty(STATES), np.empty(STATES)
+    share = min(dt / _NOISE_WINDOW_S, 1.0)
     for i in range(3):
         innovation = velocity[i] - mean[i]
-        total = covariance[i, i] + noise * noise
+        seen = min(innovation * innovation - covariance[i, i], NOISE_BOUND * NOISE_BOUND)
+        noise[i] += share * (seen - noise[i])
+        total = covariance[i, i] + max(least_noise * least_noise, noise[i])
         for k in range(STATES):
             gain[k], row[k] = covariance[k, i] / total, covariance[i, k]
-            mean[k] += gain[k] * innovation
+        drag_variance = covariance[DRAG_SCALE, DRAG_SCALE]
         for k in range(STATES):
             for n in range(STATES):
                 covariance[k, n] -= gain[k] * row[n]
+        # of the partial update's covariance, only this entry differs from that of the whole update
+        counts = excitation * (2.0 - excitation)
+        covariance[DRAG_SCALE, DRAG_SCALE] = drag_variance - counts * gain[DRAG_SCALE] * row[DRAG_SCALE]
+        gain[DRAG_SCALE] *= excitation
+        for k in range(STATES):
+            mean[k] += gain[k] * innovation
 
 
 @compiled
@@ -98,30 +159,36 @@ def update(
     velocity: Array,
     thrust_acceleration: Array,
     drag_acceleration: Array,
-    noise: float,
-    walk: Array,
+    noise: Noise,
 ) -> None:
     """Update a record of OBSERVER with a velocity (3,) in m/s, NED, that was measured at `time_ns`, and the nominal
     accelerations (3,) in m/s2, NED, of thrust and drag at that time.
 
-    `noise` is the standard deviation of a velocity (m/s), `walk` (8,) how far each state wanders in a second. A state
-    without walk that started without deviation keeps its nominal value.
+    A velocity that is the last one again, of a vehicle that sends it less often than its attitude, corrects nothing.
     """
     dt = (time_ns - observer.time_ns) * 1e-9
     observer.time_ns = time_ns
-    if not 0.0 < dt <= _LONGEST_S:
-        if dt > _LONGEST_S:
-            observer.mean[0:3] = velocity
-        observer.thrust_acceleration[:] = thrust_acceleration
-        observer.drag_acceleration[:] = drag_acceleration
-        return
-    f = 0.5 * dt * (thrust_acceleration + observer.thrust_acceleration)
-    r = 0.5 * dt * (drag_acceleration + observer.drag_acceleration)
+    before, last_thrust, last_drag = observer.velocity, observer.thrust_acceleration, observer.drag_acceleration
+    repeated = velocity[0] == before[0] and velocity[1] == before[1] and velocity[2] == before[2]
+    observer.velocity[:] = velocity
+    if 0.0 < dt <= _LONGEST_S:
+        f, r = 0.5 * dt * (thrust_acceleration + last_thrust), 0.5 * dt * (drag_acceleration + last_drag)
+        square = velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
+        square *= square
+        excitation = square / (square + _DRAG_SPEED * _DRAG_SPEED * _DRAG_SPEED * _DRAG_SPEED)
+        _predict(observer, dt, f, r, noise, excitation)
+        if not repeated:
+            _correct(observer, velocity, dt, noise.velocity, excitation)
+        _bound(observer.mean)
+    elif dt > _LONGEST_S:
+        observer.mean[0:3] = velocity
     observer.thrust_acceleration[:] = thrust_acceleration
     observer.drag_acceleration[:] = drag_acceleration
-    _predict(observer, dt, f, r, walk)
-    _correct(observer, velocity, noise)
-    mean = observer.mean
+
+
+@compiled
+def _bound(mean: Array) -> None:
+    """Keep the estimates (8,) within their bounds."""
     mean[6] = min(max(mean[6], THRUST_SCALE_BOUNDS[0]), THRUST_SCALE_BOUNDS[1])
     mean[7] = min(max(mean[7], DRAG_SCALE_BOUNDS[0]), DRAG_SCALE_BOUNDS[1])
     size = math.sqrt(mean[3] * mean[3] + mean[4] * mean[4] + mean[5] * mean[5])

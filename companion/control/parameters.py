@@ -34,6 +34,7 @@ PARAMETERS = np.dtype(
         ("velocity_noise", "f8"),
         ("initial_deviation", "f8", disturbance_observer.STATES),
         ("walk", "f8", disturbance_observer.STATES),
+        ("fading", "f8"),
         ("predicts", "b1"),
         ("half_period_ns", "i8"),
         ("turning_input", "i8"),
@@ -50,13 +51,16 @@ PARAMETERS = np.dtype(
         ("max_thrust_n", "f8"),
         ("full_thrust_n", "f8"),
         ("max_tilt", "f8"),
+        ("tilt_braking", "f8"),
+        ("angle_boost", "b1"),
     ],
     align=True,
 )
 """SI units. Of the fields that do not speak for themselves: `gains` are the law's (`laws.Law`); `c1`, `c2` those of the
 Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` is the time from a command to its effect;
-`attitude_lead` (s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one unit of
-U2, U3, U4."""
+`fading` (1/s) that of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is
+known; `attitude_lead` (s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one
+unit of U2, U3, U4."""
 
 
 def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
@@ -117,6 +121,7 @@ def _observer(estimation: Estimation, body: VehicleParameters) -> dict[str, Any]
         "velocity_noise": estimation.velocity_noise,
         "initial_deviation": deviation,
         "walk": walk,
+        "fading": estimation.disturbance_fading,
     }
 
 
@@ -174,4 +179,5 @@ def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:
         "max_thrust_n": limits.highest_thrust * body.max_thrust_n,
         "full_thrust_n": body.max_thrust_n,
         "max_tilt": limits.tilt,
+        "tilt_braking": math.radians(limits.tilt_braking_deg),
     }

@@ -9,6 +9,8 @@ from protocol.frames import to_body, to_world
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 
+_LEAST_COSINE = 0.1
+
 
 @compiled
 def drag_compensation(velocity_ned: Array, attitude_ned_frd: Array, drag: Array, mass: float) -> Array:
@@ -44,3 +46,17 @@ def thrust_vector(
 def collective(thrust_ned: Array, attitude_ned_frd: Array) -> float:
     """Thrust (N) along the body's -z axis that comes nearest to `thrust_ned` (3,) in N at an attitude (4,)."""
     return -to_body(attitude_ned_frd, thrust_ned)[2]
+
+
+@compiled
+def on_the_wire(collective_n: float, attitude_ned_frd: Array, boosted: bool) -> float:
+    """What to ask the vehicle for (N), so that it gives a thrust at an attitude (4,).
+
+    A vehicle with angle boost divides the thrust that it is asked for by the cosine of its tilt, but by no less than
+    `_LEAST_COSINE` (ArduPilot's AC_AttitudeControl_Multi::get_throttle_boosted).
+    """
+    if not boosted:
+        return collective_n
+    x, y = attitude_ned_frd[1], attitude_ned_frd[2]
+    cosine: float = max(1.0 - 2.0 * (x * x + y * y), _LEAST_COSINE)
+    return collective_n * cosine

@@ -24,6 +24,7 @@ from companion.reports import (
     BatteryReading,
     CommandReport,
     LinkReport,
+    Motors,
     Rebooted,
     RepeatedAttitude,
     Report,
@@ -43,6 +44,8 @@ _REFUSALS_NS = _SECOND_NS // 2
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 _HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _SET_MODE = dialect.MAV_CMD_DO_SET_MODE
+_EXTENDED_STATE = dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+"""Asked for, and done without where a vehicle does not send it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +79,7 @@ class VehicleLink:
         self.firmware: Firmware | None = None
         self.readiness = Readiness(settings, output)
         self.said = StatusWatch()
+        self.motors = Motors()
         self.refused_messages = 0
         self.framer = Framer()
         self._settings = settings
@@ -99,7 +103,7 @@ class VehicleLink:
             OBSTACLE_DISTANCE: self._on_ring,
             DISTANCE_SENSOR: self._on_ring,
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
-            dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.said.extended_state,
+            _EXTENDED_STATE: self._on_extended_state,
             dialect.MAVLINK_MSG_ID_HOME_POSITION: self._on_home,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
             dialect.MAVLINK_MSG_ID_BATTERY_STATUS: wire.battery_status,
@@ -216,6 +220,17 @@ class VehicleLink:
         self.peer.heartbeat(now_ns)
         self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), now_ns)
 
+    def _on_extended_state(self, message: Any, now_ns: int) -> None:
+        self.said.extended_state(message, now_ns)
+        self._know_motors()
+
+    def _know_motors(self) -> None:
+        assert self.firmware is not None and self.readiness.audit is not None
+        spooling = bool(self.said.on_ground) and self.firmware.spools_on_ground
+        motors = Motors(spooling, self.readiness.audit.vehicle.angle_boost)
+        if motors != self.motors:  # whoever uses them asks whether they are others than before
+            self.motors = motors
+
     def _on_home(self, message: Any, now_ns: int) -> None:
         self.said.home_ned = wire.home_position(message)
 
@@ -299,7 +314,7 @@ class VehicleLink:
         shortcoming = self.readiness.shortcoming(now_ns)
         if shortcoming is not None:
             return shortcoming
-        lacking = self._rates.lacking(now_ns)
+        lacking = [each for each in self._rates.lacking(now_ns) if each != _EXTENDED_STATE]
         return f"telemetry too slow: {self._rates.describe(lacking[0], now_ns)}" if lacking else None
 
     # -- requests in, bytes out ----------------------------------------------------------------------------------------
@@ -349,6 +364,7 @@ class VehicleLink:
         for name in names:
             self._send(dialect.MAVLink_param_request_read_message, *self.vehicle, name.encode(), -1)
         self._encode_setpoint = OUTPUTS[audit.output].encode
+        self._know_motors()
         return said
 
     def _beat_now(self, now_ns: int, *, asks_rates: bool) -> None:
@@ -427,5 +443,5 @@ def _needed(settings: Settings) -> dict[int, float]:
     needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position, _ATTITUDE_QUATERNION: rates.attitude}
     if settings.avoidance.needs_scan:
         needed[OBSTACLE_DISTANCE] = rates.scan
-    needed[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 5.0
+    needed[_EXTENDED_STATE] = 5.0
     return needed

@@ -37,8 +37,8 @@ class StatusWatch:
 
     def __init__(self) -> None:
         self.status = VehicleStatus(FlightMode.OTHER, False, False)
-        self.on_ground = False
-        """The vehicle says that it stands on the ground."""
+        self.on_ground: bool | None = None
+        """The vehicle says that it stands on the ground; None: it says nothing of it."""
         self.home_ned: Array | None = None
         """(3,) m: where it took off, as it says."""
         self.catching_up = False

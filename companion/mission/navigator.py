@@ -16,6 +16,7 @@ from companion.config import Settings
 from companion.mission.altitude_search import AltitudeSearch, Place
 from companion.mission.plan import Mission, Phase, Step, nearest_step, steps
 from companion.mission.stall import Progress, Trail
+from companion.mission.wander import Wander
 from companion.reports import CommandReport, MissionReport, MotionReport
 from companion.state import Announcement, Severity, VehicleState
 from protocol.arrays import Array
@@ -96,6 +97,7 @@ class Navigator:
         """What is left is the way home."""
         self._step_since_ns = 0
         self._arrived_ns: int | None = None
+        self._wander = Wander()
         self._paused_ns = 0
 
     # -- where to go ---------------------------------------------------------------------------------------------------
@@ -239,11 +241,15 @@ class Navigator:
         """Near to a place and slow; a mission whose reference jumps waits for nothing."""
         if self.mission.profile == "step":
             return True
-        settings = self._settings.trajectory
+        settings, wander = self._settings.trajectory, self._wander
         distance = math.dist(target_ned.tolist(), state.position_ned.tolist())
-        return (
-            distance < settings.settled_distance and math.hypot(*state.velocity_ned.tolist()) < settings.settled_speed
-        )
+        return distance < wander.distance(settings.settled_distance) and math.hypot(
+            *state.velocity_ned.tolist()
+        ) < wander.speed(settings.settled_speed)
+
+    def tracked(self, errors: Array) -> None:
+        """A control step's errors (6,) from the reference: of the position (m) and of the virtual rate (m/s)."""
+        self._wander.add(errors)
 
     def release(self, answer: CommandReport) -> tuple[Arrival, Announcement | None]:
         """What came of the release of the parcel so far. A parcel that the vehicle does not release is taken home."""

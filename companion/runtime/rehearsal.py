@@ -22,6 +22,7 @@ from protocol.vehicle_parameters import VehicleParameters
 
 _TICK_NS = 4_000_000
 _LONGEST_TICKS = 50_000
+_ON_GROUND_TICKS = 5
 _ON_THE_WAY_TICKS = 250
 """So long the vehicle is short of the first waypoint, with obstacles before it; then it is there."""
 _ON_OTHER_WAYS_TICKS = 50
@@ -105,6 +106,8 @@ class _CannedVehicle:
             return place
         if navigator.step_index != self._step:
             self._step, self._step_began = navigator.step_index, tick
+        if self._step == 0 and tick - self._step_began < _ON_GROUND_TICKS:
+            return place
         target = navigator.step.target_ned
         place = target.tolist() if target is not None else place
         if tick - self._step_began < (_ON_THE_WAY_TICKS if self._step == 1 else _ON_OTHER_WAYS_TICKS):

@@ -106,7 +106,7 @@ def health(
         land_requested=own.land_requested,
         taken_over=watched.taken_over,
         still=watched.still,
-        landed=link.on_ground,
+        landed=link.on_ground is True,
         landed_for=link.word.landed_for,
         airborne=link.word.airborne,
         overdue=mission.overdue if state is State.FLY else 0.0,
@@ -128,7 +128,7 @@ def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport, limits: L
         return "no position and attitude"
     if own.adoption is not None:
         return None if link.home_known else "the vehicle does not say where it took off (HOME_POSITION)"
-    if not link.on_ground:
+    if link.on_ground is False:
         return "the vehicle does not say that it stands on the ground"
     if not link.prearm_ok:
         return f"the vehicle's own arming checks fail{link.failed_check}"

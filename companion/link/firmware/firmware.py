@@ -52,6 +52,8 @@ class Firmware:
     """Rates (Hz) by message, of what is good to have in the log and for the words of a refusal."""
     silent_when_free: bool = False
     """A ring of sectors is not sent while all of them are empty."""
+    spools_on_ground: bool = False
+    """While the vehicle says that it is on the ground, its motors don't follow the thrust yet."""
 
 
 class Judge:

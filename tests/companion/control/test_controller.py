@@ -129,7 +129,7 @@ def test_nothing_to_predict_is_the_measurement() -> None:
 
 def test_each_estimate_finds_its_own() -> None:
     """In motion the filter tells the thrust's scale, the drag's scale and a steady disturbance apart."""
-    push = np.array([0.8, -0.5, 0.3])
+    push = np.array([0.8, -0.5, 0.0])
     vehicle = Body(BODY.mass_kg / 0.8, np.array(BODY.drag_kg_s) / 0.8 * 1.4, push)
     _, out = tracked(vehicle, "control.position.adaptation=[0.0, 0.0, 0.0]", seconds=40.0)
     assert out[32] == pytest.approx(0.8, abs=0.02)
@@ -152,9 +152,8 @@ def test_estimates_keep_within_their_bounds() -> None:
     for tick in range(2000):
         effect = rng.normal(size=3) * 10.0
         velocity = rng.normal(size=3) * 100.0
-        disturbance_observer.update(
-            observer[0], START_NS + tick * TICK_NS, velocity, effect, rng.normal(size=3), 0.02, np.ones(8)
-        )
+        noise = disturbance_observer.Noise(0.02, np.ones(8), 2.0)
+        disturbance_observer.update(observer[0], START_NS + tick * TICK_NS, velocity, effect, rng.normal(size=3), noise)
         mean = observer["mean"][0]
         assert np.isfinite(mean).all()
         assert (
@@ -171,33 +170,41 @@ def test_estimates_keep_within_their_bounds() -> None:
 
 
 def test_the_observer_is_the_textbooks_kalman_filter() -> None:
-    """Against the matrix form of the Kalman filter, with numpy."""
+    """Against the matrix form of the partial update (K. Brink 2017), with numpy; noise as it is expected."""
     rng = np.random.default_rng(3)
     observer = np.zeros(1, disturbance_observer.OBSERVER)
-    spread, walk, noise = np.full(8, 0.3), rng.uniform(0.01, 0.1, 8), 0.05
+    spread, walk, least, fading = np.full(8, 0.3), rng.uniform(0.01, 0.1, 8), 0.02, 2.0
+    noise = disturbance_observer.Noise(least, walk, fading)
     disturbance_observer.reset(observer[0], spread)
-    mean, variance = observer["mean"][0].copy(), np.diag(spread**2)
+    mean, variance, seen = observer["mean"][0].copy(), np.diag(spread**2), np.zeros(3)
     thrust, drag = np.array([0.2, 0.1, -9.7]), np.array([-0.1, 0.05, 0.0])
-    disturbance_observer.update(observer[0], START_NS, np.zeros(3), thrust, drag, noise, walk)
+    disturbance_observer.update(observer[0], START_NS, np.zeros(3), thrust, drag, noise)
     for tick in range(1, 60):
         thrust_next, drag_next = thrust + rng.normal(size=3) * 0.1, drag + rng.normal(size=3) * 0.05
-        velocity = rng.normal(size=3) * 0.1
-        disturbance_observer.update(
-            observer[0], START_NS + tick * TICK_NS, velocity, thrust_next, drag_next, noise, walk
-        )
+        velocity = rng.normal(size=3) * np.array([0.5, 0.5, 0.1])
+        disturbance_observer.update(observer[0], START_NS + tick * TICK_NS, velocity, thrust_next, drag_next, noise)
+        share = np.linalg.norm(velocity) ** 4 / (1.0 + np.linalg.norm(velocity) ** 4)
+        counts = np.diag([*np.ones(7), share])
         step = np.eye(8)
         step[:3, 3:6] = 0.004 * np.eye(3)
         step[:3, 6] = 0.002 * (thrust + thrust_next)
         step[:3, 7] = 0.002 * (drag + drag_next)
+        step[5, 5] = 1.0 - 0.004 * fading
         thrust, drag = thrust_next, drag_next
         mean = step @ mean
         mean[2] += 0.004 * GRAVITY
-        variance = step @ variance @ step.T + 0.004 * np.diag(walk**2)
-        gain = variance[:, :3] @ np.linalg.inv(variance[:3, :3] + noise**2 * np.eye(3))
-        mean = mean + gain @ (velocity - mean[:3])
-        variance = variance - gain @ variance[:3]
+        variance = step @ variance @ step.T + 0.004 * counts @ np.diag(walk**2)
+        for axis in range(3):
+            row, innovation = np.eye(8)[axis], velocity[axis] - mean[axis]
+            seen[axis] += 0.002 * (min(innovation**2 - variance[axis, axis], 0.0625) - seen[axis])
+            spread_here = max(least**2, seen[axis])
+            gain = counts @ variance @ row / (row @ variance @ row + spread_here)
+            left = np.eye(8) - np.outer(gain, row)
+            mean = mean + gain * innovation
+            variance = left @ variance @ left.T + spread_here * np.outer(gain, gain)
         assert observer["mean"][0] == pytest.approx(mean, abs=1e-9)
         assert observer["covariance"][0] == pytest.approx(variance, abs=1e-9)
+    assert (seen[:2] > least**2).all()
 
 
 @pytest.mark.parametrize("law", LAWS)

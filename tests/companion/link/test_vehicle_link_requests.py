@@ -167,7 +167,6 @@ def test_the_first_thing_that_a_flight_lacks_is_named() -> None:
         ("position", 99, "LOCAL_POSITION_NED arrives at 99 of 250 Hz"),
         ("attitude", 50, "ATTITUDE_QUATERNION arrives at 50 of 250 Hz"),
         ("scan", 5, "OBSTACLE_DISTANCE arrives at 5 of 15 Hz"),
-        ("landed", 1, "EXTENDED_SYS_STATE arrives at 1 of 5 Hz"),
         ("scan", 0, "OBSTACLE_DISTANCE arrives at 0 of 15 Hz (does the vehicle have that sensor?)"),
     ],
 )
@@ -178,6 +177,15 @@ def test_a_message_that_comes_too_slowly_is_named_with_its_rate(name: str, count
     shortcoming = link.report(now, None, before_flight=True).shortcoming
     assert shortcoming is not None and shortcoming.startswith(f"telemetry too slow: {text}")
     assert link.report(now, None, before_flight=False).shortcoming is None, "in flight it is not looked for"
+
+
+def test_a_landed_state_is_asked_for_and_done_without() -> None:
+    link, vehicle = found()
+    hear(link, vehicle.version(1, 13))
+    now = stream(link, vehicle, ENOUGH | {"landed": 0})
+    report = link.report(now, None, before_flight=True)
+    assert report.shortcoming is None and report.on_ground is None
+    assert dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE in link._rates.wanted
 
 
 def test_the_least_share_of_a_rate_is_enough() -> None:

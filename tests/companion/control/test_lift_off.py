@@ -1,0 +1,175 @@
+"""From armed motors into the air: with motors that wait, vehicles that are not as believed, and a landed state that
+lies."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from companion.config import Limits
+from companion.control.lift_off import LiftOff
+from companion.mission.plan import Phase
+from companion.runtime.files import load_body
+from companion.state import VehicleState
+from companion.supervision.states import State
+from protocol.arrays import Array
+from protocol.vehicle_parameters import GRAVITY
+from studies.joined import Joined, mission_of
+
+BODY = load_body("paper_quad")
+DT_NS = 4_000_000
+LIMITS = Limits()
+
+
+def never(time: float, thrust: float) -> bool:
+    return False
+
+
+def until_spooled(time: float, thrust: float) -> bool:
+    """ArduPilot's, with motors that wait for 2.3 s."""
+    return time < 2.3
+
+
+def always(time: float, thrust: float) -> bool:
+    return True
+
+
+class Vertical:
+    """A vehicle that moves up and down and stands on the ground, `weight` times as heavy for its thrust as believed,
+    with motors that wait `delay` s. Its velocity is measured with `noise` (m/s)."""
+
+    def __init__(self, weight: float, delay: float, noise: float = 0.01) -> None:
+        self.weight, self.delay, self.noise = weight, delay, noise
+        self.height, self.speed, self.thrust, self.time = 0.0, 0.0, 0.0, 0.0
+        self._rng = np.random.default_rng(1)
+
+    def fly(self, fraction: float) -> None:
+        dt = DT_NS * 1e-9
+        self.time += dt
+        wanted = fraction * BODY.max_thrust_n if self.time >= self.delay else 0.0
+        self.thrust += dt / BODY.rotor_time_constant_s * (wanted - self.thrust)
+        self.speed += dt * (self.thrust / (BODY.mass_kg * self.weight) - GRAVITY)
+        self.height += dt * self.speed
+        if self.height <= 0.0:
+            self.height, self.speed = 0.0, max(self.speed, 0.0)
+
+    def state(self) -> VehicleState:
+        velocity = self._rng.normal(size=3) * self.noise - np.array([0.0, 0.0, self.speed])
+        place = np.array([0.0, 0.0, 3.0 - self.height])
+        return VehicleState(0, place, velocity, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
+
+
+def lifted(vehicle: Vertical, spooling: Callable[[float, float], bool], limit_s: float = 25.0) -> float | None:
+    """Up to the moment at which it is found in the air: the thrust's scale; None if it is not."""
+    lift_off = LiftOff(LIMITS, BODY)
+    lift_off.begin()
+    for tick in range(round(limit_s * 1e9 / DT_NS)):
+        waits = spooling(vehicle.time, lift_off.thrust or 0.0)
+        scale = lift_off.update(vehicle.state(), tick * DT_NS, BODY.mass_kg, True, waits)
+        if scale is not None:
+            assert lift_off.thrust is None
+            return scale
+        assert lift_off.thrust is not None and 0.0 < lift_off.thrust <= LIMITS.highest_thrust
+        vehicle.fly(lift_off.thrust)
+    return None
+
+
+@pytest.mark.parametrize("weight", [0.33, 0.6, 1.0, 1.3, 1.9])
+@pytest.mark.parametrize("spooling", [never, until_spooled, always])
+def test_it_rises_gently_and_shows_its_weight(weight: float, spooling: Callable[[float, float], bool]) -> None:
+    """Without a landed state, with one that tells, and with one that never leaves the ground."""
+    vehicle = Vertical(weight, 2.3 if spooling is until_spooled else 0.0)
+    scale = lifted(vehicle, spooling)
+    assert scale is not None
+    assert vehicle.height < 0.2 and vehicle.speed < 0.6
+    assert scale == pytest.approx(1.0 / weight, rel=0.35)
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.0, 2.3, 4.0])
+@pytest.mark.parametrize("weight", [0.85, 1.0, 1.15])
+def test_motors_that_wait_in_silence_do_not_make_it_leap(weight: float, delay: float) -> None:
+    """The thrust creeps while they may be waiting."""
+    vehicle = Vertical(weight, delay)
+    assert lifted(vehicle, never) == pytest.approx(1.0 / weight, rel=0.35)
+    assert vehicle.time >= delay
+    assert vehicle.height < 0.2 and vehicle.speed < 0.6
+
+
+def test_noise_is_no_flight() -> None:
+    """A velocity that is noisy on the ground, and a height that drifts, begin nothing."""
+    lift_off, rng = LiftOff(LIMITS, BODY), np.random.default_rng(2)
+    lift_off.begin()
+    for tick in range(1000):
+        place = np.array([0.0, 0.0, -0.1 * tick / 1000 + 0.01 * rng.normal()])
+        velocity = 0.04 * rng.normal(size=3)
+        state = VehicleState(0, place, velocity, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
+        assert lift_off.update(state, tick * DT_NS, BODY.mass_kg, True, False) is None
+
+
+def test_what_can_not_fly_is_let_be() -> None:
+    """The highest thrust does not lift it: after some seconds the motors are asked for little."""
+    lift_off, vehicle = LiftOff(LIMITS, BODY), Vertical(3.0, 0.0)
+    lift_off.begin()
+    most = 0.0
+    for tick in range(5000):
+        assert lift_off.update(vehicle.state(), tick * DT_NS, BODY.mass_kg, True, False) is None
+        assert lift_off.thrust is not None
+        most = max(most, lift_off.thrust)
+        vehicle.fly(lift_off.thrust)
+    assert most == LIMITS.highest_thrust and lift_off.thrust == LIMITS.lowest_thrust
+
+
+def test_a_hold_on_the_ground_begins_again() -> None:
+    lift_off, vehicle = LiftOff(LIMITS, BODY), Vertical(1.0, 0.0)
+    lift_off.begin()
+    thrusts = []
+    for tick in range(400):
+        lift_off.update(vehicle.state(), tick * DT_NS, BODY.mass_kg, tick < 200 or tick >= 300, False)
+        thrusts.append(lift_off.thrust)
+    assert thrusts[250] == thrusts[0] and thrusts[399] == pytest.approx(thrusts[99], rel=0.01)
+
+
+def test_a_vehicle_that_flies_already_is_not_touched() -> None:
+    """Nothing was armed by the companion: control was given back, or taken over in flight."""
+    lift_off = LiftOff(LIMITS, BODY)
+    assert lift_off.thrust is None
+
+
+def taken_off(delay: float, *vehicle: str, silent: bool = False) -> tuple[Array, Joined]:
+    """The distance from the reference (m) at each step from arming to the end of the climb."""
+    armed: list[int] = []
+
+    def waiting(time_ns: int, data: bytes) -> bytes:
+        if joined.autopilot.supervisor.state is State.FLY:
+            armed.append(time_ns)
+        if not armed or time_ns - armed[0] < delay * 1e9:
+            joined.vehicle.flight.command[:] = 0.0
+        return data
+
+    joined = Joined(
+        mission_of("hover"), overrides=('avoidance.method="none"',), vehicle_overrides=vehicle, meddle=waiting
+    )
+    if silent:
+        del joined.autopilot.link._handlers[245]
+    joined.fly(limit_s=30.0, until=lambda joined: joined.autopilot.navigator.phase is Phase.ROUTE)
+    trace = joined.trace()
+    trace = trace[trace["state"] == State.FLY]
+    error: Array = np.linalg.norm(trace["position_ned"] - trace["reference_position_ned"], axis=1)
+    return error, joined
+
+
+@pytest.mark.parametrize(("delay", "silent"), [(0.0, True), (2.3, False), (4.0, False)])
+def test_the_reference_leaves_with_the_vehicle(delay: float, silent: bool) -> None:
+    """However long the motors wait, and whatever the landed state says or does not say."""
+    error, joined = taken_off(delay, silent=silent)
+    assert joined.autopilot.navigator.phase is Phase.ROUTE
+    assert error.max() < 0.1
+    assert -joined.trace()["velocity_ned"][:, 2].min() < 1.7
+
+
+@pytest.mark.parametrize("believed", [0.5, 1.5])
+def test_a_wrong_hover_thrust_does_not_matter(believed: float) -> None:
+    """The vehicle's rotors give less or more than the companion believes."""
+    error, joined = taken_off(0.0, f"body.rotor_max_thrust_n={8.0 / believed}")
+    assert joined.autopilot.navigator.phase is Phase.ROUTE
+    assert error.max() < 0.15

@@ -1,0 +1,54 @@
+"""A place is reached within what the vehicle's wander allows."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.mission.wander import Wander
+from studies.joined import Joined, mission_of
+
+
+def test_a_vehicle_that_follows_exactly_must_come_near() -> None:
+    wander = Wander()
+    for _ in range(5000):
+        wander.add(np.full(6, 0.005))
+    assert wander.distance(0.1) == 0.1 and wander.speed(0.2) == 0.2
+
+
+def test_the_bounds_grow_with_the_wander_and_fall_again() -> None:
+    wander, rng = Wander(), np.random.default_rng(1)
+    for _ in range(10000):
+        wander.add(rng.normal(size=6) * np.array([0.05, 0.05, 0.05, 0.1, 0.1, 0.1]))
+    assert wander.distance(0.1) == pytest.approx(2.5 * math.sqrt(3) * 0.05, rel=0.1)
+    assert wander.speed(0.2) == pytest.approx(2.5 * math.sqrt(3) * 0.1, rel=0.1)
+    for _ in range(10000):
+        wander.add(np.zeros(6))
+    assert wander.distance(0.1) == 0.1 and wander.speed(0.2) == 0.2
+
+
+def test_no_wander_makes_anything_an_arrival() -> None:
+    wander = Wander()
+    for _ in range(10000):
+        wander.add(np.full(6, 10.0))
+    assert wander.distance(0.1) == pytest.approx(0.5) and wander.speed(0.2) == pytest.approx(1.0)
+
+
+def test_a_noisy_estimate_does_not_hold_the_mission_up() -> None:
+    """The estimate wanders slowly by two decimetres, as a real one does: each step is done in the time that it takes
+    without."""
+    rng = np.random.default_rng(4)
+    offset = np.zeros(3)
+    joined = Joined(mission_of("hover"), overrides=('avoidance.method="none"',))
+    estimator = joined.vehicle._estimator
+    update = estimator.update
+
+    def noisy(truth: object) -> object:
+        nonlocal offset
+        offset = offset + 0.004 * (-offset / 1.0) + math.sqrt(2.0 * 0.004) * 0.15 * rng.normal(size=3)
+        motion = update(truth)  # type: ignore[arg-type]
+        return motion._replace(position_ned=tuple(np.array(motion.position_ned) + offset))
+
+    estimator.update = noisy  # type: ignore[method-assign, assignment]
+    joined.fly(limit_s=60.0)
+    assert joined.autopilot.ended and joined.autopilot.supervisor.fault is None
