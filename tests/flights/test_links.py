@@ -111,8 +111,10 @@ def _relay(end: socket.socket, udp: socket.socket, simulator: Process) -> None:
                 if ready is udp:
                     data, address = udp.recvfrom(65535)
                     end.sendall(data)
-                elif address is not None:
-                    udp.sendto(end.recv(1200), address)
+                    continue
+                data = end.recv(1200)
+                if address is not None and data:
+                    udp.sendto(data, address)
 
 
 @pytest.mark.parametrize(
