@@ -36,6 +36,8 @@ SLOW: dict[str, float] = {
     "tests/companion/view/test_foxglove_reader.py": 2,
     "tests/companion/view/test_live_control.py": 28,
     "tests/flights": 2,
+    "tests/flights/test_adoption.py": 8,
+    "tests/flights/test_gaps.py": 6,
     "tests/flights/test_bad_input.py::test_log_folder_that_is_a_file": 4,
     "tests/flights/test_bad_input.py::test_log_folder_that_is_read_only": 4,
     "tests/flights/test_bad_input.py::test_no_vehicle": 5,

@@ -13,7 +13,11 @@ _MODES = {
     2: FlightMode.MANUAL,
     3: FlightMode.MISSION,
     4: FlightMode.EXTERNAL,
-    5: FlightMode.HOLD,
+    1: FlightMode.MANUAL,
+    5: FlightMode.MANUAL,  # LOITER obeys the sticks
+    16: FlightMode.MANUAL,
+    21: FlightMode.RETURN,
+    27: FlightMode.RETURN,
     6: FlightMode.RETURN,
     9: FlightMode.LAND,
     17: FlightMode.HOLD,

@@ -22,6 +22,7 @@ _AUTO_SUB = {
     4: FlightMode.MISSION,
     5: FlightMode.RETURN,
     6: FlightMode.LAND,
+    9: FlightMode.LAND,  # precision landing
 }
 _COMMANDS = {
     FlightMode.EXTERNAL: (_OFFBOARD, 0),

@@ -148,7 +148,7 @@ def test_nothing_is_sent_that_would_end_a_failsafe_or_move_what_others_fly() -> 
     assert not STREAMING & {State.GAP, State.WATCH, State.DISARM, State.RELEASED, State.WITHDRAW, State.LAND}
     assert REQUESTS.get(State.WATCH) is REQUESTS.get(State.RELINQUISHED) is REQUESTS.get(State.RELEASED) is None
     assert REQUESTS[State.GAP] is VehicleRequest.STATUS and State.GAP not in COMMANDED
-    assert FOLLOWING < STREAMING and {State.GAP} == AWAY - FOLLOWING
+    assert FOLLOWING < STREAMING and FOLLOWING | {State.GAP} == AWAY
 
 
 def test_arming_leads_into_flight_or_to_disarming() -> None:
