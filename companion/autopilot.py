@@ -33,7 +33,7 @@ class Autopilot:
         self.sensing = Sensing(needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
-        self.navigator = Navigator(settings, mission, self.guidance.durations)
+        self.navigator = Navigator(settings, mission, self.guidance.durations, self.guidance.outside)
         self.controller = Controller(settings, body, output)
         self.own = OwnReport(settings.supervision)
         self._plan: PlanResult | None = None

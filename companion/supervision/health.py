@@ -47,6 +47,10 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """and why."""
     homeward: bool = False
     """The mission leads to its landing place as directly as the way home would."""
+    outside: str | None = None
+    """The place of the mission that is beyond the fence."""
+    beyond: str | None = None
+    """How the vehicle is beyond the fence and does not come back."""
 
 
 def health(
@@ -82,6 +86,8 @@ def health(
         battery=limits.battery.level,
         battery_text=limits.battery.text,
         homeward=mission.homeward,
+        outside=mission.outside,
+        beyond=limits.beyond,
     )
 
 

@@ -89,6 +89,14 @@ TABLE: tuple[Row, ...] = (
         "the vehicle is armed already: not taken over",
         fault=True,
     ),
+    _row(
+        State.CHECK,
+        lambda h, s, t: h.outside is not None,
+        State.ENDED,
+        _E,
+        "the mission leaves the fence: {health.outside}",
+        fault=True,
+    ),
     _row(State.CHECK, lambda h, s, t: h.missing is None, State.STREAM, _I, "ready"),
     _row(
         State.CHECK,
@@ -208,6 +216,15 @@ TABLE: tuple[Row, ...] = (
         "{health.battery_text}: landing",
         fault=True,
         outcome="landed: {health.battery_text}",
+    ),
+    _row(
+        _OWN,
+        lambda h, s, t: h.beyond is not None,
+        State.LAND,
+        _C,
+        "{health.beyond}: landing",
+        fault=True,
+        outcome="landed: {health.beyond}",
     ),
     _row(
         State.FLY,
