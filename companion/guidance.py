@@ -153,11 +153,8 @@ class Guidance:
         reference = self._generator.at(time_ns)
         if self._course.active:
             self._course.put(time_ns, reference.rows)
-        if self._fence is not None:
-            if not self._outside:
-                self._fence.keep(reference.rows)
-            elif self._fence.room(reference.rows[0]) >= 0.0:
-                self._outside = False
+        if self._fence is not None and not self._outside:
+            self._fence.keep(reference.rows)
         return reference
 
     # -- along a leg ---------------------------------------------------------------------------------------------------
@@ -165,6 +162,8 @@ class Guidance:
     def steer(self, leg: Leg, state: VehicleState, now_ns: int) -> MotionReport:
         """Move the reference along the leg, which has a target."""
         generator, step = self._generator, leg.step
+        if self._outside:  # until the reference of now is inside: those that are asked for are of later times
+            self._begins_at(self.reference(now_ns).position_ned)
         following, over_map = generator.following, False
         if self._jumps and step.phase is not Phase.TAKEOFF:
             assert step.target_ned is not None
