@@ -39,7 +39,8 @@ class Autopilot:
         self.sensing = Sensing(needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
-        self.navigator = Navigator(settings, mission, self.guidance.durations, lands=adopt is Adoption.LAND)
+        lands = adopt is Adoption.LAND
+        self.navigator = Navigator(settings, mission, self.guidance.durations, self.guidance.outside, lands=lands)
         self.controller = Controller(settings, body, self.link.readiness.output)
         self.own = OwnReport(settings.supervision, adopt)
         self._plan: PlanResult | None = None

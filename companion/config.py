@@ -6,7 +6,7 @@ from typing import Annotated
 import msgspec
 
 from companion.avoidance_methods import METHODS
-from companion.config_limits import Battery
+from companion.config_limits import Battery, Geofence
 from companion.config_types import Fraction, NotNegative, Positive, Table
 
 Vector = tuple[Positive, Positive, Positive]
@@ -498,6 +498,7 @@ class Settings(Table, frozen=True):
     avoidance: Avoidance = Avoidance()
     supervision: Supervision = Supervision()
     battery: Battery = Battery()
+    geofence: Geofence = Geofence()
     rates: Rates = Rates()
     identity: Identity = Identity()
     log: Log = Log()

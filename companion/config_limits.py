@@ -38,3 +38,39 @@ class Battery(Table, frozen=True):
         volts = [each for each in (self.land_voltage, self.return_voltage, self.warn_voltage) if each is not None]
         if volts != sorted(volts):
             raise ValueError("land_voltage, return_voltage and warn_voltage must rise in this order")
+
+
+Bounds = tuple[float, float]
+
+
+class Geofence(Table, frozen=True):
+    """Where may be flown, around the place of the take-off: within all of these that are set (`fence`)."""
+
+    radius: Positive | None = None
+    """m, horizontally."""
+    north: Bounds | None = None
+    """m: from and to; the place of the take-off, 0, lies between."""
+    east: Bounds | None = None
+    """m: from and to."""
+    max_height: Positive | None = None
+    """m above the place of the take-off."""
+    margin: Positive = 1.0
+    """m inside the fence that the reference keeps, for the vehicle's own error of position, in wind too."""
+    braking: Positive = 3.0
+    """m/s2: towards the fence the reference is no faster than it can stop with this before the margin."""
+    land_after: Positive = 10.0
+    """s; a vehicle that is beyond the fence and has come no metre nearer for so long lands where it is."""
+
+    def __post_init__(self) -> None:
+        for key, bounds in (("north", self.north), ("east", self.east)):
+            if bounds is not None and not bounds[0] < -self.margin < self.margin < bounds[1]:
+                raise ValueError(f"{key} {list(bounds)}: not from below -margin to above the margin")
+        if self.radius is not None and self.radius <= self.margin:
+            raise ValueError("radius: not above the margin")
+        if self.max_height is not None and self.max_height <= self.margin:
+            raise ValueError("max_height: not above the margin")
+
+    @property
+    def bounded(self) -> bool:
+        """There is a fence."""
+        return (self.radius, self.north, self.east, self.max_height) != (None, None, None, None)

@@ -16,8 +16,10 @@ from companion.avoidance.path import NO_PATH
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.avoidance.steering import Course, steer
 from companion.config import Settings
+from companion.fence import Fence, fence_of
 from companion.mission.navigator import NEAR_M, Arrival, Leg
 from companion.mission.plan import Mission, Phase, Step, steps
+from companion.perception.fence_band import Flat
 from companion.perception.recent_returns import RecentReturns
 from companion.perception.scans import obstacle_points
 from companion.reports import MotionReport
@@ -36,6 +38,11 @@ _APPROACH_SPEED = 1.0
 """m/s: the vehicle must be slower for that."""
 _TURN_M = 1.0
 """The heading follows the way to a target that is farther than this."""
+_ALONG_M = 0.1
+"""m beyond the inflation of the map at which the fence stands in it."""
+_ROUNDING_M = 0.01
+_SAMPLES = 500
+"""Places of a track that are looked at for the fence."""
 _TURN_SPEED = 1.0
 """m/s: the heading follows the way over the map at a higher wanted speed."""
 
@@ -53,6 +60,12 @@ class Guidance:
             None if step.curve is None else track_of(step.curve, settings.trajectory, settings.limits.tilt)
             for step in steps(mission, np.zeros(3))
         )
+        self._fence: Fence | None = None
+        """What the reference keeps to, once the place of the start is known."""
+        self._walls: Flat | None = None
+        """It as the planner gets it: so far outside that there is a way along its edge."""
+        self._outside = False
+        """The reference was begun outside of it, and comes back."""
         self._rest_of_track: Track | None = None
         """What is left of the track that was being followed when the flight was held."""
         self._jumps = mission.profile == "step"
@@ -78,10 +91,33 @@ class Guidance:
         """s that the track of each step of the mission takes; None for a step without one."""
         return tuple(None if track is None else track.duration_s for track in self._tracks)
 
+    @property
+    def outside(self) -> str | None:
+        """The first place of the mission beyond the fence, in words; None if it keeps inside."""
+        fence = fence_of(self._settings.geofence, np.zeros(3))
+        if fence is None:
+            return None
+        fence = fence.shrunk(self._settings.geofence.margin)
+        for step, track in zip(steps(self._mission, np.zeros(3)), self._tracks, strict=True):
+            places = [] if step.target_ned is None else [step.target_ned]
+            if track is not None and step.target_ned is not None:
+                times = np.linspace(0.0, track.duration_s, _SAMPLES)
+                places += [track.at(time)[0] + step.target_ned for time in times.tolist()]
+            for place in places:
+                if fence.room(place) < -_ROUNDING_M:
+                    where = f"north {place[0]:.1f}, east {place[1]:.1f}, height {-place[2]:.1f}"
+                    return f"{step.phase.name.lower()} at {where} is {-fence.room(place):.1f} m beyond"
+        return None
+
     # -- begin and end -------------------------------------------------------------------------------------------------
 
     def begin(self, state: VehicleState) -> None:
         """The reference stands where the vehicle stands before its start."""
+        fence = fence_of(self._settings.geofence, state.position_ned)
+        if fence is not None:
+            margin = self._settings.geofence.margin
+            self._fence = fence.shrunk(margin)
+            self._walls = self._fence.shrunk(-min(self._settings.avoidance.plan.inflation + _ALONG_M, margin)).flat
         self.hold_at(state)
         self.decision = AvoidanceDecision(state.position_ned, self._mission.speed, math.inf, False)
 
@@ -95,6 +131,7 @@ class Guidance:
     def hold_at(self, state: VehicleState) -> None:
         """The reference stands where the vehicle is now, with its heading."""
         self._generator.hold_at(state.position_ned, yaw_of(state.attitude_ned_frd))
+        self._begins_at(state.position_ned)
 
     def halt(self, now_ns: int) -> None:
         """Brake to a standstill; a track is taken up later where it was left."""
@@ -105,12 +142,19 @@ class Guidance:
     def brake_from(self, state: VehicleState, now_ns: int) -> None:
         """Brake from the vehicle's own motion: others flew it."""
         self._generator.brake_from(now_ns, state.position_ned, state.velocity_ned, np.zeros(3))
+        self._begins_at(state.position_ned)
+
+    def _begins_at(self, place: Array) -> None:
+        """The reference begins at a place: from outside of the fence it comes back without a jump."""
+        self._outside = self._fence is not None and self._fence.room(place) < 0.0
 
     def reference(self, time_ns: int) -> Reference:
         """The generator's; on a course only its altitude and heading."""
         reference = self._generator.at(time_ns)
         if self._course.active:
             self._course.put(time_ns, reference.rows)
+        if self._fence is not None and not self._outside:
+            self._fence.keep(reference.rows)
         return reference
 
     # -- along a leg ---------------------------------------------------------------------------------------------------
@@ -118,6 +162,8 @@ class Guidance:
     def steer(self, leg: Leg, state: VehicleState, now_ns: int) -> MotionReport:
         """Move the reference along the leg, which has a target."""
         generator, step = self._generator, leg.step
+        if self._outside:  # until the reference of now is inside: those that are asked for are of later times
+            self._begins_at(self.reference(now_ns).position_ned)
         following, over_map = generator.following, False
         if self._jumps and step.phase is not Phase.TAKEOFF:
             assert step.target_ned is not None
@@ -169,6 +215,8 @@ class Guidance:
             way = target - state.position_ned
             if math.hypot(way[0], way[1]) > _TURN_M:
                 generator.turn_to(now_ns, math.atan2(way[1], way[0]))
+        if self._fence is not None:
+            target = self._fence.nearest(target)
         climbs = target[2] < state.position_ned[2]
         generator.move_to(now_ns, target, speed, settings.climb_speed if climbs else settings.descent_speed)
 
@@ -212,6 +260,8 @@ class Guidance:
         self.free_distance = limit.free
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)
+        if self._fence is not None:
+            wanted = self._fence.slowed(here, wanted)
         if speed > _TURN_SPEED:
             generator.turn_to(now_ns, math.atan2(steering.velocity[1], steering.velocity[0]))
         down = float(goal[2])
@@ -264,7 +314,7 @@ class Guidance:
         self._asked += 1
         self._mapped_ns = self._mapped_ns or now_ns
         goal = leg.goal_ned if self.over_map and leg.step.avoids else None
-        return PlanRequest(self._asked, now_ns, scan, pose, ground_down, place, velocity, goal, leg.speed)
+        return PlanRequest(self._asked, now_ns, scan, pose, ground_down, place, velocity, goal, leg.speed, self._walls)
 
     def map_age(self, now_ns: int) -> float:
         """Age (s) of the scan that is the latest in the guard's map; before the first, since that was asked for."""

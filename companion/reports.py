@@ -151,6 +151,10 @@ class MissionReport(msgspec.Struct, frozen=True, gc=False):
     """What is left of it leads to its landing place as directly as the way home would."""
     landing_s: float = 0.0
     """Time (s) to the nearest known landing place, at the mission's speed, and down to the ground."""
+    outside: str | None = None
+    """The place of the mission that is beyond the fence, in words."""
+    beyond: float = 0.0
+    """m by which the vehicle is beyond the fence; negative inside of it, 0 without a fence."""
 
 
 class MotionReport(msgspec.Struct, frozen=True, gc=False):

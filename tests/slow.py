@@ -54,6 +54,7 @@ SLOW: dict[str, float] = {
     "tests/flights/test_joined.py::test_the_vehicle_survives_its_companion": 3,
     "tests/flights/test_joined.py::test_who_was_held_up_in_mid_leg_and_given_control_back_delivers": 6,
     "tests/flights/test_joined.py::test_without_return_a_goal_that_is_given_up_ends_in_a_landing_there": 5,
+    "tests/flights/test_fence.py": 3,
     "tests/flights/test_limits.py": 4,
     "tests/flights/test_limits.py::test_a_courier_whose_battery_does_not_suffice_comes_home_with_the_parcel": 15,
     "tests/flights/test_links.py::test_over_a_serial_line_with_a_scanner_of_its_own": 35,

@@ -16,6 +16,7 @@ from companion.avoidance.path import NO_PATH, Path
 from companion.avoidance.shortcut import line_cost
 from companion.avoidance_methods import FALLBACK
 from companion.config import Avoidance
+from companion.perception.fence_band import Flat
 from companion.perception.free_space import Empty, FreeSpace, empty_here, space_bytes
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import MapView
@@ -45,6 +46,8 @@ class PlanRequest(msgspec.Struct, frozen=True):
     """(3,) m, NED; None if no path is wanted."""
     speed: float
     """m/s, the highest."""
+    fence: Flat | None = None
+    """Beyond it nothing is free; None without one."""
 
 
 class PlanResult(msgspec.Struct, frozen=True):
@@ -77,7 +80,7 @@ class PlanningPipeline:
         """Add the scan to the map; returns the free space and the path."""
         local_map, here, goal = self.local_map, request.here, request.goal
         local_map.add(request.scan, request.pose, request.ground_down, request.asked_ns)
-        view = local_map.look(request.asked_ns)
+        view = local_map.look(request.asked_ns, request.fence)
         path, blocked = NO_PATH, False
         if self.planner is not None and goal is not None:
             path = self.planner.path(view, here, request.velocity, goal, request.speed)

@@ -46,6 +46,8 @@ class Place:
     """Down: the height of the goal."""
     lowest: float
     """Down: the lowest height that may be tried."""
+    highest: float = -math.inf
+    """Down: the highest one."""
 
 
 class Change(NamedTuple):
@@ -174,7 +176,7 @@ class AltitudeSearch:
     def _heights(self, place: Place) -> list[float]:
         """All heights (down, m, NED) that may be tried: up first, a step apart, the last one at the limit."""
         settings = self._settings
-        up = self._steps(settings.max_climb - settings.margin)
+        up = self._steps(min(settings.max_climb, place.route - place.highest) - settings.margin)
         down = self._steps(min(settings.max_descent, place.lowest - place.route) - settings.margin)
         return [*(place.route - height for height in up), *(place.route + height for height in down)]
 

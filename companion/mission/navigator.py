@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from companion.config import Settings
+from companion.fence import Fence, fence_of
 from companion.mission.altitude_search import AltitudeSearch, Place
 from companion.mission.plan import Mission, Phase, Step, nearest_step, steps
 from companion.mission.stall import Progress, Trail
@@ -68,10 +69,17 @@ class Navigator:
     """One mission, step by step."""
 
     def __init__(
-        self, settings: Settings, mission: Mission, durations: Sequence[float | None], *, lands: bool = False
+        self,
+        settings: Settings,
+        mission: Mission,
+        durations: Sequence[float | None],
+        outside: str | None = None,
+        *,
+        lands: bool = False,
     ) -> None:
-        """`durations`: s that each step's track takes; None for a step without one. `lands`: a vehicle that is taken
-        over in flight does nothing else."""
+        """`durations`: s that each step's track takes; None for a step without one. `outside`: the place of the mission
+        that is beyond the fence, in words, if there is one. `lands`: a vehicle that is taken over in flight does
+        nothing else."""
         self.mission = mission
         self.steps: tuple[Step, ...] = ()
         """Known from the place of the start on (`begin`)."""
@@ -87,6 +95,8 @@ class Navigator:
         self._settings = settings
         self._lands = lands
         self._durations = tuple(durations)
+        self._outside = outside
+        self._fence: Fence | None = None
         self._search = AltitudeSearch(settings.avoidance.altitude_search)
         self._trail = Trail()
         self._progress = Progress()
@@ -105,6 +115,7 @@ class Navigator:
     def begin(self, start_ned: Array) -> None:
         """The vehicle stands at the place (3,) of the start."""
         self.ground_down = float(start_ned[2])
+        self._fence = fence_of(self._settings.geofence, start_ned)
         self.steps = steps(self.mission, start_ned)
         self._enter(0)
 
@@ -172,10 +183,12 @@ class Navigator:
         """How far the mission is, with the vehicle in a `state` if that is known; a step is overdue only while the
         companion is `flying`."""
         done = bool(self.steps) and self.step.phase is Phase.LAND
-        if not flying:
-            return MissionReport(done, 0.0)
-        homeward, landing_s = (False, 0.0) if state is None else self._way_to_landing(state.position_ned)
-        return MissionReport(done, self._overdue(now_ns), homeward, landing_s)
+        beyond = 0.0 if state is None or self._fence is None else -self._fence.room(state.position_ned)
+        report = MissionReport(done, self._overdue(now_ns) if flying else 0.0, outside=self._outside, beyond=beyond)
+        if not flying or state is None:
+            return report
+        homeward, landing_s = self._way_to_landing(state.position_ned)
+        return msgspec.structs.replace(report, homeward=homeward, landing_s=landing_s)
 
     def _way_to_landing(self, here: Array) -> tuple[bool, float]:
         """Whether the mission leads straight to where it lands, and the time (s) to the nearest landing place known."""
@@ -289,7 +302,11 @@ class Navigator:
         """Try another altitude that is allowed, if that may help."""
         target, settings = self.step.target_ned, self._settings.avoidance.altitude_search
         assert target is not None
-        place = Place(position_ned, float(target[2]), self.ground_down - settings.min_height)
+        fence = self._settings.geofence
+        ceiling = math.inf if fence.max_height is None else fence.max_height - fence.margin
+        place = Place(
+            position_ned, float(target[2]), self.ground_down - settings.min_height, self.ground_down - ceiling
+        )
         change = self._search.consider(detour, stuck, place, now_ns)
         self._leg = None
         if change is None:

@@ -4,6 +4,7 @@ import math
 
 from companion.config import Avoidance
 from companion.perception.distance_field import FAR_M
+from companion.perception.fence_band import Flat, with_fence
 from companion.perception.free_space import Empty, FreeSpace, empty_here, free_space
 from companion.perception.map_view import MapView
 from companion.perception.rolling_map import RollingMap
@@ -37,9 +38,10 @@ class LocalMap:
         for track in self._tracker.moving:
             self._map.forget(track["mean"][:2], track["radius"], track["radius"] + _MOVING_MARGIN_M, now_ns)
 
-    def look(self, now_ns: int) -> MapView:
-        """The map at a time."""
-        self.view = view = self._map.view(now_ns)
+    def look(self, now_ns: int, fence: Flat | None = None) -> MapView:
+        """The map at a time, with the fence in it if there is one."""
+        view = self._map.view(now_ns)
+        self.view = view = view if fence is None else with_fence(view, fence)
         return view
 
     def free_space(self, here: Array, now_ns: int, *, tight: bool = False) -> FreeSpace:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import msgspec
 
 from companion.reports import LinkReport, MissionReport, SensingReport
-from companion.state import BatteryLevel, FlightMode
+from companion.state import FlightMode
 from companion.supervision.limits import WITHIN, LimitsVerdict
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import State
-from companion.supervision.watching import Watched
+from companion.supervision.watching import UNWATCHED, Watched
 
 
 class Health(msgspec.Struct, frozen=True, gc=False):
@@ -44,10 +44,6 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     adopts: bool
     """A vehicle in flight is to be taken over."""
     land_requested: bool
-    taken_over: bool
-    """The mode that was commanded had been reached, and was changed since."""
-    still: float
-    """s that the vehicle's own failsafe has not brought it nearer to the ground or home; 0 where nobody looks."""
     landed: bool
     """It stands on the ground, as it says."""
     landed_for: float
@@ -59,12 +55,8 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """What the vehicle said last that may explain a refusal."""
     refusal: str | None = None
     """Why this vehicle is not flown, whatever one waits for."""
-    battery: BatteryLevel = BatteryLevel.FINE
-    """What the battery calls for,"""
-    battery_text: str = ""
-    """and why."""
-    homeward: bool = False
-    """The mission leads to its landing place as directly as the way home would."""
+    watched: Watched = UNWATCHED
+    limits: LimitsVerdict = WITHIN
 
 
 class Judged(NamedTuple):
@@ -104,18 +96,19 @@ def health(
         exhausted=link.exhausted,
         adopts=own.adoption is not None,
         land_requested=own.land_requested,
-        taken_over=watched.taken_over,
-        still=watched.still,
         landed=link.on_ground is True,
         landed_for=link.word.landed_for,
         airborne=link.word.airborne,
         overdue=mission.overdue if state is State.FLY else 0.0,
         reason=link.complaint,
-        refusal=link.refusal,
-        battery=limits.battery.level,
-        battery_text=limits.battery.text,
-        homeward=mission.homeward,
+        refusal=link.refusal or _of_fence(mission),
+        watched=watched,
+        limits=limits,
     )
+
+
+def _of_fence(mission: MissionReport) -> str | None:
+    return None if mission.outside is None else f"the mission leaves the fence: {mission.outside}"
 
 
 def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport, limits: LimitsVerdict) -> str | None:

@@ -50,7 +50,7 @@ def left(h: Health) -> bool:
 
 def elsewhere(h: Health, *expected: FlightMode) -> bool:
     """The vehicle is in none of the modes that may follow a command."""
-    return h.current and (h.taken_over or h.mode not in (FlightMode.EXTERNAL, *expected))
+    return h.current and (h.watched.taken_over or h.mode not in (FlightMode.EXTERNAL, *expected))
 
 
 def disarmed(h: Health, s: Supervision) -> bool:

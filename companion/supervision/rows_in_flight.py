@@ -89,12 +89,21 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         _OWN,
-        lambda h, s, t: h.battery is BatteryLevel.LAND,
+        lambda h, s, t: h.limits.battery.level is BatteryLevel.LAND,
         State.LAND,
         CRITICAL,
-        "{health.battery_text}: landing",
+        "{health.limits.battery.text}: landing",
         fault=True,
-        outcome="landed: {health.battery_text}",
+        outcome="landed: {health.limits.battery.text}",
+    ),
+    row(
+        _OWN,
+        lambda h, s, t: h.limits.beyond is not None,
+        State.LAND,
+        CRITICAL,
+        "{health.limits.beyond}: landing",
+        fault=True,
+        outcome="landed: {health.limits.beyond}",
     ),
     row(
         State.FLY,
@@ -120,12 +129,12 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.FLY,
-        lambda h, s, t: h.battery is BatteryLevel.RETURN and not h.homeward,
+        lambda h, s, t: h.limits.returns,
         State.FLY,
         CRITICAL,
-        "{health.battery_text}: returning",
+        "{health.limits.battery.text}: returning",
         fault=True,
-        outcome="returned: {health.battery_text}",
+        outcome="returned: {health.limits.battery.text}",
     ),
     row(
         State.HOLD,
@@ -193,7 +202,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.WATCH,
-        lambda h, s, t: h.taken_over,
+        lambda h, s, t: h.watched.taken_over,
         State.RELEASED,
         WARNING,
         "mode changed to {health.mode.value} by others: letting go{health.reason}",
@@ -209,7 +218,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.WATCH,
-        lambda h, s, t: h.still > s.failsafe_still and not h.landed,
+        lambda h, s, t: h.watched.still > s.failsafe_still and not h.landed,
         State.LAND,
         CRITICAL,
         "its own failsafe has not brought the vehicle down for {settings.failsafe_still:g} s: landing",

@@ -159,11 +159,11 @@ def test_health_is_a_function_of_the_reports(
     assert found == reports.health()
     found_ages = found.silence, found.heartbeat_age, found.telemetry_age, found.scan_age
     assert found_ages == tuple(min(age, 1e8) for age in ages[:4])
-    assert (found.still, found.landed_for) == ages[4:]
+    assert (found.watched.still, found.landed_for) == ages[4:]
     assert (found.current, found.airborne) == (current, airborne)
     assert (found.seen, found.armed, found.failsafe) == (seen, armed, failsafe)
     assert (found.mission_done, found.landed) == (done, landed)
-    assert (found.land_requested, found.taken_over) == (land_requested, taken_over)
+    assert (found.land_requested, found.watched.taken_over) == (land_requested, taken_over)
     assert (found.mode, found.refused_telemetry, found.exhausted) == (mode, refused, exhausted)
     assert found.overrun == pytest.approx(0.4)
     assert (found.reason, found.unsound_output) == (" (said)", None)

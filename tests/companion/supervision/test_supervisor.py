@@ -7,11 +7,14 @@ from msgspec.structs import replace
 
 from companion.config import Settings, Supervision
 from companion.state import BatteryLevel, FlightMode, Setpoint
+from companion.supervision.battery import BatteryVerdict
 from companion.supervision.gate import unsound
 from companion.supervision.health import Health
+from companion.supervision.limits import LimitsVerdict
 from companion.supervision.states import FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
 from companion.supervision.transitions import TABLE
+from companion.supervision.watching import Watched
 
 SETTINGS = Supervision()
 SECOND = 1_000_000_000
@@ -33,14 +36,14 @@ WELL = Health(
     exhausted=None,
     adopts=False,
     land_requested=False,
-    taken_over=False,
-    still=0.0,
     landed=False,
     landed_for=0.0,
     airborne=False,
     overdue=0.0,
     reason="",
 )
+LOW = LimitsVerdict(BatteryVerdict(BatteryLevel.RETURN, "battery at 14 %"), returns=True)
+EMPTY = LimitsVerdict(BatteryVerdict(BatteryLevel.LAND, "battery at 6 %"))
 IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
 ENGAGED = replace(WELL, armed=False)
 
@@ -104,7 +107,7 @@ FAULTS = {
     "silence": (replace(WELL, silence=4.1, telemetry_age=4.1, heartbeat_age=4.1), State.ENDED),
     "disarmed": (replace(WELL, armed=False), State.ENDED),
     "overdue": (replace(WELL, overdue=1.0), State.LAND),
-    "battery empty": (replace(WELL, battery=BatteryLevel.LAND, battery_text="battery at 6 %"), State.LAND),
+    "battery empty": (replace(WELL, limits=EMPTY), State.LAND),
 }
 
 
@@ -322,11 +325,11 @@ def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle() -> None:
 
 def test_a_low_battery_returns_once_and_the_outcome_says_so() -> None:
     supervisor, now = flying()
-    low = replace(WELL, battery=BatteryLevel.RETURN, battery_text="battery at 14 %")
+    low = replace(WELL, limits=LOW)
     said = supervisor.update(low, now)
     assert said is not None and said.text == "battery at 14 %: returning"
     assert supervisor.state is State.FLY and supervisor.fault == "returned: battery at 14 %"
-    home = replace(low, homeward=True)
+    home = replace(low, limits=replace(LOW, returns=False))
     assert supervisor.update(home, now + SECOND) is None
     assert supervisor.update(replace(home, mission_done=True), now + 2 * SECOND) is not None
     assert state_of(supervisor) is State.LAND and supervisor.fault == "returned: battery at 14 %"
@@ -334,7 +337,7 @@ def test_a_low_battery_returns_once_and_the_outcome_says_so() -> None:
 
 def test_a_battery_that_gets_low_while_holding_returns_once_that_is_over() -> None:
     supervisor, now = flying()
-    low = replace(WELL, battery=BatteryLevel.RETURN, battery_text="battery at 14 %")
+    low = replace(WELL, limits=LOW)
     supervisor.update(replace(low, scan_age=1.0), now)
     assert state_of(supervisor) is State.HOLD
     settle(supervisor, low, now, SETTINGS.least_hold + 0.1)
@@ -344,7 +347,7 @@ def test_a_battery_that_gets_low_while_holding_returns_once_that_is_over() -> No
 def test_who_flies_by_hand_is_not_made_to_return() -> None:
     supervisor, now = flying()
     supervisor.update(FAULTS["pilot"][0], now)
-    empty = replace(FAULTS["pilot"][0], battery=BatteryLevel.LAND, battery_text="battery at 6 %")
+    empty = replace(FAULTS["pilot"][0], limits=EMPTY)
     settle(supervisor, empty, now, 5.0)
     assert state_of(supervisor) is State.RELINQUISHED
 
@@ -372,7 +375,7 @@ def test_a_pilot_who_stops_the_landing_keeps_the_vehicle() -> None:
     for health in (replace(WELL, land_requested=True), FAULTS["telemetry"][0]):
         supervisor, now = flying()
         supervisor.update(health, now)
-        supervisor.update(replace(WELL, mode=FlightMode.HOLD, taken_over=True), now + SECOND // 10)
+        supervisor.update(replace(WELL, mode=FlightMode.HOLD, watched=Watched(True, 0.0)), now + SECOND // 10)
         assert state_of(supervisor) is State.RELEASED
 
 
