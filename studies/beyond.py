@@ -24,10 +24,10 @@ alone at low speed. The thrust's scale over its true value, the observer replaye
 
 | flight | before | now | disturbance, down / m/s2 | drag's scale |
 | --- | --- | --- | --- | --- |
-| PX4, hover, 180 s | 1.00-1.49 | 0.98-1.02 | -1.1 to 0.9 | 0.99-1.00 |
-| PX4, lemniscate, 4 m/s | 0.94-1.17 | 0.99-1.03 | -0.7 to 0.6 | 1.7-3.0 |
-| ArduPilot, circle, 4 m/s | 0.99-1.13 | 1.00-1.01 | -0.1 to 0.2 | 1.1-1.2 |
-| ArduPilot, among posts | 0.93-1.13 | 0.97-1.00 | -0.9 to 0.9 | 1.3-2.4 |
+| PX4, hover, 180 s | 1.09-1.52 | 0.98-1.02 | -1.1 to 0.9 | 0.99-1.00 |
+| PX4, lemniscate, 4 m/s | 0.90-1.18 | 0.99-1.03 | -0.7 to 0.6 | 1.7-3.0 |
+| ArduPilot, circle, 4 m/s | 1.05-1.13 | 1.00-1.01 | -0.1 to 0.2 | 1.1-1.2 |
+| ArduPilot, among posts | 1.04-1.16 | 0.97-1.00 | -0.9 to 0.9 | 1.3-2.4 |
 
 ArduPilot divides the thrust that it is asked for by the cosine of its tilt, with rates as well as with attitudes (angle
 boost), which the thrust model undoes. `tests/companion/control/test_observer_noise.py` has the same with white,
