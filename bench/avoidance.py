@@ -20,7 +20,7 @@ from companion.avoidance.astar import AStar
 from companion.avoidance.guard import Guard
 from companion.avoidance.shortcut import shorten, vertex_speeds
 from companion.avoidance.vfh import Vfh
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.perception.free_space import free_space
 from companion.perception.rolling_map import RollingMap
 from companion.perception.tracks import Tracker

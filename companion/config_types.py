@@ -11,3 +11,9 @@ Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all tables: an unknown key is an error."""
+
+
+def one_of(key: str, value: str, *known: str) -> None:
+    """Raises ValueError for a value of a setting that is none of those that are known."""
+    if value not in known:
+        raise ValueError(f"{key} {value!r}: there are " + ", ".join(f'"{each}"' for each in known))

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.mission.plan import Mission, Phase
 from companion.runtime import flight as whole_flight
 from companion.runtime.files import load_body, load_settings

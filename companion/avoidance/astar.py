@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import AvoidancePlan
+from companion.config_avoidance import AvoidancePlan
 from companion.perception.distance_field import Floats, has
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, MapView
 from protocol.arrays import Array

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from companion.avoidance.astar import AStar, GridPath, Integers
 from companion.avoidance.path import Path
 from companion.avoidance.shortcut import shorten, timed_path
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.perception.distance_field import Floats
 from companion.perception.map_view import MapView, to_certain
 from protocol.arrays import Array

@@ -22,7 +22,7 @@ from companion.avoidance.barriers import Barrier, half_planes, nearest_allowed, 
 from companion.avoidance.braking import stopping_speed
 from companion.avoidance.clearance import ClearanceMap, KeepOut, free_ahead
 from companion.avoidance.stops import Braking, best_stop, straight_stop
-from companion.config import AvoidanceGuard
+from companion.config_avoidance import AvoidanceGuard
 from companion.perception.distance_field import Floats
 from companion.perception.free_space import FreeSpace
 from companion.state import Reason

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 from companion.avoidance.none import NoAvoidance
 from companion.avoidance.path import Path
 from companion.avoidance_methods import METHODS
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.perception.map_view import MapView
 from companion.state import AvoidanceDecision
 from protocol.arrays import Array

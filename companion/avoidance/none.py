@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 

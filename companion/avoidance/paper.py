@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.avoidance.braking import free_distance, stopping_speed
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 from protocol.jit import compiled

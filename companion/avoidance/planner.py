@@ -15,7 +15,7 @@ from companion.avoidance.methods import path_planner
 from companion.avoidance.path import NO_PATH, Path
 from companion.avoidance.shortcut import line_cost
 from companion.avoidance_methods import FALLBACK
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.perception.fence_band import Flat
 from companion.perception.free_space import Empty, FreeSpace, empty_here, space_bytes
 from companion.perception.local_map import LocalMap

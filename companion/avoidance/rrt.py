@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from companion.avoidance.astar import nearest_allowed_cell
 from companion.avoidance.path import Path
 from companion.avoidance.shortcut import timed_path
-from companion.config import Avoidance, AvoidanceRrt
+from companion.config_avoidance import Avoidance, AvoidanceRrt
 from companion.perception.map_view import Cell, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled

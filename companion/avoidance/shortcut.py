@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from companion.avoidance.astar import GridPath
 from companion.avoidance.path import Path
-from companion.config import AvoidanceCourse
+from companion.config_avoidance import AvoidanceCourse
 from companion.perception.distance_field import Floats, between
 from companion.perception.map_view import MapView
 from protocol.arrays import Array

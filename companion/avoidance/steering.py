@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from companion.avoidance.path import Path
-from companion.config import AvoidanceCourse
+from companion.config_avoidance import AvoidanceCourse
 from protocol.arrays import Array
 from protocol.jit import compiled
 

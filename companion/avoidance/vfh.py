@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.avoidance.path import NO_PATH, Path
-from companion.config import Avoidance, AvoidanceVfh
+from companion.config_avoidance import Avoidance, AvoidanceVfh
 from companion.perception.map_view import OCCUPIED, Bytes, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.frames import wrap

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.link import wire
 from companion.records import ASKED
 from companion.runtime.mailbox import Inbox, Outbox, mailbox

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from companion.config import AvoidanceAltitudeSearch
+from companion.config_avoidance import AvoidanceAltitudeSearch
 from protocol.arrays import Array
 
 _REACHED_M = 0.2

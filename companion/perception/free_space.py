@@ -6,7 +6,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from companion.config import AvoidanceGuard
+from companion.config_avoidance import AvoidanceGuard
 from companion.perception.distance_field import Floats, fill_distances, has
 from companion.perception.map_view import FREE, UNKNOWN, Bytes, Cell, MapView
 from protocol.arrays import Array

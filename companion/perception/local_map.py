@@ -2,7 +2,7 @@
 
 import math
 
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.perception.distance_field import FAR_M
 from companion.perception.fence_band import Flat, with_fence
 from companion.perception.free_space import Empty, FreeSpace, empty_here, free_space

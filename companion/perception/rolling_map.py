@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.config import AvoidanceMap
+from companion.config_avoidance import AvoidanceMap
 from companion.perception.distance_field import fill_distances_to_returns
 from companion.perception.inverse_sensor_model import Beams, Layer, add_beams
 from companion.perception.map_view import OCCUPIED, Cell, MapView

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import AvoidanceTracks
+from companion.config_avoidance import AvoidanceTracks
 from companion.perception.free_space import POINT_COLUMNS
 from companion.perception.scans import world_points
 from companion.state import Scan

@@ -17,7 +17,7 @@ import numpy as np
 
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
 from companion.avoidance_methods import methods_in_use
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.records import ASKED, PLANNED, PLANNED_CORNERS
 from companion.runtime.mailbox import Outbox, mailbox
 from companion.state import Scan

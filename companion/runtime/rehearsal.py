@@ -7,7 +7,8 @@ import msgspec
 
 from companion.autopilot import Autopilot
 from companion.avoidance_methods import methods_in_use
-from companion.config import AvoidanceAltitudeSearch, Settings
+from companion.config import Settings
+from companion.config_avoidance import AvoidanceAltitudeSearch
 from companion.events import Datagram, Event, Reaction
 from companion.link.audit import LONGEST_HOLD_OF_RATES_S
 from companion.link.firmware.px4 import FIRMWARE as PX4

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap

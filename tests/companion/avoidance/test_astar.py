@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from companion.avoidance.astar import AStar, GridPath
 from companion.avoidance.shortcut import line_cost, shorten, vertex_speeds
-from companion.config import AvoidancePlan
+from companion.config_avoidance import AvoidancePlan
 from companion.perception.distance_field import Floats, distance_to
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, MapView
 from protocol.arrays import Array

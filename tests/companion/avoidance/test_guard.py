@@ -14,7 +14,7 @@ from companion.avoidance.braking import stopping_speed
 from companion.avoidance.clearance import ClearanceMap, KeepOut
 from companion.avoidance.guard import Guard
 from companion.avoidance.stops import Braking, stop_free_share
-from companion.config import AvoidanceGuard
+from companion.config_avoidance import AvoidanceGuard
 from companion.perception.distance_field import distance_to
 from companion.perception.free_space import free_space, nearest_points
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, MapView

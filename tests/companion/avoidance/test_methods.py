@@ -11,7 +11,7 @@ from companion.avoidance.path import Path
 from companion.avoidance.planner import Planner
 from companion.avoidance_methods import FALLBACK, METHODS, Method, listed, methods_in_use
 from companion.cli.flights import MethodName
-from companion.config import Avoidance, AvoidanceMap
+from companion.config_avoidance import Avoidance, AvoidanceMap
 from companion.perception.distance_field import distance_to
 from companion.perception.map_view import FREE, MapView
 from companion.runtime.files import load_settings

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from companion.avoidance.methods import goal_rule
 from companion.avoidance.paper_literal import LiteralPaperRule, outside_nearer_edge, past_edge_towards
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 

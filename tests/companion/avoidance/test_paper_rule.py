@@ -9,7 +9,7 @@ from scipy.cluster import hierarchy
 from companion.avoidance.braking import free_distance, stopping_speed
 from companion.avoidance.none import NoAvoidance
 from companion.avoidance.paper import PaperRule, clusters
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.perception.recent_returns import RecentReturns
 from companion.perception.scans import obstacle_points
 from companion.state import AvoidanceDecision, Scan

@@ -14,7 +14,7 @@ import pytest
 from companion.avoidance.astar import AStar
 from companion.avoidance.rrt import Rrt
 from companion.avoidance.shortcut import shorten
-from companion.config import RRT_PLANNERS, AvoidancePlan, AvoidanceRrt
+from companion.config_avoidance import RRT_PLANNERS, AvoidancePlan, AvoidanceRrt
 from companion.perception.distance_field import distance_to
 from companion.perception.map_view import FREE, OCCUPIED, Bytes, MapView
 from companion.runtime.files import load_settings

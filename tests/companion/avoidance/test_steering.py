@@ -11,7 +11,7 @@ from companion.avoidance.astar_planner import _up_to_unconfirmed
 from companion.avoidance.path import NO_PATH, Path
 from companion.avoidance.planner import Planner
 from companion.avoidance.steering import Course, steer
-from companion.config import Avoidance, AvoidanceCourse, AvoidanceMap
+from companion.config_avoidance import Avoidance, AvoidanceCourse, AvoidanceMap
 from companion.mission.stall import Progress, Trail
 from companion.perception.distance_field import FAR_M, distance_to
 from companion.perception.map_view import FREE, OCCUPIED, MapView

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.avoidance.vfh import SECTORS, Vfh, cheapest, densities, mask
-from companion.config import AvoidanceVfh
+from companion.config_avoidance import AvoidanceVfh
 from companion.perception.distance_field import distance_to
 from companion.perception.map_view import FREE, OCCUPIED, Bytes, MapView
 from protocol.arrays import Array, BoolArray

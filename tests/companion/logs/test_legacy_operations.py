@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from companion.avoidance.planner import PlanRequest, PlanResult
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.events import operation_of
 from companion.logs.replay import replay
 from companion.logs.writer import Writer

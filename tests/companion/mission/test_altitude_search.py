@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config import AvoidanceAltitudeSearch
+from companion.config_avoidance import AvoidanceAltitudeSearch
 from companion.mission.altitude_search import AltitudeSearch, Place
 
 SECOND = 1_000_000_000

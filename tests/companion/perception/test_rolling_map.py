@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 from scipy import ndimage
 
-from companion.config import AvoidanceMap
+from companion.config_avoidance import AvoidanceMap
 from companion.perception.inverse_sensor_model import FREE_STEP, Beams
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.perception.occupancy_grid import CEILING, FLOOR

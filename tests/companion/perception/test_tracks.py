@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.config import AvoidanceTracks
+from companion.config_avoidance import AvoidanceTracks
 from companion.perception.tracks import (
     TRACK,
     Tracker,

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from companion.autopilot import Autopilot
-from companion.config import Avoidance
+from companion.config_avoidance import Avoidance
 from companion.mission.plan import Mission
 from companion.records import RECORD_TYPES
 from companion.runtime.files import load_body, load_mission, load_settings

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from companion.avoidance.planner import PlanRequest, PlanResult, result_bytes
-from companion.config import Avoidance, AvoidanceMap
+from companion.config_avoidance import Avoidance, AvoidanceMap
 from companion.mission.plan import Phase
 from companion.records import PLANNED
 from companion.runtime.planning import _MOST_UNANSWERED, InProcessPlanner, PlannerProcess, Planning, pack_result

@@ -8,7 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.config import Avoidance, Settings
+from companion.config import Settings
+from companion.config_avoidance import Avoidance
 from companion.estimate import Estimator
 from companion.link import wire
 from companion.perception.local_map import LocalMap

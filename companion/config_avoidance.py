@@ -1,0 +1,246 @@
+"""The settings of avoidance: the map, the methods, the motion along a path, the guard."""
+
+from typing import Annotated
+
+import msgspec
+
+from companion.avoidance_methods import METHODS
+from companion.config_types import NotNegative, Positive, Table, one_of
+
+RRT_PLANNERS = ("bit*", "informed-rrt*")
+
+
+class AvoidanceMap(Table, frozen=True):
+    """The occupancy grid of "astar", "vfh" and the guard (`perception.rolling_map`)."""
+
+    cell: Annotated[float, msgspec.Meta(ge=0.025)] = 0.125
+    """m, from 0.025 on: size of a cell."""
+    cells: int = 384
+    """Along each side of the window around the vehicle; an even number."""
+    layer: Positive = 3.0
+    """m above and below the height of flight that the map stands for."""
+    memory_s: Positive = 120.0
+    """How long a return at close range is remembered; weaker evidence fades in proportion."""
+
+    def __post_init__(self) -> None:
+        if self.cells < 16 or self.cells % 2:
+            raise ValueError(f"cells {self.cells}: not an even number from 16 on")
+
+
+class AvoidancePlan(Table, frozen=True):
+    """The method "astar" (`avoidance.astar_planner`). Distances are m from the centre of an occupied cell, costs are
+    added to 1 for each metre of path."""
+
+    inflation: Positive = 0.6
+    """m; cells nearer than this are forbidden."""
+    tight_inflation: Positive = 0.38
+    """m; the inflation of tight paths, which are planned where the path that keeps `inflation` is a long way round."""
+    max_detour: Positive = 12.0
+    """m; a path that keeps `inflation` is a long way round if it costs this much more than the least expected."""
+    unconfirmed_cost: Positive = 150.0
+    """Cost of a cell at an obstacle that may not be there; falls to 0 at `tight_inflation`. The vehicle flies up to
+    such obstacles to see whether there is a gap."""
+    tight_cost: NotNegative = 80.0
+    """Cost of a cell at the obstacle, for tight paths; falls to 0 at `inflation`, so that they keep to the middle."""
+    switch_cost: NotNegative = 5.0
+    """m by which another path must be cheaper than the tight one that is being flown."""
+    proximity_radius: Positive = 2.0
+    """m; beyond this, obstacles cost nothing."""
+    proximity_cost: NotNegative = 3.0
+    """Cost of a cell at the edge of the inflation; falls with the square to 0 at `proximity_radius`."""
+    unknown_cost: NotNegative = 0.5
+    """Cost of an unknown cell."""
+
+    def __post_init__(self) -> None:
+        if not self.tight_inflation <= self.inflation < self.proximity_radius:
+            raise ValueError("inflation must be between tight_inflation and proximity_radius")
+
+
+class AvoidanceRrt(Table, frozen=True):
+    """The method "rrt" (`avoidance.rrt`), with the inflation of [avoidance.plan]."""
+
+    planner: str = "bit*"
+    """Or "informed-rrt*"."""
+    iterations: Annotated[int, msgspec.Meta(ge=1)] = 2000
+    """Of each plan; what they count depends on the planner."""
+    seed: Annotated[int, msgspec.Meta(ge=1)] = 1
+    """Of each plan."""
+
+    def __post_init__(self) -> None:
+        one_of("planner", self.planner, *RRT_PLANNERS)
+
+
+class AvoidanceVfh(Table, frozen=True):
+    """The method "vfh", and the direction where the other mapped methods find no path (`avoidance.vfh`)."""
+
+    window: Positive = 10.0
+    """m; obstacles within this distance count."""
+    enlargement_radius: Positive = 0.85
+    """m by which obstacles are enlarged: the vehicle's radius and a margin."""
+    low_threshold: Positive = 0.05
+    """m2: density of obstacles below which a sector becomes free."""
+    high_threshold: Positive = 0.1
+    """m2: density of obstacles above which a sector becomes blocked."""
+    turning_acceleration: Positive = 5.0
+    """m/s2, lateral, for the radius of the turning circles."""
+
+
+class AvoidanceAltitudeSearch(Table, frozen=True):
+    """Flight at other heights than the route's, with the mapped methods (`mission.altitude_search`). No sensor looks
+    up, or down beyond the range finder: allow only heights that are known to be free."""
+
+    max_climb: NotNegative = 0.0
+    """m above the route's height that the vehicle may climb, `margin` included; 0: not at all."""
+    max_descent: NotNegative = 0.0
+    """m below the route's height that the vehicle may descend, `margin` included; 0: not at all."""
+    margin: NotNegative = 1.0
+    """m beyond the height from which a path was seen: the scan is flat, and does not show an edge just below it."""
+    min_height: Positive = 1.5
+    """m above the take-off point; the search goes no lower."""
+    step: Positive = 2.0
+    """m between two heights that are tried. A change by half of `map.layer` clears the map."""
+    height_cost: Positive = 10.0
+    """Cost of a metre of height, as a length of path (m). A path whose detour exceeds `height_cost` times `step` is
+    left for another height; unconfirmed and tight cells count in the detour."""
+    speed: Positive = 2.0
+    """m/s, at most, at another height than the route's: a scan that is tilted far passes over or under edges there."""
+    dwell_time: NotNegative = 1.0
+    """s that a detour must be too long for before a height is left, and that the vehicle looks around at the next."""
+
+
+class AvoidanceCourse(Table, frozen=True):
+    """The motion along a path (`avoidance.steering`)."""
+
+    acceleration: Positive = 6.0
+    """m/s2"""
+    jerk: Positive = 50.0
+    """m/s3"""
+    braking: Positive = 4.5
+    """m/s2, before vertices and the goal."""
+    velocity_gain: Positive = 3.0
+    """1/s: acceleration by the difference between desired and reference velocity."""
+    max_lead: Positive = 0.3
+    """m between the reference and the vehicle, at most."""
+    yield_threshold: Positive = 0.3
+    """m/s2; the reference yields to the vehicle's motion if the guard changes the command by more."""
+
+
+class AvoidanceTracks(Table, frozen=True):
+    """Tracking of moving obstacles (`perception.tracks`)."""
+
+    gap: Positive = 1.0
+    """m; neighbouring returns farther apart than this belong to two segments."""
+    max_extent: Positive = 1.2
+    """m; wider segments are not tracked."""
+    acceleration_noise: Positive = 1.5
+    """m/s2, standard deviation of a tracked obstacle's acceleration; 1.5 suits a walking person."""
+    confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 4
+    """Scans that must see a track before it is confirmed."""
+    delete_misses: Annotated[int, msgspec.Meta(ge=1)] = 4
+    """Scans in a row that miss a confirmed track before it is deleted."""
+    min_speed: Positive = 0.5
+    """m/s; slower tracks stand."""
+    min_speed_sigmas: Positive = 3.0
+    """Standard deviations by which the velocity of a moving track differs from 0, at least."""
+    moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 5
+    """Scans in a row with such a velocity after which a track is moving."""
+    stopped_scans: Annotated[int, msgspec.Meta(ge=1)] = 15
+    """Scans in a row without it after which a moving track stands. A walker who turns back is slow for a moment."""
+
+
+class AvoidanceGuard(Table, frozen=True):
+    """The guard that filters each acceleration command (`avoidance.guard`). Keep-outs are m from the centre of the
+    vehicle."""
+
+    enabled: bool | None = None
+    """Not set: on with the mapped methods. Method "none", which needs no scan, has no guard."""
+    keep_out: Positive = 0.55
+    """m to the centre of an occupied cell."""
+    keep_out_unseen: Positive = 0.45
+    """m to the centre of a cell that was not seen free."""
+    keep_out_tight: Positive = 0.38
+    """m, in place of `keep_out` on a tight path."""
+    keep_out_unseen_tight: Positive = 0.2
+    """m, in place of `keep_out_unseen` on a tight path."""
+    tight_speed: Positive = 1.0
+    """m/s, at most, within `keep_out` on a tight path."""
+    keep_out_moving: Positive = 0.5
+    """m to the edge of a moving obstacle."""
+    braking: Positive = 5.5
+    """m/s2 that the vehicle can brake with."""
+    reaction_time: Positive = 0.25
+    """s from the appearance of an obstacle to the first braking, for the speed limit: scan period, age, lag."""
+    barrier_gain: Positive = 4.0
+    """1/s: rate at which a barrier function may fall by its value, and rises where it is violated."""
+    closing_gain: Positive = 4.0
+    """1/s: closing speed by distance, close to the keep-out."""
+    lag_s: NotNegative = 0.15
+    """From a command to the acceleration."""
+    horizon_s: Positive = 0.1
+    """The state that the command leads to within this time must allow a stop."""
+    obstacle_range: Positive = 9.0
+    """m; obstacles within this distance have barriers."""
+    stale_s: Positive = 0.3
+    """With a view older than this the vehicle brakes."""
+
+
+class Avoidance(Table, frozen=True):
+    """The method, and what all methods share. The mapped methods plan over the map of [avoidance.map]."""
+
+    method: str = "astar"
+    """One of those listed at the end of docs/settings.md, from `companion/avoidance_methods.py`."""
+    vehicle_radius: Positive = 0.36
+    ground_height: Positive = 0.5
+    """m above the take-off point; returns from below are the ground."""
+    answer_delay: NotNegative = 0.02
+    """s from a scan to its map and path, in lockstep; in real time it is what the planner takes."""
+    give_up_s: Positive = 40.0
+    """With the mapped methods: the goal is given up after so long without a metre of progress."""
+    lateral_margin: Positive = 3.0
+    """m outside the nearer edge of an obstacle: the paper's 3. This key and those below are of "paper"."""
+    safe_distance: Positive = 1.2
+    """m between hull and obstacle; a course that comes nearer is blocked."""
+    switch_margin: Positive = 3.0
+    """m of path that another setpoint must save to take the place of the present one."""
+    memory_s: Positive = 3.0
+    """How long a return counts: a tilted scan looks over and under what it saw before."""
+    merge_distance: Positive = 0.3
+    """m; returns nearer to each other than this are remembered as one."""
+    braking_acceleration: Positive = 2.5
+    braking_delay: Positive = 0.3
+    """s from the appearance of an obstacle to the first braking: scan period, age, lag."""
+    least_speed: Positive = 0.3
+    """m/s that is always allowed, so that the vehicle can move away from an obstacle."""
+    map: AvoidanceMap = AvoidanceMap()
+    plan: AvoidancePlan = AvoidancePlan()
+    rrt: AvoidanceRrt = AvoidanceRrt()
+    vfh: AvoidanceVfh = AvoidanceVfh()
+    altitude_search: AvoidanceAltitudeSearch = AvoidanceAltitudeSearch()
+    course: AvoidanceCourse = AvoidanceCourse()
+    tracks: AvoidanceTracks = AvoidanceTracks()
+    guard: AvoidanceGuard = AvoidanceGuard()
+
+    def __post_init__(self) -> None:
+        one_of("method", self.method, *METHODS)
+        if self.guard.enabled and not self.needs_scan:
+            raise ValueError(f'guard.enabled: there is no guard with method "{self.method}", which needs no scan')
+
+    @property
+    def mapped(self) -> bool:
+        """The method plans paths over the map."""
+        return METHODS[self.method].mapped
+
+    @property
+    def needs_scan(self) -> bool:
+        """The method can't fly without a LiDAR."""
+        return METHODS[self.method].needs_scan
+
+    @property
+    def looks_around(self) -> bool:
+        """There is a map, for the method or for the guard."""
+        return self.mapped or self.guarded
+
+    @property
+    def guarded(self) -> bool:
+        """The guard is on."""
+        return self.mapped if self.guard.enabled is None else self.guard.enabled
