@@ -4,7 +4,6 @@ vehicle's clock."""
 import contextlib
 import gc
 import logging
-import math
 import os
 import signal
 import time
@@ -14,12 +13,12 @@ from types import FrameType
 
 from companion.autopilot import Autopilot
 from companion.events import Datagram, Event, PlanReady, Reaction, Tick, operation_record, tick_record
-from companion.records import ASKED, AUDIT, LOGGED, LOOP, OPERATION, PLANNED, TICK
-from companion.reports import Finding
+from companion.records import ASKED, LOGGED, LOOP, OPERATION, PLANNED, TICK
 from companion.runtime.driver import Driver
 from companion.runtime.planning import Planning, pack_request, pack_result
 from companion.runtime.router import Router
 from companion.runtime.side_links import NONE, SideLinks
+from companion.runtime.vehicle_notes import VehicleNotes
 from companion.supervision.operations import LandRequest, LogFault, LogRecovered, PlannerFault
 from companion.supervision.states import FLYING, State
 from companion.trace import Thinning
@@ -82,10 +81,8 @@ class Runner:
         self._now = 0
         self._checked_log_ns = 0
         self._log_failed = False
-        self._audit: tuple[Finding, ...] = ()
-        """Of the vehicle's parameters, as it is in the log."""
-        self._told_rates = False
         self._planning_failed = False
+        self._notes = VehicleNotes(autopilot.link, log, self._say)
         self._thinning = Thinning(autopilot.settings.log.trace_rate)
         self._latencies: list[int] = []
         self._told_latencies_ns = 0
@@ -258,10 +255,7 @@ class Runner:
                 self._log.status(line)
             elif self._console is not None:
                 self._console.status(line)
-        self._record_audit(now)
-        if not self._told_rates and self._autopilot.supervisor.state >= State.STREAM:
-            self._told_rates = True
-            self._say(logging.INFO, f"telemetry: {self._autopilot.link.measured_rates(now)}")
+        self._notes.take(now, ready=self._autopilot.supervisor.state >= State.STREAM)
         answer = b""
         fault = self._planning.fault
         if fault is not None and not self._planning_failed:
@@ -272,16 +266,6 @@ class Runner:
             self._log_failed = fault is not None
             answer += self._driver.handle(LogRecovered(now) if fault is None else LogFault(now, fault))
         return answer
-
-    def _record_audit(self, now: int) -> None:
-        """What is known of the vehicle's parameters goes into the log once it is known."""
-        audit = self._autopilot.link.readiness.audit
-        if audit is None or audit.findings == self._audit:
-            return
-        self._audit = audit.findings
-        for each in self._audit:
-            value = math.nan if each.value is None else each.value
-            self._log.record(AUDIT, now, AUDIT.pack(each.parameter, value, each.wanted, each.why, int(each.safety)))
 
     def _record(self, event: Event) -> None:
         """Each event goes into the log before it is handled."""
