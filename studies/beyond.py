@@ -15,12 +15,12 @@ Every figure of the studies comes from the command above it: `make control` runs
 
 ## With a real estimator
 
-PX4's EKF2 in a hover wanders by 0.1-0.3 m/s: the acceleration that the model does not explain is 0.5 m/s2 over a tenth
-of a second, 0.25 over one second and 0.1 over ten, so noise of the velocity is coloured, not white. In a hover the
-thrust's scale and a vertical disturbance act alike, and what can't be told apart drifts together. The observer
+PX4's EKF2 in a hover wanders by 0.1-0.3 m/s: the acceleration that the model does not explain is 0.5 m/s2 over a
+tenth of a second, 0.25 over one second and 0.1 over ten, so noise of the velocity is coloured, not white. In a hover
+the thrust's scale and a vertical disturbance act alike, and what can't be told apart drifts together. The observer
 therefore anchors the vertical disturbance (it falls back to 0 at `disturbance_fading`) and leaves the drag's scale
-alone at low speed. The thrust's scale over its true value, the observer replayed over recorded telemetry and thrust
-(truth from the mean thrust of the hover):
+alone at low speed. The thrust's scale over its true value, with the observer replayed over recorded telemetry and
+thrust (the true value by the mean thrust of the hover):
 
 | flight | before | now | disturbance, down / m/s2 | drag's scale |
 | --- | --- | --- | --- | --- |
