@@ -38,11 +38,11 @@ def check(asked: CheckOptions) -> None:
     with exit_on_interrupt("companion: abandoned"):
         from companion.runtime.check import examine
         from companion.runtime.files import load_settings
-        from protocol.transport import open_url
+        from companion.runtime.side_links import open_link
 
         settings = exit_on_user_error(load_settings, asked.settings, asked.overrides or [])
         output = exit_on_user_error(output_of, asked.output)
-        transport = exit_on_user_error(open_url, asked.connect)
+        transport = exit_on_user_error(open_link, asked.connect)
         try:
             found = exit_on_user_error(examine, settings, output, transport)
         finally:

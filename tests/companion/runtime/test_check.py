@@ -6,12 +6,12 @@ import pytest
 from typer.testing import CliRunner
 
 from companion.cli.app import app
-from companion.cli.shell import FAILED
+from companion.cli.shell import FAILED, UNUSABLE
+from companion.runtime import side_links
 from companion.runtime.check import Examination, examine
 from companion.runtime.files import load_settings
 from companion.state import Output, Safety
 from protocol import toml_files as toml_files
-from protocol import transport
 from protocol.framing import Framer
 from protocol.messages import dialect
 from tests.companion.runtime.hop import InMemory
@@ -72,7 +72,7 @@ def test_nobody_answers() -> None:
 
 
 def test_the_command_prints_a_table_or_json(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transport, "open_url", lambda url: Listened())
+    monkeypatch.setattr(side_links, "open_link", lambda url: Listened())
     shown = CliRunner().invoke(app, ["check"], env={"COLUMNS": "200"})
     assert shown.exit_code == 0
     for words in ("PX4 1.13.0", "COM_OF_LOSS_T", "at most 1 s", "safe"):
@@ -83,6 +83,11 @@ def test_the_command_prints_a_table_or_json(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_the_command_fails_without_a_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transport, "open_url", lambda url: Nobody())
+    monkeypatch.setattr(side_links, "open_link", lambda url: Nobody())
     failed = CliRunner().invoke(app, ["check", "--set", IMPATIENT])
     assert failed.exit_code == FAILED and "no vehicle" in failed.output
+
+
+def test_the_command_knows_the_names_of_links() -> None:
+    failed = CliRunner().invoke(app, ["check", "--connect", "px5"])
+    assert failed.exit_code == UNUSABLE and "px4" in failed.output and "ardupilot" in failed.output
