@@ -58,7 +58,7 @@ class Autopilot:
                 self._plan = event.result
             case _:
                 self._say(self.own.take(event))
-        datagram = self.link.flush()
+        datagram = self.link.outbox.flush()
         said, self._said = tuple(self._said), []
         return Reaction(datagram, trace, said, request) if datagram or said or trace or request else NOTHING
 
@@ -70,7 +70,7 @@ class Autopilot:
     def _say(self, *announcements: Announcement | None) -> None:
         for announcement in filter(None, announcements):
             self._said.append(announcement)
-            self.link.say(announcement)
+            self.link.outbox.say(announcement)
 
     def _receive(self, event: Datagram) -> bytes | None:
         now, due, take = event.time_ns, False, self.sensing.take
@@ -105,7 +105,7 @@ class Autopilot:
         navigator.tracked(control[:6])
         setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint):
-            self.link.command(setpoint, self.sensing.boot_time_ms)
+            self.link.outbox.setpoint(setpoint, self.sensing.boot_time_ms)
         what = supervised, navigator.phase, navigator.step_index, state, reference, control, limited
         return pack(ControlStep(*what, guidance.decision, guidance.free_distance, verdict))
 
@@ -115,7 +115,7 @@ class Autopilot:
         leg = navigator.leg(state.position_ned)
         if leg.step.phase is Phase.RELEASE:
             self.link.request(VehicleRequest.RELEASE, now)
-            arrival, outcome = navigator.release(self.link.answer(VehicleRequest.RELEASE))
+            arrival, outcome = navigator.release(self.link.requests.answer(VehicleRequest.RELEASE))
             self._say(outcome)
         elif leg.step.target_ned is not None:
             arrival = navigator.advance(guidance.steer(leg, state, now), state, now)

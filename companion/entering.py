@@ -36,5 +36,5 @@ def entered(
     elif new is State.ENDED:
         navigator.end()
     elif new in COMMANDED:
-        link.forget_mode()
+        link.requests.forget_mode()
     return None

@@ -1,11 +1,10 @@
-"""The vehicle at the other end of the link: datagrams in and reports out, requests in and bytes out.
+"""The vehicle at the other end of the link: datagrams in and reports out, requests in and messages into the outbox.
 
 No I/O and no clock: time is an argument.
 """
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,39 +12,34 @@ from companion.config import Settings
 from companion.link import wire
 from companion.link.firmware import firmware_of
 from companion.link.firmware.firmware import Firmware
-from companion.link.message_rates import MessageRates
+from companion.link.outbox import Outbox
 from companion.link.readiness import Readiness
+from companion.link.refusals import Refusals
 from companion.link.requests import Requests
-from companion.link.rings import DISTANCE_SENSOR, OBSTACLE_DISTANCE, RING_MESSAGES, Rings, Source
+from companion.link.rings import DISTANCE_SENSOR, OBSTACLE_DISTANCE, RING_MESSAGES, Source
+from companion.link.telemetry import Telemetry
 from companion.link.vehicle_status import StatusWatch
-from companion.outputs import OUTPUTS
 from companion.reports import (
     AttitudeReport,
     BatteryReading,
-    CommandReport,
     LinkReport,
     Motors,
     Rebooted,
     RepeatedAttitude,
     Report,
 )
-from companion.state import Announcement, Output, Scan, Setpoint, Severity, VehicleRequest
+from companion.state import Announcement, Output, Scan, Severity, VehicleRequest
 from protocol.framing import Frame, Framer
-from protocol.messages import Encoder, decode, decoder_of, dialect
+from protocol.messages import decode, decoder_of, dialect
 from protocol.peer import Peer
 
 VEHICLE_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1, the component that flies."""
 _SECOND_NS = 1_000_000_000
-_REFUSALS_TOLERATED = 3
-_REFUSALS_NS = _SECOND_NS // 2
-"""So many refusals within this time are a fault."""
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 _HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _SET_MODE = dialect.MAV_CMD_DO_SET_MODE
-_EXTENDED_STATE = dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
-"""Asked for, and done without where a vehicle does not send it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,37 +67,30 @@ class VehicleLink:
     def __init__(self, settings: Settings, output: Output | None, *, needs_home: bool = False) -> None:
         """`output`: None for whichever the vehicle is flown more safely on. `needs_home`: the vehicle is asked where it
         took off."""
-        self.vehicle: tuple[int, int] | None = None
-        """(system, component), once one was found."""
         self.peer: Peer | None = None
         self.firmware: Firmware | None = None
         self.readiness = Readiness(settings, output)
         self.said = StatusWatch()
         self.motors = Motors()
-        self.refused_messages = 0
         self.framer = Framer()
+        self.telemetry = Telemetry(settings)
+        self.outbox = Outbox(settings.identity, self.readiness.output)
+        self.requests = Requests(settings.supervision)
         self._settings = settings
         self._needs_home = needs_home
-        self._encode_setpoint = OUTPUTS[self.readiness.output].encode
         self._longest_age_ns = round(settings.control.prediction.longest * 1e9)
-        self._encoder = Encoder(settings.identity.system or 1, settings.identity.component)
-        self._requests = Requests(settings.supervision)
-        self._rates = MessageRates(_needed(settings), settings.rates.least_share)
-        self._rings = Rings(self._rates.count)
         self._beside: list[Report] = []
         """What a message reports beside its first report."""
-        self._refusals: deque[int] = deque(maxlen=_REFUSALS_TOLERATED)
-        self._refusal = ""
+        self._refusals = Refusals()
         self._next_beat_ns = 0
-        self._outbox: list[bytes] = []
         handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
             _ATTITUDE_QUATERNION: wire.attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: wire.local_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_euler_attitude,
             OBSTACLE_DISTANCE: self._on_ring,
             DISTANCE_SENSOR: self._on_ring,
-            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
-            _EXTENDED_STATE: self._on_extended_state,
+            _HEARTBEAT: self._on_heartbeat,
+            dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_state,
             dialect.MAVLINK_MSG_ID_HOME_POSITION: self._on_home,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
             dialect.MAVLINK_MSG_ID_BATTERY_STATUS: wire.battery_status,
@@ -127,11 +114,11 @@ class VehicleLink:
         What is to be answered goes into the outbox. Raises nothing for any bytes.
         """
         if sensor:
-            ours = self._rings.framer.feed(data)
+            ours = self.telemetry.rings.framer.feed(data)
             return [report for frame in ours for report in self._others(frame, Source.SENSOR_LINK, now_ns)]
         frames = self.framer.datagram(data) if whole else self.framer.feed(data)
         reports: list[Report | Announcement] = []
-        peer, handlers, count = self.peer, self._handlers, self._rates.count
+        peer, handlers, count = self.peer, self._handlers, self.telemetry.rates.count
         for frame in frames:
             message_id = frame.message_id
             if peer is None:
@@ -150,7 +137,7 @@ class VehicleLink:
             message = decoder(frame)
             if message_id == _ATTITUDE_QUATERNION and peer.observe_boot_time(message.time_boot_ms, now_ns):
                 reports += Rebooted(), self._complain(Severity.ERROR, "the vehicle rebooted")
-                self._rates.denied.clear()
+                self.telemetry.rates.denied.clear()
                 if not self.said.status.armed:
                     self._begin_audit()
             try:
@@ -167,7 +154,7 @@ class VehicleLink:
     def _find(self, frame: Frame) -> Peer | None:
         """Take the sender for the vehicle if this is the heartbeat of an autopilot that is known. No vehicle is system
         0, which addresses all systems."""
-        if frame.message_id != dialect.MAVLINK_MSG_ID_HEARTBEAT or frame.component != VEHICLE_COMPONENT:
+        if frame.message_id != _HEARTBEAT or frame.component != VEHICLE_COMPONENT:
             return None
         if frame.system == 0:
             return None
@@ -175,42 +162,37 @@ class VehicleLink:
         firmware = firmware_of(heartbeat.autopilot)
         if firmware is None:
             return None
-        self.vehicle = (frame.system, VEHICLE_COMPONENT)
+        self.outbox.address((frame.system, VEHICLE_COMPONENT))
         self.peer = Peer(frame.system, VEHICLE_COMPONENT)
-        self.firmware = self._requests.firmware = firmware
-        self._rings.silent_when_free = firmware.silent_when_free
-        identity = self._settings.identity
-        self._encoder = Encoder(identity.system or frame.system, identity.component)
-        self._rates.welcome({**_WELCOME, **firmware.telemetry})
+        self.firmware = self.requests.firmware = firmware
+        self.telemetry.expect(firmware)
         self._begin_audit()
         return self.peer
 
     def _begin_audit(self) -> None:
         assert self.firmware is not None
-        self.readiness.begin(self.firmware, self._encoder.system)
+        self.readiness.begin(self.firmware, self.outbox.system)
 
     def _complain(self, severity: Severity, text: str) -> Announcement:
         announcement = Announcement(severity, text)
-        self.say(announcement)
+        self.outbox.say(announcement)
         return announcement
 
     def _refuse(self, text: str, now_ns: int) -> Announcement | None:
         """Count telemetry that can't be true; the first time it is worth a word."""
-        self.refused_messages += 1
-        self._refusals.append(now_ns)
-        self._refusal = text
-        return self._complain(Severity.WARNING, f"telemetry refused: {text}") if self.refused_messages == 1 else None
+        first = self._refusals.add(text, now_ns)
+        return self._complain(Severity.WARNING, f"telemetry refused: {text}") if first else None
 
     def _on_euler_attitude(self, message: Any, now_ns: int) -> AttitudeReport | RepeatedAttitude:
-        return RepeatedAttitude() if self._rates.ever(_ATTITUDE_QUATERNION) else wire.attitude(message)
+        return RepeatedAttitude() if self.telemetry.rates.ever(_ATTITUDE_QUATERNION) else wire.attitude(message)
 
     def _on_ring(self, message: Any, now_ns: int) -> Scan | None:
-        return self._rings.take(message, Source.AUTOPILOT, self.peer, now_ns)
+        return self.telemetry.rings.take(message, Source.AUTOPILOT, self.peer, now_ns)
 
     def _others(self, frame: Frame, source: Source, now_ns: int) -> list[Scan | Announcement]:
         """What others than the autopilot report: scans alone."""
         try:
-            report: Scan | Announcement | None = self._rings.of_others(frame, source, self.peer, now_ns)
+            report: Scan | Announcement | None = self.telemetry.rings.of_others(frame, source, self.peer, now_ns)
         except wire.RefusedError as refused:
             report = self._refuse(str(refused), now_ns)
         return [] if report is None else [report]
@@ -237,25 +219,24 @@ class VehicleLink:
     def _on_sys_status(self, message: Any, now_ns: int) -> BatteryReading:
         assert self.peer is not None
         self.readiness.on_sys_status(message, now_ns)
-        scan = self._rings.silent(message, self.peer, now_ns)
+        scan = self.telemetry.rings.silent(message, self.peer, now_ns)
         if scan is not None:
             self._beside.append(scan)
         return wire.system_battery(message, now_ns)
 
     def _on_ack(self, message: Any, now_ns: int) -> None:
-        system, component = self._encoder.system, self._encoder.component
-        if message.target_system in (0, system) and message.target_component in (0, component):
-            self._requests.answered(message)
+        if self.outbox.is_addressed(message):
+            self.requests.answered(message)
             if message.command == _SET_MODE:
                 self.said.mode_answered(now_ns)
             elif message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-                self._rates.answered(message.result)
+                self.telemetry.rates.answered(message.result)
 
     def _on_timesync(self, message: Any, now_ns: int) -> None:
         assert self.peer is not None
         if message.tc1 == 0:
             self.peer.timesync_asked(message.ts1, now_ns)
-            self._send(dialect.MAVLink_timesync_message, max(now_ns, 1), message.ts1)
+            self.outbox.send(dialect.MAVLink_timesync_message, max(now_ns, 1), message.ts1)
         else:
             self.peer.timesync_reply(message.tc1, message.ts1, now_ns)
 
@@ -263,14 +244,19 @@ class VehicleLink:
     def traffic(self) -> Traffic:
         """Counts up to now."""
         peer, bad = self.peer or Peer(0, 0), self.framer.bad_frames
-        counts = peer.lost, peer.late, self.refused_messages, peer.duplicates, bad, peer.restarts, peer.reboots
+        counts = peer.lost, peer.late, self._refusals.count, peer.duplicates, bad, peer.restarts, peer.reboots
         return Traffic(*counts)
 
     # -- what is known of the vehicle ----------------------------------------------------------------------------------
 
+    @property
+    def vehicle(self) -> tuple[int, int] | None:
+        """(system, component), once one was found."""
+        return self.outbox.vehicle
+
     def measured_rates(self, now_ns: int) -> str:
         """What really arrives, in words."""
-        return self._rates.measured(now_ns)
+        return self.telemetry.rates.measured(now_ns)
 
     def measured_ns(self, boot_time_ms: int, now_ns: int) -> int:
         """When telemetry with this time was measured, on the companion's clock: now while the vehicle's clock is not
@@ -291,7 +277,9 @@ class VehicleLink:
         for `before_flight` alone."""
         heartbeat_ns = self.peer.heartbeat_age_ns(now_ns) if self.peer is not None else None
         heard_ns = self.peer.heard_ns if self.peer is not None else None
-        repeated = len(self._refusals) == _REFUSALS_TOLERATED and now_ns - self._refusals[0] < _REFUSALS_NS
+        shortcoming = None
+        if before_flight:
+            shortcoming = self.readiness.shortcoming(now_ns) or self.telemetry.shortcoming(now_ns)
         return LinkReport(
             found=self.vehicle is not None,
             status=self.said.status,
@@ -300,24 +288,16 @@ class VehicleLink:
             home_known=self.said.home_ned is not None,
             silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
-            refused=self._refusal if repeated else None,
+            refused=self._refusals.fault(now_ns),
             complaint=self.readiness.complaint(now_ns),
-            exhausted=self._requests.exhausted(wanted, now_ns),
+            exhausted=self.requests.exhausted(wanted, now_ns),
             refusal=self.readiness.refusal if before_flight else None,
-            shortcoming=self._shortcoming(now_ns) if before_flight else None,
+            shortcoming=shortcoming,
             prearm_ok=self.readiness.prearm_ok,
             failed_check=self.readiness.failed_check(now_ns) if before_flight else "",
         )
 
-    def _shortcoming(self, now_ns: int) -> str | None:
-        """The first thing that the link lacks for a flight."""
-        shortcoming = self.readiness.shortcoming(now_ns)
-        if shortcoming is not None:
-            return shortcoming
-        lacking = [each for each in self._rates.lacking(now_ns) if each != _EXTENDED_STATE]
-        return f"telemetry too slow: {self._rates.describe(lacking[0], now_ns)}" if lacking else None
-
-    # -- requests in, bytes out ----------------------------------------------------------------------------------------
+    # -- requests in, to the outbox ------------------------------------------------------------------------------------
 
     def request(self, wanted: VehicleRequest | None, now_ns: int) -> None:
         """Ask the vehicle for something, and again in intervals; to be called again and again while it is wanted."""
@@ -328,30 +308,21 @@ class VehicleLink:
         if wanted is VehicleRequest.STATUS and self.said.catching_up:
             return  # the answer would find no room behind what has queued up
         assert self.vehicle is not None
-        message = self._requests.ask(wanted, now_ns, self.vehicle)
+        message = self.requests.ask(wanted, now_ns, self.vehicle)
         if message is not None:
-            self._send(message[0], *message[1])
+            self.outbox.send(message[0], *message[1])
             if message[1][2:4] == (_SET_MODE, 0):  # the command, for the first time
                 self.said.mode_asked(now_ns)
-
-    def answer(self, wanted: VehicleRequest) -> CommandReport:
-        """What has come of a request so far."""
-        return self._requests.answer(wanted)
-
-    def forget_mode(self) -> None:
-        """The mode that was asked for is not wanted any more."""
-        self._requests.forget_mode()
 
     def beat(self, now_ns: int, *, asks_rates: bool) -> list[Announcement]:
         """Once a second: the heartbeat, the question for the vehicle's clock and, if `asks_rates`, requests for the
         messages that come too slowly. Whenever it is called: the vehicle's parameters, until they are known, and a
         heartbeat of the vehicle's that is late; what is to be said of them."""
         said = self._go_on_with_audit(now_ns)
-        if asks_rates and self.said.is_due(self._settings.rates.heartbeat, now_ns) and self.vehicle is not None:
-            parameters = (float(_HEARTBEAT), *(0.0,) * 6)
-            command = dialect.MAV_CMD_REQUEST_MESSAGE
-            self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *parameters)
+        if asks_rates and self.said.is_due(self._settings.rates.heartbeat, now_ns):
+            self.outbox.command(dialect.MAV_CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
         if now_ns >= self._next_beat_ns:
+            self._next_beat_ns = now_ns + _SECOND_NS
             self._beat_now(now_ns, asks_rates=asks_rates)
         return said
 
@@ -359,89 +330,21 @@ class VehicleLink:
         audit = self.readiness.audit
         if audit is None or audit.done:
             return []
-        assert self.vehicle is not None
         names, said = audit.go_on(now_ns)
-        for name in names:
-            self._send(dialect.MAVLink_param_request_read_message, *self.vehicle, name.encode(), -1)
-        self._encode_setpoint = OUTPUTS[audit.output].encode
+        self.outbox.ask_for_parameters(names)
+        self.outbox.use(audit.output)
         self._know_motors()
         return said
 
     def _beat_now(self, now_ns: int, *, asks_rates: bool) -> None:
-        self._next_beat_ns = now_ns + _SECOND_NS
-        self._send(
-            dialect.MAVLink_heartbeat_message,
-            dialect.MAV_TYPE_ONBOARD_CONTROLLER,
-            dialect.MAV_AUTOPILOT_INVALID,
-            0,
-            0,
-            dialect.MAV_STATE_ACTIVE,
-            3,
-        )
+        self.outbox.heartbeat()
         if self.peer is None:
             return
-        self._send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
-        self._rates.settle()
-        if not asks_rates:
-            return
-        rates = self._settings.rates
-        lacking = self._rates.lacking(now_ns)
-        self._ask(self._rates.to_ask((*self._rates.unheard(), *lacking)))
-        if OBSTACLE_DISTANCE in lacking and not self._rings.whole:
-            self._ask(self._rates.to_ask(self._rings.parts, rates.scan))
+        self.outbox.send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
+        self.telemetry.rates.settle()
+        if asks_rates:
+            self.outbox.ask_for_intervals(self.telemetry.once_more(now_ns))
 
     def request_rates(self) -> None:
-        """Ask once for all messages that a flight needs, at their rates, and for the mode more often than it comes."""
-        rates = self._settings.rates
-        self._ask(self._rates.to_ask((_HEARTBEAT,), rates.heartbeat))
-        self._ask(self._rates.to_ask(self._rates.wanted))
-        if OBSTACLE_DISTANCE in self._rates.wanted and self._rings.silent_when_free:
-            self._ask(self._rates.to_ask(self._rings.parts, rates.scan))
-
-    def _ask(self, intervals: Iterable[tuple[int, float]]) -> None:
-        assert self.vehicle is not None
-        command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-        for message_id, interval_us in intervals:
-            parameters = (float(message_id), interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
-            self._send(dialect.MAVLink_command_long_message, *self.vehicle, command, 0, *parameters)
-
-    def say(self, announcement: Announcement) -> None:
-        """STATUSTEXT to the ground station, once a vehicle is there to pass it on."""
-        if self.vehicle is not None:
-            for fields in wire.statustext_fields(announcement.severity, announcement.text):
-                self._send(dialect.MAVLink_statustext_message, *fields)
-
-    def command(self, setpoint: Setpoint, boot_time_ms: int) -> None:
-        """Send a setpoint on the layer of this flight's output."""
-        assert self.vehicle is not None
-        message, fields = self._encode_setpoint(setpoint, boot_time_ms, self.vehicle)
-        self._outbox.append(self._encoder.encode_fields(message, *fields))
-
-    def _send(self, message: type[Any], *fields: Any) -> None:
-        self._outbox.append(self._encoder.encode_fields(message, *fields))
-
-    def flush(self) -> bytes:
-        """All that is to be sent now, as one datagram; empty if there is nothing."""
-        if not self._outbox:
-            return b""
-        datagram = b"".join(self._outbox)
-        self._outbox.clear()
-        return datagram
-
-
-_WELCOME = {
-    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
-    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
-    dialect.MAVLINK_MSG_ID_VIBRATION: 0.5,
-}
-"""Rates (Hz) by message, of what is good to have of any vehicle."""
-
-
-def _needed(settings: Settings) -> dict[int, float]:
-    """Rates (Hz) by message."""
-    rates = settings.rates
-    needed = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: rates.position, _ATTITUDE_QUATERNION: rates.attitude}
-    if settings.avoidance.needs_scan:
-        needed[OBSTACLE_DISTANCE] = rates.scan
-    needed[_EXTENDED_STATE] = 5.0
-    return needed
+        """Ask once for all messages that a flight needs, at their rates."""
+        self.outbox.ask_for_intervals(self.telemetry.at_first())

@@ -40,7 +40,7 @@ def examine(settings: Settings, output: Output | None, transport: Transport) -> 
         elif now > give_up_ns:
             return Examination("", (), link.readiness.output, f"no vehicle within {give_up_ns * 1e-9:g} s")
         link.beat(now, asks_rates=False)
-        answer = link.flush()
+        answer = link.outbox.flush()
         if answer and transport.peer:
             transport.send(answer)
     assert link.firmware is not None and link.readiness.audit is not None
@@ -54,4 +54,4 @@ def _is_through(link: VehicleLink, tries: int) -> bool:
     readiness = link.readiness
     if readiness.audit is None or not readiness.audit.done:
         return False
-    return readiness.version is not None or link.answer(VehicleRequest.VERSION).tries >= tries
+    return readiness.version is not None or link.requests.answer(VehicleRequest.VERSION).tries >= tries

@@ -309,7 +309,7 @@ def test_nan_in_the_telemetry_never_reaches_the_output(field: int) -> None:
     joined.fly(limit_s=0.2)
     assert joined.autopilot.supervisor.state is State.WITHDRAW
     assert "bad telemetry" in (joined.autopilot.supervisor.fault or "")
-    assert joined.autopilot.link.refused_messages >= 3
+    assert joined.autopilot.link.traffic.messages_refused >= 3
 
 
 def test_crash_is_a_crash() -> None:
@@ -438,7 +438,7 @@ def test_an_answer_to_somebody_else_delivers_nothing() -> None:
     for target, accepted in (((255, 190), False), ((1, 191), True)):
         ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_DO_GRIPPER, 0, 0, 0, *target)
         autopilot.handle(Datagram(joined.vehicle.time_ns, Encoder(1, 1).encode(ack)))
-        assert autopilot.link.answer(VehicleRequest.RELEASE).accepted is accepted
+        assert autopilot.link.requests.answer(VehicleRequest.RELEASE).accepted is accepted
 
 
 def test_a_goal_without_progress_is_given_up_and_the_way_back_flown() -> None:

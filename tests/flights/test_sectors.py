@@ -110,7 +110,7 @@ def test_out_of_open_country_past_a_pole_and_into_it_again(tmp_path: Path) -> No
     mission = site.mission(2.0, site.save(tmp_path)[0])
     joined = Joined(mission, meddle=meddle, overrides=overrides, remembers=True)
     joined.fly(limit_s=5.0, until=lambda each: each.autopilot.link.firmware is not None)
-    joined.autopilot.link._rings.silent_when_free = True
+    joined.autopilot.link.telemetry.rings.silent_when_free = True
     joined.fly(limit_s=120.0)
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None

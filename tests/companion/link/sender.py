@@ -101,7 +101,7 @@ def found(
 
 def sent(link: VehicleLink) -> list[Any]:
     """The messages that the link sends now."""
-    return [decode(frame) for frame in Framer().datagram(link.flush())]
+    return [decode(frame) for frame in Framer().datagram(link.outbox.flush())]
 
 
 def names(messages: list[Any]) -> list[str]:

@@ -299,7 +299,7 @@ def test_setpoints_go_out_on_the_output_that_was_chosen(hold: float, mask: int) 
     vehicle.values["COM_OF_LOSS_T"] = hold
     link = meet(vehicle)
     settle(link, vehicle)
-    link.command(Setpoint([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, 0.5), 1234)
+    link.outbox.setpoint(Setpoint([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, 0.5), 1234)
     (message,) = sent(link)
     assert message.type_mask == mask
 

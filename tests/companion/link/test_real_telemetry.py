@@ -44,7 +44,7 @@ def test_a_real_flight_is_read(name: str, make: str, highest: float) -> None:
             states.append(autopilot.sensing.state)
         modes.add((autopilot.link.said.status.mode, autopilot.link.said.status.armed))
     assert autopilot.link.firmware is not None and autopilot.link.firmware.name == make
-    assert autopilot.link.refused_messages == 0
+    assert autopilot.link.traffic.messages_refused == 0
     assert len(states) > 300
     heights = np.array([-state.position_ned[2] for state in states])
     assert heights.max() - heights[0] == pytest.approx(highest, abs=1.5)

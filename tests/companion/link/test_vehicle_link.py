@@ -57,7 +57,7 @@ def test_what_came_before_the_vehicle_was_found_and_what_others_send_is_ignored(
     assert [type(report) for report in reports] == [PositionReport]
     for other in (Sender(2, 1), Sender(1, 2), Sender(1, 100)):
         others = other.heartbeat(mode=0) + other.quaternion(4) + other.position(4) + other.timesync(0, 5)
-        assert hear(link, others, NOW + SECOND) == [] and link.flush() == b""
+        assert hear(link, others, NOW + SECOND) == [] and link.outbox.flush() == b""
     assert link.vehicle == (1, 1)
     report = link.report(NOW + SECOND, None, before_flight=True)
     assert report.status.mode is FlightMode.EXTERNAL
@@ -68,8 +68,8 @@ def test_the_companion_takes_the_vehicles_system_unless_it_has_its_own() -> None
     for overrides, system in (((), 42), (("identity.system=9",), 9)):
         link = VehicleLink(load_settings(None, list(overrides)), Output.RATES)
         hear(link, Sender(42, 1).heartbeat())
-        link.say(Announcement(Severity.INFO, "here"))
-        (frame,) = Framer().datagram(link.flush())
+        link.outbox.say(Announcement(Severity.INFO, "here"))
+        (frame,) = Framer().datagram(link.outbox.flush())
         assert (frame.system, frame.component) == (system, OWN_COMPONENT)
 
 
@@ -133,7 +133,7 @@ def test_what_a_datagram_leads_to_is_sent_in_the_order_of_its_messages() -> None
     first, refusal, second = sent(link)
     assert (first.tc1, first.ts1) == (NOW, 98) and (second.tc1, second.ts1) == (NOW, 99)
     assert refusal.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and refusal.text == remark.text[:50]
-    assert link.flush() == b""
+    assert link.outbox.flush() == b""
 
 
 def test_a_report_holds_what_the_message_says() -> None:
@@ -174,7 +174,7 @@ def test_refused_telemetry_is_counted_and_said_once() -> None:
     assert first[0].text.startswith("telemetry refused: ATTITUDE_QUATERNION")
     assert names(sent(link)) == ["STATUSTEXT"]
     assert hear(link, vehicle.position(1, math.nan) + vehicle.quaternion(2, w=0.5)) == []
-    assert link.refused_messages == link.traffic.messages_refused == 3 and link.flush() == b""
+    assert link.traffic.messages_refused == 3 and link.outbox.flush() == b""
 
 
 def test_three_refusals_within_half_a_second_are_a_fault_until_that_time_is_over() -> None:
@@ -241,7 +241,7 @@ def test_a_warning_of_the_vehicle_explains_what_follows_for_five_seconds() -> No
     assert isinstance(heard, Announcement) and heard.severity is Severity.WARNING
     assert link.report(NOW + 4999 * MS, None, before_flight=False).complaint == " (Preflight Fail: ? mag)"
     assert link.report(NOW + 5000 * MS, None, before_flight=False).complaint == ""
-    assert link.flush() == b"", "what the vehicle said is not said back to it"
+    assert link.outbox.flush() == b"", "what the vehicle said is not said back to it"
 
 
 @pytest.mark.parametrize("severity", [7, 8, 255])

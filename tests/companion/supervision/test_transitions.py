@@ -11,6 +11,7 @@ from companion.state import FlightMode, VehicleRequest
 from companion.supervision.health import Health
 from companion.supervision.states import AWAY, COMMANDED, FLYING, FOLLOWING, REQUESTS, STREAMING, State
 from companion.supervision.transitions import TABLE
+from companion.supervision.watching import Watched
 from tests.companion.supervision.test_supervisor import IDLE, WELL
 
 S = Supervision()
@@ -23,6 +24,8 @@ HOLD, LAND, MANUAL, RETURN, EXTERNAL = (
 )
 FLOWN = replace(WELL, airborne=True)
 OWN_FAILSAFE: dict[str, Any] = {"mode": MANUAL, "failsafe": True}
+STUCK: dict[str, Any] = {"watched": Watched(taken_over=False, still=S.failsafe_still + 0.1)}
+TAKEN_OVER: dict[str, Any] = {"watched": Watched(taken_over=True, still=0.0)}
 GROUNDED: dict[str, Any] = {"landed": True, "landed_for": S.disarm_after + 1.0, "airborne": False}
 
 
@@ -82,14 +85,14 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.WITHDRAW, FLOWN, {"mode": HOLD, "failsafe": True}, 0.5, State.WITHDRAW),
     (State.WITHDRAW, FLOWN, {"mode": HOLD, "failsafe": True}, S.land_after + 0.1, State.LAND),
     (State.LAND, FLOWN, {"mode": RETURN, "failsafe": True}, 9.0, State.WATCH),
-    (State.LAND, FLOWN, {"mode": HOLD, "failsafe": True, "taken_over": True}, 9.0, State.WATCH),
+    (State.LAND, FLOWN, {"mode": HOLD, "failsafe": True, **TAKEN_OVER}, 9.0, State.WATCH),
     (State.WATCH, FLOWN, OWN_FAILSAFE, 60.0, State.WATCH),
     (State.WATCH, FLOWN, {**OWN_FAILSAFE, "land_requested": True}, 1.0, State.WATCH),
-    (State.WATCH, FLOWN, {**OWN_FAILSAFE, "still": S.failsafe_still + 0.1}, 60.0, State.LAND),
-    (State.WATCH, FLOWN, {"still": S.failsafe_still + 0.1}, 60.0, State.LAND),
-    (State.WATCH, FLOWN, {**OWN_FAILSAFE, **GROUNDED, "still": 99.0}, 60.0, State.DISARM),
-    (State.WATCH, FLOWN, {**OWN_FAILSAFE, "landed": True, "still": 99.0, "landed_for": 1.0}, 60.0, State.WATCH),
-    (State.WATCH, FLOWN, {"mode": MANUAL, "taken_over": True}, 5.0, State.RELEASED),
+    (State.WATCH, FLOWN, {**OWN_FAILSAFE, **STUCK}, 60.0, State.LAND),
+    (State.WATCH, FLOWN, STUCK, 60.0, State.LAND),
+    (State.WATCH, FLOWN, {**OWN_FAILSAFE, **GROUNDED, **STUCK}, 60.0, State.DISARM),
+    (State.WATCH, FLOWN, {**OWN_FAILSAFE, "landed": True, **STUCK, "landed_for": 1.0}, 60.0, State.WATCH),
+    (State.WATCH, FLOWN, {"mode": MANUAL, **TAKEN_OVER}, 5.0, State.RELEASED),
     (State.WATCH, FLOWN, {"armed": False, "mode": HOLD}, 20.0, State.ENDED),
     (State.WATCH, FLOWN, {"armed": False, "current": False}, 20.0, State.WATCH),
     # others

@@ -1,0 +1,28 @@
+"""Telemetry that can't be true: once it is worth a word, again and again it is a fault."""
+
+from collections import deque
+
+_TOLERATED = 3
+_WITHIN_NS = 500_000_000
+"""So many refusals within this time are a fault."""
+
+
+class Refusals:
+    """Of one vehicle. Times in ns."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._latest: deque[int] = deque(maxlen=_TOLERATED)
+        self._text = ""
+
+    def add(self, text: str, now_ns: int) -> bool:
+        """A message was refused, for what the text says; whether it is the first one."""
+        self.count += 1
+        self._latest.append(now_ns)
+        self._text = text
+        return self.count == 1
+
+    def fault(self, now_ns: int) -> str | None:
+        """The latest one, if there are too many now."""
+        too_many = len(self._latest) == _TOLERATED and now_ns - self._latest[0] < _WITHIN_NS
+        return self._text if too_many else None
