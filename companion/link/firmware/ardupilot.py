@@ -123,4 +123,5 @@ FIRMWARE = Firmware(
     position_flags=dialect.EKF_POS_HORIZ_ABS,
     telemetry={dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0},
     silent_when_free=True,
+    spools_on_ground=True,
 )
