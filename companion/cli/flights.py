@@ -36,6 +36,7 @@ ConnectUrl = Annotated[
     ),
 ]
 DEFAULT_URL = "udpin:127.0.0.1:14540"
+_GETTING_READY = "getting ready (the first time on a machine, some 20 s of compiling)"
 PaceName = Annotated[
     str, typer.Option("--pace", help="realtime, lockstep (as fast as it goes, repeatable), or a factor such as 4.")
 ]
@@ -138,7 +139,7 @@ def demo(asked: DemoOptions) -> None:
     """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
     with _abandoned():
         plan = exit_on_user_error(_plan, asked, asked.seed)
-        say("getting ready (the first time on a machine, some 20 s of compiling)")
+        say(_GETTING_READY)
         from companion.runtime.demo import demo as fly_demo
 
         verdict = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth)
@@ -165,6 +166,7 @@ def fly(asked: FlyOptions) -> None:
 
         transport = exit_on_user_error(open_link, asked.connect)
         beside = exit_on_user_error(_beside, asked, transport)
+        say(_GETTING_READY)
         exit_on_user_error(prepare, plan)
         if isinstance(transport, Udp) and asked.connect.endswith(":0"):
             say(f"companion: waiting at {asked.connect[:-1]}{transport.port}")

@@ -45,7 +45,8 @@ class Readiness:
 
     def begin(self, firmware: Firmware, own_system: int) -> None:
         """A vehicle was found, or has started anew."""
-        terms = Terms(self._asked_output, own_system, self._settings.limits.tilt_deg)
+        settings = self._settings
+        terms = Terms(self._asked_output, own_system, settings.limits.tilt_deg, settings.supervision.gap)
         self._firmware = firmware
         self.audit = Audit(firmware, terms, self._settings.supervision)
 

@@ -255,7 +255,7 @@ class Runner:
                 self._log.status(line)
             elif self._console is not None:
                 self._console.status(line)
-        self._notes.take(now, ready=self._autopilot.supervisor.state >= State.STREAM)
+        self._notes.take(now, ready=self._autopilot.supervisor.state >= State.ENGAGE)
         answer = b""
         fault = self._planning.fault
         if fault is not None and not self._planning_failed:

@@ -22,7 +22,7 @@ class VehicleNotes:
         self._told_rates = False
 
     def take(self, now_ns: int, *, ready: bool) -> None:
-        """Look again; `ready`: all telemetry that is needed arrives."""
+        """Look again; `ready`: the telemetry has arrived as it will."""
         audit = self._link.readiness.audit
         if audit is not None and audit.findings is not self._audit:
             self._audit = audit.findings

@@ -21,6 +21,8 @@ class Terms:
     """The companion's own."""
     tilt_deg: float
     """The companion's limit."""
+    gap: float = 0.0
+    """s of a gap of the companion's own after which no setpoint leaves before the vehicle says what it does."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,9 +89,9 @@ def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
     return (
         judge(
             "COM_OF_LOSS_T",
-            f"at most {_HOLD_LIMIT_S:g} s",
-            "so long the last setpoint is followed when no more come",
-            lambda value: 0.0 < value <= _HOLD_LIMIT_S,
+            f"above supervision.gap {terms.gap:g} s, at most {_HOLD_LIMIT_S:g} s",
+            "so long the last setpoint is followed when no more come; then setpoints must not call OFFBOARD back",
+            lambda value: terms.gap < value <= _HOLD_LIMIT_S,
         ),
         judge(
             "COM_OBL_RC_ACT",

@@ -22,7 +22,7 @@ from tests.companion.link.sender import (
 )
 from tests.companion.link.sender import MS, NOW, SECOND, SETTINGS, Sender, hear, names, sent
 
-TERMS = Terms(None, 1, 45.0)
+TERMS = Terms(None, 1, 45.0, 0.8)
 SAFE: dict[str, dict[str, float]] = {
     "PX4": {
         "COM_OF_LOSS_T": 1.0,
@@ -77,6 +77,7 @@ def test_a_vehicle_as_it_should_be_is_safe(firmware: Firmware) -> None:
     [
         (PX4, {"COM_OF_LOSS_T": 3.0}, Safety.UNSAFE),
         (PX4, {"COM_OF_LOSS_T": 0.0}, Safety.UNSAFE),
+        (PX4, {"COM_OF_LOSS_T": 0.8}, Safety.UNSAFE),
         (PX4, {"COM_OBL_RC_ACT": 1.0}, Safety.UNSAFE),
         (PX4, {"COM_OBL_RC_ACT": 5.0}, Safety.UNSAFE),
         (PX4, {"COM_OBL_RC_ACT": 6.0}, Safety.REFUSED),
