@@ -79,6 +79,7 @@ SLOW: dict[str, float] = {
     "tests/flights/test_sectors.py::test_a_pole_is_flown_around": 16,
     "tests/flights/test_sectors.py::test_out_of_open_country_past_a_pole_and_into_it_again": 12,
     "tests/golden": 3,
+    "tests/peers": 70,
     "tests/protocol/flightlog/test_damaged_files.py::test_flipped_bits_are_found": 6,
     "tests/protocol/flightlog/test_damaged_files.py::test_no_content_of_a_chunk_raises_anything": 5,
     "tests/protocol/test_jit.py": 3,
