@@ -106,8 +106,8 @@ def test_it_is_flown_landed_and_replayed(vehicle: str, mission: str, output: str
 
 @pytest.mark.parametrize("mission", ["hover", "circle"])
 def test_a_vehicle_whose_companion_dies_comes_down_by_itself(vehicle: str, mission: str, tmp_path: Path) -> None:
-    """With the output that is chosen for it: level enough, gently, and disarmed. Above the last metre: what is estimated
-    at the touchdown may be anything."""
+    """With the output that is chosen for it: level enough, gently, and disarmed. Above the last metre: what is
+    estimated at the touchdown may be anything."""
     with companion(tmp_path / "logs", mission) as flight:
         flight.wait_for("route, step" if mission == "hover" else "track, step")
         flight.kill()
