@@ -36,9 +36,9 @@ coloured, vibrating and late velocities.
 ## Limits that the vehicle keeps
 
 A command of 45 degrees does not keep a vehicle within 45 degrees: ArduPilot turns its rates by at most 1100 deg/s2, and
-swung to 64. Rates and torques are reduced to those from which `limits.tilt_braking_deg` still stops the tilt at its
-limit, in whatever direction it moves. With accelerations that jump by up to 20 m/s2 several times a second, the tilt of
-a vehicle with ArduPilot's limit reached 50-64 degrees before, and stays within 45.0 now.
+swung to 59 and 64 in flights. Rates and torques are reduced to those from which `limits.tilt_braking_deg` still stops
+the tilt at its limit, in whatever direction it moves. With accelerations that jump by up to 20 m/s2 several times a
+second, the tilt of a vehicle with ArduPilot's limit reached 47 to 56 degrees without that, and stays within 45.0 now.
 """,
     studies=("studies.agile", "studies.ellipses", "studies.ablation", "studies.disturbed"),
 )

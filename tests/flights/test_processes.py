@@ -202,13 +202,16 @@ def children(parent: Process) -> list[int]:
 
 
 def test_companion_killed_at_random_moments(tmp_path: Path) -> None:
-    """The vehicle holds, then lands; the log opens and has all that was sent up to 0.2 s before the kill."""
+    """The vehicle holds, then lands, or never leaves the ground; the log opens and has all that was sent up to 0.2 s
+    before the kill."""
     steps = np.random.default_rng(1).integers(0, 2000, KILLS).tolist()
     folders = [tmp_path / str(index) for index in range(KILLS)]
     with ThreadPoolExecutor(3) as pool:
         results = list(pool.map(killed_companion, folders, itertools.cycle(KILL_PACES), steps))
+    assert sum(report["flight_time_s"] > 0.0 for _, report, _ in results) > KILLS // 2
     for sent, report, path in results:
-        assert report["outcome"] == "landed" and report["contacts"] == 0
+        assert report["outcome"] == ("landed" if report["flight_time_s"] > 0.0 else "stopped")
+        assert report["contacts"] == 0
         assert LogReader(path).problem is None
         logged = {data for _, direction, _, data in datagrams(path) if direction is Direction.OUT}
         lost = [data not in logged for data in sent]
