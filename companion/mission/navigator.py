@@ -123,9 +123,8 @@ class Navigator:
         """The vehicle, which started at a place (3,), is taken over in flight at another (3,): what is left of the
         mission is flown from the nearest step on, or nothing but the landing."""
         self.begin(start_ned)
-        if self._lands:
-            self.steps, self._durations = (Step(Phase.LAND),), (None,)
-        self._enter(0 if self._lands else nearest_step(self.steps, start_ned, here_ned))
+        landing = len(self.steps) - 1
+        self._enter(landing if self._lands else nearest_step(self.steps, start_ned, here_ned))
         self._step_since_ns = now_ns
         return Announcement(Severity.INFO, f"from step {self.step_index + 1} of {len(self.steps)} on")
 
