@@ -14,7 +14,7 @@ test: .venv/tested
 	$(MAKE) --jobs 2 --output-sync=target check compiled
 	$(BIN)/python -m pytest -n 2
 
-# A minute and a half, once it has run before.
+# A minute, once it has run before.
 quick: check
 	$(BIN)/python -m pytest -n 2 -m "not slow"
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
-from tests.slow import FLOWN, seconds
+from tests.slow import FLOWN, NOT_QUICK, seconds
 
 settings.register_profile("courier", suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("courier")
@@ -15,7 +15,8 @@ settings.load_profile("courier")
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if seconds(item.nodeid) or FLOWN.intersection(getattr(item, "fixturenames", ())):
+        flown = FLOWN.intersection(getattr(item, "fixturenames", ()))
+        if seconds(item.nodeid) or flown or item.nodeid.startswith(NOT_QUICK):
             item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: -seconds(item.nodeid))
 

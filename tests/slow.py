@@ -96,6 +96,22 @@ SLOW: dict[str, float] = {
 }
 """Seconds that a test takes on an idle machine, by its id or the beginning of it (a folder, a file, a test without its
 parameters); the longest that fits counts. Of tests that look at the same flight, one is longer: it comes first."""
+NOT_QUICK = (
+    "tests/studies",
+    "tests/companion/avoidance/test_rrt.py",
+    "tests/companion/logs",
+    "tests/companion/runtime",
+    "tests/companion/view/test_live",
+    "tests/companion/view/test_fo",
+    "tests/companion/view/test_findings.py",
+    "tests/companion/view/test_flight_report.py",
+    "tests/companion/view/test_view_commands.py",
+    "tests/companion/view/test_control.py",
+    "tests/companion/control/test_observer_noise.py",
+    "tests/companion/control/test_tilt.py",
+    "tests/vehicle_sim/test_estimator.py",
+)
+"""Beginnings of the ids of tests that are quick one by one, and not all together: `make quick` leaves them out."""
 FLOWN = {"fly", "flown"}
 """Fixtures for which two processes fly. What uses them is slow, too, but not by itself."""
 

@@ -6,15 +6,13 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import Settings, Supervision
-from companion.state import BatteryLevel, FlightMode, Setpoint
+from companion.state import BatteryLevel, FlightMode
 from companion.supervision.battery import BatteryVerdict
-from companion.supervision.gate import unsound
 from companion.supervision.health import Health
 from companion.supervision.limits import LimitsVerdict
 from companion.supervision.states import FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
 from companion.supervision.transitions import TABLE
-from companion.supervision.watching import Watched
 
 SETTINGS = Supervision()
 SECOND = 1_000_000_000
@@ -350,48 +348,3 @@ def test_who_flies_by_hand_is_not_made_to_return() -> None:
     empty = replace(FAULTS["pilot"][0], limits=EMPTY)
     settle(supervisor, empty, now, 5.0)
     assert state_of(supervisor) is State.RELINQUISHED
-
-
-SOUND = Setpoint([1.0, 0.0, 0.0, 0.0], [0.0] * 3, [0.0] * 3, 0.5)
-
-
-def test_the_gate() -> None:
-    assert unsound(SOUND) is None
-    for bad in (float("nan"), float("inf"), -float("inf")):
-        for name in ("attitude_ned_frd", "rates_frd", "torque"):
-            values = getattr(SOUND, name).copy()
-            values[1] = bad
-            assert unsound(replace(SOUND, **{name: values})) is not None
-        assert unsound(replace(SOUND, thrust=bad)) is not None
-    assert unsound(replace(SOUND, attitude_ned_frd=[0.99, 0.0, 0.0, 0.0])) is not None
-    assert unsound(replace(SOUND, attitude_ned_frd=[0.0] * 4)) is not None
-    assert unsound(replace(SOUND, attitude_ned_frd=[-1.0, 0.0, 0.0, 0.0])) is None
-    assert unsound(replace(SOUND, thrust=1.01)) is not None
-    assert unsound(replace(SOUND, thrust=-0.01)) is not None
-    assert unsound(replace(SOUND, torque=[0.0, -1.1, 0.0])) is not None
-
-
-def test_a_pilot_who_stops_the_landing_keeps_the_vehicle() -> None:
-    for health in (replace(WELL, land_requested=True), FAULTS["telemetry"][0]):
-        supervisor, now = flying()
-        supervisor.update(health, now)
-        supervisor.update(replace(WELL, mode=FlightMode.HOLD, watched=Watched(True, 0.0)), now + SECOND // 10)
-        assert state_of(supervisor) is State.RELEASED
-
-
-def test_an_interrupt_while_arming_disarms_what_may_be_armed() -> None:
-    supervisor = Supervisor(Settings())
-    now = 0
-    for health in (IDLE, IDLE, IDLE, replace(WELL, armed=False)):
-        supervisor.update(health, now)
-        now += 2 * SECOND
-    assert state_of(supervisor) is State.ARM
-    supervisor.update(replace(WELL, land_requested=True), now)
-    assert state_of(supervisor) is State.DISARM and supervisor.fault == "called off while arming"
-
-
-def test_an_interrupt_after_a_takeover_leaves() -> None:
-    supervisor, now = flying()
-    supervisor.update(FAULTS["pilot"][0], now)
-    supervisor.update(replace(WELL, land_requested=True), now + SECOND)
-    assert state_of(supervisor) is State.ENDED
