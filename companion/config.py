@@ -1,4 +1,5 @@
-"""The companion's settings as frozen, checked records. Every default stands here and nowhere else."""
+"""The companion's settings as frozen, checked records. Every default stands here or in the files `config_*.py` beside
+this one, and nowhere else."""
 
 import math
 from typing import Annotated

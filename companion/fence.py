@@ -11,8 +11,6 @@ import numpy as np
 from companion.config_limits import Geofence
 from protocol.arrays import Array
 
-_INFINITY = math.inf
-
 
 @dataclass(frozen=True)
 class Fence:
@@ -87,10 +85,10 @@ class Fence:
         """Direction (2,) out of each side, and the room (m) to it."""
         offset = place[:2] - np.array(self.home[:2])
         away = math.hypot(offset[0], offset[1])
-        sides = [] if away < 1e-6 or self.radius == _INFINITY else [(offset / away, self.radius - away)]
+        sides = [] if away < 1e-6 or self.radius == math.inf else [(offset / away, self.radius - away)]
         for axis in (0, 1):
             for sign, bound in ((-1.0, self.low[axis]), (1.0, self.high[axis])):
-                if abs(bound) != _INFINITY:
+                if abs(bound) != math.inf:
                     sides.append((sign * _AXES[axis], sign * (bound - float(place[axis]))))
         return sides
 
@@ -108,13 +106,13 @@ def fence_of(settings: Geofence, home_ned: Array) -> Fence | None:
     if not settings.bounded:
         return None
     home: list[float] = home_ned.tolist()
-    open_ended = (-_INFINITY, _INFINITY)
+    open_ended = (-math.inf, math.inf)
     (south, north), (west, east) = settings.north or open_ended, settings.east or open_ended
-    ceiling = _INFINITY if settings.max_height is None else settings.max_height
+    ceiling = math.inf if settings.max_height is None else settings.max_height
     return Fence(
         (home[0], home[1], home[2]),
         (home[0] + south, home[1] + west, home[2] - ceiling),
-        (home[0] + north, home[1] + east, _INFINITY),
-        _INFINITY if settings.radius is None else settings.radius,
+        (home[0] + north, home[1] + east, math.inf),
+        math.inf if settings.radius is None else settings.radius,
         settings.braking,
     )

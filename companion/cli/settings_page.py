@@ -11,7 +11,7 @@ from companion.avoidance_methods import METHODS
 
 HEAD = """# Settings
 
-For `--settings FILE` (TOML) and `--set table.key=value`; these are the defaults, from `companion/config.py`.
+For `--settings FILE` (TOML) and `--set table.key=value`; these are the defaults, from `companion/config*.py`.
 Printed by `companion settings`.
 """
 

@@ -148,11 +148,11 @@ class Controller:
     def setpoint(self, control: Array, *, idle: bool = False) -> Setpoint:
         """The part of CONTROL_FIELDS (SIZE,) that goes to the vehicle.
 
-        `idle`: nothing is flown. `control` is changed to one that moves nothing, and the controller forgets everything.
+        `idle`: nothing is flown, and `control` is changed to one that moves nothing. With armed motors on the ground
+        its thrust is that of the lift-off.
         """
         if idle:
             control[RATES] = control[TORQUE] = control[THRUST] = 0.0
-            self.reset()
         elif self._lift_off.thrust is not None:
             control[THRUST] = self._lift_off.thrust
             self._memory["commands"]["thrust_n"] = self._lift_off.thrust * self._parameters["full_thrust_n"][0]

@@ -14,7 +14,7 @@ _AT_ONCE = 5
 """Questions that wait for an answer; ArduPilot has room for so many."""
 _DIGITS = 7
 """That a float of 32 bits has: 0.3 is read as 0.3."""
-_INTEGERS = {
+INTEGERS = {
     dialect.MAV_PARAM_TYPE_UINT8: "<B",
     dialect.MAV_PARAM_TYPE_INT8: "<b",
     dialect.MAV_PARAM_TYPE_UINT16: "<H",
@@ -22,6 +22,13 @@ _INTEGERS = {
     dialect.MAV_PARAM_TYPE_UINT32: "<I",
     dialect.MAV_PARAM_TYPE_INT32: "<i",
 }
+"""How the bytes of each integer type of MAV_PARAM_TYPE are packed."""
+
+
+def same_bits(value: float, kind: int) -> int:
+    """The integer of one of the types INTEGERS that has the same bits as a 32-bit float."""
+    (whole,) = struct.unpack_from(INTEGERS[kind], struct.pack("<f", value))
+    return int(whole)
 
 
 def value_of(message: Any, *, bytewise: bool) -> float | None:
@@ -29,10 +36,9 @@ def value_of(message: Any, *, bytewise: bool) -> float | None:
 
     `bytewise`: an integer's bytes stand where the float's would (PX4); otherwise it is given as a float (ArduPilot).
     """
-    if message.param_type in _INTEGERS:
+    if message.param_type in INTEGERS:
         if bytewise:
-            integer = _INTEGERS[message.param_type]
-            return float(struct.unpack_from(integer, struct.pack("<f", message.param_value))[0])
+            return float(same_bits(message.param_value, message.param_type))
         value = float(message.param_value)
     elif message.param_type == dialect.MAV_PARAM_TYPE_REAL32:
         value = float(f"{message.param_value:.{_DIGITS}g}")
