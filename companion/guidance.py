@@ -71,6 +71,7 @@ class Guidance:
         self._jumps = mission.profile == "step"
         self.over_map = avoidance.mapped and not self._jumps
         """Ways over the map are flown."""
+        self._guarded = avoidance.guarded and not self._jumps
         self._course = Course(avoidance.course)
         self._course_start_ned: Sequence[float] = (0.0, 0.0)
         """Where the course began (north, east) and the generator waits for its end."""
@@ -322,7 +323,7 @@ class Guidance:
 
     def guards(self, step: Step) -> bool:
         """The guard has the last word: not on vertical steps, on tracks and where the reference jumps."""
-        return self._settings.avoidance.guarded and step.avoids and not self._jumps
+        return self._guarded and step.avoids
 
     def yield_to(self, verdict: Verdict, reference: Reference, state: VehicleState, now_ns: int) -> None:
         """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up."""

@@ -82,10 +82,12 @@ class Controller:
         self._parameters, self._memory = self._record["parameters"], self._record["memory"]
         self._parameters[:] = controller_parameters(settings, body, output)
         self._acceleration = self._memory["acceleration"][0]
+        disturbance_observer.reset(self._memory["observer"][0], self._parameters["initial_deviation"][0])
+        self._memory_bytes = self._memory.view(np.uint8)
+        self._at_first = self._memory_bytes.copy()
         self._half_period_ns = int(self._parameters["half_period_ns"][0])
         self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
         self._lag_ns = round(body.rotor_time_constant_s * 1e9) if settings.control.prediction.enabled else 0
-        self.reset()
 
     def use(self, output: Output) -> None:
         """Command this output from now on."""
@@ -93,8 +95,7 @@ class Controller:
 
     def reset(self) -> None:
         """Forget the flight so far: nothing is flown."""
-        self._memory[:] = np.zeros(1, MEMORY)
-        disturbance_observer.reset(self._memory["observer"][0], self._parameters["initial_deviation"][0])
+        self._memory_bytes[:] = self._at_first
 
     def take_off(self) -> None:
         """The vehicle was armed on the ground."""

@@ -106,6 +106,8 @@ class Navigator:
         self._cut_short = False
         """What is left is the way home."""
         self._step_since_ns = 0
+        self._length = 0.0
+        """m from the step before the present one to it."""
         self._arrived_ns: int | None = None
         self._wander = Wander()
         self._paused_ns = 0
@@ -132,6 +134,8 @@ class Navigator:
         self.step_index = index
         self.step = self.steps[index]
         self.phase = self.step.phase
+        before, target = self.steps[index - 1].target_ned if index else None, self.step.target_ned
+        self._length = 0.0 if before is None or target is None else math.dist(before.tolist(), target.tolist())
         self._leg = None
 
     def end(self) -> None:
@@ -214,12 +218,10 @@ class Navigator:
 
     def _overdue(self, now_ns: int) -> float:
         """How much longer than it may (s) the present step takes; 0 while there is time."""
-        step, before = self.step, self.steps[self.step_index - 1].target_ned if self.step_index else None
-        way = 0.0 if before is None or step.target_ned is None else math.dist(before.tolist(), step.target_ned.tolist())
         duration = self._durations[self.step_index]
-        taken = step.hold_s if duration is None else duration
+        taken = self.step.hold_s if duration is None else duration
         speed = self._search.slowed(self.mission.speed)
-        allowed = self._settings.supervision.step_timeout + taken + 3.0 * way / speed
+        allowed = self._settings.supervision.step_timeout + taken + 3.0 * self._length / speed
         return max((now_ns - self._step_since_ns) * 1e-9 - allowed, 0.0)
 
     # -- how it goes ---------------------------------------------------------------------------------------------------
