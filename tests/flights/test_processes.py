@@ -35,7 +35,7 @@ from tests.flights.processes import PATIENT, Process, Relay, pair, run, simulato
 from tests.flights.shared import once
 
 EVERY_STEP = "log.trace_rate=250"
-KILLS = 12
+KILLS = 6
 """bench/log.py kills fifty."""
 KILL_PACES = ("2", "lockstep")
 STEPS_IN_A_FIFTH_OF_A_SECOND = 100
