@@ -13,8 +13,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.optimize import minimize
 
 from companion.trajectory.timing import Phases, law_at, motion
 from protocol.arrays import Array
@@ -118,6 +116,8 @@ class Limits:
 def spline_through(points: Array, durations: Array) -> PiecewisePolynomial:
     """The curve of least snap through `points` (n + 1, 3) in m, at rest at both ends, with the `durations` (n,) in s of
     its legs."""
+    from scipy.interpolate import make_interp_spline  # a third of what the companion's start would take
+
     knots = np.concatenate(([0.0], np.cumsum(durations)))
     rest = [(order, np.zeros(3)) for order in (1, 2, 3)]
     spline = make_interp_spline(knots, points, k=_DEGREE, bc_type=(rest, rest))
@@ -164,6 +164,8 @@ def rest_to_rest_durations(points: Array, limits: Limits) -> Array:
 
 def optimal_shares(points: Array, limits: Limits) -> Array:
     """(n,) shares of the legs in the whole duration for which that is least, by L-BFGS-B on a smooth bound."""
+    from scipy.optimize import minimize
+
     first = rest_to_rest_durations(points, limits)
 
     def time(logarithms: Array) -> float:
