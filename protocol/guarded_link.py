@@ -9,16 +9,62 @@ No signature and no key (SETUP_SIGNING) reaches a log. What is sent on between l
 
 import re
 from collections.abc import Callable
+from ipaddress import ip_address
 
 from protocol.framing import Frame, Framer
 from protocol.key_files import Keeper
 from protocol.signing import IN_WORDS, Refusal, unsigned
-from protocol.transport import Transport, Udp
+from protocol.transport import Transport, TransportError, Udp
 
 SETUP_SIGNING = 256
 _gives_key = re.compile(rb"\xfd.{6}\x00\x01\x00", re.DOTALL).search
-_MOST_REFUSED = 32
+_MOST_REFUSED = 8
 """Datagrams in one call of `receive`: a flood must not hold up the loop."""
+_MOST_DRAINED = 100_000
+
+
+def refuse_exposed(url: str, *, signed: bool, insecure: bool) -> None:
+    """Raises TransportError for an address that others than this machine's users can send to, without a key."""
+    scheme = url.partition(":")[0]
+    if signed or insecure or scheme not in ("udpin", "tcpin") or is_local(url):
+        return
+    raise TransportError(
+        f"{url}: who can reach this machine could command the vehicle. Give both sides a key (companion key FILE, then "
+        "--signing-key FILE), or bind to 127.0.0.1; --insecure only on a network that nobody else can write to"
+    )
+
+
+def is_local(url: str) -> bool:
+    """Both ends are on this machine."""
+    scheme, _, rest = url.partition(":")
+    host = rest.rpartition(":")[0]
+    try:
+        return scheme != "serial" and (host == "localhost" or ip_address(host).is_loopback)
+    except ValueError:
+        return False  # a name, of whatever address
+
+
+def inmost(link: Transport) -> Transport:
+    """The transport itself."""
+    return link.inner if isinstance(link, GuardedLink) else link
+
+
+def forward(link: Transport, data: bytes) -> bytes:
+    """Send another's frames with the signatures that they have; returns what a log may hold of them."""
+    inmost(link).send(data)
+    return b"".join(map(unsigned, Framer().datagram(data))) if isinstance(link, GuardedLink) and link.signed else data
+
+
+def drain(link: Transport) -> None:
+    """Take what has queued up, and drop it."""
+    for _ in range(_MOST_DRAINED):
+        if link.receive(0.0) is None and not (isinstance(link, GuardedLink) and link.stopped):
+            return
+
+
+def news(link: Transport) -> list[str]:
+    """What is to be told of a link."""
+    return link.news() if isinstance(link, GuardedLink) else []
 
 
 class GuardedLink:
@@ -40,6 +86,8 @@ class GuardedLink:
         """What the last `send` was given, with signatures."""
         self.setup: Frame | None = None
         """The last SETUP_SIGNING; whoever takes it sets it to None."""
+        self.stopped = False
+        """The last `receive` ended at its bound; there may be more."""
         self._keeper = keeper
         self._admits = admits
         self._framer = Framer()
@@ -66,11 +114,12 @@ class GuardedLink:
     def peer(self) -> str:
         return "" if self._admits is not None else self.inner.peer
 
-    def use(self, keeper: Keeper) -> None:
-        """Sign and verify with this key from now on."""
+    def use(self, keeper: Keeper | None) -> None:
+        """Sign and verify with this key from now on; None: without any."""
         self._keeper = keeper
 
     def receive(self, timeout_s: float) -> bytes | None:
+        self.stopped = False
         for _ in range(_MOST_REFUSED):
             data = self.inner.receive(timeout_s)
             if data is None:
@@ -86,6 +135,7 @@ class GuardedLink:
                 return data
             if isinstance(self.inner, Udp):
                 self.inner.turn_back()
+        self.stopped = True
         return None
 
     def _verified(self, data: bytes, keeper: Keeper) -> bytes:
@@ -120,11 +170,6 @@ class GuardedLink:
             self._keeper.settle()
         self.said = data
         self.inner.send(data)
-
-    def forward(self, data: bytes) -> bytes:
-        """Send another's frames with the signatures that they have; returns what a log may hold of them."""
-        self.inner.send(data)
-        return b"".join(map(unsigned, Framer().datagram(data))) if self.signed else data
 
     def news(self) -> list[str]:
         """What is to be told: the first refusal for each reason, and trouble with the key's file."""

@@ -56,20 +56,21 @@ def _read(path: Path, most: int, otherwise: str) -> bytes:
 
 
 class Keeper:
-    """A key, its memory on the disk, and its clock, which never goes back: not after a restart, nor when the wall's is
-    set back. All links of a program share one."""
+    """A key, its memory, and its clock, which never goes back: not after a restart, nor when the wall's is set back.
+    All links of a program share one."""
 
     def __init__(
         self,
-        path: Path,
+        key: bytes,
+        state: Path | None = None,
         unix_ns: Callable[[], int] = time.time_ns,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Raises KeyFileError."""
+        """`state`: the memory's file; None for a key that ends with the program. Raises KeyFileError."""
         self.fault: str | None = None
         """Why the memory can't be written."""
-        self._state = path.with_name(f"{path.name}.state")
-        key, memory = read_key(path), self._remember()
+        self._state = state
+        memory = Memory() if state is None else _remember(state)
         self._unix_ns, self._monotonic_ns = unix_ns, monotonic_ns
         self._base = max(timestamp(unix_ns()), memory.sent)
         self._base_ns = monotonic_ns()
@@ -77,6 +78,11 @@ class Keeper:
         self._write(memory)
         if self.fault is not None:
             raise KeyFileError(self.fault)
+
+    @classmethod
+    def of(cls, path: Path) -> "Keeper":
+        """Of the key in a file. Raises KeyFileError."""
+        return cls(read_key(path), path.with_name(f"{path.name}.state"))
 
     def now(self) -> int:
         """As MAVLink's timestamp."""
@@ -87,23 +93,13 @@ class Keeper:
         if self.signing.due:
             self._write(self.signing.leased(self.now()))
 
-    def _remember(self) -> Memory:
-        if not self._state.exists():
-            return Memory()
-        try:
-            table = json.loads(_read(self._state, _LARGEST_STATE, "it is too long"))
-            heard = {_stream(name): int(limit) for name, limit in table["heard"].items()}
-            return Memory(int(table["sent"]), heard)
-        except (ValueError, KeyError, TypeError, AttributeError):
-            raise KeyFileError(
-                f"{self._state}: damaged. It keeps old messages from being taken again: make a new key for both sides"
-            ) from None
-
     def _write(self, memory: Memory) -> None:
+        if self._state is None:
+            return
         draft = self._state.with_name(f"{self._state.name}.{os.getpid()}")
         try:
             with contextlib.suppress(KeyFileError):  # damaged meanwhile: it is written anew
-                memory = memory.merged(self._remember())
+                memory = memory.merged(_remember(self._state))
             heard = {"/".join(map(str, stream)): limit for stream, limit in memory.heard.items()}
             handle = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _MODE)
             with os.fdopen(handle, "w") as file:
@@ -112,6 +108,18 @@ class Keeper:
             self.fault = None
         except OSError as error:
             self.fault = f"{self._state}: can't be written: {error.strerror}"
+
+
+def _remember(state: Path) -> Memory:
+    if not state.exists():
+        return Memory()
+    try:
+        table = json.loads(_read(state, _LARGEST_STATE, "it is too long"))
+        return Memory(int(table["sent"]), {_stream(name): int(limit) for name, limit in table["heard"].items()})
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise KeyFileError(
+            f"{state}: damaged. It keeps old messages from being taken again: make a new key for both sides"
+        ) from None
 
 
 def _stream(name: str) -> tuple[int, int, int]:

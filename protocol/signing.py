@@ -174,7 +174,8 @@ class Signing:
 
     def sign(self, datagram: bytes, now: int) -> bytes:
         """Whole frames of MAVLink 2 without signatures, each with its signature."""
-        stamp, at, parts = max(now, self._sent + 1), 0, []
+        stamp, at = max(now, self._sent + 1), 0
+        parts: list[bytes] = []
         while at < len(datagram):
             stop = at + _HEADER + datagram[at + 1]
             body = (
