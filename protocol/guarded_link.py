@@ -58,8 +58,13 @@ def forward(link: Transport, data: bytes) -> bytes:
 def drain(link: Transport) -> None:
     """Take what has queued up, and drop it."""
     for _ in range(_MOST_DRAINED):
-        if link.receive(0.0) is None and not (isinstance(link, GuardedLink) and link.stopped):
+        if link.receive(0.0) is None and not stopped(link):
             return
+
+
+def stopped(link: Transport) -> bool:
+    """The last `receive` ended at its bound on what is refused, and not for want of data or time."""
+    return isinstance(link, GuardedLink) and link.stopped
 
 
 def news(link: Transport) -> list[str]:
@@ -72,7 +77,8 @@ class GuardedLink:
 
     `admits`: whether a sender, by its address and this datagram, is the peer; until one is, nothing is sent or handed
     on, and from then on that address is locked. With a key there is no lock, since addresses can be forged: what
-    is sent goes where the last verified frame came from.
+    is sent goes where the last verified frame came from; before the first, to whoever speaks, since a vehicle that does
+    not know the time takes ours.
     """
 
     def __init__(
@@ -91,6 +97,7 @@ class GuardedLink:
         self._keeper = keeper
         self._admits = admits
         self._framer = Framer()
+        self._verified_any = False
         self._named: set[Refusal] = set()
         self._fault: str | None = None
 
@@ -133,7 +140,7 @@ class GuardedLink:
                 self.heard = data
             if data and (self._admits is None or self._admit(self._admits, data)):
                 return data
-            if isinstance(self.inner, Udp):
+            if isinstance(self.inner, Udp) and (self._keeper is None or self._verified_any):
                 self.inner.turn_back()
         self.stopped = True
         return None
@@ -143,6 +150,7 @@ class GuardedLink:
         frames = self._framer.datagram(data) if self.preserves_datagrams else self._framer.feed(data)
         passed = [frame for frame in frames if accepts(frame, now) and not self._is_key(frame)]
         keeper.settle()
+        self._verified_any = self._verified_any or bool(passed)
         self.heard = b"".join([frame.raw for frame in passed])
         return b"".join(map(unsigned, passed))
 

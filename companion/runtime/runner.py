@@ -25,7 +25,7 @@ from companion.trace import Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog
 from protocol.flightlog.console import Console
-from protocol.guarded_link import drain, forward, inmost, news
+from protocol.guarded_link import drain, forward, inmost, news, stopped
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, TransportError, Udp
 
 TICK_NS = 4_000_000
@@ -144,6 +144,8 @@ class Runner:
         while not autopilot.ended:
             data = transport.receive(_LOCKSTEP_PATIENCE_S if answer else _START_PATIENCE_S)
             began = time.perf_counter_ns()
+            if data is None and stopped(transport):
+                continue
             if data is None:
                 # There is no clock (yet, or any more): go on by the wall, so that the silence is noticed.
                 if answer or time.monotonic() > give_up:
