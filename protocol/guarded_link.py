@@ -13,7 +13,7 @@ from ipaddress import ip_address
 
 from protocol.framing import Frame, Framer
 from protocol.key_files import Keeper
-from protocol.signing import IN_WORDS, Refusal, unsigned
+from protocol.signing import IN_WORDS, REFUSED, Refusal, unsigned
 from protocol.transport import Transport, TransportError, Udp
 
 SETUP_SIGNING = 256
@@ -115,7 +115,7 @@ class GuardedLink:
     def refused(self) -> dict[str, int]:
         """Frames by reason, of all links of the key; empty without one."""
         counts = {} if self._keeper is None else self._keeper.signing.refused
-        return {f"signing_{reason.value}": count for reason, count in counts.items()}
+        return {REFUSED + reason.value: count for reason, count in counts.items()}
 
     @property
     def peer(self) -> str:

@@ -51,6 +51,10 @@ Stream = tuple[int, int, int]
 """System, component and link id of a sender."""
 
 
+REFUSED: Final = "signing_"
+"""Before a refusal's name, as a count in a log's result."""
+
+
 class Refusal(Enum):
     """Why a frame was refused; the value is its name as a count."""
 
