@@ -8,6 +8,7 @@ no frame that it has taken before.
 """
 
 import hmac
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -109,12 +110,13 @@ def timestamp(unix_ns: int) -> int:
 class Window:
     """The timestamps of one stream: which may still come."""
 
-    __slots__ = ("_floor", "_seen", "limit", "newest")
+    __slots__ = ("_arrivals", "_floor", "_seen", "limit", "newest")
 
     def __init__(self, floor: int) -> None:
         self.newest = self._floor = self.limit = floor
         """`limit`: up to there it is written down."""
-        self._seen: dict[int, None] = {}
+        self._seen: set[int] = set()
+        self._arrivals: deque[int] = deque()
 
     def is_new(self, stamp: int) -> bool:
         """It was not taken yet, and is not too old to tell."""
@@ -128,13 +130,13 @@ class Window:
 
     def take(self, stamp: int) -> None:
         """It was accepted."""
-        seen = self._seen
-        seen[stamp] = None
+        self._seen.add(stamp)
+        self._arrivals.append(stamp)
         if stamp > self.newest:
             self.newest = stamp
-        if len(seen) > _WINDOW_FRAMES:
-            oldest = next(iter(seen))  # in the order of arrival: what is older than any that was dropped is too old
-            del seen[oldest]
+        if len(self._arrivals) > _WINDOW_FRAMES:
+            oldest = self._arrivals.popleft()  # what is older than any that was forgotten is too old
+            self._seen.remove(oldest)
             if oldest > self._floor:
                 self._floor = oldest
 
