@@ -4,6 +4,7 @@ encode: a message's fields to the bytes of a frame (pymavlink: construct and pac
 pack:   a message that is there already to bytes.
 decode: the bytes of a datagram to a message (pymavlink: the faster of parse_char and parse_buffer; ours:
         Framer.datagram, which settles the datagram's end too, and decode).
+sign, verify: what a key adds to each message that leaves and that comes, through a link in memory.
 
 Each repeat times every contender in turn; times are medians over the repeats, ratios the medians of each one's ratio.
 """
@@ -16,6 +17,7 @@ import statistics
 import sys
 import timeit
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -23,7 +25,10 @@ from rich.console import Console
 from rich.table import Table
 
 from protocol.framing import Framer
+from protocol.guarded_link import GuardedLink
+from protocol.key_files import Keeper
 from protocol.messages import Encoder, decode, dialect
+from protocol.transport import Memory
 
 _RANGES_CM = [random.Random(7).choice((1501, random.Random(beam).randint(20, 1500))) for beam in range(72)]
 _MESSAGES: list[tuple[type[Any], tuple[Any, ...]]] = [
@@ -78,6 +83,27 @@ def _measure(message_class: type[Any], fields: tuple[Any, ...], repeats: int, nu
     }
 
 
+def _measure_signing(message_class: type[Any], fields: tuple[Any, ...], repeats: int, number: int) -> dict[str, float]:
+    """us a message more with a key than without, medians."""
+    frame = Encoder(1, 191).encode_fields(message_class, *fields)
+    added: dict[str, list[float]] = {"sign": [], "verify": []}
+    keeper = Keeper(bytes(range(32)))
+    for _ in range(repeats):
+        took = []
+        for key in (None, keeper):
+            near, far = Memory.pair()
+            sender, receiver = GuardedLink(near, key), GuardedLink(far, key)
+            send = timeit.timeit(partial(sender.send, frame), number=number)
+            took.append(
+                (send / number * 1e6, timeit.timeit(partial(receiver.receive, 0.0), number=number) / number * 1e6)
+            )
+        for name, plain, signed in zip(added, *took, strict=True):
+            added[name].append(signed - plain)
+    if any(keeper.signing.refused.values()):
+        raise SystemExit(f"{message_class.msgname}: signed messages were refused")
+    return {name: statistics.median(values) for name, values in added.items()}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -88,19 +114,24 @@ def main() -> None:
         sys.exit("pymavlink has not found fastcrc: the comparison would not be fair")
 
     messages = {cls.msgname: _measure(cls, fields, options.repeats, options.number) for cls, fields in _MESSAGES}
+    signing = {cls.msgname: _measure_signing(cls, each, options.repeats, options.number) for cls, each in _MESSAGES}
     least = min(way["ratio"] for message in messages.values() for name, way in message.items() if name != "pack")
     if options.json:
         versions = {name: version(name) for name in ("pymavlink", "fastcrc")} | {"python": platform.python_version()}
-        print(json.dumps({"messages": messages, "least_ratio": least, "versions": versions}))
+        print(json.dumps({"messages": messages, "signing_us": signing, "least_ratio": least, "versions": versions}))
         return
     table = Table("message", title="us a message, pymavlink / ours, and how many times faster")
     for way in ("encode", "pack", "decode"):
         table.add_column(way, justify="right")
         table.add_column("x", justify="right", style="bold")
+    table.add_column("sign", justify="right")
+    table.add_column("verify", justify="right")
     for name, ways in messages.items():
         cells = [(f"{way['pymavlink_us']:.2f} / {way['ours_us']:.2f}", f"{way['ratio']:.1f}") for way in ways.values()]
-        table.add_row(name, *(cell for pair in cells for cell in pair))
-    console = Console(width=96)  # room for the longest name, in pipes too
+        table.add_row(
+            name, *(cell for pair in cells for cell in pair), *(f"{us:+.2f}" for us in signing[name].values())
+        )
+    console = Console(width=112)  # room for the longest name, in pipes too
     console.print(table)
     console.print(f"least of encode and decode: {least:.2f}")
 

@@ -224,10 +224,12 @@ class Rates(Table, frozen=True):
 
 
 class Identity(Table, frozen=True):
-    """MAVLink ids; the system is the vehicle's unless set."""
+    """MAVLink ids; the companion's own system is the vehicle's unless set."""
 
     system: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
     component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191
+    vehicle: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
+    """The vehicle's system, of which alone one is flown; any unless set."""
 
 
 class Log(Table, frozen=True):

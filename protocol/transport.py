@@ -108,6 +108,7 @@ class Udp:
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self._address: tuple[str, int] | None = None
+        self._earlier: tuple[str, int] | None = None
         self._peer = ""
         self._connected = False
         self._before_lock: collections.deque[bytes] = collections.deque()
@@ -149,8 +150,7 @@ class Udp:
     def _connect(self, address: tuple[str, int]) -> None:
         self._socket.connect(address)
         self._connected = True
-        self._address = address
-        self._peer = f"{address[0]}:{address[1]}"
+        self._answer_to(address)
 
     def receive(self, timeout_s: float) -> bytes | None:
         if self._before_lock:
@@ -173,10 +173,19 @@ class Udp:
         except OSError as error:
             self._forgive(error)
             return None
+        self._earlier = self._address
         if address != self._address:
-            self._address = address
-            self._peer = f"{address[0]}:{address[1]}"
+            self._answer_to(address)
         return data
+
+    def turn_back(self) -> None:
+        """The last datagram was a stranger's: the peer is the one before it."""
+        if not self._connected and self._address != self._earlier:
+            self._answer_to(self._earlier)
+
+    def _answer_to(self, address: tuple[str, int] | None) -> None:
+        self._address = address
+        self._peer = "" if address is None else f"{address[0]}:{address[1]}"
 
     def waiting(self, timeout_s: float) -> bool:
         """Whether a datagram arrives within the time; it is not taken."""

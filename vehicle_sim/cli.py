@@ -13,7 +13,7 @@ import typer
 
 # What --help does not need is imported where it is used: loading the compiled code takes seconds.
 if TYPE_CHECKING:
-    from protocol.transport import Transport
+    from protocol.guarded_link import GuardedLink
     from vehicle_sim.airframe import Airframe
     from vehicle_sim.truth import TruthRecorder
     from vehicle_sim.world import World
@@ -33,6 +33,17 @@ class Options:
             metavar="URL", help="Where the companion is: udpout:HOST:PORT, udpin:HOST:PORT, tcp:.., serial:.."
         ),
     ] = "udpout:127.0.0.1:14540"
+    signing_key: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="A file with the key of MAVLink 2 signing (companion key FILE makes one): every message is signed, "
+            "and of what comes only signed ones are obeyed.",
+        ),
+    ] = None
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Bind an address beyond this machine though there is no key.")
+    ] = False
     pace: Annotated[str, typer.Option(metavar="realtime|lockstep|FACTOR", help="How time passes.")] = "realtime"
     seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0
     once: Annotated[bool, typer.Option("--once", help="End after one flight.")] = False
@@ -69,16 +80,17 @@ def vehicle_sim(options: Options) -> None:
 
     At its end it prints one JSON object: how the flight went.
     """
+    from protocol.key_files import KeyFileError
     from protocol.toml_files import TomlFileError
-    from protocol.transport import TransportError, open_url
+    from protocol.transport import TransportError
     from vehicle_sim.truth import TruthRecorder
 
     factor = _factor(options.pace)
     try:
         airframe, world = _load(options)
         recorder = None if options.truth is None else TruthRecorder(options.truth)
-        transport = open_url(options.bind)
-    except (TomlFileError, TransportError) as error:
+        transport = _open(options)
+    except (TomlFileError, KeyFileError, TransportError) as error:
         _fail(str(error))
     _fly(options, factor, airframe, world, transport, recorder)
 
@@ -96,15 +108,27 @@ def _load(options: Options) -> "tuple[Airframe, World]":
     return airframe, World.load(find("worlds", options.world), changes["world"])
 
 
+def _open(options: Options) -> "GuardedLink":
+    """Raises TransportError and KeyFileError."""
+    from protocol.guarded_link import GuardedLink, refuse_exposed
+    from protocol.key_files import Keeper
+    from protocol.transport import open_url
+
+    keeper = None if options.signing_key is None else Keeper.of(options.signing_key)
+    refuse_exposed(options.bind, signed=keeper is not None, insecure=options.insecure)
+    return GuardedLink(open_url(options.bind), keeper)
+
+
 def _fly(
     options: Options,
     factor: float | None,
     airframe: "Airframe",
     world: "World",
-    transport: "Transport",
+    transport: "GuardedLink",
     recorder: "TruthRecorder | None",
 ) -> None:
     """Fly until the end or a signal, and print the summary."""
+    from protocol.guarded_link import is_local
     from protocol.transport import TransportError
     from vehicle_sim.runner import Runner
     from vehicle_sim.vehicle import Vehicle, warm_up
@@ -119,7 +143,7 @@ def _fly(
         datagrams=transport.preserves_datagrams,
         truth=recorder,
     )
-    runner = Runner(vehicle, transport, once=options.once)
+    runner = Runner(vehicle, transport, once=options.once, takes_keys=is_local(options.bind))
     try:
         warm_up(airframe, world)
         if factor is None:
@@ -132,7 +156,7 @@ def _fly(
         _fail(str(error))
     finally:
         transport.close()
-        typer.echo(json.dumps(vehicle.summary().as_dict()))
+        typer.echo(json.dumps(vehicle.summary().as_dict() | transport.refused))
         if recorder is not None:
             _write(recorder)
 

@@ -5,9 +5,15 @@ import math
 import time
 from collections.abc import Callable
 from enum import Enum
+from typing import Any
 
 from protocol.clock import RealClock
+from protocol.framing import Frame
+from protocol.guarded_link import GuardedLink, inmost
+from protocol.key_files import Keeper
+from protocol.messages import decode
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, Udp
+from vehicle_sim.services.identity import is_for_vehicle
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 
@@ -42,6 +48,7 @@ class Coupling(Enum):
 class Runner:
     """Runs a vehicle over a transport until the flight is over (`once`) or until a KeyboardInterrupt.
 
+    `takes_keys`: SETUP_SIGNING is obeyed, until the end of the program; for links between programs of one machine.
     `monotonic_ns` is the source of wall time, time.monotonic_ns by default.
     """
 
@@ -51,11 +58,13 @@ class Runner:
         transport: Transport,
         *,
         once: bool,
+        takes_keys: bool = False,
         monotonic_ns: Callable[[], int] | None = None,
     ) -> None:
         self._vehicle = vehicle
         self._transport = transport
         self._once = once
+        self._takes_keys = takes_keys
         self._monotonic_ns = monotonic_ns or time.monotonic_ns
         self._heard_at_s = self._now_s()
         self._locked = False
@@ -89,6 +98,8 @@ class Runner:
     def _receive(self, timeout_s: float) -> bool:
         """Hand one datagram to the vehicle; False if none came in time."""
         data = self._transport.receive(timeout_s)
+        if isinstance(self._transport, GuardedLink) and self._transport.setup is not None:
+            self._set_key(self._transport, self._transport.setup)
         if data is None:
             return False
         self._heard_at_s = self._now_s()
@@ -97,6 +108,14 @@ class Runner:
             self._transport.lock()  # the first peer has the vehicle until its end, as with PX4
         self._vehicle.receive(data)
         return True
+
+    def _set_key(self, link: GuardedLink, frame: Frame) -> None:
+        """SETUP_SIGNING (256): a key of zeros ends signing."""
+        link.setup = None
+        message: Any = decode(frame)
+        if self._takes_keys and is_for_vehicle(message):
+            key = bytes(message.secret_key)
+            link.use(Keeper(key) if any(key) else None)
 
     def _send(self, datagrams: list[bytes]) -> None:
         for datagram in datagrams:
@@ -127,8 +146,9 @@ class Runner:
     def run_lockstep(self) -> None:
         """Wait at each tick for the answer to it, so that runs repeat. `Coupling` says when it does not wait."""
         self._begin()
-        if isinstance(self._transport, Udp):
-            self._transport.spin_s = LOCKSTEP_SPIN_S
+        end = inmost(self._transport)
+        if isinstance(end, Udp):
+            end.spin_s = LOCKSTEP_SPIN_S
         coupling = Coupling.WAITING
         while not self._is_over():
             datagrams = self._vehicle.advance()

@@ -6,7 +6,20 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from companion.cli.flights import DEFAULT_URL, AsJson, ConnectUrl, OutputName, Overrides, SettingsFile, output_of
+from companion.cli.flights import (
+    DEFAULT_URL,
+    AsJson,
+    ConnectUrl,
+    Insecure,
+    KeyFile,
+    OutputName,
+    Overrides,
+    SettingsFile,
+    VehicleSystem,
+    output_of,
+    pinned,
+    security_of,
+)
 from companion.cli.options import options
 from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_error
 
@@ -20,6 +33,9 @@ class CheckOptions:
     """What `companion check` is asked for."""
 
     connect: ConnectUrl = DEFAULT_URL
+    vehicle: VehicleSystem = None
+    signing_key: KeyFile = None
+    insecure: Insecure = False
     output: OutputName = "auto"
     settings: SettingsFile = None
     overrides: Overrides = None
@@ -38,11 +54,13 @@ def check(asked: CheckOptions) -> None:
     with exit_on_interrupt("companion: abandoned"):
         from companion.runtime.check import examine
         from companion.runtime.files import load_settings
-        from companion.runtime.side_links import open_link
+        from companion.runtime.side_links import open_vehicle_link
 
-        settings = exit_on_user_error(load_settings, asked.settings, asked.overrides or [])
+        overrides = [*(asked.overrides or ()), *pinned(asked.vehicle)]
+        settings = exit_on_user_error(load_settings, asked.settings, overrides)
         output = exit_on_user_error(output_of, asked.output)
-        transport = exit_on_user_error(open_link, asked.connect)
+        security = exit_on_user_error(security_of, asked.signing_key, asked.insecure)
+        transport = exit_on_user_error(open_vehicle_link, asked.connect, security, settings.identity.vehicle)
         try:
             found = exit_on_user_error(examine, settings, output, transport)
         finally:

@@ -14,7 +14,7 @@ from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_
 
 if TYPE_CHECKING:
     from companion.runtime.flight import Pace, Plan
-    from companion.runtime.side_links import SideLinks
+    from companion.runtime.side_links import Security, SideLinks
     from companion.state import Adoption, Output
     from protocol.transport import Transport
 
@@ -34,6 +34,22 @@ ConnectUrl = Annotated[
         help="px4 (udpin:127.0.0.1:14540), ardupilot (udpin:127.0.0.1:14550), udpin:HOST:PORT, udpout:HOST:PORT, "
         "tcp:HOST:PORT (ArduPilot's SITL: tcp:127.0.0.1:5760), serial:DEVICE:BAUD (serial:/dev/ttyACM0:921600).",
     ),
+]
+KeyFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--signing-key",
+        help="A file with the key of MAVLink 2 signing (companion key FILE makes one): every message is signed, and of "
+        "what comes only signed ones are taken.",
+        metavar="FILE",
+    ),
+]
+VehicleSystem = Annotated[
+    int | None,
+    typer.Option("--vehicle", help="The system id of the vehicle; no other is flown.", metavar="SYSID", min=1, max=255),
+]
+Insecure = Annotated[
+    bool, typer.Option("--insecure", help="Bind addresses beyond this machine though there is no key.")
 ]
 DEFAULT_URL = "udpin:127.0.0.1:14540"
 _GETTING_READY = "getting ready (the first time on a machine, some 20 s of compiling)"
@@ -84,6 +100,7 @@ class DemoOptions:
     log: LogFolder = Path("logs")
     settings: SettingsFile = None
     overrides: DemoOverrides = None
+    signing_key: KeyFile = None
     truth: Annotated[
         bool, typer.Option("--truth", help="Leave the true motion of every tick beside the log, as truth.npy.")
     ] = False
@@ -97,6 +114,9 @@ class FlyOptions:
 
     mission: MissionName
     connect: ConnectUrl = DEFAULT_URL
+    vehicle: VehicleSystem = None
+    signing_key: KeyFile = None
+    insecure: Insecure = False
     output: OutputName = "auto"
     gcs: Annotated[
         list[str] | None,
@@ -142,7 +162,7 @@ def demo(asked: DemoOptions) -> None:
         say(_GETTING_READY)
         from companion.runtime.demo import demo as fly_demo
 
-        verdict = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth)
+        verdict = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth, key=asked.signing_key)
     _print_end(verdict.table(), verdict.result.log, as_json=asked.as_json)
     if asked.report:
         from companion.view.report import write
@@ -160,16 +180,20 @@ def fly(asked: FlyOptions) -> None:
         plan = replace(exit_on_user_error(_plan, asked, None), adoption=exit_on_user_error(_adoption, asked))
         from companion.runtime.flight import end_table, prepare
         from companion.runtime.flight import fly as fly_plan
-        from companion.runtime.side_links import open_link
+        from companion.runtime.side_links import open_vehicle_link
         from companion.runtime.summary import summarize
+        from protocol.guarded_link import inmost
         from protocol.transport import Udp
 
-        transport = exit_on_user_error(open_link, asked.connect)
-        beside = exit_on_user_error(_beside, asked, transport)
+        security = exit_on_user_error(security_of, asked.signing_key, asked.insecure)
+        wanted, lockstep = plan.settings.identity.vehicle, plan.pace == "lockstep"
+        transport = exit_on_user_error(open_vehicle_link, asked.connect, security, wanted, lockstep=lockstep)
+        beside = exit_on_user_error(_beside, asked, transport, security)
         say(_GETTING_READY)
         exit_on_user_error(prepare, plan)
-        if isinstance(transport, Udp) and asked.connect.endswith(":0"):
-            say(f"companion: waiting at {asked.connect[:-1]}{transport.port}")
+        end = inmost(transport)
+        if isinstance(end, Udp) and asked.connect.endswith(":0"):
+            say(f"companion: waiting at {asked.connect[:-1]}{end.port}")
         for place in beside.places():
             say(f"companion: {place}")
     with _abandoned("; a vehicle in the air holds and lands by itself"):
@@ -184,14 +208,27 @@ def fly(asked: FlyOptions) -> None:
         exit_as_failed(outcome)
 
 
-def _beside(asked: FlyOptions, transport: "Transport") -> "SideLinks":
+def security_of(key: Path | None, insecure: bool) -> "Security":
+    """What links are opened with. Raises KeyFileError."""
+    from companion.runtime.side_links import Security
+    from protocol.key_files import Keeper
+
+    return Security(None if key is None else Keeper.of(key), insecure)
+
+
+def pinned(vehicle: int | None) -> list[str]:
+    """`--vehicle` as an override of the settings."""
+    return [] if vehicle is None else [f"identity.vehicle={vehicle}"]
+
+
+def _beside(asked: FlyOptions, transport: "Transport", security: "Security") -> "SideLinks":
     """Open what is beside the vehicle's link. Raises TransportError and PlanError."""
     from companion.runtime.flight import PlanError
     from companion.runtime.side_links import open_side_links
 
     if asked.pace == "lockstep" and (asked.gcs or asked.lidar):
         raise PlanError("--gcs and --lidar: not with --pace lockstep, in which time is the vehicle's alone")
-    return open_side_links(transport, asked.gcs or (), asked.lidar)
+    return open_side_links(transport, asked.gcs or (), asked.lidar, security)
 
 
 def _abandoned(consequence: str = "") -> AbstractContextManager[None]:
@@ -210,6 +247,8 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
     from protocol import toml_files as toml_files
 
     overrides = list(asked.overrides or ())
+    if isinstance(asked, FlyOptions):
+        overrides += pinned(asked.vehicle)
     if asked.avoid is not None:  # the last word
         overrides.append(f"avoidance.method={json.dumps(asked.avoid)}")
     changes = toml_files.by_first_word(overrides, ("mission", *SIMULATOR_FILES))

@@ -192,7 +192,9 @@ def _show_info(found: "Info") -> None:
 
 def _is_worth_saying(name: str, value: str) -> bool:
     """Whether a value of a flight's result is listed: the counters of the link's rarer faults are not if they are 0."""
-    return bool(value) and not (name in _RARE_FAULTS and value == "0")
+    from protocol.signing import REFUSED
+
+    return bool(value) and not ((name in _RARE_FAULTS or name.startswith(REFUSED)) and value == "0")
 
 
 def digest(log: LogFile) -> None:

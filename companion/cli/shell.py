@@ -37,10 +37,11 @@ def _is_the_user_s(error: Exception) -> bool:
     """Whether an error says that a file, a setting or an address can't be used. The modules that raise it are imported
     only now, the autopilot's last, because a listing of logs should not load it."""
     from protocol.flightlog import FlightLogError
+    from protocol.key_files import KeyFileError
     from protocol.toml_files import TomlFileError
     from protocol.transport import TransportError
 
-    if isinstance(error, TomlFileError | FlightLogError | TransportError):
+    if isinstance(error, TomlFileError | FlightLogError | KeyFileError | TransportError):
         return True
     from companion.runtime.flight import PlanError
     from companion.runtime.rehearsal import RehearsalError

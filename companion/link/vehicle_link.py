@@ -10,6 +10,7 @@ from typing import Any
 
 from companion.config import Settings
 from companion.link import wire
+from companion.link.candidates import VEHICLE_COMPONENT, may_be_vehicle
 from companion.link.firmware import firmware_of
 from companion.link.firmware.firmware import Firmware
 from companion.link.outbox import Outbox
@@ -30,11 +31,9 @@ from companion.reports import (
 )
 from companion.state import Announcement, Output, Scan, Severity, VehicleRequest
 from protocol.framing import Frame, Framer
-from protocol.messages import decode, decoder_of, dialect
+from protocol.messages import decoder_of, dialect
 from protocol.peer import Peer
 
-VEHICLE_COMPONENT = 1
-"""MAV_COMP_ID_AUTOPILOT1, the component that flies."""
 _SECOND_NS = 1_000_000_000
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
@@ -152,14 +151,9 @@ class VehicleLink:
         return reports
 
     def _find(self, frame: Frame) -> Peer | None:
-        """Take the sender for the vehicle if this is the heartbeat of an autopilot that is known. No vehicle is system
-        0, which addresses all systems."""
-        if frame.message_id != _HEARTBEAT or frame.component != VEHICLE_COMPONENT:
-            return None
-        if frame.system == 0:
-            return None
-        heartbeat: Any = decode(frame)
-        firmware = firmware_of(heartbeat.autopilot)
+        """Take the sender for the vehicle if it may be."""
+        heartbeat = may_be_vehicle(frame, self._settings.identity.vehicle)
+        firmware = None if heartbeat is None else firmware_of(heartbeat.autopilot)
         if firmware is None:
             return None
         self.outbox.address((frame.system, VEHICLE_COMPONENT))

@@ -11,6 +11,8 @@ from typing import Any
 
 from companion.runtime.flight import Plan, PlanError, Result, end_table, fly, prepare
 from companion.runtime.summary import Summary, summarize
+from protocol.guarded_link import GuardedLink
+from protocol.key_files import Keeper
 from protocol.toml_files import by_first_word
 from protocol.transport import Udp
 
@@ -42,31 +44,33 @@ class Verdict:
         return {"outcome": self.outcome, **truth, **end_table(self.result, self.summary)}
 
 
-def demo(plan: Plan, logs: Path, *, console: bool, truth: bool = False) -> Verdict:
+def demo(plan: Plan, logs: Path, *, console: bool, truth: bool = False, key: Path | None = None) -> Verdict:
     """Start the simulator, fly the plan against it, end it, and judge the flight.
 
-    `truth`: the simulator writes the true motion to truth.npy beside the log. Overrides of vehicle and world go to the
-    simulator only. Raises PlanError and RehearsalError if the plan can't be flown, PlanError if the simulator does not
-    start or can't write, and FlightLogError if the log can't be written.
+    `key`: the file of signing, for both sides. `truth`: the simulator writes the true motion to truth.npy beside the
+    log. Overrides of vehicle and world go to the simulator only. Raises PlanError and RehearsalError if the plan can't
+    be flown, PlanError if the simulator does not start or can't write, KeyFileError, and FlightLogError if the log
+    can't be written.
     """
     prepare(plan)  # before the simulator starts, or both would compile the same functions at the same time
     if not truth:
-        return _fly_and_judge(plan, logs, None, console=console)
+        return _fly_and_judge(plan, logs, None, key, console=console)
     with tempfile.TemporaryDirectory() as folder:  # the log's own folder is made after the simulator has answered
         file = Path(folder) / TRUTH_NAME
-        verdict = _fly_and_judge(plan, logs, file, console=console)
+        verdict = _fly_and_judge(plan, logs, file, key, console=console)
         shutil.move(file, verdict.result.log.parent / TRUTH_NAME)
     return verdict
 
 
-def _fly_and_judge(plan: Plan, logs: Path, truth: Path | None, *, console: bool) -> Verdict:
+def _fly_and_judge(plan: Plan, logs: Path, truth: Path | None, key: Path | None, *, console: bool) -> Verdict:
+    keeper = None if key is None else Keeper.of(key)
     link = Udp("127.0.0.1", 0, bind=True)
-    simulator = _start_simulator(plan, link.port, truth)
+    simulator = _start_simulator(plan, link.port, truth, key)
     try:
         while not link.waiting(0.1):
             if simulator.poll() is not None:
                 raise PlanError("the simulator did not start, for the reason above")
-        result = fly(plan, link, logs, console=console)
+        result = fly(plan, GuardedLink(link, keeper), logs, console=console)
     except BaseException:
         simulator.terminate()
         simulator.wait()
@@ -79,13 +83,15 @@ def _fly_and_judge(plan: Plan, logs: Path, truth: Path | None, *, console: bool)
     return _judge(plan, result, report)
 
 
-def _start_simulator(plan: Plan, port: int, truth: Path | None) -> "subprocess.Popen[str]":
+def _start_simulator(plan: Plan, port: int, truth: Path | None, key: Path | None) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
     command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
     command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]
     command += [part for override in simulator_overrides(plan) for part in ("--set", override)]
     if truth is not None:
         command += ["--truth", str(truth)]
+    if key is not None:
+        command += ["--signing-key", str(key)]
     # The simulator has a session of its own, so that Ctrl-C reaches only the companion, which lands the vehicle.
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
 

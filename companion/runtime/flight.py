@@ -30,6 +30,7 @@ from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLog
+from protocol.guarded_link import GuardedLink, inmost
 from protocol.transport import Transport, bytes_per_s
 from protocol.vehicle_parameters import VehicleParameters
 
@@ -75,6 +76,8 @@ class Result:
     """From the first event to the last, on the companion's clock; also where the log does not reach so far."""
     wall_s: float
     traffic: Traffic
+    refused: Mapping[str, int]
+    """Frames by the reason for which signing refused them; empty without a key."""
     missed_deadlines: int
     records_dropped: int
     log_fault: str | None
@@ -104,11 +107,12 @@ def check(plan: Plan) -> None:
 def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:
     """The plan with telemetry rates that the link carries, and what that changed, in words; PlanError if it carries no
     flight."""
-    capacity, rates = bytes_per_s(transport), plan.settings.rates
+    capacity, rates = bytes_per_s(inmost(transport)), plan.settings.rates
+    signed = isinstance(transport, GuardedLink) and transport.signed
     if capacity is None:
         return plan, ""
     try:
-        slower = fitted(rates, capacity, scans=plan.settings.avoidance.needs_scan)
+        slower = fitted(rates, capacity, scans=plan.settings.avoidance.needs_scan, signed=signed)
     except ValueError as error:
         raise PlanError(f"the link to the vehicle is too slow: {error}; raise its baud rate") from None
     if slower == rates:
@@ -164,7 +168,8 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: 
             output=autopilot.link.readiness.output,
             simulated_s=runner.flown_s,
             wall_s=time.monotonic() - wall,
-            traffic=autopilot.link.traffic,
+            traffic=traffic_of(autopilot, transport),
+            refused=transport.refused if isinstance(transport, GuardedLink) else {},
             missed_deadlines=runner.missed_deadlines,
             records_dropped=log.dropped,
             log_fault=log.fault,
@@ -174,6 +179,13 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: 
     return replace(result, log_fault=log.fault)
 
 
+def traffic_of(autopilot: Autopilot, transport: Transport) -> Traffic:
+    """The link's counts; with a key, what is no frame ends in front of the autopilot."""
+    traffic = autopilot.link.traffic
+    beyond = transport.bad_frames if isinstance(transport, GuardedLink) else 0
+    return replace(traffic, frames_bad=traffic.frames_bad + beyond)
+
+
 def _outcome(result: Result) -> dict[str, object]:
     return {
         "delivered": result.delivered,
@@ -181,6 +193,7 @@ def _outcome(result: Result) -> dict[str, object]:
         "fault": result.fault or "",
         "output": result.output.value,
         **asdict(result.traffic),
+        **result.refused,
         "missed_deadlines": result.missed_deadlines,
         "ended_unix_s": time.time(),
     }
@@ -219,6 +232,7 @@ def end_table(result: Result, summary: Summary) -> dict[str, object]:
         "messages_in": summary.messages_in,
         "messages_out": summary.messages_out,
         **asdict(result.traffic),
+        **result.refused,
         "latency_p50_us": _rounded(summary.latency_p50_us, 1),
         "latency_p99_us": _rounded(summary.latency_p99_us, 1),
         "missed_deadlines": result.missed_deadlines,

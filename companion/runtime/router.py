@@ -3,12 +3,17 @@ vehicle, by MAVLink's rules (https://mavlink.io/en/guide/routing.html).
 
 The loop hands over bytes and goes on. All else is done once a tick, after the setpoint has left, and is bounded: so
 many datagrams and bytes of each station, and none of it waits.
+
+With a key, a station's frames are verified before anything is made of them, and all frames go on with the signature of
+their sender. So no station speaks to the vehicle in the companion's name, and no frame exists with two signatures, of
+which a listener could send one after the other.
 """
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from protocol.framing import Frame, Framer
+from protocol.guarded_link import GuardedLink, drain, forward
 from protocol.messages import dialect, layout
 from protocol.transport import Transport, TransportError
 
@@ -62,8 +67,7 @@ class Station:
     def drain(self) -> None:
         """What has queued up before the flight is old, and no command any more."""
         if self._transport is not None and self._transport.preserves_datagrams:
-            while self._transport.receive(0.0) is not None:
-                pass
+            drain(self._transport)
 
     def frames(self, now_ns: int) -> list[Frame]:
         """What it has sent, as much as it is allowed to."""
@@ -78,6 +82,8 @@ class Station:
                 if data is None:
                     break
                 self._allowance -= len(data)
+                if isinstance(self._transport, GuardedLink):
+                    data = self._transport.heard  # with its senders' signatures, for the vehicle to verify
                 whole = self._transport.preserves_datagrams
                 found += self._framer.datagram(data) if whole else self._framer.feed(data)
         except TransportError as error:
@@ -95,7 +101,7 @@ class Station:
         try:
             for datagram in packed(self._waiting):
                 if self._transport is not None:
-                    self._transport.send(datagram)
+                    forward(self._transport, datagram)
         except TransportError as error:
             self._gone(error)
         self._waiting.clear()
@@ -126,11 +132,18 @@ class Router:
     """Stations on one side, the vehicle and the companion on the other."""
 
     def __init__(
-        self, stations: Sequence[Station], *, whole: bool = True, bytes_per_s: float = STATION_BYTES_PER_S
+        self,
+        stations: Sequence[Station],
+        *,
+        link: Transport | None = None,
+        whole: bool = True,
+        bytes_per_s: float = STATION_BYTES_PER_S,
     ) -> None:
+        """`link`: the vehicle's."""
         self.stations = tuple(stations)
         self.bytes_per_s = bytes_per_s
         """What each station may send."""
+        self._link = link if isinstance(link, GuardedLink) else None
         self._whole = whole
         """The vehicle's transport keeps datagrams apart."""
         self._vehicle: set[Sender] = set()
@@ -150,11 +163,11 @@ class Router:
 
     def heard(self, data: bytes) -> None:
         """The vehicle has sent this."""
-        self._keep(self._vehicle_framer, data)
+        self._keep(self._vehicle_framer, data if self._link is None else self._link.heard)
 
     def said(self, data: bytes) -> None:
         """The companion has sent this to the vehicle."""
-        self._keep(self._own_framer, data)
+        self._keep(self._own_framer, data if self._link is None else self._link.said)
 
     def _keep(self, framer: Framer, data: bytes) -> None:
         if self._waiting_bytes + len(data) > _MOST_WAITING:

@@ -25,6 +25,7 @@ from companion.trace import Thinning
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog
 from protocol.flightlog.console import Console
+from protocol.guarded_link import drain, forward, inmost, news, stopped
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, TransportError, Udp
 
 TICK_NS = 4_000_000
@@ -135,13 +136,16 @@ class Runner:
         now = 0
         answer = b""
         autopilot, transport = self._autopilot, self._transport
-        if isinstance(transport, Udp):
-            transport.spin_s = LOCKSTEP_SPIN_S
+        end = inmost(transport)
+        if isinstance(end, Udp):
+            end.spin_s = LOCKSTEP_SPIN_S
         find_s = autopilot.settings.supervision.find_timeout
         give_up = time.monotonic() + find_s
         while not autopilot.ended:
             data = transport.receive(_LOCKSTEP_PATIENCE_S if answer else _START_PATIENCE_S)
             began = time.perf_counter_ns()
+            if data is None and stopped(transport):
+                continue
             if data is None:
                 # There is no clock (yet, or any more): go on by the wall, so that the silence is noticed.
                 if answer or time.monotonic() > give_up:
@@ -166,8 +170,7 @@ class Runner:
     def _real_time(self, clock: RealClock) -> None:
         """Datagrams are handled as they come, ticks at absolute deadlines: sleep, then spin for the last part."""
         autopilot, transport = self._autopilot, self._transport
-        while transport.receive(0.0) is not None:
-            pass  # what queued up before the start is old
+        drain(transport)  # what queued up before the start is old
         overrun_ns = round(autopilot.settings.supervision.overrun * 1e9)
         if self._router is not None:
             self._router.begin()
@@ -240,8 +243,7 @@ class Runner:
         """Between the vehicle and the ground stations: what these send goes into the log, and is no event."""
         for address, data in router.pump(now):
             if self._transport.peer:
-                self._transport.send(data)
-                self._log.datagram(now, Direction.FORWARDED, address, data)
+                self._log.datagram(now, Direction.FORWARDED, address, forward(self._transport, data))
         for trouble in router.troubles():
             self._say(logging.WARNING, trouble)
 
@@ -255,6 +257,8 @@ class Runner:
                 self._log.status(line)
             elif self._console is not None:
                 self._console.status(line)
+        for trouble in news(self._transport):
+            self._say(logging.WARNING, trouble)
         self._notes.take(now, ready=self._autopilot.supervisor.state >= State.ENGAGE)
         answer = b""
         fault = self._planning.fault

@@ -1,10 +1,13 @@
 """The links of a flight beside the vehicle's: to ground stations, and to a sensor."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from companion.link.candidates import Candidates
 from companion.runtime.router import STATION_BYTES_PER_S, Router, Station
+from protocol.guarded_link import GuardedLink, inmost, refuse_exposed
+from protocol.key_files import Keeper
 from protocol.transport import Tcp, Transport, TransportError, Udp, bytes_per_s, open_url
 
 GROUND_STATION = "udpout:127.0.0.1:14550"
@@ -51,24 +54,58 @@ def open_link(name: str) -> Transport:
     return open_url(NAMES.get(name, name))
 
 
-def open_side_links(vehicle: Transport, stations: Sequence[str], sensor: str | None) -> SideLinks:
+@dataclass(frozen=True, slots=True)
+class Security:
+    """What the links of a flight are opened with."""
+
+    keeper: Keeper | None = None
+    """Of the key that all of them demand."""
+    insecure: bool = False
+    """Addresses beyond this machine are bound without a key."""
+
+    def open(self, url: str, admits: Callable[[str, bytes], bool] | None = None) -> Transport:
+        """A link by URL or name. Raises TransportError."""
+        refuse_exposed(NAMES.get(url, url), signed=self.keeper is not None, insecure=self.insecure)
+        return self.guard(open_link(url), admits)
+
+    def guard(self, transport: Transport, admits: Callable[[str, bytes], bool] | None = None) -> Transport:
+        """A link that is open already."""
+        return GuardedLink(transport, self.keeper, None if self.keeper is not None else admits)
+
+
+def open_vehicle_link(name: str, security: Security, vehicle: int | None, *, lockstep: bool = False) -> Transport:
+    """The link to the vehicle, of the system `vehicle` if that is not None. Raises TransportError.
+
+    Where anybody can send without a key, the vehicle is admitted once it has shown itself; not in lockstep, in which no
+    time passes before it is answered.
+    """
+    anybody = NAMES.get(name, name).startswith("udpin:") and not lockstep
+    return security.open(name, Candidates(vehicle).admits if anybody else None)
+
+
+def open_side_links(
+    vehicle: Transport, stations: Sequence[str], sensor: str | None, security: Security = Security()
+) -> SideLinks:
     """Open ground stations' and the sensor's URLs. Raises TransportError for one that can't be opened."""
-    capacity = bytes_per_s(vehicle)
+    end = inmost(vehicle)
+    capacity = bytes_per_s(end)
     rate = STATION_BYTES_PER_S if capacity is None else min(STATION_BYTES_PER_S, _STATION_SHARE * capacity)
     opened: list[Station] = []
     try:
         for name in stations:
             url = NAMES.get(name, name)
-            transport = open_link(name)
+            transport = security.open(name)
             place = _place(url, transport)
-            if isinstance(vehicle, Udp) and transport.peer == f"127.0.0.1:{vehicle.port}":
+            if isinstance(end, Udp) and transport.peer == f"127.0.0.1:{end.port}":
                 transport.close()
                 raise TransportError(f"--gcs {name}: that is where the companion itself waits for the vehicle")
-            opened.append(Station(place, transport, partial(open_url, place) if url.startswith("tcpin:") else None))
-        router = Router(opened, whole=vehicle.preserves_datagrams, bytes_per_s=rate) if opened else None
+            opened.append(
+                Station(place, transport, partial(security.open, place) if url.startswith("tcpin:") else None)
+            )
+        router = Router(opened, link=vehicle, whole=vehicle.preserves_datagrams, bytes_per_s=rate) if opened else None
         if sensor is None:
             return SideLinks(router)
-        transport = open_url(sensor)
+        transport = security.open(sensor)
         return SideLinks(router, transport, _place(sensor, transport))
     except TransportError:
         for station in opened:
@@ -78,4 +115,5 @@ def open_side_links(vehicle: Transport, stations: Sequence[str], sensor: str | N
 
 def _place(url: str, transport: Transport) -> str:
     """The URL with the port that the system chose."""
-    return f"{url[:-1]}{transport.port}" if url.endswith(":0") and isinstance(transport, Udp | Tcp) else url
+    end = inmost(transport)
+    return f"{url[:-1]}{end.port}" if url.endswith(":0") and isinstance(end, Udp | Tcp) else url

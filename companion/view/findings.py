@@ -14,6 +14,7 @@ from companion.view.accumulators.exceedances import Exceedances
 from companion.view.batches import sender_and_name
 from companion.view.gather import GatheredFlight
 from companion.view.lines import Regularity, Stretch
+from protocol.signing import REFUSED
 
 _SLOWEST_STREAM_S = 0.05
 """Longest usual interval (s) of the streams whose gaps are looked for: slower ones do not control the flight."""
@@ -291,6 +292,13 @@ def _link(result: Mapping[str, str]) -> list[Finding]:
         level = Level.WARNING if _count(result, "frames_bad") else Level.NOTE
         text = "Not every message of the vehicle came whole, once and in order."
         found.append(Finding(level, "telemetry", text, rows))
+    refused = {
+        key.removeprefix(REFUSED).replace("_", " "): _count(result, key) for key in result if key.startswith(REFUSED)
+    }
+    if total := sum(refused.values()):
+        text = f"{_times(total, 'message')} did not pass the check of signatures: of somebody else, or on a wrong way."
+        rows = tuple(f"{reason}: {count}" for reason, count in refused.items() if count)
+        found.append(Finding(Level.WARNING, "signing", text, rows))
     return found
 
 

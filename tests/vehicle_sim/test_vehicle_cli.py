@@ -37,6 +37,9 @@ def test_the_command_line_loads_without_compiled_code() -> None:
         (["--pace", "0"], ["--pace 0"]),
         (["--bind", "pigeon:1:2"], ["pigeon"]),
         (["--bind", "udpin:127.0.0.1"], ["udpin:127.0.0.1"]),
+        (["--bind", "udpin:0.0.0.0:0"], ["udpin:0.0.0.0:0", "--signing-key", "--insecure"]),
+        (["--bind", "tcpin:192.0.2.1:5760"], ["tcpin:192.0.2.1:5760", "--signing-key"]),
+        (["--signing-key", "no/such/key"], ["no/such/key"]),
     ],
 )
 def test_a_wrong_option_is_one_line_and_exit_code_2(arguments: list[str], names: list[str]) -> None:

@@ -5,7 +5,10 @@ import time
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from protocol.transport import Udp
+from protocol.guarded_link import GuardedLink
+from protocol.key_files import Keeper
+from protocol.messages import Encoder
+from protocol.transport import Memory, Udp
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY
 from tests.vehicle_sim.scripted_companion import (
     UNSET,
@@ -190,3 +193,36 @@ def test_a_late_timed_run_catches_up() -> None:
     Runner(vehicle, link, once=True, monotonic_ns=monotonic_ns).run_timed(1.0)
     assert paused
     assert link.now_ns == pytest.approx(vehicle.time_ns, abs=2 * TICK_NS)
+
+
+# --- keys ---
+
+
+@pytest.mark.parametrize("takes_keys", [True, False])
+def test_a_key_is_taken_from_this_machine_only(takes_keys: bool) -> None:
+    """With one, an unsigned order is none; who has it is obeyed, and may end signing by a key of zeros."""
+    key = bytes(range(1, 33))
+    near, far = Memory.pair()
+    pilot, vehicle = GuardedLink(near), Vehicle(AIRFRAME, EMPTY)
+    link, sender = GuardedLink(far), Encoder(1, 191)
+    run = Runner(vehicle, link, once=True, takes_keys=takes_keys)
+
+    def setup(secret: bytes, system: int = 1) -> bytes:
+        return sender.encode_fields(mavlink.MAVLink_setup_signing_message, system, 1, list(secret), 0)
+
+    def is_heard(datagram: bytes) -> bool:
+        pilot.send(datagram)
+        return run._receive(0.0)
+
+    assert is_heard(sender.encode_fields(mavlink.MAVLink_ping_message, 1, 1, 0, 0))
+    assert not is_heard(setup(key, system=9)) and not link.signed
+    assert not is_heard(setup(key))
+    assert link.signed == takes_keys
+    if not takes_keys:
+        return
+    assert not is_heard(setup(bytes(32))) and link.signed  # it is not signed
+    assert not is_heard(sender.encode_fields(mavlink.MAVLink_ping_message, 1, 1, 0, 0))
+    pilot.use(Keeper(key))
+    assert is_heard(sender.encode_fields(mavlink.MAVLink_ping_message, 1, 1, 0, 0))
+    assert not is_heard(setup(bytes(32)))
+    assert not link.signed

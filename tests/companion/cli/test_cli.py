@@ -36,12 +36,14 @@ def test_of_a_vehicle_in_the_air_only_a_flight_speaks(
 
 def test_the_link_s_rare_faults_are_listed_only_where_there_were_any(tmp_path: Path) -> None:
     result = {"landed": "True", "messages_lost": "0", "frames_bad": "0", "duplicates": "3", "reboots": "0"}
+    result |= {"signing_forged": "2", "signing_ahead": "0"}
     log = make(tmp_path, 0.2, result=result)
     shown = CliRunner().invoke(app, ["info", str(log)])
     assert shown.exit_code == 0
     listed = {" ".join(line.split()[:-1]): line.split()[-1] for line in shown.output.splitlines() if line.strip()}
     assert (listed["messages lost"], listed["duplicates"]) == ("0", "3")
     assert "frames bad" not in listed and "reboots" not in listed
+    assert listed["signing forged"] == "2" and "signing ahead" not in listed
     whole = json.loads(CliRunner().invoke(app, ["info", "--json", str(log)]).output)
     assert whole["result"] == result
 
@@ -57,3 +59,25 @@ def test_a_log_that_can_t_be_used_does_not_load_the_autopilot(tmp_path: Path) ->
     )
     done = subprocess.run([sys.executable, "-c", code, str(broken)], capture_output=True, text=True, check=True)
     assert done.stderr.startswith(f"companion: {broken}: ") and done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", [["check"], ["fly", "hover", "--connect", "udpin:127.0.0.1:0"]])
+def test_an_address_beyond_this_machine_is_refused_without_a_key(command: list[str]) -> None:
+    """Of the vehicle, of a ground station, of a scanner."""
+    url = "udpin:0.0.0.0:0"
+    for option in ("--connect", "--gcs", "--lidar") if command[0] == "fly" else ("--connect",):
+        done = CliRunner().invoke(app, [*command, option, url])
+        assert done.exit_code == 2
+        assert url in done.output and "--signing-key" in done.output and "--insecure" in done.output
+
+
+def test_a_key_is_made_and_a_bad_one_refused(tmp_path: Path) -> None:
+    file = tmp_path / "key"
+    assert CliRunner().invoke(app, ["key", str(file)]).exit_code == 0
+    assert file.stat().st_mode & 0o777 == 0o600 and len(file.read_bytes()) == 32
+    again = CliRunner().invoke(app, ["key", str(file)])
+    assert again.exit_code == 2 and str(file) in again.output
+    file.chmod(0o644)
+    for command in (["fly", "hover"], ["check"]):
+        done = CliRunner().invoke(app, [*command, "--connect", "udpin:127.0.0.1:0", "--signing-key", str(file)])
+        assert done.exit_code == 2 and "0644" in done.output

@@ -232,6 +232,17 @@ def test_the_link_s_counters_are_said_where_they_are_not_zero(tmp_path: Path) ->
         assert telemetry.text.startswith("Not every message") is bool(rows)
 
 
+def test_what_signing_refused_is_a_warning_of_its_own(tmp_path: Path) -> None:
+    result = {"landed": "True", "signing_forged": "3", "signing_unsigned": "0", "signing_other_link": "4"}
+    signing = about(findings(GatheredFlight(make(tmp_path / "some", 2.0, result=result))), "signing")
+    assert signing.level is Level.WARNING and signing.text.startswith("7 messages")
+    assert signing.evidence == ("forged: 3", "other link: 4")
+    none = dict.fromkeys(result, "0") | {"landed": "True"}
+    assert not [
+        each for each in findings(GatheredFlight(make(tmp_path / "none", 2.0, result=none))) if "sign" in each.about
+    ]
+
+
 def test_a_reboot_of_the_vehicle_is_a_warning_of_its_own(tmp_path: Path) -> None:
     result = {"landed": "True", "reboots": "1", "messages_lost": "4", "duplicates": "nonsense"}
     found = findings(GatheredFlight(make(tmp_path, 2.0, result=result)))
