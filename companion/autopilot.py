@@ -102,7 +102,8 @@ class Autopilot:
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
             guidance.yield_to(verdict, reference, state, now)
         control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)
-        navigator.tracked(control[:6])
+        if airborne:
+            navigator.tracked(control[:6])
         setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint):
             self.link.outbox.setpoint(setpoint, self.sensing.boot_time_ms)

@@ -260,7 +260,8 @@ class Navigator:
         ) < wander.speed(settings.settled_speed)
 
     def tracked(self, errors: Array) -> None:
-        """A control step's errors (6,) from the reference: of the position (m) and of the virtual rate (m/s)."""
+        """The errors (6,) from the reference of a control step in the air: of the position (m) and of the virtual rate
+        (m/s)."""
         self._wander.add(errors)
 
     def release(self, answer: CommandReport) -> tuple[Arrival, Announcement | None]:
