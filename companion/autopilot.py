@@ -40,7 +40,7 @@ class Autopilot:
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
         lands = adopt is Adoption.LAND
-        self.navigator = Navigator(settings, mission, self.guidance.durations, self.guidance.outside, lands=lands)
+        self.navigator = Navigator(settings, mission, self.guidance.durations, lands=lands)
         self.controller = Controller(settings, body, self.link.readiness.output)
         self.own = OwnReport(settings.supervision, adopt)
         self._plan: PlanResult | None = None
@@ -102,7 +102,8 @@ class Autopilot:
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
             guidance.yield_to(verdict, reference, state, now)
         control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)
-        navigator.tracked(control[:6])
+        if airborne:
+            navigator.tracked(control[:6])
         setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint):
             self.link.outbox.setpoint(setpoint, self.sensing.boot_time_ms)
@@ -156,7 +157,8 @@ class Autopilot:
         self._say(*self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK))
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
-        mission = self.navigator.report(now, self.sensing.state, flying=state is State.FLY)
+        outside = self.guidance.outside(self.link.readiness.fence)
+        mission = self.navigator.report(now, self.sensing.state, outside, flying=state is State.FLY)
         news, announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
         self._say(news, announcement)
         if announcement is not None:

@@ -17,16 +17,18 @@ def entered(
     if new in AWAY:
         navigator.pause(now)
     if new is State.ADOPT:
-        guidance.begin(sensing.present)
-        return navigator.adopt(link.said.home, sensing.present.position_ned, now)
+        home, fence = link.said.home, link.readiness.fence
+        guidance.begin(sensing.present, home, fence)
+        return navigator.adopt(home, sensing.present.position_ned, fence, now)
     if old in AWAY and new is State.HOLD:
         guidance.brake_from(sensing.present, now)
         navigator.resume(now)
     elif new is State.CHECK:
         link.request_rates()
     elif new is State.STREAM:
-        navigator.begin(sensing.present.position_ned)
-        guidance.begin(sensing.present)
+        home, fence = sensing.present.position_ned, link.readiness.fence
+        navigator.begin(home, fence)
+        guidance.begin(sensing.present, home, fence)
     elif new is State.FLY and old is State.ARM:
         navigator.start_step(now)
     elif new is State.FLY and old is State.FLY:

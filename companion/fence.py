@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from companion.config_limits import Geofence
+from companion.state import NO_FENCE, OwnFence
 from protocol.arrays import Array
 
 
@@ -20,7 +21,7 @@ class Fence:
     low: tuple[float, float, float]
     """The least north, east and down."""
     high: tuple[float, float, float]
-    """The most; there is none downwards."""
+    """The most; downwards there is none in flight."""
     radius: float
     braking: float
     """m/s2"""
@@ -38,7 +39,7 @@ class Fence:
         north, east, down = place.tolist()
         away = math.hypot(north - self.home[0], east - self.home[1])
         sides = (self.radius - away, north - self.low[0], self.high[0] - north, east - self.low[1], self.high[1] - east)
-        return float(min(*sides, down - self.low[2]))
+        return float(min(*sides, down - self.low[2], self.high[2] - down))
 
     def nearest(self, place: Array) -> Array:
         """A place (3,) inside that is near to another one; that one itself, if it is inside."""
@@ -101,18 +102,20 @@ class Fence:
 _AXES = np.eye(2)
 
 
-def fence_of(settings: Geofence, home_ned: Array) -> Fence | None:
-    """The fence of the settings around the place (3,) of the take-off; None without one."""
-    if not settings.bounded:
+def fence_of(settings: Geofence, home_ned: Array, own: OwnFence = NO_FENCE, *, floor: bool = False) -> Fence | None:
+    """What is within the fence of the settings and the vehicle's own, around the place (3,) of the take-off; None
+    without either. Where the vehicle wants more of a margin than the settings, its fence is nearer by the difference.
+    `floor`: with the least height of its own, which does not hold on the way up and down."""
+    if not settings.bounded and own == NO_FENCE:
         return None
     home: list[float] = home_ned.tolist()
-    open_ended = (-math.inf, math.inf)
+    open_ended, nearer = (-math.inf, math.inf), max(own.margin - settings.margin, 0.0)
     (south, north), (west, east) = settings.north or open_ended, settings.east or open_ended
     ceiling = math.inf if settings.max_height is None else settings.max_height
     return Fence(
         (home[0], home[1], home[2]),
-        (home[0] + south, home[1] + west, home[2] - ceiling),
-        (home[0] + north, home[1] + east, math.inf),
-        math.inf if settings.radius is None else settings.radius,
+        (home[0] + south, home[1] + west, home[2] - min(ceiling, own.max_height - nearer)),
+        (home[0] + north, home[1] + east, home[2] - own.min_height - nearer if floor else math.inf),
+        min(math.inf if settings.radius is None else settings.radius, own.radius - nearer),
         settings.braking,
     )

@@ -23,7 +23,7 @@ from companion.perception.fence_band import Flat
 from companion.perception.recent_returns import RecentReturns
 from companion.perception.scans import obstacle_points
 from companion.reports import MotionReport
-from companion.state import AvoidanceDecision, Pose, Reference, Scan, VehicleState
+from companion.state import NO_FENCE, AvoidanceDecision, OwnFence, Pose, Reference, Scan, VehicleState
 from companion.trajectory import ReferenceGenerator, Track, track_of
 from protocol.arrays import Array
 from protocol.frames import yaw_of
@@ -60,6 +60,8 @@ class Guidance:
             None if step.curve is None else track_of(step.curve, settings.trajectory, settings.limits.tilt)
             for step in steps(mission, np.zeros(3))
         )
+        self._judged: tuple[OwnFence, str | None] | None = None
+        """The vehicle's own fence, and how the mission leaves the whole."""
         self._fence: Fence | None = None
         """What the reference keeps to, once the place of the start is known."""
         self._walls: Flat | None = None
@@ -92,10 +94,15 @@ class Guidance:
         """s that the track of each step of the mission takes; None for a step without one."""
         return tuple(None if track is None else track.duration_s for track in self._tracks)
 
-    @property
-    def outside(self) -> str | None:
-        """The first place of the mission beyond the fence, in words; None if it keeps inside."""
-        fence = fence_of(self._settings.geofence, np.zeros(3))
+    def outside(self, own: OwnFence) -> str | None:
+        """The first place of the mission beyond the fence, of which the vehicle's own is a part, in words; None if it
+        keeps inside."""
+        if self._judged is None or self._judged[0] != own:
+            self._judged = own, self._leaves(own)
+        return self._judged[1]
+
+    def _leaves(self, own: OwnFence) -> str | None:
+        fence = fence_of(self._settings.geofence, np.zeros(3), own, floor=True)
         if fence is None:
             return None
         fence = fence.shrunk(self._settings.geofence.margin)
@@ -112,9 +119,9 @@ class Guidance:
 
     # -- begin and end -------------------------------------------------------------------------------------------------
 
-    def begin(self, state: VehicleState) -> None:
-        """The reference stands where the vehicle stands before its start."""
-        fence = fence_of(self._settings.geofence, state.position_ned)
+    def begin(self, state: VehicleState, home_ned: Array, own: OwnFence = NO_FENCE) -> None:
+        """The reference stands where the vehicle is, and keeps within the fence around its home (3,)."""
+        fence = fence_of(self._settings.geofence, home_ned, own)
         if fence is not None:
             margin = self._settings.geofence.margin
             self._fence = fence.shrunk(margin)

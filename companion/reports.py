@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from companion.state import BatteryLevel, Safety, Scan, VehicleStatus
+from companion.state import NO_FENCE, BatteryLevel, OwnFence, Safety, Scan, VehicleStatus
 from protocol.arrays import Array
 
 
@@ -80,6 +80,7 @@ class VehicleSettings(msgspec.Struct, frozen=True, gc=False):
     """rad; of the vehicle's own modes."""
     angle_boost: bool = False
     """The vehicle divides thrust by the cosine of its tilt."""
+    fence: OwnFence = NO_FENCE
 
 
 class StatusReport(msgspec.Struct, frozen=True, gc=False):

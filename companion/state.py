@@ -1,6 +1,7 @@
 """What flows between the stages. Every record is frozen; arrays are float64 and never written to after they were
 made."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -44,6 +45,20 @@ class Adoption(Enum):
     MISSION = "mission"
     """What is left of the mission."""
     LAND = "land"
+
+
+class OwnFence(msgspec.Struct, frozen=True, gc=False):
+    """The vehicle's own fence, m around its home; infinite where there is none."""
+
+    radius: float = math.inf
+    max_height: float = math.inf
+    min_height: float = -math.inf
+    """Counts from the end of the take-off to the landing."""
+    margin: float = 0.0
+    """That the vehicle wants to be kept from it."""
+
+
+NO_FENCE = OwnFence()
 
 
 class Output(Enum):

@@ -36,6 +36,7 @@ SLOW: dict[str, float] = {
     "tests/companion/runtime/test_rehearsal.py::test_nothing_is_compiled_or_imported_in_flight": 10,
     "tests/companion/runtime/test_runner.py": 2,
     "tests/companion/runtime/test_signed_flight.py": 4,
+    "tests/companion/view/test_door.py::test_texts_from_outside_are_text": 8,
     "tests/companion/view/test_flight_report.py::test_a_report_of_another_system_draws": 8,
     "tests/companion/view/test_flight_report.py::test_the_report_opens_draws_every_chart_and_follows_a_look": 10,
     "tests/companion/view/test_foxglove_reader.py": 2,

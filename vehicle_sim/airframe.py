@@ -93,6 +93,16 @@ class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Of a full battery, at the start."""
 
 
+class FenceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[fence]` table: what the vehicle's parameters say of its fence. The companion is to keep within it; the
+    vehicle itself does nothing about it."""
+
+    radius_m: NotNegative = 0.0
+    """About home; 0: none."""
+    max_height_m: NotNegative = 0.0
+    """Above home; 0: none."""
+
+
 class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A whole vehicle file."""
 
@@ -105,6 +115,7 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lidar: LidarSettings
     battery: Battery
     telemetry: TelemetrySettings = TelemetrySettings()
+    fence: FenceSettings = FenceSettings()
 
     @classmethod
     def load(cls, path: Path, overrides: Sequence[str] = ()) -> "Airframe":

@@ -39,7 +39,11 @@ def view(
         str | None,
         typer.Argument(metavar="[LOG|URL]", help="A log, finished or being written, or udpin:HOST:PORT; none: newest."),
     ] = None,
-    port: Annotated[int, typer.Option(help="Of the page, on 127.0.0.1.", min=0, max=65535)] = 8080,
+    port: Annotated[int, typer.Option(help="Of the page.", min=0, max=65535)] = 8080,
+    address: Annotated[str, typer.Option(help="An IPv4 address of this machine, for the page.")] = "127.0.0.1",
+    remote: Annotated[
+        bool, typer.Option("--allow-remote", help="Let --address be one that other machines reach, unencrypted.")
+    ] = False,
     world: Annotated[str | None, typer.Option(help="What to draw around a link's vehicle: a file in worlds/.")] = None,
     control: Annotated[
         bool, typer.Option("--control", help="Offer hold, resume, land, return and go to, sent to the vehicle at URL.")
@@ -49,8 +53,12 @@ def view(
     ),
 ) -> None:
     """Show a flight in the browser, in the air or from its log. It only looks, unless --control is given."""
+    from companion.view.door import check_address
+
+    exit_on_user_error(check_address, address, remote=remote)
+    place = (port, address)
     if source is not None and ":" in source and not Path(source).exists():
-        _view_link(source, port, world, control=control)
+        _view_link(source, place, world, control=control)
         return
     if control:
         exit_as_unusable("--control needs the URL of a vehicle")
@@ -62,10 +70,10 @@ def view(
     with flight_log(log) as shown:
         opened = exit_on_user_error(open_log, shown.path)
         opened.name = str(log)
-        _serve(opened, port)
+        _serve(opened, place)
 
 
-def _view_link(url: str, port: int, world: str | None, *, control: bool) -> None:
+def _view_link(url: str, place: tuple[int, str], world: str | None, *, control: bool) -> None:
     """Show the vehicle at a URL, in a world if one is named, with buttons if `control`."""
     from companion.view.control import Control
     from companion.view.sources import Link
@@ -75,13 +83,14 @@ def _view_link(url: str, port: int, world: str | None, *, control: bool) -> None
 
     drawn = exit_on_user_error(find, "worlds", world).read_bytes() if world is not None else b""
     transport = exit_on_user_error(open_url, url)
-    _serve(Link(url, transport, drawn), port, Control(transport.send, RealClock().now_ns) if control else None)
+    _serve(Link(url, transport, drawn), place, Control(transport.send, RealClock().now_ns) if control else None)
 
 
-def _serve(source: "Source", port: int, control: "Control | None" = None) -> None:
+def _serve(source: "Source", place: tuple[int, str], control: "Control | None" = None) -> None:
+    """Show a source at a `place`, a port and an address of this machine."""
     from companion.view.live import Page, serve
 
-    serve(exit_on_user_error(Page, source, port, control), typer.echo)
+    serve(exit_on_user_error(Page, source, *place, control), typer.echo)
 
 
 def foxglove(

@@ -7,7 +7,7 @@ from companion.config import Settings
 from companion.link.audit import Audit
 from companion.link.firmware.firmware import Firmware, Terms
 from companion.link.wire import vehicle_text
-from companion.state import Announcement, Output, Severity
+from companion.state import NO_FENCE, Announcement, Output, OwnFence, Severity
 from protocol.messages import dialect
 
 _COMPLAINT_NS = 5_000_000_000
@@ -91,6 +91,11 @@ class Readiness:
     def output(self) -> Output:
         """What the flight commands; not fixed before the audit is through."""
         return self._asked_output or Output.ATTITUDE if self.audit is None else self.audit.output
+
+    @property
+    def fence(self) -> OwnFence:
+        """The vehicle's own; none before the audit is through."""
+        return NO_FENCE if self.audit is None else self.audit.vehicle.fence
 
     @property
     def refusal(self) -> str | None:

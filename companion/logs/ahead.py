@@ -77,6 +77,8 @@ class Ahead:
         if not self._open:
             return None
         request = self._open.popleft()
+        if request.fence is not None:  # a record of a request does not hold it
+            raise DivergedError
         try:
             asked, result = self._results.take()
         except (EOFError, OSError):

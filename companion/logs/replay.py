@@ -75,8 +75,7 @@ def replay(
     flight = open_flight(path, settings, overrides)
     clock = RealClock()
     second = None
-    told = not flight.settings.geofence.bounded  # a record of a request does not hold the fence
-    if settings is None and not overrides and trace is None and told and worth_it(flight.log):
+    if settings is None and not overrides and trace is None and worth_it(flight.log):
         second = _flown_ahead(flight, keeps_series=keeps_series)
     if second is None:
         with _copy(flight, trace, settings, overrides) as writer, _no_garbage_collection():

@@ -19,7 +19,7 @@ from companion.mission.plan import Mission, Phase, Step, nearest_step, steps
 from companion.mission.stall import Progress, Trail
 from companion.mission.wander import Wander
 from companion.reports import CommandReport, MissionReport, MotionReport
-from companion.state import Announcement, Severity, VehicleState
+from companion.state import NO_FENCE, Announcement, OwnFence, Severity, VehicleState
 from protocol.arrays import Array
 
 NEAR_M = 2.0
@@ -73,13 +73,11 @@ class Navigator:
         settings: Settings,
         mission: Mission,
         durations: Sequence[float | None],
-        outside: str | None = None,
         *,
         lands: bool = False,
     ) -> None:
-        """`durations`: s that each step's track takes; None for a step without one. `outside`: the place of the mission
-        that is beyond the fence, in words, if there is one. `lands`: a vehicle that is taken over in flight does
-        nothing else."""
+        """`durations`: s that each step's track takes; None for a step without one. `lands`: a vehicle that is taken
+        over in flight does nothing else."""
         self.mission = mission
         self.steps: tuple[Step, ...] = ()
         """Known from the place of the start on (`begin`)."""
@@ -95,7 +93,6 @@ class Navigator:
         self._settings = settings
         self._lands = lands
         self._durations = tuple(durations)
-        self._outside = outside
         self._fence: Fence | None = None
         self._search = AltitudeSearch(settings.avoidance.altitude_search)
         self._trail = Trail()
@@ -114,17 +111,17 @@ class Navigator:
 
     # -- where to go ---------------------------------------------------------------------------------------------------
 
-    def begin(self, start_ned: Array) -> None:
-        """The vehicle stands at the place (3,) of the start."""
+    def begin(self, start_ned: Array, own: OwnFence = NO_FENCE) -> None:
+        """The vehicle, with a fence of its own, stands at the place (3,) of the start."""
         self.ground_down = float(start_ned[2])
-        self._fence = fence_of(self._settings.geofence, start_ned)
+        self._fence = fence_of(self._settings.geofence, start_ned, own)
         self.steps = steps(self.mission, start_ned)
         self._enter(0)
 
-    def adopt(self, start_ned: Array, here_ned: Array, now_ns: int) -> Announcement:
+    def adopt(self, start_ned: Array, here_ned: Array, own: OwnFence, now_ns: int) -> Announcement:
         """The vehicle, which started at a place (3,), is taken over in flight at another (3,): what is left of the
         mission is flown from the nearest step on, or nothing but the landing."""
-        self.begin(start_ned)
+        self.begin(start_ned, own)
         landing = len(self.steps) - 1
         self._enter(landing if self._lands else nearest_step(self.steps, start_ned, here_ned))
         self._step_since_ns = now_ns
@@ -182,12 +179,15 @@ class Navigator:
         self._search.begin()
         self._leg = None
 
-    def report(self, now_ns: int, state: VehicleState | None = None, *, flying: bool) -> MissionReport:
+    def report(
+        self, now_ns: int, state: VehicleState | None = None, outside: str | None = None, *, flying: bool
+    ) -> MissionReport:
         """How far the mission is, with the vehicle in a `state` if that is known; a step is overdue only while the
-        companion is `flying`."""
+        companion is `flying`. `outside`: the place of the mission that is beyond the fence, in words, if there is one.
+        """
         done = bool(self.steps) and self.step.phase is Phase.LAND
         beyond = 0.0 if state is None or self._fence is None else -self._fence.room(state.position_ned)
-        report = MissionReport(done, self._overdue(now_ns) if flying else 0.0, outside=self._outside, beyond=beyond)
+        report = MissionReport(done, self._overdue(now_ns) if flying else 0.0, outside=outside, beyond=beyond)
         if not flying or state is None:
             return report
         homeward, landing_s = self._way_to_landing(state.position_ned)
@@ -262,7 +262,8 @@ class Navigator:
         ) < wander.speed(settings.settled_speed)
 
     def tracked(self, errors: Array) -> None:
-        """A control step's errors (6,) from the reference: of the position (m) and of the virtual rate (m/s)."""
+        """The errors (6,) from the reference of a control step in the air: of the position (m) and of the virtual rate
+        (m/s)."""
         self._wander.add(errors)
 
     def release(self, answer: CommandReport) -> tuple[Arrival, Announcement | None]:
@@ -303,11 +304,8 @@ class Navigator:
         """Try another altitude that is allowed, if that may help."""
         target, settings = self.step.target_ned, self._settings.avoidance.altitude_search
         assert target is not None
-        fence = self._settings.geofence
-        ceiling = math.inf if fence.max_height is None else fence.max_height - fence.margin
-        place = Place(
-            position_ned, float(target[2]), self.ground_down - settings.min_height, self.ground_down - ceiling
-        )
+        highest = -math.inf if self._fence is None else self._fence.low[2] + self._settings.geofence.margin
+        place = Place(position_ned, float(target[2]), self.ground_down - settings.min_height, highest)
         change = self._search.consider(detour, stuck, place, now_ns)
         self._leg = None
         if change is None:

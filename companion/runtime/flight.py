@@ -7,6 +7,7 @@ import platform
 import subprocess
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -136,46 +137,46 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: 
         planning = Planning(InProcessPlanner(avoidance), avoidance.answer_delay)
     else:
         planning = Planning(PlannerProcess(avoidance), None)
-    if planning.fault is not None:
-        raise PlanError(planning.fault)
-    autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output, plan.adoption)
-    began = time.time()
-    clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
-    log = FlightLog.open(
-        new_folder(logs, plan.mission.name, began),
-        metadata={"flight": {**_metadata(plan, began), "whole_datagrams": str(transport.preserves_datagrams)}},
-        attachments=_attachments(plan),
-        types=RECORD_TYPES,
-        on_full="wait" if clock is None else "drop",
-        console=console,
-        epoch_ns=0 if clock is None else round(began * 1e9),
-        preserves_datagrams=transport.preserves_datagrams,
-    )
-    if note:
-        log.text(0, logging.INFO, "companion", note)
-    runner = Runner(autopilot, transport, log, clock, planning, console=console, beside=beside)
-    wall = time.monotonic()
-    try:
-        runner.run()
-    finally:
-        planning.close()
-        fault = runner.failure or autopilot.supervisor.fault
-        result = Result(
-            delivered=autopilot.navigator.released,
-            landed=fault is None and autopilot.supervisor.state is State.ENDED,
-            fault=fault,
-            log=log.path,
-            output=autopilot.link.readiness.output,
-            simulated_s=runner.flown_s,
-            wall_s=time.monotonic() - wall,
-            traffic=traffic_of(autopilot, transport),
-            refused=transport.refused if isinstance(transport, GuardedLink) else {},
-            missed_deadlines=runner.missed_deadlines,
-            records_dropped=log.dropped,
-            log_fault=log.fault,
+    with closing(planning):
+        if planning.fault is not None:
+            raise PlanError(planning.fault)
+        autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output, plan.adoption)
+        began = time.time()
+        clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
+        log = FlightLog.open(
+            new_folder(logs, plan.mission.name, began),
+            metadata={"flight": {**_metadata(plan, began), "whole_datagrams": str(transport.preserves_datagrams)}},
+            attachments=_attachments(plan),
+            types=RECORD_TYPES,
+            on_full="wait" if clock is None else "drop",
+            console=console,
+            epoch_ns=0 if clock is None else round(began * 1e9),
+            preserves_datagrams=transport.preserves_datagrams,
         )
-        tables = {"result": _outcome(result), "vehicle": _vehicle(autopilot)}
-        log.close({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})
+        if note:
+            log.text(0, logging.INFO, "companion", note)
+        runner = Runner(autopilot, transport, log, clock, planning, console=console, beside=beside)
+        wall = time.monotonic()
+        try:
+            runner.run()
+        finally:
+            fault = runner.failure or autopilot.supervisor.fault
+            result = Result(
+                delivered=autopilot.navigator.released,
+                landed=fault is None and autopilot.supervisor.state is State.ENDED,
+                fault=fault,
+                log=log.path,
+                output=autopilot.link.readiness.output,
+                simulated_s=runner.flown_s,
+                wall_s=time.monotonic() - wall,
+                traffic=traffic_of(autopilot, transport),
+                refused=transport.refused if isinstance(transport, GuardedLink) else {},
+                missed_deadlines=runner.missed_deadlines,
+                records_dropped=log.dropped,
+                log_fault=log.fault,
+            )
+            tables = {"result": _outcome(result), "vehicle": _vehicle(autopilot)}
+            log.close({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})
     return replace(result, log_fault=log.fault)
 
 

@@ -17,6 +17,7 @@ from companion.link.firmware.firmware import Firmware
 from companion.state import FlightMode
 from companion.view.batches import Batch, sender_and_name
 from companion.view.lines import Floats
+from companion.view.live_words import paragraphs
 from companion.view.scene import in_the_way
 from protocol.arrays import Array
 from protocol.frames import enu_to_ned, to_geodetic
@@ -197,7 +198,7 @@ class Panel:
                 button.on_click(lambda _, request=request: self._confirm(request))
             aim = server.gui.add_button(f"{GO_TO} …", hint="a place on the ground, which is clicked next")
             aim.on_click(lambda _: self._aim())
-            self._answer = server.gui.add_markdown("")
+            self._answer = server.gui.add_html("")
         self._flag = server.scene.add_line_segments(
             "/asked", np.zeros((1, 2, 3)), _FLAG, thickness=4.0, thickness_units="screen", visible=False
         )
@@ -205,12 +206,12 @@ class Panel:
 
     def show(self) -> None:
         """Show the latest answer, and what to click."""
-        self._answer.content = "\n\n".join(filter(None, (self._control.answer, self._aim_says)))
+        self._answer.content = paragraphs(self._control.answer, self._aim_says)
 
     def _confirm(self, request: str) -> None:
         self._stop_aiming()
         with self._server.gui.add_modal(f"Ask the vehicle to {request}?") as dialog:
-            self._server.gui.add_markdown(_CONFIRMATIONS[request])
+            self._server.gui.add_html(paragraphs(_CONFIRMATIONS[request]))
             self._buttons(dialog, request, lambda: self._ask(request), lambda: None)
 
     def _ask(self, request: str) -> None:
@@ -257,7 +258,7 @@ class Panel:
         height = round(min(max(-float(here[2]), _LOWEST_M), _HIGHEST_M), 1)
         with gui.add_modal(f"{GO_TO.capitalize()} {place_words(place)}?") as dialog:
             number = gui.add_number("height, m", height, min=_LOWEST_M, max=_HIGHEST_M, step=0.1)
-            text = gui.add_markdown("")
+            text = gui.add_html("")
             self._buttons(dialog, GO_TO, lambda: self._control.send_to(target()), lambda: self._mark(None))
 
         def target() -> Floats:
@@ -304,13 +305,13 @@ def out_of_bounds(target_ned: Floats) -> str:
 
 
 def go_to_words(here_ned: Floats, target_ned: Floats, world: bytes) -> str:
-    """The text of the confirmation of a flight between two places (3,); `world` is the world's file."""
+    """What asks for confirmation of a flight between two places (3,), as HTML; `world` is the world's file."""
     if refused := out_of_bounds(target_ned):
-        return f"**Not sent: {refused}.**"
+        return paragraphs(f"Not sent: {refused}.")
     distance = math.dist(here_ned, target_ned)
-    text = f"To **{place_words(target_ned)}**: {distance:.0f} m, straight. Nothing is avoided on the way."
+    text = f"To {place_words(target_ned)}: {distance:.0f} m, straight. Nothing is avoided on the way."
     standing = in_the_way(world, here_ned, target_ned)
-    return f"{text}\n\n**In the way: {', '.join(standing)}.**" if standing else text
+    return paragraphs(text, f"In the way: {', '.join(standing)}." if standing else "")
 
 
 def _ned(row: Any) -> Array:

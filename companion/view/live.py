@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 
 from companion.view.control import Control, Panel
+from companion.view.door import LOOPBACK, Door
 from companion.view.history import History, Moment
 from companion.view.lines import Floats
 from companion.view.live_charts import Charts
@@ -23,15 +24,13 @@ _WORDS_EVERY, _MAP_EVERY, _PATHS_EVERY = 5, 10, 20
 
 
 class Page:
-    """The server of a page, on this machine alone, and what the page shows of a source.
+    """The server of a page, and what the page shows of a source.
 
     `control`: what the page's buttons send; None for a page that only shows.
     """
 
-    def __init__(self, source: Source, port: int, control: Control | None = None) -> None:
-        """Serve at a port of 127.0.0.1; 0 is any, and another one is taken if it is in use."""
-        import viser
-
+    def __init__(self, source: Source, port: int, address: str = LOOPBACK, control: Control | None = None) -> None:
+        """Serve at a port of an IPv4 address; 0 is any, and another one is taken if it is in use."""
         self._source = source
         self._control = control
         self.history = History()
@@ -39,9 +38,12 @@ class Page:
         self._stop = threading.Event()
         self._frame = 0
         self._problem: str | None = None
-        self._server = viser.ViserServer(host="127.0.0.1", port=port, label=f"Courier · {source.name}", verbose=False)
+        door = Door(address)
+        self._server = door.open(port, f"Courier · {source.name}")
         self.wanted_port = port
-        self.port = self._server.get_port()
+        self.port: int = self._server.get_port()
+        self.url = f"http://{door.address}:{self.port}/{door.token}/"
+        """Where the page is, with its controls; without the token one looks on."""
         self.stage = Stage(self._server.scene)
         self._map = MapLayer(self._server.scene)
         self.cameras = Cameras(self._server)
@@ -120,7 +122,7 @@ class Page:
 def serve(page: Page, say: Callable[[str], None]) -> None:
     """Say where the page is, and serve it until an interrupt."""
     taken = f" ({page.wanted_port} is in use)" if page.wanted_port not in (0, page.port) else ""
-    say(f"view: http://127.0.0.1:{page.port}{taken}")
+    say(f"view: {page.url}{taken}")
     try:
         page.run()
     except KeyboardInterrupt:

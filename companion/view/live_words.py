@@ -46,6 +46,12 @@ def words(moment: Moment, name: str, when: str, problem: str | None, *, quiet: b
     return f'<div style="{style}">{trouble}<table>{cells}</table><div style="{said_style}">{said}</div></div>'
 
 
+def paragraphs(*texts: str) -> str:
+    """Texts as HTML, a paragraph each; empty ones are left out. Text from outside is escaped."""
+    style = "margin:6px 14px;font-size:13px"
+    return "".join(f'<p style="{style}">{escape(text)}</p>' for text in texts if text)
+
+
 def _link(moment: Moment) -> list[tuple[str, str]]:
     if moment.link_age is None:
         return [("mode", "unknown"), ("failsafe", "unknown"), ("link", "silent")]

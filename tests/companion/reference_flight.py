@@ -56,7 +56,7 @@ class ReferenceFlight:
         self.planning = PlanningPipeline(self.settings.avoidance)
         self.tick = 0
         self.state = vehicle(START)
-        self.guidance.begin(self.state)
+        self.guidance.begin(self.state, self.state.position_ned)
         self.references: list[Reference] = []
         self.motion: MotionReport | None = None
         self.results: list[PlanResult] = []

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from companion.config_limits import Geofence
 from companion.fence import Fence, fence_of
+from companion.state import OwnFence
 from protocol.arrays import Array
 
 HOME = np.array([3.0, -4.0, 0.5])
@@ -31,6 +32,42 @@ def fences(draw: st.DrawFn) -> Fence:
     fence = fence_of(settings, HOME)
     assert fence is not None
     return fence
+
+
+OWN = st.builds(
+    OwnFence,
+    radius=st.just(math.inf) | st.floats(1.0, 300.0),
+    max_height=st.just(math.inf) | st.floats(1.0, 150.0),
+    margin=st.floats(0.0, 5.0),
+)
+
+
+@given(OWN, OFFSETS, st.floats(5.0, 200.0) | st.none(), st.floats(0.5, 4.0))
+def test_with_the_vehicle_s_own_fence_each_keeps_its_margin(
+    own: OwnFence, offset: Array, radius: float | None, margin: float
+) -> None:
+    """What is left after the settings' margin is within both fences, each shrunk by the margin that it wants."""
+    settings = Geofence(radius=radius, margin=margin)
+    fence = fence_of(settings, HOME, own)
+    if fence is None:
+        assert radius is None and math.isinf(own.radius) and math.isinf(own.max_height)
+        return
+    place = HOME + offset
+    wanted = max(margin, own.margin)
+    away, height = math.hypot(*offset[:2]), -offset[2]
+    inside = away <= own.radius - wanted and height <= own.max_height - wanted
+    inside = inside and (radius is None or away <= radius - margin)
+    room = fence.shrunk(margin).room(place)
+    assert (room >= 0.0) == bool(inside) or abs(room) < 1e-9
+
+
+def test_the_least_height_counts_where_it_is_asked_for() -> None:
+    own = OwnFence(min_height=4.0, margin=2.0)
+    for floor, rooms in ((False, (math.inf, math.inf)), (True, (-2.0, 5.0))):
+        fence = fence_of(Geofence(margin=1.0), HOME, own, floor=floor)
+        assert fence is not None
+        found = [fence.shrunk(1.0).room(HOME - (0.0, 0.0, height)) for height in (4.0, 11.0)]
+        assert found == pytest.approx(rooms)
 
 
 def test_without_bounds_there_is_no_fence() -> None:

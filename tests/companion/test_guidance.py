@@ -52,7 +52,8 @@ def test_a_hold_is_at_rest_where_the_vehicle_is(
 
 def test_before_the_start_the_decision_is_to_stay() -> None:
     guidance, _ = guidance_of(ROUTE)
-    guidance.begin(vehicle((1.0, 2.0, 0.5)))
+    state = vehicle((1.0, 2.0, 0.5))
+    guidance.begin(state, state.position_ned)
     decision = guidance.decision
     assert decision.target_ned.tolist() == guidance.reference(0).position_ned.tolist() == [1.0, 2.0, 0.5]
     assert (decision.speed_limit, decision.clearance, decision.blocked) == (ROUTE.speed, math.inf, False)

@@ -13,12 +13,15 @@ from studies.joined import Joined, mission_of
 
 FREE = 'avoidance.method="none"'
 MARGIN = 1.0
+OUT = Mission(name="out", waypoints=[Waypoint(25.0, 0.0, 5.0, hold_s=2.0)], speed=4.0)
 FENCE = ("geofence.radius=30.0", "geofence.east=[-12.0, 15.0]", "geofence.max_height=9.0")
+OF_SETTINGS, OF_VEHICLE = FENCE[1:2], ("fence.radius_m=30.0", "fence.max_height_m=9.0")
+"""The same fence, of which the vehicle has a part."""
 
 
 def fence_in(joined: Joined) -> Fence:
     home = joined.truths[0][:3]
-    fence = fence_of(joined.autopilot.settings.geofence, home)
+    fence = fence_of(load_settings(None, list(FENCE)).geofence, home)
     assert fence is not None
     return fence
 
@@ -46,7 +49,9 @@ def random_mission(seed: int) -> tuple[Mission, tuple[float, float, float]]:
 @pytest.mark.parametrize("seed", range(4))
 def test_no_flight_leaves_the_fence(seed: int) -> None:
     mission, wind = random_mission(seed)
-    joined = Joined(mission, overrides=(*FENCE, FREE), world_overrides=(f"wind.mean_ned={list(wind)}",), seed=seed)
+    ours, its = (OF_SETTINGS, OF_VEHICLE) if seed % 2 else (FENCE, ())
+    world = (f"wind.mean_ned={list(wind)}",)
+    joined = Joined(mission, overrides=(*ours, FREE), vehicle_overrides=its, world_overrides=world, seed=seed)
     joined.remembers = False
     joined.fly()
     assert joined.autopilot.supervisor.fault is None
@@ -72,13 +77,23 @@ def test_a_mission_that_leaves_the_fence_is_refused_and_the_place_named(
     assert joined.vehicle.flight.airborne_ns == 0 and joined.vehicle.time_ns < 5e9, "at once"
 
 
+@pytest.mark.parametrize(
+    ("fence", "words"),
+    [("radius_m=20.0", "north 25.0, east 0.0"), ("max_height_m=5.5", "height 5.0 is 0.5 m beyond")],
+)
+def test_a_mission_that_leaves_the_vehicle_s_own_fence_is_refused(fence: str, words: str) -> None:
+    """Which only its parameters tell, before it is armed."""
+    joined = Joined(OUT, overrides=(FREE,), vehicle_overrides=(f"fence.{fence}",)).fly(limit_s=60.0)
+    fault = joined.autopilot.supervisor.fault
+    assert fault is not None and "the mission leaves the fence" in fault and words in fault
+    assert joined.vehicle.flight.airborne_ns == 0 and joined.vehicle.time_ns < 5e9, "at once"
+    assert not joined.vehicle.flight.armed
+
+
 def ask(joined: Joined, command: int, *parameters: float) -> None:
     padded = parameters + (0.0,) * (7 - len(parameters))
     fields = (1, 1, command, 0, *padded)
     joined.vehicle.receive(Encoder(1, 190).encode_fields(dialect.MAVLink_command_long_message, *fields))
-
-
-OUT = Mission(name="out", waypoints=[Waypoint(25.0, 0.0, 5.0, hold_s=2.0)], speed=4.0)
 
 
 def test_given_back_beyond_the_fence_it_comes_back_without_a_jump() -> None:

@@ -32,6 +32,8 @@ def parameters(airframe: Airframe) -> dict[str, float | int]:
         "COM_RCL_EXCEPT": _NO_TRANSMITTER_NEEDED,
         "FD_FAIL_P": 0,
         "FD_FAIL_R": 0,
+        "GF_MAX_HOR_DIST": airframe.fence.radius_m,
+        "GF_MAX_VER_DIST": airframe.fence.max_height_m,
         "MPC_THR_HOVER": airframe.body.hover_thrust,
         "MPC_TILTMAX_AIR": math.degrees(tilt),
         "NAV_DLL_ACT": _LAND_ON_LINK_LOSS,

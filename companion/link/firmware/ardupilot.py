@@ -3,9 +3,9 @@ thrust, so NAV_TAKEOFF is not needed."""
 
 import math
 
-from companion.link.firmware.firmware import Firmware, Judge, Terms, Values, first_known, within
+from companion.link.firmware.firmware import Firmware, Judge, Terms, Values, first_known, positive, within
 from companion.reports import Finding, VehicleSettings
-from companion.state import FlightMode, Output, Safety
+from companion.state import NO_FENCE, FlightMode, Output, OwnFence, Safety
 from protocol.messages import dialect
 
 _MODES = {
@@ -31,6 +31,11 @@ _THRUST_AS_THRUST = 8
 _GCS_SYSTEM = ("MAV_GCS_SYSID", "SYSID_MYGCS")
 _ANGLE_MAX = ("ATC_ANGLE_MAX", "ANGLE_MAX")
 """Since 4.7, in deg; before, in 0.01 deg."""
+_FENCE_UP = ("FENCE_ENABLE", "FENCE_AUTOENABLE")
+"""The second puts the fence up at the arming or the take-off."""
+_HIGHEST, _CIRCLE, _POLYGONS, _LOWEST = 1, 2, 4, 8
+"""Bits of FENCE_TYPE."""
+_FENCE_SIZES = {"FENCE_ALT_MAX": _HIGHEST, "FENCE_RADIUS": _CIRCLE, "FENCE_ALT_MIN": _LOWEST}
 
 
 def _mode_of(custom_mode: int) -> FlightMode:
@@ -88,6 +93,43 @@ def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
             "setpoints",
         ),
         judge("MOT_THST_HOVER", "", "the vehicle's own idea of its hover thrust"),
+        *_audit_of_fence(values, judge),
+    )
+
+
+def _audit_of_fence(values: Values, judge: Judge) -> tuple[Finding, ...]:
+    """Its sizes matter only while it is up. Older versions have no FENCE_AUTOENABLE."""
+    switches = [judge(name, "", "with it the flight keeps within the vehicle's fence") for name in _FENCE_UP[:1]]
+    switches += [judge(name, "", "puts the vehicle's fence up by itself") for name in _FENCE_UP[1:] if name in values]
+    if not _is_up(values):
+        return tuple(switches)
+    kinds, polygons = int(values.get("FENCE_TYPE", 0.0)), values.get("FENCE_TOTAL", 1.0) > 0.0
+    return (
+        *switches,
+        judge(
+            "FENCE_TYPE",
+            "without bit 2 (4), or no uploaded fence (FENCE_TOTAL 0)",
+            "polygons and circles that were uploaded to the vehicle are not read",
+            lambda value: not (polygons and kinds & _POLYGONS),
+        ),
+        *(judge(name, "", f"m, bit {bit} of FENCE_TYPE") for name, bit in _FENCE_SIZES.items() if kinds & bit),
+        judge("FENCE_MARGIN", "", "m that the flight keeps inside, if geofence.margin is not more"),
+    )
+
+
+def _is_up(values: Values) -> bool:
+    return any(values.get(name, 0.0) > 0.0 for name in _FENCE_UP)
+
+
+def _fence(values: Values) -> OwnFence:
+    if not _is_up(values):
+        return NO_FENCE
+    kinds = int(values.get("FENCE_TYPE", 0.0))
+    return OwnFence(
+        positive(values.get("FENCE_RADIUS")) if kinds & _CIRCLE else math.inf,
+        positive(values.get("FENCE_ALT_MAX")) if kinds & _HIGHEST else math.inf,
+        values.get("FENCE_ALT_MIN", -math.inf) if kinds & _LOWEST else -math.inf,
+        max(values.get("FENCE_MARGIN", 0.0), 0.0),
     )
 
 
@@ -98,6 +140,7 @@ def _settings(values: Values) -> VehicleSettings:
         hover_thrust=within(values.get("MOT_THST_HOVER"), 0.05, 0.95),
         max_tilt=math.radians(tilt_deg) if 1.0 <= tilt_deg <= 90.0 else None,
         angle_boost=values.get("ATC_ANGLE_BOOST", 1.0) != 0.0,
+        fence=_fence(values),
     )
 
 
@@ -115,6 +158,7 @@ FIRMWARE = Firmware(
         ("ATC_ANGLE_BOOST",),
         _ANGLE_MAX,
         ("MOT_THST_HOVER",),
+        *((name,) for name in (*_FENCE_UP, "FENCE_TYPE", "FENCE_TOTAL", *_FENCE_SIZES, "FENCE_MARGIN")),
     ),
     bytewise=False,
     hold_parameter="GUID_TIMEOUT",

@@ -1,5 +1,6 @@
 """The questions that every make of autopilot answers differently."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -81,6 +82,11 @@ class Judge:
 def first_known(question: Question, values: Values) -> str:
     """The name that a parameter was found under; the first of its names if it was not found."""
     return next((name for name in question if name in values), question[0])
+
+
+def positive(value: float | None) -> float:
+    """A size; infinite where 0 stands for none, or it is not known."""
+    return math.inf if value is None or value <= 0.0 else value
 
 
 def within(value: float | None, least: float, most: float) -> float | None:

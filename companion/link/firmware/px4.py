@@ -2,9 +2,9 @@
 
 import math
 
-from companion.link.firmware.firmware import Firmware, Judge, Terms, Values, within
+from companion.link.firmware.firmware import Firmware, Judge, Terms, Values, positive, within
 from companion.reports import Finding, VehicleSettings
-from companion.state import FlightMode, Output, Safety
+from companion.state import FlightMode, Output, OwnFence, Safety
 from protocol.messages import dialect
 
 _MANUAL, _ALTCTL, _POSCTL, _AUTO, _ACRO, _OFFBOARD, _STABILIZED = range(1, 8)
@@ -47,6 +47,8 @@ _PARAMETERS = (
     "FD_FAIL_P",
     "FD_FAIL_R",
     "CBRK_FLIGHTTERM",
+    "GF_MAX_HOR_DIST",
+    "GF_MAX_VER_DIST",
 )
 _LOSS_WHY = {
     _ALTITUDE: "when setpoints stop, a pilot must fly (altitude mode)",
@@ -118,6 +120,8 @@ def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
             )
             for name in ("FD_FAIL_P", "FD_FAIL_R")
         ),
+        judge("GF_MAX_HOR_DIST", "", "m from home, 0: none; the flight keeps within it"),
+        judge("GF_MAX_VER_DIST", "", "m above home, 0: none; the flight keeps within it"),
     )
 
 
@@ -128,6 +132,7 @@ def _settings(values: Values) -> VehicleSettings:
         hover_thrust=within(values.get("MPC_THR_HOVER"), 0.05, 0.95),
         max_tilt=None if tilt_deg is None else math.radians(tilt_deg),
         angle_boost=False,
+        fence=OwnFence(positive(values.get("GF_MAX_HOR_DIST")), positive(values.get("GF_MAX_VER_DIST"))),
     )
 
 

@@ -14,7 +14,7 @@ from companion.link.firmware.firmware import Firmware, Terms
 from companion.link.firmware.px4 import FIRMWARE as PX4
 from companion.link.vehicle_link import VehicleLink
 from companion.reports import Finding
-from companion.state import Announcement, Output, Safety, Setpoint, Severity
+from companion.state import NO_FENCE, Announcement, Output, OwnFence, Safety, Setpoint, Severity
 from protocol.framing import Framer
 from protocol.messages import decode, dialect
 from tests.companion.link.sender import (
@@ -34,6 +34,8 @@ SAFE: dict[str, dict[str, float]] = {
         "FD_FAIL_P": 60.0,
         "FD_FAIL_R": 60.0,
         "CBRK_FLIGHTTERM": 121212.0,
+        "GF_MAX_HOR_DIST": 0.0,
+        "GF_MAX_VER_DIST": 0.0,
     },
     "ArduPilot": {
         "GUID_OPTIONS": 8.0,
@@ -43,6 +45,12 @@ SAFE: dict[str, dict[str, float]] = {
         "ATC_ANGLE_BOOST": 1.0,
         "ATC_ANGLE_MAX": 30.0,
         "MOT_THST_HOVER": 0.35,
+        "FENCE_ENABLE": 1.0,
+        "FENCE_TYPE": 7.0,
+        "FENCE_TOTAL": 0.0,
+        "FENCE_ALT_MAX": 100.0,
+        "FENCE_RADIUS": 300.0,
+        "FENCE_MARGIN": 2.0,
     },
 }
 FIRMWARES = [PX4, ARDUPILOT]
@@ -135,11 +143,15 @@ def test_the_failure_detector_counts_where_it_can_end_a_flight() -> None:
 def test_any_value_can_be_judged(value: float, firmware: Firmware, data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(sorted(SAFE[firmware.name])))
     values = {**SAFE[firmware.name], name: value}
-    assert len(firmware.audit(values, TERMS)) == len(firmware.audit(SAFE[firmware.name], TERMS))
+    found = [each.parameter for each in firmware.audit(values, TERMS)]
+    assert len(set(found)) == len(found)
+    if not name.startswith("FENCE_"):
+        assert found == [each.parameter for each in firmware.audit(SAFE[firmware.name], TERMS)]
     known = firmware.settings(values)
     assert known.setpoint_hold is None or 0.0 <= known.setpoint_hold <= 1e3
     assert known.hover_thrust is None or 0.0 < known.hover_thrust < 1.0
     assert known.max_tilt is None or 0.0 < known.max_tilt <= math.pi / 2
+    assert known.fence.radius > 0.0 and known.fence.max_height > 0.0 and known.fence.margin >= 0.0
 
 
 def test_what_the_autopilot_is_told_is_in_its_units() -> None:
@@ -152,6 +164,44 @@ def test_what_the_autopilot_is_told_is_in_its_units() -> None:
     assert not old.angle_boost and ARDUPILOT.settings({}).angle_boost
 
 
+# -- the vehicle's own fence -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("firmware", "changes", "fence"),
+    [
+        (PX4, {}, NO_FENCE),
+        (PX4, {"GF_MAX_HOR_DIST": 80.0}, OwnFence(radius=80.0)),
+        (PX4, {"GF_MAX_VER_DIST": 30.0}, OwnFence(max_height=30.0)),
+        (PX4, {"GF_MAX_VER_DIST": NO_VALUE, "GF_MAX_HOR_DIST": -1.0}, NO_FENCE),
+        (ARDUPILOT, {}, OwnFence(300.0, 100.0, margin=2.0)),
+        (ARDUPILOT, {"FENCE_ENABLE": 0.0}, NO_FENCE),
+        (ARDUPILOT, {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 3.0}, OwnFence(300.0, 100.0, margin=2.0)),
+        (ARDUPILOT, {"FENCE_TYPE": 1.0}, OwnFence(max_height=100.0, margin=2.0)),
+        (ARDUPILOT, {"FENCE_TYPE": 2.0}, OwnFence(300.0, margin=2.0)),
+        (ARDUPILOT, {"FENCE_TYPE": 8.0, "FENCE_ALT_MIN": -10.0}, OwnFence(min_height=-10.0, margin=2.0)),
+        (ARDUPILOT, {"FENCE_ALT_MIN": 5.0, "FENCE_MARGIN": NO_VALUE}, OwnFence(300.0, 100.0)),
+    ],
+)
+def test_the_vehicle_s_own_fence_is_known(firmware: Firmware, changes: dict[str, float], fence: OwnFence) -> None:
+    values = {name: value for name, value in {**SAFE[firmware.name], **changes}.items() if value != NO_VALUE}
+    assert firmware.settings(values).fence == fence
+
+
+def test_what_is_not_known_of_a_fence_is_told_where_it_is_up() -> None:
+    assert worst(ARDUPILOT, FENCE_RADIUS=NO_VALUE) == {"FENCE_RADIUS": Safety.UNSAFE}
+    assert worst(ARDUPILOT, FENCE_TYPE=1.0, FENCE_RADIUS=NO_VALUE) == {}
+    assert worst(ARDUPILOT, FENCE_ENABLE=0.0, FENCE_RADIUS=NO_VALUE) == {}
+
+
+def test_an_uploaded_fence_is_told_of_as_one_that_is_not_read() -> None:
+    assert worst(ARDUPILOT, FENCE_TOTAL=6.0) == {"FENCE_TYPE": Safety.UNSAFE}
+    assert worst(ARDUPILOT, FENCE_TOTAL=6.0, FENCE_TYPE=3.0) == {}
+    assert worst(ARDUPILOT, FENCE_TOTAL=6.0, FENCE_ENABLE=0.0) == {}
+    _, said = concluded(ARDUPILOT, None, FENCE_TOTAL=6.0)
+    assert any("FENCE_TYPE is 7" in each.text and "not read" in each.text for each in said)
+
+
 # -- the output --------------------------------------------------------------------------------------------------------
 
 
@@ -161,9 +211,10 @@ def concluded(firmware: Firmware, asked: Output | None, **changes: float) -> tup
     values = {**SAFE[firmware.name], **changes}
     for question in firmware.parameters:
         name = question[0]
-        data = vehicle.parameter_error(name) if values[name] == NO_VALUE else vehicle.parameter(name, values[name])
+        value = values.get(name, NO_VALUE)
+        data = vehicle.parameter_error(name) if value == NO_VALUE else vehicle.parameter(name, value)
         (frame,) = Framer().datagram(data)
-        (audit.refuse if values[name] == NO_VALUE else audit.take)(decode(frame))
+        (audit.refuse if value == NO_VALUE else audit.take)(decode(frame))
     asked_for, said = audit.go_on(NOW)
     assert asked_for == [] and audit.done
     return audit, said

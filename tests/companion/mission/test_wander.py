@@ -5,8 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from companion.mission.navigator import Arrival
+from companion.mission.plan import Phase
 from companion.mission.wander import Wander
 from studies.joined import Joined, mission_of
+from tests.companion.mission.navigating import ALONG, at_step, target_of, vehicle
 
 
 def test_a_vehicle_that_follows_exactly_must_come_near() -> None:
@@ -25,6 +28,24 @@ def test_the_bounds_grow_with_the_wander_and_fall_again() -> None:
     for _ in range(10000):
         wander.add(np.zeros(6))
     assert wander.distance(0.1) == 0.1 and wander.speed(0.2) == 0.2
+
+
+def test_the_take_off_is_no_wander() -> None:
+    """Half a metre and 1 m/s behind for two seconds, and then as exactly as before."""
+    wander = Wander()
+    for step in range(5000):
+        share = 1.0 if step < 500 else max(1.0 - (step - 500) / 250.0, 0.0)
+        wander.add(share * np.array([0.1, 0.1, 0.5, 0.1, 0.1, 1.0]))
+        assert wander.distance(0.1) == 0.1 and wander.speed(0.2) == 0.2
+
+
+def test_who_still_climbs_has_not_taken_off() -> None:
+    navigator = at_step(mission_of("hover"), Phase.TAKEOFF)
+    for _ in range(700):
+        navigator.tracked(np.array([0.0, 0.0, 0.3, 0.0, 0.0, 1.0]))
+    climbing = vehicle(target_of(navigator), (0.0, 0.0, -0.5))
+    assert navigator.advance(ALONG, climbing, 0) is Arrival.NOT_YET
+    assert navigator.advance(ALONG, vehicle(target_of(navigator)), 0) is not Arrival.NOT_YET
 
 
 def test_no_wander_makes_anything_an_arrival() -> None:

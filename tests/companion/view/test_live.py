@@ -287,7 +287,7 @@ def looked(tmp_path: Path) -> Iterator[Looked]:
     try:
         live.step(2.0)
         assert live.playback.time == 0.0, "it waits for somebody to look"
-        with opened(f"http://127.0.0.1:{live.port}") as (browser, errors):
+        with opened(live.url) as (browser, errors):
             wait_for(lambda: (browser.screenshot(), live.cameras.watched)[1], bool)
             yield Looked(live, browser)
             assert errors == []

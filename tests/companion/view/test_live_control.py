@@ -37,7 +37,7 @@ class Watched:
         self._transport = Udp("127.0.0.1", 0, bind=True)
         self.address = f"127.0.0.1:{self._transport.port}"
         self.control = Control(self._transport.send, RealClock().now_ns)
-        self.page = Page(Link(self.address, self._transport, b""), 0, self.control)
+        self.page = Page(Link(self.address, self._transport, b""), 0, control=self.control)
         self._stepped = threading.Condition()
         self._ends = threading.Event()
         self._threads = [threading.Thread(target=run) for run in (self._watch, self._stream)]
@@ -155,7 +155,7 @@ def go_to_a_place(watched: Watched, browser: Browser) -> None:
 
 @needs_chromium
 def test_each_button_reaches_the_vehicle(watched: Watched) -> None:
-    with opened(f"http://127.0.0.1:{watched.page.port}", fine=0.4) as (browser, errors):
+    with opened(watched.page.url, fine=0.4) as (browser, errors):
         browser.get_by_label("camera follows", exact=True).evaluate("box => box.click()")
         watched.take_off()
         mode = browser.locator("#mode")
