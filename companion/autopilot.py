@@ -154,6 +154,7 @@ class Autopilot:
     def _supervise(self, now: int) -> None:
         supervisor, state = self.supervisor, self.supervisor.state
         self._say(*self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK))
+        self.controller.follow(self.link.delays.known)
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
         mission = self.navigator.report(now, self.sensing.state, flying=state is State.FLY)

@@ -69,7 +69,7 @@ class Prediction(Table, frozen=True):
     enabled: bool = True
     command_delay: NotNegative = 0.0
     """s from sending a command to its effect, in addition to half of the period for which it is held."""
-    longest: Positive = 0.15
+    longest: Positive = 0.5
     """s; older telemetry is treated as being of this age."""
 
 

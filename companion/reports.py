@@ -122,6 +122,21 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """Which, to stand behind a sentence; empty if it does not say."""
 
 
+class LinkDelay(msgspec.Struct, frozen=True, gc=False):
+    """How late the link makes things (s), as was measured. An attitude is `age` old when it arrives; a command acts
+    `command` after it was sent."""
+
+    age: float = 0.0
+    command: float = 0.0
+    unsteady: float = 0.0
+    """By how much commands miss their moment, either way."""
+
+    @property
+    def total(self) -> float:
+        """From a measurement to the effect of what is made of it."""
+        return self.age + self.command
+
+
 class Motors(msgspec.Struct, frozen=True, gc=False):
     """How the vehicle's motors follow the thrust that it is asked for."""
 

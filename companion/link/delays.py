@@ -1,0 +1,34 @@
+"""How late the link makes things, from the ages of the attitudes and from the round trips of TIMESYNC."""
+
+from companion.reports import LinkDelay
+from protocol.clock_offset import ClockOffset
+
+_SHARE = 1 / 64
+"""Of a new age in the mean."""
+_STEP_S = 0.004
+"""A change by less is none: a tick of most vehicles."""
+
+
+class Delays:
+    """Of one vehicle. `known` is another object only after a change."""
+
+    def __init__(self, period: float) -> None:
+        """`period` (s) of the telemetry."""
+        self.known = LinkDelay()
+        self._period_ns = period * 1e9
+        self._age_ns = 0.0
+
+    def arrived(self, age_ns: int) -> None:
+        """An attitude that was so old on arrival."""
+        self._age_ns += _SHARE * (age_ns - self._age_ns)
+
+    def settle(self, clock: ClockOffset) -> None:
+        """Judge what was measured; an answer waits for the vehicle's next sending, which delays no command."""
+        if clock.round_trip_ns is None:
+            return
+        command = 0.5 * max(clock.round_trip_ns - self._period_ns, 0.0)
+        found = LinkDelay(self._age_ns * 1e-9, command * 1e-9, clock.spread_ns * 1e-9)
+        before = self.known
+        changes = found.age - before.age, found.command - before.command, found.unsteady - before.unsteady
+        if max(map(abs, changes)) >= _STEP_S:
+            self.known = found
