@@ -9,6 +9,7 @@ Between the two steps the guard may change the acceleration.
 import math
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,7 +62,8 @@ MEMORY = np.dtype(
     align=True,
 )
 """What the controller remembers from step to step. `turning` is an angular acceleration (rad/s2, FRD); `count` the
-number of commands that were ever sent, `poses_count` that of poses; `rate_jump` and its `rate_jump_change` see `_fade_jumps`."""
+number of commands that were ever sent, `poses_count` that of poses; `rate_jump` and its `rate_jump_change` see
+`_fade_jumps`."""
 
 CONTROLLER = np.dtype([("parameters", PARAMETERS), ("memory", MEMORY)], align=True)
 
@@ -86,7 +88,9 @@ class Controller:
         self._parameters[:] = controller_parameters(settings, body, output)
         self._acceleration = self._memory["acceleration"][0]
         self._predicts = settings.control.prediction.enabled
-        self._configured, self._delay = self._parameters.copy(), LinkDelay()
+        self._configured = self._parameters.copy()
+        self.delay = LinkDelay()
+        """Of the link, as it is flown with."""
         self._acts_after_ns = self._counted_ns()
         self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
         self._lag_ns = round(body.rotor_time_constant_s * 1e9) if self._predicts else 0
@@ -103,23 +107,34 @@ class Controller:
     def follow(self, delay: LinkDelay) -> float:
         """Fly with this delay from now on: commands act so much later, and the loops are as fast as it allows. Returns
         the pace."""
-        if delay is not self._delay:
-            self._delay = delay
-            if self._predicts:
-                self._parameters["command_delay_ns"] = self._configured["command_delay_ns"] + round(delay.command * 1e9)
-            self._acts_after_ns = self._counted_ns()
-            self._pace()
-        return float(self._parameters["pace"][0])
+        self.delay = delay
+        if self._predicts:
+            self._parameters["command_delay_ns"] = self._configured["command_delay_ns"] + round(delay.command * 1e9)
+        self._acts_after_ns = self._counted_ns()
+        return self._pace()
 
-    def _pace(self) -> None:
+    def present(self, state: VehicleState, now_ns: int) -> VehicleState:
+        """Where the vehicle will be when a command of now takes effect, if the link is late: as it was predicted at the
+        last step, and moved on since. Without a delay the measured state itself."""
+        if self.delay.total <= 0.0:
+            return state
+        m = self._memory[0]
+        since = (now_ns - int(m["time_ns"])) * 1e-9
+        if since > _LONGEST_STEP_S:
+            return state
+        velocity = m["velocity"].copy()
+        return msgspec.structs.replace(state, position_ned=m["position"] + since * velocity, velocity_ned=velocity)
+
+    def _pace(self) -> float:
         """Slow the design down to the pace that the delay allows."""
-        delay, left = self._delay.total, self._delay.unsteady
+        delay, left = self.delay.total, self.delay.unsteady
         if not self._predicts:
             delay, left = 0.0, delay + left
         pace = pace_for(design_of(self._configured[0]), delay, left)
         self._parameters["pace"] = pace
         self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace, torque=False)
         self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace, torque=True)
+        return pace
 
     def reset(self) -> None:
         """Forget the flight so far: nothing is flown."""

@@ -61,12 +61,10 @@ PARAMETERS = np.dtype(
     align=True,
 )
 """SI units. Of the fields that do not speak for themselves: `gains` are the law's (`laws.Law`); `c1`, `c2` those of the
-Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` and `command_delay_ns` are together the time from a command to its
-effect, on average over the time that it is held; `pace` is that of `margin`;
-`fading` (1/s) that of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is
-known; `attitude_lead` (s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one
-unit of U2, U3, U4."""
-
+Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` and `command_delay_ns` are together the time
+from a command to its effect, half of the time that it is held included; `pace` is that of `margin`; `fading` (1/s) that
+of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is known; `attitude_lead`
+(s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one unit of U2, U3, U4."""
 
 _SMALL = 1e-3
 """m and m/s: an error that is within any law's linear range."""
