@@ -118,6 +118,8 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """The vehicle has said where it took off."""
     prearm_ok: bool = True
     """False: the vehicle says that its own arming checks fail."""
+    delay: float = 0.0
+    """From a measurement to the effect of what is commanded upon it (s)."""
     failed_check: str = ""
     """Which, to stand behind a sentence; empty if it does not say."""
 

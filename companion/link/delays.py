@@ -37,6 +37,11 @@ class Delays:
         if max(map(abs, changes)) >= _STEP_S:
             self.known = found
 
+    def shortcoming(self, longest: float) -> str | None:
+        """What speaks against a flight that may be late by `longest` (s) at most."""
+        late = self.known.total
+        return f"the link is {1e3 * late:.0f} ms late, {1e3 * longest:.0f} ms at most" if late > longest else None
+
     def words(self, pace: float) -> Announcement | None:
         """What is to be said of a change after which the vehicle is flown at a pace (`control.margin`)."""
         late = self.known.total

@@ -284,7 +284,9 @@ class VehicleLink:
         heard_ns = self.peer.heard_ns if self.peer is not None else None
         shortcoming = None
         if before_flight:
+            longest = self._settings.supervision.longest_delay
             shortcoming = self.readiness.shortcoming(now_ns) or self.telemetry.shortcoming(now_ns)
+            shortcoming = shortcoming or self.delays.shortcoming(longest)
         return LinkReport(
             found=self.vehicle is not None,
             status=self.said.status,
@@ -295,6 +297,7 @@ class VehicleLink:
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusals.fault(now_ns),
             complaint=self.readiness.complaint(now_ns),
+            delay=self.delays.known.total,
             exhausted=self.requests.exhausted(wanted, now_ns),
             refusal=self.readiness.refusal if before_flight else None,
             shortcoming=shortcoming,
