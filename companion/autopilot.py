@@ -85,6 +85,7 @@ class Autopilot:
     def _control(self, state: VehicleState, now: int) -> bytes:
         """Reference, acceleration, guard, attitude, gate; the payload of a TRACE record."""
         supervised, navigator, guidance = self.supervisor.state, self.navigator, self.guidance
+        here = self.controller.present(state, now)
         mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
         flies = self.controller.flies(state, now, mass, supervised is State.FLY, self.link.motors)
         airborne = flies and supervised in FLYING
@@ -92,15 +93,15 @@ class Autopilot:
             guidance.hold_at(state)
             self.controller.reset()
         elif supervised is State.FLY:
-            self._fly(state, now)
+            self._fly(here, now)
         reference, ahead = map(guidance.reference, self.controller.reference_times(now))
         measured_ns = self.link.measured_ns(self.sensing.boot_time_ms, now)
         acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, airborne)
         verdict, changed = None, False
         if self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):
-            verdict = self.guard.filter(state.position_ned, state.velocity_ned, acceleration, now)
+            verdict = self.guard.filter(here.position_ned, here.velocity_ned, acceleration, now)
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
-            guidance.yield_to(verdict, reference, state, now)
+            guidance.yield_to(verdict, reference, here, now)
         control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)
         if airborne:
             navigator.tracked(control[:6])
@@ -140,6 +141,7 @@ class Autopilot:
         seen, plan, self._plan = self.sensing.look(), self._plan, None
         if state is None or not navigator.steps:
             return None
+        state = self.controller.present(state, now)
         leg = navigator.leg(state.position_ned)
         if plan is not None:
             guidance.take_up(plan, leg, now)
@@ -152,9 +154,19 @@ class Autopilot:
                     guidance.begin_leg(leg, now)
         return None if seen is None else guidance.look(*seen, navigator.lowest_return, state, leg, now)
 
+    def _follow_delay(self) -> None:
+        """Whatever depends on how late the link is learns of a change."""
+        late = self.link.delays.known
+        if late is not self.controller.delay:
+            pace = self.controller.follow(late)
+            self.guidance.follow(late, pace)
+            self.navigator.slow_down(late.total)
+            self._say(self.link.delays.words(pace))
+
     def _supervise(self, now: int) -> None:
         supervisor, state = self.supervisor, self.supervisor.state
         self._say(*self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK))
+        self._follow_delay()
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
         outside = self.guidance.outside(self.link.readiness.fence)

@@ -69,7 +69,7 @@ class Prediction(Table, frozen=True):
     enabled: bool = True
     command_delay: NotNegative = 0.0
     """s from sending a command to its effect, in addition to half of the period for which it is held."""
-    longest: Positive = 0.15
+    longest: Positive = 0.5
     """s; older telemetry is treated as being of this age."""
 
 
@@ -168,6 +168,8 @@ class Trajectory(Table, frozen=True):
     """deg/s"""
     yaw_acceleration_deg: Positive = 180.0
     """deg/s2"""
+    blind_way: Positive = 0.5
+    """m; with a link that is late the vehicle is no faster than so far within the delay. Curves keep their speed."""
     acceptance_radius: Positive = 1.5
     """m; a waypoint that is passed through is reached within this distance."""
     settled_distance: Positive = 0.1
@@ -181,6 +183,9 @@ class Supervision(Table, frozen=True):
     """Times (s) of the failsafes and of the way to the start."""
 
     telemetry_timeout: Positive = 0.5
+    longest_delay: Positive = 0.45
+    """From a measurement to the effect of what is commanded upon it: with more no flight begins, and a vehicle in
+    flight is asked to hold."""
     heartbeat_timeout: Positive = 3.0
     scan_timeout: Positive = 0.5
     least_hold: Positive = 1.0

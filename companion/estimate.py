@@ -7,7 +7,7 @@ from companion.state import VehicleState
 from protocol.arrays import Array
 
 _POSES_KEPT = 512
-_LONGEST_CARRY_S = 0.2
+_LONGEST_CARRY_S = 0.5
 _AHEAD_MS = 5000
 
 

@@ -22,7 +22,7 @@ from companion.mission.plan import Mission, Phase, Step, steps
 from companion.perception.fence_band import Flat
 from companion.perception.recent_returns import RecentReturns
 from companion.perception.scans import obstacle_points
-from companion.reports import MotionReport
+from companion.reports import LinkDelay, MotionReport
 from companion.state import NO_FENCE, AvoidanceDecision, OwnFence, Pose, Reference, Scan, VehicleState
 from companion.trajectory import ReferenceGenerator, Track, track_of
 from protocol.arrays import Array
@@ -116,6 +116,11 @@ class Guidance:
                     where = f"north {place[0]:.1f}, east {place[1]:.1f}, height {-place[2]:.1f}"
                     return f"{step.phase.name.lower()} at {where} is {-fence.room(place):.1f} m beyond"
         return None
+
+    def follow(self, late: LinkDelay, pace: float) -> None:
+        """The link is so late from now on, and the vehicle is flown at this pace."""
+        if self._guard is not None:
+            self._guard.follow(late.total, pace)
 
     # -- begin and end -------------------------------------------------------------------------------------------------
 
@@ -212,7 +217,7 @@ class Guidance:
         """By the generator, to the leg's target, to the start of its track or where the method says."""
         step, settings, generator = leg.step, self._settings.trajectory, self._generator
         assert step.target_ned is not None
-        target, speed = step.target_ned, self._mission.speed
+        target, speed = step.target_ned, leg.speed
         track = self._track_to_join(leg)
         if track is not None:
             target = track.start_ned
@@ -264,7 +269,7 @@ class Guidance:
         wanted, speed = steering.velocity, math.hypot(*steering.velocity.tolist())
         if leg.waits:
             wanted, speed = np.zeros(2), 0.0
-        limit = self._guard.limit(here, velocity, steering.path, settings.guard.reaction_time, speed)
+        limit = self._guard.limit(here, velocity, steering.path, speed)
         self.free_distance = limit.free
         if speed > limit.speed:
             wanted = wanted * (limit.speed / speed)

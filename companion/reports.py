@@ -119,8 +119,25 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """The vehicle has said where it took off."""
     prearm_ok: bool = True
     """False: the vehicle says that its own arming checks fail."""
+    delay: float = 0.0
+    """From a measurement to the effect of what is commanded upon it (s)."""
     failed_check: str = ""
     """Which, to stand behind a sentence; empty if it does not say."""
+
+
+class LinkDelay(msgspec.Struct, frozen=True, gc=False):
+    """How late the link makes things (s), as was measured. An attitude is `age` old when it arrives; a command acts
+    `command` after it was sent."""
+
+    age: float = 0.0
+    command: float = 0.0
+    unsteady: float = 0.0
+    """By how much commands miss their moment, either way."""
+
+    @property
+    def total(self) -> float:
+        """From a measurement to the effect of what is made of it."""
+        return self.age + self.command
 
 
 class Motors(msgspec.Struct, frozen=True, gc=False):

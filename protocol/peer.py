@@ -3,19 +3,13 @@
 from collections import deque
 from typing import Final
 
+from protocol.clock_offset import ClockOffset
 from protocol.framing import Frame
 
 _REORDERED: Final = 64
 """A sequence number at most this far back belongs to a late frame or a duplicate."""
 _BOOT_TIME_TOLERANCE_MS: Final = 1000
 """A time since boot that falls by at most this much is of a message that another one has overtaken."""
-_ROUND_TRIP_LIMIT_NS: Final = 10_000_000
-"""A TIMESYNC answer with a longer round trip is too inexact for the clock offset."""
-_CLOCK_JUMP_NS: Final = 20_000_000
-"""An offset sample further than this from the estimate means that a clock was set: two samples within the round-trip
-limit differ by at most 10 ms, and vehicles' clocks have steps of up to 4 ms."""
-_OFFSET_GAIN: Final = 0.1
-"""Weight of a new sample in the clock offset."""
 _REQUESTS_KEPT: Final = 8
 """TIMESYNC requests that may still be answered."""
 
@@ -47,10 +41,9 @@ class Peer:
         """When the last frame arrived."""
         self.rebooted_ns: int | None = None
         """When the last reboot was seen."""
+        self.clock = ClockOffset()
         self.offset_ns: int | None = None
-        """The peer's clock minus ours, smoothed; None while unknown."""
-        self.round_trip_ns: int | None = None
-        """Of the last TIMESYNC answer, whether or not it was used."""
+        """The peer's clock minus ours; None while unknown."""
         self._sequence: int | None = None
         self._missing = 0  # bit k: the frame k before the newest has not arrived
         self._heartbeat_ns: int | None = None
@@ -112,7 +105,7 @@ class Peer:
                 self.boot_time_ms = time_boot_ms
                 self._sequence = None
                 self._missing = 0
-                self.offset_ns = None
+                self.clock, self.offset_ns = ClockOffset(), None
                 self._requests.clear()
                 self.reboots += 1
                 self.rebooted_ns = now_ns
@@ -126,29 +119,16 @@ class Peer:
         return 0, now_ns
 
     def timesync_reply(self, tc1: int, ts1: int, now_ns: int) -> bool:
-        """Take the answer to one of the last requests; True if it changed `offset_ns`.
-
-        An answer with a round trip of 10 ms or more is not used. A sample that is too far from the estimate to be noise
-        replaces it, because a clock was set.
-        """
+        """Take the answer to one of the last requests, however long it took; False for any other."""
         if tc1 == 0 or ts1 not in self._requests:
             return False
         self._requests.remove(ts1)
-        self.round_trip_ns = now_ns - ts1
-        if self.round_trip_ns >= _ROUND_TRIP_LIMIT_NS:
-            return False
-        sample_ns = tc1 - (ts1 + now_ns) // 2
-        if self.offset_ns is None or abs(sample_ns - self.offset_ns) > _CLOCK_JUMP_NS:
-            self.offset_ns = sample_ns
-        else:
-            self.offset_ns += round((sample_ns - self.offset_ns) * _OFFSET_GAIN)
+        self.clock.round_trip(ts1, tc1, now_ns)
+        self.offset_ns = self.clock.offset_ns
         return True
 
     def timesync_asked(self, ts1: int, now_ns: int) -> None:
-        """Take a TIMESYNC request of the peer, sent at `ts1` of its clock.
-
-        It can't have been sent after it arrived, which bounds the offset from below. Half a round trip errs by half the
-        difference between the two directions.
-        """
-        if self.offset_ns is not None and 0 < ts1 - now_ns - self.offset_ns <= _CLOCK_JUMP_NS:
-            self.offset_ns = ts1 - now_ns
+        """Take a TIMESYNC request of the peer, sent at `ts1` of its clock."""
+        if self.offset_ns is not None:
+            self.clock.asked(ts1, now_ns)
+            self.offset_ns = self.clock.offset_ns

@@ -15,6 +15,7 @@ from companion.runtime.planning import InProcessPlanner, PlannerBackend, Plannin
 from companion.state import Output
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
+from studies.late_link import LateLink, Lateness
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
@@ -36,6 +37,8 @@ class Joined:
     world_overrides: tuple[str, ...] = ()
     """As "wind.mean_ned=[0.0, 5.0, 0.0]"."""
     meddle: Callable[[int, bytes], bytes] = lambda time_ns, data: data
+    lateness: Lateness | None = None
+    """Of the link between both; with one there is no lockstep."""
     remembers: bool = True
     """Whether `events` and `sent` are kept: half a megabyte an answer of the planner."""
     said: list[str] = field(default_factory=list)
@@ -55,7 +58,8 @@ class Joined:
             toml_files.find("vehicles", self.mission.vehicle), self.vehicle_overrides
         )
         world = World.load(toml_files.find("worlds", self.mission.world), self.world_overrides)
-        self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=True)
+        self._link = None if self.lateness is None else LateLink(self.lateness, self.seed)
+        self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=self._link is None)
         self.planner = InProcessPlanner(settings.avoidance)
         self.fly_with(self.planner)
 
@@ -76,17 +80,23 @@ class Joined:
     def tick(self) -> None:
         """4 ms."""
         self.truths.append(self.vehicle.state.copy())
-        datagrams = self.vehicle.advance()
+        datagrams, link = self.vehicle.advance(), self._link
         now = self.vehicle.time_ns
+        if link is not None:
+            for whole in datagrams:
+                link.there.send(link.aged(whole), now)
+            datagrams = link.there.arrived(now)
         answer = b""
         for whole in datagrams:
             heard = self.meddle(now, whole)
             answer += self._driver.handle(Datagram(now, heard))
         answer += self._driver.tick(now)
-        if answer:
-            if self.remembers:
-                self.sent.append(answer)
-            self.vehicle.receive(answer)
+        if answer and self.remembers:
+            self.sent.append(answer)
+        if answer and link is not None:
+            link.back.send(answer, now)
+        for arrived in link.back.arrived(now) if link is not None else filter(None, [answer]):
+            self.vehicle.receive(arrived)
 
     def fly(self, limit_s: float = 400.0, until: Callable[["Joined"], bool] = lambda joined: False) -> "Joined":
         """Until the companion has ended, or `until` holds, at most `limit_s` of simulated time."""

@@ -81,6 +81,18 @@ class Guard:
         self._maps = _NO_MAPS
         self._roomy = _parameters(settings, settings.keep_out, settings.keep_out_unseen)
         self._tight = _parameters(settings, settings.keep_out_tight, settings.keep_out_unseen_tight)
+        self._late_s = 0.0
+        self._reaction_s = settings.reaction_time
+
+    def follow(self, late_s: float, pace: float) -> None:
+        """From now on what is seen is so much older when a command takes effect, and the vehicle follows at this pace
+        (`control.margin`)."""
+        s = self._settings
+        self._late_s = late_s
+        self._reaction_s = s.reaction_time + late_s + s.lag_s / pace - s.lag_s
+        for parameters in (self._roomy, self._tight):
+            parameters["lag"], parameters["horizon"] = s.lag_s / pace, s.horizon_s / pace
+            parameters["barrier_gain"], parameters["closing_gain"] = s.barrier_gain * pace, s.closing_gain * pace
 
     def look(self, space: FreeSpace) -> None:
         """Take over the latest free space."""
@@ -91,20 +103,19 @@ class Guard:
             parameters["corner_n"] = space.corner[0] * space.cell
             parameters["corner_e"] = space.corner[1] * space.cell
 
-    def limit(self, position_ned: Array, velocity_ned: Array, path: Array, delay_s: float, speed: float) -> SpeedLimit:
+    def limit(self, position_ned: Array, velocity_ned: Array, path: Array, speed: float) -> SpeedLimit:
         """The allowed speed, at most `speed` (m/s).
 
-        `path` (k, 2) m, NED: the vertices that the vehicle flies to, one after the other. `delay_s`: from the
-        appearance of an obstacle to the first braking: scan period + age of the view + lag.
+        `path` (k, 2) m, NED: the vertices that the vehicle flies to, one after the other.
         """
         s = self._settings
         if self._space is None:
             return SpeedLimit(0.0, 0.0)
         free = _free_ahead(self._maps, position_ned, velocity_ned, path, self._roomy)
-        allowed = stopping_speed(free, s.braking, delay_s)
+        allowed = stopping_speed(free, s.braking, self._reaction_s)
         if self._space.tight and allowed < s.tight_speed:
             free = _free_ahead(self._maps, position_ned, velocity_ned, path, self._tight)
-            allowed = max(allowed, min(s.tight_speed, stopping_speed(free, s.braking, delay_s)))
+            allowed = max(allowed, min(s.tight_speed, stopping_speed(free, s.braking, self._reaction_s)))
         return SpeedLimit(min(speed, allowed), free)
 
     def filter(self, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, now_ns: int) -> Verdict:
@@ -116,7 +127,7 @@ class Guard:
         else:
             north, east, number = _filter(
                 space.points,
-                (now_ns - space.seen_ns) * 1e-9,
+                (now_ns - space.seen_ns) * 1e-9 + self._late_s,
                 self._maps,
                 position_ned,
                 velocity_ned,

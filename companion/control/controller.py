@@ -9,17 +9,19 @@ Between the two steps the guard may change the acceleration.
 import math
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
 from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust, tilt
 from companion.control.lift_off import LiftOff
-from companion.control.parameters import PARAMETERS, controller_parameters
+from companion.control.margin import pace_for, paced
+from companion.control.parameters import PARAMETERS, controller_parameters, design_of
 from companion.control.tracking_error import TrackingError
 from companion.outputs import OUTPUTS, TurningInput
 from companion.records import CONTROL_FIELDS
-from companion.reports import Motors
+from companion.reports import LinkDelay, Motors
 from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol.arrays import Array, Vector
 from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_world
@@ -31,6 +33,8 @@ MEMORY = np.dtype(
         ("observer", disturbance_observer.OBSERVER),
         ("commands", prediction.COMMAND, prediction.HISTORY),
         ("count", "i8"),
+        ("poses", prediction.POSE, prediction.HISTORY),
+        ("poses_count", "i8"),
         ("time_ns", "i8"),
         ("adaptive_term", "f8", 3),
         ("integral", "f8", 3),
@@ -58,7 +62,8 @@ MEMORY = np.dtype(
     align=True,
 )
 """What the controller remembers from step to step. `turning` is an angular acceleration (rad/s2, FRD); `count` the
-number of commands that were ever sent; `rate_jump` and its `rate_jump_change` see `_fade_jumps`."""
+number of commands that were ever sent, `poses_count` that of poses; `rate_jump` and its `rate_jump_change` see
+`_fade_jumps`."""
 
 CONTROLLER = np.dtype([("parameters", PARAMETERS), ("memory", MEMORY)], align=True)
 
@@ -85,13 +90,53 @@ class Controller:
         disturbance_observer.reset(self._memory["observer"][0], self._parameters["initial_deviation"][0])
         self._memory_bytes = self._memory.view(np.uint8)
         self._at_first = self._memory_bytes.copy()
-        self._half_period_ns = int(self._parameters["half_period_ns"][0])
+        self._predicts = settings.control.prediction.enabled
+        self._configured = self._parameters.copy()
+        self.delay = LinkDelay()
+        """Of the link, as it is flown with."""
+        self._acts_after_ns = self._counted_ns()
         self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
-        self._lag_ns = round(body.rotor_time_constant_s * 1e9) if settings.control.prediction.enabled else 0
+        self._lag_ns = round(body.rotor_time_constant_s * 1e9) if self._predicts else 0
 
     def use(self, output: Output) -> None:
         """Command this output from now on."""
-        self._parameters["turning_input"] = OUTPUTS[output].turning_input
+        self._configured["turning_input"] = self._parameters["turning_input"] = OUTPUTS[output].turning_input
+        self._pace()
+
+    def _counted_ns(self) -> int:
+        return int(self._parameters["half_period_ns"][0] + self._parameters["command_delay_ns"][0])
+
+    def follow(self, delay: LinkDelay) -> float:
+        """Fly with this delay from now on: commands act so much later, and the loops are as fast as it allows. Returns
+        the pace."""
+        self.delay = delay
+        if self._predicts:
+            self._parameters["command_delay_ns"] = self._configured["command_delay_ns"] + round(delay.command * 1e9)
+        self._acts_after_ns = self._counted_ns()
+        return self._pace()
+
+    def present(self, state: VehicleState, now_ns: int) -> VehicleState:
+        """Where the vehicle will be when a command of now takes effect, if the link is late: as it was predicted at the
+        last step, and moved on since. Without a delay the measured state itself."""
+        if self.delay.total <= 0.0:
+            return state
+        m = self._memory[0]
+        since = (now_ns - int(m["time_ns"])) * 1e-9
+        if since > _LONGEST_STEP_S:
+            return state
+        velocity = m["velocity"].copy()
+        return msgspec.structs.replace(state, position_ned=m["position"] + since * velocity, velocity_ned=velocity)
+
+    def _pace(self) -> float:
+        """Slow the design down to the pace that the delay allows."""
+        delay, left = self.delay.total, self.delay.unsteady
+        if not self._predicts:
+            delay, left = 0.0, delay + left
+        pace = pace_for(design_of(self._configured[0]), delay, left)
+        self._parameters["pace"] = pace
+        self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace, torque=False)
+        self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace, torque=True)
+        return pace
 
     def reset(self) -> None:
         """Forget the flight so far: nothing is flown."""
@@ -117,7 +162,7 @@ class Controller:
     def reference_times(self, now_ns: int) -> tuple[int, int]:
         """The times of the two references of a step: when the command takes effect, and when the rotors will have
         followed it."""
-        return now_ns + self._half_period_ns, now_ns + self._half_period_ns + self._lag_ns
+        return now_ns + self._acts_after_ns, now_ns + self._acts_after_ns + self._lag_ns
 
     def acceleration_command(
         self, state: VehicleState, now_ns: int, measured_ns: int, reference: Reference, mass: float, airborne: bool
@@ -129,7 +174,8 @@ class Controller:
         """
         measured = state.position_ned, state.velocity_ned, state.attitude_ned_frd, state.rates_frd
         rows = np.ascontiguousarray(reference.rows)
-        acceleration_command(measured, measured_ns, now_ns, rows, mass, airborne, self._record)
+        times = now_ns, measured_ns, measured_ns - max(state.position_age_ns, 0)
+        acceleration_command(measured, times, rows, mass, airborne, self._record)
         acceleration: Array = self._acceleration.copy()
         return acceleration
 
@@ -174,8 +220,7 @@ def _difference(a: Array | Vector, b: Array) -> Vector:
 @compiled
 def acceleration_command(
     measured: tuple[Array, Array, Array, Array],
-    measured_ns: int,
-    now_ns: int,
+    times: tuple[int, int, int],
     reference: Array,
     mass: float,
     airborne: bool,
@@ -184,9 +229,10 @@ def acceleration_command(
     """Disturbance observer, prediction and position law, which write their results into the memory of `controller`
     (1,) of CONTROLLER (an array as a compiled function's result would cost more than all arguments).
 
-    `measured` is position, velocity, attitude and rates (see `prediction.Measured`), `reference` the rows (6, 3) of a
-    `Reference`, `mass` in kg.
+    `measured` is position, velocity, attitude and rates (see `prediction.Measured`), `times` (ns) are now and when
+    attitude and position were measured, `reference` the rows (6, 3) of a `Reference`, `mass` in kg.
     """
+    now_ns = times[0]
     p, m = controller[0].parameters, controller[0].memory
     m.dt = min(max((now_ns - m.time_ns) * 1e-9, 0.0), _LONGEST_STEP_S)
     m.time_ns = now_ns
@@ -196,25 +242,29 @@ def acceleration_command(
     m.disturbance[:] = mean[disturbance_observer.DISTURBANCE]
     state = prediction.Measured(measured[0], measured[1], measured[2], measured[3])
     if airborne and m.count > 0 and (p.predicts or p.observes):
-        _observe_and_predict(state, measured_ns, mass, p, m)
+        _observe_and_predict(state, times, mass, p, m)
     else:
         m.position[:], m.velocity[:], m.attitude[:], m.rates[:] = state
         m.turning[:] = 0.0
-    reference_velocity = p.feed_velocity * reference[1]
-    m.e1[:], m.e2[:] = backstepping.errors(m.position, m.velocity, reference[0], reference_velocity, p.c1)
+    reference_velocity, pace = p.feed_velocity * reference[1], p.pace
+    m.e1[:], m.e2[:] = backstepping.errors(m.position, m.velocity, reference[0], reference_velocity, pace * p.c1)
     if airborne and not m.limited:
-        m.adaptive_term[:] = backstepping.integrated(m.adaptive_term, m.e2, p.gamma, m.dt, p.adaptation_bound)
-        m.integral[:] = backstepping.integrated(m.integral, m.e1, p.unit, m.dt, p.adaptation_bound)
+        gamma = pace * pace * p.gamma
+        m.adaptive_term[:] = backstepping.integrated(m.adaptive_term, m.e2, gamma, m.dt, p.adaptation_bound)
+        m.integral[:] = backstepping.integrated(m.integral, m.e1, pace * p.unit, m.dt, p.adaptation_bound)
     if p.adaptive:
         m.disturbance += m.adaptive_term
-    error = TrackingError(m.e1, reference_velocity - m.velocity, m.e2, m.integral)
-    m.acceleration[:] = laws.acceleration_command(p.law, error, p.feed_acceleration * reference[2], p.gains)
+    # the law in a time that runs at the pace: speeds are by 1 / pace, accelerations by 1 / pace^2 greater there
+    error = TrackingError(m.e1, (reference_velocity - m.velocity) / pace, m.e2 / pace, m.integral)
+    wanted = p.feed_acceleration * reference[2] / (pace * pace)
+    m.acceleration[:] = pace * pace * laws.acceleration_command(p.law, error, wanted, p.gains)
 
 
 @compiled
-def _observe_and_predict(measured: prediction.Measured, measured_ns: int, mass: float, p: Any, m: Any) -> None:
+def _observe_and_predict(state: prediction.Measured, times: tuple[int, int, int], mass: float, p: Any, m: Any) -> None:
     """Write the state at the time that the command takes effect into the memory, and update the observer."""
-    until_ns = m.time_ns + p.half_period_ns if p.predicts else measured_ns
+    now_ns, measured_ns, position_ns = times
+    until_ns = now_ns + p.half_period_ns + p.command_delay_ns if p.predicts else measured_ns
     model = prediction.Model(
         p.turning_input,
         p.rotor_lag,
@@ -223,16 +273,20 @@ def _observe_and_predict(measured: prediction.Measured, measured_ns: int, mass: 
         p.drag_kg_s * m.drag_scale / m.thrust_scale,
         m.disturbance,
     )
-    predicted = prediction.predict(measured, measured_ns, until_ns, m.commands, m.count, model)
+    late = position_ns < measured_ns
+    now_there = prediction.caught_up(state, measured_ns, position_ns, m.poses, m.poses_count, model) if late else state
+    predicted = prediction.predict(now_there, measured_ns, until_ns, m.commands, m.count, model)
     m.position[:], m.velocity[:], m.attitude[:] = predicted.position, predicted.velocity, predicted.attitude
     m.rates[:], m.turning[:] = predicted.rates, predicted.angular_acceleration
+    m.poses_count = prediction.keep_pose(m.poses, m.poses_count, measured_ns, state.attitude, predicted.measured_thrust)
     if p.observes:
+        pose = m.poses[prediction.pose_at(m.poses, m.poses_count, position_ns)]
         disturbance_observer.update(
             m.observer,
-            measured_ns,
-            measured.velocity,
-            np.array(to_world(measured.attitude, (0.0, 0.0, -predicted.measured_thrust / mass))),
-            -thrust.drag_compensation(measured.velocity, measured.attitude, p.drag_kg_s, mass),
+            position_ns,
+            state.velocity,
+            np.array(to_world(pose.attitude, (0.0, 0.0, -pose.thrust_n / mass))),
+            -thrust.drag_compensation(state.velocity, pose.attitude, p.drag_kg_s, mass),
             disturbance_observer.Noise(p.velocity_noise, p.walk, p.fading),
         )
 
@@ -283,7 +337,7 @@ def attitude_command(
     if p.attitude_lead > 0.0 and p.turning_input == _UNKNOWN:
         command = _attitude_sent(command, reference, p, m)
     m.limited = limited or changed
-    m.count = prediction.remember(m.commands, m.count, now_ns, collective, turning_input)
+    m.count = prediction.remember(m.commands, m.count, now_ns + p.command_delay_ns, collective, turning_input)
 
     v, v_rate = backstepping.lyapunov(m.e1, m.e2, p.c1, p.c2)
     out[0:3] = m.e1

@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Control, Estimation, Limits, Settings
-from companion.control import disturbance_observer, lqr
+from companion.control import disturbance_observer, laws, lqr
 from companion.control.laws import GAINS, LAWS
-from companion.outputs import OUTPUTS
+from companion.control.margin import Design
+from companion.control.tracking_error import TrackingError
+from companion.outputs import OUTPUTS, TurningInput
 from companion.state import Output
 from protocol.arrays import Array
 from protocol.vehicle_parameters import VehicleParameters
@@ -37,6 +39,8 @@ PARAMETERS = np.dtype(
         ("fading", "f8"),
         ("predicts", "b1"),
         ("half_period_ns", "i8"),
+        ("command_delay_ns", "i8"),
+        ("pace", "f8"),
         ("turning_input", "i8"),
         ("rotor_lag", "f8"),
         ("rate_loop", "f8", 3),
@@ -57,10 +61,15 @@ PARAMETERS = np.dtype(
     align=True,
 )
 """SI units. Of the fields that do not speak for themselves: `gains` are the law's (`laws.Law`); `c1`, `c2` those of the
-Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` is the time from a command to its effect;
-`fading` (1/s) that of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is
-known; `attitude_lead` (s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one
-unit of U2, U3, U4."""
+Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` and `command_delay_ns` are together the time
+from a command to its effect, half of the time that it is held included; `pace` is that of `margin`; `fading` (1/s) that
+of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is known; `attitude_lead`
+(s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one unit of U2, U3, U4."""
+
+_SMALL = 1e-3
+"""m and m/s: an error that is within any law's linear range."""
+_RATE_LOOP = 20.0
+"""1/s; of a vehicle whose own rate loop is not known."""
 
 
 def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
@@ -127,12 +136,12 @@ def _observer(estimation: Estimation, body: VehicleParameters) -> dict[str, Any]
 
 def _timing(settings: Settings, body: VehicleParameters) -> dict[str, Any]:
     """Delays and lags."""
-    prediction, half_period_ns = settings.control.prediction, 0
-    if prediction.enabled:
-        half_period_ns = round(0.5e9 / settings.rates.attitude) + round(prediction.command_delay * 1e9)
+    predicts, command_delay = settings.control.prediction.enabled, settings.control.prediction.command_delay
     return {
-        "predicts": prediction.enabled,
-        "half_period_ns": half_period_ns,
+        "predicts": predicts,
+        "half_period_ns": round(0.5e9 / settings.rates.attitude) if predicts else 0,
+        "command_delay_ns": round(command_delay * 1e9) if predicts else 0,
+        "pace": 1.0,
         "rotor_lag": body.rotor_time_constant_s,
         "rate_loop": body.rate_loop_gain_1_s,
         "attitude_lead": 1.0 / body.attitude_loop_gain_1_s if body.attitude_loop_gain_1_s > 0.0 else 0.0,
@@ -168,6 +177,26 @@ def _attitude_gains(settings: Settings, body: VehicleParameters) -> tuple[Array,
         if min(body.rate_loop_gain_1_s) > 0.0:
             rates_gain = lqr.sampled_gain(body.rate_loop_gain_1_s, entries, lag, period, *weights)
     return torque_gain, rates_gain
+
+
+def design_of(p: Any) -> Design:
+    """The design of a record of PARAMETERS along north, which turns the vehicle about its pitch axis."""
+    small, none = np.array([1.0, 0.0, 0.0]) * _SMALL, np.zeros(3)
+    moved, moving = (
+        float(laws.acceleration_command(p["law"], error, none, p["gains"])[0]) / _SMALL
+        for error in (TrackingError(small, none, -p["c1"] * small, none), TrackingError(none, small, -small, none))
+    )
+    lead, takes_torque = float(p["attitude_lead"]), p["turning_input"] == TurningInput.ANGULAR_ACCELERATION
+    rate_loop = 0.0 if takes_torque else float(p["rate_loop"][1]) or _RATE_LOOP
+    attitude, strength = p["rates_gain"][1], rate_loop
+    if takes_torque:
+        attitude = p["torque_gain"][1]
+        strength = float(p["torque_scale"][1] * p["full_torque"][1] / p["inertia"][1])
+    angle_loop = 0.0
+    if p["turning_input"] == TurningInput.UNKNOWN:
+        angle_loop = 1.0 / lead if lead > 0.0 else float(p["rates_gain"][1][0])
+        strength = rate_loop * angle_loop
+    return Design(moved, moving, tuple(attitude.tolist()), strength, rate_loop, angle_loop, float(p["rotor_lag"]))
 
 
 def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:

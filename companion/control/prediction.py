@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.outputs import TurningInput
-from protocol.arrays import Array, Quaternion
+from protocol.arrays import Array, Quaternion, Vector
 from protocol.frames import product, rotation_quaternion, to_body, to_world
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
@@ -21,8 +21,10 @@ from protocol.vehicle_parameters import GRAVITY
 COMMAND = np.dtype([("time_ns", "i8"), ("thrust_n", "f8"), ("input", "f8", 3)], align=True)
 """A command, which the vehicle follows from `time_ns` on. `input` is what `Model.turning_input` says, (3,)
 FRD."""
-HISTORY = 128
-"""How many commands are remembered."""
+HISTORY = 256
+"""How many commands are remembered: 1 s of them."""
+POSE = np.dtype([("time_ns", "i8"), ("attitude", "f8", 4), ("thrust_n", "f8")], align=True)
+"""An attitude that was measured, and the thrust then."""
 _MEMORY_NS = 300_000_000
 """How far into the past the lags are followed."""
 _STEP_NS = 2_000_000
@@ -102,6 +104,67 @@ def _in_force(commands: NDArray[np.void], count: int, index: int, time_ns: int) 
 
 
 @compiled
+def keep_pose(poses: NDArray[np.void], count: int, time_ns: int, attitude: Array, thrust_n: float) -> int:
+    """Write a measured attitude (4,) into the circular buffer `poses` (HISTORY,) of POSE; the new count."""
+    entry = poses[count % HISTORY]
+    entry.time_ns = time_ns
+    entry.attitude[:] = attitude
+    entry.thrust_n = thrust_n
+    return count + 1
+
+
+@compiled
+def pose_at(poses: NDArray[np.void], count: int, time_ns: int) -> int:
+    """The place of the latest pose that is not younger than a time; of the oldest if none is so old."""
+    number = count - 1
+    oldest = max(count - HISTORY, 0)
+    while number > oldest and poses[number % HISTORY].time_ns > time_ns:
+        number -= 1
+    return number % HISTORY
+
+
+@compiled
+def caught_up(
+    measured: Measured, measured_ns: int, position_ns: int, poses: NDArray[np.void], count: int, model: Model
+) -> Measured:
+    """A state whose velocity was measured at `position_ns`, before its attitude, and whose position was carried on by
+    that velocity: both as they have changed since, by the attitudes and thrusts of `keep_pose`."""
+    p, v = measured.position.copy(), measured.velocity.copy()
+    if count == 0:
+        return measured
+    number, time = max(count - HISTORY, 0), position_ns
+    while number + 1 < count and poses[(number + 1) % HISTORY].time_ns <= time:
+        number += 1
+    while time < measured_ns:
+        pose, end = poses[number % HISTORY], measured_ns
+        if number + 1 < count:
+            end = min(max(poses[(number + 1) % HISTORY].time_ns, time), measured_ns)
+        dt, left = (end - time) * 1e-9, (measured_ns - end) * 1e-9
+        a = _acceleration(pose.attitude, v, pose.thrust_n, model)
+        for i in range(3):
+            change = dt * (a[i] + (GRAVITY if i == 2 else 0.0))
+            v[i] += change
+            p[i] += change * (0.5 * dt + left)
+        time, number = end, number + 1
+        if number >= count:
+            break
+    return Measured(p, v, measured.attitude, measured.rates)
+
+
+@compiled
+def _acceleration(attitude: Array | Quaternion, velocity: Array, thrust_n: float, model: Model) -> Vector:
+    """m/s2, NED, without gravity."""
+    drag, d = model.drag, model.disturbance
+    x, y, z = to_body(attitude, velocity)
+    lift, pull = to_world(attitude, (0.0, 0.0, -thrust_n)), to_world(attitude, (drag[0] * x, drag[1] * y, drag[2] * z))
+    return (
+        (lift[0] - pull[0]) / model.mass + d[0],
+        (lift[1] - pull[1]) / model.mass + d[1],
+        (lift[2] - pull[2]) / model.mass + d[2],
+    )
+
+
+@compiled
 def _share(dt: float, lag: float) -> float:
     """The share of the way to its input that a first-order lag covers within `dt`; both in s."""
     return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
@@ -157,7 +220,7 @@ def predict(
         return Predicted(p, v, q, w, turning, 0.0, 0.0)
     thrust, index = _follow_lags(commands, count, measured_ns, model, turning)
     measured_thrust = thrust
-    known, drag = _known_input(model), model.drag
+    known = _known_input(model)
     time = measured_ns
     while time < until_ns:
         index = _in_force(commands, count, index, time)
@@ -172,11 +235,10 @@ def predict(
                 if model.turning_input == _RATES:
                     wanted = model.rate_loop[i] * (wanted - w[i])
                 turning[i] += share * (wanted - turning[i])
-        x, y, z = to_body(q, v)
-        lift, pull = to_world(q, (0.0, 0.0, -thrust)), to_world(q, (drag[0] * x, drag[1] * y, drag[2] * z))
+        a = _acceleration(q, v, thrust, model)
         for i in range(3):
             w[i] += dt * turning[i]
-            change = dt * ((lift[i] - pull[i]) / model.mass + model.disturbance[i])
+            change = dt * a[i]
             if i == 2:
                 change += dt * GRAVITY
             p[i] += dt * (v[i] + 0.5 * change)

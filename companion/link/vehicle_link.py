@@ -11,6 +11,7 @@ from typing import Any
 from companion.config import Settings
 from companion.link import wire
 from companion.link.candidates import VEHICLE_COMPONENT, may_be_vehicle
+from companion.link.delays import Delays
 from companion.link.firmware import firmware_of
 from companion.link.firmware.firmware import Firmware
 from companion.link.outbox import Outbox
@@ -77,6 +78,7 @@ class VehicleLink:
         self.requests = Requests(settings.supervision)
         self._settings = settings
         self._needs_home = needs_home
+        self.delays = Delays(1.0 / settings.rates.attitude)
         self._longest_age_ns = round(settings.control.prediction.longest * 1e9)
         self._beside: list[Report] = []
         """What a message reports beside its first report."""
@@ -233,6 +235,7 @@ class VehicleLink:
             self.outbox.send(dialect.MAVLink_timesync_message, max(now_ns, 1), message.ts1)
         else:
             self.peer.timesync_reply(message.tc1, message.ts1, now_ns)
+            self.delays.settle(self.peer.clock)
 
     @property
     def traffic(self) -> Traffic:
@@ -257,7 +260,9 @@ class VehicleLink:
         known, and no longer ago than is predicted over."""
         if self.peer is None or self.peer.offset_ns is None:
             return now_ns
-        return min(max(boot_time_ms * 1_000_000 - self.peer.offset_ns, now_ns - self._longest_age_ns), now_ns)
+        measured_ns = min(max(boot_time_ms * 1_000_000 - self.peer.offset_ns, now_ns - self._longest_age_ns), now_ns)
+        self.delays.arrived(now_ns - measured_ns)
+        return measured_ns
 
     def is_old(self, boot_time_ms: int, now_ns: int) -> bool:
         """Telemetry with this time queued up in a gap of our own: it is nothing to act on."""
@@ -273,7 +278,9 @@ class VehicleLink:
         heard_ns = self.peer.heard_ns if self.peer is not None else None
         shortcoming = None
         if before_flight:
+            longest = self._settings.supervision.longest_delay
             shortcoming = self.readiness.shortcoming(now_ns) or self.telemetry.shortcoming(now_ns)
+            shortcoming = shortcoming or self.delays.shortcoming(longest)
         return LinkReport(
             found=self.vehicle is not None,
             status=self.said.status,
@@ -284,6 +291,7 @@ class VehicleLink:
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusals.fault(now_ns),
             complaint=self.readiness.complaint(now_ns),
+            delay=self.delays.known.total,
             exhausted=self.requests.exhausted(wanted, now_ns),
             refusal=self.readiness.refusal if before_flight else None,
             shortcoming=shortcoming,

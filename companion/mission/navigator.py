@@ -91,6 +91,7 @@ class Navigator:
         self.ground_down = 0.0
         """m, NED: the place of the start."""
         self._settings = settings
+        self._top_speed = math.inf
         self._lands = lands
         self._durations = tuple(durations)
         self._fence: Fence | None = None
@@ -143,11 +144,21 @@ class Navigator:
         """What is to be flown now, from a place (3,)."""
         leg = self._leg
         if leg is None:
-            step, search, speed = self.step, self._search, self.mission.speed
-            leg = Leg(step, self.step_index, self._goal(position_ned), search.slowed(speed), search.busy)
+            step = self.step
+            leg = Leg(step, self.step_index, self._goal(position_ned), self._speed, self._search.busy)
             if step.target_ned is not None:  # otherwise the goal is wherever the vehicle is
                 self._leg = leg
         return leg
+
+    @property
+    def _speed(self) -> float:
+        """m/s, at most."""
+        return min(self._search.slowed(self.mission.speed), self._top_speed)
+
+    def slow_down(self, late_s: float) -> None:
+        """With a link that is so late, the vehicle flies so slowly that it comes no farther than `blind_way` blind."""
+        self._top_speed = self._settings.trajectory.blind_way / late_s if late_s > 0.0 else math.inf
+        self._leg = None
 
     def _goal(self, position_ned: Array) -> Array:
         target = self.step.target_ned
@@ -206,7 +217,7 @@ class Navigator:
             homeward = rest <= way
             way = min(rest, way)
         height = max(self.ground_down - float(here[2]), 0.0)
-        return homeward, way / self._search.slowed(self.mission.speed) + height / _SINKING
+        return homeward, way / self._speed + height / _SINKING
 
     def _rest(self, here: Array) -> float:
         """m from a place to the end of the mission; inf where a track is on the way."""
@@ -220,8 +231,7 @@ class Navigator:
         """How much longer than it may (s) the present step takes; 0 while there is time."""
         duration = self._durations[self.step_index]
         taken = self.step.hold_s if duration is None else duration
-        speed = self._search.slowed(self.mission.speed)
-        allowed = self._settings.supervision.step_timeout + taken + 3.0 * self._length / speed
+        allowed = self._settings.supervision.step_timeout + taken + 3.0 * self._length / self._speed
         return max((now_ns - self._step_since_ns) * 1e-9 - allowed, 0.0)
 
     # -- how it goes ---------------------------------------------------------------------------------------------------

@@ -154,30 +154,7 @@ def test_a_symmetric_link_gives_the_offset_exactly(offset_ns: int) -> None:
     for i in range(20):
         assert answered(peer, (i + 60) * S, offset_ns, 2 * MS, 2 * MS)
         assert peer.offset_ns == offset_ns
-    assert peer.round_trip_ns == 4 * MS
-
-
-def test_noise_is_smoothed() -> None:
-    generator = random.Random(3)
-    peer = Peer(1, 1)
-    errors_ns = []
-    for i in range(1, 400):
-        assert answered(peer, i * S, 77 * S, generator.randint(0, 4 * MS), generator.randint(0, 4 * MS))
-        assert peer.offset_ns is not None
-        errors_ns.append(abs(peer.offset_ns - 77 * S))
-    assert max(errors_ns) <= 2 * MS  # half the largest difference of the ways
-    assert sum(errors_ns[100:]) / len(errors_ns[100:]) < 0.3 * MS  # one sample's own mean error is 0.67 ms
-
-
-def test_slow_round_trips_are_not_taken() -> None:
-    peer = Peer(1, 1)
-    assert not answered(peer, S, 77 * S, 9 * MS, MS)
-    assert peer.offset_ns is None
-    assert peer.round_trip_ns == 10 * MS
-    assert answered(peer, 2 * S, 77 * S, 5 * MS, 5 * MS - 1)
-    assert not answered(peer, 3 * S, 0, 9 * MS, MS)
-    assert peer.offset_ns is not None
-    assert abs(peer.offset_ns - 77 * S) <= 1
+    assert peer.clock.round_trip_ns == 4 * MS
 
 
 def test_only_answers_to_own_requests_are_taken_and_once() -> None:
@@ -202,14 +179,14 @@ def test_a_clock_that_was_set_is_followed_at_once() -> None:
 
 
 def test_its_own_questions_bound_the_offset_from_below() -> None:
-    """A way back of 8 ms and none out: half the round trip errs by 4 ms, a question that arrives at once shows it."""
+    """A way back of 8 ms and none out: half the round trip errs by 4 ms, a faster question shows half of the rest."""
     peer = Peer(1, 1)
     peer.timesync_asked(78 * S, S)
     assert peer.offset_ns is None  # a bound is not a value
     assert answered(peer, 2 * S, 77 * S, 0, 8 * MS)
     assert peer.offset_ns == 77 * S - 4 * MS
     peer.timesync_asked(80 * S - MS, 3 * S)  # 1 ms on its way
-    assert peer.offset_ns == 77 * S - MS
+    assert peer.offset_ns == 77 * S - MS // 2
     peer.timesync_asked(80 * S - 3 * MS, 3 * S)  # a slower one says nothing new
     peer.timesync_asked(99 * S, 3 * S)  # nor does one of another clock
-    assert peer.offset_ns == 77 * S - MS
+    assert peer.offset_ns == 77 * S - MS // 2

@@ -198,9 +198,9 @@ def test_a_wall_on_the_right_only() -> None:
     for command in ([0.0, -4.0, 0.0], [2.0, -1.0, 0.0]):
         verdict = guard.filter(STILL, velocity, np.array(command), 0)
         assert verdict.reason is Reason.NONE and np.array_equal(verdict.acceleration_ned, command)
-    assert guard.limit(STILL, STILL, np.array([[0.0, 5.0]]), 0.2, 8.0).speed < 3.0
-    assert guard.limit(STILL, STILL, np.array([[0.0, -5.0]]), 0.2, 8.0).speed == 8.0
-    assert guard.limit(STILL, STILL, np.array([[5.0, 0.0]]), 0.2, 8.0).speed == 8.0
+    assert guard.limit(STILL, STILL, np.array([[0.0, 5.0]]), 8.0).speed < 3.0
+    assert guard.limit(STILL, STILL, np.array([[0.0, -5.0]]), 8.0).speed == 8.0
+    assert guard.limit(STILL, STILL, np.array([[5.0, 0.0]]), 8.0).speed == 8.0
 
 
 @pytest.mark.parametrize("what", [OCCUPIED, UNKNOWN])
@@ -211,15 +211,15 @@ def test_speed_limit_is_the_braking_distance_to_what_is_not_seen_free(what: int)
         (np.array([3.0, 0.0, 0.0]), np.array([[0.0, 9.0]])),
         (STILL, np.array([[9.0, 0.0]])),
     ):
-        limit = guard.limit(STILL, velocity, way, 0.25, 20.0)
+        limit = guard.limit(STILL, velocity, way, 20.0)
         assert limit.free == pytest.approx(8.1 - keep_out, abs=2.0 * CELL)
         assert limit.speed == pytest.approx(stopping_speed(limit.free, SETTINGS.braking, 0.25))
-    assert guard.limit(STILL, STILL, np.array([[9.0, 0.0]]), 0.25, 1.0).speed == 1.0
-    diagonal = guard.limit(STILL, STILL, np.array([[11.0, 11.0]]), 0.25, 20.0)
+    assert guard.limit(STILL, STILL, np.array([[9.0, 0.0]]), 1.0).speed == 1.0
+    diagonal = guard.limit(STILL, STILL, np.array([[11.0, 11.0]]), 20.0)
     assert diagonal.free == pytest.approx(math.sqrt(2.0) * (8.1 - keep_out), abs=2.0 * CELL)
-    around = guard.limit(STILL, STILL, np.array([[0.0, -6.0], [12.0, -6.0]]), 0.25, 20.0)
+    around = guard.limit(STILL, STILL, np.array([[0.0, -6.0], [12.0, -6.0]]), 20.0)
     assert around.free == pytest.approx(6.0 + 8.1 - keep_out, abs=2.0 * CELL)
-    before = guard.limit(STILL, STILL, np.array([[0.0, -6.0], [5.0, -6.0]]), 0.25, 20.0)
+    before = guard.limit(STILL, STILL, np.array([[0.0, -6.0], [5.0, -6.0]]), 20.0)
     assert before.free == math.inf and before.speed == 20.0
 
 
@@ -252,7 +252,7 @@ def test_a_stop_is_straight_or_swerves_to_the_free_side(side: int) -> None:
 def test_without_a_view_or_with_an_old_one_it_stops() -> None:
     guard = Guard(SETTINGS)
     velocity, command = np.array([3.0, -2.0, 0.1]), np.array([2.0, 0.0, 0.5])
-    assert guard.limit(STILL, velocity, np.array([[3.0, -2.0]]), 0.2, 5.0).speed == 0.0
+    assert guard.limit(STILL, velocity, np.array([[3.0, -2.0]]), 5.0).speed == 0.0
     aged = guard_on(free_field())
     assert aged.filter(STILL, velocity, command, 299_000_000).reason is Reason.NONE
     for verdict in (guard.filter(STILL, velocity, command, 0), aged.filter(STILL, velocity, command, 301_000_000)):

@@ -1,0 +1,52 @@
+"""How late the link makes things, from the ages of the attitudes and from the round trips of TIMESYNC."""
+
+from companion.reports import LinkDelay
+from companion.state import Announcement, Severity
+from protocol.clock_offset import ClockOffset
+
+_SHARE = 1 / 64
+"""Of a new age in the mean."""
+_STEP_S = 0.004
+"""A change by less is none: a tick of most vehicles."""
+
+_WORTH_A_WORD_S = 0.02
+
+
+class Delays:
+    """Of one vehicle. `known` is another object only after a change."""
+
+    def __init__(self, period: float) -> None:
+        """`period` (s) of the telemetry."""
+        self.known = LinkDelay()
+        self._period_ns = period * 1e9
+        self._said_s = 0.0
+        self._age_ns: float | None = None
+
+    def arrived(self, age_ns: int) -> None:
+        """An attitude that was so old on arrival."""
+        self._age_ns = age_ns if self._age_ns is None else self._age_ns + _SHARE * (age_ns - self._age_ns)
+
+    def settle(self, clock: ClockOffset) -> None:
+        """Judge what was measured; an answer waits for the vehicle's next sending, which delays no command."""
+        if clock.round_trip_ns is None:
+            return
+        command = 0.5 * max(clock.round_trip_ns - self._period_ns, 0.0)
+        found = LinkDelay((self._age_ns or 0.0) * 1e-9, command * 1e-9, clock.spread_ns * 1e-9)
+        before = self.known
+        changes = found.age - before.age, found.command - before.command, found.unsteady - before.unsteady
+        if max(map(abs, changes)) >= _STEP_S:
+            self.known = found
+
+    def shortcoming(self, longest: float) -> str | None:
+        """What speaks against a flight that may be late by `longest` (s) at most."""
+        late = self.known.total
+        return f"the link is {1e3 * late:.0f} ms late, {1e3 * longest:.0f} ms at most" if late > longest else None
+
+    def words(self, pace: float) -> Announcement | None:
+        """What is to be said of a change after which the vehicle is flown at a pace (`control.margin`)."""
+        late = self.known.total
+        if abs(late - self._said_s) < _WORTH_A_WORD_S:
+            return None
+        self._said_s = late
+        slower = f": loops at {100.0 * pace:.0f} % of their bandwidth" if pace < 1.0 else ""
+        return Announcement(Severity.NOTICE, f"the link is {1e3 * late:.0f} ms late{slower}")
