@@ -7,7 +7,7 @@ from companion.avoidance.guard import Guard
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.config import Settings
 from companion.control.controller import Controller
-from companion.entering import entered
+from companion.entering import entered, follow_delay
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
@@ -154,19 +154,10 @@ class Autopilot:
                     guidance.begin_leg(leg, now)
         return None if seen is None else guidance.look(*seen, navigator.lowest_return, state, leg, now)
 
-    def _follow_delay(self) -> None:
-        """Whatever depends on how late the link is learns of a change."""
-        late = self.link.delays.known
-        if late is not self.controller.delay:
-            pace = self.controller.follow(late)
-            self.guidance.follow(late, pace)
-            self.navigator.slow_down(late.total)
-            self._say(self.link.delays.words(pace))
-
     def _supervise(self, now: int) -> None:
         supervisor, state = self.supervisor, self.supervisor.state
         self._say(*self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK))
-        self._follow_delay()
+        self._say(follow_delay(self.link.delays, self.controller, self.guidance, self.navigator))
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
         outside = self.guidance.outside(self.link.readiness.fence)

@@ -1,6 +1,8 @@
-"""What happens when a state of the flight is left and another one is entered."""
+"""What happens when a state of the flight is left and another one is entered, and when the link becomes later."""
 
+from companion.control.controller import Controller
 from companion.guidance import Guidance
+from companion.link.delays import Delays
 from companion.link.vehicle_link import VehicleLink
 from companion.mission.navigator import Navigator
 from companion.sensing import Sensing
@@ -40,3 +42,15 @@ def entered(
     elif new in COMMANDED:
         link.requests.forget_mode()
     return None
+
+
+def follow_delay(
+    delays: Delays, controller: Controller, guidance: Guidance, navigator: Navigator
+) -> Announcement | None:
+    """Tell whatever depends on how late the link is of a change; what is to be said of it."""
+    if delays.known is controller.delay:
+        return None
+    pace = controller.follow(delays.known)
+    guidance.follow(delays.known, pace)
+    navigator.slow_down(delays.known.total)
+    return delays.words(pace)

@@ -3,6 +3,7 @@ of the take-off, so the straight way between two places inside stays inside.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +12,8 @@ import numpy as np
 from companion.config_limits import Geofence
 from companion.state import NO_FENCE, OwnFence
 from protocol.arrays import Array
+
+_ROUNDING_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -119,3 +122,14 @@ def fence_of(settings: Geofence, home_ned: Array, own: OwnFence = NO_FENCE, *, f
         min(math.inf if settings.radius is None else settings.radius, own.radius - nearer),
         settings.braking,
     )
+
+
+def first_beyond(fence: Fence, places: Iterable[tuple[str, Array]]) -> str | None:
+    """The first of places (what is done there; (3,) m, NED) that is beyond the fence, in words; None if all are
+    inside."""
+    for what, place in places:
+        beyond = -fence.room(place)
+        if beyond > _ROUNDING_M:
+            north, east, down = place.tolist()
+            return f"{what} at north {north:.1f}, east {east:.1f}, height {-down:.1f} is {beyond:.1f} m beyond"
+    return None

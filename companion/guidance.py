@@ -6,7 +6,7 @@ takes the generator's place while altitude and heading stay with the generator.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from companion.avoidance.path import NO_PATH
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.avoidance.steering import Course, steer
 from companion.config import Settings
-from companion.fence import Fence, fence_of
+from companion.fence import Fence, fence_of, first_beyond
 from companion.mission.navigator import NEAR_M, Arrival, Leg
 from companion.mission.plan import Mission, Phase, Step, steps
 from companion.perception.fence_band import Flat
@@ -40,7 +40,6 @@ _TURN_M = 1.0
 """The heading follows the way to a target that is farther than this."""
 _ALONG_M = 0.1
 """m beyond the inflation of the map at which the fence stands in it."""
-_ROUNDING_M = 0.01
 _SAMPLES = 500
 """Places of a track that are looked at for the fence."""
 _TURN_SPEED = 1.0
@@ -105,17 +104,7 @@ class Guidance:
         fence = fence_of(self._settings.geofence, np.zeros(3), own, floor=True)
         if fence is None:
             return None
-        fence = fence.shrunk(self._settings.geofence.margin)
-        for step, track in zip(steps(self._mission, np.zeros(3)), self._tracks, strict=True):
-            places = [] if step.target_ned is None else [step.target_ned]
-            if track is not None and step.target_ned is not None:
-                times = np.linspace(0.0, track.duration_s, _SAMPLES)
-                places += [track.at(time)[0] + step.target_ned for time in times.tolist()]
-            for place in places:
-                if fence.room(place) < -_ROUNDING_M:
-                    where = f"north {place[0]:.1f}, east {place[1]:.1f}, height {-place[2]:.1f}"
-                    return f"{step.phase.name.lower()} at {where} is {-fence.room(place):.1f} m beyond"
-        return None
+        return first_beyond(fence.shrunk(self._settings.geofence.margin), _places(self._mission, self._tracks))
 
     def follow(self, late: LinkDelay, pace: float) -> None:
         """The link is so late from now on, and the vehicle is flown at this pace."""
@@ -348,6 +337,17 @@ class Guidance:
         place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
         pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])
         self._generator.brake_from(now_ns, place, np.array([*velocity[:2], moves]), pushed)
+
+
+def _places(mission: Mission, tracks: Sequence[Track | None]) -> Iterator[tuple[str, Array]]:
+    """What the mission does where (3,) (m, NED from its start), along its tracks too."""
+    for step, track in zip(steps(mission, np.zeros(3)), tracks, strict=True):
+        if step.target_ned is None:
+            continue
+        yield step.phase.name.lower(), step.target_ned
+        if track is not None:
+            for time in np.linspace(0.0, track.duration_s, _SAMPLES).tolist():
+                yield step.phase.name.lower(), track.at(time)[0] + step.target_ned
 
 
 def _target_of(leg: Leg) -> Array:

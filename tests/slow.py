@@ -49,6 +49,7 @@ SLOW: dict[str, float] = {
     "tests/flights/test_bad_input.py::test_no_vehicle": 5,
     "tests/flights/test_ground_station.py::test_a_flood_of_a_ground_station_leaves_the_flight_alone": 30,
     "tests/flights/test_ground_station.py::test_a_ground_station_watches_asks_and_takes_over": 30,
+    "tests/flights/test_late.py": 3,
     "tests/flights/test_joined.py::test_a_goal_without_progress_is_given_up_and_the_way_back_flown": 8,
     "tests/flights/test_joined.py::test_no_progress_ends_in_a_landing": 12,
     "tests/flights/test_joined.py::test_only_sound_setpoints_leave": 6,

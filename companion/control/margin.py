@@ -19,6 +19,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY
@@ -52,11 +53,14 @@ class Design(NamedTuple):
     """s"""
 
 
+ComplexArray = NDArray[np.complex128]
+
+
 class _Response(NamedTuple):
     """L at the frequencies is (K ahead) / (1 + K under_way), each (n, 5)."""
 
-    ahead: Array
-    under_way: Array
+    ahead: ComplexArray
+    under_way: ComplexArray
 
 
 def _exponential(A: Array, time: float) -> Array:
@@ -90,13 +94,16 @@ def feedback(design: Design, pace: float) -> Array:
 
 def paced(gain: Array, pace: float, *, torque: bool) -> Array:
     """Gains (..., 3) on angle, rate and angular acceleration at a pace: of a rate command, or of a `torque`."""
-    return gain * (np.array([pace * pace, pace, 1.0]) if torque else np.array([pace, 1.0, 1.0]))
+    slowed: Array = gain * np.array([pace * pace, pace, 1.0] if torque else [pace, 1.0, 1.0])
+    return slowed
 
 
 def _response(design: Design, delay: float, left: float) -> _Response:
     A, B = plant(design)
     s = 1j * _FREQUENCIES
-    moves = np.linalg.solve(s[:, None, None] * np.eye(5) - A, np.broadcast_to(B[:, None], (len(s), 5, 1)))[:, :, 0]
+    moves: ComplexArray = np.linalg.solve(
+        s[:, None, None] * np.eye(5) - A, np.broadcast_to(B[:, None], (len(s), 5, 1))
+    )[:, :, 0]
     later = np.exp(-s * delay)[:, None]
     if design.angle_feedback > 0.0:  # the commands under way are not known to turn it; it turns on as it does
         free = A.copy()

@@ -25,10 +25,11 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         _OWN,
-        lambda h, s, t: h.delay > s.longest_delay,
+        lambda h, s, t: h.limits.delay > s.longest_delay,
         State.WITHDRAW,
         CRITICAL,
-        "the link is {health.delay:.2f} s late, {settings.longest_delay:g} s at most: the vehicle is asked to hold",
+        "the link is {health.limits.delay:.2f} s late, {settings.longest_delay:g} s at most: "
+        "the vehicle is asked to hold",
         fault=True,
     ),
     row(

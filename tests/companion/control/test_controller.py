@@ -117,6 +117,32 @@ def test_prediction_is_the_motion(age_ms: int) -> None:
     assert found.measured_thrust == pytest.approx(then, abs=0.05)
 
 
+@pytest.mark.parametrize("age_ms", [4, 40, 100, 148])
+def test_a_late_position_catches_up(age_ms: int) -> None:
+    """Position and velocity from before the attitude, with the attitudes since: as the body really moved."""
+    vehicle = Body(1.4, np.array([0.4, 0.5, 0.7]), np.array([0.5, -0.3, 0.2]))
+    poses, count, ticks, old = np.zeros(prediction.HISTORY, prediction.POSE), 0, 200, vehicle.state(0)
+    for tick in range(ticks):
+        now = START_NS + tick * TICK_NS
+        if (ticks - tick) * 4 == age_ms:
+            old = vehicle.state(now)
+        count = prediction.keep_pose(poses, count, now, vehicle.attitude, vehicle.thrust)
+        vehicle.fly(0.004, 14.0 + 3.0 * math.sin(0.3 * tick), np.array([math.sin(0.05 * tick), 1.0, 0.3]))
+    now, seconds = START_NS + ticks * TICK_NS, age_ms * 1e-3
+    model = prediction.Model(
+        int(TurningInput.UNKNOWN), BODY.rotor_time_constant_s, np.zeros(3),
+        vehicle.mass, vehicle.drag, vehicle.disturbance,
+    )  # fmt: skip
+    carried = prediction.Measured(
+        old.position_ned + seconds * old.velocity_ned, old.velocity_ned, vehicle.attitude, vehicle.rates
+    )
+    found = prediction.caught_up(carried, now, old.time_ns, poses, count, model)
+    assert found.position == pytest.approx(vehicle.position, abs=2e-3)
+    assert found.velocity == pytest.approx(vehicle.velocity, abs=3e-2)
+    if age_ms >= 100:  # which is not what it was
+        assert np.abs(carried.velocity - vehicle.velocity).max() > 0.2
+
+
 def test_nothing_to_predict_is_the_measurement() -> None:
     commands = np.zeros(prediction.HISTORY, prediction.COMMAND)
     prediction.remember(commands, 0, START_NS, 13.0, np.zeros(3))

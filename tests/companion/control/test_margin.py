@@ -1,0 +1,82 @@
+"""The phase margin with a delay, and the pace that keeps it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.config import Settings
+from companion.control.margin import FLOOR, LEAST_PACE, Design, feedback, pace_for, phase_margin, plant
+from companion.control.parameters import controller_parameters, design_of
+from companion.runtime.files import load_body
+from companion.state import Output
+
+STEP_S = 0.001
+
+
+def design(output: Output) -> Design:
+    return design_of(controller_parameters(Settings(), load_body("paper_quad"), output)[0])
+
+
+DESIGNS = [design(output) for output in Output]
+PREDICTED = [each for each in DESIGNS if each.angle_feedback == 0.0]
+"""Of those outputs whose commands say how the vehicle turns."""
+
+
+@pytest.mark.parametrize("each", DESIGNS)
+def test_the_floor_is_kept_with_every_delay(each: Design) -> None:
+    floor = min(FLOOR, phase_margin(each, 0.0))
+    assert floor > math.radians(28.0)
+    for delay in np.linspace(0.004, 0.4, 34).tolist():
+        for left in (0.0, 0.1 * delay):
+            pace = pace_for(each, delay, left)
+            assert LEAST_PACE <= pace <= 1.0
+            if pace > LEAST_PACE:
+                assert phase_margin(each, delay, left, pace) >= floor - 1e-9
+            if pace < 1.0:  # and no slower than it must be
+                assert phase_margin(each, delay, left, pace + 0.0201) < floor
+
+
+@pytest.mark.parametrize("each", DESIGNS)
+def test_without_a_delay_it_is_the_design_itself(each: Design) -> None:
+    assert pace_for(each, 0.0, 0.0) == 1.0
+
+
+@pytest.mark.parametrize("each", PREDICTED)
+def test_a_longer_delay_is_flown_slower(each: Design) -> None:
+    paces = [pace_for(each, delay, 0.0) for delay in (0.05, 0.1, 0.2, 0.4)]
+    assert paces == sorted(paces, reverse=True) and paces[-1] < 0.5
+
+
+def grows(each: Design, delay: float, left: float) -> bool:
+    """Whether the loop, predicted over `delay` and with so much more of it, runs away from a position of 1 m."""
+    A, B = plant(each)
+    K = feedback(each, 1.0)
+    once = np.block([[A * STEP_S, B[:, None] * STEP_S], [np.zeros((1, 6))]])
+    whole, term = np.eye(6), np.eye(6)
+    for n in range(1, 8):
+        term = term @ once / n
+        whole = whole + term
+    Ad, Bd = whole[:5, :5], whole[:5, 5]
+    ahead, behind = round(delay / STEP_S), round(left / STEP_S)
+    x, sent, sizes = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), [0.0] * (ahead + behind + 1), []
+    for _ in range(round(20.0 / STEP_S)):
+        guess = x.copy()
+        for u in sent[len(sent) - ahead :]:
+            guess = Ad @ guess + Bd * u
+        sent.append(-float(K @ guess))
+        x = Ad @ x + Bd * sent[-1 - ahead - behind]
+        sizes.append(abs(x[0]))
+    return bool(max(sizes[-2000:]) > max(sizes[:2000]))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.04])
+def test_the_margin_is_what_a_simulated_loop_bears(delay: float) -> None:
+    """The delay beyond the prediction at which the computed margin ends is where the loop begins to run away."""
+    each = design(Output.RATES)
+    low, high = 0.0, 0.2
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if phase_margin(each, delay, middle) > 0.0 else (low, middle)
+    assert not grows(each, delay, 0.85 * low)
+    assert grows(each, delay, 1.15 * low)

@@ -1,0 +1,45 @@
+"""Flights over a link that is late, both sides joined in memory."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.supervision.states import State
+from studies.joined import Joined, mission_of
+from studies.late_link import Lateness
+
+TILT_DEG = 45.0
+"""The limit."""
+
+
+def steepest_deg(joined: Joined) -> float:
+    """The vehicle's greatest tilt, of the truth."""
+    q = np.array(joined.truths)[:, 6:10]
+    return math.degrees(np.arccos(1.0 - 2.0 * (q[:, 1] ** 2 + q[:, 2] ** 2)).max())
+
+
+@pytest.mark.parametrize(
+    "lateness",
+    [Lateness(there=0.1, back=0.1), Lateness(there=0.01, back=0.09, jitter=0.02, loss=0.1), Lateness(position=0.15)],
+    ids=["100 ms each way", "asymmetric, jitter, losses", "position 150 ms"],
+)
+def test_a_square_over_a_late_link(lateness: Lateness) -> None:
+    joined = Joined(mission_of("square"), lateness=lateness, remembers=False).fly()
+    assert joined.vehicle.summary().outcome == "landed" and joined.autopilot.supervisor.fault is None
+    assert steepest_deg(joined) < TILT_DEG
+    flown = joined.trace()["state"][:-1] == State.FLY.value
+    error = np.linalg.norm(joined.tracking_error()[flown], axis=1)
+    assert error.max() < 1.0
+
+
+def test_too_late_a_link_is_not_flown() -> None:
+    joined = Joined(
+        mission_of("hover"),
+        lateness=Lateness(there=0.3, back=0.3),
+        remembers=False,
+        overrides=("supervision.ready_timeout=5.0",),
+    ).fly(limit_s=20.0)
+    assert joined.autopilot.ended and joined.vehicle.summary().flight_time_s == 0.0
+    fault = joined.autopilot.supervisor.fault
+    assert fault is not None and "ms late, 450 ms at most" in fault
