@@ -16,7 +16,7 @@ by p, and those of the attitude with them. A pace of 1 is the design itself.
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ class Design(NamedTuple):
     """s"""
 
 
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 
 class _Response(NamedTuple):
@@ -101,9 +101,7 @@ def paced(gain: Array, pace: float, *, torque: bool) -> Array:
 def _response(design: Design, delay: float, left: float) -> _Response:
     A, B = plant(design)
     s = 1j * _FREQUENCIES
-    moves: ComplexArray = np.linalg.solve(
-        s[:, None, None] * np.eye(5) - A, np.broadcast_to(B[:, None], (len(s), 5, 1))
-    )[:, :, 0]
+    moves = np.linalg.solve(s[:, None, None] * np.eye(5) - A, np.broadcast_to(B[:, None], (len(s), 5, 1)))[:, :, 0]
     later = np.exp(-s * delay)[:, None]
     if design.angle_feedback > 0.0:  # the commands under way are not known to turn it; it turns on as it does
         free = A.copy()
