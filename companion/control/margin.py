@@ -16,7 +16,7 @@ by p, and those of the attitude with them. A pace of 1 is the design itself.
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ class Design(NamedTuple):
     """s"""
 
 
-ComplexArray = NDArray[np.complex128]
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 
 class _Response(NamedTuple):

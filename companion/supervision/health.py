@@ -34,7 +34,7 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     scan_age: float
     """0 where no ring is needed."""
     refused_telemetry: str | None
-    """What was wrong with the telemetry that is being refused."""
+    """What was wrong with the telemetry that is being refused, or that comes too late."""
     unsound_output: str | None
     """What was wrong with a setpoint that the gate held back."""
     overrun: float
@@ -55,8 +55,6 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """What the vehicle said last that may explain a refusal."""
     refusal: str | None = None
     """Why this vehicle is not flown, whatever one waits for."""
-    delay: float = 0.0
-    """From a measurement to the effect of what is commanded upon it."""
     watched: Watched = UNWATCHED
     limits: LimitsVerdict = WITHIN
 
@@ -104,7 +102,6 @@ def health(
         overdue=mission.overdue if state is State.FLY else 0.0,
         reason=link.complaint,
         refusal=link.refusal or _of_fence(mission),
-        delay=link.delay,
         watched=watched,
         limits=limits,
     )

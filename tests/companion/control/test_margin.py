@@ -67,7 +67,7 @@ def grows(each: Design, delay: float, left: float) -> bool:
         sent.append(-float(K @ guess))
         x = Ad @ x + Bd * sent[-1 - ahead - behind]
         sizes.append(abs(x[0]))
-    return max(sizes[-2000:]) > max(sizes[:2000])
+    return bool(max(sizes[-2000:]) > max(sizes[:2000]))
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.04])
