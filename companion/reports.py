@@ -105,7 +105,7 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """Age of the last message of any kind; 0 before the first."""
     heartbeat_age: float
     refused: str | None
-    """What was wrong with the telemetry that is being refused again and again."""
+    """What was wrong with the telemetry that is being refused again and again, or that comes too late."""
     complaint: str
     """What the vehicle warned of just now, to stand behind a sentence; empty if nothing."""
     exhausted: str | None = None
@@ -119,8 +119,6 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """The vehicle has said where it took off."""
     prearm_ok: bool = True
     """False: the vehicle says that its own arming checks fail."""
-    delay: float = 0.0
-    """From a measurement to the effect of what is commanded upon it (s)."""
     failed_check: str = ""
     """Which, to stand behind a sentence; empty if it does not say."""
 

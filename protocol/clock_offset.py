@@ -16,6 +16,8 @@ from typing import Final
 
 _WINDOW: Final = 16
 """Round trips that are remembered; there is one a second."""
+_USUAL: Final = 5
+"""Round trips whose median is the usual one: a link that becomes slower is known as such after three."""
 _TOLERANCE_NS: Final = 10_000_000
 """Bounds that contradict each other by more show that a clock was set. Vehicles' clocks have steps of up to 4 ms."""
 
@@ -27,12 +29,12 @@ class ClockOffset:
         self.offset_ns: int | None = None
         """None while unknown."""
         self.round_trip_ns: int | None = None
-        """The median of the window's; None before the first."""
+        """The usual one of late; None before the first."""
         self.spread_ns = 0
         """By how much one way usually differs from its middle: a quarter of what the median is above the fastest."""
         self._lower: deque[int] = deque(maxlen=_WINDOW)
         self._upper: deque[int] = deque(maxlen=_WINDOW)
-        self._round_trips: deque[int] = deque(maxlen=_WINDOW)
+        self._round_trips: deque[int] = deque(maxlen=_USUAL)
 
     def round_trip(self, sent_ns: int, answered_ns: int, now_ns: int) -> None:
         """A question of ours that was sent then and answered at `answered_ns` of the peer's clock."""

@@ -105,6 +105,11 @@ class Joined:
             self.tick()
         return self
 
+    def be_late(self, lateness: Lateness) -> None:
+        """The link, which is late already, is so late from now on; what is under way is lost."""
+        assert self._link is not None
+        self._link = LateLink(lateness, self.seed + 1)
+
     def freeze(self, seconds: float, backlog: int = 250) -> None:
         """The companion stands still for so long, as after SIGSTOP: what comes queues up, the first so many datagrams
         of it, and the loop's tick is late by all of that."""

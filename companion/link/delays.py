@@ -7,7 +7,7 @@ from protocol.clock_offset import ClockOffset
 _SHARE = 1 / 64
 """Of a new age in the mean."""
 _STEP_S = 0.004
-"""A change by less is none: a tick of most vehicles."""
+"""A change by less is none, and what is known is a multiple: a tick of most vehicles."""
 
 _WORTH_A_WORD_S = 0.02
 
@@ -30,16 +30,16 @@ class Delays:
         """Judge what was measured; an answer waits for the vehicle's next sending, which delays no command."""
         if clock.round_trip_ns is None:
             return
-        command = 0.5 * max(clock.round_trip_ns - self._period_ns, 0.0)
-        found = LinkDelay((self._age_ns or 0.0) * 1e-9, command * 1e-9, clock.spread_ns * 1e-9)
-        before = self.known
-        changes = found.age - before.age, found.command - before.command, found.unsteady - before.unsteady
-        if max(map(abs, changes)) >= _STEP_S:
-            self.known = found
+        command_ns = 0.5 * max(clock.round_trip_ns - self._period_ns, 0.0)
+        found = [each * 1e-9 for each in (self._age_ns or 0.0, command_ns, clock.spread_ns)]
+        known = self.known.age, self.known.command, self.known.unsteady
+        if max(abs(new - old) for new, old in zip(found, known, strict=True)) >= _STEP_S:
+            self.known = LinkDelay(*(_STEP_S * round(each / _STEP_S) for each in found))
 
     def shortcoming(self, longest: float) -> str | None:
         """What speaks against a flight that may be late by `longest` (s) at most."""
-        late = self.known.total
+        # ages are known at once, round trips seconds later: until then the way back may be as late as the way there
+        late = max(self.known.total, 2e-9 * (self._age_ns or 0.0))
         return f"the link is {1e3 * late:.0f} ms late, {1e3 * longest:.0f} ms at most" if late > longest else None
 
     def words(self, pace: float) -> Announcement | None:

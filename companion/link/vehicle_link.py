@@ -261,7 +261,8 @@ class VehicleLink:
         if self.peer is None or self.peer.offset_ns is None:
             return now_ns
         measured_ns = min(max(boot_time_ms * 1_000_000 - self.peer.offset_ns, now_ns - self._longest_age_ns), now_ns)
-        self.delays.arrived(now_ns - measured_ns)
+        if now_ns - measured_ns < self._longest_age_ns:  # else it queued up, or is of another clock than TIMESYNC's
+            self.delays.arrived(now_ns - measured_ns)
         return measured_ns
 
     def is_old(self, boot_time_ms: int, now_ns: int) -> bool:
@@ -276,11 +277,10 @@ class VehicleLink:
         for `before_flight` alone."""
         heartbeat_ns = self.peer.heartbeat_age_ns(now_ns) if self.peer is not None else None
         heard_ns = self.peer.heard_ns if self.peer is not None else None
+        too_late = self.delays.shortcoming(self._settings.supervision.longest_delay)
         shortcoming = None
         if before_flight:
-            longest = self._settings.supervision.longest_delay
-            shortcoming = self.readiness.shortcoming(now_ns) or self.telemetry.shortcoming(now_ns)
-            shortcoming = shortcoming or self.delays.shortcoming(longest)
+            shortcoming = self.readiness.shortcoming(now_ns) or self.telemetry.shortcoming(now_ns) or too_late
         return LinkReport(
             found=self.vehicle is not None,
             status=self.said.status,
@@ -289,9 +289,8 @@ class VehicleLink:
             home_known=self.said.home_ned is not None,
             silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
-            refused=self._refusals.fault(now_ns),
+            refused=self._refusals.fault(now_ns) or too_late,
             complaint=self.readiness.complaint(now_ns),
-            delay=self.delays.known.total,
             exhausted=self.requests.exhausted(wanted, now_ns),
             refusal=self.readiness.refusal if before_flight else None,
             shortcoming=shortcoming,

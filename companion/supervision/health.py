@@ -34,7 +34,7 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     scan_age: float
     """0 where no ring is needed."""
     refused_telemetry: str | None
-    """What was wrong with the telemetry that is being refused."""
+    """What was wrong with the telemetry that is being refused, or that comes too late."""
     unsound_output: str | None
     """What was wrong with a setpoint that the gate held back."""
     overrun: float

@@ -20,8 +20,6 @@ class LimitsVerdict(msgspec.Struct, frozen=True, gc=False):
     """How the vehicle is beyond the fence and does not come back, in words."""
     returns: bool = False
     """The battery calls for the way home, and the mission does not lead there already."""
-    delay: float = 0.0
-    """s from a measurement to the effect of what is commanded upon it."""
 
 
 WITHIN = LimitsVerdict()
@@ -90,4 +88,4 @@ class Limits:
         news = news if own else news.replace(": coming back", "")
         texts = [text for text in ("" if told else battery.news, news) if text]
         said = Announcement(_SEVERITIES[battery.level], ", ".join(texts)) if texts else None
-        return LimitsVerdict(battery, beyond, returns, link.delay), said
+        return LimitsVerdict(battery, beyond, returns), said

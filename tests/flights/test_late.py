@@ -43,3 +43,14 @@ def test_too_late_a_link_is_not_flown() -> None:
     assert joined.autopilot.ended and joined.vehicle.summary().flight_time_s == 0.0
     fault = joined.autopilot.supervisor.fault
     assert fault is not None and "ms late, 450 ms at most" in fault
+
+
+def test_a_link_that_becomes_too_late_is_withdrawn_from() -> None:
+    joined = Joined(mission_of("square"), lateness=Lateness(there=0.02, back=0.02), remembers=False)
+    joined.fly(until=lambda joined: joined.vehicle.time_ns > 8 * 10**9)
+    assert joined.autopilot.supervisor.state is State.FLY
+    joined.be_late(Lateness(there=0.3, back=0.3))
+    joined.fly(limit_s=40.0)
+    fault = joined.autopilot.supervisor.fault
+    assert fault is not None and ("ms late, 450 ms at most" in fault or "telemetry lost" in fault)
+    assert joined.vehicle.summary().outcome == "landed" and steepest_deg(joined) < TILT_DEG

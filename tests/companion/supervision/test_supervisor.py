@@ -93,7 +93,6 @@ def test_a_flight_without_faults_ends_without_one() -> None:
 FAULTS = {
     "telemetry": (replace(WELL, telemetry_age=0.6), State.WITHDRAW),
     "heartbeat": (replace(WELL, heartbeat_age=3.1), State.WITHDRAW),
-    "late": (replace(WELL, limits=LimitsVerdict(delay=0.46)), State.WITHDRAW),
     "refused": (replace(WELL, refused_telemetry="NaN"), State.WITHDRAW),
     "unsound": (replace(WELL, unsound_output="not finite"), State.WITHDRAW),
     "failsafe": (replace(WELL, failsafe=True), State.WITHDRAW),
