@@ -381,7 +381,7 @@ def test_the_vehicle_survives_its_companion(output: Output) -> None:
         assert (summary.outcome, summary.contacts) == ("landed", 0)
         said = [
             wire.vehicle_text(decode(frame))
-            for frame in Framer().datagram(heard)
+            for frame in Framer().feed(heard)
             if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT
         ]
         assert any("holding" in text for text in said) and any("landing" in text for text in said), said
