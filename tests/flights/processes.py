@@ -33,6 +33,7 @@ PATIENT = tuple(
         "supervision.ready_timeout=600.0",
         "supervision.command_tries=100",
         "supervision.telemetry_timeout=5.0",
+        "supervision.longest_delay=5.0",
         "supervision.scan_timeout=5.0",
         "supervision.overrun=5.0",
         "supervision.heartbeat_timeout=6.0",
