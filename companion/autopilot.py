@@ -95,7 +95,7 @@ class Autopilot:
         elif supervised is State.FLY:
             self._fly(here, now)
         reference, ahead = map(guidance.reference, self.controller.reference_times(now))
-        measured_ns = self.link.measured_ns(self.sensing.boot_time_ms, now)
+        measured_ns = self.link.attitude_arrived(self.sensing.boot_time_ms, now)
         acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, airborne)
         verdict, changed = None, False
         if self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):

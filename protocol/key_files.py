@@ -14,11 +14,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from protocol.signing import KEY_SIZE, Memory, Signing, timestamp
+from protocol.signing import KEY_SIZE, LAST, SECOND, Memory, Signing, timestamp
 
 _MODE = 0o600
 _LARGEST_STATE = 1 << 16
 _TICK_NS = 10_000
+_YEAR = 365 * 86_400 * SECOND
 
 
 class KeyFileError(Exception):
@@ -115,11 +116,18 @@ def _remember(state: Path) -> Memory:
         return Memory()
     try:
         table = json.loads(_read(state, _LARGEST_STATE, "it is too long"))
-        return Memory(int(table["sent"]), {_stream(name): int(limit) for name, limit in table["heard"].items()})
+        return Memory(_limit(table["sent"]), {_stream(name): _limit(limit) for name, limit in table["heard"].items()})
     except (ValueError, KeyError, TypeError, AttributeError):
         raise KeyFileError(
             f"{state}: damaged. It keeps old messages from being taken again: make a new key for both sides"
         ) from None
+
+
+def _limit(value: object) -> int:
+    """A timestamp. Raises ValueError for what is none, or leaves less than a year of them."""
+    if type(value) is not int or not 0 <= value < LAST - _YEAR:
+        raise ValueError(value)
+    return value
 
 
 def _stream(name: str) -> tuple[int, int, int]:

@@ -25,7 +25,7 @@ SECOND: Final = 100_000
 """Of a timestamp."""
 _EPOCH_NS: Final = 1_420_070_400_000_000_000
 """2015-01-01 as Unix time."""
-_LAST: Final = 2**48 - 1
+LAST: Final = 2**48 - 1
 _SIGNATURE: Final = 13
 _HEADER: Final = 10
 _CHECKSUM: Final = 2
@@ -104,7 +104,7 @@ class Memory:
 
 def timestamp(unix_ns: int) -> int:
     """Of a Unix time; a clock from before 2015 says 0."""
-    return min(max((unix_ns - _EPOCH_NS) // 10_000, 0), _LAST)
+    return min(max((unix_ns - _EPOCH_NS) // 10_000, 0), LAST)
 
 
 class Window:
@@ -171,7 +171,7 @@ class Signing:
         """What is to be written down now; it lasts for a second of traffic. Raised for those who spoke, no others."""
         if self._due:
             self._due = False
-            self._sent_limit = min(max(self._sent, now) + _LEASE, _LAST)
+            self._sent_limit = min(max(self._sent, now) + _LEASE, LAST)
             for window in self._streams.values():
                 window.lease()
         return Memory(self._sent_limit, {stream: window.limit for stream, window in self._streams.items()})

@@ -280,7 +280,7 @@ def _observe_and_predict(state: prediction.Measured, times: tuple[int, int, int]
     m.rates[:], m.turning[:] = predicted.rates, predicted.angular_acceleration
     m.poses_count = prediction.keep_pose(m.poses, m.poses_count, measured_ns, state.attitude, predicted.measured_thrust)
     if p.observes:
-        pose = m.poses[prediction.pose_at(m.poses, m.poses_count, position_ns)]
+        pose = m.poses[prediction.pose_at(m.poses, m.poses_count, position_ns) % prediction.HISTORY]
         disturbance_observer.update(
             m.observer,
             position_ns,

@@ -115,12 +115,12 @@ def keep_pose(poses: NDArray[np.void], count: int, time_ns: int, attitude: Array
 
 @compiled
 def pose_at(poses: NDArray[np.void], count: int, time_ns: int) -> int:
-    """The place of the latest pose that is not younger than a time; of the oldest if none is so old."""
+    """The number of the latest pose that is no younger than a time; of the oldest that is kept if none is so old."""
     number = count - 1
     oldest = max(count - HISTORY, 0)
     while number > oldest and poses[number % HISTORY].time_ns > time_ns:
         number -= 1
-    return number % HISTORY
+    return number
 
 
 @compiled
@@ -129,12 +129,10 @@ def caught_up(
 ) -> Measured:
     """A state whose velocity was measured at `position_ns`, before its attitude, and whose position was carried on by
     that velocity: both as they have changed since, by the attitudes and thrusts of `keep_pose`."""
-    p, v = measured.position.copy(), measured.velocity.copy()
     if count == 0:
         return measured
-    number, time = max(count - HISTORY, 0), position_ns
-    while number + 1 < count and poses[(number + 1) % HISTORY].time_ns <= time:
-        number += 1
+    p, v = measured.position.copy(), measured.velocity.copy()
+    number, time = pose_at(poses, count, position_ns), position_ns
     while time < measured_ns:
         pose, end = poses[number % HISTORY], measured_ns
         if number + 1 < count:

@@ -255,9 +255,9 @@ class VehicleLink:
         """What really arrives, in words."""
         return self.telemetry.rates.measured(now_ns)
 
-    def measured_ns(self, boot_time_ms: int, now_ns: int) -> int:
-        """When telemetry with this time was measured, on the companion's clock: now while the vehicle's clock is not
-        known, and no longer ago than is predicted over."""
+    def attitude_arrived(self, boot_time_ms: int, now_ns: int) -> int:
+        """Count in `delays` how late an attitude with this time has come. Returns when it was measured, on the
+        companion's clock: now while the vehicle's clock is not known, and no longer ago than is predicted over."""
         if self.peer is None or self.peer.offset_ns is None:
             return now_ns
         measured_ns = min(max(boot_time_ms * 1_000_000 - self.peer.offset_ns, now_ns - self._longest_age_ns), now_ns)

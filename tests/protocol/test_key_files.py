@@ -91,7 +91,21 @@ def test_it_is_written_once_a_second_at_the_most(file: Path) -> None:
     assert 8 <= written <= 11
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"sent": 1}', '{"sent": 1, "heard": {"1": 2}}', " " * 70_000])
+DAMAGED = (
+    "",
+    "{",
+    "[]",
+    '{"sent": 1}',
+    '{"sent": 1, "heard": {"1": 2}}',
+    " " * 70_000,
+    f'{{"sent": {2**48 - 1}, "heard": {{}}}}',
+    '{"sent": Infinity, "heard": {}}',
+    '{"sent": -1, "heard": {}}',
+    '{"sent": 1, "heard": {"1/1/0": 1e400}}',
+)
+
+
+@pytest.mark.parametrize("text", DAMAGED)
 def test_a_damaged_memory_is_no_empty_one(file: Path, text: str) -> None:
     state = file.with_name("key.state")
     state.write_text(text)

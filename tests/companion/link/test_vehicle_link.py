@@ -304,7 +304,7 @@ def test_telemetry_is_measured_neither_later_than_now_nor_before_the_longest_age
     hear(link, vehicle.timesync(max(NOW + ahead_ns, 1), NOW))
     assert link.peer is not None and link.peer.offset_ns is not None
     boot_ms = max((NOW + link.peer.offset_ns - age_ns) // MS, 0)
-    measured = link.measured_ns(boot_ms, NOW)
+    measured = link.attitude_arrived(boot_ms, NOW)
     assert NOW - LONGEST_NS <= measured <= NOW
     exact = boot_ms * MS - link.peer.offset_ns
     assert measured == min(max(exact, NOW - LONGEST_NS), NOW)
@@ -312,9 +312,9 @@ def test_telemetry_is_measured_neither_later_than_now_nor_before_the_longest_age
 
 def test_telemetry_is_measured_now_while_the_vehicles_clock_is_not_known() -> None:
     link = VehicleLink(SETTINGS, Output.RATES)
-    assert link.measured_ns(1, NOW) == NOW
+    assert link.attitude_arrived(1, NOW) == NOW
     hear(link, Sender().heartbeat())
-    assert link.measured_ns(1, NOW) == NOW
+    assert link.attitude_arrived(1, NOW) == NOW
 
 
 # -- what is counted ---------------------------------------------------------------------------------------------------
