@@ -8,7 +8,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 from tests.slow import FLOWN, NOT_QUICK, seconds
 
-settings.register_profile("courier", suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("courier", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("courier")
 
 

@@ -61,6 +61,16 @@ def test_with_the_vehicle_s_own_fence_each_keeps_its_margin(
     assert (room >= 0.0) == bool(inside) or abs(room) < 1e-9
 
 
+@pytest.mark.parametrize("margin", [0.5, 3.0])
+def test_at_the_vehicle_s_own_edges_the_wider_margin_counts(margin: float) -> None:
+    """Places drawn at random are seldom within a margin of an edge."""
+    fence = fence_of(Geofence(margin=margin), HOME, OwnFence(radius=30.0, max_height=20.0, margin=2.0))
+    assert fence is not None
+    left, wanted = fence.shrunk(margin), max(margin, 2.0)
+    for offset in ((30.0 - wanted, 0.0, -5.0), (0.0, 5.0, wanted - 20.0)):
+        assert left.room(HOME + offset) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_the_least_height_counts_where_it_is_asked_for() -> None:
     own = OwnFence(min_height=4.0, margin=2.0)
     for floor, rooms in ((False, (math.inf, math.inf)), (True, (-2.0, 5.0))):

@@ -3,6 +3,7 @@
 import math
 from itertools import pairwise
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -103,6 +104,14 @@ def test_a_straight_leg_is_smooth_and_ends_at_rest_at_its_target() -> None:
     assert max(abs(float(reference.velocity_ned[2])) for reference in flight.references) <= limits.climb_speed + 1e-6
     last = flight.references[-1]
     assert last.position_ned == pytest.approx(target, abs=1e-6) and np.abs(last.rows[1:3]).max() < 1e-6
+
+
+def test_a_straight_leg_is_flown_at_its_own_speed() -> None:
+    """Which a late link or a search for another altitude makes less than the mission's."""
+    flight = ReferenceFlight()
+    flight.steer(msgspec.structs.replace(leg_to((12.0, 0.0, -3.0)), speed=1.5), 8.0)
+    speeds = [float(np.linalg.norm(reference.velocity_ned)) for reference in flight.references]
+    assert max(speeds) == pytest.approx(1.5, abs=1e-3) and ROUTE.speed > 2.0
 
 
 def test_the_descent_has_a_speed_of_its_own() -> None:

@@ -11,6 +11,7 @@ from companion.control import disturbance_observer, prediction
 from companion.control.controller import MEMORY, RATES, SIZE, THRUST, TORQUE, Controller, _fade_jumps
 from companion.control.laws import LAWS
 from companion.outputs import TurningInput
+from companion.reports import LinkDelay
 from companion.runtime.files import load_body, load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
@@ -151,6 +152,19 @@ def test_nothing_to_predict_is_the_measurement() -> None:
     found = prediction.predict(state, START_NS + TICK_NS, START_NS + TICK_NS, commands, 1, model)
     for given, back in zip(state, found[:4], strict=True):
         assert np.array_equal(given, np.array(back))
+
+
+def test_over_a_late_link_the_present_moves_on_from_the_last_step() -> None:
+    controller = Controller(load_settings(None, []), BODY, Output.RATES)
+    place, velocity, late_ns = np.array([1.0, 2.0, -3.0]), np.array([2.0, -1.0, 0.5]), 5 * TICK_NS
+    state = VehicleState(START_NS, place, velocity, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
+    controller.acceleration_command(state, START_NS, START_NS, Reference(np.zeros((6, 3))), BODY.mass_kg, False)
+    assert controller.present(state, START_NS + late_ns) is state
+    controller.follow(LinkDelay(age=0.04, command=0.04))
+    found = controller.present(state, START_NS + late_ns)
+    assert found.position_ned == pytest.approx(place + 1e-9 * late_ns * velocity)
+    assert found.velocity_ned == pytest.approx(velocity) and found.attitude_ned_frd is state.attitude_ned_frd
+    assert controller.present(state, START_NS + 1_000_000_000) is state  # nothing was flown just now
 
 
 def test_each_estimate_finds_its_own() -> None:

@@ -119,7 +119,7 @@ def test_what_is_not_known_is_not_safe(firmware: Firmware) -> None:
 
 
 @given(options=st.integers(0, 255))
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(max_examples=50)
 def test_thrust_must_be_thrust_whatever_else_is_set(options: int) -> None:
     assert ("GUID_OPTIONS" in worst(ARDUPILOT, GUID_OPTIONS=float(options))) is not bool(options & 8)
 
@@ -139,7 +139,7 @@ def test_the_failure_detector_counts_where_it_can_end_a_flight() -> None:
 
 
 @given(value=st.floats(-1e38, 1e38), firmware=st.sampled_from(FIRMWARES), data=st.data())
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 def test_any_value_can_be_judged(value: float, firmware: Firmware, data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(sorted(SAFE[firmware.name])))
     values = {**SAFE[firmware.name], name: value}

@@ -47,3 +47,10 @@ def test_it_is_another_one_only_after_a_change() -> None:
         delays.settle(clock)
         found.append(delays.known)
     assert all(each is found[0] for each in found)
+
+
+@pytest.mark.parametrize(("age_ms", "refused"), [(200, False), (300, True)])
+def test_before_any_round_trip_the_way_back_is_taken_to_be_as_late(age_ms: int, refused: bool) -> None:
+    delays = Delays(PERIOD_S)
+    delays.arrived(age_ms * MS)
+    assert (delays.shortcoming(0.45) is not None) == refused

@@ -66,7 +66,7 @@ def converse(
 
 
 @given(integer=st.integers(-(2**22), 2**31 - 1))
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 def test_an_integer_of_px4_stands_bytewise_in_the_float(integer: int) -> None:
     if 0x7F800001 <= integer < 0x7FC00000:
         return  # the bytes of a signalling NaN, which a float does not keep
@@ -74,7 +74,7 @@ def test_an_integer_of_px4_stands_bytewise_in_the_float(integer: int) -> None:
 
 
 @given(integer=st.integers(-(2**24), 2**24))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 def test_an_integer_of_ardupilot_is_cast_to_the_float(integer: int) -> None:
     assert value_of(told("A", float(integer), INT32), bytewise=False) == integer
 
@@ -194,7 +194,7 @@ def test_what_was_not_asked_about_is_ignored() -> None:
 
 
 @given(lost=st.lists(st.booleans(), max_size=80), refused=st.sets(st.sampled_from(NAMES)))
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(max_examples=50)
 def test_whatever_is_lost_it_comes_to_an_end(lost: list[bool], refused: set[str]) -> None:
     """A value is known exactly where an answer with one came."""
     asking, losses, came = reader(*QUESTIONS), iter(lost), set()

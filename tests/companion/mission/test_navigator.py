@@ -305,3 +305,12 @@ def test_a_mission_that_does_not_return_lands_where_it_is_nearer(north: float, h
     report = navigator.report(0, vehicle(np.add(START, (north, 0.0, -3.0))), flying=True)
     assert report.homeward is homeward
     assert report.landing_s == pytest.approx(90.0 / 4.0 + 3.0 / 0.7, abs=1.0)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.2, 0.5])
+def test_over_a_late_link_it_goes_no_farther_blind(late_s: float) -> None:
+    navigator = at_step(ROUTE, Phase.ROUTE)
+    most = DEFAULTS.trajectory.blind_way / late_s if late_s else math.inf
+    navigator.slow_down(0.4)
+    navigator.slow_down(late_s)
+    assert navigator.leg(START).speed == pytest.approx(min(ROUTE.speed, most))

@@ -74,7 +74,7 @@ def test_each_level_is_said_once_and_names_the_charge() -> None:
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=60))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_reading_takes_an_answer_back_in_flight(charges: list[float]) -> None:
     levels = flight().seconds(charges).levels
     assert levels == sorted(levels)
