@@ -16,6 +16,8 @@ def entered(
         guidance.halt(now)
     if new in AWAY:
         navigator.pause(now)
+    if new in (State.STREAM, State.ADOPT):
+        sensing.plausibility.watches = True
     if new is State.ADOPT:
         guidance.begin(sensing.present)
         return navigator.adopt(link.said.home, sensing.present.position_ned, now)
