@@ -16,11 +16,11 @@ def entered(
         guidance.halt(now)
     if new in AWAY:
         navigator.pause(now)
-    if new in (State.STREAM, State.ADOPT):
-        sensing.plausibility.watches = True
     if new is State.ADOPT:
         guidance.begin(sensing.present)
-        return navigator.adopt(link.said.home, sensing.present.position_ned, now)
+        said = navigator.adopt(link.said.home, sensing.present.position_ned, now)
+        sensing.begin(navigator.lowest_return)
+        return said
     if old in AWAY and new is State.HOLD:
         guidance.brake_from(sensing.present, now)
         navigator.resume(now)
@@ -29,6 +29,7 @@ def entered(
     elif new is State.STREAM:
         navigator.begin(sensing.present.position_ned)
         guidance.begin(sensing.present)
+        sensing.begin(navigator.lowest_return)
     elif new is State.FLY and old is State.ARM:
         navigator.start_step(now)
     elif new is State.FLY and old is State.FLY:

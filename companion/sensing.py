@@ -39,6 +39,12 @@ class Sensing:
         self._batteries: dict[int, BatteryReading] = {}
         """The latest by their source."""
 
+    def begin(self, lowest_return: float) -> None:
+        """A flight begins: what is sensed is judged from now on. What a scan shows below `lowest_return` (m, NED) is
+        the ground."""
+        self.plausibility.watches = True
+        self._ring_check.ground_down = lowest_return
+
     @property
     def present(self) -> VehicleState:
         """The state, where the telemetry is fresh: after a reboot no attitude may have come since the position."""

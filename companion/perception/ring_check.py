@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from companion.perception.scans import world_points
+from companion.perception.scans import obstacle_points
 from companion.state import Pose, Scan
 from protocol.arrays import Array
 
@@ -35,6 +35,8 @@ class RingCheck:
         self.sure_ns: int | None = None
         """When the latest ring arrived that nothing speaks against."""
         self.refused = 0
+        self.ground_down = math.inf
+        """m, NED: what a ring shows below this is the ground."""
         self._first: tuple[Scan, Array, Pose, int] | None = None
         """The first of the latest rings that are equal, with its returns (n, 3) in the world and its arrival."""
         self._frozen = False
@@ -42,13 +44,13 @@ class RingCheck:
 
     def believes(self, scan: Scan, pose: Pose, now_ns: int) -> bool:
         """Whether the ring, taken at a pose, counts as one."""
-        points = world_points(scan.bearings_frd[scan.hit], scan.ranges_m[scan.hit], *pose)
+        points = obstacle_points(scan, *pose, self.ground_down)
         first = self._first
         if first is not None and _same(scan, first[0]):
             if not self._frozen and _must_have_changed(points, first[1], pose, first[2]):
                 self._frozen, self.sure_ns = True, first[3]
         else:
-            coherent = first is None or _coherent(points, scan.ranges_m[scan.hit], first[1])
+            coherent = first is None or _coherent(points, first[1], pose[0])
             self._incoherent = 0 if coherent else self._incoherent + 1
             self._first, self._frozen = (scan, points, pose, now_ns), False
         believed = not self._frozen and self._incoherent <= _MOST_INCOHERENT
@@ -81,9 +83,10 @@ def _must_have_changed(points: Array, before: Array, pose: Pose, since: Pose) ->
     return bool((away > _CHANGED_M).mean() > _CHANGED_SHARE)
 
 
-def _coherent(points: Array, ranges: Array, before: Array) -> bool:
+def _coherent(points: Array, before: Array, here: Array) -> bool:
     """Most of the returns stand where the ring before had some."""
     if len(points) < _FEWEST or len(before) < _FEWEST:
         return True
+    ranges = np.linalg.norm(points - here, axis=1)
     away = np.linalg.norm(points[:, None, :2] - before[None, :, :2], axis=2).min(axis=1)
     return bool((away < _NEAR_M + _NEAR_SHARE * ranges).mean() > _COHERENT_SHARE)
