@@ -306,7 +306,7 @@ class Plausibility:
         heading, _, shift = self._settled
         moved, turned = math.dist(shift, self._shift), wrap(self._heading - heading)
         self._jumps_ns, self._settled = None, (self._heading, self._turn, self._shift)
-        if not turned and shift is self._shift:
+        if not moved and not turned:
             self.refused += 1
             return Announcement(Severity.WARNING, "telemetry jumped and went back: not followed")
         text = f"the vehicle's estimate was reset by {moved:.1f} m and {math.degrees(turned):.0f} deg: gone along with"

@@ -6,6 +6,7 @@ Packet formats: https://mavlink.io/en/guide/serialization.html.
 import re
 import struct
 from operator import attrgetter
+from sys import maxsize
 from typing import Final
 
 import msgspec
@@ -20,6 +21,8 @@ _SIGNATURE: Final = 13
 _CHECKSUM: Final = 2
 _HEADER_V1: Final = 6
 _HEADER_V2: Final = 10
+_MOST_STEPS: Final = 400
+"""Magic bytes of a datagram that are looked at: some 0.5 ms. One of 1500 bytes holds at most 125 frames."""
 
 _unpack_v1 = struct.Struct("<xBBBBB").unpack_from
 _unpack_v2 = struct.Struct("<xBBxBBBHB").unpack_from
@@ -66,15 +69,19 @@ class Framer:
     message that the dialect lacks can't be computed. Such a frame is returned if another magic byte or the end of a
     datagram follows directly and no valid frame of a known message lies inside (`carry_unknown=False`: never).
 
+    What is left of a datagram after `_MOST_STEPS` candidates is not searched any more: it is one bad piece.
+
     At most one frame (280 bytes) is kept between calls. The attributes `bad_bytes`, `bad_frames` and `unknown_frames`
     count since the start: bytes fed = bytes of frames returned + `bad_bytes` + bytes kept.
     """
 
-    __slots__ = ("_carry_unknown", "_pending", "bad_bytes", "bad_frames", "unknown_frames")
+    __slots__ = ("_carry_unknown", "_pending", "_steps", "bad_bytes", "bad_frames", "unknown_frames")
 
     def __init__(self, *, carry_unknown: bool = True) -> None:
         self._carry_unknown = carry_unknown
         self._pending = b""
+        self._steps = 0
+        """Candidates that may still be looked at in this call."""
         self.bad_bytes = 0
         """Bytes that belong to no returned frame."""
         self.bad_frames = 0
@@ -84,14 +91,16 @@ class Framer:
 
     def feed(self, data: bytes) -> list[Frame]:
         """The frames that these bytes complete."""
+        self._steps = maxsize
         return self._scan(data, False)
 
     def flush(self) -> list[Frame]:
         """The frames in the bytes kept, if no more bytes follow them."""
-        return self._scan(b"", True) if self._pending else []
+        return self.datagram(b"") if self._pending else []
 
     def datagram(self, data: bytes) -> list[Frame]:
         """The frames of a datagram: `feed` and `flush` in one."""
+        self._steps = _MOST_STEPS
         return self._scan(data, True)
 
     def _scan(self, data: bytes, at_end: bool) -> list[Frame]:
@@ -101,7 +110,8 @@ class Framer:
         frames: list[Frame] = []
         inside: tuple[int, int] | None = None
         at = 0
-        while at < size:
+        while at < size and self._steps > 0:
+            self._steps -= 1
             magic = data[at]
             if magic == _MAGIC_V2 and at + _HEADER_V2 <= size:
                 length, flags, sequence, system, component, id_low, id_high = _unpack_v2(data, at)
@@ -149,8 +159,16 @@ class Framer:
             skip_to = found.start() if found else size
             self.bad_bytes += skip_to - at
             at = skip_to
+        if at_end and at < size:
+            at = self._leave(at, size)
         self._pending = data[at:] if at < size else b""
         return frames
+
+    def _leave(self, at: int, size: int) -> int:
+        """Count what is not searched any more as one bad piece; the place behind it."""
+        self.bad_frames += 1
+        self.bad_bytes += size - at
+        return size
 
     def _check_unknown(
         self, data: bytes, start: int, end: int, inside: tuple[int, int] | None
@@ -162,6 +180,7 @@ class Framer:
         if not self._carry_unknown or (end < len(data) and data[end] not in _MAGICS):
             return False, inside
         if inside is None or inside[0] <= start or inside[1] > end:
+            self._steps -= data.count(_MAGICS[:1], start + 1, end) + data.count(_MAGICS[1:], start + 1, end)
             inside = _known_frame_within(data, start + 1, end)
         self.unknown_frames += inside is None
         return inside is None, inside

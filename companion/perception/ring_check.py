@@ -47,8 +47,10 @@ class RingCheck:
         points = obstacle_points(scan, *pose, self.ground_down)
         first = self._first
         if first is not None and _same(scan, first[0]):
-            if not self._frozen and _must_have_changed(points, first[1], pose, first[2]):
-                self._frozen, self.sure_ns = True, first[3]
+            if not self._frozen and _is_elsewhere(pose, first[2]):
+                self._frozen = _must_have_changed(points, first[1])
+                self.sure_ns = first[3]
+                self._first = (scan, points, pose, now_ns)
         else:
             coherent = first is None or _coherent(points, first[1], pose[0])
             self._incoherent = 0 if coherent else self._incoherent + 1
@@ -69,10 +71,14 @@ def _same(one: Scan, other: Scan) -> bool:
     )
 
 
-def _must_have_changed(points: Array, before: Array, pose: Pose, since: Pose) -> bool:
-    """Seen from another place than before, the same ranges make other surroundings."""
+def _is_elsewhere(pose: Pose, since: Pose) -> bool:
     turned = 2.0 * math.acos(min(abs(float(pose[1] @ since[1])), 1.0))
-    if len(points) < 2 or (math.dist(pose[0].tolist(), since[0].tolist()) < _MOVED_M and turned < _TURNED):
+    return turned > _TURNED or math.dist(pose[0].tolist(), since[0].tolist()) > _MOVED_M
+
+
+def _must_have_changed(points: Array, before: Array) -> bool:
+    """Seen from another place than before, the same ranges make other surroundings."""
+    if len(points) < 2 or len(before) < 2:
         return False
     starts, ways = before, np.roll(before, -1, axis=0) - before
     ways = np.where(np.linalg.norm(ways, axis=1)[:, None] < _JOINED_M, ways, 0.0)

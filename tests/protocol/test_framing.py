@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from protocol import framing
 from protocol.framing import Frame, Framer
 
 LARGEST_FRAME = 280
@@ -84,12 +85,32 @@ STREAMS = {
 def test_any_cut_gives_the_same_frames_and_counts(name: str) -> None:
     data = STREAMS[name]
     whole = Framer()
-    frames = whole.datagram(data)
+    frames = fed([data], whole)
     for pieces in cuts(data, seed=len(data)):
         framer = Framer()
         assert fed(pieces, framer) == frames
         assert counters(framer) == counters(whole)
     assert sum(map(len, raws(frames))) + whole.bad_bytes == len(data)
+
+
+@pytest.mark.parametrize("filler", [b"\xfe", b"\xfd", b"\xfe\x00\x01\x01\x01\x00", handmade(b"\xfe" * 34, UNKNOWN_ID)])
+def test_what_a_datagram_costs_is_bounded_and_the_rest_counted(filler: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many checksums as a datagram of whole frames would need, whatever the bytes; the next datagram is unharmed."""
+    checksums = 0
+
+    def counting(data: bytes) -> int:
+        nonlocal checksums
+        checksums += 1
+        return fastcrc(data)
+
+    fastcrc = framing.mcrf4xx
+    monkeypatch.setattr(framing, "mcrf4xx", counting)
+    framer, flood = Framer(), filler * (9216 // len(filler))
+    frames = framer.datagram(flood)
+    assert checksums <= 400
+    assert sum(map(len, raws(frames))) + framer.bad_bytes == len(flood) and framer.bad_bytes > 8000
+    assert framer.bad_frames > 0
+    assert len(framer.datagram(heartbeat(1) * 60)) == 60
 
 
 def test_fields_of_a_frame() -> None:
