@@ -259,7 +259,7 @@ class Plausibility:
         stuck = bool(alike) and math.hypot(*rates) * alike > 4.0 * _TURNED
         if wholly and speed is not None and self._still_attitude.witness is not None:
             stuck = stuck or math.dist(speed, self._still_attitude.witness) > _PUSHED
-            stuck = stuck or (self._asked * wholly > 4.0 * _TURNED and math.hypot(*speed) > _FLIES)
+            stuck = stuck or (self._asked * wholly > 2.0 * _TURNED and math.hypot(*speed) > _FLIES)
         self._note("attitude", stuck, bool(alike), now_ns)
 
     def _look_for_stuck_position(self, place: list[float], velocity: list[float], time_ms: int, now_ns: int) -> None:

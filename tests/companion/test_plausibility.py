@@ -55,7 +55,7 @@ class Flown:
         turns = [abs(float(q @ motion(ms)[0].attitude_ned_frd)) for ms, q in self.attitudes]
         away = [np.linalg.norm(p - motion(ms)[1].position_ned) for ms, p, _ in self.places]
         slower = [np.linalg.norm(v - motion(ms)[1].velocity_ned) for ms, _, v in self.places]
-        return min(turns) > math.cos(0.5 * 0.02) and max(away) < 0.05 and max(slower) < 0.1
+        return bool(min(turns) > math.cos(0.5 * 0.02) and max(away) < 0.05 and max(slower) < 0.1)
 
 
 def turned(angle: float, *, whole: bool) -> Change:
