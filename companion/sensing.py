@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from companion.estimate import Estimator
 from companion.perception.ring_check import RingCheck
 from companion.plausibility import Plausibility
@@ -19,8 +17,6 @@ from companion.reports import (
 from companion.state import Pose, Scan, VehicleState
 
 _BLIND_NS = 100_000_000
-_NOWHERE: Pose = np.zeros(3), np.array((1.0, 0.0, 0.0, 0.0))
-"""The pose of what is seen before the vehicle says where it is."""
 
 
 class Sensing:
@@ -29,6 +25,8 @@ class Sensing:
     def __init__(self, *, needs_scan: bool) -> None:
         self.estimator = Estimator()
         self.plausibility = Plausibility()
+        self.judges = True
+        """In flight it is asked whether what is sensed can be true; what is made up (a rehearsal's) can't."""
         self.state: VehicleState | None = None
         """At the latest attitude; None before both position and attitude have come."""
         self._needs_scan = needs_scan
@@ -42,7 +40,7 @@ class Sensing:
     def begin(self, lowest_return: float) -> None:
         """A flight begins: what is sensed is judged from now on. What a scan shows below `lowest_return` (m, NED) is
         the ground."""
-        self.plausibility.watches = True
+        self.plausibility.watches = self.judges
         self._ring_check.ground_down = lowest_return
 
     @property
@@ -86,7 +84,9 @@ class Sensing:
         if scan.known.any() and scan.boot_time_us != self._scan_boot_us:
             self._scan_boot_us = scan.boot_time_us
             pose = self.estimator.pose_at(scan.boot_time_us)
-            if self._ring_check.believes(scan, pose or _NOWHERE, now_ns):
+            if not self.plausibility.watches:
+                self.scan, self._ring_check.sure_ns = scan, now_ns
+            elif pose is not None and self._ring_check.believes(scan, pose, now_ns):
                 self.scan = scan
 
     def update(self) -> VehicleState | None:

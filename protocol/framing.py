@@ -22,7 +22,7 @@ _CHECKSUM: Final = 2
 _HEADER_V1: Final = 6
 _HEADER_V2: Final = 10
 _MOST_STEPS: Final = 400
-"""Magic bytes of a datagram that are looked at: some 0.5 ms. One of 1500 bytes holds at most 125 frames."""
+"""Places in a datagram that are looked at and hold no frame of a known message: some 0.5 ms."""
 
 _unpack_v1 = struct.Struct("<xBBBBB").unpack_from
 _unpack_v2 = struct.Struct("<xBBxBBBHB").unpack_from
@@ -69,7 +69,7 @@ class Framer:
     message that the dialect lacks can't be computed. Such a frame is returned if another magic byte or the end of a
     datagram follows directly and no valid frame of a known message lies inside (`carry_unknown=False`: never).
 
-    What is left of a datagram after `_MOST_STEPS` candidates is not searched any more: it is one bad piece.
+    What is left of a datagram after `_MOST_STEPS` places without a frame is not searched any more: it is one bad piece.
 
     At most one frame (280 bytes) is kept between calls. The attributes `bad_bytes`, `bad_frames` and `unknown_frames`
     count since the start: bytes fed = bytes of frames returned + `bad_bytes` + bytes kept.
@@ -81,7 +81,7 @@ class Framer:
         self._carry_unknown = carry_unknown
         self._pending = b""
         self._steps = 0
-        """Candidates that may still be looked at in this call."""
+        """So many places without a frame may still be looked at in this call."""
         self.bad_bytes = 0
         """Bytes that belong to no returned frame."""
         self.bad_frames = 0
@@ -111,7 +111,6 @@ class Framer:
         inside: tuple[int, int] | None = None
         at = 0
         while at < size and self._steps > 0:
-            self._steps -= 1
             magic = data[at]
             if magic == _MAGIC_V2 and at + _HEADER_V2 <= size:
                 length, flags, sequence, system, component, id_low, id_high = _unpack_v2(data, at)
@@ -155,6 +154,7 @@ class Framer:
                     break
             elif end > at:
                 self.bad_frames += 1
+            self._steps -= 1
             found = _next_magic(data, at + 1)
             skip_to = found.start() if found else size
             self.bad_bytes += skip_to - at
@@ -180,7 +180,7 @@ class Framer:
         if not self._carry_unknown or (end < len(data) and data[end] not in _MAGICS):
             return False, inside
         if inside is None or inside[0] <= start or inside[1] > end:
-            self._steps -= data.count(_MAGICS[:1], start + 1, end) + data.count(_MAGICS[1:], start + 1, end)
+            self._steps -= 1 + data.count(_MAGICS[:1], start + 1, end) + data.count(_MAGICS[1:], start + 1, end)
             inside = _known_frame_within(data, start + 1, end)
         self.unknown_frames += inside is None
         return inside is None, inside
