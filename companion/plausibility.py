@@ -37,6 +37,8 @@ _SAME_TURN, _SAME_M = 0.03, 0.2
 """rad and m: nearer to the settled frame than this, a jump went back there."""
 _TELLING = 1.5
 """m/s; so much speed gained tells in which frame the vehicle accelerates."""
+_LEAST_TURN = 0.35
+"""rad; between frames that differ by less it is not told, and makes little difference."""
 
 
 def _turned(angle: float, north: float, east: float) -> tuple[float, float]:
@@ -232,11 +234,10 @@ class Plausibility:
         along = self._gained[0] + (a * north + b * east) / tilt
         across = self._gained[1] + (b * north - a * east) / tilt
         self._gained = along, across
-        if math.hypot(along, across) < _TELLING:
-            return
-        self._gained = 0.0, 0.0
         turn = wrap(self._heading - self._turn)
-        if abs(wrap(math.atan2(across, along) - turn)) < 0.5 * abs(turn) and self._place is not None:
+        if abs(turn) < _LEAST_TURN or math.hypot(along, across) < _TELLING or self._place is None:
+            return
+        if abs(wrap(math.atan2(across, along) - turn)) < 0.25 * abs(turn):
             there = self._in_flight(self._place[1])
             self._turn = self._heading
             self._shift = [a - b for a, b in zip(there, self._along(self._place[1]), strict=True)]
