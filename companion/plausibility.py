@@ -143,6 +143,7 @@ class Plausibility:
         if abs(wrap(self._heading - self._settled[0])) < _SAME_TURN:
             self._heading = self._settled[0]
         self._gained = 0.0, 0.0
+        self._still_motion = Unchanged()  # what turned was the frame
         self._jumped(now_ns)
         return True
 

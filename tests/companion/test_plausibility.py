@@ -200,3 +200,28 @@ def test_before_a_flight_all_is_taken_as_it_comes() -> None:
         position = shifted(by, 0.0, 0.0)(ms, motion(ms))[1]
         assert told.position(position, ms * MS) is position
     assert told.refused == 0 and told.news(10**12) is None
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("angle", [-1.5, 0.8, 1.2])
+def test_a_frame_that_turned_at_a_standstill_is_known_by_how_the_vehicle_speeds_up(angle: float, whole: bool) -> None:
+    """At the origin nothing else tells; the vehicle pitches down and gathers speed to the north, which it had as its
+    heading."""
+    told, change, way = Plausibility(), turned(angle, whole=whole), np.zeros(3)
+    told.watches = True
+    for ms in range(0, 3000, STEP_MS):
+        pitch = 0.2 * min(max((ms - 1000) / 100.0, 0.0), 1.0)
+        s = max(ms - 1000, 0) * 1e-3
+        speed = np.array([9.81 * 0.2 * s, 0.0, 0.0])
+        rates = np.array([0.0, -2.0 if 0.0 < pitch < 0.2 else 0.0, 0.0])
+        truth = (
+            AttitudeReport(ms, from_euler(1e-4 * math.sin(ms), -pitch, 0.0), rates),
+            PositionReport(ms, 0.5 * s * speed, speed),
+        )
+        attitude, position = change(ms, truth) if ms >= 500 else truth
+        assert told.attitude(attitude, ms * MS) is not None
+        moved = told.position(position, ms * MS)
+        assert moved is not None and told.fault(ms * MS) is None
+        told.news(ms * MS)
+        way = moved.velocity_ned
+    assert way == pytest.approx(speed, abs=0.1)
