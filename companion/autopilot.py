@@ -88,17 +88,22 @@ class Autopilot:
         here = self.controller.present(state, now)
         mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
         flies = self.controller.flies(state, now, mass, supervised is State.FLY, self.link.motors)
-        airborne = flies and supervised in FLYING
+        airborne, blind = flies and supervised in FLYING, self.sensing.is_blind(now)
+        sees = airborne and not blind
         if supervised in FOLLOWING or not airborne:  # what is sent would keep the vehicle wherever it is
             guidance.hold_at(state)
             self.controller.reset()
+        elif blind:
+            guidance.halt(now)
         elif supervised is State.FLY:
             self._fly(here, now)
         reference, ahead = map(guidance.reference, self.controller.reference_times(now))
         measured_ns = self.link.attitude_arrived(self.sensing.boot_time_ms, now)
-        acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, airborne)
+        acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, sees)
         verdict, changed = None, False
-        if self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):
+        if airborne and not sees:  # brakes on the attitude alone
+            acceleration, changed = reference.acceleration_ned, True
+        elif self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):
             verdict = self.guard.filter(here.position_ned, here.velocity_ned, acceleration, now)
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
             guidance.yield_to(verdict, reference, here, now)
@@ -107,7 +112,7 @@ class Autopilot:
             navigator.tracked(control[:6])
         setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint):
-            self.link.outbox.setpoint(setpoint, self.sensing.boot_time_ms)
+            self.link.outbox.setpoint(self.sensing.plausibility.setpoint(setpoint), self.sensing.boot_time_ms)
         what = supervised, navigator.phase, navigator.step_index, state, reference, control, limited
         return pack(ControlStep(*what, guidance.decision, guidance.free_distance, verdict))
 
@@ -163,7 +168,7 @@ class Autopilot:
         outside = self.guidance.outside(self.link.readiness.fence)
         mission = self.navigator.report(now, self.sensing.state, outside, flying=state is State.FLY)
         news, announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
-        self._say(news, announcement)
+        self._say(self.sensing.plausibility.news(now), news, announcement)
         if announcement is not None:
             if state is State.CHECK:
                 self.controller.use(self.link.readiness.output)

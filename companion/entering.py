@@ -21,7 +21,9 @@ def entered(
     if new is State.ADOPT:
         home, fence = link.said.home, link.readiness.fence
         guidance.begin(sensing.present, home, fence)
-        return navigator.adopt(home, sensing.present.position_ned, fence, now)
+        said = navigator.adopt(home, sensing.present.position_ned, fence, now)
+        sensing.begin(navigator.lowest_return)
+        return said
     if old in AWAY and new is State.HOLD:
         guidance.brake_from(sensing.present, now)
         navigator.resume(now)
@@ -31,6 +33,7 @@ def entered(
         home, fence = sensing.present.position_ned, link.readiness.fence
         navigator.begin(home, fence)
         guidance.begin(sensing.present, home, fence)
+        sensing.begin(navigator.lowest_return)
     elif new is State.FLY and old is State.ARM:
         navigator.start_step(now)
     elif new is State.FLY and old is State.FLY:

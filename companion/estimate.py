@@ -57,6 +57,10 @@ class Estimator:
             return None
         return now_ns - min(self._attitude_ns, self._position_ns)
 
+    def position_age_ns(self, now_ns: int) -> int:
+        """Since a position came; that of nothing is 0."""
+        return 0 if self._position is None else now_ns - self._position_ns
+
     def state(self) -> VehicleState | None:
         """The state at the latest attitude, the position carried there by its velocity; None before both have come."""
         attitude, position = self._attitude, self._position

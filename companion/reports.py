@@ -196,3 +196,5 @@ class SensingReport(msgspec.Struct, frozen=True, gc=False):
     """Position and attitude have come."""
     batteries: Mapping[int, BatteryReading] = {}
     """The latest reading of each source."""
+    contradiction: str | None = None
+    """Why what the vehicle says of its motion can't be true; None if it may be."""

@@ -3,6 +3,8 @@
 import math
 
 from companion.estimate import Estimator
+from companion.perception.ring_check import RingCheck
+from companion.plausibility import Plausibility
 from companion.reports import (
     AttitudeReport,
     BatteryReading,
@@ -14,21 +16,32 @@ from companion.reports import (
 )
 from companion.state import Pose, Scan, VehicleState
 
+_BLIND_NS = 100_000_000
+
 
 class Sensing:
     """State, scans and their ages."""
 
     def __init__(self, *, needs_scan: bool) -> None:
         self.estimator = Estimator()
+        self.plausibility = Plausibility()
+        self.judges = True
+        """In flight it is asked whether what is sensed can be true; what is made up (a rehearsal's) can't."""
         self.state: VehicleState | None = None
         """At the latest attitude; None before both position and attitude have come."""
         self._needs_scan = needs_scan
         self.scan: Scan | None = None
         """The latest, if it came since the last `look`."""
-        self._scan_ns: int | None = None
+        self._ring_check = RingCheck()
         self._scan_boot_us: int | None = None
         self._batteries: dict[int, BatteryReading] = {}
         """The latest by their source."""
+
+    def begin(self, lowest_return: float) -> None:
+        """A flight begins: what is sensed is judged from now on. What a scan shows below `lowest_return` (m, NED) is
+        the ground."""
+        self.plausibility.watches = self.judges
+        self._ring_check.ground_down = lowest_return
 
     @property
     def present(self) -> VehicleState:
@@ -46,10 +59,14 @@ class Sensing:
         """Take a report in; whether it calls for a control step."""
         match report:
             case AttitudeReport():
-                self.estimator.attitude(report, now_ns)
+                attitude = self.plausibility.attitude(report, now_ns)
+                if attitude is not None:
+                    self.estimator.attitude(attitude, now_ns)
                 return True
             case PositionReport():
-                self.estimator.position(report, now_ns)
+                position = self.plausibility.position(report, now_ns)
+                if position is not None:
+                    self.estimator.position(position, now_ns)
             case Scan():
                 self._take_scan(report, now_ns)
             case RepeatedAttitude():
@@ -58,12 +75,19 @@ class Sensing:
                 self._batteries[report.source] = report
             case Rebooted():
                 self.estimator.restart()
+                self.plausibility.restart()
         return False
 
     def _take_scan(self, scan: Scan, now_ns: int) -> None:
-        """A scan that knows nothing, or the same one again, is none: the last one grows stale."""
+        """A scan that knows nothing, the same one again, or one that can't be true is none: the last one grows
+        stale."""
         if scan.known.any() and scan.boot_time_us != self._scan_boot_us:
-            self.scan, self._scan_ns, self._scan_boot_us = scan, now_ns, scan.boot_time_us
+            self._scan_boot_us = scan.boot_time_us
+            pose = self.estimator.pose_at(scan.boot_time_us)
+            if not self.plausibility.watches:
+                self.scan, self._ring_check.sure_ns = scan, now_ns
+            elif pose is not None and self._ring_check.believes(scan, pose, now_ns):
+                self.scan = scan
 
     def update(self) -> VehicleState | None:
         """The state at the attitude that has just come."""
@@ -77,8 +101,13 @@ class Sensing:
         return None if scan is None or pose is None else (scan, pose)
 
     def scan_age(self, now_ns: int) -> float:
-        """s since the latest scan arrived; inf before the first."""
-        return math.inf if self._scan_ns is None else (now_ns - self._scan_ns) * 1e-9
+        """s since the latest scan arrived that nothing speaks against; inf before the first."""
+        sure_ns = self._ring_check.sure_ns
+        return math.inf if sure_ns is None else (now_ns - sure_ns) * 1e-9
+
+    def is_blind(self, now_ns: int) -> bool:
+        """No position has come for so long that the last one is not to be flown by."""
+        return self.estimator.position_age_ns(now_ns) > _BLIND_NS
 
     def report(self, now_ns: int, map_age: float) -> SensingReport:
         """Ages; the surroundings are as old as the latest scan or as the map (s), whichever is older."""
@@ -88,4 +117,5 @@ class Sensing:
             scan_age=max(self.scan_age(now_ns), map_age) if self._needs_scan else 0.0,
             has_state=self.state is not None,
             batteries=self._batteries,
+            contradiction=self.plausibility.fault(now_ns),
         )

@@ -15,11 +15,13 @@ class Refusals:
         self._latest: deque[int] = deque(maxlen=_TOLERATED)
         self._text = ""
 
-    def add(self, text: str, now_ns: int) -> bool:
-        """A message was refused, for what the text says; whether it is the first one."""
+    def add(self, text: str, now_ns: int, *, grave: bool = True) -> bool:
+        """A message was refused, for what the text says; whether it is the first one. One that is not `grave` is
+        missed, and no fault by itself."""
         self.count += 1
-        self._latest.append(now_ns)
-        self._text = text
+        if grave:
+            self._latest.append(now_ns)
+            self._text = text
         return self.count == 1
 
     def fault(self, now_ns: int) -> str | None:

@@ -144,7 +144,7 @@ class VehicleLink:
             try:
                 report = handler(message, now_ns)
             except wire.RefusedError as refused:
-                report = self._refuse(str(refused), now_ns)
+                report = self._refuse(refused, now_ns)
             if report is not None:
                 reports.append(report)
         if self._beside:
@@ -174,10 +174,10 @@ class VehicleLink:
         self.outbox.say(announcement)
         return announcement
 
-    def _refuse(self, text: str, now_ns: int) -> Announcement | None:
+    def _refuse(self, refused: wire.RefusedError, now_ns: int) -> Announcement | None:
         """Count telemetry that can't be true; the first time it is worth a word."""
-        first = self._refusals.add(text, now_ns)
-        return self._complain(Severity.WARNING, f"telemetry refused: {text}") if first else None
+        first = self._refusals.add(str(refused), now_ns, grave=not isinstance(refused, wire.RefusedRingError))
+        return self._complain(Severity.WARNING, f"telemetry refused: {refused}") if first else None
 
     def _on_euler_attitude(self, message: Any, now_ns: int) -> AttitudeReport | RepeatedAttitude:
         return RepeatedAttitude() if self.telemetry.rates.ever(_ATTITUDE_QUATERNION) else wire.attitude(message)
@@ -190,7 +190,7 @@ class VehicleLink:
         try:
             report: Scan | Announcement | None = self.telemetry.rings.of_others(frame, source, self.peer, now_ns)
         except wire.RefusedError as refused:
-            report = self._refuse(str(refused), now_ns)
+            report = self._refuse(refused, now_ns)
         return [] if report is None else [report]
 
     def _on_heartbeat(self, message: Any, now_ns: int) -> None:

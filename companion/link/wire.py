@@ -50,6 +50,10 @@ class RefusedError(Exception):
     """Telemetry that can't be true; the text names the message and what is wrong with it."""
 
 
+class RefusedRingError(RefusedError):
+    """A ring that can't be true is none; the flight goes on as without it."""
+
+
 def _vector(name: str, limit: float, x: float, y: float, z: float) -> Array:
     # One comparison a value: false for NaN and infinities too.
     if not (-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit):
@@ -96,14 +100,22 @@ def obstacle_distance(message: Any, time_ns: int) -> Scan:
     """
     increment = message.increment_f or float(message.increment)
     if message.frame != dialect.MAV_FRAME_BODY_FRD:
-        raise RefusedError(f"OBSTACLE_DISTANCE in frame {message.frame}, not BODY_FRD")
+        raise RefusedRingError(f"OBSTACLE_DISTANCE in frame {message.frame}, not BODY_FRD")
     if not 0.0 < abs(increment) <= 360.0 or not math.isfinite(message.angle_offset):
-        raise RefusedError(f"OBSTACLE_DISTANCE with increment {increment:g} and offset {message.angle_offset:g} deg")
+        raise RefusedRingError(
+            f"OBSTACLE_DISTANCE with increment {increment:g} and offset {message.angle_offset:g} deg"
+        )
     if message.max_distance <= message.min_distance:
-        raise RefusedError(f"OBSTACLE_DISTANCE from {message.min_distance} to {message.max_distance} cm")
+        raise RefusedRingError(f"OBSTACLE_DISTANCE from {message.min_distance} to {message.max_distance} cm")
     distances = np.array(message.distances, dtype=np.float64)
     bearings = _bearings(message.angle_offset, increment, distances.size)
     known = distances != _NOTHING
+    around = abs(increment) * (int(known.nonzero()[0].max(initial=0)))
+    if around >= 360.0:
+        raise RefusedRingError(f"OBSTACLE_DISTANCE with beams over {around:g} deg")
+    beyond = distances[known & (distances > message.max_distance + 1)]
+    if beyond.size and beyond.min() < beyond.max():
+        raise RefusedRingError(f"OBSTACLE_DISTANCE with distances beyond {message.max_distance} cm")
     hit = known & (distances <= message.max_distance)
     ranges = np.minimum(distances, message.max_distance) * 0.01
     return Scan(time_ns, message.time_usec, bearings, ranges, hit, known)
@@ -128,7 +140,7 @@ def sector_distance(message: Any) -> SectorReport | None:
         return None
     near, far, distance = message.min_distance, message.max_distance, message.current_distance
     if far <= near:
-        raise RefusedError(f"DISTANCE_SENSOR from {near} to {far} cm")
+        raise RefusedRingError(f"DISTANCE_SENSOR from {near} to {far} cm")
     return SectorReport(
         message.time_boot_ms,
         message.orientation,

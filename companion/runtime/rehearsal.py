@@ -4,6 +4,7 @@ flight."""
 import math
 
 import msgspec
+import numpy as np
 
 from companion.autopilot import Autopilot
 from companion.avoidance_methods import methods_in_use
@@ -13,9 +14,12 @@ from companion.events import Datagram, Event, Reaction
 from companion.link.audit import LONGEST_HOLD_OF_RATES_S
 from companion.link.firmware.px4 import FIRMWARE as PX4
 from companion.mission.plan import Mission
+from companion.perception.ring_check import RingCheck
+from companion.plausibility import Plausibility
+from companion.reports import AttitudeReport, PositionReport
 from companion.runtime.driver import Driver
 from companion.runtime.planning import InProcessPlanner, Planning
-from companion.state import Output
+from companion.state import Output, Scan, Setpoint
 from companion.supervision.states import State
 from companion.trace import Thinning
 from protocol.messages import Encoder, dialect
@@ -51,16 +55,30 @@ class RehearsalError(Exception):
 def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
     """Fly a vehicle that is always where it should be, on each output that may be chosen. Raises RehearsalError if that
     does not lead to the end."""
+    _judge()
     for hold_s in _HOLDS_S if output is None else _HOLDS_S[:1]:
         for method in methods_in_use(settings.avoidance.method):
             avoidance = msgspec.structs.replace(settings.avoidance, method=method)
             _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output, hold_s)
 
 
+def _judge() -> None:
+    """What a flight looks at and the made-up one can't pass: a reset, and rings seen from two places."""
+    told, check, level = Plausibility(), RingCheck(), np.array((1.0, 0.0, 0.0, 0.0))
+    told.watches, flags, still = True, np.ones(72, np.bool_), np.zeros(3)
+    ring = Scan(0, 0, np.radians(np.arange(0.0, 360.0, 5.0)), np.full(72, 3.0), flags, flags)
+    for ms, attitude in ((4, level), (8, np.array((0.0, 0.0, 0.0, 1.0)))):
+        told.attitude(AttitudeReport(ms, attitude, still), ms)
+        told.position(PositionReport(ms, np.array((float(ms), 0.0, 0.0)), still), ms)
+        check.believes(ring, (np.array((float(ms), 0.0, 0.0)), attitude), ms)
+    told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0))
+
+
 def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None, hold_s: float) -> None:
     # At the route's altitudes, where the vehicle here is.
     avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
+    autopilot.sensing.judges = False
     planning = Planning(InProcessPlanner(settings.avoidance), settings.avoidance.answer_delay)
     thinning = Thinning(settings.log.trace_rate)
 

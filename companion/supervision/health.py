@@ -34,7 +34,7 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     scan_age: float
     """0 where no ring is needed."""
     refused_telemetry: str | None
-    """What was wrong with the telemetry that is being refused, or that comes too late."""
+    """What was wrong with the telemetry that is being refused, can't be flown by, or comes too late."""
     unsound_output: str | None
     """What was wrong with a setpoint that the gate held back."""
     overrun: float
@@ -90,7 +90,7 @@ def health(
         telemetry_age=min(sensing.telemetry_age, awake),
         heartbeat_age=min(link.heartbeat_age, awake),
         scan_age=min(sensing.scan_age, awake),
-        refused_telemetry=link.refused,
+        refused_telemetry=sensing.contradiction if link.refused is None else link.refused,
         unsound_output=own.unsound_output,
         overrun=own.overrun_ns * 1e-9,
         exhausted=link.exhausted,

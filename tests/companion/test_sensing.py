@@ -23,7 +23,9 @@ def position(boot_ms: int, north: float = 0.0, speed: float = 0.0) -> PositionRe
 
 def scan(boot_ms: int, time_ns: int = 0, known: bool = True) -> Scan:
     flags = np.full(4, known)
-    return Scan(time_ns, boot_ms * 1000, np.linspace(0.0, 1.5 * math.pi, 4), np.full(4, 5.0), flags, flags)
+    return Scan(
+        time_ns, boot_ms * 1000, np.linspace(0.0, 1.5 * math.pi, 4), np.full(4, 5.0 + 1e-3 * boot_ms), flags, flags
+    )
 
 
 def flown(until_ms: int = 1000, step_ms: int = 4) -> Sensing:

@@ -225,3 +225,20 @@ def test_the_system_s_status_tells_of_the_battery(
     assert reading.level is level and reading.cell_volts is None
     assert reading.charge == (None if charge is None else pytest.approx(charge))
     assert reading.volts == (None if whole is None else pytest.approx(whole))
+
+
+def test_a_ring_of_more_than_a_turn_is_none() -> None:
+    """So many known beams times the increment; beams that are not measured reach anywhere."""
+    for count, increment in ((72, 5.1), (72, 100.0), (4, 120.1)):
+        distances = [500] * count + [65535] * (72 - count)
+        with pytest.raises(wire.RefusedRingError, match="beams over"):
+            wire.obstacle_distance(ring(distances, f=increment), 0)
+    for count, increment in ((72, 5.0), (72, -5.0), (4, 90.0), (1, 360.0)):
+        distances = [500] * count + [65535] * (72 - count)
+        assert wire.obstacle_distance(ring(distances, f=increment), 0).known.sum() == count
+
+
+def test_distances_that_the_format_does_not_have_are_no_ring() -> None:
+    with pytest.raises(wire.RefusedRingError, match="distances beyond"):
+        wire.obstacle_distance(ring([500] * 70 + [30_000, 40_000]), 0)
+    assert not wire.obstacle_distance(ring([60_000] * 72), 0).hit.any(), "one word for nothing there"

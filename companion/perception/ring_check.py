@@ -1,0 +1,98 @@
+"""Whether a ring can be what stands around the vehicle: against the ring before it, and against the vehicle's way.
+
+A ring that repeats to the last digit while the vehicle moves past what it shows is frozen. Where things look the same
+from both places (between walls, in the open), equal rings may be true. A ring whose returns stand nowhere near those of
+the ring before is incoherent; one such may be new surroundings, several in a row are noise.
+"""
+
+import math
+
+import numpy as np
+
+from companion.perception.scans import obstacle_points
+from companion.state import Pose, Scan
+from protocol.arrays import Array
+
+_MOVED_M, _TURNED = 0.2, 0.05
+"""A ring is expected to change on a way of m, or a turn of rad,"""
+_CHANGED_M, _CHANGED_SHARE = 0.08, 0.3
+"""if so much of it would stand elsewhere by so many m."""
+_JOINED_M = 2.0
+"""Neighbouring returns no farther apart are one surface."""
+_FEWEST = 12
+"""Fewer returns say nothing of coherence."""
+_NEAR_M, _NEAR_SHARE = 0.4, 0.09
+"""A return comes again within so many m, and so much of its range: the distance of beams."""
+_COHERENT_SHARE = 0.55
+_MOST_INCOHERENT = 2
+"""Rings in a row that are still believed."""
+
+
+class RingCheck:
+    """Of one sensor."""
+
+    def __init__(self) -> None:
+        self.sure_ns: int | None = None
+        """When the latest ring arrived that nothing speaks against."""
+        self.refused = 0
+        self.ground_down = math.inf
+        """m, NED: what a ring shows below this is the ground."""
+        self._first: tuple[Scan, Array, Pose, int] | None = None
+        """The first of the latest rings that are equal, with its returns (n, 3) in the world and its arrival."""
+        self._frozen = False
+        self._incoherent = 0
+
+    def believes(self, scan: Scan, pose: Pose, now_ns: int) -> bool:
+        """Whether the ring, taken at a pose, counts as one."""
+        points = obstacle_points(scan, *pose, self.ground_down)
+        first = self._first
+        if first is not None and _same(scan, first[0]):
+            if not self._frozen and _is_elsewhere(pose, first[2]):
+                self._frozen = _must_have_changed(points, first[1])
+                self.sure_ns = first[3]
+                self._first = (scan, points, pose, now_ns)
+        else:
+            coherent = first is None or _coherent(points, first[1], pose[0])
+            self._incoherent = 0 if coherent else self._incoherent + 1
+            self._first, self._frozen = (scan, points, pose, now_ns), False
+        believed = not self._frozen and self._incoherent <= _MOST_INCOHERENT
+        if not believed:
+            self.refused += 1
+        elif not self._incoherent:
+            self.sure_ns = now_ns
+        return believed
+
+
+def _same(one: Scan, other: Scan) -> bool:
+    return (
+        np.array_equal(one.ranges_m, other.ranges_m)
+        and np.array_equal(one.hit, other.hit)
+        and np.array_equal(one.known, other.known)
+    )
+
+
+def _is_elsewhere(pose: Pose, since: Pose) -> bool:
+    turned = 2.0 * math.acos(min(abs(float(pose[1] @ since[1])), 1.0))
+    return turned > _TURNED or math.dist(pose[0].tolist(), since[0].tolist()) > _MOVED_M
+
+
+def _must_have_changed(points: Array, before: Array) -> bool:
+    """Seen from another place than before, the same ranges make other surroundings."""
+    if len(points) < 2 or len(before) < 2:
+        return False
+    starts, ways = before, np.roll(before, -1, axis=0) - before
+    ways = np.where(np.linalg.norm(ways, axis=1)[:, None] < _JOINED_M, ways, 0.0)
+    squares = np.maximum((ways**2).sum(axis=1), 1e-9)
+    to_points = points[:, None] - starts
+    along = np.clip((to_points * ways).sum(axis=2) / squares, 0.0, 1.0)
+    away = np.linalg.norm(to_points - along[..., None] * ways, axis=2).min(axis=1)
+    return bool((away > _CHANGED_M).mean() > _CHANGED_SHARE)
+
+
+def _coherent(points: Array, before: Array, here: Array) -> bool:
+    """Most of the returns stand where the ring before had some."""
+    if len(points) < _FEWEST or len(before) < _FEWEST:
+        return True
+    ranges = np.linalg.norm(points - here, axis=1)
+    away = np.linalg.norm(points[:, None, :2] - before[None, :, :2], axis=2).min(axis=1)
+    return bool((away < _NEAR_M + _NEAR_SHARE * ranges).mean() > _COHERENT_SHARE)

@@ -1,0 +1,320 @@
+"""Whether the vehicle's telemetry can be true: its parts against one another, and against what a vehicle can do.
+
+A jump of position or heading moves the estimator's frame and nothing in the world. So it moves the frame of the flight,
+too: what leaves here goes on without a jump, in the frame of the take-off, and with it mission, references and map. One
+that goes back was an outlier. What does not move although other telemetry says that it must is a fault. Until `watches`
+is set, all is taken as it comes: on the ground estimators settle.
+"""
+
+import math
+
+import numpy as np
+
+from companion.reports import AttitudeReport, PositionReport
+from companion.state import Announcement, Setpoint, Severity
+from protocol.arrays import Array
+from protocol.frames import multiply, to_rotation_vector, wrap
+
+_GAP_S = 1.0
+"""Behind a longer gap anything may be true."""
+_PLACE_M, _REACH = 0.75, 25.0
+"""A position may be so far from where the velocity leads (m), and so much more (m/s2, half an acceleration)."""
+_SPEED, _PUSH = 2.0, 60.0
+"""A velocity may change by so much at once (m/s), and with time (m/s2)."""
+_TURN, _TURNING = 0.12, 1.5
+"""An attitude may be so far (rad) from the last one, and so many times what the rates say."""
+_STILL_S, _STILL_COUNT = 0.1, 4
+"""Telemetry that has not changed for so long and in so many messages,"""
+_MOVED_M, _TURNED, _PUSHED = 0.1, 0.012, 0.06
+"""and should have, by so much (m, rad, m/s), is stuck."""
+_FLIES = 0.002
+"""m/s; what stands on the ground is slower."""
+_SETTLED_S = 0.1
+"""A jump that stays for so long is a reset."""
+_UNSETTLED_S = 0.2
+"""Telemetry that jumps or is refused for longer than this is no telemetry."""
+_SAME_TURN, _SAME_M = 0.03, 0.2
+"""rad and m: nearer to the settled frame than this, a jump went back there."""
+_TELLING = 1.5
+"""m/s; so much speed gained tells in which frame the vehicle accelerates."""
+_LEAST_TURN = 0.35
+"""rad; between frames that differ by less it is not told, and makes little difference."""
+
+
+def _turned(angle: float, north: float, east: float) -> tuple[float, float]:
+    c, s = math.cos(angle), math.sin(angle)
+    return c * north - s * east, s * north + c * east
+
+
+class Unchanged:
+    """Since when a message has said the same."""
+
+    def __init__(self) -> None:
+        self._values: list[float] = []
+        self._since_ms = self._count = 0
+        self.witness: tuple[float, ...] | None = None
+        """What another message said then."""
+
+    def seconds(self, values: list[float], time_ms: int, witness: tuple[float, ...] | None) -> float:
+        """For how long, at the vehicle's time; 0 where that is too short to say anything."""
+        if values != self._values or not 0 <= time_ms - self._since_ms < 1e6:
+            self._values, self._since_ms, self._count, self.witness = values, time_ms, 0, witness
+            return 0.0
+        self._count += 1
+        lasts = (time_ms - self._since_ms) * 1e-3
+        return lasts if self._count >= _STILL_COUNT and lasts >= _STILL_S else 0.0
+
+
+class Plausibility:
+    """Of one vehicle. Takes its reports in the order of arrival; gives them in the frame of the flight, or refuses."""
+
+    def __init__(self) -> None:
+        self.watches = False
+        self.refused = 0
+        """Reports that were not believed, and jumps that went back."""
+        self._heading = 0.0
+        """rad by which the frame of the vehicle's attitude is turned against that of the flight."""
+        self._turn = 0.0
+        """The same of its position and velocity,"""
+        self._shift = [0.0, 0.0, 0.0]
+        """and what is to be added then (m)."""
+        self._settled = (0.0, 0.0, [0.0, 0.0, 0.0])
+        """These three, as they were before the latest jumps."""
+        self._attitude: tuple[int, list[float], list[float]] | None = None
+        self._place: tuple[int, list[float], list[float]] | None = None
+        """Time (ms), position and velocity as they were believed, as the vehicle has said them."""
+        self._odd: tuple[int, list[float]] | None = None
+        """Time (ms) and position at the first velocity of those that are refused."""
+        self._jumps_ns: tuple[int, int] | None = None
+        """The first and the latest jump of those that have not settled."""
+        self._refused_ns: dict[str, int] = {}
+        """Since when a kind of report is refused without a break."""
+        self._still_attitude, self._still_turn = Unchanged(), Unchanged()
+        self._still_place, self._still_motion = Unchanged(), Unchanged()
+        self._stuck: dict[str, int] = {}
+        """What is stuck, and since when that is known."""
+        self._asked = 0.0
+        """rad/s: how fast the vehicle was asked to turn, the last time."""
+        self._gained = 0.0, 0.0
+        """m/s: speed gained along and across the way of the vehicle's tilt, since its heading jumped alone."""
+
+    def restart(self) -> None:
+        """The vehicle has rebooted: nothing leads from what it said before to what it says now."""
+        fresh = Plausibility()
+        fresh.watches, fresh.refused = self.watches, self.refused
+        fresh._heading, fresh._turn, fresh._shift = self._heading, self._turn, self._shift
+        fresh._settled = self._settled
+        self.__dict__.update(fresh.__dict__)
+
+    # -- reports -------------------------------------------------------------------------------------------------------
+
+    def attitude(self, report: AttitudeReport, now_ns: int) -> AttitudeReport | None:
+        """The report in the frame of the flight; None if it can't be true."""
+        if not self.watches:
+            return report
+        quaternion, rates = report.attitude_ned_frd.tolist(), report.rates_frd.tolist()
+        before, time_ms = self._attitude, report.boot_time_ms
+        if before is not None and 0 < time_ms - before[0] < _GAP_S * 1e3:
+            dt = (time_ms - before[0]) * 1e-3
+            turning = max(math.hypot(*rates), math.hypot(*before[2]))
+            allowed = _TURN + _TURNING * turning * dt
+            last = before[1]
+            along = quaternion[0] * last[0] + quaternion[1] * last[1] + quaternion[2] * last[2]
+            along += quaternion[3] * last[3]
+            if 8.0 * (1.0 - abs(along)) > allowed * allowed and not self._turns(quaternion, last, allowed, now_ns):
+                self._refuse("attitude", now_ns)
+                return None
+        if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
+            self._look_for_stuck_attitude(quaternion, rates, time_ms, now_ns)
+            self._attitude = time_ms, quaternion, rates
+            self._refused_ns.pop("attitude", None)
+        return report if self._heading == 0.0 else self._attitude_in_flight(report)
+
+    def _attitude_in_flight(self, report: AttitudeReport) -> AttitudeReport:
+        return AttitudeReport(report.boot_time_ms, _yawed(report.attitude_ned_frd, -self._heading), report.rates_frd)
+
+    def _turns(self, quaternion: list[float], last: list[float], allowed: float, now_ns: int) -> bool:
+        """The jump is one of the heading alone, and taken for one of the frame."""
+        turn = multiply(np.array(quaternion), np.array((last[0], -last[1], -last[2], -last[3])))
+        yaw = 2.0 * math.atan2(turn[3], turn[0])
+        if np.linalg.norm(to_rotation_vector(_yawed(turn, -yaw))) > allowed:
+            return False
+        self._heading = wrap(self._heading + yaw)
+        if abs(wrap(self._heading - self._settled[0])) < _SAME_TURN:
+            self._heading = self._settled[0]
+        self._gained = 0.0, 0.0
+        self._still_motion = Unchanged()  # what turned was the frame
+        self._jumped(now_ns)
+        return True
+
+    def position(self, report: PositionReport, now_ns: int) -> PositionReport | None:
+        """The report in the frame of the flight; None if it can't be true."""
+        if not self.watches:
+            return report
+        place, velocity = report.position_ned.tolist(), report.velocity_ned.tolist()
+        before, time_ms = self._place, report.boot_time_ms
+        if before is not None and 0 < time_ms - before[0] < _GAP_S * 1e3:
+            dt = (time_ms - before[0]) * 1e-3
+            way = [p + 0.5 * (v + w) * dt for p, v, w in zip(before[1], before[2], velocity, strict=True)]
+            jumps = math.dist(place, way) > _PLACE_M + _REACH * dt * dt
+            leaps = math.dist(velocity, before[2]) > _SPEED + _PUSH * dt
+            if (jumps or leaps) and not self._moves(place, velocity, before, dt, leaps, now_ns):
+                if self._odd is None:
+                    self._odd = time_ms, place
+                if not self._is_borne_out(place, velocity, time_ms):
+                    self._refuse("velocity", now_ns)
+                    return None
+                self._shift_on(place, before[1], before[2], dt, now_ns)
+        if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
+            self._look_for_stuck_position(place, velocity, time_ms, now_ns)
+            if self._heading != self._turn and before is not None:
+                self._compare(velocity, before[2])
+            self._place, self._odd = (time_ms, place, velocity), None
+            self._refused_ns.pop("velocity", None)
+        if self._turn == 0.0 and not any(self._shift):
+            return report
+        return PositionReport(time_ms, np.array(self._in_flight(place)), np.array(self._along(velocity)))
+
+    def _along(self, vector: list[float]) -> list[float]:
+        return [*_turned(-self._turn, vector[0], vector[1]), vector[2]]
+
+    def _in_flight(self, place: list[float]) -> list[float]:
+        return [a + b for a, b in zip(self._along(place), self._shift, strict=True)]
+
+    def _moves(
+        self,
+        place: list[float],
+        velocity: list[float],
+        before: tuple[int, list[float], list[float]],
+        dt: float,
+        leaps: bool,
+        now_ns: int,
+    ) -> bool:
+        """The jump is one of the whole frame: of the position alone, or turned as the heading is."""
+        last, speed = before[1], before[2]
+        turn = wrap(self._heading - self._turn)
+        if turn:
+            swift = [*_turned(turn, speed[0], speed[1]), speed[2]]
+            if math.dist(velocity, swift) <= _SPEED + _PUSH * dt:
+                there = self._in_flight([p + v * dt for p, v in zip(last, speed, strict=True)])
+                self._turn = self._heading
+                self._put(place, there, now_ns)
+                return True
+        if leaps:
+            return False
+        self._shift_on(place, last, speed, dt, now_ns)
+        return True
+
+    def _shift_on(self, place: list[float], last: list[float], speed: list[float], dt: float, now_ns: int) -> None:
+        """The frame moves, so that the flight goes on from the last place."""
+        self._put(place, self._in_flight([p + v * dt for p, v in zip(last, speed, strict=True)]), now_ns)
+
+    def _put(self, place: list[float], there: list[float], now_ns: int) -> None:
+        shift = [a - b for a, b in zip(there, self._along(place), strict=True)]
+        _, turn, settled = self._settled
+        self._shift = settled if turn == self._turn and math.dist(shift, settled) < _SAME_M else shift
+        self._jumped(now_ns)
+
+    def _is_borne_out(self, place: list[float], velocity: list[float], time_ms: int) -> bool:
+        """A velocity that has leapt is borne out by the way that the vehicle has made since."""
+        assert self._odd is not None
+        dt = (time_ms - self._odd[0]) * 1e-3
+        way = [p + v * dt for p, v in zip(self._odd[1], velocity, strict=True)]
+        return dt >= _SETTLED_S and math.dist(place, way) < 0.1 + 0.3 * math.hypot(*velocity) * dt
+
+    def _compare(self, velocity: list[float], before: list[float]) -> None:
+        """Since the heading jumped alone: if the vehicle accelerates as if its position's frame were turned with it,
+        this is what it is, and was not seen at a standstill."""
+        assert self._attitude is not None
+        w, x, y, z = self._attitude[1]
+        north, east = _turned(-self._heading, -(2.0 * (x * z + w * y)), -(2.0 * (y * z - w * x)))
+        tilt = math.hypot(north, east)
+        if tilt < 0.02:
+            return
+        a, b = _turned(-self._turn, velocity[0] - before[0], velocity[1] - before[1])
+        along = self._gained[0] + (a * north + b * east) / tilt
+        across = self._gained[1] + (b * north - a * east) / tilt
+        self._gained = along, across
+        turn = wrap(self._heading - self._turn)
+        if abs(turn) < _LEAST_TURN or math.hypot(along, across) < _TELLING or self._place is None:
+            return
+        if abs(wrap(math.atan2(across, along) - turn)) < 0.25 * abs(turn):
+            there = self._in_flight(self._place[1])
+            self._turn = self._heading
+            self._shift = [a - b for a, b in zip(there, self._along(self._place[1]), strict=True)]
+
+    def setpoint(self, setpoint: Setpoint) -> Setpoint:
+        """A setpoint of the flight's frame in that of the vehicle."""
+        p, q, r = setpoint.rates_frd
+        self._asked = math.hypot(p, q, r)
+        if self._heading == 0.0:
+            return setpoint
+        attitude = _yawed(np.array(setpoint.attitude_ned_frd), self._heading).tolist()
+        return Setpoint(attitude, setpoint.rates_frd, setpoint.torque, setpoint.thrust)
+
+    # -- faults --------------------------------------------------------------------------------------------------------
+
+    def _look_for_stuck_attitude(self, quaternion: list[float], rates: list[float], time_ms: int, now_ns: int) -> None:
+        speed = None if self._place is None else tuple(self._place[2])
+        alike = self._still_turn.seconds(quaternion, time_ms, speed)
+        wholly = self._still_attitude.seconds(quaternion + rates, time_ms, speed)
+        stuck = bool(alike) and math.hypot(*rates) * alike > 4.0 * _TURNED
+        if wholly and speed is not None and self._still_attitude.witness is not None:
+            stuck = stuck or math.dist(speed, self._still_attitude.witness) > _PUSHED
+            stuck = stuck or (self._asked * wholly > 2.0 * _TURNED and math.hypot(*speed) > _FLIES)
+        self._note("attitude", stuck, bool(alike), now_ns)
+
+    def _look_for_stuck_position(self, place: list[float], velocity: list[float], time_ms: int, now_ns: int) -> None:
+        turned = None if self._attitude is None else tuple(self._attitude[1])
+        alike = self._still_place.seconds(place, time_ms, turned)
+        wholly = self._still_motion.seconds(place + velocity, time_ms, turned)
+        stuck = bool(alike) and math.hypot(*velocity) * alike > _MOVED_M
+        if wholly and turned is not None and self._still_motion.witness is not None:
+            along = abs(sum(a * b for a, b in zip(turned, self._still_motion.witness, strict=True)))
+            stuck = stuck or 8.0 * (1.0 - along) > _TURNED * _TURNED
+        self._note("position", stuck, bool(alike), now_ns)
+
+    def _note(self, what: str, stuck: bool, alike: bool, now_ns: int) -> None:
+        """What was stuck is so until it changes."""
+        if stuck:
+            self._stuck.setdefault(what, now_ns)
+        elif not alike and self._stuck:
+            self._stuck.pop(what, None)
+
+    def _refuse(self, what: str, now_ns: int) -> None:
+        self.refused += 1
+        self._refused_ns.setdefault(what, now_ns)
+
+    def _jumped(self, now_ns: int) -> None:
+        self._jumps_ns = now_ns if self._jumps_ns is None else self._jumps_ns[0], now_ns
+
+    def fault(self, now_ns: int) -> str | None:
+        """Why the telemetry can't be true, for so long that it is not to be flown by; None if it may be."""
+        for what in self._stuck:
+            return f"{what} stuck while the vehicle moves"
+        for what, since_ns in self._refused_ns.items():
+            if now_ns - since_ns > _UNSETTLED_S * 1e9:
+                return f"{what} that the vehicle can't have"
+        jumps = self._jumps_ns
+        if jumps is not None and jumps[1] - jumps[0] > _UNSETTLED_S * 1e9:
+            return "position or heading jumps on and on"
+        return None
+
+    def news(self, now_ns: int) -> Announcement | None:
+        """A reset that has settled, once."""
+        jumps = self._jumps_ns
+        if jumps is None or now_ns - jumps[1] < _SETTLED_S * 1e9:
+            return None
+        heading, _, shift = self._settled
+        moved, turned = math.dist(shift, self._shift), wrap(self._heading - heading)
+        self._jumps_ns, self._settled = None, (self._heading, self._turn, self._shift)
+        if not moved and not turned:
+            self.refused += 1
+            return Announcement(Severity.WARNING, "telemetry jumped and went back: not followed")
+        text = f"the vehicle's estimate was reset by {moved:.1f} m and {math.degrees(turned):.0f} deg: gone along with"
+        return Announcement(Severity.WARNING, text)
+
+
+def _yawed(attitude_ned_frd: Array, angle: float) -> Array:
+    """The attitude (4,) turned by an angle (rad) about the vertical of the world."""
+    return multiply(np.array((math.cos(0.5 * angle), 0.0, 0.0, math.sin(0.5 * angle))), attitude_ned_frd)

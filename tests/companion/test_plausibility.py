@@ -1,0 +1,227 @@
+"""Telemetry of a motion that a vehicle can fly passes untouched; what is stuck, leaps or is turned does not."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from companion.plausibility import Plausibility
+from companion.reports import AttitudeReport, PositionReport
+from companion.state import Setpoint
+from protocol.arrays import Array
+from protocol.frames import from_euler, multiply, rotate
+
+MS = 1_000_000
+STEP_MS = 8
+FAULT_MS = 1000
+Telemetry = tuple[AttitudeReport, PositionReport]
+Change = Callable[[int, Telemetry], Telemetry]
+
+
+def motion(ms: int) -> Telemetry:
+    """A circle of 4 m at 3 m/s, climbing and falling, with the heading along it and the tilt that it takes."""
+    s, radius, w = ms * 1e-3, 4.0, 0.75
+    place = np.array([radius * math.sin(w * s), radius * (1.0 - math.cos(w * s)), -5.0 + 0.5 * math.sin(s)])
+    speed = np.array([radius * w * math.cos(w * s), radius * w * math.sin(w * s), 0.5 * math.cos(s)])
+    attitude = from_euler(math.atan(radius * w * w / 9.81), 0.0, w * s)
+    return AttitudeReport(ms, attitude, np.array([0.0, 0.17, 0.74])), PositionReport(ms, place, speed)
+
+
+class Flown:
+    """What comes of the motion with a change of it from FAULT_MS on."""
+
+    def __init__(self, change: Change = lambda ms, told: told, until_ms: int = 3000) -> None:
+        self.told, self.news, self.fault_ms = Plausibility(), list[str](), math.inf
+        self.attitudes, self.places = list[tuple[int, Array]](), list[tuple[int, Array, Array]]()
+        self.told.watches = True
+        for ms in range(0, until_ms, STEP_MS):
+            attitude, position = motion(ms)
+            if ms >= FAULT_MS:
+                attitude, position = change(ms, (attitude, position))
+            turned = self.told.attitude(attitude, ms * MS)
+            moved = self.told.position(position, ms * MS)
+            if turned is not None:
+                self.attitudes.append((ms, turned.attitude_ned_frd))
+            if moved is not None:
+                self.places.append((ms, moved.position_ned, moved.velocity_ned))
+            if self.told.fault(ms * MS) is not None:
+                self.fault_ms = min(self.fault_ms, ms)
+            said = self.told.news(ms * MS)
+            self.news += [] if said is None else [said.text]
+
+    def follows_the_motion(self) -> bool:
+        """Everything that was passed on is the motion, to within what is not known of it between two samples."""
+        turns = [abs(float(q @ motion(ms)[0].attitude_ned_frd)) for ms, q in self.attitudes]
+        away = [np.linalg.norm(p - motion(ms)[1].position_ned) for ms, p, _ in self.places]
+        slower = [np.linalg.norm(v - motion(ms)[1].velocity_ned) for ms, _, v in self.places]
+        return bool(min(turns) > math.cos(0.5 * 0.02) and max(away) < 0.05 and max(slower) < 0.1)
+
+
+def turned(angle: float, *, whole: bool) -> Change:
+    """The estimator's frame turned by an angle: all of it, or the attitude alone."""
+    turn = from_euler(0.0, 0.0, angle)
+
+    def change(ms: int, told: Telemetry) -> Telemetry:
+        attitude, position = told
+        told_attitude = AttitudeReport(ms, multiply(turn, attitude.attitude_ned_frd), attitude.rates_frd)
+        if not whole:
+            return told_attitude, position
+        place, speed = rotate(turn, position.position_ned), rotate(turn, position.velocity_ned)
+        return told_attitude, PositionReport(ms, place, speed)
+
+    return change
+
+
+def shifted(*by: float) -> Change:
+    return lambda ms, told: (told[0], PositionReport(ms, told[1].position_ned + by, told[1].velocity_ned))
+
+
+def at_once(change: Change, lasts_ms: int) -> Change:
+    return lambda ms, told: change(ms, told) if ms < FAULT_MS + lasts_ms else told
+
+
+def faster(ms: int, told: Telemetry) -> Telemetry:
+    speed = told[1].velocity_ned.copy()
+    speed[0] = 140.0
+    return told[0], PositionReport(ms, told[1].position_ned, speed)
+
+
+def test_what_a_vehicle_can_fly_passes_as_it_is() -> None:
+    flown = Flown()
+    assert flown.fault_ms == math.inf and not flown.news and flown.told.refused == 0
+    report, position = motion(5000)
+    assert flown.told.attitude(report, 0) is report and flown.told.position(position, 0) is position
+
+
+def frozen_position(ms: int, told: Telemetry) -> Telemetry:
+    kept = motion(FAULT_MS)[1]
+    return told[0], PositionReport(ms, kept.position_ned, kept.velocity_ned)
+
+
+def frozen_place(ms: int, told: Telemetry) -> Telemetry:
+    return told[0], PositionReport(ms, motion(FAULT_MS)[1].position_ned, told[1].velocity_ned)
+
+
+def frozen_attitude(ms: int, told: Telemetry) -> Telemetry:
+    kept = motion(FAULT_MS)[0]
+    return AttitudeReport(ms, kept.attitude_ned_frd, kept.rates_frd), told[1]
+
+
+def frozen_level(ms: int, told: Telemetry) -> Telemetry:
+    """An attitude without rates: the velocity tells."""
+    return AttitudeReport(ms, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), told[1]
+
+
+@pytest.mark.parametrize("change", [frozen_position, frozen_place, frozen_attitude])
+def test_what_stands_still_in_motion_is_a_fault_within_300_ms(change: Change) -> None:
+    assert FAULT_MS < Flown(change).fault_ms <= FAULT_MS + 300
+
+
+def test_an_attitude_that_stays_the_same_while_the_velocity_changes_is_stuck() -> None:
+    told, faults = Plausibility(), list[int]()
+    told.watches = True
+    for ms in range(0, 1000, STEP_MS):
+        told.position(motion(ms)[1], ms * MS)
+        told.attitude(frozen_level(ms, motion(ms))[0], ms * MS)
+        faults += [ms] if told.fault(ms * MS) else []
+    assert faults and faults[0] <= 300
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-4])
+def test_a_vehicle_that_stands_still_may_say_the_same_for_ever(speed: float) -> None:
+    """On the ground, or in a simulator without noise; also while it is asked to turn and does not fly yet."""
+    told = Plausibility()
+    told.watches = True
+    for ms in range(0, 20_000, STEP_MS):
+        assert told.attitude(AttitudeReport(ms, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), ms * MS) is not None
+        assert told.position(PositionReport(ms, np.zeros(3), np.array([speed, 0.0, 0.0])), ms * MS) is not None
+        told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.0, 0.0, 0.0), 0.2))
+        assert told.fault(ms * MS) is None
+
+
+@pytest.mark.parametrize("angle", [-90.0, 45.0, 90.0, 170.0])
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_heading_that_is_reset_turns_the_frame_and_not_the_flight(angle: float, whole: bool) -> None:
+    flown = Flown(turned(math.radians(angle), whole=whole))
+    assert flown.fault_ms == math.inf and flown.follows_the_motion()
+    assert len(flown.news) == 1 and f"{abs(angle):.0f} deg" in flown.news[0]
+    level = Setpoint((1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), (0.0, 0.0, 0.0), 0.5)
+    sent = flown.told.setpoint(level)
+    assert np.array(sent.attitude_ned_frd) == pytest.approx(from_euler(0.0, 0.0, math.radians(angle)), abs=0.02)
+    assert (sent.rates_frd, sent.thrust) == (level.rates_frd, level.thrust)
+
+
+@pytest.mark.parametrize("by", [(0.0, 0.0, -3.0), (90_000.0, 0.0, 0.0), (2.0, -5.0, 1.0)])
+def test_a_position_that_is_reset_shifts_the_frame_and_not_the_flight(by: tuple[float, ...]) -> None:
+    flown = Flown(shifted(*by))
+    assert flown.fault_ms == math.inf and flown.follows_the_motion()
+    assert len(flown.news) == 1 and f"{np.linalg.norm(by):.1f} m" in flown.news[0]
+
+
+@pytest.mark.parametrize("change", [shifted(0.0, 0.0, -3.0), turned(1.0, whole=False), turned(1.0, whole=True), faster])
+def test_a_jump_that_goes_back_leaves_nothing_behind(change: Change) -> None:
+    flown = Flown(at_once(change, 2 * STEP_MS))
+    assert flown.fault_ms == math.inf and flown.follows_the_motion() and flown.told.refused > 0
+    report, position = motion(5000)
+    assert flown.told.attitude(report, 0) is report and flown.told.position(position, 0) is position
+
+
+def test_a_velocity_that_the_way_does_not_bear_out_is_a_fault() -> None:
+    flown = Flown(faster, FAULT_MS + 400)
+    assert flown.fault_ms <= FAULT_MS + 300 and flown.follows_the_motion()
+
+
+def test_a_velocity_that_the_way_bears_out_is_believed() -> None:
+    def blown(ms: int, told: Telemetry) -> Telemetry:
+        speed = np.array([20.0, 0.0, 0.0])
+        return told[0], PositionReport(ms, motion(FAULT_MS)[1].position_ned + speed * (ms - FAULT_MS) * 1e-3, speed)
+
+    assert Flown(blown).fault_ms == math.inf
+
+
+def test_an_attitude_that_tips_over_at_once_is_a_fault() -> None:
+    def tipped(ms: int, told: Telemetry) -> Telemetry:
+        return AttitudeReport(ms, multiply(told[0].attitude_ned_frd, from_euler(0.6, 0.0, 0.0)), np.zeros(3)), told[1]
+
+    flown = Flown(tipped, FAULT_MS + 400)
+    assert flown.fault_ms <= FAULT_MS + 300 and flown.follows_the_motion()
+
+
+def test_what_jumps_on_and_on_is_a_fault() -> None:
+    random = np.random.default_rng(1)
+    flown = Flown(lambda ms, told: shifted(*random.normal(0.0, 30.0, 3))(ms, told))
+    assert flown.fault_ms <= FAULT_MS + 300
+
+
+def test_before_a_flight_all_is_taken_as_it_comes() -> None:
+    told = Plausibility()
+    for ms, by in ((0, 0.0), (8, 50.0), (16, -50.0)):
+        position = shifted(by, 0.0, 0.0)(ms, motion(ms))[1]
+        assert told.position(position, ms * MS) is position
+    assert told.refused == 0 and told.news(10**12) is None
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("angle", [-1.5, 0.8, 1.2])
+def test_a_frame_that_turned_at_a_standstill_is_known_by_how_the_vehicle_speeds_up(angle: float, whole: bool) -> None:
+    """At the origin nothing else tells; the vehicle pitches down and gathers speed to the north, which it had as its
+    heading."""
+    told, change, way = Plausibility(), turned(angle, whole=whole), np.zeros(3)
+    told.watches = True
+    for ms in range(0, 3000, STEP_MS):
+        pitch = 0.2 * min(max((ms - 1000) / 100.0, 0.0), 1.0)
+        s = max(ms - 1000, 0) * 1e-3
+        speed = np.array([9.81 * 0.2 * s, 0.0, 0.0])
+        rates = np.array([0.0, -2.0 if 0.0 < pitch < 0.2 else 0.0, 0.0])
+        truth = (
+            AttitudeReport(ms, from_euler(1e-4 * math.sin(ms), -pitch, 0.0), rates),
+            PositionReport(ms, 0.5 * s * speed, speed),
+        )
+        attitude, position = change(ms, truth) if ms >= 500 else truth
+        assert told.attitude(attitude, ms * MS) is not None
+        moved = told.position(position, ms * MS)
+        assert moved is not None and told.fault(ms * MS) is None
+        told.news(ms * MS)
+        way = moved.velocity_ned
+    assert way == pytest.approx(speed, abs=0.1)
