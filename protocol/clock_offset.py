@@ -11,13 +11,17 @@ show. A drift of 100 ppm adds at most 1.6 ms within the window, and is followed 
 """
 
 from collections import deque
-from statistics import median_low
 from typing import Final
 
+_SECOND_NS: Final = 1_000_000_000
 _WINDOW: Final = 16
-"""Round trips that are remembered; there is one a second."""
-_USUAL: Final = 5
-"""Round trips whose median is the usual one: a link that becomes slower is known as such after three."""
+"""Seconds with round trips whose bounds are remembered."""
+_USUAL_NS: Final = 5 * _SECOND_NS
+"""The usual round trip is the median of those within this time: a link that becomes faster is known as such after half
+of it."""
+_TELLING: Final = 5
+"""So many round trips show that the link has become slower if each is further above the usual one than that is above
+the fastest: then they alone count."""
 _TOLERANCE_NS: Final = 10_000_000
 """Bounds that contradict each other by more show that a clock was set. Vehicles' clocks have steps of up to 4 ms."""
 
@@ -34,7 +38,11 @@ class ClockOffset:
         """By how much one way usually differs from its middle: a quarter of what the median is above the fastest."""
         self._lower: deque[int] = deque(maxlen=_WINDOW)
         self._upper: deque[int] = deque(maxlen=_WINDOW)
-        self._round_trips: deque[int] = deque(maxlen=_USUAL)
+        """The best bounds of a second each."""
+        self._second: int | None = None
+        """The second, of our clock, of the latest."""
+        self._round_trips: deque[tuple[int, int]] = deque()
+        """When they began, and how long they took."""
 
     def round_trip(self, sent_ns: int, answered_ns: int, now_ns: int) -> None:
         """A question of ours that was sent then and answered at `answered_ns` of the peer's clock."""
@@ -44,12 +52,27 @@ class ClockOffset:
         ):  # a clock was set
             self._lower.clear()
             self._upper.clear()
-        self._lower.append(lower)
-        self._upper.append(upper)
-        self._round_trips.append(now_ns - sent_ns)
-        self.round_trip_ns = median_low(self._round_trips)
-        self.spread_ns = (self.round_trip_ns - min(self._round_trips)) // 4
+        if self._lower and sent_ns // _SECOND_NS == self._second:
+            self._lower[-1], self._upper[-1] = max(self._lower[-1], lower), min(self._upper[-1], upper)
+        else:
+            self._lower.append(lower)
+            self._upper.append(upper)
+            self._second = sent_ns // _SECOND_NS
+        self._took(sent_ns, now_ns - sent_ns)
         self._settle()
+
+    def _took(self, sent_ns: int, took_ns: int) -> None:
+        trips = self._round_trips
+        trips.append((sent_ns, took_ns))
+        while trips[0][0] <= sent_ns - _USUAL_NS:
+            trips.popleft()
+        latest = [took for _, took in trips][-_TELLING:]
+        if self.round_trip_ns is not None and min(latest) > self.round_trip_ns + 4 * self.spread_ns + _TOLERANCE_NS:
+            while len(trips) > len(latest):
+                trips.popleft()
+        took = sorted(took for _, took in trips)
+        self.round_trip_ns = took[(len(took) - 1) // 2]
+        self.spread_ns = (self.round_trip_ns - took[0]) // 4
 
     def asked(self, asked_ns: int, now_ns: int) -> None:
         """A question of the peer's, sent at `asked_ns` of its clock: no later than it arrived."""

@@ -10,7 +10,7 @@ _REORDERED: Final = 64
 """A sequence number at most this far back belongs to a late frame or a duplicate."""
 _BOOT_TIME_TOLERANCE_MS: Final = 1000
 """A time since boot that falls by at most this much is of a message that another one has overtaken."""
-_REQUESTS_KEPT: Final = 8
+_REQUESTS_KEPT: Final = 32
 """TIMESYNC requests that may still be answered."""
 
 

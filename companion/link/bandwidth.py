@@ -10,8 +10,8 @@ _ATTITUDE, _POSITION, _RING, _SETPOINT = 44.0, 40.0, 300.0, 51.0
 """Bytes on the wire: ATTITUDE_QUATERNION, LOCAL_POSITION_NED, a ring (of eight sectors, which is the larger form) and
 SET_ATTITUDE_TARGET, one of which answers each attitude."""
 _SIGNATURE = 13.0
-_OTHERS = 600.0
-"""Bytes a second of all else."""
+_OTHERS = 900.0
+"""Bytes a second of all else, a third of them for ten TIMESYNCs."""
 _SLOWEST, _SLOWEST_SCAN = 20.0, 5.0
 """Hz; nothing is flown with less."""
 

@@ -1,5 +1,7 @@
 """How late the link makes things, from the ages of the attitudes and from the round trips of TIMESYNC."""
 
+import math
+
 from companion.reports import LinkDelay
 from companion.state import Announcement, Severity
 from protocol.clock_offset import ClockOffset
@@ -8,6 +10,12 @@ _SHARE = 1 / 64
 """Of a new age in the mean."""
 _STEP_S = 0.004
 """A change by less is none, and what is known is a multiple: a tick of most vehicles."""
+_RISE_NS = 20_000_000
+"""Attitudes that are all older than is known by more than this show that the link has become slower:"""
+_TELLING, _TELLING_NS = 4, 20_000_000
+"""so many of them, over so long."""
+_ANSWERS = 10
+"""After a rise so many round trips are waited for until they are believed."""
 
 _WORTH_A_WORD_S = 0.02
 
@@ -21,16 +29,36 @@ class Delays:
         self._period_ns = period * 1e9
         self._said_s = 0.0
         self._age_ns: float | None = None
+        self._least_ns, self._count, self._since_ns = math.inf, 0, 0
+        """The least age of those that came since then, and how many these are."""
+        self._presumed_ns, self._unbelieved = 0.0, 0
+        """After a rise: the way back, and how many round trips are still to come."""
 
-    def arrived(self, age_ns: int) -> None:
-        """An attitude that was so old on arrival."""
+    def arrived(self, age_ns: int, now_ns: int, clock: ClockOffset) -> None:
+        """An attitude that was so old on arrival. The mean follows it slowly, but a rise of all at once; then the way
+        back has probably become as much slower, which no round trip can tell yet."""
         self._age_ns = age_ns if self._age_ns is None else self._age_ns + _SHARE * (age_ns - self._age_ns)
+        self._least_ns, self._count = min(self._least_ns, age_ns), self._count + 1
+        if self._count >= _TELLING and now_ns - self._since_ns >= _TELLING_NS:
+            least_ns, rise_ns = self._least_ns, self._least_ns - self.known.age * 1e9
+            self._least_ns, self._count, self._since_ns = math.inf, 0, now_ns
+            if rise_ns > _RISE_NS:
+                self._age_ns = max(self._age_ns, least_ns)
+                self._presumed_ns, self._unbelieved = self.known.command * 1e9 + rise_ns, _ANSWERS
+                self._judge(clock)
 
-    def settle(self, clock: ClockOffset) -> None:
-        """Judge what was measured; an answer waits for the vehicle's next sending, which delays no command."""
+    def answered(self, clock: ClockOffset) -> None:
+        """A round trip is over."""
+        self._unbelieved = max(self._unbelieved - 1, 0)
+        self._judge(clock)
+
+    def _judge(self, clock: ClockOffset) -> None:
+        """What was measured; an answer waits for the vehicle's next sending, which delays no command."""
         if clock.round_trip_ns is None:
             return
         command_ns = 0.5 * max(clock.round_trip_ns - self._period_ns, 0.0)
+        if self._unbelieved:
+            command_ns = max(command_ns, self._presumed_ns)
         found = [each * 1e-9 for each in (self._age_ns or 0.0, command_ns, clock.spread_ns)]
         known = self.known.age, self.known.command, self.known.unsteady
         if max(abs(new - old) for new, old in zip(found, known, strict=True)) >= _STEP_S:

@@ -36,6 +36,8 @@ from protocol.messages import decoder_of, dialect
 from protocol.peer import Peer
 
 _SECOND_NS = 1_000_000_000
+_QUESTION_NS = _SECOND_NS // 10
+"""Between two questions for the vehicle's clock."""
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
 _HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
@@ -83,7 +85,7 @@ class VehicleLink:
         self._beside: list[Report] = []
         """What a message reports beside its first report."""
         self._refusals = Refusals()
-        self._next_beat_ns = 0
+        self._next_beat_ns = self._next_question_ns = 0
         handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
             _ATTITUDE_QUATERNION: wire.attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: wire.local_position,
@@ -235,7 +237,7 @@ class VehicleLink:
             self.outbox.send(dialect.MAVLink_timesync_message, max(now_ns, 1), message.ts1)
         else:
             self.peer.timesync_reply(message.tc1, message.ts1, now_ns)
-            self.delays.settle(self.peer.clock)
+            self.delays.answered(self.peer.clock)
 
     @property
     def traffic(self) -> Traffic:
@@ -262,7 +264,7 @@ class VehicleLink:
             return now_ns
         measured_ns = min(max(boot_time_ms * 1_000_000 - self.peer.offset_ns, now_ns - self._longest_age_ns), now_ns)
         if now_ns - measured_ns < self._longest_age_ns:  # else it queued up, or is of another clock than TIMESYNC's
-            self.delays.arrived(now_ns - measured_ns)
+            self.delays.arrived(now_ns - measured_ns, now_ns, self.peer.clock)
         return measured_ns
 
     def is_old(self, boot_time_ms: int, now_ns: int) -> bool:
@@ -316,15 +318,18 @@ class VehicleLink:
                 self.said.mode_asked(now_ns)
 
     def beat(self, now_ns: int, *, asks_rates: bool) -> list[Announcement]:
-        """Once a second: the heartbeat, the question for the vehicle's clock and, if `asks_rates`, requests for the
-        messages that come too slowly. Whenever it is called: the vehicle's parameters, until they are known, and a
-        heartbeat of the vehicle's that is late; what is to be said of them."""
+        """Once a second: the heartbeat and, if `asks_rates`, requests for the messages that come too slowly; ten times
+        a second the question for the vehicle's clock. Whenever it is called: the vehicle's parameters, until they are
+        known, and a heartbeat of the vehicle's that is late; what is to be said of them."""
         said = self._go_on_with_audit(now_ns)
         if asks_rates and self.said.is_due(self._settings.rates.heartbeat, now_ns):
             self.outbox.command(dialect.MAV_CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + _SECOND_NS
             self._beat_now(now_ns, asks_rates=asks_rates)
+        if self.peer is not None and now_ns >= self._next_question_ns:
+            self._next_question_ns = now_ns + _QUESTION_NS
+            self.outbox.send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
         return said
 
     def _go_on_with_audit(self, now_ns: int) -> list[Announcement]:
@@ -341,7 +346,6 @@ class VehicleLink:
         self.outbox.heartbeat()
         if self.peer is None:
             return
-        self.outbox.send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
         self.telemetry.rates.settle()
         if asks_rates:
             self.outbox.ask_for_intervals(self.telemetry.once_more(now_ns))

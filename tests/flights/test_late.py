@@ -54,3 +54,14 @@ def test_a_link_that_becomes_too_late_is_withdrawn_from() -> None:
     fault = joined.autopilot.supervisor.fault
     assert fault is not None and ("ms late, 450 ms at most" in fault or "telemetry lost" in fault)
     assert joined.vehicle.summary().outcome == "landed" and steepest_deg(joined) < TILT_DEG
+
+
+def test_a_link_that_becomes_late_in_flight_is_flown_on() -> None:
+    joined = Joined(mission_of("square"), lateness=Lateness(there=0.02, back=0.02), remembers=False)
+    joined.fly(until=lambda joined: joined.vehicle.time_ns > 12 * 10**9)
+    joined.be_late(Lateness(there=0.15, back=0.15))
+    joined.fly(limit_s=0.3)
+    assert joined.autopilot.link.delays.known.total == pytest.approx(0.3, abs=0.02), "no round trip could tell yet"
+    joined.fly(limit_s=12.0)
+    assert joined.autopilot.supervisor.state is State.FLY and joined.autopilot.supervisor.fault is None
+    assert steepest_deg(joined) < TILT_DEG

@@ -97,3 +97,30 @@ def test_questions_of_the_peer_bound_it() -> None:
     assert link.error_ns(77 * S) == 0
     link.clock.asked(99 * S, 3 * S)  # of another clock
     assert link.error_ns(77 * S) == 0
+
+
+@pytest.mark.parametrize(("before", "after"), [((20, 25), (150, 155)), ((5, 60), (150, 200))])
+def test_a_link_that_becomes_slower_is_known_after_five_round_trips(
+    before: tuple[float, float], after: tuple[float, float]
+) -> None:
+    link = Link(before, before)
+    for tenth in range(1, 100):
+        link.ask(tenth * S // 10, 77 * S)
+    link.there = link.back = after
+    link.ask(10 * S, 77 * S)
+    assert link.clock.round_trip_ns is not None and link.clock.round_trip_ns <= 2 * before[1] * MS, "one is none"
+    for tenth in range(101, 105):
+        link.ask(tenth * S // 10, 77 * S)
+    assert link.clock.round_trip_ns >= 2 * after[0] * MS
+    assert link.clock.spread_ns <= (after[1] - after[0]) * MS / 2, "what was before does not count"
+    assert abs(link.error_ns(77 * S)) <= before[1] * MS, "but for the clock"
+
+
+def test_a_link_that_becomes_faster_is_known_within_seconds() -> None:
+    link = Link((150, 155), (150, 155))
+    for tenth in range(1, 100):
+        link.ask(tenth * S // 10, 77 * S)
+    link.there = link.back = (20, 25)
+    for tenth in range(100, 130):
+        link.ask(tenth * S // 10, 77 * S)
+    assert link.clock.round_trip_ns is not None and link.clock.round_trip_ns <= 50 * MS
