@@ -98,7 +98,7 @@ class Autopilot:
         elif supervised is State.FLY:
             self._fly(here, now)
         reference, ahead = map(guidance.reference, self.controller.reference_times(now))
-        measured_ns = self.link.attitude_arrived(self.sensing.boot_time_ms, now)
+        measured_ns = self.link.delays.measured_ns(self.sensing.boot_time_ms, now, self.link.peer)
         acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, sees)
         verdict, changed = None, False
         if airborne and not sees:  # brakes on the attitude alone

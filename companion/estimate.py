@@ -2,18 +2,16 @@
 
 from collections import deque
 
+import msgspec
+
 from companion.reports import AttitudeReport, PositionReport
 from companion.state import VehicleState
 from protocol.arrays import Array
+from protocol.boot_time import later_ms
 
 _POSES_KEPT = 512
 _LONGEST_CARRY_S = 0.5
 _AHEAD_MS = 5000
-
-
-def _later_ms(time_ms: int, than_ms: int) -> int:
-    """Difference of two 32-bit times, which wrap after 49.7 days."""
-    return (time_ms - than_ms + 0x80000000) % 0x100000000 - 0x80000000
 
 
 class Estimator:
@@ -30,7 +28,7 @@ class Estimator:
 
     def attitude(self, report: AttitudeReport, time_ns: int) -> bool:
         """Take it in; False (and nothing changes) if it is older than what is known."""
-        if self._attitude is not None and _later_ms(report.boot_time_ms, self._attitude.boot_time_ms) < 0:
+        if self._attitude is not None and later_ms(report.boot_time_ms, self._attitude.boot_time_ms) < 0:
             return False
         self._attitude = report
         self.boot_time_ms = report.boot_time_ms
@@ -39,9 +37,9 @@ class Estimator:
 
     def position(self, report: PositionReport, time_ns: int) -> bool:
         """The same for a position; one from far ahead of the attitude is no position either."""
-        if self._position is not None and _later_ms(report.boot_time_ms, self._position.boot_time_ms) < 0:
+        if self._position is not None and later_ms(report.boot_time_ms, self._position.boot_time_ms) < 0:
             return False
-        if self._attitude is not None and _later_ms(report.boot_time_ms, self._attitude.boot_time_ms) > _AHEAD_MS:
+        if self._attitude is not None and later_ms(report.boot_time_ms, self._attitude.boot_time_ms) > _AHEAD_MS:
             return False
         self._position = report
         self._position_ns = time_ns
@@ -50,6 +48,16 @@ class Estimator:
     def restart(self) -> None:
         """Forget everything: the vehicle has rebooted, and its clock begins again."""
         self.__init__()  # type: ignore[misc]
+
+    def clock_set(self, by_ms: int) -> None:
+        """The vehicle's clock was set; what is known of before is as old as it was."""
+        restamped, wraps = msgspec.structs.replace, 0x1_0000_0000
+        self.boot_time_ms = (self.boot_time_ms + by_ms) % wraps
+        if self._attitude is not None:
+            self._attitude = restamped(self._attitude, boot_time_ms=self.boot_time_ms)
+        if self._position is not None:
+            self._position = restamped(self._position, boot_time_ms=(self._position.boot_time_ms + by_ms) % wraps)
+        self._poses = deque(((pose[0] + by_ms, pose[1], pose[2]) for pose in self._poses), _POSES_KEPT)
 
     def age_ns(self, now_ns: int) -> int | None:
         """Of the older part; None before both have come."""
@@ -66,7 +74,7 @@ class Estimator:
         attitude, position = self._attitude, self._position
         if attitude is None or position is None:
             return None
-        gap_ms = _later_ms(attitude.boot_time_ms, position.boot_time_ms)
+        gap_ms = later_ms(attitude.boot_time_ms, position.boot_time_ms)
         carried = position.position_ned
         if gap_ms:
             carried = carried + position.velocity_ned * min(max(gap_ms * 1e-3, 0.0), _LONGEST_CARRY_S)

@@ -51,17 +51,17 @@ class Unchanged:
 
     def __init__(self) -> None:
         self._values: list[float] = []
-        self._since_ms = self._count = 0
+        self.since_ms = self._count = 0
         self.witness: tuple[float, ...] | None = None
         """What another message said then."""
 
     def seconds(self, values: list[float], time_ms: int, witness: tuple[float, ...] | None) -> float:
         """For how long, at the vehicle's time; 0 where that is too short to say anything."""
-        if values != self._values or not 0 <= time_ms - self._since_ms < 1e6:
-            self._values, self._since_ms, self._count, self.witness = values, time_ms, 0, witness
+        if values != self._values or not 0 <= time_ms - self.since_ms < 1e6:
+            self._values, self.since_ms, self._count, self.witness = values, time_ms, 0, witness
             return 0.0
         self._count += 1
-        lasts = (time_ms - self._since_ms) * 1e-3
+        lasts = (time_ms - self.since_ms) * 1e-3
         return lasts if self._count >= _STILL_COUNT and lasts >= _STILL_S else 0.0
 
 
@@ -105,6 +105,14 @@ class Plausibility:
         fresh._heading, fresh._turn, fresh._shift = self._heading, self._turn, self._shift
         fresh._settled = self._settled
         self.__dict__.update(fresh.__dict__)
+
+    def clock_set(self, by_ms: int) -> None:
+        """The vehicle's clock was set: what it said before is as old as it was."""
+        self._attitude = self._attitude and (self._attitude[0] + by_ms, *self._attitude[1:])
+        self._place = self._place and (self._place[0] + by_ms, *self._place[1:])
+        self._odd = None
+        for each in (self._still_attitude, self._still_turn, self._still_place, self._still_motion):
+            each.since_ms += by_ms
 
     # -- reports -------------------------------------------------------------------------------------------------------
 

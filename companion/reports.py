@@ -32,6 +32,12 @@ class Rebooted(msgspec.Struct, frozen=True, gc=False):
     """The vehicle's time since boot fell: what was known of its motion is void."""
 
 
+class ClockSet(msgspec.Struct, frozen=True, gc=False):
+    """The vehicle's clock was set, and nothing else happened."""
+
+    by_ms: int
+
+
 SYSTEM_BATTERY = -1
 """The `source` of what SYS_STATUS says, which names no battery."""
 
@@ -55,7 +61,7 @@ class BatteryReading(msgspec.Struct, frozen=True, gc=False):
     """That, in words."""
 
 
-Report = AttitudeReport | RepeatedAttitude | PositionReport | Scan | BatteryReading | Rebooted
+Report = AttitudeReport | RepeatedAttitude | PositionReport | Scan | BatteryReading | Rebooted | ClockSet
 
 
 class Finding(msgspec.Struct, frozen=True, gc=False):

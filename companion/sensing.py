@@ -8,6 +8,7 @@ from companion.plausibility import Plausibility
 from companion.reports import (
     AttitudeReport,
     BatteryReading,
+    ClockSet,
     PositionReport,
     Rebooted,
     RepeatedAttitude,
@@ -73,6 +74,9 @@ class Sensing:
                 return True
             case BatteryReading():
                 self._batteries[report.source] = report
+            case ClockSet():
+                self.estimator.clock_set(report.by_ms)
+                self.plausibility.clock_set(report.by_ms)
             case Rebooted():
                 self.estimator.restart()
                 self.plausibility.restart()

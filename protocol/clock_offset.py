@@ -61,6 +61,12 @@ class ClockOffset:
         self._took(sent_ns, now_ns - sent_ns)
         self._settle()
 
+    def forget(self) -> None:
+        """The peer's clock was set: its offset is unknown. Round trips are of our clock alone."""
+        self.offset_ns = None
+        self._lower.clear()
+        self._upper.clear()
+
     def _took(self, sent_ns: int, took_ns: int) -> None:
         trips = self._round_trips
         trips.append((sent_ns, took_ns))

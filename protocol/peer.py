@@ -3,6 +3,7 @@
 from collections import deque
 from typing import Final
 
+from protocol.boot_time import later_ms
 from protocol.clock_offset import ClockOffset
 from protocol.framing import Frame
 
@@ -98,7 +99,7 @@ class Peer:
         offset are unknown again.
         """
         if self.boot_time_ms is not None:
-            step_ms = (time_boot_ms - self.boot_time_ms + 0x8000_0000) % 0x1_0000_0000 - 0x8000_0000
+            step_ms = later_ms(time_boot_ms, self.boot_time_ms)
             if -_BOOT_TIME_TOLERANCE_MS <= step_ms < 0:
                 return False
             if step_ms < 0:
@@ -112,6 +113,13 @@ class Peer:
                 return True
         self.boot_time_ms = time_boot_ms
         return False
+
+    def clock_set(self, time_boot_ms: int) -> None:
+        """The peer's clock was set, and says this now: its offset is unknown until a question is answered."""
+        self.boot_time_ms = time_boot_ms
+        self.clock.forget()
+        self.offset_ns = None
+        self._requests.clear()
 
     def timesync_request(self, now_ns: int) -> tuple[int, int]:
         """The fields (tc1, ts1) of a TIMESYNC request to send now."""

@@ -81,6 +81,7 @@ SLOW: dict[str, float] = {
     "tests/flights/test_processes.py::test_the_log_is_the_flight": 20,
     "tests/flights/test_stuck_telemetry.py::test_a_stuck_position_hands_the_vehicle_over_within_300_ms": 4,
     "tests/flights/test_stuck_telemetry.py::test_a_reset_of_the_estimator_is_followed_to_the_end": 6,
+    "tests/flights/test_stuck_telemetry.py::test_a_clock_that_falls_to_nothing_is_flown_on_with": 4,
     "tests/flights/test_stuck_telemetry.py::test_without_a_position_it_brakes_on_its_attitude": 4,
     "tests/flights/test_sectors.py::test_a_pole_is_flown_around": 16,
     "tests/flights/test_sectors.py::test_out_of_open_country_past_a_pole_and_into_it_again": 12,

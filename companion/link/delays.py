@@ -5,6 +5,7 @@ import math
 from companion.reports import LinkDelay
 from companion.state import Announcement, Severity
 from protocol.clock_offset import ClockOffset
+from protocol.peer import Peer
 
 _SHARE = 1 / 64
 """Of a new age in the mean."""
@@ -23,8 +24,10 @@ _WORTH_A_WORD_S = 0.02
 class Delays:
     """Of one vehicle. `known` is another object only after a change."""
 
-    def __init__(self, period: float) -> None:
-        """`period` (s) of the telemetry."""
+    def __init__(self, period: float, longest: float) -> None:
+        """`period` (s) of the telemetry. An attitude that is older than `longest` (s) queued up, or has another clock
+        than TIMESYNC."""
+        self._longest_ns = round(longest * 1e9)
         self.known = LinkDelay()
         self._period_ns = period * 1e9
         self._said_s = 0.0
@@ -33,6 +36,17 @@ class Delays:
         """The least age of those that came since then, and how many these are."""
         self._presumed_ns, self._unbelieved = 0.0, 0
         """After a rise: the way back, and how many round trips are still to come."""
+
+    def measured_ns(self, boot_time_ms: int, now_ns: int, peer: Peer | None) -> int:
+        """When an attitude with this time, which has arrived, was measured, on the companion's clock: as long ago as
+        usual where its age is not known. Its age is counted."""
+        if peer is not None and peer.offset_ns is not None:
+            age_ns = now_ns - boot_time_ms * 1_000_000 + peer.offset_ns
+            if age_ns <= self._longest_ns:
+                age_ns = max(age_ns, 0)
+                self.arrived(age_ns, now_ns, peer.clock)
+                return now_ns - age_ns
+        return now_ns - round(self.known.age * 1e9)
 
     def arrived(self, age_ns: int, now_ns: int, clock: ClockOffset) -> None:
         """An attitude that was so old on arrival. The mean follows it slowly, but a rise of all at once; then the way

@@ -19,11 +19,13 @@ from companion.link.readiness import Readiness
 from companion.link.refusals import Refusals
 from companion.link.requests import Requests
 from companion.link.rings import DISTANCE_SENSOR, OBSTACLE_DISTANCE, RING_MESSAGES, Source
+from companion.link.stamps import Stamps
 from companion.link.telemetry import Telemetry
 from companion.link.vehicle_status import StatusWatch
 from companion.reports import (
     AttitudeReport,
     BatteryReading,
+    ClockSet,
     LinkReport,
     Motors,
     Rebooted,
@@ -40,6 +42,8 @@ _QUESTION_NS = _SECOND_NS // 10
 """Between two questions for the vehicle's clock."""
 
 _ATTITUDE_QUATERNION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
+_POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+_STAMPED = frozenset({_ATTITUDE_QUATERNION, _POSITION})
 _HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _SET_MODE = dialect.MAV_CMD_DO_SET_MODE
 
@@ -80,15 +84,15 @@ class VehicleLink:
         self.requests = Requests(settings.supervision)
         self._settings = settings
         self._needs_home = needs_home
-        self.delays = Delays(1.0 / settings.rates.attitude)
-        self._longest_age_ns = round(settings.control.prediction.longest * 1e9)
+        self.delays = Delays(1.0 / settings.rates.attitude, settings.control.prediction.longest)
         self._beside: list[Report] = []
         """What a message reports beside its first report."""
         self._refusals = Refusals()
+        self._stamps = Stamps()
         self._next_beat_ns = self._next_question_ns = 0
         handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
             _ATTITUDE_QUATERNION: wire.attitude_quaternion,
-            dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: wire.local_position,
+            _POSITION: wire.local_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_euler_attitude,
             OBSTACLE_DISTANCE: self._on_ring,
             DISTANCE_SENSOR: self._on_ring,
@@ -138,11 +142,14 @@ class VehicleLink:
                 continue
             decoder, handler = handling
             message = decoder(frame)
-            if message_id == _ATTITUDE_QUATERNION and peer.observe_boot_time(message.time_boot_ms, now_ns):
-                reports += Rebooted(), self._complain(Severity.ERROR, "the vehicle rebooted")
-                self.telemetry.rates.denied.clear()
-                if not self.said.status.armed:
-                    self._begin_audit()
+            if message_id in _STAMPED:
+                attitude, flies = message_id == _ATTITUDE_QUATERNION, self.said.status.armed
+                shows = self._stamps.take(message.time_boot_ms, now_ns, peer, of_attitude=attitude, flies=flies)
+                if shows is False:
+                    self._refusals.add("a stamp that the vehicle's clock can't have", now_ns, grave=False)
+                    continue
+                if shows is not True:
+                    reports += shows, self._on_new_clock(shows)
             try:
                 report = handler(message, now_ns)
             except wire.RefusedError as refused:
@@ -153,6 +160,15 @@ class VehicleLink:
             reports += self._beside
             self._beside.clear()
         return reports
+
+    def _on_new_clock(self, shown: ClockSet | Rebooted) -> Announcement:
+        if isinstance(shown, ClockSet):
+            text = f"the vehicle's clock was set by {1e-3 * shown.by_ms:.2f} s: gone along with"
+            return self._complain(Severity.WARNING, text)
+        self.telemetry.rates.denied.clear()
+        if not self.said.status.armed:
+            self._begin_audit()
+        return self._complain(Severity.ERROR, "the vehicle rebooted")
 
     def _find(self, frame: Frame) -> Peer | None:
         """Take the sender for the vehicle if it may be."""
@@ -256,16 +272,6 @@ class VehicleLink:
     def measured_rates(self, now_ns: int) -> str:
         """What really arrives, in words."""
         return self.telemetry.rates.measured(now_ns)
-
-    def attitude_arrived(self, boot_time_ms: int, now_ns: int) -> int:
-        """Count in `delays` how late an attitude with this time has come. Returns when it was measured, on the
-        companion's clock: now while the vehicle's clock is not known, and no longer ago than is predicted over."""
-        if self.peer is None or self.peer.offset_ns is None:
-            return now_ns
-        measured_ns = min(max(boot_time_ms * 1_000_000 - self.peer.offset_ns, now_ns - self._longest_age_ns), now_ns)
-        if now_ns - measured_ns < self._longest_age_ns:  # else it queued up, or is of another clock than TIMESYNC's
-            self.delays.arrived(now_ns - measured_ns, now_ns, self.peer.clock)
-        return measured_ns
 
     def is_old(self, boot_time_ms: int, now_ns: int) -> bool:
         """Telemetry with this time queued up in a gap of our own: it is nothing to act on."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.reports import AttitudeReport, PositionReport, Rebooted, RepeatedAttitude
+from companion.reports import AttitudeReport, ClockSet, PositionReport, Rebooted, RepeatedAttitude
 from companion.sensing import Sensing
 from companion.state import Scan
 from protocol.frames import from_euler, yaw_of
@@ -179,3 +179,19 @@ def test_there_is_a_present_state_after_a_reboot_though_no_update_was_made_since
     sensing.take(position(5, 9.0), 2 * SECOND)
     assert sensing.report(2 * SECOND, 0.0).telemetry_age == 0.0
     assert sensing.present.position_ned[0] == 9.0 and yaw_of(sensing.present.attitude_ned_frd) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("by_ms", [4000, -500])
+def test_a_clock_that_was_set_changes_nothing_else(by_ms: int) -> None:
+    sensing, plain = flown(), flown()
+    stamp = sensing.boot_time_ms
+    sensing.take(ClockSet(by_ms), SECOND)
+    assert sensing.boot_time_ms == stamp + by_ms
+    for each, by in ((sensing, by_ms), (plain, 0)):
+        each.take(attitude(stamp + 20 + by, 0.2), SECOND)
+    one, other = sensing.update(), plain.update()
+    assert one is not None and other is not None
+    assert one.position_ned.tolist() == other.position_ned.tolist() and one.position_age_ns == other.position_age_ns
+    at_ms = stamp - 4
+    pose, same = (each.estimator.pose_at(1000 * (at_ms + by)) for each, by in ((sensing, by_ms), (plain, 0)))
+    assert pose is not None and same is not None and pose[0].tolist() == same[0].tolist()

@@ -22,8 +22,8 @@ def state_of(joined: Joined) -> State:
     return joined.autopilot.supervisor.state
 
 
-def meddled(change: Callable[[int, Fields], Fields]) -> Joined:
-    """On the way at speed, from where on position and attitude are changed, all but their stamps."""
+def meddled(change: Callable[[int, Fields], Fields], restamp: Callable[[int], int] = lambda stamp: stamp) -> Joined:
+    """On the way at speed, from where on position and attitude, or their stamps, are changed."""
     joined = Joined(mission_of("square"), overrides=QUICK)
     joined.fly(
         until=lambda joined: joined.autopilot.navigator.phase is Phase.TRACK and joined.vehicle.motion.speed > 0.7
@@ -38,7 +38,7 @@ def meddled(change: Callable[[int, Fields], Fields]) -> Joined:
                 message = decode(frame)
                 assert message is not None
                 stamp, *values = [getattr(message, name) for name in message.fieldnames[:8]]
-                raw = encoder.encode_fields(type(message), stamp, *change(frame.message_id, values))
+                raw = encoder.encode_fields(type(message), restamp(stamp), *change(frame.message_id, values))
             heard += raw
         return heard
 
@@ -92,3 +92,17 @@ def test_without_a_position_it_brakes_on_its_attitude() -> None:
     assert abs(joined.vehicle.motion.position_ned[2] - down) < 0.2
     joined.fly(limit_s=0.1)
     assert state_of(joined) is State.WITHDRAW
+
+
+def test_a_clock_that_falls_to_nothing_is_flown_on_with() -> None:
+    fell = list[int]()
+
+    def restart(stamp: int) -> int:
+        fell[:] = fell or [stamp]
+        return stamp - fell[0]
+
+    joined = meddled(lambda message_id, values: values, restart).fly(limit_s=2.0)
+    assert state_of(joined) is State.FLY and joined.autopilot.supervisor.fault is None
+    assert any("clock was set" in text for text in joined.said)
+    error = joined.tracking_error()
+    assert np.linalg.norm(error[-500:], axis=1).max() < 0.1

@@ -16,7 +16,7 @@ class Link:
     """Attitudes every period and a round trip every 0.1 s."""
 
     def __init__(self) -> None:
-        self.delays, self.clock, self.now_ns = Delays(PERIOD_S), ClockOffset(), 0
+        self.delays, self.clock, self.now_ns = Delays(PERIOD_S, 0.5), ClockOffset(), 0
         self.generator = random.Random(18)
 
     def run(self, seconds: float, age_ms: float, round_trip_ms: float | None, jitter_ms: float = 0.0) -> list[float]:
@@ -43,7 +43,7 @@ def measured(age_ms: int, round_trip_ms: int) -> Delays:
 @pytest.mark.parametrize("round_trip_ms", [0, 2, 4])
 def test_an_answer_within_a_period_is_no_delay(round_trip_ms: int) -> None:
     delays = measured(0, round_trip_ms)
-    assert delays.known is Delays(PERIOD_S).known or delays.known.total == 0.0
+    assert delays.known is Delays(PERIOD_S, 0.5).known or delays.known.total == 0.0
     assert delays.words(1.0) is None and delays.shortcoming(0.45) is None
 
 
@@ -103,6 +103,6 @@ def test_jitter_is_no_rise() -> None:
 
 @pytest.mark.parametrize(("age_ms", "refused"), [(200, False), (300, True)])
 def test_before_any_round_trip_the_way_back_is_taken_to_be_as_late(age_ms: int, refused: bool) -> None:
-    delays = Delays(PERIOD_S)
+    delays = Delays(PERIOD_S, 0.5)
     delays.arrived(age_ms * MS, 0, ClockOffset())
     assert (delays.shortcoming(0.45) is not None) == refused

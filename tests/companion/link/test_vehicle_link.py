@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.link.vehicle_link import Traffic, VehicleLink
-from companion.reports import AttitudeReport, PositionReport, Rebooted, RepeatedAttitude
+from companion.reports import AttitudeReport, ClockSet, PositionReport, Rebooted, RepeatedAttitude
 from companion.runtime.files import load_settings
 from companion.state import Announcement, FlightMode, Output, Scan, Severity
 from protocol.framing import Framer
@@ -225,6 +225,31 @@ def test_a_reboot_is_seen_in_an_attitude_that_is_refused() -> None:
     assert kinds == [Rebooted, Announcement, Announcement]
 
 
+@pytest.mark.parametrize("by_ms", [4000, -500, -59_000])
+def test_a_clock_that_is_set_in_flight_is_gone_along_with(by_ms: int) -> None:
+    link, vehicle = found()
+    hear(link, vehicle.heartbeat(base=81 | dialect.MAV_MODE_FLAG_SAFETY_ARMED))
+    reports = []
+    for ms in range(0, 400, 4):
+        stamp = 60_000 + ms + (by_ms if ms >= 200 else 0)
+        reports += hear(link, vehicle.quaternion(stamp) + vehicle.position(stamp), NOW + ms * MS)
+    assert [each for each in reports if isinstance(each, ClockSet)] == [ClockSet(by_ms)]
+    assert link.traffic.reboots == 0 and 12 <= link.traffic.messages_refused <= 30
+    assert isinstance(reports[-1], PositionReport) and reports[-1].boot_time_ms == 60_396 + by_ms
+    assert link.report(NOW + 400 * MS, None, before_flight=False).refused is None
+
+
+def test_a_single_stamp_ahead_of_the_clock_is_refused() -> None:
+    link, vehicle = found()
+    for ms in range(0, 100, 4):
+        wrong = 4000 if ms == 60 else 0
+        heard = hear(
+            link, vehicle.quaternion(60_000 + ms + wrong) + vehicle.position(60_000 + ms + wrong), NOW + ms * MS
+        )
+        assert [type(each) for each in heard] == ([] if wrong else [AttitudeReport, PositionReport])
+    assert link.traffic.messages_refused == 2
+
+
 def test_an_overtaken_attitude_is_no_reboot() -> None:
     link, vehicle = found()
     hear(link, vehicle.quaternion(60_000))
@@ -304,17 +329,17 @@ def test_telemetry_is_measured_neither_later_than_now_nor_before_the_longest_age
     hear(link, vehicle.timesync(max(NOW + ahead_ns, 1), NOW))
     assert link.peer is not None and link.peer.offset_ns is not None
     boot_ms = max((NOW + link.peer.offset_ns - age_ns) // MS, 0)
-    measured = link.attitude_arrived(boot_ms, NOW)
+    measured = link.delays.measured_ns(boot_ms, NOW, link.peer)
     assert NOW - LONGEST_NS <= measured <= NOW
     exact = boot_ms * MS - link.peer.offset_ns
-    assert measured == min(max(exact, NOW - LONGEST_NS), NOW)
+    assert measured == (NOW if exact < NOW - LONGEST_NS else min(exact, NOW)), "of no age where that can't be"
 
 
 def test_telemetry_is_measured_now_while_the_vehicles_clock_is_not_known() -> None:
     link = VehicleLink(SETTINGS, Output.RATES)
-    assert link.attitude_arrived(1, NOW) == NOW
+    assert link.delays.measured_ns(1, NOW, link.peer) == NOW
     hear(link, Sender().heartbeat())
-    assert link.attitude_arrived(1, NOW) == NOW
+    assert link.delays.measured_ns(1, NOW, link.peer) == NOW
 
 
 # -- what is counted ---------------------------------------------------------------------------------------------------
