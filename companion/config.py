@@ -187,6 +187,9 @@ class Supervision(Table, frozen=True):
     """From a measurement to the effect of what is commanded upon it: with more no flight begins, and a vehicle in
     flight is asked to hold."""
     heartbeat_timeout: Positive = 3.0
+    """An older heartbeat does not say any more that the vehicle is disarmed; after a gap one is awaited for so long."""
+    mode_timeout: Positive = 10.0
+    """So long a vehicle is flown on by its telemetry alone, without a heartbeat that says its mode."""
     scan_timeout: Positive = 0.5
     least_hold: Positive = 1.0
     """A hold lasts at least so long."""

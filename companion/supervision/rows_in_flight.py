@@ -25,7 +25,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         _OWN,
-        lambda h, s, t: h.heartbeat_age > s.heartbeat_timeout,
+        lambda h, s, t: h.heartbeat_age > s.mode_timeout,
         State.WITHDRAW,
         CRITICAL,
         "no heartbeat for {health.heartbeat_age:.1f} s: the vehicle is asked to hold",
