@@ -12,6 +12,10 @@ from protocol.boot_time import later_ms
 _POSES_KEPT = 512
 _LONGEST_CARRY_S = 0.5
 _AHEAD_MS = 5000
+_LATE_NS, _LATEST_NS, _LATE_INTERVALS = 100_000_000, 400_000_000, 4.0
+"""A position is late after so many usual intervals, within these limits."""
+_SHARE = 1 / 16
+"""Of a new interval in the usual one."""
 
 
 class Estimator:
@@ -24,6 +28,8 @@ class Estimator:
         """The vehicle's clock at its latest attitude."""
         self._attitude_ns = 0
         self._position_ns = 0
+        self._interval_ns = 0.0
+        """The usual one from a position to the next, as they arrive."""
         self._poses: deque[tuple[int, Array, Array]] = deque(maxlen=_POSES_KEPT)
 
     def attitude(self, report: AttitudeReport, time_ns: int) -> bool:
@@ -41,6 +47,8 @@ class Estimator:
             return False
         if self._attitude is not None and later_ms(report.boot_time_ms, self._attitude.boot_time_ms) > _AHEAD_MS:
             return False
+        gap_ns = 0 if self._position is None else min(time_ns - self._position_ns, _LATEST_NS)
+        self._interval_ns += _SHARE * (gap_ns - self._interval_ns)
         self._position = report
         self._position_ns = time_ns
         return True
@@ -65,9 +73,13 @@ class Estimator:
             return None
         return now_ns - min(self._attitude_ns, self._position_ns)
 
-    def position_age_ns(self, now_ns: int) -> int:
-        """Since a position came; that of nothing is 0."""
-        return 0 if self._position is None else now_ns - self._position_ns
+    def lacks_position(self, now_ns: int) -> bool:
+        """No position has come for so long that the last one is not to be flown by: longer than jitter and a few losses
+        explain where they come at their usual interval."""
+        age_ns = now_ns - self._position_ns
+        if age_ns <= _LATE_NS or self._position is None:
+            return False
+        return age_ns > min(_LATE_INTERVALS * self._interval_ns, _LATEST_NS)
 
     def state(self) -> VehicleState | None:
         """The state at the latest attitude, the position carried there by its velocity; None before both have come."""

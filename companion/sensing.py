@@ -17,8 +17,6 @@ from companion.reports import (
 )
 from companion.state import Pose, Scan, VehicleState
 
-_BLIND_NS = 100_000_000
-
 
 class Sensing:
     """State, scans and their ages."""
@@ -111,7 +109,7 @@ class Sensing:
 
     def is_blind(self, now_ns: int) -> bool:
         """No position has come for so long that the last one is not to be flown by."""
-        return self.estimator.position_age_ns(now_ns) > _BLIND_NS
+        return self.estimator.lacks_position(now_ns)
 
     def report(self, now_ns: int, map_age: float) -> SensingReport:
         """Ages; the surroundings are as old as the latest scan or as the map (s), whichever is older."""

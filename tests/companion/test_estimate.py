@@ -1,5 +1,8 @@
 """Telemetry -> VehicleState: ages, order, the carry of the position, and poses of the past."""
 
+import random
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -83,3 +86,28 @@ def test_the_clock_wraps_and_a_far_future_is_refused() -> None:
     assert state is not None and state.position_age_ns == 0
     assert not estimator.position(position(1_000_000, 9.0), 8 * MS)
     assert estimator.position(position(7, 1.02), 8 * MS)
+
+
+@pytest.mark.parametrize(
+    ("interval_ms", "limit_ms"), [(4, 100), (20, 100), (33, 132), (50, 200), (100, 400), (200, 400)]
+)
+def test_a_position_is_late_by_its_usual_interval(interval_ms: int, limit_ms: int) -> None:
+    estimator = Estimator()
+    assert not estimator.lacks_position(10**10), "nothing is lost that never came"
+    for ms in range(0, 200 * interval_ms, interval_ms):
+        estimator.position(position(ms, 0.0), ms * MS)
+    assert not estimator.lacks_position((ms + limit_ms - 1) * MS)
+    assert estimator.lacks_position((ms + limit_ms + 1) * MS)
+
+
+@pytest.mark.parametrize("hz", [10, 30, 50])
+def test_losses_and_jitter_alone_make_no_position_late(hz: int) -> None:
+    estimator, generator = Estimator(), random.Random(18)
+    arrivals = sorted(
+        1000 * n // hz + 50 + generator.randrange(-20, 21) for n in range(20 * hz) if generator.random() > 0.1
+    )
+    late = 0
+    for ms, following in pairwise(arrivals):
+        estimator.position(position(ms, 0.0), ms * MS)
+        late += ms > 3000 and estimator.lacks_position((following - 1) * MS)
+    assert late <= (1 if hz > 10 else 3), "where three in a row were lost"
