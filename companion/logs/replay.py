@@ -231,9 +231,10 @@ class _Second:
                 self._overdue()
         if log.problem is not None:
             self._say(log.problem)
-        dropped = log.metadata.get("flightlog end", {}).get("dropped", "0")
-        if dropped != "0":
-            self._say(f"{dropped} records were dropped in flight, so it can't come out the same")
+        end = log.metadata.get("flightlog end", {})
+        missing = int(end.get("dropped", "0")) + int(end.get("lost", "0"))
+        if missing:
+            self._say(f"{missing} records did not reach the log in flight, so it can't come out the same")
         self.flown_s = (last_ns - (first_ns or 0)) * 1e-9
 
     def _copy(self, writer: Writer, record: Record) -> None:

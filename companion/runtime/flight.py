@@ -81,6 +81,9 @@ class Result:
     """Frames by the reason for which signing refused them; empty without a key."""
     missed_deadlines: int
     records_dropped: int
+    """The recorder was too slow for them,"""
+    records_lost: int
+    """or could not write them."""
     log_fault: str | None
 
 
@@ -173,11 +176,12 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: 
                 refused=transport.refused if isinstance(transport, GuardedLink) else {},
                 missed_deadlines=runner.missed_deadlines,
                 records_dropped=log.dropped,
+                records_lost=log.lost,
                 log_fault=log.fault,
             )
             tables = {"result": _outcome(result), "vehicle": _vehicle(autopilot)}
             log.close({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})
-    return replace(result, log_fault=log.fault)
+    return replace(result, log_fault=log.fault, records_lost=log.lost)
 
 
 def traffic_of(autopilot: Autopilot, transport: Transport) -> Traffic:
@@ -238,6 +242,7 @@ def end_table(result: Result, summary: Summary) -> dict[str, object]:
         "latency_p99_us": _rounded(summary.latency_p99_us, 1),
         "missed_deadlines": result.missed_deadlines,
         "log_records_dropped": result.records_dropped,
+        "log_records_lost": result.records_lost,
         "log_fault": result.log_fault,
     }
 

@@ -30,6 +30,7 @@ from protocol.flightlog.shared_buffer import (
     DATAGRAM_CHANNEL,
     DROPPED,
     HEAD,
+    LOST,
     METADATA_CHANNEL,
     STATE,
     STATUS_CHANNEL,
@@ -45,6 +46,8 @@ CHUNK_AGE_NS: Final = 80_000_000
 """A chunk is ended at this age: with a poll and a slow moment, less than 0.1 s after its first record."""
 _DROPPED_INTERVAL_NS: Final = 1_000_000_000
 """Between two messages about dropped records."""
+_RECOVERS_NS: Final = 1_000_000_000
+"""Writes that have not failed for so long are no fault any more: a disk that is all but full fails now and then."""
 _BATCH: Final = 256
 """Records between two heartbeats."""
 _LEVELS: Final = ("", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
@@ -64,9 +67,9 @@ class Recorder:
         self._chunk_start_ns = 0
         self._dropped_shown = 0
         self._dropped_shown_ns = 0
-        self._lost = 0
         self._undecoded = 0
-        self._failed = False
+        self._failed_ns: int | None = None
+        """When a write has failed last; None while all is well."""
         for kind in (DATAGRAM, TEXT, *(RecordType(*kind) for kind in setup.types)):
             file.add_channel(kind)
 
@@ -83,7 +86,7 @@ class Recorder:
             now_ns = self._buffer.beat()
             if not self._file.pending_bytes:
                 self._chunk_start_ns = now_ns
-                self._words[WRITTEN] = self._taken - self._lost
+                self._words[WRITTEN] = self._taken - self._words[LOST]
             elif now_ns - self._chunk_start_ns > CHUNK_AGE_NS:
                 self._end_chunk()
             self._show_dropped(now_ns)
@@ -145,7 +148,7 @@ class Recorder:
             self._file.add_metadata(name, table)
         except OSError as error:
             self._fail(error)
-            self._lost += 1
+            self._words[LOST] += 1
 
     def _show_text(self, log_time: int, data: bytes) -> None:
         text = TEXT.unpack(data)
@@ -153,18 +156,24 @@ class Recorder:
         self._console.text(f"{time_s:9.3f} {_LEVELS[text['level']]:7} {text['name']}: {text['message']}")
 
     def _end_chunk(self) -> None:
-        self._chunk_start_ns = time.monotonic_ns()
+        self._chunk_start_ns = now_ns = time.monotonic_ns()
+        words, writes = self._words, self._file.pending_bytes > 0
         try:
             self._file.end_chunk()
         except OSError as error:
             self._fail(error)
-            self._lost += self._taken - self._lost - self._words[WRITTEN]
-        self._words[WRITTEN] = self._taken - self._lost
+            words[LOST] = self._taken - words[WRITTEN]
+        else:
+            if writes and self._failed_ns is not None and now_ns - self._failed_ns > _RECOVERS_NS:
+                self._failed_ns = None
+                self._buffer.recover()
+                self._console.text(f"{self._setup.folder}: the flight log is written again, {words[LOST]} records lost")
+        words[WRITTEN] = self._taken - words[LOST]
 
     def _fail(self, error: OSError) -> None:
-        if self._failed:
+        first, self._failed_ns = self._failed_ns is None, time.monotonic_ns()
+        if not first:
             return
-        self._failed = True
         text = f"{self._setup.folder}: the flight log can't be written: {error.strerror}"
         self._buffer.fail(text)
         self._console.text(text)
@@ -180,16 +189,15 @@ class Recorder:
                     "reason": "closed" if closed else "the flying process ended without closing the log",
                     "records": str(self._words[WRITTEN]),
                     "dropped": str(dropped),
-                    "lost": str(self._lost),
+                    "lost": str(self._words[LOST]),
                     "undecoded": str(self._undecoded),
                 },
             )
             self._file.finish()
+            self._words[STATE] = CLOSED
         except OSError as error:
             self._fail(error)
         self._console.close()
-        if not self._failed:
-            self._words[STATE] = CLOSED
 
 
 def create(setup: Setup) -> McapFile:

@@ -1,8 +1,8 @@
 """The buffer in shared memory through which the flying process hands records to the recorder, without a lock.
 
 One process writes (`BufferWriter`), one reads (`BufferReader`). The memory starts with 64-bit words: the writer stores
-the first row of them, the reader the second. HEAD, TAIL, DROPPED and WRITTEN count bytes or records since the start and
-never wrap. The text of a fault follows, then the records, each an MCAP message record.
+the first row of them, the reader the second. HEAD, TAIL, DROPPED, WRITTEN and LOST count bytes or records since the
+start and never wrap. The text of a fault follows, then the records, each an MCAP message record.
 
 A record is never split. One that doesn't fit before the buffer's end starts again at its beginning, and a zero byte
 marks the gap. There are spare bytes behind the end, so that a header can be read at any place.
@@ -21,8 +21,9 @@ from protocol.flightlog.mcap_format import EMPTY_MESSAGE_LENGTH, MESSAGE_HEADER,
 
 HEAD, DROPPED, CLOSING = 0, 1, 2
 """Words of the writer: end of the last record, records dropped, whether the log was closed."""
-TAIL, HEARTBEAT, STATE, WRITTEN = 8, 9, 10, 11
-"""Words of the reader: end of what is taken, time when it last worked (monotonic ns), state, records in the file."""
+TAIL, HEARTBEAT, STATE, WRITTEN, LOST = 8, 9, 10, 11, 12
+"""Words of the reader: end of what is taken, time when it last worked (monotonic ns), state, records in the file, and
+records that could not be written."""
 _WORDS_BYTES: Final = 128
 _FAULT_TEXT: Final = slice(128, 1024)
 _RECORDS: Final = 4096
@@ -206,3 +207,7 @@ class BufferReader:
         room = _FAULT_TEXT.stop - _FAULT_TEXT.start
         self._memory[_FAULT_TEXT] = text.encode()[: room - 1].ljust(room, b"\0")
         self.words[STATE] = FAILED  # after its text
+
+    def recover(self) -> None:
+        """Tell the writer that the log is written again."""
+        self.words[STATE] = WRITING

@@ -23,6 +23,7 @@ from protocol.flightlog.shared_buffer import (
     FAILED,
     FIRST_CHANNEL,
     HEARTBEAT,
+    LOST,
     METADATA_CHANNEL,
     STATE,
     STATUS_CHANNEL,
@@ -173,7 +174,8 @@ class FlightLog:
 
     @property
     def fault(self) -> str | None:
-        """Why the log can't be written, or None; costs under 1 us while all is well. A failed write stays a fault."""
+        """Why the log can't be written, or None; costs under 1 us while all is well. A failed write is a fault until a
+        second of others has not failed."""
         if self._words[STATE] == WRITING and time.monotonic_ns() - self._words[HEARTBEAT] < _SILENT_NS:
             return None
         return self._diagnose()
@@ -198,6 +200,11 @@ class FlightLog:
     def dropped(self) -> int:
         """Records that were lost because the buffer was full."""
         return self._words[DROPPED]
+
+    @property
+    def lost(self) -> int:
+        """Records that could not be written: the disk was full."""
+        return self._words[LOST]
 
     @property
     def written(self) -> int:
