@@ -102,6 +102,11 @@ class Sensing:
         pose = None if scan is None or self.state is None else self.estimator.pose_at(scan.boot_time_us)
         return None if scan is None or pose is None else (scan, pose)
 
+    @property
+    def implausible(self) -> dict[str, int]:
+        """What was not believed up to now, as counts."""
+        return {"motion_implausible": self.plausibility.refused, "rings_implausible": self._ring_check.refused}
+
     def scan_age(self, now_ns: int) -> float:
         """s since the latest scan arrived that nothing speaks against; inf before the first."""
         sure_ns = self._ring_check.sure_ns

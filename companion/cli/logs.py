@@ -27,7 +27,17 @@ if TYPE_CHECKING:
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap), a folder with one, or a .tlog.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
-_RARE_FAULTS = frozenset({"frames_bad", "duplicates", "sequence_restarts", "reboots", "messages_late"})
+_RARE_FAULTS = frozenset(
+    {
+        "frames_bad",
+        "duplicates",
+        "sequence_restarts",
+        "reboots",
+        "messages_late",
+        "motion_implausible",
+        "rings_implausible",
+    }
+)
 _MOST_SHOWN = 40
 _BLANKS = dict.fromkeys(range(32), " ")
 """For control characters, which would break a line of a table."""

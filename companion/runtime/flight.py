@@ -79,6 +79,8 @@ class Result:
     traffic: Traffic
     refused: Mapping[str, int]
     """Frames by the reason for which signing refused them; empty without a key."""
+    implausible: Mapping[str, int]
+    """Attitudes and positions, and rings, that well-formed messages brought and nobody believed."""
     missed_deadlines: int
     records_dropped: int
     """The recorder was too slow for them,"""
@@ -174,6 +176,7 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: 
                 wall_s=time.monotonic() - wall,
                 traffic=traffic_of(autopilot, transport),
                 refused=transport.refused if isinstance(transport, GuardedLink) else {},
+                implausible=autopilot.sensing.implausible,
                 missed_deadlines=runner.missed_deadlines,
                 records_dropped=log.dropped,
                 records_lost=log.lost,
@@ -199,6 +202,7 @@ def _outcome(result: Result) -> dict[str, object]:
         "output": result.output.value,
         **asdict(result.traffic),
         **result.refused,
+        **result.implausible,
         "missed_deadlines": result.missed_deadlines,
         "ended_unix_s": time.time(),
     }
@@ -238,6 +242,7 @@ def end_table(result: Result, summary: Summary) -> dict[str, object]:
         "messages_out": summary.messages_out,
         **asdict(result.traffic),
         **result.refused,
+        **result.implausible,
         "latency_p50_us": _rounded(summary.latency_p50_us, 1),
         "latency_p99_us": _rounded(summary.latency_p99_us, 1),
         "missed_deadlines": result.missed_deadlines,

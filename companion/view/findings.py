@@ -39,6 +39,7 @@ _CONTACT_M = 0.1
 _LOW_BATTERY = 20.0
 """%"""
 _MOST_EVENTS = 600
+_IMPLAUSIBLE = (("motion", "implausible pose"), ("rings", "implausible ring"))
 _LINK_COUNTERS = (
     ("frames_bad", "damaged frame"),
     ("duplicates", "duplicate"),
@@ -292,6 +293,11 @@ def _link(result: Mapping[str, str]) -> list[Finding]:
         level = Level.WARNING if _count(result, "frames_bad") else Level.NOTE
         text = "Not every message of the vehicle came whole, once and in order."
         found.append(Finding(level, "telemetry", text, rows))
+    unlikely = [(_count(result, f"{what}_implausible"), words) for what, words in _IMPLAUSIBLE]
+    rows = tuple(_times(count, words) for count, words in unlikely if count)
+    if rows:
+        text = "What the vehicle said could not always be true, and was not followed."
+        found.append(Finding(Level.WARNING, "telemetry", text, rows))
     refused = {
         key.removeprefix(REFUSED).replace("_", " "): _count(result, key) for key in result if key.startswith(REFUSED)
     }

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -195,3 +196,15 @@ def test_a_clock_that_was_set_changes_nothing_else(by_ms: int) -> None:
     at_ms = stamp - 4
     pose, same = (each.estimator.pose_at(1000 * (at_ms + by)) for each, by in ((sensing, by_ms), (plain, 0)))
     assert pose is not None and same is not None and pose[0].tolist() == same[0].tolist()
+
+
+def test_what_is_not_believed_is_counted() -> None:
+    sensing = flown()
+    assert set(sensing.implausible.values()) == {0}
+    sensing.begin(0.0)
+    stamp = sensing.boot_time_ms
+    for ms, speed in ((0, 2.0), (4, 2.0), (8, 90.0), (12, 90.0)):
+        sensing.take(attitude(stamp + ms), SECOND + ms)
+        report = position(stamp + ms, 0.0)
+        sensing.take(msgspec.structs.replace(report, velocity_ned=np.array([speed, 0.0, 0.0])), SECOND + ms)
+    assert sensing.implausible == {"motion_implausible": 2, "rings_implausible": 0}

@@ -232,6 +232,13 @@ def test_the_link_s_counters_are_said_where_they_are_not_zero(tmp_path: Path) ->
         assert telemetry.text.startswith("Not every message") is bool(rows)
 
 
+def test_what_was_not_believed_is_a_warning(tmp_path: Path) -> None:
+    result = {"landed": "True", "motion_implausible": "1", "rings_implausible": "12"}
+    telemetry = about(findings(GatheredFlight(make(tmp_path, 2.0, result=result))), "telemetry")
+    assert telemetry.level is Level.WARNING and "could not always be true" in telemetry.text
+    assert telemetry.evidence == ("one implausible pose", "12 implausible rings")
+
+
 def test_what_signing_refused_is_a_warning_of_its_own(tmp_path: Path) -> None:
     result = {"landed": "True", "signing_forged": "3", "signing_unsigned": "0", "signing_other_link": "4"}
     signing = about(findings(GatheredFlight(make(tmp_path / "some", 2.0, result=result))), "signing")
