@@ -48,7 +48,7 @@ def entered(
 
 
 def follow_delay(
-    delays: Delays, controller: Controller, guidance: Guidance, navigator: Navigator
+    delays: Delays, controller: Controller, guidance: Guidance, navigator: Navigator, sensing: Sensing
 ) -> Announcement | None:
     """Tell whatever depends on how late the link is of a change; what is to be said of it."""
     if delays.known is controller.delay:
@@ -56,4 +56,5 @@ def follow_delay(
     pace = controller.follow(delays.known)
     guidance.follow(delays.known, pace)
     navigator.slow_down(delays.known.total)
+    sensing.plausibility.late_s = delays.known.total
     return delays.words(pace)

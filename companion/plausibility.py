@@ -7,6 +7,7 @@ is set, all is taken as it comes: on the ground estimators settle.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,6 +28,8 @@ _STILL_S, _STILL_COUNT = 0.1, 4
 """Telemetry that has not changed for so long and in so many messages,"""
 _MOVED_M, _TURNED, _PUSHED = 0.1, 0.012, 0.06
 """and should have, by so much (m, rad, m/s), is stuck."""
+_LEVEL = 0.005
+"""sin of a tilt that pushes nowhere,"""
 _FLIES = 0.002
 """m/s; what stands on the ground is slower."""
 _SETTLED_S = 0.1
@@ -65,6 +68,28 @@ class Unchanged:
         return lasts if self.count >= _STILL_COUNT and lasts >= _STILL_S else 0.0
 
 
+class AskedTurn:
+    """By what angle the vehicle was asked to turn while its attitude has not changed. Times in ms of its clock."""
+
+    def __init__(self) -> None:
+        self._since_ms = self._counted_ms = 0
+        self._angle = 0.0
+        self._enough_ms: int | None = None
+
+    def shows(self, since_ms: int, time_ms: int, rate: float, late_s: float) -> bool:
+        """The attitude is the same since then, and so much was asked for (now: rad/s), so long ago, that it would not
+        be if it were true; what is asked takes `late_s` to show."""
+        if since_ms != self._since_ms:
+            self.__init__()  # type: ignore[misc]
+            self._since_ms, self._counted_ms = since_ms, time_ms
+        self._angle += rate * (time_ms - self._counted_ms) * 1e-3
+        self._counted_ms = time_ms
+        if self._angle < 2.0 * _TURNED:
+            return False
+        self._enough_ms = self._enough_ms or time_ms
+        return time_ms - self._enough_ms > 1e3 * (_STILL_S + late_s)
+
+
 class Plausibility:
     """Of one vehicle. Takes its reports in the order of arrival; gives them in the frame of the flight, or refuses."""
 
@@ -96,13 +121,16 @@ class Plausibility:
         """What is stuck, and since when that is known."""
         self._asked = 0.0
         """rad/s: how fast the vehicle was asked to turn, the last time."""
+        self.late_s = 0.0
+        """After so long what is asked shows in what the vehicle says."""
+        self._asked_turn = AskedTurn()
         self._gained = 0.0, 0.0
         """m/s: speed gained along and across the way of the vehicle's tilt, since its heading jumped alone."""
 
     def restart(self) -> None:
         """The vehicle has rebooted: nothing leads from what it said before to what it says now."""
         fresh = Plausibility()
-        fresh.watches, fresh.refused = self.watches, self.refused
+        fresh.watches, fresh.refused, fresh.late_s = self.watches, self.refused, self.late_s
         fresh._heading, fresh._turn, fresh._shift = self._heading, self._turn, self._shift
         fresh._settled = self._settled
         self.__dict__.update(fresh.__dict__)
@@ -276,12 +304,15 @@ class Plausibility:
 
     def _look_for_stuck_attitude(self, quaternion: list[float], rates: list[float], time_ms: int, now_ns: int) -> None:
         speed = None if self._place is None else tuple(self._place[2])
+        still = self._still_attitude
         alike = self._still_turn.seconds(quaternion, time_ms, speed)
-        wholly = self._still_attitude.seconds(quaternion + rates, time_ms, speed)
+        wholly = still.seconds(quaternion + rates, time_ms, speed)
         stuck = bool(alike) and math.hypot(*rates) * alike > 4.0 * _TURNED
-        if wholly and speed is not None and self._still_attitude.witness is not None:
-            stuck = stuck or math.dist(speed, self._still_attitude.witness) > _PUSHED
-            stuck = stuck or (self._asked * wholly > 2.0 * _TURNED and math.hypot(*speed) > _FLIES)
+        if wholly and speed is not None:
+            still.witness = still.witness or speed
+            stuck = stuck or _aside(quaternion, speed, still.witness) > _PUSHED
+            shows = self._asked_turn.shows(still.since_ms, time_ms, self._asked, self.late_s)
+            stuck = stuck or (shows and math.hypot(*speed) > _FLIES)
         self._note("attitude", stuck, bool(alike), now_ns)
 
     def _look_for_stuck_position(self, place: list[float], velocity: list[float], time_ms: int, now_ns: int) -> None:
@@ -333,6 +364,14 @@ class Plausibility:
             return Announcement(Severity.WARNING, "telemetry jumped and went back: not followed")
         text = f"the vehicle's estimate was reset by {moved:.1f} m and {math.degrees(turned):.0f} deg: gone along with"
         return Announcement(Severity.WARNING, text)
+
+
+def _aside(attitude: Sequence[float], velocity: Sequence[float], before: Sequence[float]) -> float:
+    """m/s: how far the velocity has changed to where a thrust at this attitude can't push, nor the weight."""
+    w, x, y, z = attitude
+    north, east = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x)
+    a, b, tilt = velocity[0] - before[0], velocity[1] - before[1], math.hypot(north, east)
+    return abs(a * east - b * north) / tilt if tilt > _LEVEL else math.hypot(a, b)
 
 
 def _yawed(attitude_ned_frd: Array, angle: float) -> Array:

@@ -7,11 +7,10 @@ the ring before is incoherent; one such may be new surroundings, several in a ro
 
 import math
 
-import numpy as np
-
 from companion.perception.scans import obstacle_points
 from companion.state import Pose, Scan
-from protocol.arrays import Array
+from protocol.arrays import Array, BoolArray
+from protocol.jit import compiled
 
 _MOVED_M, _TURNED = 0.2, 0.05
 """A ring is expected to change on a way of m, or a turn of rad,"""
@@ -64,11 +63,17 @@ class RingCheck:
 
 
 def _same(one: Scan, other: Scan) -> bool:
-    return (
-        np.array_equal(one.ranges_m, other.ranges_m)
-        and np.array_equal(one.hit, other.hit)
-        and np.array_equal(one.known, other.known)
-    )
+    return _equal((one.ranges_m, one.hit, one.known), (other.ranges_m, other.hit, other.known))
+
+
+@compiled
+def _equal(one: tuple[Array, BoolArray, BoolArray], other: tuple[Array, BoolArray, BoolArray]) -> bool:
+    if one[0].size != other[0].size:
+        return False
+    for i in range(one[0].size):
+        if one[0][i] != other[0][i] or one[1][i] != other[1][i] or one[2][i] != other[2][i]:
+            return False
+    return True
 
 
 def _is_elsewhere(pose: Pose, since: Pose) -> bool:
@@ -76,23 +81,41 @@ def _is_elsewhere(pose: Pose, since: Pose) -> bool:
     return turned > _TURNED or math.dist(pose[0].tolist(), since[0].tolist()) > _MOVED_M
 
 
+@compiled
 def _must_have_changed(points: Array, before: Array) -> bool:
-    """Seen from another place than before, the same ranges make other surroundings."""
+    """Seen from another place than before, the same ranges make other surroundings: returns (n, 3) away from the
+    surfaces between those of before (m, 3)."""
     if len(points) < 2 or len(before) < 2:
         return False
-    starts, ways = before, np.roll(before, -1, axis=0) - before
-    ways = np.where(np.linalg.norm(ways, axis=1)[:, None] < _JOINED_M, ways, 0.0)
-    squares = np.maximum((ways**2).sum(axis=1), 1e-9)
-    to_points = points[:, None] - starts
-    along = np.clip((to_points * ways).sum(axis=2) / squares, 0.0, 1.0)
-    away = np.linalg.norm(to_points - along[..., None] * ways, axis=2).min(axis=1)
-    return bool((away > _CHANGED_M).mean() > _CHANGED_SHARE)
+    changed = 0
+    for point in points:
+        nearest = math.inf
+        for i in range(len(before)):
+            start, end = before[i], before[(i + 1) % len(before)]
+            square = along = 0.0
+            for axis in range(3):
+                square += (end[axis] - start[axis]) ** 2
+                along += (end[axis] - start[axis]) * (point[axis] - start[axis])
+            part = 0.0 if square == 0.0 or square >= _JOINED_M**2 else min(max(along / square, 0.0), 1.0)
+            away = 0.0
+            for axis in range(3):
+                away += (point[axis] - start[axis] - part * (end[axis] - start[axis])) ** 2
+            nearest = min(nearest, away)
+        changed += nearest > _CHANGED_M**2
+    return changed > _CHANGED_SHARE * len(points)
 
 
+@compiled
 def _coherent(points: Array, before: Array, here: Array) -> bool:
-    """Most of the returns stand where the ring before had some."""
+    """Most of the returns (n, 3), seen from a place (3,), stand where the ring before (m, 3) had some."""
     if len(points) < _FEWEST or len(before) < _FEWEST:
         return True
-    ranges = np.linalg.norm(points - here, axis=1)
-    away = np.linalg.norm(points[:, None, :2] - before[None, :, :2], axis=2).min(axis=1)
-    return bool((away < _NEAR_M + _NEAR_SHARE * ranges).mean() > _COHERENT_SHARE)
+    again = 0
+    for point in points:
+        north, east, down = point[0] - here[0], point[1] - here[1], point[2] - here[2]
+        near = _NEAR_M + _NEAR_SHARE * math.sqrt(north * north + east * east + down * down)
+        for other in before:
+            if (point[0] - other[0]) ** 2 + (point[1] - other[1]) ** 2 < near * near:
+                again += 1
+                break
+    return again > _COHERENT_SHARE * len(points)

@@ -140,6 +140,34 @@ def test_a_vehicle_that_stands_still_may_say_the_same_for_ever(speed: float) -> 
         assert told.fault(ms * MS) is None
 
 
+def climbing(asked: float, until_ms: int, late_s: float = 0.0) -> float:
+    """A climb at a level attitude that never changes, in which a turn is asked for (rad/s) from FAULT_MS on; ms from
+    then on to the fault."""
+    told = Plausibility()
+    told.watches, told.late_s = True, late_s
+    for ms in range(0, FAULT_MS + until_ms, STEP_MS):
+        told.attitude(AttitudeReport(ms, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), ms * MS)
+        speed = 1e-3 * ms  # m/s
+        told.position(
+            PositionReport(ms, np.array([0.0, 0.0, -0.5e-3 * ms * speed]), np.array([0.0, 0.0, -speed])), ms * MS
+        )
+        rate = asked if ms >= FAULT_MS else 0.0
+        told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (rate, 0.0, 0.0), (0.0, 0.0, 0.0), 0.6))
+        if told.fault(ms * MS):
+            return ms - FAULT_MS
+    return math.inf
+
+
+def test_a_climb_at_a_constant_attitude_is_none_that_is_stuck() -> None:
+    assert climbing(asked=0.0, until_ms=1500) == math.inf
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.3])
+def test_an_attitude_that_does_not_follow_what_is_asked_is_stuck(late_s: float) -> None:
+    """Though it is the same since the start; over a late link an answer takes its time."""
+    assert 1e3 * late_s + 100 <= climbing(asked=1.0, until_ms=1500, late_s=late_s) <= 1e3 * late_s + 200
+
+
 @pytest.mark.parametrize("angle", [-90.0, 45.0, 90.0, 170.0])
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_heading_that_is_reset_turns_the_frame_and_not_the_flight(angle: float, whole: bool) -> None:
