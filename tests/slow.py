@@ -52,7 +52,6 @@ SLOW: dict[str, float] = {
     "tests/flights/test_late.py": 3,
     "tests/flights/test_joined.py::test_a_goal_without_progress_is_given_up_and_the_way_back_flown": 8,
     "tests/flights/test_joined.py::test_no_progress_ends_in_a_landing": 12,
-    "tests/flights/test_joined.py::test_only_sound_setpoints_leave": 6,
     "tests/flights/test_joined.py::test_ring_back_in_time_goes_on": 5,
     "tests/flights/test_joined.py::test_seen_clearance_agrees_with_the_truth": 4,
     "tests/flights/test_joined.py::test_the_courier_delivers": 6,

@@ -12,12 +12,15 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.flights.warm import start
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -47,11 +50,14 @@ PATIENT = tuple(
 at once where the vehicle's own failsafe has ended it."""
 
 
-def run(*arguments: str, timeout: float = PATIENCE_S, **options: Any) -> "subprocess.CompletedProcess[str]":
-    """`python -m ...` to its end."""
-    return subprocess.run(
-        [sys.executable, "-m", *arguments], cwd=ROOT, capture_output=True, text=True, timeout=timeout, **options
-    )
+def run(module: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
+    """`python -m module arguments` to its end."""
+    process, streams = start(module, arguments, apart=True)
+    with ThreadPoolExecutor(1) as pool, streams[0] as out, streams[1] as errors:
+        wrong = pool.submit(errors.read)
+        printed = out.read()
+        process.join()
+    return subprocess.CompletedProcess((module, *arguments), process.exitcode or 0, printed, wrong.result())
 
 
 def run_here(module: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -81,20 +87,14 @@ class Process:
     lines: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", self.module, *self.arguments],
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        self.process, (self._output,) = start(self.module, self.arguments)
         self._queue: queue.Queue[str | None] = queue.Queue()
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self._queue.put(line.rstrip())
+        with self._output as output:
+            for line in output:
+                self._queue.put(line.rstrip())
         self._queue.put(None)
 
     def wait_for(self, text: str, timeout: float = PATIENCE_S) -> str:
@@ -113,22 +113,27 @@ class Process:
             if holds(line):
                 return line
 
-    def end(self, timeout: float = PATIENCE_S) -> int:
+    def end(self) -> int:
         """Wait for the end; its exit code."""
-        code = self.process.wait(timeout)
+        assert self.ended_within(PATIENCE_S), f"{self.module} does not end: {self.lines[-5:]}"
         while (line := self._queue.get(timeout=PATIENCE_S)) is not None:
             self.lines.append(line)
-        return code
+        assert self.process.exitcode is not None
+        return self.process.exitcode
 
     def ended_within(self, seconds: float) -> bool:
         """Wait for the end, at the longest so many seconds."""
-        with suppress(subprocess.TimeoutExpired):
-            self.process.wait(seconds)
-        return self.process.poll() is not None
+        self.process.join(seconds)
+        return self.process.exitcode is not None
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send it a signal."""
+        assert self.process.pid is not None
+        os.kill(self.process.pid, number)
 
     def kill(self) -> None:
         """kill -9"""
-        os.kill(self.process.pid, signal.SIGKILL)
+        self.process.kill()
 
     def report(self) -> dict[str, Any]:
         """The JSON object that it printed last."""
@@ -139,9 +144,8 @@ class Process:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.wait()
+        self.process.kill()
+        self.process.join()
 
 
 @contextmanager

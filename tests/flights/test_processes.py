@@ -5,6 +5,8 @@ import json
 import os
 import signal
 import socket
+import subprocess
+import sys
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -35,7 +37,8 @@ from tests.flights.processes import PATIENT, Process, Relay, pair, run, simulato
 from tests.flights.shared import once
 
 EVERY_STEP = "log.trace_rate=250"
-KILLS = 6
+FLOWN = ("--seed", "3", "--set", EVERY_STEP)
+KILLS = 4
 """bench/log.py kills fifty."""
 KILL_PACES = ("2", "lockstep")
 STEPS_IN_A_FIFTH_OF_A_SECOND = 100
@@ -46,16 +49,21 @@ UNHURRIED = "1"
 """A pace at which a busy machine may stand still for a second: that is when the vehicle's own failsafe comes."""
 
 
+def demo_command(logs: Path, *arguments: str) -> tuple[str, ...]:
+    return "companion", "demo", "--no-report", "--log", str(logs), "--json", *arguments
+
+
 def demo(logs: Path, *arguments: str) -> dict[str, Any]:
-    done = run("companion", "demo", "--no-report", "--log", str(logs), "--json", *arguments)
+    done = run(*demo_command(logs, *arguments))
     assert done.returncode == 0, done.stderr
     verdict: dict[str, Any] = json.loads(done.stdout)
     return verdict
 
 
-def test_demo_in_lockstep_delivers_and_repeats_to_the_byte(tmp_path: Path) -> None:
-    """Two runs of one seed, one in the default and one in another folder, at other ports."""
-    first, second = (demo(tmp_path / name, "--seed", "3") for name in ("a", "b"))
+def test_demo_in_lockstep_delivers_and_repeats_to_the_byte(flown: dict[str, Any], tmp_path: Path) -> None:
+    """Two runs of one seed, in different folders, at other ports; the second one by `python -m`."""
+    done = subprocess.run([sys.executable, "-m", *demo_command(tmp_path, *FLOWN)], capture_output=True, check=True)
+    first, second = flown, json.loads(done.stdout)
     for verdict in (first, second):
         assert verdict["outcome"] == "delivered" and verdict["delivered"] is True
         assert verdict["contacts"] == 0 and verdict["messages_lost"] == 0
@@ -77,13 +85,13 @@ def test_step_of_one_metre_over_udp_is_table_3(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """One whole demo, with torques as the output."""
+    """One whole demo."""
 
     def make(folder: Path) -> None:
-        verdict = demo(folder, "--output", "actuators", "--seed", "2", "--set", EVERY_STEP)
+        verdict = demo(folder, *FLOWN)
         (folder / "verdict.json").write_text(json.dumps(verdict))
 
-    folder = once(tmp_path_factory, "courier_actuators", make)
+    folder = once(tmp_path_factory, "courier_demo", make)
     verdict: dict[str, Any] = json.loads((folder / "verdict.json").read_text())
     return verdict
 
@@ -92,13 +100,13 @@ def test_log_holds_everything(flown: dict[str, Any]) -> None:
     log = LogReader(flown["log"])
     assert log.complete and log.problem is None
     assert set(log.attachments) == {"mission.toml", "vehicle.toml", "world.toml", "settings.json"}
-    assert log.metadata["flight"]["seed"] == "2" and log.metadata["flight"]["pymavlink"]
+    assert log.metadata["flight"]["seed"] == "3" and log.metadata["flight"]["pymavlink"]
     assert log.metadata["result"]["delivered"] == "True"
     topics = set(log.topics)
     assert {"/courier/datagrams", "/companion/trace", "/companion/ticks", "/log"} <= topics
     for name in ("ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "OBSTACLE_DISTANCE", "HEARTBEAT", "HIL_STATE_QUATERNION"):
         assert f"/mavlink/1/1/{name}" in topics
-    assert "/mavlink/1/191/SET_ACTUATOR_CONTROL_TARGET" in topics
+    assert "/mavlink/1/191/SET_ATTITUDE_TARGET" in topics
 
 
 def test_trace_agrees_with_the_ground_truth_in_the_log(flown: dict[str, Any]) -> None:

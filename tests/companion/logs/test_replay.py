@@ -90,7 +90,7 @@ def test_real_time_and_a_request_to_land(tmp_path: Path) -> None:
     arguments = ("demo", "hover", "--no-report", "--pace", "2", "--log", str(tmp_path))
     with Process("companion", arguments) as companion:
         companion.wait_for("armed, taking off")
-        companion.process.send_signal(signal.SIGINT)
+        companion.signal(signal.SIGINT)
         companion.end()
     (path,) = tmp_path.glob("*/flight.mcap")
     (asked,) = LogReader(path).records((OPERATION.topic,))
