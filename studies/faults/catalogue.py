@@ -42,7 +42,7 @@ ANSWERS = {
     ": landing": "land",
     "rebooted": "reboot",
     "mode changed": "let go",
-    "disarmed": "disarmed",
+    "disarmed in flight": "disarmed",
     "given up": "give up",
 }
 """What a sentence of the companion that has these words says of its answer."""

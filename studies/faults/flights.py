@@ -32,6 +32,7 @@ from studies.faults.catalogue import (
 )
 from studies.faults.injector import Injector, Onset
 from studies.joined import Joined, mission_of
+from studies.report import Track
 
 FLIGHT_S = {"courier": (3.0, 72.0), "square": (3.0, 39.0)}
 """From when to when after the arming a fault may begin: off the ground, and before the landing."""
@@ -192,7 +193,9 @@ def code() -> str:
     return digest.hexdigest()[:16]
 
 
-def fly_missing(jobs: Sequence[Job], path: Path, fly_all: Callable[[list[Job]], Iterable[Row]]) -> list[Row]:
+def fly_missing(
+    jobs: Sequence[Job], path: Path, fly_all: Callable[[list[Job]], Iterable[Row]], track: Track
+) -> list[Row]:
     """The flights of these jobs. Those that a file keeps, one a line, are not flown again, the others are added to it.
     Without jobs: all that are kept."""
     kept = [msgspec.json.decode(line, type=Row) for line in path.read_bytes().splitlines()] if path.exists() else []
@@ -202,7 +205,7 @@ def fly_missing(jobs: Sequence[Job], path: Path, fly_all: Callable[[list[Job]], 
     todo = [job for job in jobs if job not in known]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab", buffering=0) as file:
-        for job, row in zip(todo, fly_all(todo), strict=True):
+        for job, row in zip(track(todo, f"{len(todo)} flights"), fly_all(todo), strict=True):
             file.write(msgspec.json.encode(row) + b"\n")
             known[job] = row
     return [known[job] for job in jobs]

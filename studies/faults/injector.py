@@ -30,7 +30,7 @@ class Link:
     """Each datagram takes so much more or less, evenly spread; never less than no time. Who overtakes arrives first."""
     loss: float = 0.0
     reordered: float = 0.0
-    """Overtaken by the next one."""
+    """Overtaken by the next one. At most half."""
     duplicated: float = 0.0
     corrupted: float = 0.0
     """One byte of it is another one."""
@@ -72,7 +72,7 @@ class Way:
             data = _damaged(data, where)
         takes = [max(delay + (2.0 * each - 1.0) * link.jitter, 0.0) for each in spread]
         first, second = (now_ns + round(each * 1e9) for each in takes)
-        if overtaken < link.reordered and self._overtaken is None:
+        if self._overtaken is None and overtaken < link.reordered / (1.0 - link.reordered):
             self._overtaken = first, data
             return
         self._push(first, data)

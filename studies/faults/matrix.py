@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
 from typing import Any
 
@@ -78,10 +79,7 @@ def run(report: Report) -> None:
         for mission in fault.missions
     ]
     path = report.choice.logs.with_name("faults") / "joined.jsonl"
-    rows = flights.fly_missing(
-        jobs, path, lambda todo: report.progress(on_all_cores(flights.fly, todo), f"{len(todo)} flights")
-    )
-    tell(report, rows)
+    tell(report, flights.fly_missing(jobs, path, partial(on_all_cores, flights.fly), report.progress))
 
 
 def tell(report: Report, rows: Sequence[Row]) -> None:

@@ -1,6 +1,7 @@
 """A few faults over UDP: the real processes in real time, with the same injector between them."""
 
 import time
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -33,7 +34,7 @@ that is busy with other things is late by itself.
         for fault in FAULTS.values()
         if fault.over_udp
     ]
-    tell(report, flights.fly_missing(jobs, path, lambda todo: map(fly, report.progress(todo, "flights in real time"))))
+    tell(report, flights.fly_missing(jobs, path, partial(map, fly), report.progress))
 
 
 def fly(job: Job) -> Row:
