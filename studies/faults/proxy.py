@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -74,32 +75,22 @@ class Proxy:
     def carry(self, companion: Console, vehicle: Console, limit_s: float) -> None:
         """Hand on what comes, until both have ended or time is over."""
         end_ns = time.monotonic_ns() + round(limit_s * 1e9)
-        ends: list[Any] = [self._near, self._far, companion.pipe]
-        while (now_ns := time.monotonic_ns()) < end_ns:
-            next_ns = self._between.next_ns
-            wait_s = _LOOK_S if next_ns is None else min(max((next_ns - now_ns) * 1e-9, 0.0), _LOOK_S)
-            ready = select.select(ends, [], [], wait_s)[0]
-            if companion.pipe in ready and not companion.read():
-                ends.remove(companion.pipe)
-            self._take(ready)
-            self._deliver(time.monotonic_ns())
-            if not ready and companion.process.poll() is not None and vehicle.process.poll() is not None:
+        pipes = [companion.pipe]
+        while time.monotonic_ns() < end_ns:
+            if self.step(pipes) and not companion.read():
+                pipes = []
+            if not pipes and vehicle.process.poll() is not None:
                 return
 
-    def _take(self, ready: list[Any]) -> None:
-        for end in ready:
-            if end not in (self._near, self._far):
-                continue
-            with suppress(ConnectionError):  # whoever was sent to has gone
-                data, address = end.recvfrom(_LARGEST)
-                now_ns = time.monotonic_ns()
-                if end is self._far:
-                    self._vehicle = address
-                    self._between.to_companion(data, now_ns)
-                else:
-                    self._between.to_vehicle(data, now_ns)
-
-    def _deliver(self, now_ns: int) -> None:
+    def step(self, pipes: Sequence[int] = ()) -> bool:
+        """Hand on what has come, or comes soon; whether one of the pipes has something."""
+        next_ns = self._between.next_ns
+        wait_s = _LOOK_S if next_ns is None else (next_ns - time.monotonic_ns()) * 1e-9
+        ready = select.select([self._near, self._far, *pipes], [], [], min(max(wait_s, 0.0), _LOOK_S))[0]
+        for end in (self._near, self._far):
+            if end in ready:
+                self._take(end)
+        now_ns = time.monotonic_ns()
         for data in self._between.at_companion(now_ns):
             with suppress(ConnectionError):
                 self._near.send(data)
@@ -107,6 +98,16 @@ class Proxy:
             if self._vehicle is not None:
                 with suppress(ConnectionError):
                     self._far.sendto(data, self._vehicle)
+        return any(each in ready for each in pipes)
+
+    def _take(self, end: socket.socket) -> None:
+        with suppress(ConnectionError):  # whoever was sent to has gone
+            data, address = end.recvfrom(_LARGEST)
+            if end is self._far:
+                self._vehicle = address
+                self._between.to_companion(data, time.monotonic_ns())
+            else:
+                self._between.to_vehicle(data, time.monotonic_ns())
 
     def close(self) -> None:
         self._near.close()
