@@ -23,8 +23,12 @@ HEADERS = ("fault", "promised", "flights", "as promised (95 %)", "answer in time
 SEEDS = 50
 """What the floors are meant for."""
 CLEARANCE_M = 0.5
-_LISTED = 40
-"""Flights not as promised beyond this number are counted, not listed."""
+TILT_DEG, STEEP_DEG = 45.0, 50.0
+"""The limit, and what a vehicle is taken for out of control at."""
+_LISTED = 4
+"""Of a fault's flights that were not as promised."""
+_SOONEST_S = 0.003
+"""Where the picture's axis of times begins."""
 _COLOURS = dict(
     zip(
         OUTCOMES,
@@ -92,8 +96,8 @@ def tell(report: Report, rows: Sequence[Row]) -> None:
     report.figure(
         picture(cases),
         report.name,
-        "Left: how the flights ended. Right: from the fault to the companion's first answer, a dot a flight, on the "
-        "promised time",
+        "Left: how the flights ended; hatched: not as promised. Middle: from the fault to the companion's first answer, "
+        "a dot a flight, on the promised time. Right: the greatest tilt of each flight, and the limit",
     )
     report.table(
         HEADERS,
@@ -102,7 +106,7 @@ def tell(report: Report, rows: Sequence[Row]) -> None:
         "the worst of all flights unless they are a median.",
     )
     _checks(report, rows)
-    _failures(report, [row for row in rows if not row.kept])
+    _failures(report, cases)
 
 
 def _cases(rows: Sequence[Row]) -> list[Case]:
@@ -117,25 +121,33 @@ def _checks(report: Report, rows: Sequence[Row]) -> None:
     report.check("flights as promised", "all", f"{kept} of {len(rows)}", kept == len(rows))
     timed = [row.in_time for row in rows if row.in_time is not None]
     report.check("promised answers within their time", "all", f"{sum(timed)} of {len(timed)}", all(timed))
+    steep = sum(map(_is_steep, rows))
+    report.check(f"tilts above {STEEP_DEG:g} degrees", "0", f"{steep} of {len(rows)} flights", steep == 0)
     clearances = [row.clearance_m for row in rows if row.clearance_m is not None and row.fault.startswith("delay each")]
     if clearances:
         least = min(clearances)
         report.check("clearance with a late link", f">= {CLEARANCE_M:g} m", least, least >= CLEARANCE_M)
 
 
-def _failures(report: Report, failed: Sequence[Row]) -> None:
-    if failed:
+def _failures(report: Report, cases: Sequence[Case]) -> None:
+    failed = {case.fault.key: [row for row in case.rows if not row.kept or _is_steep(row)] for case in cases}
+    if any(failed.values()):
         report.table(
-            ("flight", "fault began (s)", "outcome", "first answer", "after (s)", "cause"),
+            ("flight", "fault began (s)", "outcome", "first answer", "after (s)", "tilt (deg)", "cause"),
             [
                 (f"`{row.fault}` {row.mission} {row.seed}", _cell(row.began_s), row.outcome, row.answer or "-",
-                 _cell(row.answer_s), row.cause or "-")
-                for row in failed[:_LISTED]
+                 _cell(row.answer_s), round(row.tilt_deg), row.cause or "-")
+                for rows in failed.values()
+                for row in rows[:_LISTED]
             ],
-            f"Flights that were not as promised ({len(failed)}"
-            + (f", the first {_LISTED}" if len(failed) > _LISTED else "")
-            + "). `python -m studies.faults FAULT MISSION SEED` flies one again and prints what was said:",
+            f"Flights that were not as promised, or tilted by more than {STEEP_DEG:g} degrees "
+            f"({sum(map(len, failed.values()))}; at most {_LISTED} of each fault are listed). "
+            "`python -m studies.faults FAULT MISSION SEED` flies one again and prints what was said:",
         )  # fmt: skip
+
+
+def _is_steep(row: Row) -> bool:
+    return row.tilt_deg > STEEP_DEG
 
 
 def _cell(value: float | None) -> float | str:
@@ -143,28 +155,41 @@ def _cell(value: float | None) -> float | str:
 
 
 def picture(cases: Sequence[Case]) -> Any:
-    """Outcomes as bars, and times to the answer as dots, one line a fault."""
-    figure, (left, right) = style.sheet(1, 2, height=0.9 + 0.21 * len(cases), sharey=True, width_ratios=(3, 2))
+    """Outcomes as bars, times to the answer and tilts as dots, one line a fault."""
+    figure, (ends, times, tilts) = style.sheet(
+        1, 3, height=0.9 + 0.19 * len(cases), width=8.4, sharey=True, width_ratios=(5, 3, 3)
+    )
     for line, case in enumerate(cases):
-        at = 0.0
-        for outcome in OUTCOMES:
-            share = 100.0 * sum(row.outcome == outcome for row in case.rows) / len(case.rows)
-            left.barh(line, share, left=at, height=0.72, color=_COLOURS[outcome])
-            at += share
+        _bars(ends, line, case)
         promise = case.fault.promise
         if promise.within_s is not None:
-            right.barh(line, promise.within_s - 0.01, left=0.01, height=0.72, color="#dfe7f3")
+            times.barh(line, promise.within_s - _SOONEST_S, left=_SOONEST_S, height=0.72, color="#dfe7f3")
         for row in case.rows:
-            if row.answer_s is not None and row.answer is not None:
-                good = row.answer == promise.answer or (promise.answer is None and row.kept)
-                right.plot(max(row.answer_s, 0.01), line, ".", ms=4, alpha=0.7, color=style.PALETTE[0 if good else 1])
-    left.set_yticks(range(len(cases)), [case.fault.key for case in cases])
-    left.invert_yaxis()
-    left.set(xlabel="flights / %", xlim=(0.0, 100.0))
-    right.set(xlabel="from the fault to the answer / s", xscale="log", xlim=(0.01, 100.0))
-    for axes in (left, right):
+            colour = style.PALETTE[0 if row.kept else 1]
+            tilts.plot(row.tilt_deg, line, ".", ms=4, alpha=0.7, color=style.PALETTE[1 if _is_steep(row) else 0])
+            if row.answer_s is not None:
+                times.plot(max(row.answer_s, 2.0 * _SOONEST_S), line, ".", ms=4, alpha=0.7, color=colour)
+    ends.set_yticks(range(len(cases)), [case.fault.key for case in cases])
+    ends.set(xlabel="flights / %", xlim=(0.0, 100.0), ylim=(len(cases) - 0.4, -0.6))
+    times.set(xlabel="fault to answer / s", xscale="log", xlim=(_SOONEST_S, 100.0))
+    tilts.axvline(TILT_DEG, color=style.GREY, ls=":")
+    tilts.set(xlabel="greatest tilt / deg", xlim=(0.0, 95.0))
+    for axes in (ends, times, tilts):
         axes.grid(axis="y", visible=False)
     seen = [each for each in OUTCOMES if any(row.outcome == each for case in cases for row in case.rows)]
-    handles = [left.barh(0, 0.0, color=_COLOURS[each]) for each in seen]
+    handles = [ends.barh(0, 0.0, color=_COLOURS[each]) for each in seen]
     figure.legend(handles, seen, loc="outside upper center", ncols=len(seen))
     return figure
+
+
+def _bars(axes: Any, line: int, case: Case) -> None:
+    """A fault's flights by outcome; those that were not as promised are hatched."""
+    at = 0.0
+    for outcome in OUTCOMES:
+        for kept in (True, False):
+            share = sum((row.outcome, row.kept) == (outcome, kept) for row in case.rows) / len(case.rows)
+            hatch = None if kept else "////"
+            axes.barh(
+                line, 100.0 * share, left=at, height=0.72, color=_COLOURS[outcome], hatch=hatch, ec="white", lw=0.0
+            )
+            at += 100.0 * share
