@@ -96,8 +96,8 @@ def tell(report: Report, rows: Sequence[Row]) -> None:
     report.figure(
         picture(cases),
         report.name,
-        "Left: how the flights ended; hatched: not as promised. Middle: from the fault to the companion's first answer, "
-        "a dot a flight, on the promised time. Right: the greatest tilt of each flight, and the limit",
+        "Left: how the flights ended; hatched: not as promised. Middle: from the fault to the first answer, a dot a "
+        "flight, on the promised time. Right: the greatest tilt of each flight, and the limit",
     )
     report.table(
         HEADERS,

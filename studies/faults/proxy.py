@@ -86,7 +86,8 @@ class Proxy:
         """Hand on what has come, or comes soon; whether one of the pipes has something."""
         next_ns = self._between.next_ns
         wait_s = _LOOK_S if next_ns is None else (next_ns - time.monotonic_ns()) * 1e-9
-        ready = select.select([self._near, self._far, *pipes], [], [], min(max(wait_s, 0.0), _LOOK_S))[0]
+        ends: list[Any] = [self._near, self._far, *pipes]
+        ready = select.select(ends, [], [], min(max(wait_s, 0.0), _LOOK_S))[0]
         for end in (self._near, self._far):
             if end in ready:
                 self._take(end)

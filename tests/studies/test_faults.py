@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from studies.faults import matrix, proxy
+from studies.faults import matrix, over_udp, proxy
 from studies.faults.catalogue import ANSWERS, CONTACT, DELIVERED, FAULTS, LANDED, NOT_ENDED, OUTCOMES, REFUSED, WITHDREW
 from studies.faults.flights import FLIGHT_S, Job, Row, answers, fly, fly_missing, moment_s, outcome
 from studies.faults.injector import Injector, Link
@@ -47,8 +47,20 @@ def test_answers_are_what_the_companion_says_after_the_fault() -> None:
         (20.7, "bad telemetry (position stuck while the vehicle moves): the vehicle is asked to hold"),
         (25.7, "held for 5 s: landing"),
     ]
-    assert answers(said, 20.0) == [("withdraw", pytest.approx(0.7)), ("land", pytest.approx(5.7))]
-    assert answers(said, None) == [] and answers(said, 18.0)[0] == ("hold", pytest.approx(1.0))
+    given = answers(said, 20.0)
+    assert [answer for answer, _ in given] == ["withdraw", "land"]
+    assert [after_s for _, after_s in given] == pytest.approx([0.7, 5.7])
+    assert answers(said, None) == [] and answers(said, 18.0)[0] == ("hold", 1.0)
+
+
+def test_a_landing_as_planned_is_no_answer_on_the_console_either() -> None:
+    console = (
+        "  12.1 s  fly      route    step 2/7   north     7.4  east    1.2",
+        "   12.972 ERROR   companion: no ring for 0.52 s: holding",
+        "   22.010 INFO    companion: landing",
+    )
+    assert [over_udp.sentence(line) for line in console] == ["", "no ring for 0.52 s: holding", "landing"]
+    assert answers([(1.0, over_udp.sentence(line)) for line in console], 0.0) == [("hold", 1.0)]
 
 
 def test_how_a_flight_ended() -> None:
