@@ -8,8 +8,9 @@ from studies.faults import changes
 from studies.faults.changes import ATTITUDE, HEARTBEAT, POSITION, RING
 from studies.faults.injector import PERFECT, Change, Link
 
-DELIVERED, LANDED, WITHDREW, REFUSED, CONTACT, NOT_ENDED, RAISED = OUTCOMES = (
+DELIVERED, ASTRAY, LANDED, WITHDREW, REFUSED, CONTACT, NOT_ENDED, RAISED = OUTCOMES = (
     "delivered",
+    "astray",
     "landed",
     "withdrew",
     "refused",
@@ -17,8 +18,8 @@ DELIVERED, LANDED, WITHDREW, REFUSED, CONTACT, NOT_ENDED, RAISED = OUTCOMES = (
     "not ended",
     "raised",
 )
-"""How a flight ends: the mission done; landed by the companion; handed to the vehicle's own autopilot, which holds, and
-on the ground; never begun; ...; an exception."""
+"""How a flight ends: the mission done; done, but elsewhere by the truth; landed by the companion; handed to the
+vehicle's own autopilot, which holds, and on the ground; never begun; ...; an exception."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from zlib import crc32
 import msgspec
 import numpy as np
 
-from companion.mission.plan import Phase
+from companion.mission.plan import Mission, Phase
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
 from studies import joined as joining
@@ -19,6 +19,7 @@ from studies.faults import catalogue, changes
 from studies.faults import injector as injecting
 from studies.faults.catalogue import (
     ANSWERS,
+    ASTRAY,
     CONTACT,
     DELIVERED,
     FAULTS,
@@ -33,12 +34,14 @@ from studies.faults.catalogue import (
 from studies.faults.injector import Injector, Onset
 from studies.joined import Joined, mission_of
 from studies.report import Track
+from vehicle_sim.vehicle import Summary
 
 FLIGHT_S = {"courier": (3.0, 72.0), "square": (3.0, 39.0)}
 """From when to when after the arming a fault may begin: off the ground, and before the landing."""
 _LIMIT_S = 400.0
 _ROUNDED_S = 0.01
 """Of the times of what is said."""
+_ASTRAY_M = 1.0
 _LANDING_S = 60.0
 """For a vehicle that its companion has left."""
 
@@ -134,7 +137,7 @@ def fly(job: Job, said: Callable[[str], None] = lambda text: None) -> Row:
         mission=job.mission,
         seed=job.seed,
         code=job.code,
-        outcome=outcome(summary.outcome, summary.flight_time_s, done, found) if raised is None else RAISED,
+        outcome=outcome(summary, joined.mission, done, found) if raised is None else RAISED,
         cause=raised or summary.contact_with or pilot.supervisor.fault,
         began_s=began_s,
         answer=first[0],
@@ -166,18 +169,27 @@ def answers(said: Iterable[tuple[float, str]], began_s: float | None) -> list[An
     ]
 
 
-def outcome(ended: str, flight_time_s: float, done: bool, answered: Sequence[Answer]) -> str:
-    """One of OUTCOMES. `ended`: of the vehicle's summary; `done`: the mission is, without a fault."""
-    if ended == "crashed":
+def outcome(summary: Summary, mission: Mission, done: bool, answered: Sequence[Answer]) -> str:
+    """One of OUTCOMES. `done`: the mission is, as the companion sees it, without a fault."""
+    if summary.contacts:
         return CONTACT
-    if flight_time_s == 0.0:
+    if summary.flight_time_s == 0.0:
         return REFUSED
-    if ended != "landed":
+    if summary.outcome != "landed":
         return NOT_ENDED
     if done:
-        return DELIVERED
+        return DELIVERED if _is_where_it_belongs(summary, mission) else ASTRAY
     given = {answer for answer, _ in answered}
     return LANDED if given & {"hold", "land"} and not given & {"withdraw", "watch"} else WITHDREW
+
+
+def _is_where_it_belongs(summary: Summary, mission: Mission) -> bool:
+    """The vehicle is at home, and the parcel at the last waypoint, by the truth."""
+    places = [(summary.final_position_ned, (0.0, 0.0))]
+    if mission.delivery is not None:
+        door = mission.waypoints[-1]
+        places.append((summary.released_at_ned or (math.inf,) * 3, (door.north, door.east)))
+    return all(math.dist(there[:2], meant) < _ASTRAY_M for there, meant in places)
 
 
 def code() -> str:
@@ -197,10 +209,10 @@ def fly_missing(
     jobs: Sequence[Job], path: Path, fly_all: Callable[[list[Job]], Iterable[Row]], track: Track
 ) -> list[Row]:
     """The flights of these jobs. Those that a file keeps, one a line, are not flown again, the others are added to it.
-    Without jobs: all that are kept."""
+    Without jobs: those that the code of the last one has flown."""
     kept = [msgspec.json.decode(line, type=Row) for line in path.read_bytes().splitlines()] if path.exists() else []
     if not jobs:
-        return kept
+        return [row for row in kept if row.code == kept[-1].code]
     known = {Job(row.fault, row.mission, row.seed, row.code): row for row in kept}
     todo = [job for job in jobs if job not in known]
     path.parent.mkdir(parents=True, exist_ok=True)

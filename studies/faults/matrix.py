@@ -32,7 +32,7 @@ _SOONEST_S = 0.003
 _COLOURS = dict(
     zip(
         OUTCOMES,
-        ("#2f8f5b", "#e09f3e", "#1f5fbf", style.GREY, "#d1495b", "#6d4c9f", style.INK),
+        ("#2f8f5b", "#9acd32", "#e09f3e", "#1f5fbf", style.GREY, "#d1495b", "#6d4c9f", style.INK),
         strict=True,
     )
 )
@@ -88,6 +88,7 @@ def run(report: Report) -> None:
 
 def tell(report: Report, rows: Sequence[Row]) -> None:
     """The section: picture, table, checks, and each flight that was not as promised."""
+    rows = [row for row in rows if row.fault in FAULTS]
     cases = _cases(rows)
     if not cases:
         report.text("Not flown yet.")

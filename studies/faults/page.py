@@ -14,6 +14,7 @@ steady delay is there from the start, as jitter is; other faults begin at a rand
 Faults of rings are flown on the courier's way alone, the others on the *square*, too, which nothing stands around.
 
 - *delivered*: the mission is done, without a fault of the companion;
+- *astray*: so it says, but vehicle or parcel is more than a metre from where it belongs;
 - *landed*: the companion held, and landed the vehicle;
 - *withdrew*: the vehicle's own autopilot was asked to hold, and the vehicle is on the ground;
 - *refused*: it never took off;
