@@ -13,10 +13,11 @@ import typer
 from protocol.toml_files import TomlFileError
 from studies.avoidance_page import AVOIDANCE
 from studies.beyond import CONTROL
+from studies.faults.page import FAULTS_PAGE
 from studies.paper import PAPER
 from studies.report import DOCS, Choice, Page, Report, Study, keep, markdown, write_page
 
-PAGES = (PAPER, CONTROL, AVOIDANCE)
+PAGES = (PAPER, CONTROL, AVOIDANCE, FAULTS_PAGE)
 
 MISSED = 1
 """Exit code: a check was not met."""

@@ -15,7 +15,7 @@ from companion.runtime.planning import InProcessPlanner, PlannerBackend, Plannin
 from companion.state import Output
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
-from studies.late_link import LateLink, Lateness
+from studies.faults.injector import Change, Injector
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
@@ -24,7 +24,7 @@ from vehicle_sim.world import World
 
 @dataclass
 class Joined:
-    """A companion and a vehicle that have not met yet. `meddle` may change what the companion hears, at a time (ns)."""
+    """A companion and a vehicle that have not met yet. `meddle` may change what the vehicle says, at a time (ns)."""
 
     mission: Mission
     output: Output = Output.RATES
@@ -36,9 +36,9 @@ class Joined:
     """As "body.mass_kg=0.9", of the simulated vehicle alone: what the companion does not know."""
     world_overrides: tuple[str, ...] = ()
     """As "wind.mean_ned=[0.0, 5.0, 0.0]"."""
-    meddle: Callable[[int, bytes], bytes] = lambda time_ns, data: data
-    lateness: Lateness | None = None
-    """Of the link between both; with one there is no lockstep."""
+    meddle: Change = lambda time_ns, data: data
+    injector: Injector = field(default_factory=Injector)
+    """Between both. With one that does anything there is no lockstep."""
     remembers: bool = True
     """Whether `events` and `sent` are kept: half a megabyte an answer of the planner."""
     said: list[str] = field(default_factory=list)
@@ -58,8 +58,7 @@ class Joined:
             toml_files.find("vehicles", self.mission.vehicle), self.vehicle_overrides
         )
         world = World.load(toml_files.find("worlds", self.mission.world), self.world_overrides)
-        self._link = None if self.lateness is None else LateLink(self.lateness, self.seed)
-        self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=self._link is None)
+        self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=self.injector.keeps_step)
         self.planner = InProcessPlanner(settings.avoidance)
         self.fly_with(self.planner)
 
@@ -80,22 +79,17 @@ class Joined:
     def tick(self) -> None:
         """4 ms."""
         self.truths.append(self.vehicle.state.copy())
-        datagrams, link = self.vehicle.advance(), self._link
+        datagrams, between = self.vehicle.advance(), self.injector
         now = self.vehicle.time_ns
-        if link is not None:
-            for whole in datagrams:
-                link.there.send(link.aged(whole), now)
-            datagrams = link.there.arrived(now)
-        answer = b""
         for whole in datagrams:
-            heard = self.meddle(now, whole)
-            answer += self._driver.handle(Datagram(now, heard))
+            between.to_companion(self.meddle(now, whole), now)
+        answer = b"".join(self._driver.handle(Datagram(now, heard)) for heard in between.at_companion(now))
         answer += self._driver.tick(now)
-        if answer and self.remembers:
-            self.sent.append(answer)
-        if answer and link is not None:
-            link.back.send(answer, now)
-        for arrived in link.back.arrived(now) if link is not None else filter(None, [answer]):
+        if answer:
+            if self.remembers:
+                self.sent.append(answer)
+            between.to_vehicle(answer, now)
+        for arrived in between.at_vehicle(now):
             self.vehicle.receive(arrived)
 
     def fly(self, limit_s: float = 400.0, until: Callable[["Joined"], bool] = lambda joined: False) -> "Joined":
@@ -104,11 +98,6 @@ class Joined:
         while not self.autopilot.ended and self.vehicle.time_ns < end_ns and not until(self):
             self.tick()
         return self
-
-    def be_late(self, lateness: Lateness) -> None:
-        """The link, which is late already, is so late from now on; what is under way is lost."""
-        assert self._link is not None
-        self._link = LateLink(lateness, self.seed + 1)
 
     def freeze(self, seconds: float, backlog: int = 250) -> None:
         """The companion stands still for so long, as after SIGSTOP: what comes queues up, the first so many datagrams

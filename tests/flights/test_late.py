@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from companion.supervision.states import State
+from studies.faults.changes import POSITION, late
+from studies.faults.injector import Change, Injector, Link
 from studies.joined import Joined, mission_of
-from studies.late_link import Lateness
 
 TILT_DEG = 45.0
 """The limit."""
@@ -20,12 +21,16 @@ def steepest_deg(joined: Joined) -> float:
 
 
 @pytest.mark.parametrize(
-    "lateness",
-    [Lateness(there=0.1, back=0.1), Lateness(there=0.01, back=0.09, jitter=0.02, loss=0.1), Lateness(position=0.15)],
+    ("link", "change"),
+    [
+        (Link(there=0.1, back=0.1), None),
+        (Link(there=0.01, back=0.09, jitter=0.02, loss=0.1), None),
+        (Link(), late(POSITION, 0.15)),
+    ],
     ids=["100 ms each way", "asymmetric, jitter, losses", "position 150 ms"],
 )
-def test_a_square_over_a_late_link(lateness: Lateness) -> None:
-    joined = Joined(mission_of("square"), lateness=lateness, remembers=False).fly()
+def test_a_square_over_a_late_link(link: Link, change: Change | None) -> None:
+    joined = Joined(mission_of("square"), injector=Injector(link, change), remembers=False).fly()
     assert joined.vehicle.summary().outcome == "landed" and joined.autopilot.supervisor.fault is None
     assert steepest_deg(joined) < TILT_DEG
     flown = joined.trace()["state"][:-1] == State.FLY.value
@@ -36,7 +41,7 @@ def test_a_square_over_a_late_link(lateness: Lateness) -> None:
 def test_too_late_a_link_is_not_flown() -> None:
     joined = Joined(
         mission_of("hover"),
-        lateness=Lateness(there=0.3, back=0.3),
+        injector=Injector(Link(there=0.3, back=0.3)),
         remembers=False,
         overrides=("supervision.ready_timeout=5.0",),
     ).fly(limit_s=20.0)
@@ -46,10 +51,11 @@ def test_too_late_a_link_is_not_flown() -> None:
 
 
 def test_a_link_that_becomes_too_late_is_withdrawn_from() -> None:
-    joined = Joined(mission_of("square"), lateness=Lateness(there=0.02, back=0.02), remembers=False)
+    between = Injector(Link(there=0.02, back=0.02))
+    joined = Joined(mission_of("square"), injector=between, remembers=False)
     joined.fly(until=lambda joined: joined.vehicle.time_ns > 8 * 10**9)
     assert joined.autopilot.supervisor.state is State.FLY
-    joined.be_late(Lateness(there=0.3, back=0.3))
+    between.link = Link(there=0.3, back=0.3)
     joined.fly(limit_s=40.0)
     fault = joined.autopilot.supervisor.fault
     assert fault is not None and ("ms late, 450 ms at most" in fault or "telemetry lost" in fault)

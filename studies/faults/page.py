@@ -1,0 +1,28 @@
+"""docs/faults.md: what was promised of each fault, and what came of it."""
+
+from studies.report import Page
+
+FAULTS_PAGE = Page(
+    name="faults",
+    introduction="""# Faults, measured
+
+What [failsafes](failsafes.md) promises of a link that is late, lossy or damaged, of telemetry and rings that are stuck
+or wrong, and of clocks that jump, beside what came of it in flight. `studies/faults/catalogue.py` lists the faults;
+`studies/faults/injector.py` stands between the simulated vehicle and the companion and does the harm, from a seed. A
+steady delay is there from the start, as jitter is; other faults begin at a random moment between take-off and landing.
+
+Faults of rings are flown on the courier's way alone, the others on the *square*, too, which nothing stands around.
+
+- *delivered*: the mission is done, without a fault of the companion;
+- *astray*: so it says, but vehicle or parcel is more than a metre from where it belongs;
+- *landed*: the companion held, and landed the vehicle;
+- *withdrew*: the vehicle's own autopilot was asked to hold, and the vehicle is on the ground;
+- *refused*: it never took off;
+- *contact*: it touched an obstacle or hit the ground.
+
+`python -m studies faults --seeds 50` flies all of it, hours on a small machine. Flights are kept in `logs/faults/`, so
+that it goes on where it was ended; they are flown anew when the code of what flies has changed. `--seeds 0` writes the
+page without flying.
+""",
+    studies=("studies.faults.matrix", "studies.faults.over_udp"),
+)
