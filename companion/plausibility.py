@@ -47,22 +47,22 @@ def _turned(angle: float, north: float, east: float) -> tuple[float, float]:
 
 
 class Unchanged:
-    """Since when a message has said the same."""
+    """Since when a message has said the same; looked at where it says again what it said before."""
 
     def __init__(self) -> None:
         self._values: list[float] = []
-        self.since_ms = self._count = 0
+        self.since_ms = self.count = 0
         self.witness: tuple[float, ...] | None = None
         """What another message said then."""
 
     def seconds(self, values: list[float], time_ms: int, witness: tuple[float, ...] | None) -> float:
         """For how long, at the vehicle's time; 0 where that is too short to say anything."""
         if values != self._values or not 0 <= time_ms - self.since_ms < 1e6:
-            self._values, self.since_ms, self._count, self.witness = values, time_ms, 0, witness
+            self._values, self.since_ms, self.count, self.witness = values, time_ms, 1, witness
             return 0.0
-        self._count += 1
+        self.count += 1
         lasts = (time_ms - self.since_ms) * 1e-3
-        return lasts if self._count >= _STILL_COUNT and lasts >= _STILL_S else 0.0
+        return lasts if self.count >= _STILL_COUNT and lasts >= _STILL_S else 0.0
 
 
 class Plausibility:
@@ -80,7 +80,8 @@ class Plausibility:
         """and what is to be added then (m)."""
         self._settled = (0.0, 0.0, [0.0, 0.0, 0.0])
         """These three, as they were before the latest jumps."""
-        self._attitude: tuple[int, list[float], list[float]] | None = None
+        self._attitude: tuple[int, list[float], float] | None = None
+        """Time (ms), attitude and rate of turn as they were believed."""
         self._place: tuple[int, list[float], list[float]] | None = None
         """Time (ms), position and velocity as they were believed, as the vehicle has said them."""
         self._odd: tuple[int, list[float]] | None = None
@@ -121,21 +122,25 @@ class Plausibility:
         if not self.watches:
             return report
         quaternion, rates = report.attitude_ned_frd.tolist(), report.rates_frd.tolist()
-        before, time_ms = self._attitude, report.boot_time_ms
+        before, time_ms, fast = self._attitude, report.boot_time_ms, math.hypot(*rates)
         if before is not None and 0 < time_ms - before[0] < _GAP_S * 1e3:
             dt = (time_ms - before[0]) * 1e-3
-            turning = max(math.hypot(*rates), math.hypot(*before[2]))
-            allowed = _TURN + _TURNING * turning * dt
+            allowed = _TURN + _TURNING * max(fast, before[2]) * dt
             last = before[1]
-            along = quaternion[0] * last[0] + quaternion[1] * last[1] + quaternion[2] * last[2]
-            along += quaternion[3] * last[3]
+            (a, b, c, d), (e, f, g, h) = quaternion, last
+            along = a * e + b * f + c * g + d * h
             if 8.0 * (1.0 - abs(along)) > allowed * allowed and not self._turns(quaternion, last, allowed, now_ns):
                 self._refuse("attitude", now_ns)
                 return None
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
-            self._look_for_stuck_attitude(quaternion, rates, time_ms, now_ns)
-            self._attitude = time_ms, quaternion, rates
-            self._refused_ns.pop("attitude", None)
+            if before is not None and quaternion == before[1]:
+                self._look_for_stuck_attitude(quaternion, rates, time_ms, now_ns)
+            elif self._still_turn.count:
+                self._still_turn, self._still_attitude = Unchanged(), Unchanged()
+                self._stuck.pop("attitude", None)
+            self._attitude = time_ms, quaternion, fast
+            if self._refused_ns:
+                self._refused_ns.pop("attitude", None)
         return report if self._heading == 0.0 else self._attitude_in_flight(report)
 
     def _attitude_in_flight(self, report: AttitudeReport) -> AttitudeReport:
@@ -163,9 +168,11 @@ class Plausibility:
         before, time_ms = self._place, report.boot_time_ms
         if before is not None and 0 < time_ms - before[0] < _GAP_S * 1e3:
             dt = (time_ms - before[0]) * 1e-3
-            way = [p + 0.5 * (v + w) * dt for p, v, w in zip(before[1], before[2], velocity, strict=True)]
-            jumps = math.dist(place, way) > _PLACE_M + _REACH * dt * dt
-            leaps = math.dist(velocity, before[2]) > _SPEED + _PUSH * dt
+            (x, y, z), (u, v, w), (x0, y0, z0), (u0, v0, w0) = place, velocity, before[1], before[2]
+            half = 0.5 * dt
+            away = math.hypot(x - x0 - half * (u + u0), y - y0 - half * (v + v0), z - z0 - half * (w + w0))
+            jumps = away > _PLACE_M + _REACH * dt * dt
+            leaps = math.hypot(u - u0, v - v0, w - w0) > _SPEED + _PUSH * dt
             if (jumps or leaps) and not self._moves(place, velocity, before, dt, leaps, now_ns):
                 if self._odd is None:
                     self._odd = time_ms, place
@@ -174,11 +181,16 @@ class Plausibility:
                     return None
                 self._shift_on(place, before[1], before[2], dt, now_ns)
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
-            self._look_for_stuck_position(place, velocity, time_ms, now_ns)
+            if before is not None and place == before[1]:
+                self._look_for_stuck_position(place, velocity, time_ms, now_ns)
+            elif self._still_place.count:
+                self._still_place, self._still_motion = Unchanged(), Unchanged()
+                self._stuck.pop("position", None)
             if self._heading != self._turn and before is not None:
                 self._compare(velocity, before[2])
             self._place, self._odd = (time_ms, place, velocity), None
-            self._refused_ns.pop("velocity", None)
+            if self._refused_ns:
+                self._refused_ns.pop("velocity", None)
         if self._turn == 0.0 and not any(self._shift):
             return report
         return PositionReport(time_ms, np.array(self._in_flight(place)), np.array(self._along(velocity)))
@@ -263,12 +275,13 @@ class Plausibility:
     # -- faults --------------------------------------------------------------------------------------------------------
 
     def _look_for_stuck_attitude(self, quaternion: list[float], rates: list[float], time_ms: int, now_ns: int) -> None:
-        speed = None if self._place is None else tuple(self._place[2])
-        alike = self._still_turn.seconds(quaternion, time_ms, speed)
-        wholly = self._still_attitude.seconds(quaternion + rates, time_ms, speed)
+        speed = None if self._place is None else self._place[2]
+        level = None if speed is None else tuple(speed[:2])  # climbing needs no other attitude
+        alike = self._still_turn.seconds(quaternion, time_ms, level)
+        wholly = self._still_attitude.seconds(quaternion + rates, time_ms, level)
         stuck = bool(alike) and math.hypot(*rates) * alike > 4.0 * _TURNED
-        if wholly and speed is not None and self._still_attitude.witness is not None:
-            stuck = stuck or math.dist(speed, self._still_attitude.witness) > _PUSHED
+        if wholly and speed is not None and level is not None and self._still_attitude.witness is not None:
+            stuck = stuck or math.dist(level, self._still_attitude.witness) > _PUSHED
             stuck = stuck or (self._asked * wholly > 2.0 * _TURNED and math.hypot(*speed) > _FLIES)
         self._note("attitude", stuck, bool(alike), now_ns)
 
