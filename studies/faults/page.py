@@ -20,9 +20,9 @@ Faults of rings are flown on the courier's way alone, the others on the *square*
 - *refused*: it never took off;
 - *contact*: it touched an obstacle or hit the ground.
 
-`python -m studies faults --seeds 50` flies all of it, hours on a small machine. Flights are kept in `logs/faults/`, so
-that it goes on where it was ended; they are flown anew when the code of what flies has changed. `--seeds 0` writes the
-page without flying.
+`python -m studies faults --seeds 50` flies all of it with as many seeds as the floors are meant for, hours on a small
+machine. Flights are kept in `logs/faults/`, so that it goes on where it was ended; they are flown anew when the code of
+what flies has changed. `--seeds 0` writes the page without flying.
 """,
     studies=("studies.faults.matrix", "studies.faults.over_udp"),
 )

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from protocol.frames import from_euler
 from protocol.framing import Frame, Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.faults import changes
@@ -233,6 +234,15 @@ def test_a_reset_of_the_heading_turns_both_attitudes_and_the_frame_if_asked() ->
     assert (place["vx"], place["vy"]) == (3.0, 0.0)
     assert [moved["vx"], moved["vy"], moved["y"]] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6)
     assert moved["x"] == pytest.approx(-0.5)
+
+
+def test_a_reset_of_the_heading_keeps_roll_and_pitch() -> None:
+    before = Encoder(1, 1).encode_fields(
+        dialect.MAVLink_attitude_quaternion_message, 0, *from_euler(0.3, -0.2, 0.4), 0.0, 0.0, 0.0
+    )
+    after = one(changes.turned(45.0, whole_frame=False)(0, before), ATTITUDE[0])
+    turned = [after[f"q{n}"] for n in (1, 2, 3, 4)]
+    assert turned == pytest.approx(from_euler(0.3, -0.2, 0.4 + math.pi / 4.0).tolist(), abs=1e-6)
 
 
 def test_one_message_alone_is_wrong() -> None:
