@@ -12,11 +12,11 @@ demo: .venv/installed
 
 test: .venv/tested
 	$(MAKE) --jobs 2 --output-sync=target check compiled
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 3  # one more than cores: flights in real time leave them idle
 
 # A minute, once it has run before.
 quick: check
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 3 -m "not slow"
 
 # A flight: it compiles what is compiled once, before the tests would do so side by side.
 compiled: .venv/tested

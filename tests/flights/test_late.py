@@ -63,9 +63,10 @@ def test_a_link_that_becomes_too_late_is_withdrawn_from() -> None:
 
 
 def test_a_link_that_becomes_late_in_flight_is_flown_on() -> None:
-    joined = Joined(mission_of("square"), lateness=Lateness(there=0.02, back=0.02), remembers=False)
+    between = Injector(Link(there=0.02, back=0.02))
+    joined = Joined(mission_of("square"), injector=between, remembers=False)
     joined.fly(until=lambda joined: joined.vehicle.time_ns > 12 * 10**9)
-    joined.be_late(Lateness(there=0.15, back=0.15))
+    between.link = Link(there=0.15, back=0.15)
     joined.fly(limit_s=0.3)
     assert joined.autopilot.link.delays.known.total == pytest.approx(0.3, abs=0.02), "no round trip could tell yet"
     joined.fly(limit_s=12.0)
