@@ -94,6 +94,8 @@ class Plausibility:
         self._still_place, self._still_motion = Unchanged(), Unchanged()
         self._stuck: dict[str, int] = {}
         """What is stuck, and since when that is known."""
+        self._turned = False
+        """The attitude has changed since it is watched: before, a simulator may be at perfect rest."""
         self._asked = 0.0
         """rad/s: how fast the vehicle was asked to turn, the last time."""
         self._gained = 0.0, 0.0
@@ -135,9 +137,11 @@ class Plausibility:
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
             if before is not None and quaternion == before[1]:
                 self._look_for_stuck_attitude(quaternion, rates, time_ms, now_ns)
-            elif self._still_turn.count:
-                self._still_turn, self._still_attitude = Unchanged(), Unchanged()
-                self._stuck.pop("attitude", None)
+            else:
+                self._turned = before is not None
+                if self._still_turn.count:
+                    self._still_turn, self._still_attitude = Unchanged(), Unchanged()
+                    self._stuck.pop("attitude", None)
             self._attitude = time_ms, quaternion, fast
             if self._refused_ns:
                 self._refused_ns.pop("attitude", None)
@@ -280,9 +284,10 @@ class Plausibility:
         alike = self._still_turn.seconds(quaternion, time_ms, level)
         wholly = self._still_attitude.seconds(quaternion + rates, time_ms, level)
         stuck = bool(alike) and math.hypot(*rates) * alike > 4.0 * _TURNED
-        if wholly and speed is not None and level is not None and self._still_attitude.witness is not None:
+        if wholly and speed and level and self._still_attitude.witness is not None:
             stuck = stuck or math.dist(level, self._still_attitude.witness) > _PUSHED
-            stuck = stuck or (self._asked * wholly > 2.0 * _TURNED and math.hypot(*speed) > _FLIES)
+            asked = self._turned and self._asked * wholly > 2.0 * _TURNED
+            stuck = stuck or (asked and math.hypot(*speed) > _FLIES)
         self._note("attitude", stuck, bool(alike), now_ns)
 
     def _look_for_stuck_position(self, place: list[float], velocity: list[float], time_ms: int, now_ns: int) -> None:

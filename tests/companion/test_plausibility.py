@@ -128,6 +128,20 @@ def test_an_attitude_that_stays_the_same_while_the_velocity_changes_is_stuck() -
     assert faults and faults[0] <= 300
 
 
+def test_a_climb_needs_no_other_attitude() -> None:
+    """Nor does a simulator without noise turn at once when it is asked to for the first time."""
+    told = Plausibility()
+    told.watches = True
+    for ms in range(0, 3000, STEP_MS):
+        height = 0.5 * (ms * 1e-3) ** 2
+        place, speed = np.array([0.0, 0.0, -height]), np.array([0.0, 0.0, -ms * 1e-3])
+        told.position(PositionReport(ms, place, speed), ms * MS)
+        told.attitude(AttitudeReport(ms, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), ms * MS)
+        if ms > 2900:
+            told.setpoint(Setpoint([1.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0], 0.5))
+        assert told.fault(ms * MS) is None
+
+
 @pytest.mark.parametrize("speed", [0.0, 1e-4])
 def test_a_vehicle_that_stands_still_may_say_the_same_for_ever(speed: float) -> None:
     """On the ground, or in a simulator without noise; also while it is asked to turn and does not fly yet."""
