@@ -63,11 +63,12 @@ def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, outp
 
 
 def _judge() -> None:
-    """What a flight looks at and the made-up one can't pass: a reset, and rings seen from two places."""
+    """What a flight looks at and the made-up one can't pass: a reset, a ring from two places, and another one."""
     told, check, level = Plausibility(), RingCheck(), np.array((1.0, 0.0, 0.0, 0.0))
     told.watches, flags, still = True, np.ones(72, np.bool_), np.zeros(3)
-    ring = Scan(0, 0, np.radians(np.arange(0.0, 360.0, 5.0)), np.full(72, 3.0), flags, flags)
-    for ms, attitude in ((4, level), (8, np.array((0.0, 0.0, 0.0, 1.0)))):
+    bearings, turned = np.radians(np.arange(0.0, 360.0, 5.0)), np.array((0.0, 0.0, 0.0, 1.0))
+    for ms, attitude, away in ((4, level, 3.0), (8, turned, 3.0), (12, turned, 4.0)):
+        ring = Scan(0, 0, bearings, np.full(72, away), flags, flags)
         told.attitude(AttitudeReport(ms, attitude, still), ms)
         told.position(PositionReport(ms, np.array((float(ms), 0.0, 0.0)), still), ms)
         check.believes(ring, (np.array((float(ms), 0.0, 0.0)), attitude), ms)
