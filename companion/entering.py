@@ -22,7 +22,7 @@ def entered(
         home, fence = link.said.home, link.readiness.fence
         guidance.begin(sensing.present, home, fence)
         said = navigator.adopt(home, sensing.present.position_ned, fence, now)
-        sensing.begin(navigator.lowest_return)
+        sensing.begin(navigator.lowest_return, stands=False)
         return said
     if old in AWAY and new is State.HOLD:
         guidance.brake_from(sensing.present, now)
@@ -33,7 +33,7 @@ def entered(
         home, fence = sensing.present.position_ned, link.readiness.fence
         navigator.begin(home, fence)
         guidance.begin(sensing.present, home, fence)
-        sensing.begin(navigator.lowest_return)
+        sensing.begin(navigator.lowest_return, stands=True)
     elif new is State.FLY and old is State.ARM:
         navigator.start_step(now)
     elif new is State.FLY and old is State.FLY:

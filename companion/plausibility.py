@@ -2,8 +2,9 @@
 
 A jump of position or heading moves the estimator's frame and nothing in the world. So it moves the frame of the flight,
 too: what leaves here goes on without a jump, in the frame of the take-off, and with it mission, references and map. One
-that goes back was an outlier. What does not move although other telemetry says that it must is a fault. Until `watches`
-is set, all is taken as it comes: on the ground estimators settle.
+that goes back was an outlier. What does not move although other telemetry says that it must is a fault; and where each
+message on the ground was another one, as with real sensors, so is what repeats itself. Before `watch`, all is taken as
+it comes: estimators settle.
 """
 
 import math
@@ -28,6 +29,8 @@ _STILL_S, _STILL_COUNT = 0.1, 4
 """Telemetry that has not changed for so long and in so many messages,"""
 _MOVED_M, _TURNED, _PUSHED = 0.1, 0.012, 0.06
 """and should have, by so much (m, rad, m/s), is stuck."""
+_NOISY = 100
+"""So many messages in a row that all differ, from a vehicle that stands, show noise: then none may ever be stuck."""
 _LEVEL = 0.005
 """sin of a tilt that pushes nowhere,"""
 _FLIES = 0.002
@@ -95,6 +98,7 @@ class Plausibility:
 
     def __init__(self) -> None:
         self.watches = False
+        """Set by `watch`."""
         self.refused = 0
         """Reports that were not believed, and jumps that went back."""
         self._heading = 0.0
@@ -115,6 +119,8 @@ class Plausibility:
         """The first and the latest jump of those that have not settled."""
         self._refused_ns: dict[str, int] = {}
         """Since when a kind of report is refused without a break."""
+        self._attitude_calm = self._place_calm = -1
+        """Messages that must differ until their noise is believed in: 0 with noise, -1 where some did not differ."""
         self._still_attitude, self._still_turn = Unchanged(), Unchanged()
         self._still_place, self._still_motion = Unchanged(), Unchanged()
         self._stuck: dict[str, int] = {}
@@ -126,6 +132,11 @@ class Plausibility:
         self._asked_turn = AskedTurn()
         self._gained = 0.0, 0.0
         """m/s: speed gained along and across the way of the vehicle's tilt, since its heading jumped alone."""
+
+    def watch(self, *, stands: bool) -> None:
+        """Judge from now on. Where the vehicle `stands`, it is seen whether its telemetry has noise on it."""
+        self.watches = True
+        self._attitude_calm = self._place_calm = _NOISY if stands else -1
 
     def restart(self) -> None:
         """The vehicle has rebooted: nothing leads from what it said before to what it says now."""
@@ -161,7 +172,10 @@ class Plausibility:
                 self._refuse("attitude", now_ns)
                 return None
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
-            if before is not None and quaternion == before[1]:
+            same = before is not None and quaternion == before[1]
+            if self._attitude_calm > 0 and before is not None:
+                self._attitude_calm = -1 if same else self._attitude_calm - 1
+            if same:
                 self._look_for_stuck_attitude(quaternion, rates, time_ms, now_ns)
             elif self._still_turn.count:
                 self._still_turn, self._still_attitude = Unchanged(), Unchanged()
@@ -209,7 +223,10 @@ class Plausibility:
                     return None
                 self._shift_on(place, before[1], before[2], dt, now_ns)
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
-            if before is not None and place == before[1]:
+            same = before is not None and place == before[1]
+            if self._place_calm > 0 and before is not None:
+                self._place_calm = -1 if same else self._place_calm - 1
+            if same:
                 self._look_for_stuck_position(place, velocity, time_ms, now_ns)
             elif self._still_place.count:
                 self._still_place, self._still_motion = Unchanged(), Unchanged()
@@ -307,7 +324,7 @@ class Plausibility:
         still = self._still_attitude
         alike = self._still_turn.seconds(quaternion, time_ms, speed)
         wholly = still.seconds(quaternion + rates, time_ms, speed)
-        stuck = bool(alike) and math.hypot(*rates) * alike > 4.0 * _TURNED
+        stuck = bool(alike) and (self._attitude_calm == 0 or math.hypot(*rates) * alike > 4.0 * _TURNED)
         if wholly and speed is not None:
             still.witness = still.witness or speed
             stuck = stuck or _aside(quaternion, speed, still.witness) > _PUSHED
@@ -319,7 +336,7 @@ class Plausibility:
         turned = None if self._attitude is None else tuple(self._attitude[1])
         alike = self._still_place.seconds(place, time_ms, turned)
         wholly = self._still_motion.seconds(place + velocity, time_ms, turned)
-        stuck = bool(alike) and math.hypot(*velocity) * alike > _MOVED_M
+        stuck = bool(alike) and (self._place_calm == 0 or math.hypot(*velocity) * alike > _MOVED_M)
         if wholly and turned is not None and self._still_motion.witness is not None:
             along = abs(sum(a * b for a, b in zip(turned, self._still_motion.witness, strict=True)))
             stuck = stuck or 8.0 * (1.0 - along) > _TURNED * _TURNED
@@ -342,7 +359,7 @@ class Plausibility:
     def fault(self, now_ns: int) -> str | None:
         """Why the telemetry can't be true, for so long that it is not to be flown by; None if it may be."""
         for what in self._stuck:
-            return f"{what} stuck while the vehicle moves"
+            return f"{what} stuck"
         for what, since_ns in self._refused_ns.items():
             if now_ns - since_ns > _UNSETTLED_S * 1e9:
                 return f"{what} that the vehicle can't have"

@@ -36,10 +36,11 @@ class Sensing:
         self._batteries: dict[int, BatteryReading] = {}
         """The latest by their source."""
 
-    def begin(self, lowest_return: float) -> None:
+    def begin(self, lowest_return: float, *, stands: bool) -> None:
         """A flight begins: what is sensed is judged from now on. What a scan shows below `lowest_return` (m, NED) is
-        the ground."""
-        self.plausibility.watches = self.judges
+        the ground. `stands`: the vehicle does, it is not taken over in flight."""
+        if self.judges:
+            self.plausibility.watch(stands=stands)
         self._ring_check.ground_down = lowest_return
 
     @property

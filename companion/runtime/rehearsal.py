@@ -65,7 +65,8 @@ def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, outp
 def _judge() -> None:
     """What a flight looks at and the made-up one can't pass: a reset, a ring from two places, and another one."""
     told, check, level = Plausibility(), RingCheck(), np.array((1.0, 0.0, 0.0, 0.0))
-    told.watches, flags, still = True, np.ones(72, np.bool_), np.zeros(3)
+    flags, still = np.ones(72, np.bool_), np.zeros(3)
+    told.watch(stands=False)
     bearings, turned = np.radians(np.arange(0.0, 360.0, 5.0)), np.array((0.0, 0.0, 0.0, 1.0))
     for ms, attitude, away in ((4, level, 3.0), (8, turned, 3.0), (12, turned, 4.0)):
         ring = Scan(0, 0, bearings, np.full(72, away), flags, flags)

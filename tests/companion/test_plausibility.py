@@ -34,7 +34,7 @@ class Flown:
     def __init__(self, change: Change = lambda ms, told: told, until_ms: int = 3000) -> None:
         self.told, self.news, self.fault_ms = Plausibility(), list[str](), math.inf
         self.attitudes, self.places = list[tuple[int, Array]](), list[tuple[int, Array, Array]]()
-        self.told.watches = True
+        self.told.watch(stands=False)
         for ms in range(0, until_ms, STEP_MS):
             attitude, position = motion(ms)
             if ms >= FAULT_MS:
@@ -120,7 +120,7 @@ def test_what_stands_still_in_motion_is_a_fault_within_300_ms(change: Change) ->
 
 def test_an_attitude_that_stays_the_same_while_the_velocity_changes_is_stuck() -> None:
     told, faults = Plausibility(), list[int]()
-    told.watches = True
+    told.watch(stands=False)
     for ms in range(0, 1000, STEP_MS):
         told.position(motion(ms)[1], ms * MS)
         told.attitude(frozen_level(ms, motion(ms))[0], ms * MS)
@@ -132,7 +132,7 @@ def test_an_attitude_that_stays_the_same_while_the_velocity_changes_is_stuck() -
 def test_a_vehicle_that_stands_still_may_say_the_same_for_ever(speed: float) -> None:
     """On the ground, or in a simulator without noise; also while it is asked to turn and does not fly yet."""
     told = Plausibility()
-    told.watches = True
+    told.watch(stands=False)
     for ms in range(0, 20_000, STEP_MS):
         assert told.attitude(AttitudeReport(ms, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), ms * MS) is not None
         assert told.position(PositionReport(ms, np.zeros(3), np.array([speed, 0.0, 0.0])), ms * MS) is not None
@@ -144,7 +144,8 @@ def climbing(asked: float, until_ms: int, late_s: float = 0.0) -> float:
     """A climb at a level attitude that never changes, in which a turn is asked for (rad/s) from FAULT_MS on; ms from
     then on to the fault."""
     told = Plausibility()
-    told.watches, told.late_s = True, late_s
+    told.late_s = late_s
+    told.watch(stands=True)
     for ms in range(0, FAULT_MS + until_ms, STEP_MS):
         told.attitude(AttitudeReport(ms, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), ms * MS)
         speed = 1e-3 * ms  # m/s
@@ -166,6 +167,39 @@ def test_a_climb_at_a_constant_attitude_is_none_that_is_stuck() -> None:
 def test_an_attitude_that_does_not_follow_what_is_asked_is_stuck(late_s: float) -> None:
     """Though it is the same since the start; over a late link an answer takes its time."""
     assert 1e3 * late_s + 100 <= climbing(asked=1.0, until_ms=1500, late_s=late_s) <= 1e3 * late_s + 200
+
+
+def hovering(noise: float, frozen: Callable[[Telemetry, Telemetry], Telemetry], *, stands: bool = True) -> float:
+    """A vehicle at rest whose telemetry has noise (rad, m), watched from the start; ms from FAULT_MS on, when it is
+    `frozen` to what was said then, to the fault."""
+    told, rng = Plausibility(), np.random.default_rng(3)
+    told.watch(stands=stands)
+    kept: Telemetry | None = None
+    for ms in range(0, 3000, STEP_MS):
+        attitude = AttitudeReport(ms, from_euler(*(noise * rng.standard_normal(3))), noise * rng.standard_normal(3))
+        position = PositionReport(ms, noise * rng.standard_normal(3), noise * rng.standard_normal(3))
+        if ms >= FAULT_MS:
+            kept = kept or (attitude, position)
+            attitude, position = frozen(kept, (attitude, position))
+        told.attitude(AttitudeReport(ms, attitude.attitude_ned_frd, attitude.rates_frd), ms * MS)
+        told.position(PositionReport(ms, position.position_ned, position.velocity_ned), ms * MS)
+        if told.fault(ms * MS):
+            return ms - FAULT_MS
+    return math.inf
+
+
+@pytest.mark.parametrize(
+    "frozen",
+    [lambda kept, told: (kept[0], told[1]), lambda kept, told: (told[0], kept[1])],
+    ids=["attitude", "position"],
+)
+def test_what_had_noise_and_repeats_itself_is_stuck_though_nothing_moves(
+    frozen: Callable[[Telemetry, Telemetry], Telemetry],
+) -> None:
+    assert hovering(1e-6, frozen) <= 150
+    assert hovering(0.0, frozen) == math.inf, "a simulator without noise"
+    assert hovering(1e-6, frozen, stands=False) == math.inf, "taken over in flight: it may have been the motion"
+    assert hovering(1e-6, lambda kept, told: told) == math.inf
 
 
 @pytest.mark.parametrize("angle", [-90.0, 45.0, 90.0, 170.0])
@@ -236,7 +270,7 @@ def test_a_frame_that_turned_at_a_standstill_is_known_by_how_the_vehicle_speeds_
     """At the origin nothing else tells; the vehicle pitches down and gathers speed to the north, which it had as its
     heading."""
     told, change, way = Plausibility(), turned(angle, whole=whole), np.zeros(3)
-    told.watches = True
+    told.watch(stands=False)
     for ms in range(0, 3000, STEP_MS):
         pitch = 0.2 * min(max((ms - 1000) / 100.0, 0.0), 1.0)
         s = max(ms - 1000, 0) * 1e-3

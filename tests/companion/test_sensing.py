@@ -201,7 +201,7 @@ def test_a_clock_that_was_set_changes_nothing_else(by_ms: int) -> None:
 def test_what_is_not_believed_is_counted() -> None:
     sensing = flown()
     assert set(sensing.implausible.values()) == {0}
-    sensing.begin(0.0)
+    sensing.begin(0.0, stands=True)
     stamp = sensing.boot_time_ms
     for ms, speed in ((0, 2.0), (4, 2.0), (8, 90.0), (12, 90.0)):
         sensing.take(attitude(stamp + ms), SECOND + ms)

@@ -60,7 +60,7 @@ def test_answers_are_what_the_companion_says_after_the_fault() -> None:
         (19.0, "no ring for 0.51 s: holding"),
         (20.5, "vehicle: Landing: holding"),
         (20.6, "route, step 2 of 7"),
-        (20.7, "bad telemetry (position stuck while the vehicle moves): the vehicle is asked to hold"),
+        (20.7, "bad telemetry (position stuck): the vehicle is asked to hold"),
         (25.7, "held for 5 s: landing"),
     ]
     given = answers(said, 20.0)

@@ -242,3 +242,5 @@ def test_distances_that_the_format_does_not_have_are_no_ring() -> None:
     with pytest.raises(wire.RefusedRingError, match="distances beyond"):
         wire.obstacle_distance(ring([500] * 70 + [30_000, 40_000]), 0)
     assert not wire.obstacle_distance(ring([60_000] * 72), 0).hit.any(), "one word for nothing there"
+    most = ring([500] * 72).max_distance
+    assert wire.obstacle_distance(ring([500] * 70 + [most + 1, 60_000]), 0).hit.sum() == 70, "beside the format's own"
