@@ -7,6 +7,7 @@ import pytest
 
 from companion.link.delays import Delays
 from protocol.clock_offset import ClockOffset
+from protocol.peer import Peer
 
 MS = 1_000_000
 PERIOD_S = 0.004
@@ -106,3 +107,14 @@ def test_before_any_round_trip_the_way_back_is_taken_to_be_as_late(age_ms: int, 
     delays = Delays(PERIOD_S, 0.5)
     delays.arrived(age_ms * MS, 0, ClockOffset())
     assert (delays.shortcoming(0.45) is not None) == refused
+
+
+def test_when_an_attitude_was_measured() -> None:
+    """By its own age where that can be true; as long ago as usual where it queued up, or the clock is not known."""
+    delays = measured(40, 84)
+    peer, now_ns = Peer(1, 1), 100_000 * MS
+    assert delays.known.age == 0.04
+    assert delays.measured_ns(99_990, now_ns, None) == delays.measured_ns(99_990, now_ns, peer) == now_ns - 40 * MS
+    peer.offset_ns = 500 * MS
+    for age_ms, taken_ms in ((0, 0), (10, 10), (500, 500), (501, 40), (-3, 0)):
+        assert delays.measured_ns(100_500 - age_ms, now_ns, peer) == now_ns - taken_ms * MS

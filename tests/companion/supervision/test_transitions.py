@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import Supervision
-from companion.state import FlightMode, VehicleRequest
+from companion.state import FlightMode, Severity, VehicleRequest
 from companion.supervision.health import Health
 from companion.supervision.states import AWAY, COMMANDED, FLYING, FOLLOWING, REQUESTS, STREAMING, State
 from companion.supervision.transitions import TABLE
@@ -91,6 +91,7 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.WATCH, FLOWN, {**OWN_FAILSAFE, **STUCK}, 60.0, State.LAND),
     (State.WATCH, FLOWN, STUCK, 60.0, State.LAND),
     (State.WATCH, FLOWN, {**OWN_FAILSAFE, **GROUNDED, **STUCK}, 60.0, State.DISARM),
+    (State.WATCH, FLOWN, {**OWN_FAILSAFE, **GROUNDED, "landed_for": S.disarm_after}, 60.0, State.WATCH),
     (State.WATCH, FLOWN, {**OWN_FAILSAFE, "landed": True, **STUCK, "landed_for": 1.0}, 60.0, State.WATCH),
     (State.WATCH, FLOWN, {"mode": MANUAL, **TAKEN_OVER}, 5.0, State.RELEASED),
     (State.WATCH, FLOWN, {"armed": False, "mode": HOLD}, 20.0, State.ENDED),
@@ -174,3 +175,12 @@ def test_every_state_but_the_last_is_left_when_the_vehicle_falls_silent() -> Non
     for state in set(State) - {State.FIND, State.ENDED}:
         health = replace(FLOWN, silence=S.silence_timeout + 0.1, current=False)
         assert follows(state, health) is State.ENDED, state
+
+
+def test_what_is_grave_or_ends_a_flight_before_its_mission_is_a_fault() -> None:
+    """All but what may be cured in flight, and the end of a landing or of a disarming, which had its cause before."""
+    for row in TABLE:
+        if row.severity in (Severity.ERROR, Severity.CRITICAL) and row.to not in (State.HOLD, State.GAP):
+            assert row.fault, row.text
+        if row.to in (State.ENDED, State.RELEASED) and not row.states <= {State.LAND, State.DISARM}:
+            assert row.fault, row.text
