@@ -54,7 +54,7 @@ SLOW_OR_LANDED = Promise("flies on slowly, or is landed or refused", frozenset({
 HOLDS = Promise("holds within 0.5 s, lands after 5 s", frozenset({LANDED}), "hold", 0.55)
 WITHDRAWS = Promise("withdraws within 0.3 s, lands after 5 s", frozenset({WITHDREW}), "withdraw", 0.32)
 LOST = Promise("brakes at once, withdraws at 0.5 s, lands after 5 s", frozenset({WITHDREW}), "withdraw", 0.55)
-NEW_SESSION = Promise("flies on, or withdraws", frozenset({DELIVERED, WITHDREW}))
+NEW_CLOCK = Promise("flies on by the new clock, says so", frozenset({DELIVERED}), "follow", 0.3)
 
 COMBINED = Link(there=0.05, back=0.05, jitter=0.02, loss=0.1, duplicated=0.05, reordered=0.05, corrupted=0.02)
 
@@ -161,8 +161,8 @@ def _telemetry() -> tuple[Fault, ...]:
         Fault("vx = 140 m/s", "for good", WITHDRAWS, change=_new(changes.swift, 140.0, one=False)),
         Fault("position", "lost", LOST, change=_new(changes.missing, POSITION)),
         *stamps,
-        Fault("clock back", "by 0.5 s", NEW_SESSION, change=_new(changes.clock_back, 0.5), over_udp=True),
-        Fault("clock back", "to 0", NEW_SESSION, change=_new(changes.clock_back, None)),
+        Fault("clock back", "by 0.5 s", NEW_CLOCK, change=_new(changes.clock_back, 0.5), over_udp=True),
+        Fault("clock back", "to 0", NEW_CLOCK, change=_new(changes.clock_back, None)),
         Fault("heartbeat", "none for 3.2 s", FLIES_ON, change=_new(changes.missing, HEARTBEAT, 3.2)),
     )
 
