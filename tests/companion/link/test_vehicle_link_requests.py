@@ -58,6 +58,7 @@ def test_a_request_is_repeated_with_a_rising_confirmation_until_it_is_exhausted(
     for _, message in asked:
         assert (message.target_system, message.target_component) == (1, 1)
         assert (message.command, message.param1) == (ARM, 1.0)
+        assert {getattr(message, f"param{number}") for number in range(2, 8)} == {0.0}
     just_before = NOW + (last_ms + interval_ms) * MS - 1
     assert link.report(just_before, VehicleRequest.ARM, before_flight=True).exhausted is None
     report = link.report(just_before + 1, VehicleRequest.ARM, before_flight=True)

@@ -186,6 +186,16 @@ def test_it_returns_in_time_for_the_way_home(rate: float) -> None:
     assert "needed for the way home" in out.news[-1]
 
 
+def test_consumption_is_that_of_the_last_minute_where_it_has_risen() -> None:
+    """Five minutes of little, then ten times as much: 80 s from home, half of the charge is none too much."""
+    told, charge = flight(), 0.95
+    for second in range(400):
+        charge -= 0.0004 if second < 300 else 0.004
+        told.landing_s = 80.0
+        told.second(b0=percent(charge))
+    assert charge > 0.4 and told.level is RETURN
+
+
 @pytest.mark.parametrize("sag", [0.05, 0.15])
 def test_the_sag_at_the_take_off_is_not_taken_for_consumption(sag: float) -> None:
     told = flight()
