@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from companion.config import Settings
+from companion.control import margin
 from companion.control.margin import FLOOR, LEAST_PACE, Design, feedback, pace_for, phase_margin, plant
 from companion.control.parameters import controller_parameters, design_of
 from companion.runtime.files import load_body
@@ -80,3 +82,12 @@ def test_the_margin_is_what_a_simulated_loop_bears(delay: float) -> None:
         low, high = (middle, high) if phase_margin(each, delay, middle) > 0.0 else (low, middle)
     assert not grows(each, delay, 0.85 * low)
     assert grows(each, delay, 1.15 * low)
+
+
+@pytest.mark.parametrize("each", DESIGNS)
+@pytest.mark.parametrize("seconds", [0.0, 0.004, 0.1, 0.5])
+def test_the_exponential_is_scipy_s(each: Design, seconds: float) -> None:
+    """It has one of its own, since the import of scipy costs a companion's start more than all else."""
+    free, push = plant(each)
+    for matrix in (free, free - np.outer(push, feedback(each, 1.0))):
+        assert margin._exponential(matrix, seconds) == pytest.approx(scipy.linalg.expm(matrix * seconds), abs=1e-9)
