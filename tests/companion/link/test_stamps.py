@@ -51,6 +51,14 @@ def test_wrong_stamps_that_go_on_show_that_the_clock_was_set(wrong_ms: int) -> N
     assert [each for each in found if each] == [-wrong_ms], "it is set back"
 
 
+def test_with_jitter_a_clock_that_was_set_is_seen_as_soon() -> None:
+    vehicle, generator = Vehicle(), random.Random(18)
+    vehicle.run(100)
+    found = [vehicle.run(1, delay_ms=generator.randrange(20, 60), wrong_ms=4000)[0] for _ in range(40)]
+    (set_by_ms,) = filter(None, found)
+    assert set_by_ms == pytest.approx(4000, abs=80) and found.count(None) < 20
+
+
 @pytest.mark.parametrize("delay_ms", [0, 150, 600])
 def test_a_link_that_changes_sets_no_clock(delay_ms: int) -> None:
     vehicle = Vehicle()
