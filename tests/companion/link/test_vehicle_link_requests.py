@@ -261,6 +261,7 @@ def test_only_what_comes_too_slowly_is_asked_for_again() -> None:
     asks = [message for message in sent(link) if message.get_type() == "COMMAND_LONG"]
     (ask,) = [message for message in asks if message.param1 not in WELCOME]
     assert (ask.command, ask.param1, ask.param2) == (dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 32.0, 4000.0)
+    assert {getattr(ask, f"param{number}") for number in range(3, 8)} == {0.0}
 
 
 def test_what_is_good_to_have_is_asked_for_a_few_times_and_never_lacking() -> None:

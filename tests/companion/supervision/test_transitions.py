@@ -184,3 +184,5 @@ def test_what_is_grave_or_ends_a_flight_before_its_mission_is_a_fault() -> None:
             assert row.fault, row.text
         if row.to in (State.ENDED, State.RELEASED) and not row.states <= {State.LAND, State.DISARM}:
             assert row.fault, row.text
+        if State.ARM in row.states and row.to is State.DISARM:
+            assert row.fault, row.text
