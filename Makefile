@@ -10,9 +10,10 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --co
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
 
+# One worker more than cores: flights in real time leave them idle.
 test: .venv/tested
 	$(MAKE) --jobs 2 --output-sync=target check compiled
-	$(BIN)/python -m pytest -n 3  # one more than cores: flights in real time leave them idle
+	$(BIN)/python -m pytest -n 3
 
 # A minute, once it has run before.
 quick: check

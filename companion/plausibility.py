@@ -30,7 +30,7 @@ _STILL_S, _STILL_COUNT = 0.1, 4
 _MOVED_M, _TURNED, _PUSHED = 0.1, 0.012, 0.06
 """and should have, by so much (m, rad, m/s), is stuck."""
 _NOISY = 100
-"""So many messages in a row that all differ, from a vehicle that stands, show noise: then none may ever be stuck."""
+"""So many messages in a row that all differ, from a vehicle that stands, show noise: none repeats the one before."""
 _LEVEL = 0.005
 """sin of a tilt that pushes nowhere,"""
 _FLIES = 0.002
@@ -119,12 +119,12 @@ class Plausibility:
         """The first and the latest jump of those that have not settled."""
         self._refused_ns: dict[str, int] = {}
         """Since when a kind of report is refused without a break."""
-        self._attitude_calm = self._place_calm = -1
-        """Messages that must differ until their noise is believed in: 0 with noise, -1 where some did not differ."""
+        self._attitude_noise_due = self._place_noise_due = -1
+        """So many messages must still differ; 0: they have noise, -1: they have none, or it is not known."""
         self._still_attitude, self._still_turn = Unchanged(), Unchanged()
         self._still_place, self._still_motion = Unchanged(), Unchanged()
-        self._stuck: dict[str, int] = {}
-        """What is stuck, and since when that is known."""
+        self._stuck: set[str] = set()
+        """What was stuck is so until it changes."""
         self._asked = 0.0
         """rad/s: how fast the vehicle was asked to turn, the last time."""
         self.late_s = 0.0
@@ -136,7 +136,7 @@ class Plausibility:
     def watch(self, *, stands: bool) -> None:
         """Judge from now on. Where the vehicle `stands`, it is seen whether its telemetry has noise on it."""
         self.watches = True
-        self._attitude_calm = self._place_calm = _NOISY if stands else -1
+        self._attitude_noise_due = self._place_noise_due = _NOISY if stands else -1
 
     def restart(self) -> None:
         """The vehicle has rebooted: nothing leads from what it said before to what it says now."""
@@ -173,13 +173,13 @@ class Plausibility:
                 return None
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
             same = before is not None and quaternion == before[1]
-            if self._attitude_calm > 0 and before is not None:
-                self._attitude_calm = -1 if same else self._attitude_calm - 1
+            if self._attitude_noise_due > 0 and before is not None:
+                self._attitude_noise_due = -1 if same else self._attitude_noise_due - 1
             if same:
-                self._look_for_stuck_attitude(quaternion, rates, time_ms, now_ns)
+                self._look_for_stuck_attitude(quaternion, rates, time_ms)
             elif self._still_turn.count:
                 self._still_turn, self._still_attitude = Unchanged(), Unchanged()
-                self._stuck.pop("attitude", None)
+                self._stuck.discard("attitude")
             self._attitude = time_ms, quaternion, fast
             if self._refused_ns:
                 self._refused_ns.pop("attitude", None)
@@ -224,13 +224,13 @@ class Plausibility:
                 self._shift_on(place, before[1], before[2], dt, now_ns)
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
             same = before is not None and place == before[1]
-            if self._place_calm > 0 and before is not None:
-                self._place_calm = -1 if same else self._place_calm - 1
+            if self._place_noise_due > 0 and before is not None:
+                self._place_noise_due = -1 if same else self._place_noise_due - 1
             if same:
-                self._look_for_stuck_position(place, velocity, time_ms, now_ns)
+                self._look_for_stuck_position(place, velocity, time_ms)
             elif self._still_place.count:
                 self._still_place, self._still_motion = Unchanged(), Unchanged()
-                self._stuck.pop("position", None)
+                self._stuck.discard("position")
             if self._heading != self._turn and before is not None:
                 self._compare(velocity, before[2])
             self._place, self._odd = (time_ms, place, velocity), None
@@ -319,35 +319,30 @@ class Plausibility:
 
     # -- faults --------------------------------------------------------------------------------------------------------
 
-    def _look_for_stuck_attitude(self, quaternion: list[float], rates: list[float], time_ms: int, now_ns: int) -> None:
+    def _look_for_stuck_attitude(self, quaternion: list[float], rates: list[float], time_ms: int) -> None:
         speed = None if self._place is None else tuple(self._place[2])
         still = self._still_attitude
         alike = self._still_turn.seconds(quaternion, time_ms, speed)
         wholly = still.seconds(quaternion + rates, time_ms, speed)
-        stuck = bool(alike) and (self._attitude_calm == 0 or math.hypot(*rates) * alike > 4.0 * _TURNED)
+        stuck = bool(alike) and (self._attitude_noise_due == 0 or math.hypot(*rates) * alike > 4.0 * _TURNED)
         if wholly and speed is not None:
             still.witness = still.witness or speed
             stuck = stuck or _aside(quaternion, speed, still.witness) > _PUSHED
             shows = self._asked_turn.shows(still.since_ms, time_ms, self._asked, self.late_s)
             stuck = stuck or (shows and math.hypot(*speed) > _FLIES)
-        self._note("attitude", stuck, bool(alike), now_ns)
+        if stuck:
+            self._stuck.add("attitude")
 
-    def _look_for_stuck_position(self, place: list[float], velocity: list[float], time_ms: int, now_ns: int) -> None:
+    def _look_for_stuck_position(self, place: list[float], velocity: list[float], time_ms: int) -> None:
         turned = None if self._attitude is None else tuple(self._attitude[1])
         alike = self._still_place.seconds(place, time_ms, turned)
         wholly = self._still_motion.seconds(place + velocity, time_ms, turned)
-        stuck = bool(alike) and (self._place_calm == 0 or math.hypot(*velocity) * alike > _MOVED_M)
+        stuck = bool(alike) and (self._place_noise_due == 0 or math.hypot(*velocity) * alike > _MOVED_M)
         if wholly and turned is not None and self._still_motion.witness is not None:
             along = abs(sum(a * b for a, b in zip(turned, self._still_motion.witness, strict=True)))
             stuck = stuck or 8.0 * (1.0 - along) > _TURNED * _TURNED
-        self._note("position", stuck, bool(alike), now_ns)
-
-    def _note(self, what: str, stuck: bool, alike: bool, now_ns: int) -> None:
-        """What was stuck is so until it changes."""
         if stuck:
-            self._stuck.setdefault(what, now_ns)
-        elif not alike and self._stuck:
-            self._stuck.pop(what, None)
+            self._stuck.add("position")
 
     def _refuse(self, what: str, now_ns: int) -> None:
         self.refused += 1
@@ -358,8 +353,8 @@ class Plausibility:
 
     def fault(self, now_ns: int) -> str | None:
         """Why the telemetry can't be true, for so long that it is not to be flown by; None if it may be."""
-        for what in self._stuck:
-            return f"{what} stuck"
+        if self._stuck:
+            return f"{' and '.join(sorted(self._stuck))} stuck"
         for what, since_ns in self._refused_ns.items():
             if now_ns - since_ns > _UNSETTLED_S * 1e9:
                 return f"{what} that the vehicle can't have"

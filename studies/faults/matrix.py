@@ -91,7 +91,8 @@ def tell(report: Report, rows: Sequence[Row]) -> None:
     if not cases:
         report.text("Not flown yet.")
         return
-    report.text(f"{len(rows)} flights, with the seeds 1 to {max(row.seed for row in rows)}.")
+    last = max(row.seed for row in rows)
+    report.text(f"{len(rows)} flights, with {'the seeds 1 to' if last > 1 else 'seed'} {last}.")
     report.figure(
         picture(cases),
         report.name,

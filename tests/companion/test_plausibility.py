@@ -15,6 +15,7 @@ from protocol.frames import from_euler, multiply, rotate
 MS = 1_000_000
 STEP_MS = 8
 FAULT_MS = 1000
+TILTED = from_euler(0.05, -0.1, 0.0)
 Telemetry = tuple[AttitudeReport, PositionReport]
 Change = Callable[[int, Telemetry], Telemetry]
 
@@ -167,6 +168,20 @@ def test_a_climb_at_a_constant_attitude_is_none_that_is_stuck() -> None:
 def test_an_attitude_that_does_not_follow_what_is_asked_is_stuck(late_s: float) -> None:
     """Though it is the same since the start; over a late link an answer takes its time."""
     assert 1e3 * late_s + 100 <= climbing(asked=1.0, until_ms=1500, late_s=late_s) <= 1e3 * late_s + 200
+
+
+@pytest.mark.parametrize(("along", "stuck"), [((2.0, 1.0), False), ((-2.0, -1.0), False), ((1.0, -2.0), True)])
+def test_a_constant_tilt_pushes_along_itself(along: tuple[float, float], stuck: bool) -> None:
+    """Nose down to the north and right side down to the east, twice as much of the first."""
+    told, faults = Plausibility(), list[str]()
+    told.watch(stands=False)
+    for ms in range(0, 2000, STEP_MS):
+        s = ms * 1e-3
+        speed = 0.2 * s * np.array([*along, 0.0])
+        told.position(PositionReport(ms, 0.5 * s * speed, speed), ms * MS)
+        told.attitude(AttitudeReport(ms, TILTED, np.zeros(3)), ms * MS)
+        faults += filter(None, [told.fault(ms * MS)])
+    assert bool(faults) is stuck
 
 
 def hovering(noise: float, frozen: Callable[[Telemetry, Telemetry], Telemetry], *, stands: bool = True) -> float:

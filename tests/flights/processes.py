@@ -1,7 +1,5 @@
 """Companion and simulator as real processes on loopback, for tests that kill and disturb them."""
 
-import importlib
-import io
 import json
 import os
 import queue
@@ -9,16 +7,13 @@ import select
 import signal
 import socket
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from tests.flights.warm import start
 
@@ -58,24 +53,6 @@ def run(module: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
         printed = out.read()
         process.join()
     return subprocess.CompletedProcess((module, *arguments), process.exitcode or 0, printed, wrong.result())
-
-
-def run_here(module: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
-    """The same in this process: for what ends before anything is started, without a second's imports."""
-    out, errors = io.StringIO(), io.StringIO()
-    main = importlib.import_module(f"{module}.cli").main
-    code: object = 0
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        redirect_stdout(out),
-        redirect_stderr(errors),
-    ):
-        patch.setattr(sys, "argv", [module, *arguments])
-        try:
-            main()
-        except SystemExit as ended:
-            code = ended.code
-    return subprocess.CompletedProcess(arguments, int(str(code or 0)), out.getvalue(), errors.getvalue())
 
 
 @dataclass

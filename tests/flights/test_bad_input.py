@@ -1,16 +1,14 @@
 """What a person can get wrong: one clear line that names the thing and the place, and an exit code that is not 0."""
 
 import socket
-from collections.abc import Callable
 from pathlib import Path
-from subprocess import CompletedProcess
 
 import pytest
 
-from tests.flights.processes import run, run_here
+from tests.flights.processes import run
 
 
-def refused(*arguments: str, run: Callable[..., "CompletedProcess[str]"] = run_here) -> str:
+def refused(*arguments: str) -> str:
     """The one line on stderr of a command that can't be carried out."""
     done = run(*arguments)
     assert done.returncode == 2, (done.returncode, done.stderr)
@@ -56,7 +54,7 @@ def test_settings_file(tmp_path: Path) -> None:
 
 
 def test_mission_and_its_files(tmp_path: Path) -> None:
-    line = refused("companion", "fly", "atlantis", run=run)
+    line = refused("companion", "fly", "atlantis")
     assert "atlantis" in line and "courier" in line
     path = tmp_path / "mine.toml"
     path.write_text('name = "x"\nworld = "nowhere"\n[[waypoints]]\nnorth = 1.0\neast = 0.0\nheight = 2.0\n')
@@ -98,11 +96,11 @@ def test_no_vehicle(tmp_path: Path) -> None:
 def test_log_folder_that_is_a_file(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text("")
-    assert str(path) in refused(*FLY, "--log", str(path), run=run)
+    assert str(path) in refused(*FLY, "--log", str(path))
 
 
 def test_log_folder_that_is_read_only() -> None:
-    assert "/proc" in refused(*FLY, "--log", "/proc", run=run)
+    assert "/proc" in refused(*FLY, "--log", "/proc")
 
 
 def test_log_that_can_not_be_read(tmp_path: Path) -> None:
@@ -113,7 +111,7 @@ def test_log_that_can_not_be_read(tmp_path: Path) -> None:
 
 
 def test_simulator() -> None:
-    assert "atlantis" in refused("vehicle_sim", "--world", "atlantis", run=run)
+    assert "atlantis" in refused("vehicle_sim", "--world", "atlantis")
     assert "saucer" in refused("vehicle_sim", "--vehicle", "saucer")
     assert "slow" in refused("vehicle_sim", "--pace", "slow")
 

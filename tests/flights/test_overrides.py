@@ -10,7 +10,7 @@ from companion.runtime.files import load_mission
 from protocol.flightlog import LogReader
 from protocol.toml_files import find
 from protocol.vehicle_parameters import GRAVITY
-from tests.flights.processes import run, run_here
+from tests.flights.processes import run
 from vehicle_sim.airframe import Airframe
 
 AIRFRAME = Airframe.load(find("vehicles", "paper_quad"))
@@ -62,7 +62,7 @@ def test_a_mission_is_changed_before_it_is_checked() -> None:
     ],
 )
 def test_what_can_not_be_is_one_line_and_exit_code_2(tmp_path: Path, arguments: list[str], names: list[str]) -> None:
-    done = run_here("companion", *arguments, "--log", str(tmp_path))
+    done = run("companion", *arguments, "--log", str(tmp_path))
     assert done.returncode == 2
     assert done.stdout == "" and done.stderr.count("\n") == 1
     assert all(name in done.stderr for name in names)
