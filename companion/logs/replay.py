@@ -231,10 +231,9 @@ class _Second:
                 self._overdue()
         if log.problem is not None:
             self._say(log.problem)
-        end = log.metadata.get("flightlog end", {})
-        missing = int(end.get("dropped", "0")) + int(end.get("lost", "0"))
+        missing = [f"{count} {name}" for name, count in log.missing.items() if name != "undecoded"]
         if missing:
-            self._say(f"{missing} records did not reach the log in flight, so it can't come out the same")
+            self._say(f"records did not reach the log in flight ({', '.join(missing)}): it can't come out the same")
         self.flown_s = (last_ns - (first_ns or 0)) * 1e-9
 
     def _copy(self, writer: Writer, record: Record) -> None:

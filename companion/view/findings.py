@@ -137,10 +137,8 @@ def _file(flight: GatheredFlight) -> list[Finding]:
     found = []
     if flight.log.problem is not None:
         found.append(Finding(Level.WARNING, "log", f"The log is not whole: {flight.log.problem}."))
-    end = flight.log.metadata.get("flightlog end", {})
-    lost = {name: int(end.get(name, "0")) for name in ("dropped", "lost", "undecoded")}
-    if any(lost.values()):
-        figures = ", ".join(f"{count} {name}" for name, count in lost.items())
+    if flight.log.missing:
+        figures = ", ".join(f"{count} {name}" for name, count in flight.log.missing.items())
         found.append(Finding(Level.WARNING, "log", "Not every record reached the log.", (figures,)))
     return found
 

@@ -51,6 +51,14 @@ class LogReader:
         """What is wrong with the file, or None."""
         return f"{self.path}: {self._problems}" if self._problems else None
 
+    @property
+    def missing(self) -> dict[str, str]:
+        """How many records did not reach the log, in the recorder's words, by what became of them: dropped (it was too
+        slow), lost (it could not write), undecoded (there as bytes alone). Empty for a log that has all, or that was
+        not closed."""
+        end = self.metadata.get("flightlog end", {})
+        return {name: end[name] for name in ("dropped", "lost", "undecoded") if end.get(name, "0") != "0"}
+
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
         """The messages of `topics` (None: of all) in the order in which they were written."""
         is_wanted = (lambda topic: True) if topics is None else topics.__contains__

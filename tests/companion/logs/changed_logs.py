@@ -19,14 +19,16 @@ def rewritten(
     target: Path,
     change: Callable[[Record], Sequence[Record]] = lambda record: (record,),
     flight: dict[str, str] | None = None,
+    end: dict[str, str] | None = None,
     attachment: Callable[[str, bytes], bytes] = lambda name, content: content,
 ) -> Path:
-    """`source` with each record replaced by what `change` makes of it, entries of the metadata "flight" set, and the
-    attachments by what `attachment` makes of them."""
+    """`source` with each record replaced by what `change` makes of it, entries of the metadata "flight" and "flightlog
+    end" set, and the attachments by what `attachment` makes of them."""
     log = LogReader(source)
     kinds = log.topics
     metadata = {name: table for name, table in log.metadata.items() if name != "flightlog"}
-    metadata["flight"] = metadata.get("flight", {}) | (flight or {})
+    for name, entries in (("flight", flight), ("flightlog end", end)):
+        metadata[name] = metadata.get(name, {}) | (entries or {})
     with Writer(target, log.epoch_ns, metadata) as writer:
         for name, content in log.attachments.items():
             writer.attach(name, attachment(name, content))

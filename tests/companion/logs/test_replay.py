@@ -212,6 +212,16 @@ def test_it_ends_where_records_are_missing(fly: Flyer, tmp_path: Path) -> None:
     assert any("records are missing after 6.000 s" in note for note in result.notes)
 
 
+@pytest.mark.parametrize("lost", ["3", "many"])
+def test_records_that_never_reached_the_log_are_said(fly: Flyer, tmp_path: Path, lost: str) -> None:
+    """Whatever a log says of them."""
+    path = rewritten(fly(), tmp_path / "holes.mcap", end={"dropped": "2", "lost": lost, "undecoded": "9"})
+    assert LogReader(path).missing == {"dropped": "2", "lost": lost, "undecoded": "9"}
+    (note,) = replay(path).notes
+    assert f"2 dropped, {lost} lost" in note and "undecoded" not in note
+    assert LogReader(fly()).missing == {}
+
+
 def test_another_version_is_said(fly: Flyer, tmp_path: Path) -> None:
     path = rewritten(fly(), tmp_path / "old.mcap", flight={"courier": "0.0.9", "numpy": "1.0"})
     notes = replay(path).notes
