@@ -5,6 +5,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
+# Each process would compile all sources and rewrite all tests anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test quick check compiled paper control clean
 
 demo: .venv/installed

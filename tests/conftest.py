@@ -2,6 +2,8 @@
 time, so that a file's fixtures are made once. And what holds for all property tests: the same examples in each run, and
 no limit on the time that they take, which says how busy the machine is."""
 
+import gc
+
 import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
@@ -19,6 +21,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if seconds(item.nodeid) or flown or item.nodeid.startswith(NOT_QUICK):
             item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: -seconds(item.nodeid))
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Thousands of tests are there to stay: no collection of garbage need look at them again."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Or they are left over at the end, which extension modules complain of."""
+    gc.unfreeze()
 
 
 class LongestFirst(LoadScopeScheduling):  # type: ignore[misc]

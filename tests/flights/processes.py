@@ -18,8 +18,8 @@ from typing import Any
 from tests.flights.warm import start
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
+HOP = str(ROOT / "tests" / "golden" / "short.toml")
+"""A mission for flights in real time that are about something else."""
 PATIENCE_S = 300.0
 """Far more than anything takes, on a machine that is busy with other things, too; only a failing test waits for it."""
 

@@ -18,7 +18,7 @@ from companion.logs.replay import replay
 from protocol.flightlog import Direction, LogReader, datagrams
 from protocol.framing import Framer
 from protocol.messages import Encoder, dialect
-from tests.flights.processes import PATIENCE_S, simulator_for, waiting_companion
+from tests.flights.processes import HOP, PATIENCE_S, simulator_for, waiting_companion
 
 AUTO, LOITER, OFFBOARD = 4, 3, 6
 
@@ -63,7 +63,7 @@ def test_a_ground_station_watches_asks_and_takes_over(tmp_path: Path) -> None:
         waiting_companion(
             tmp_path,
             "realtime",
-            "hover",
+            HOP,
             *("--set", "avoidance.method=none", "--set", "supervision.resume_within=300.0"),
             *("--gcs", f"udpout:127.0.0.1:{station.port}"),
         ) as (companion, port),
@@ -76,7 +76,7 @@ def test_a_ground_station_watches_asks_and_takes_over(tmp_path: Path) -> None:
         ack = station.wait("COMMAND_ACK", lambda each: each.command == dialect.MAV_CMD_REQUEST_MESSAGE)
         assert (ack.target_system, ack.target_component) == (255, 190)
         station.wait("STATUSTEXT", lambda each: "taking off" in each.text)
-        station.wait("LOCAL_POSITION_NED", lambda each: each.z < -1.0)
+        station.wait("LOCAL_POSITION_NED", lambda each: each.z < -0.5)
         station.set_mode(AUTO, LOITER)
         station.wait("STATUSTEXT", lambda each: "by others" in each.text and each.get_srcComponent() == 191)
         station.set_mode(OFFBOARD)
@@ -96,7 +96,7 @@ def test_a_flood_of_a_ground_station_leaves_the_flight_alone(tmp_path: Path) -> 
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flood,
         waiting_companion(
-            tmp_path, "realtime", "hover", "--set", "avoidance.method=none", "--gcs", "udpin:127.0.0.1:0"
+            tmp_path, "realtime", HOP, "--set", "avoidance.method=none", "--gcs", "udpin:127.0.0.1:0"
         ) as (companion, port),
         simulator_for(port, "realtime") as simulator,
     ):

@@ -24,7 +24,7 @@ from vehicle_sim.world import World
 COURIER = mission_of("courier")
 QUICK = ('avoidance.method="paper"',)
 """Where the way does not matter: without the map, which takes half of a flight's time."""
-HOVER = mission_of("hover")
+HOVER, SHORT = mission_of("hover"), mission_of("errand")
 
 
 def in_phase(phase: Phase) -> Callable[[Joined], bool]:
@@ -51,9 +51,8 @@ def fly_then_lose(*message_ids: int, mission: Mission = COURIER) -> Joined:
     return joined
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_courier_delivers(seed: int) -> None:
-    joined = Joined(COURIER, seed=seed).fly()
+def test_the_courier_delivers() -> None:
+    joined = Joined(COURIER, seed=2).fly()
     summary = joined.vehicle.summary()
     assert joined.autopilot.supervisor.fault is None and joined.autopilot.navigator.released
     assert summary.outcome == "landed" and summary.contacts == 0 and summary.released
@@ -132,8 +131,8 @@ def test_pilot_takes_over() -> None:
 
 
 def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
-    joined = Joined(COURIER, seed=2)
-    joined.fly(until=lambda joined: in_phase(Phase.ROUTE)(joined) and joined.vehicle.motion.position_ned[0] > 15.0)
+    joined = Joined(SHORT, seed=2)
+    joined.fly(until=lambda joined: in_phase(Phase.ROUTE)(joined) and joined.vehicle.motion.position_ned[0] > 6.0)
     step = joined.autopilot.navigator.step_index
     ask_mode(joined, 4.0, 3.0)
     joined.fly(limit_s=4.0)
@@ -147,7 +146,7 @@ def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
     summary = joined.vehicle.summary()
     assert joined.autopilot.supervisor.fault is None and joined.autopilot.navigator.released
     assert summary.outcome == "landed" and summary.contacts == 0 and summary.released_at_ned is not None
-    assert np.hypot(summary.released_at_ned[0] - 120.0, summary.released_at_ned[1]) < 0.3
+    assert np.hypot(summary.released_at_ned[0] - 16.0, summary.released_at_ned[1]) < 0.3
 
 
 @pytest.mark.parametrize("output", Output)
@@ -233,7 +232,7 @@ def test_a_vehicle_that_restarts_in_other_hands_is_given_back(known: bool) -> No
 
 def test_a_vehicle_that_failed_over_by_itself_is_not_taken_back() -> None:
     """Its stream was lost on the way: it holds and lands, and hears no setpoint that would bring it back."""
-    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
+    joined = Joined(COURIER, overrides=QUICK).fly(until=in_phase(Phase.ROUTE))
     joined.vehicle.receive, receive = (lambda data: None), joined.vehicle.receive  # type: ignore[method-assign]
     joined.fly(limit_s=1.2)
     joined.vehicle.receive = receive  # type: ignore[method-assign]
@@ -257,7 +256,7 @@ def test_ring_lost_stops_the_vehicle_and_then_lands_it() -> None:
 
 
 def test_ring_back_in_time_goes_on() -> None:
-    joined = fly_then_lose(dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
+    joined = fly_then_lose(dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, mission=SHORT)
     joined.fly(limit_s=2.0)
     assert joined.autopilot.supervisor.state is State.HOLD
     joined.meddle = lambda time_ns, data: data
@@ -277,7 +276,7 @@ def test_telemetry_lost_hands_the_vehicle_to_its_own_autopilot(message_id: int) 
 
 
 def test_silent_vehicle_ends_the_companion() -> None:
-    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
+    joined = Joined(COURIER, overrides=QUICK).fly(until=in_phase(Phase.ROUTE))
     joined.meddle = lambda time_ns, data: b""
     joined.fly(limit_s=5.0)
     assert joined.autopilot.ended
@@ -287,7 +286,7 @@ def test_silent_vehicle_ends_the_companion() -> None:
 @pytest.mark.parametrize("field", range(1, 8))
 def test_nan_in_the_telemetry_never_reaches_the_output(field: int) -> None:
     """Each field of the attitude in turn; the vehicle is handed over, nothing unsound is sent."""
-    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
+    joined = Joined(COURIER, overrides=QUICK).fly(until=in_phase(Phase.ROUTE))
     spoiler = Encoder(1, 1)
 
     def spoil(time_ns: int, data: bytes) -> bytes:
@@ -408,7 +407,7 @@ def blinded(repeat: bool) -> Callable[[int, bytes], bytes]:
 
 @pytest.mark.parametrize("repeat", [False, True])
 def test_a_blind_or_frozen_ring_is_no_ring(repeat: bool) -> None:
-    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
+    joined = Joined(COURIER, overrides=QUICK).fly(until=in_phase(Phase.ROUTE))
     joined.meddle = blinded(repeat)
     joined.fly(limit_s=0.8)
     assert joined.autopilot.supervisor.state is State.HOLD
@@ -430,7 +429,7 @@ def test_a_pilot_who_stops_the_landing_is_not_fought() -> None:
 
 
 def test_an_answer_to_somebody_else_delivers_nothing() -> None:
-    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE))
+    joined = Joined(COURIER, overrides=QUICK).fly(until=in_phase(Phase.ROUTE))
     autopilot = joined.autopilot
     autopilot.link.request(VehicleRequest.RELEASE, joined.vehicle.time_ns)
     for target, accepted in (((255, 190), False), ((1, 191), True)):
@@ -441,7 +440,7 @@ def test_an_answer_to_somebody_else_delivers_nothing() -> None:
 
 def test_a_goal_without_progress_is_given_up_and_the_way_back_flown() -> None:
     """VFH+ alone is caught behind what stands in the street; it comes home as it went, with the parcel."""
-    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0")
+    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0", "avoidance.map.cells=192")
     joined = Joined(COURIER, overrides=overrides).fly()
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0 and not summary.released
@@ -452,7 +451,7 @@ def test_a_goal_without_progress_is_given_up_and_the_way_back_flown() -> None:
 
 def test_without_return_a_goal_that_is_given_up_ends_in_a_landing_there() -> None:
     mission = msgspec.structs.replace(COURIER, return_home=False, delivery=None)
-    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0")
+    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0", "avoidance.map.cells=192")
     joined = Joined(mission, overrides=overrides).fly()
     assert joined.vehicle.summary().outcome == "landed" and joined.vehicle.summary().contacts == 0
     assert joined.vehicle.summary().final_position_ned[0] > 20.0

@@ -10,6 +10,7 @@ from companion.mission.plan import Mission, Phase, Waypoint
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
+from tests.companion.reference_flight import SMALL_MAP
 from vehicle_sim.physics.battery import battery_state
 
 COURIER = mission_of("courier")
@@ -48,10 +49,8 @@ def reporting(change: Callable[[int, Any], bool]) -> Callable[[int, bytes], byte
     return meddle
 
 
-@pytest.mark.parametrize("method", ["paper", "astar"])
-def test_a_courier_whose_battery_does_not_suffice_comes_home_with_the_parcel(method: str) -> None:
-    overrides = (f'avoidance.method="{method}"',)
-    joined = Joined(COURIER, overrides=overrides, vehicle_overrides=("battery.charge=0.18",)).fly()
+def test_a_courier_whose_battery_does_not_suffice_comes_home_with_the_parcel() -> None:
+    joined = Joined(COURIER, overrides=SMALL_MAP, vehicle_overrides=("battery.charge=0.18",)).fly()
     summary, fault = joined.vehicle.summary(), joined.autopilot.supervisor.fault
     assert fault == "returned: battery at 14 %" and not joined.autopilot.navigator.released
     assert summary.outcome == "landed" and summary.contacts == 0
@@ -100,7 +99,7 @@ def test_from_low_at_the_delivery_it_climbs_first() -> None:
             message.charge_state = dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL
         return True
 
-    joined = Joined(COURIER, overrides=QUICK, meddle=reporting(critical))
+    joined = Joined(mission_of("errand"), overrides=QUICK, meddle=reporting(critical))
     joined.fly(until=lambda flight: flight.autopilot.navigator.phase is Phase.DESCEND)
     seen.append(joined.vehicle.time_ns)
     joined.fly(until=lambda flight: flight.autopilot.navigator.phase is Phase.RETURN)
@@ -121,7 +120,8 @@ def test_a_track_is_left_for_the_way_home() -> None:
 
 
 def test_no_flight_begins_with_a_low_battery() -> None:
-    joined = Joined(COURIER, overrides=QUICK, vehicle_overrides=("battery.charge=0.12",)).fly()
+    soon = (*QUICK, "supervision.ready_timeout=5.0")
+    joined = Joined(COURIER, overrides=soon, vehicle_overrides=("battery.charge=0.12",)).fly()
     fault = joined.autopilot.supervisor.fault
     assert fault is not None and "battery at 12 %" in fault and joined.vehicle.flight.airborne_ns == 0
 
@@ -142,10 +142,10 @@ def test_a_recovering_battery_does_not_call_the_return_off() -> None:
     returns: list[int] = []
 
     def recovering(time_ns: int, message: Any) -> bool:
-        message.battery_remaining = 40 if returns else 14 if time_ns > 15e9 else 80
+        message.battery_remaining = 40 if returns else 14 if time_ns > 7e9 else 80
         return True
 
-    joined = Joined(COURIER, overrides=QUICK, meddle=reporting(recovering))
+    joined = Joined(mission_of("errand"), overrides=QUICK, meddle=reporting(recovering))
     joined.fly(until=lambda flight: words(flight, "returning") > 0)
     returns.append(joined.vehicle.time_ns)
     joined.fly()

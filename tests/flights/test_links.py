@@ -15,7 +15,7 @@ from companion.logs.replay import replay
 from protocol.flightlog import Direction, LogReader, datagrams
 from protocol.framing import Framer
 from protocol.messages import dialect
-from tests.flights.processes import PATIENT, Process, simulator_for
+from tests.flights.processes import HOP, PATIENT, Process, simulator_for
 
 RING = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
 
@@ -70,7 +70,7 @@ class Line:
 
 @contextmanager
 def companion(logs: Path, url: str, *more: str) -> Iterator[Process]:
-    with Process("companion", ("fly", "hover", "--connect", url, "--log", str(logs), "--json", *PATIENT, *more)) as it:
+    with Process("companion", ("fly", HOP, "--connect", url, "--log", str(logs), "--json", *PATIENT, *more)) as it:
         yield it
 
 

@@ -49,7 +49,7 @@ def test_start_and_goal_are_free(kind: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("kind", ["forest", "utrap", "gap", "pole", "maze", "barn", "fig6"])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_there_is_a_way_and_it_is_no_shorter_than_straight(kind: str, seed: int) -> None:
     site = SITES[kind](seed)
     way = shortest(site, HULL)

@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 
 from companion.mission.plan import Phase
-from companion.runtime.files import load_body, load_settings
-from companion.runtime.rehearsal import rehearse
-from companion.state import Output
 from companion.supervision.states import State
 from protocol.framing import Framer
 from protocol.messages import dialect
@@ -82,8 +79,3 @@ def test_a_hold_on_the_circle_brakes_smoothly_and_the_rest_is_flown_afterwards()
 def without_ring(data: bytes) -> bytes:
     ring = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
     return b"".join(frame.raw for frame in Framer().datagram(data) if frame.message_id != ring)
-
-
-@pytest.mark.parametrize("mission", ["circle", "helix", "square", "curve"])
-def test_a_curve_gets_through_its_rehearsal(mission: str) -> None:
-    rehearse(load_settings(None, []), load_body("paper_quad"), mission_of(mission), Output.RATES)

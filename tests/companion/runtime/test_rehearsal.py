@@ -1,5 +1,6 @@
 """After a rehearsal nothing is left to be compiled in flight."""
 
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -9,23 +10,11 @@ import pytest
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.rehearsal import RehearsalError, rehearse
 from companion.state import Output
+from studies.joined import Joined, mission_of
+from tests.companion.reference_flight import SMALL_MAP
 
 ROOT = Path(__file__).resolve().parents[3]
 
-COARSE = ["avoidance.map.cell=0.25", "avoidance.map.cells=192"]
-"""Answers are a quarter as large then."""
-
-RECORD = """
-import pickle, sys
-from studies.joined import Joined, mission_of
-from companion.state import Output
-
-joined = Joined(mission_of({mission!r}), Output({output!r}), overrides={coarse!r})
-joined.meddle = lambda time_ns, data: data if time_ns > {unheard_ns} else b""
-joined.fly()
-assert joined.autopilot.ended and joined.autopilot.supervisor.fault is None
-pickle.dump(joined.events, open({events!r}, "wb"))
-"""
 REPLAY = """
 import pickle, sys
 from numba.core.dispatcher import Dispatcher
@@ -61,7 +50,7 @@ print(sorted(compiled() - before), sorted(set(sys.modules) - modules))
 @pytest.mark.parametrize(
     ("mission", "output", "unheard_ns"),
     [
-        ("courier", Output.RATES, 0),
+        ("errand", Output.RATES, 0),
         ("lemniscate", Output.ATTITUDE, 500_000_000),
         ("hover", Output.ACTUATORS, 500_000_000),
     ],
@@ -70,17 +59,16 @@ def test_nothing_is_compiled_or_imported_in_flight(
     tmp_path: Path, mission: str, output: Output, unheard_ns: int
 ) -> None:
     """A flight's events again, in a process that has only rehearsed: the simulator is not there to compile for it."""
-    names = {
-        "events": str(tmp_path / "events"),
-        "mission": mission,
-        "output": output.value,
-        "coarse": COARSE,
-        "unheard_ns": unheard_ns,  # heard from the middle of its telemetry on
-    }
-    for script in (RECORD, REPLAY):
-        command = [sys.executable, "-c", script.format(**names)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
-        assert done.returncode == 0, done.stderr
+    joined = Joined(mission_of(mission), output, overrides=SMALL_MAP)
+    joined.meddle = lambda time_ns, data: data if time_ns > unheard_ns else b""  # from the middle of its telemetry on
+    joined.fly()
+    assert joined.autopilot.ended and joined.autopilot.supervisor.fault is None
+    events = tmp_path / "events"
+    events.write_bytes(pickle.dumps(joined.events))
+    script = REPLAY.format(events=str(events), mission=mission, output=output.value, coarse=SMALL_MAP)
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[] []"
 
 
