@@ -80,7 +80,7 @@ class Autopilot:
             else:
                 due = take(report, now) or due
         state = self.sensing.update() if due and not self.link.is_old(self.sensing.boot_time_ms, now) else None
-        return None if state is None or self.supervisor.state not in STREAMING else self._control(state, now)
+        return None if state is None or not self.supervisor.streams else self._control(state, now)
 
     def _control(self, state: VehicleState, now: int) -> bytes:
         """Reference, acceleration, guard, attitude, gate; the payload of a TRACE record."""

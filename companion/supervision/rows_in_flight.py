@@ -2,21 +2,19 @@
 
 from companion.state import BatteryLevel, FlightMode
 from companion.supervision.rows import CRITICAL, ERROR, NOTICE, WARNING, Row, disarmed, elsewhere, left, row
-from companion.supervision.states import State
-
-_OWN = frozenset({State.FLY, State.HOLD})
+from companion.supervision.states import OWN, State
 
 IN_FLIGHT: tuple[Row, ...] = (
     # faults in flight, the worst first
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.overrun > s.gap,
         State.GAP,
         ERROR,
         "own loop was {health.overrun:.2f} s late: no setpoint before the vehicle says what it does",
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.telemetry_age > s.telemetry_timeout,
         State.WITHDRAW,
         CRITICAL,
@@ -24,7 +22,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         fault=True,
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.heartbeat_age > s.mode_timeout,
         State.WITHDRAW,
         CRITICAL,
@@ -32,7 +30,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         fault=True,
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: left(h) and h.failsafe,
         State.WATCH,
         CRITICAL,
@@ -40,14 +38,14 @@ IN_FLIGHT: tuple[Row, ...] = (
         fault=True,
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: left(h),
         State.RELINQUISHED,
         WARNING,
         "mode changed to {health.mode.value} by others: theirs, until they give it back{health.reason}",
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: not h.armed,
         State.ENDED,
         CRITICAL,
@@ -55,7 +53,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         fault=True,
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.refused_telemetry is not None,
         State.WITHDRAW,
         CRITICAL,
@@ -63,7 +61,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         fault=True,
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.unsound_output is not None,
         State.WITHDRAW,
         CRITICAL,
@@ -71,7 +69,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         fault=True,
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.failsafe,
         State.WITHDRAW,
         CRITICAL,
@@ -79,7 +77,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         fault=True,
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.land_requested,
         State.LAND,
         NOTICE,
@@ -88,7 +86,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         outcome="called off in flight",
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.limits.battery.level is BatteryLevel.LAND,
         State.LAND,
         CRITICAL,
@@ -97,7 +95,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         outcome="landed: {health.limits.battery.text}",
     ),
     row(
-        _OWN,
+        OWN,
         lambda h, s, t: h.limits.beyond is not None,
         State.LAND,
         CRITICAL,

@@ -27,7 +27,9 @@ class State(IntEnum):
 
 
 STREAMING = frozenset({State.STREAM, State.ENGAGE, State.ARM, State.FLY, State.HOLD, State.RELINQUISHED, State.ADOPT})
-"""States in which setpoints are sent."""
+"""States in which setpoints are sent (and in the beginning of a landing: supervisor.py)."""
+OWN = frozenset({State.FLY, State.HOLD})
+"""States in which the companion flies the vehicle."""
 FLYING = frozenset(
     {State.FLY, State.HOLD, State.WITHDRAW, State.LAND, State.RELINQUISHED, State.GAP, State.WATCH, State.ADOPT}
 )

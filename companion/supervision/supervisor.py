@@ -6,7 +6,7 @@ from companion.state import Announcement, VehicleRequest, VehicleState, VehicleS
 from companion.supervision.health import Health, Judged, health
 from companion.supervision.limits import Limits
 from companion.supervision.operations import OwnReport
-from companion.supervision.states import COMMANDED, REQUESTS, State
+from companion.supervision.states import COMMANDED, OWN, REQUESTS, STREAMING, State
 from companion.supervision.transitions import TABLE
 from companion.supervision.watching import UNWATCHED, Descent, Watched
 
@@ -30,6 +30,8 @@ class Supervisor:
         """What is missing before the flight, in words."""
         self._mode_reached = False
         """The vehicle was in the mode that the present state commands."""
+        self._hands_over = False
+        """The landing began with the vehicle in our hands, and nothing has been wrong since."""
         self._descent = Descent()
         self._seconds = 0.0
         """In this state."""
@@ -57,11 +59,14 @@ class Supervisor:
         if self._since_ns is None:
             self._since_ns = now_ns
         self._seconds = seconds = (now_ns - self._since_ns) * 1e-9
+        if self._hands_over:
+            self._hands_over = not any(row.condition(health, self._settings, seconds) for row in _LOSSES)
         for row in _ROWS_OF[self.state]:
             if row.condition(health, self._settings, seconds):
                 text = row.text.format(health=health, settings=self._settings)
                 if row.fault and self.fault is None:
                     self.fault = row.outcome.format(health=health, settings=self._settings) or text
+                self._hands_over = self.state in OWN and row.to is State.LAND
                 self.state = row.to
                 self._since_ns = now_ns
                 self._seconds = 0.0
@@ -90,10 +95,18 @@ class Supervisor:
             return None
         return None if self._mode_reached else REQUESTS.get(self.state)
 
+    @property
+    def streams(self) -> bool:
+        """Setpoints are sent. At rest they go on in a landing until the vehicle is in its landing mode: a vehicle that
+        has not heard of it would hold the last setpoint."""
+        return self.state in STREAMING or self._hands_over
+
     def failed(self, text: str) -> None:
         """The mission has failed, though the flight goes on."""
         if self.fault is None:
             self.fault = text
 
 
+_LOSSES = tuple(row for row in TABLE if row.states >= OWN and row.to is not State.LAND)
+"""Rows that take the vehicle out of our hands."""
 _ROWS_OF = {state: tuple(row for row in TABLE if state in row.states) for state in State}

@@ -5,7 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from companion.events import LandRequest
 from companion.supervision.states import State
+from protocol.framing import Framer
+from protocol.messages import dialect
 from studies.faults.changes import POSITION, late
 from studies.faults.injector import Change, Injector, Link
 from studies.joined import Joined, mission_of
@@ -72,3 +75,32 @@ def test_a_link_that_becomes_late_in_flight_is_flown_on() -> None:
     joined.fly(limit_s=12.0)
     assert joined.autopilot.supervisor.state is State.FLY and joined.autopilot.supervisor.fault is None
     assert steepest_deg(joined) < TILT_DEG
+
+
+class CommandsLost(Injector):
+    """No command reaches the vehicle while `lost`; setpoints do."""
+
+    lost = False
+
+    def to_vehicle(self, data: bytes, now_ns: int) -> None:
+        frames = Framer().datagram(data)
+        kept = [each.raw for each in frames if not self.lost or each.message_id != dialect.MAVLINK_MSG_ID_COMMAND_LONG]
+        super().to_vehicle(b"".join(kept), now_ns)
+
+
+def test_a_vehicle_that_has_not_heard_of_its_landing_comes_to_rest() -> None:
+    between = CommandsLost()
+    joined = Joined(mission_of("circle"), injector=between, remembers=False)
+    joined.fly(until=lambda joined: joined.vehicle.time_ns > 12 * 10**9)
+    assert np.linalg.norm(joined.vehicle.motion.velocity_ned) > 1.0
+    between.lost = True
+    joined.autopilot.handle(LandRequest(joined.vehicle.time_ns))
+    joined.fly(limit_s=3.0)
+    assert joined.autopilot.supervisor.state is State.LAND
+    assert np.linalg.norm(joined.vehicle.motion.velocity_ned) < 0.05 and steepest_deg(joined) < TILT_DEG
+    between.lost = False
+    joined.fly(until=lambda joined: not joined.autopilot.supervisor.streams, limit_s=3.0)
+    heard = len(joined.traces)
+    joined.fly()
+    assert len(joined.traces) == heard, "setpoints went on in the landing mode"
+    assert joined.vehicle.summary().outcome == "landed"

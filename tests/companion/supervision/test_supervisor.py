@@ -348,3 +348,48 @@ def test_who_flies_by_hand_is_not_made_to_return() -> None:
     empty = replace(FAULTS["pilot"][0], limits=EMPTY)
     settle(supervisor, empty, now, 5.0)
     assert state_of(supervisor) is State.RELINQUISHED
+
+
+def landing() -> tuple[Supervisor, int]:
+    """A supervisor that has just begun to land."""
+    supervisor, now = flying()
+    supervisor.update(replace(WELL, mission_done=True), now)
+    assert supervisor.state is State.LAND
+    return supervisor, now
+
+
+def test_setpoints_go_on_until_the_vehicle_has_taken_the_landing_up() -> None:
+    supervisor, now = landing()
+    now = settle(supervisor, WELL, now, 3.0)
+    assert supervisor.streams
+    now = settle(supervisor, replace(WELL, current=False, mode=FlightMode.LAND), now, 0.02)
+    assert supervisor.streams, "the heartbeat is older than the command"
+    settle(supervisor, replace(WELL, mode=FlightMode.LAND), now, 0.02)
+    assert state_of(supervisor) is State.LAND and not supervisor.streams
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        {"telemetry_age": 2.0},
+        {"refused_telemetry": "position stuck"},
+        {"unsound_output": "thrust"},
+        {"failsafe": True},
+        {"overrun": 2.0},
+        {"armed": False},
+    ],
+    ids=lambda trouble: next(iter(trouble)),
+)
+def test_what_would_take_the_vehicle_out_of_our_hands_ends_the_setpoints_of_a_landing(trouble: dict[str, Any]) -> None:
+    supervisor, now = landing()
+    now = settle(supervisor, replace(WELL, **trouble), now, 0.02)
+    assert not supervisor.streams
+    settle(supervisor, WELL, now, 1.0)
+    assert state_of(supervisor) is State.LAND and not supervisor.streams
+
+
+def test_a_landing_after_withdrawing_sends_no_setpoints() -> None:
+    supervisor, now = flying()
+    supervisor.update(replace(WELL, telemetry_age=2.0), now)
+    settle(supervisor, replace(WELL, mode=FlightMode.HOLD), now, SETTINGS.land_after + 0.1)
+    assert state_of(supervisor) is State.LAND and not supervisor.streams
