@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.events import LandRequest
+from companion.supervision.operations import LandRequest
 from companion.supervision.states import State
 from protocol.framing import Framer
 from protocol.messages import dialect
