@@ -3,9 +3,10 @@
 import hashlib
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Protocol, TypeVar
 from zlib import crc32
 
 import msgspec
@@ -77,6 +78,10 @@ class Row(msgspec.Struct, frozen=True):
     clearance_m: float | None
     """Least one."""
     wall_s: float
+
+    @property
+    def job(self) -> Job:
+        return Job(self.fault, self.mission, self.seed, self.code)
 
     @property
     def promise(self) -> Promise:
@@ -192,28 +197,41 @@ def _is_where_it_belongs(summary: Summary, mission: Mission) -> bool:
     return all(math.dist(there[:2], meant) < _ASTRAY_M for there, meant in places)
 
 
-def code() -> str:
-    """A digest of everything that has a say in a flight: rows of other code are flown anew."""
+def code(*more: str) -> str:
+    """A digest of everything that has a say in a flight, `more` files too: rows of other code are flown anew."""
     digest = hashlib.sha256()
     folders = [
         toml_files.ROOT / name for name in ("protocol", "companion", "vehicle_sim", "worlds", "vehicles", "missions")
     ]
     files = [path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".toml")]
-    own = (__file__, catalogue.__file__, changes.__file__, injecting.__file__, joining.__file__)
+    own = (__file__, catalogue.__file__, changes.__file__, injecting.__file__, joining.__file__, *more)
     for path in sorted([*files, *map(Path, own)]):
         digest.update(path.relative_to(toml_files.ROOT).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
 
+class Flown(Protocol):
+    """A row that knows what it is the flight of, and by which code."""
+
+    @property
+    def code(self) -> str: ...
+    @property
+    def job(self) -> Any: ...
+
+
+J = TypeVar("J", bound=Hashable)
+R = TypeVar("R", bound=Flown)
+
+
 def fly_missing(
-    jobs: Sequence[Job], path: Path, fly_all: Callable[[list[Job]], Iterable[Row]], track: Track
-) -> list[Row]:
-    """The flights of these jobs. Those that a file keeps, one a line, are not flown again, the others are added to it.
-    Without jobs: those that the code of the last one has flown."""
-    kept = [msgspec.json.decode(line, type=Row) for line in path.read_bytes().splitlines()] if path.exists() else []
+    jobs: Sequence[J], kind: type[R], path: Path, fly_all: Callable[[list[J]], Iterable[R]], track: Track
+) -> list[R]:
+    """The flights of these jobs, rows of a kind. Those that a file keeps, one a line, are not flown again, the others
+    are added to it. Without jobs: those that the code of the last one has flown."""
+    kept = [msgspec.json.decode(line, type=kind) for line in path.read_bytes().splitlines()] if path.exists() else []
     if not jobs:
         return [row for row in kept if row.code == kept[-1].code]
-    known = {Job(row.fault, row.mission, row.seed, row.code): row for row in kept}
+    known = {row.job: row for row in kept}
     todo = [job for job in jobs if job not in known]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab", buffering=0) as file:

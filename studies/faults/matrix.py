@@ -81,7 +81,7 @@ def run(report: Report) -> None:
         for mission in fault.missions
     ]
     path = report.choice.logs.with_name("faults") / "joined.jsonl"
-    tell(report, flights.fly_missing(jobs, path, partial(on_all_cores, flights.fly), report.progress))
+    tell(report, flights.fly_missing(jobs, Row, path, partial(on_all_cores, flights.fly), report.progress))
 
 
 def tell(report: Report, rows: Sequence[Row]) -> None:

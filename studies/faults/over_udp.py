@@ -36,7 +36,7 @@ that is busy with other things is late by itself.
         for fault in FAULTS.values()
         if fault.over_udp
     ]
-    tell(report, flights.fly_missing(jobs, path, partial(map, fly), report.progress))
+    tell(report, flights.fly_missing(jobs, Row, path, partial(map, fly), report.progress))
 
 
 def fly(job: Job) -> Row:
@@ -51,7 +51,7 @@ def fly(job: Job) -> Row:
         truth = Path(folder) / "truth.npy"
         states = np.load(truth)["state"] if truth.stat().st_size else np.zeros((1, 17))
     onset_s = None if between.began_ns is None else (between.began_ns - began_ns) * 1e-9
-    lines = [(1e-9 * (at - began_ns), sentence(line)) for at, line in companion.lines]
+    lines = [(1e-9 * (at - began_ns), proxy.sentence(line)) for at, line in companion.lines]
     began_s = 0.0 if fault.from_start else onset_s
     answers = flights.answers(lines, began_s)
     words = "no word at the end" if said is None or ended is None else str(said["outcome"])
@@ -76,8 +76,3 @@ def fly(job: Job) -> Row:
         clearance_m=clearance_m,
         wall_s=time.perf_counter() - began,
     )
-
-
-def sentence(line: str) -> str:
-    """What is said in a line of the companion's console; "" for its status."""
-    return line.partition(" companion: ")[2]

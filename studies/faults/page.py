@@ -24,5 +24,5 @@ Faults of rings are flown on the courier's way alone, the others on the *square*
 machine. Flights are kept in `logs/faults/`, so that it goes on where it was ended; they are flown anew when the code of
 what flies has changed. `--seeds 0` writes the page without flying.
 """,
-    studies=("studies.faults.matrix", "studies.faults.over_udp"),
+    studies=("studies.faults.matrix", "studies.faults.over_udp", "studies.faults.kills"),
 )

@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -60,6 +60,10 @@ class Console:
         return value
 
 
+Watch = Callable[[Console, Console], None]
+"""Gets the companion and the vehicle."""
+
+
 class Proxy:
     """Two sockets on loopback: the vehicle sends to `port`."""
 
@@ -72,13 +76,14 @@ class Proxy:
         self.port: int = self._far.getsockname()[1]
         self._vehicle: tuple[str, int] | None = None
 
-    def carry(self, companion: Console, vehicle: Console, limit_s: float) -> None:
+    def carry(self, companion: Console, vehicle: Console, limit_s: float, watch: Watch) -> None:
         """Hand on what comes, until both have ended or time is over."""
         end_ns = time.monotonic_ns() + round(limit_s * 1e9)
         pipes = [companion.pipe]
         while time.monotonic_ns() < end_ns:
             if self.step(pipes) and not companion.read():
                 pipes = []
+            watch(companion, vehicle)
             if not pipes and vehicle.process.poll() is not None:
                 return
 
@@ -115,8 +120,16 @@ class Proxy:
         self._far.close()
 
 
-def fly(between: Injector, mission: str, world: str, seed: int, folder: Path) -> tuple[Console, Console]:
-    """A flight in real time, both processes to their end. The vehicle's truth is at truth.npy in `folder`."""
+def sentence(line: str) -> str:
+    """What is said in a line of the companion's console; "" for its status."""
+    return line.partition(" companion: ")[2]
+
+
+def fly(
+    between: Injector, mission: str, world: str, seed: int, folder: Path, watch: Watch = lambda companion, vehicle: None
+) -> tuple[Console, Console]:
+    """A flight in real time, both processes to their end; meanwhile `watch` is called again and again. The vehicle's
+    truth is at truth.npy in `folder`."""
     companion = Console(
         "companion", "fly", mission, "--connect", "udpin:127.0.0.1:0", "--output", "rates", "--log", str(folder),
         "--json",
@@ -129,7 +142,7 @@ def fly(between: Injector, mission: str, world: str, seed: int, folder: Path) ->
             "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{proxy.port}", "--world", world, "--seed", str(seed),
             "--truth", str(folder / "truth.npy"),
         )  # fmt: skip
-        proxy.carry(companion, vehicle, limit_s=300.0)
+        proxy.carry(companion, vehicle, 300.0, watch)
         return companion, vehicle
     finally:
         for each in (companion, vehicle):

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from companion.mission.plan import Mission
-from studies.faults import matrix, over_udp, proxy
+from studies.faults import matrix, proxy
 from studies.faults.catalogue import (
     ANSWERS,
     ASTRAY,
@@ -75,8 +75,8 @@ def test_a_landing_as_planned_is_no_answer_on_the_console_either() -> None:
         "   12.972 ERROR   companion: no ring for 0.52 s: holding",
         "   22.010 INFO    companion: landing",
     )
-    assert [over_udp.sentence(line) for line in console] == ["", "no ring for 0.52 s: holding", "landing"]
-    assert answers([(1.0, over_udp.sentence(line)) for line in console], 0.0) == [("hold", 1.0)]
+    assert [proxy.sentence(line) for line in console] == ["", "no ring for 0.52 s: holding", "landing"]
+    assert answers([(1.0, proxy.sentence(line)) for line in console], 0.0) == [("hold", 1.0)]
 
 
 def test_how_a_flight_ended() -> None:
@@ -122,13 +122,13 @@ def test_what_was_flown_is_kept_and_not_flown_again(tmp_path: Path) -> None:
 
     jobs = [Job("combined", "square", seed, "abc") for seed in (1, 2, 3, 4)]
     with pytest.raises(KeyboardInterrupt):
-        fly_missing(jobs, path, fly_all, untracked)
-    assert [row.seed for row in fly_missing(jobs[1:3], path, fly_all, untracked)] == [2, 3]
+        fly_missing(jobs, Row, path, fly_all, untracked)
+    assert [row.seed for row in fly_missing(jobs[1:3], Row, path, fly_all, untracked)] == [2, 3]
     assert flown == jobs
     changed = [Job("combined", "square", 1, "def")]
-    assert [row.code for row in fly_missing(changed, path, fly_all, untracked)] == ["def"]
+    assert [row.code for row in fly_missing(changed, Row, path, fly_all, untracked)] == ["def"]
     assert flown == [*jobs, *changed]
-    assert [row.code for row in fly_missing([], path, fly_all, untracked)] == ["def"]
+    assert [row.code for row in fly_missing([], Row, path, fly_all, untracked)] == ["def"]
 
 
 def test_the_page_has_each_fault_and_each_flight_that_was_not_as_promised(tmp_path: Path) -> None:
