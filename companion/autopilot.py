@@ -161,7 +161,8 @@ class Autopilot:
 
     def _supervise(self, now: int) -> None:
         supervisor, state = self.supervisor, self.supervisor.state
-        self._say(*self.link.beat(now, asks_rates=state in STREAMING or state is State.CHECK))
+        asks = state in STREAMING or state is State.CHECK
+        self._say(*self.link.beat(now, asks_rates=asks, active=state > State.CHECK))
         self._say(follow_delay(self.link.delays, self.controller, self.guidance, self.navigator, self.sensing))
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))

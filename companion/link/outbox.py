@@ -31,6 +31,11 @@ class Outbox:
         """The sender's."""
         return self._encoder.system
 
+    @property
+    def own(self) -> tuple[int, int]:
+        """(system, component) of the sender."""
+        return self._encoder.system, self._encoder.component
+
     def is_addressed(self, message: Any) -> bool:
         """A message with a target is for this companion, or for all."""
         encoder = self._encoder
@@ -52,15 +57,16 @@ class Outbox:
         """A message of this class."""
         self._waiting.append(self._encoder.encode_fields(message, *fields))
 
-    def heartbeat(self) -> None:
-        """The companion's own HEARTBEAT (0), which goes out before a vehicle is found too."""
+    def heartbeat(self, *, active: bool) -> None:
+        """The companion's own HEARTBEAT (0), which goes out before a vehicle is found too. `active`: from the first
+        setpoint on."""
         self.send(
             dialect.MAVLink_heartbeat_message,
             dialect.MAV_TYPE_ONBOARD_CONTROLLER,
             dialect.MAV_AUTOPILOT_INVALID,
             0,
             0,
-            dialect.MAV_STATE_ACTIVE,
+            dialect.MAV_STATE_ACTIVE if active else dialect.MAV_STATE_STANDBY,
             3,
         )
 

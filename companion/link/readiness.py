@@ -14,6 +14,8 @@ _COMPLAINT_NS = 5_000_000_000
 """A warning of the vehicle explains what happens within this time after it."""
 _REASON_NS = 40_000_000_000
 """A failed check stands for so long; ArduPilot repeats it each 30 s."""
+_DOUBLE_NS = 3_500_000_000
+"""Another companion's heartbeat, which comes once a second, stands for so long."""
 _CHECKS = ("PreArm", "Preflight", "Arm: ")
 """How the texts of failed checks begin."""
 _FLAGS = {
@@ -42,6 +44,10 @@ class Readiness:
         """When the vehicle warned of something last (ns), and the text."""
         self._failed_check = 0, ""
         """The same of its checks before arming."""
+        self._double: str | None = None
+        """Another companion, in words."""
+        self._double_flew_ns: int | None = None
+        """When it said last that it flies the vehicle, or is about to."""
 
     def begin(self, firmware: Firmware, own_system: int) -> None:
         """A vehicle was found, or has started anew."""
@@ -85,6 +91,20 @@ class Readiness:
                 self._failed_check = self._complaint
         return Announcement(Severity(min(message.severity, 6)), f"vehicle: {text}")
 
+    def on_double(self, message: Any, own: tuple[int, int], now_ns: int) -> list[str]:
+        """HEARTBEAT (0) of another companion that uses this one's own (system, component); what is to be said the first
+        time."""
+        if message.system_status == dialect.MAV_STATE_ACTIVE:
+            self._double_flew_ns = now_ns
+        if self._double is not None:
+            return []
+        system, component = own
+        self._double = (
+            f"another companion speaks as system {system}, component {component} on this link: end one of the two, "
+            "or give one another identity.component"
+        )
+        return [self._double]
+
     # -- what follows from them ----------------------------------------------------------------------------------------
 
     @property
@@ -107,6 +127,8 @@ class Readiness:
 
     def shortcoming(self, now_ns: int) -> str | None:
         """What one waits for, in words; None if nothing."""
+        if self._double_flew_ns is not None and now_ns - self._double_flew_ns < _DOUBLE_NS:
+            return self._double
         if self.version is None or self.audit is None:
             return "the vehicle does not say its version (AUTOPILOT_VERSION)"
         return self.audit.progress or self._estimator_lacks(now_ns)

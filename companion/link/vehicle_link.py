@@ -90,6 +90,7 @@ class VehicleLink:
         self._refusals = Refusals()
         self._stamps = Stamps()
         self._next_beat_ns = self._next_question_ns = 0
+        self._active = False
         handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
             _ATTITUDE_QUATERNION: wire.attitude_quaternion,
             _POSITION: wire.local_position,
@@ -135,6 +136,9 @@ class VehicleLink:
             if not peer.observe(frame, now_ns):
                 if message_id in RING_MESSAGES and frame.system == peer.system:
                     reports += self._others(frame, Source.COMPONENT, now_ns)
+                elif message_id == _HEARTBEAT and (frame.system, frame.component) == self.outbox.own:
+                    said = self.readiness.on_double(decoder_of(_HEARTBEAT)(frame), self.outbox.own, now_ns)
+                    reports += (self._complain(Severity.WARNING, text) for text in said)
                 continue
             count(message_id, now_ns)
             handling = handlers.get(message_id)
@@ -323,16 +327,18 @@ class VehicleLink:
             if message[1][2:4] == (_SET_MODE, 0):  # the command, for the first time
                 self.said.mode_asked(now_ns)
 
-    def beat(self, now_ns: int, *, asks_rates: bool) -> list[Announcement]:
+    def beat(self, now_ns: int, *, asks_rates: bool, active: bool = False) -> list[Announcement]:
         """Once a second: the heartbeat and, if `asks_rates`, requests for the messages that come too slowly; ten times
         a second the question for the vehicle's clock. Whenever it is called: the vehicle's parameters, until they are
-        known, and a heartbeat of the vehicle's that is late; what is to be said of them."""
+        known, and a heartbeat of the vehicle's that is late; what is to be said of them. `active`: setpoints have
+        begun; the next heartbeat, which says so, is sent at once."""
         said = self._go_on_with_audit(now_ns)
         if asks_rates and self.said.is_due(self._settings.rates.heartbeat, now_ns):
             self.outbox.command(dialect.MAV_CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
-        if now_ns >= self._next_beat_ns:
-            self._next_beat_ns = now_ns + _SECOND_NS
-            self._beat_now(now_ns, asks_rates=asks_rates)
+        if now_ns >= self._next_beat_ns or active is not self._active:
+            self._next_beat_ns, self._active = now_ns + _SECOND_NS, active
+            self.outbox.heartbeat(active=active)
+            self._ask_for_rates(now_ns, asks_rates=asks_rates)
         if self.peer is not None and now_ns >= self._next_question_ns:
             self._next_question_ns = now_ns + _QUESTION_NS
             self.outbox.send(dialect.MAVLink_timesync_message, *self.peer.timesync_request(max(now_ns, 1)))
@@ -348,8 +354,7 @@ class VehicleLink:
         self._know_motors()
         return said
 
-    def _beat_now(self, now_ns: int, *, asks_rates: bool) -> None:
-        self.outbox.heartbeat()
+    def _ask_for_rates(self, now_ns: int, *, asks_rates: bool) -> None:
         if self.peer is None:
             return
         self.telemetry.rates.settle()

@@ -212,8 +212,9 @@ class Router:
         if frame.message_id in _NOBODYS:
             return
         target, sender = target_of(frame), (frame.system, frame.component)
+        ours = origin is None and sender in self._own  # even to where another one has spoken in our name
         for station in self.stations:
-            if station is not origin and sender not in station.seen and is_for(target, station.seen):
+            if station is not origin and (ours or sender not in station.seen) and is_for(target, station.seen):
                 station.queue(frame.raw)
 
     def troubles(self) -> list[str]:

@@ -18,7 +18,7 @@ from companion.logs.replay import replay
 from protocol.flightlog import Direction, LogReader, datagrams
 from protocol.framing import Framer
 from protocol.messages import Encoder, dialect
-from tests.flights.processes import HOP, PATIENCE_S, simulator_for, waiting_companion
+from tests.flights.processes import HOP, PATIENCE_S, PATIENT, Process, simulator_for, waiting_companion
 
 AUTO, LOITER, OFFBOARD = 4, 3, 6
 
@@ -57,6 +57,12 @@ def ground_station() -> Iterator[GroundStation]:
         station.link.close()
 
 
+def second_companion(port: int, logs: Path) -> Process:
+    """On the vehicle behind a companion that hands its traffic on."""
+    options = ("--connect", f"udpout:127.0.0.1:{port}", "--log", str(logs / "second"), *PATIENT)
+    return Process("companion", ("fly", HOP, *options, "--set", "avoidance.method=none"))
+
+
 def test_a_ground_station_watches_asks_and_takes_over(tmp_path: Path) -> None:
     with (
         ground_station() as station,
@@ -65,10 +71,11 @@ def test_a_ground_station_watches_asks_and_takes_over(tmp_path: Path) -> None:
             "realtime",
             HOP,
             *("--set", "avoidance.method=none", "--set", "supervision.resume_within=300.0"),
-            *("--gcs", f"udpout:127.0.0.1:{station.port}"),
+            *("--gcs", f"udpout:127.0.0.1:{station.port}", "--gcs", "udpin:127.0.0.1:0"),
         ) as (companion, port),
         simulator_for(port, "realtime") as simulator,
     ):
+        hub = int(companion.wait_for("ground station at udpin:").rpartition(":")[2])
         assert station.wait("HEARTBEAT", lambda each: each.get_srcComponent() == 191).get_srcSystem() == 1
         station.wait("HEARTBEAT", lambda each: each.get_srcComponent() == 1)
         version = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
@@ -76,6 +83,9 @@ def test_a_ground_station_watches_asks_and_takes_over(tmp_path: Path) -> None:
         ack = station.wait("COMMAND_ACK", lambda each: each.command == dialect.MAV_CMD_REQUEST_MESSAGE)
         assert (ack.target_system, ack.target_component) == (255, 190)
         station.wait("STATUSTEXT", lambda each: "taking off" in each.text)
+        with second_companion(hub, tmp_path) as second:
+            second.wait_for("the vehicle is armed already: not taken over")
+            assert second.end() == 1
         station.wait("LOCAL_POSITION_NED", lambda each: each.z < -0.5)
         station.set_mode(AUTO, LOITER)
         station.wait("STATUSTEXT", lambda each: "by others" in each.text and each.get_srcComponent() == 191)

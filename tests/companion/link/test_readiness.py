@@ -5,9 +5,10 @@ import pytest
 from companion.link.firmware.ardupilot import FIRMWARE
 from companion.link.vehicle_link import VehicleLink
 from companion.runtime.files import load_settings
-from companion.state import Output
-from protocol.messages import dialect
-from tests.companion.link.sender import ARDUPILOT, MS, NOW, PX4, SECOND, Sender, found, hear
+from companion.state import Announcement, Output
+from protocol.framing import Framer
+from protocol.messages import decode, dialect
+from tests.companion.link.sender import ARDUPILOT, MS, NOW, OWN_COMPONENT, PX4, SECOND, Sender, found, hear
 from tests.companion.link.test_real_telemetry import frames
 
 ATTITUDE, VELOCITY, POSITION, HEIGHT = (
@@ -63,6 +64,8 @@ def test_a_real_ardupilot_waits_for_its_estimator_and_then_flies() -> None:
     link = VehicleLink(load_settings(None, []), None)
     waited: list[bool] = []
     for time_ns, frame in frames("ardupilot_guided.tlog"):
+        if frame[6] == OWN_COMPONENT:  # what the companion of then said
+            continue
         hear(link, frame, time_ns)
         hear(link, b"".join(Sender().parameter(name, 8.0) for name, *_ in FIRMWARE.parameters), time_ns)
         if link.vehicle is not None and not link.said.status.armed:
@@ -122,3 +125,31 @@ def test_without_a_vehicle_its_version_is_what_lacks() -> None:
     link, _ = found()
     report = link.report(NOW, None, before_flight=True)
     assert report.shortcoming == "the vehicle does not say its version (AUTOPILOT_VERSION)"
+
+
+def companion_beat(state: int) -> bytes:
+    return Sender(1, OWN_COMPONENT)(
+        dialect.MAVLink_heartbeat_message, 18, dialect.MAV_AUTOPILOT_INVALID, 0, 0, state, 3
+    )
+
+
+def test_it_stands_back_for_another_companion_that_flies_the_vehicle() -> None:
+    link, _ = found()
+    shortcoming = link.report(NOW, None, before_flight=True).shortcoming
+    (said,) = hear(link, companion_beat(dialect.MAV_STATE_STANDBY))
+    assert isinstance(said, Announcement) and "speaks as system 1, component 191" in said.text
+    assert link.report(NOW, None, before_flight=True).shortcoming == shortcoming, "it does not fly yet"
+    assert hear(link, companion_beat(dialect.MAV_STATE_ACTIVE)) == [], "said once"
+    assert link.report(NOW + 3 * SECOND, None, before_flight=True).shortcoming == said.text
+    assert link.report(NOW + 4 * SECOND, None, before_flight=True).shortcoming == shortcoming
+
+
+def test_own_heartbeats_say_whether_it_flies() -> None:
+    link, _ = found()
+    for second, active in enumerate((False, True), start=1):
+        link.outbox.flush()
+        link.beat(NOW + second * SECOND, asks_rates=False, active=active)
+        (beat,) = (frame for frame in Framer().datagram(link.outbox.flush()) if frame.message_id == 0)
+        message = decode(beat)
+        assert message is not None
+        assert (message.system_status == dialect.MAV_STATE_ACTIVE) is active

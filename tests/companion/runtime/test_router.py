@@ -150,6 +150,20 @@ def test_two_stations_with_the_same_ids_are_both_served() -> None:
     assert answer in received(net.ends[0]) and answer in received(net.ends[1])
 
 
+def test_a_companion_that_spoke_before_this_one_did_hears_it_all_the_same() -> None:
+    """Two with the same ids: the second one, behind a station, must hear that the first one flies."""
+    near, far = Memory.pair()
+    router = Router([Station("hub", near)], bytes_per_s=1e6)
+    far.send(heartbeat(COMPANION))
+    router.pump(TICK)
+    ours = heartbeat(COMPANION)
+    router.said(ours)
+    router.pump(2 * TICK)
+    assert received(far) == [ours]
+    far.send(command(COMPANION, 1, 1))
+    assert router.pump(3 * TICK) == [], "and can't command"
+
+
 def test_keys_are_nobodys_business() -> None:
     net = Net()
     key = GCS.encode_fields(dialect.MAVLink_setup_signing_message, 1, 1, [7] * 32, 9)
