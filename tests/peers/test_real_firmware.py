@@ -21,6 +21,7 @@ from protocol.framing import Framer
 from protocol.messages import decode, dialect
 from protocol.transport import Udp
 from tests.flights.processes import Process, run
+from tests.flights.shared import alone
 
 _INSTANCE = 7
 _PARAMETERS = {"GUID_OPTIONS": 8, "GUID_TIMEOUT": 1, "FS_GCS_ENABLE": 5, "MAV_GCS_SYSID": 1}
@@ -61,7 +62,7 @@ PEERS: dict[str, tuple[str, Callable[[Path, Path], list[str]]]] = {
 
 
 @pytest.fixture(params=PEERS)
-def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+def vehicle(request: pytest.FixtureRequest, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A vehicle that was just switched on; its name."""
     variable, command = PEERS[request.param]
     build = os.environ.get(variable)
@@ -70,14 +71,17 @@ def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
     folder = tmp_path / "vehicle"
     folder.mkdir()
     environment = {**os.environ, "PX4_SIM_MODEL": "sihsim_quadx"}
-    with subprocess.Popen(
-        command(folder, Path(build)),
-        cwd=folder,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as process:
+    with (
+        alone(tmp_path_factory, "firmware"),  # all have the same ports
+        subprocess.Popen(
+            command(folder, Path(build)),
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        ) as process,
+    ):
         yield request.param
         process.terminate()
 
