@@ -227,7 +227,7 @@ class _Second:
                 if first_ns is None:
                     first_ns = now
         else:
-            if log.complete:
+            if log.closed:  # else the last events may have had no answer any more
                 self._overdue()
         if log.problem is not None:
             self._say(log.problem)

@@ -52,6 +52,11 @@ class LogReader:
         return f"{self.path}: {self._problems}" if self._problems else None
 
     @property
+    def closed(self) -> bool:
+        """Whether whoever flew has closed it; False where that process ended in mid flight, or the file is cut off."""
+        return self.metadata.get("flightlog end", {}).get("reason") == "closed"
+
+    @property
     def missing(self) -> dict[str, str]:
         """How many records did not reach the log, in the recorder's words, by what became of them: dropped (it was too
         slow), lost (it could not write), undecoded (there as bytes alone). Empty for a log that has all, or that was

@@ -34,6 +34,7 @@ _LISTED = 8
 
 COMPANION, RECORDER, PLANNER, VEHICLE = PROCESSES = ("companion", "recorder", "planner", "vehicle")
 SIGNALS = {"SIGKILL": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGSTOP 3 s": signal.SIGSTOP}
+STAYED = "stayed on the ground"
 _WORDS = {RECORDER: b"protocol.flightlog.recorder", PLANNER: b"spawn_main"}
 """In the command lines of the companion's own processes."""
 
@@ -46,7 +47,7 @@ PROMISES: dict[tuple[str, str], tuple[str, str]] = {
     (RECORDER, "SIGSTOP 3 s"): ("delivers, nothing is lost", "delivered"),
     (PLANNER, "SIGKILL"): ("holds, lands after 5 s", "landed"),
     (PLANNER, "SIGTERM"): ("holds, lands after 5 s", "landed"),
-    (PLANNER, "SIGSTOP 3 s"): ("holds, goes on", "delivered"),
+    (PLANNER, "SIGSTOP 3 s"): ("given up at 1.6 s; holds, lands after 5 s", "landed"),
     (VEHICLE, "SIGKILL"): ("the companion gives up after 4 s", "gone"),
     (VEHICLE, "SIGTERM"): ("the companion gives up after 4 s", "gone"),
     (VEHICLE, "SIGSTOP 3 s"): ("withdraws, lands after 5 s", "landed"),
@@ -73,7 +74,7 @@ class Row(msgspec.Struct, frozen=True):
     after_s: float
     """From the arming to the signal."""
     outcome: str
-    """delivered; landed; gone: the vehicle's process has ended in the air; contact; not ended."""
+    """delivered; landed; stayed on the ground; gone: the vehicle's process has ended; contact; not ended."""
     words: str | None
     """The outcome as the companion said it last."""
     answer: str | None
@@ -99,7 +100,7 @@ class Row(msgspec.Struct, frozen=True):
     @property
     def kept(self) -> bool:
         least = PROMISES[self.process, self.signal][1]
-        return self.outcome == least or (least == "landed" and self.outcome == "delivered")
+        return self.outcome == least or (least == "landed" and self.outcome in ("delivered", STAYED))
 
 
 class Sent(Injector):
@@ -251,6 +252,8 @@ def _outcome(kill: Kill, ended: dict[str, object] | None, words: str | None) -> 
         return "not ended"
     if ended["contacts"]:
         return "contact"
+    if ended["flight_time_s"] == 0.0:
+        return STAYED
     if ended["outcome"] != "landed":
         return str(ended["outcome"])
     return "delivered" if words == "delivered" else "landed"

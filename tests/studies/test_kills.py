@@ -7,7 +7,20 @@ import msgspec
 import pytest
 
 from studies.faults import kills
-from studies.faults.kills import PLANNER, PROCESSES, PROMISES, RECORDER, SIGNALS, VEHICLE, Blow, Kill, Row, Sent
+from studies.faults.kills import (
+    COMPANION,
+    PLANNER,
+    PROCESSES,
+    PROMISES,
+    RECORDER,
+    SIGNALS,
+    STAYED,
+    VEHICLE,
+    Blow,
+    Kill,
+    Row,
+    Sent,
+)
 from studies.faults.proxy import Console
 from studies.report import Report, markdown
 
@@ -51,6 +64,7 @@ def test_each_process_and_signal_has_a_promise() -> None:
     [
         (PLANNER, "landed", True),
         (PLANNER, "delivered", True),
+        (COMPANION, STAYED, True),
         (PLANNER, "contact", False),
         (PLANNER, "not ended", False),
         (RECORDER, "landed", False),

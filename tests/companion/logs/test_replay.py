@@ -18,7 +18,7 @@ from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect, layout
 from protocol.toml_files import TomlFileError
 from tests.companion.logs.changed_logs import Flyer, rewritten, sent
-from tests.flights.processes import Process, run
+from tests.flights.processes import HOP, Process, run
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 AT_S = 6.0
@@ -87,7 +87,7 @@ def test_another_commit_is_said_where_it_matters(fly: Flyer, victim: Record, tmp
 
 def test_real_time_and_a_request_to_land(tmp_path: Path) -> None:
     """Ctrl-C in flight is an event, too."""
-    arguments = ("demo", "hover", "--no-report", "--pace", "2", "--log", str(tmp_path))
+    arguments = ("demo", HOP, "--no-report", "--pace", "2", "--log", str(tmp_path))
     with Process("companion", arguments) as companion:
         companion.wait_for("armed, taking off")
         companion.signal(signal.SIGINT)
@@ -198,6 +198,20 @@ def test_a_cut_log_is_the_same_up_to_there(fly: Flyer, tmp_path: Path) -> None:
         result = replay(cut)
         assert result.differences == [] and result.datagrams > 100
         assert len(result.notes) == 1 and "cut off" in result.notes[0]
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_the_last_event_of_a_companion_that_was_killed_may_have_no_answer(
+    fly: Flyer, victim: Record, tmp_path: Path, killed: bool
+) -> None:
+    end = {"reason": "the flying process ended without closing the log"} if killed else None
+
+    def change(record: Record) -> list[Record]:
+        return [record] if record.sequence < victim.sequence else []
+
+    result = replay(rewritten(fly(), tmp_path / "killed.mcap", change, end=end))
+    assert {each.field for each in result.differences} == (set() if killed else {EXTRA})
+    assert result.datagrams > 100
 
 
 def test_it_ends_where_records_are_missing(fly: Flyer, tmp_path: Path) -> None:
