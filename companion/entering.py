@@ -54,7 +54,7 @@ def follow_delay(
     if delays.known is controller.delay:
         return None
     pace = controller.follow(delays.known)
-    guidance.follow(delays.known, pace)
+    guidance.follow(delays.known, pace.share)
     navigator.slow_down(delays.known.total)
     sensing.plausibility.late_s = delays.known.total
-    return delays.words(pace)
+    return delays.words(*pace)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from companion.config import Settings
 from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust, tilt
 from companion.control.lift_off import LiftOff
-from companion.control.margin import pace_for, paced
+from companion.control.margin import Pace, pace_for, paced
 from companion.control.parameters import PARAMETERS, controller_parameters, design_of
 from companion.control.tracking_error import TrackingError
 from companion.outputs import OUTPUTS, TurningInput
@@ -106,7 +106,7 @@ class Controller:
     def _counted_ns(self) -> int:
         return int(self._parameters["half_period_ns"][0] + self._parameters["command_delay_ns"][0])
 
-    def follow(self, delay: LinkDelay) -> float:
+    def follow(self, delay: LinkDelay) -> Pace:
         """Fly with this delay from now on: commands act so much later, and the loops are as fast as it allows. Returns
         the pace."""
         self.delay = delay
@@ -127,15 +127,15 @@ class Controller:
         velocity = m["velocity"].copy()
         return msgspec.structs.replace(state, position_ned=m["position"] + since * velocity, velocity_ned=velocity)
 
-    def _pace(self) -> float:
+    def _pace(self) -> Pace:
         """Slow the design down to the pace that the delay allows."""
         delay, left = self.delay.total, self.delay.unsteady
         if not self._predicts:
             delay, left = 0.0, delay + left
         pace = pace_for(design_of(self._configured[0]), delay, left)
-        self._parameters["pace"] = pace
-        self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace, torque=False)
-        self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace, torque=True)
+        self._parameters["pace"] = pace.share
+        self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace.share, torque=False)
+        self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace.share, torque=True)
         return pace
 
     def reset(self) -> None:

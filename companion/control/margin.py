@@ -53,6 +53,15 @@ class Design(NamedTuple):
     """s"""
 
 
+class Pace(NamedTuple):
+    """How fast the loops are with a delay, and what that leaves."""
+
+    share: float = 1.0
+    """Of the design's own bandwidth."""
+    margin: float | None = None
+    """Phase margin (rad); None without a delay."""
+
+
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 
@@ -132,14 +141,17 @@ def phase_margin(design: Design, delay: float, left: float = 0.0, pace: float = 
 
 
 @lru_cache(maxsize=64)
-def pace_for(design: Design, delay: float, left: float) -> float:
+def pace_for(design: Design, delay: float, left: float) -> Pace:
     """The fastest pace, at most 1, up to which the phase margin is the floor; the slowest one if it nowhere is."""
     if delay + left <= 0.0:
-        return 1.0
-    floor, best = min(FLOOR, phase_margin(design, 0.0)), LEAST_PACE
+        return Pace()
+    floor = min(FLOOR, phase_margin(design, 0.0))
     response = _response(design, delay, left)
-    for pace in _PACES.tolist():
-        if _margin(response, feedback(design, pace)) < floor:
+    best, *faster = _PACES.tolist()
+    margin = _margin(response, feedback(design, best))
+    for pace in faster if margin >= floor else ():
+        next_margin = _margin(response, feedback(design, pace))
+        if next_margin < floor:
             break
-        best = pace
-    return best
+        best, margin = pace, next_margin
+    return Pace(best, margin)

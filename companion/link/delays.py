@@ -84,11 +84,13 @@ class Delays:
         late = max(self.known.total, 2e-9 * (self._age_ns or 0.0))
         return f"the link is {1e3 * late:.0f} ms late, {1e3 * longest:.0f} ms at most" if late > longest else None
 
-    def words(self, pace: float) -> Announcement | None:
-        """What is to be said of a change after which the vehicle is flown at a pace (`control.margin`)."""
+    def words(self, pace: float, margin: float | None) -> Announcement | None:
+        """What is to be said of a change after which the vehicle is flown at a pace, with a phase margin (rad) left
+        (`control.margin`)."""
         late = self.known.total
         if abs(late - self._said_s) < _WORTH_A_WORD_S:
             return None
         self._said_s = late
         slower = f": loops at {100.0 * pace:.0f} % of their bandwidth" if pace < 1.0 else ""
-        return Announcement(Severity.NOTICE, f"the link is {1e3 * late:.0f} ms late{slower}")
+        left = "" if margin is None else f", {math.degrees(margin):.0f} degrees of phase margin left"
+        return Announcement(Severity.NOTICE, f"the link is {1e3 * late:.0f} ms late{slower}{left}")

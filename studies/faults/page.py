@@ -7,7 +7,7 @@ FAULTS_PAGE = Page(
     introduction="""# Faults, measured
 
 What [failsafes](failsafes.md) promises of a link that is late, lossy or damaged, of telemetry and rings that are stuck
-or wrong, and of clocks that jump, beside what came of it in flight. `studies/faults/catalogue.py` lists the faults;
+or wrong, of clocks that jump and of processes that end, beside what came of it in flight. `studies/faults/catalogue.py` lists the faults;
 `studies/faults/injector.py` stands between the simulated vehicle and the companion and does the harm, from a seed. A
 steady delay is there from the start, as jitter is; other faults begin at a random moment between take-off and landing.
 

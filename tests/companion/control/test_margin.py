@@ -31,7 +31,8 @@ def test_the_floor_is_kept_with_every_delay(each: Design) -> None:
     assert floor > math.radians(28.0)
     for delay in np.linspace(0.004, 0.4, 34).tolist():
         for left in (0.0, 0.1 * delay):
-            pace = pace_for(each, delay, left)
+            pace, margin = pace_for(each, delay, left)
+            assert margin == pytest.approx(phase_margin(each, delay, left, pace))
             assert LEAST_PACE <= pace <= 1.0
             if pace > LEAST_PACE:
                 assert phase_margin(each, delay, left, pace) >= floor - 1e-9
@@ -41,12 +42,12 @@ def test_the_floor_is_kept_with_every_delay(each: Design) -> None:
 
 @pytest.mark.parametrize("each", DESIGNS)
 def test_without_a_delay_it_is_the_design_itself(each: Design) -> None:
-    assert pace_for(each, 0.0, 0.0) == 1.0
+    assert pace_for(each, 0.0, 0.0) == (1.0, None)
 
 
 @pytest.mark.parametrize("each", PREDICTED)
 def test_a_longer_delay_is_flown_slower(each: Design) -> None:
-    paces = [pace_for(each, delay, 0.0) for delay in (0.05, 0.1, 0.2, 0.4)]
+    paces = [pace_for(each, delay, 0.0).share for delay in (0.05, 0.1, 0.2, 0.4)]
     assert paces == sorted(paces, reverse=True) and paces[-1] < 0.5
 
 

@@ -1,5 +1,6 @@
 """How late the link is, from ages and round trips."""
 
+import math
 import random
 from itertools import pairwise
 
@@ -45,7 +46,7 @@ def measured(age_ms: int, round_trip_ms: int) -> Delays:
 def test_an_answer_within_a_period_is_no_delay(round_trip_ms: int) -> None:
     delays = measured(0, round_trip_ms)
     assert delays.known is Delays(PERIOD_S, 0.5).known or delays.known.total == 0.0
-    assert delays.words(1.0) is None and delays.shortcoming(0.45) is None
+    assert delays.words(1.0, 0.6) is None and delays.shortcoming(0.45) is None
 
 
 @pytest.mark.parametrize("way_ms", [20, 50, 200])
@@ -54,9 +55,9 @@ def test_age_and_half_of_the_round_trip(way_ms: int) -> None:
     assert delays.known.age == pytest.approx(way_ms * 1e-3, abs=2.1e-3)
     assert delays.known.command == pytest.approx(way_ms * 1e-3, abs=2.1e-3)
     assert delays.known.unsteady == 0.0
-    said = delays.words(0.5)
-    assert said is not None and "loops at 50 %" in said.text
-    assert delays.words(0.5) is None  # once
+    said = delays.words(0.5, math.radians(31.0))
+    assert said is not None and "loops at 50 % of their bandwidth, 31 degrees of phase margin left" in said.text
+    assert delays.words(0.5, 0.5) is None  # once
     assert delays.shortcoming(0.45) is None and delays.shortcoming(0.03) is not None
 
 
