@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 _PATIENCE_S = 10.0
 """For an answer that must be waited for."""
 _MOST_UNANSWERED = 24
-"""Requests, each 2 kB: so many fit into any pipe. They span 1.6 s; the failsafe for lost scans acts earlier."""
+"""Requests on their way, each 2 kB: so many fit into any pipe."""
+_MOST_WAITING = 76
+"""Requests that wait here for a planner that stands still. With those on their way they span 6 s; by then a flight is
+landed for want of a map."""
 _ENDED = "the planner's process has ended by itself"
 
 
@@ -83,6 +86,7 @@ class PlannerProcess:
         self._poll = select.poll()
         self._poll.register(self._results.fileno(), select.POLLIN | select.POLLHUP)
         self._unanswered = 0
+        self._waiting: deque[PlanRequest] = deque()
         self._fault: str | None = None
         try:
             self._results.take()  # it is ready
@@ -105,9 +109,14 @@ class PlannerProcess:
     def ask(self, request: PlanRequest) -> None:
         if self._fault is not None:
             return
-        if self._unanswered == _MOST_UNANSWERED:  # more would fill the pipe, and stop the loop that flies
-            self._fault = f"the planner's process has left {_MOST_UNANSWERED} requests unanswered"
-            return
+        if self._unanswered < _MOST_UNANSWERED:
+            self._send(request)
+        elif len(self._waiting) < _MOST_WAITING:  # more would fill the pipe, and stop the loop that flies
+            self._waiting.append(request)
+        else:
+            self._fault = f"the planner's process has left {_MOST_UNANSWERED + _MOST_WAITING} requests unanswered"
+
+    def _send(self, request: PlanRequest) -> None:
         try:
             self._requests.send(request)
             self._unanswered += 1
@@ -123,6 +132,8 @@ class PlannerProcess:
             self._fault = _ENDED
             return None
         self._unanswered -= 1
+        if self._waiting:
+            self._send(self._waiting.popleft())
         return result
 
     def close(self) -> None:

@@ -47,7 +47,7 @@ PROMISES: dict[tuple[str, str], tuple[str, str]] = {
     (RECORDER, "SIGSTOP 3 s"): ("delivers, nothing is lost", "delivered"),
     (PLANNER, "SIGKILL"): ("holds, lands after 5 s", "landed"),
     (PLANNER, "SIGTERM"): ("holds, lands after 5 s", "landed"),
-    (PLANNER, "SIGSTOP 3 s"): ("given up at 1.6 s; holds, lands after 5 s", "landed"),
+    (PLANNER, "SIGSTOP 3 s"): ("holds, goes on", "delivered"),
     (VEHICLE, "SIGKILL"): ("the companion gives up after 4 s", "gone"),
     (VEHICLE, "SIGTERM"): ("the companion gives up after 4 s", "gone"),
     (VEHICLE, "SIGSTOP 3 s"): ("withdraws, lands after 5 s", "landed"),

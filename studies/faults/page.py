@@ -7,9 +7,10 @@ FAULTS_PAGE = Page(
     introduction="""# Faults, measured
 
 What [failsafes](failsafes.md) promises of a link that is late, lossy or damaged, of telemetry and rings that are stuck
-or wrong, of clocks that jump and of processes that end, beside what came of it in flight. `studies/faults/catalogue.py` lists the faults;
-`studies/faults/injector.py` stands between the simulated vehicle and the companion and does the harm, from a seed. A
-steady delay is there from the start, as jitter is; other faults begin at a random moment between take-off and landing.
+or wrong, of clocks that jump and of processes that end, beside what came of it in flight.
+`studies/faults/catalogue.py` lists the faults; `studies/faults/injector.py` stands between the simulated vehicle and
+the companion and does the harm, from a seed. A steady delay is there from the start, as jitter is; other faults begin
+at a random moment between take-off and landing.
 
 Faults of rings are flown on the courier's way alone, the others on the *square*, too, which nothing stands around.
 

@@ -17,7 +17,14 @@ from companion.avoidance.planner import PlanRequest, PlanResult, result_bytes
 from companion.config_avoidance import Avoidance, AvoidanceMap
 from companion.mission.plan import Phase
 from companion.records import PLANNED
-from companion.runtime.planning import _MOST_UNANSWERED, InProcessPlanner, PlannerProcess, Planning, pack_result
+from companion.runtime.planning import (
+    _MOST_UNANSWERED,
+    _MOST_WAITING,
+    InProcessPlanner,
+    PlannerProcess,
+    Planning,
+    pack_result,
+)
 from companion.state import Scan
 from companion.supervision.states import State
 from studies.joined import Joined, mission_of
@@ -117,17 +124,34 @@ def test_a_planner_that_is_killed_is_a_fault_and_no_exception(elsewhere: Planner
 
 
 def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: PlannerProcess) -> None:
-    """Stopped, it takes nothing: questions are put into the pipe as long as it is sure to have room, then it is given
-    up; a `send` that waited would wait for ever."""
+    """Stopped, it takes nothing: questions are put into the pipe as long as it is sure to have room, others wait, then
+    it is given up; a `send` that waited would wait for ever."""
     assert elsewhere.pid is not None
     os.kill(elsewhere.pid, signal.SIGSTOP)
     try:
-        for question in questions(40):
+        for question in questions(_MOST_UNANSWERED + _MOST_WAITING + 1):
             elsewhere.ask(question)
             assert elsewhere.take(0.0) is None
-        assert elsewhere.fault is not None and "unanswered" in elsewhere.fault
+            assert elsewhere.fault is None or question.number == _MOST_UNANSWERED + _MOST_WAITING + 1
+        assert elsewhere.fault is not None and "100 requests unanswered" in elsewhere.fault
     finally:
         os.kill(elsewhere.pid, signal.SIGCONT)
+
+
+def test_a_planner_that_goes_on_answers_all_that_waited(elsewhere: PlannerProcess) -> None:
+    assert elsewhere.pid is not None
+    here = InProcessPlanner(SETTINGS)
+    os.kill(elsewhere.pid, signal.SIGSTOP)
+    try:
+        for question in questions(60):
+            here.ask(question)
+            elsewhere.ask(question)
+    finally:
+        os.kill(elsewhere.pid, signal.SIGCONT)
+    for _ in questions(60):
+        mine, theirs = here.take(0.0), elsewhere.take(20.0)
+        assert told(mine) == told(theirs)
+    assert elsewhere.take(0.0) is None and elsewhere.fault is None
 
 
 def test_the_planner_ends_with_its_companion() -> None:
