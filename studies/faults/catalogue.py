@@ -41,6 +41,7 @@ ANSWERS = {
     "left to its own": "watch",
     "no setpoint before": "gap",
     ": landing": "land",
+    "landing on request": "land",
     "rebooted": "reboot",
     "mode changed": "let go",
     "disarmed in flight": "disarmed",

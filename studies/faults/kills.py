@@ -25,7 +25,7 @@ NAME = "kills"
 TITLE = "Processes that are killed or stopped"
 
 MISSION = "errand"
-FLIGHT_S = 1.0, 22.0
+FLIGHT_S = 1.0, 20.0
 """From when to when after the arming it may happen: from before the lift-off to the landing."""
 STOPPED_S = 3.0
 MISSING_S = 0.2
@@ -46,7 +46,7 @@ PROMISES: dict[tuple[str, str], tuple[str, str]] = {
     (RECORDER, "SIGTERM"): ("delivers", "delivered"),
     (RECORDER, "SIGSTOP 3 s"): ("delivers, nothing is lost", "delivered"),
     (PLANNER, "SIGKILL"): ("holds, lands after 5 s", "landed"),
-    (PLANNER, "SIGTERM"): ("holds, lands after 5 s", "landed"),
+    (PLANNER, "SIGTERM"): ("delivers: it ends with its companion alone", "delivered"),
     (PLANNER, "SIGSTOP 3 s"): ("holds, goes on", "delivered"),
     (VEHICLE, "SIGKILL"): ("the companion gives up after 4 s", "gone"),
     (VEHICLE, "SIGTERM"): ("the companion gives up after 4 s", "gone"),
