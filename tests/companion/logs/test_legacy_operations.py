@@ -84,7 +84,9 @@ def test_the_flight_has_a_planner_fault_and_a_request_to_land(flown: Path) -> No
     assert fault == PlannerFault(fault.time_ns, "the planner's process has ended by itself")
     assert land == LandRequest(INTERRUPT_NS) and fault.time_ns < land.time_ns
     states = LogReader(flown).array(TRACE.topic)["state"].tolist()
-    assert State.FLY in states and states[-1] == State.HOLD, "no map any more"
+    assert [State(each) for each in dict.fromkeys(states)][-3:] == [State.FLY, State.HOLD, State.LAND], (
+        "no map any more"
+    )
     assert replay(flown).differences == []
 
 
