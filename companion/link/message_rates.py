@@ -61,12 +61,12 @@ class MessageRates:
             self._ever.add(message_id)
         return float(len(arrivals))
 
-    def lacking(self, now_ns: int) -> list[int]:
-        """Messages that arrive at less than the least share of their rate."""
+    def lacking(self, now_ns: int, part: float = 1.0) -> list[int]:
+        """Messages that arrive at less than the least share of their rate, or than a part of it."""
         return [
             message_id
             for message_id, wanted in self.wanted.items()
-            if self.rate(message_id, now_ns) < wanted * self._least_share
+            if self.rate(message_id, now_ns) < part * wanted * self._least_share
         ]
 
     def to_ask(self, message_ids: Iterable[int], rate: float | None = None) -> list[tuple[int, float]]:

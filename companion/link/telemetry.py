@@ -19,11 +19,14 @@ _WELCOME = {
 }
 """Rates (Hz) by message, of what is good to have of any vehicle."""
 
+_STILL_ENOUGH = 0.5
+
 
 class Telemetry:
     """What comes of it is counted in `rates`; what is returned is to be asked for."""
 
     def __init__(self, settings: Settings) -> None:
+        self._enough = False
         self.rates = MessageRates(_needed(settings), settings.rates.least_share)
         self.rings = Rings(self.rates.count)
         self._settings = settings.rates
@@ -50,8 +53,11 @@ class Telemetry:
         return intervals
 
     def shortcoming(self, now_ns: int) -> str | None:
-        """The first message that comes too slowly for a flight, in words; None if none does."""
-        lacking = [each for each in self.rates.lacking(now_ns) if each != _EXTENDED_STATE]
+        """The first message that comes too slowly for a flight, in words; None if none does. Once all came fast enough,
+        half of that will do: what wavers about the least share is no reason to call a start off."""
+        part = _STILL_ENOUGH if self._enough else 1.0
+        lacking = [each for each in self.rates.lacking(now_ns, part) if each != _EXTENDED_STATE]
+        self._enough = not lacking
         return f"telemetry too slow: {self.rates.describe(lacking[0], now_ns)}" if lacking else None
 
     def _parts_of_rings(self) -> Intervals:

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from companion.link.telemetry import Telemetry
 from companion.link.vehicle_link import VehicleLink
 from companion.state import Announcement, Output, Setpoint, Severity, VehicleRequest
 from protocol.messages import dialect
@@ -165,9 +166,9 @@ def test_the_first_thing_that_a_flight_lacks_is_named() -> None:
 @pytest.mark.parametrize(
     ("name", "count", "text"),
     [
-        ("position", 99, "LOCAL_POSITION_NED arrives at 99 of 250 Hz"),
+        ("position", 74, "LOCAL_POSITION_NED arrives at 74 of 250 Hz"),
         ("attitude", 50, "ATTITUDE_QUATERNION arrives at 50 of 250 Hz"),
-        ("scan", 5, "OBSTACLE_DISTANCE arrives at 5 of 15 Hz"),
+        ("scan", 4, "OBSTACLE_DISTANCE arrives at 4 of 15 Hz"),
         ("scan", 0, "OBSTACLE_DISTANCE arrives at 0 of 15 Hz (does the vehicle have that sensor?)"),
     ],
 )
@@ -192,8 +193,18 @@ def test_a_landed_state_is_asked_for_and_done_without() -> None:
 def test_the_least_share_of_a_rate_is_enough() -> None:
     link, vehicle = found()
     hear(link, vehicle.version(1, 13))
-    now = stream(link, vehicle, {"position": 100, "attitude": 100, "scan": 6, "landed": 2})
+    now = stream(link, vehicle, {"position": 75, "attitude": 75, "scan": 5, "landed": 2})
     assert link.report(now, None, before_flight=True).shortcoming is None
+
+
+def test_what_wavers_about_the_least_share_stays_enough() -> None:
+    telemetry = Telemetry(SETTINGS)
+    for second, (hz, enough) in enumerate(((74, False), (75, True), (38, True), (37, False), (74, False), (75, True))):
+        start = second * 2 * SECOND
+        for message_id in telemetry.rates.wanted:
+            for k in range(hz):
+                telemetry.rates.count(message_id, start + k * SECOND // hz + 1)
+        assert (telemetry.shortcoming(start + SECOND) is None) is enough, hz
 
 
 def test_no_scan_is_needed_without_avoidance() -> None:
