@@ -20,6 +20,7 @@ _WELCOME = {
 """Rates (Hz) by message, of what is good to have of any vehicle."""
 
 _STILL_ENOUGH = 0.5
+"""Of the least share, once there was that much."""
 
 
 class Telemetry:

@@ -129,6 +129,8 @@ def _copy(
         return
     log, attachments = flight.log, flight.log.attachments
     metadata = {name: table for name, table in log.metadata.items() if name not in ("flightlog", "flightlog end")}
+    if log.abandoned is not None:
+        metadata["flightlog end"] = {"reason": log.abandoned}
     if settings is not None or overrides:
         attachments = {**attachments, "settings.json": msgspec.json.encode(flight.settings)}
         flown = metadata["flight"]
@@ -227,7 +229,7 @@ class _Second:
                 if first_ns is None:
                     first_ns = now
         else:
-            if log.closed:  # else the last events may have had no answer any more
+            if log.complete and log.abandoned is None:  # else the last event may have had no answer any more
                 self._overdue()
         if log.problem is not None:
             self._say(log.problem)

@@ -52,9 +52,10 @@ class LogReader:
         return f"{self.path}: {self._problems}" if self._problems else None
 
     @property
-    def closed(self) -> bool:
-        """Whether whoever flew has closed it; False where that process ended in mid flight, or the file is cut off."""
-        return self.metadata.get("flightlog end", {}).get("reason") == "closed"
+    def abandoned(self) -> str | None:
+        """Why nobody closed it, in the recorder's words: the flying process has ended; None for any other log."""
+        reason = self.metadata.get("flightlog end", {}).get("reason", "closed")
+        return None if reason == "closed" else reason
 
     @property
     def missing(self) -> dict[str, str]:

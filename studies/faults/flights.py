@@ -211,12 +211,14 @@ def code(*more: str) -> str:
 
 
 class Flown(Protocol):
-    """A row that knows what it is the flight of, and by which code."""
+    """A row that knows what it is the flight of, by which code, and whether it was as promised."""
 
     @property
     def code(self) -> str: ...
     @property
     def job(self) -> Any: ...
+    @property
+    def kept(self) -> bool: ...
 
 
 J = TypeVar("J", bound=Hashable)

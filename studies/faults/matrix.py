@@ -11,7 +11,7 @@ from studies import style
 from studies.campaign import wilson
 from studies.faults import flights
 from studies.faults.catalogue import CONTACT, FAULTS, OUTCOMES, Fault
-from studies.faults.flights import Job, Row
+from studies.faults.flights import Flown, Job, Row
 from studies.report import Report
 from studies.tracks import on_all_cores
 
@@ -44,12 +44,6 @@ class Case:
     rows: tuple[Row, ...]
 
     @property
-    def as_promised(self) -> str:
-        kept, total = sum(row.kept for row in self.rows), len(self.rows)
-        low, high = wilson(kept, total)
-        return f"{kept} of {total} ({100.0 * low:.0f}-{100.0 * high:.0f} %)"
-
-    @property
     def answers_s(self) -> list[float]:
         """Times to the promised answer, where it came."""
         return [row.answer_s for row in self.rows if row.answer_s is not None and row.answer == row.promise.answer]
@@ -62,7 +56,7 @@ class Case:
             self.fault.key,
             self.fault.promise.text,
             len(self.rows),
-            self.as_promised,
+            as_promised(self.rows),
             f"{sum(timed)} of {len(timed)}" if timed else "-",
             ", ".join(f"{counts[each]} {each}" for each in OUTCOMES if counts[each]),
             round(max(row.tilt_deg for row in self.rows), 1),
@@ -70,6 +64,13 @@ class Case:
             median(self.answers_s) if self.answers_s else float("nan"),
             max(self.answers_s, default=float("nan")),
         ]
+
+
+def as_promised(rows: Sequence[Flown]) -> str:
+    """How many of them were, with Wilson's interval."""
+    kept, total = sum(row.kept for row in rows), len(rows)
+    low, high = wilson(kept, total)
+    return f"{kept} of {total} ({100.0 * low:.0f}-{100.0 * high:.0f} %)"
 
 
 def run(report: Report) -> None:

@@ -20,6 +20,8 @@ from studies.faults.kills import (
     Kill,
     Row,
     Sent,
+    missing,
+    outcome,
 )
 from studies.faults.proxy import Console
 from studies.report import Report, markdown
@@ -60,25 +62,56 @@ def test_each_process_and_signal_has_a_promise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("process", "outcome", "kept"),
+    ("process", "came_to", "kept"),
     [
         (PLANNER, "landed", True),
         (PLANNER, "delivered", True),
         (COMPANION, STAYED, True),
         (PLANNER, "contact", False),
         (PLANNER, "not ended", False),
+        (PLANNER, "no signal", False),
         (RECORDER, "landed", False),
         (VEHICLE, "gone", True),
         (VEHICLE, "landed", False),
     ],
 )
-def test_a_promise_is_kept_by_what_the_vehicle_came_to(process: str, outcome: str, kept: bool) -> None:
-    assert msgspec.structs.replace(ROW, process=process, outcome=outcome).kept is kept
+def test_a_promise_is_kept_by_what_the_vehicle_came_to(process: str, came_to: str, kept: bool) -> None:
+    assert msgspec.structs.replace(ROW, process=process, outcome=came_to).kept is kept
 
 
 @pytest.mark.parametrize("wrong", [{"log": "cut"}, {"missing_s": 0.21}, {"differences": 1}, {"differences": None}])
 def test_a_log_opens_lacks_nothing_and_replays(wrong: dict[str, object]) -> None:
     assert ROW.logged and not msgspec.structs.replace(ROW, **wrong).logged
+
+
+def test_a_log_whose_recorder_was_killed_is_cut_off_and_no_other() -> None:
+    cut = msgspec.structs.replace(ROW, process=RECORDER, log="cut off at byte 7")
+    assert cut.logged and not msgspec.structs.replace(cut, signal="SIGTERM").logged
+
+
+@pytest.mark.parametrize(
+    ("process", "ended", "words", "expected"),
+    [
+        (COMPANION, {"outcome": "landed", "contacts": 0, "flight_time_s": 9.0}, None, "landed"),
+        (RECORDER, {"outcome": "landed", "contacts": 0, "flight_time_s": 9.0}, "delivered", "delivered"),
+        (COMPANION, {"outcome": "stopped", "contacts": 0, "flight_time_s": 0.0}, None, STAYED),
+        (COMPANION, {"outcome": "crashed", "contacts": 1, "flight_time_s": 9.0}, None, "contact"),
+        (COMPANION, None, "delivered", "not ended"),
+        (VEHICLE, None, "telemetry lost", "gone"),
+        (VEHICLE, {"outcome": "stopped", "contacts": 0, "flight_time_s": 9.0}, None, "gone"),
+        (VEHICLE, {"outcome": "landed", "contacts": 0, "flight_time_s": 9.0}, "lost", "landed"),
+    ],
+)
+def test_what_the_vehicle_came_to(
+    process: str, ended: dict[str, object] | None, words: str | None, expected: str
+) -> None:
+    assert outcome(Kill(process, "SIGKILL", 1, ""), ended, words) == expected
+
+
+def test_what_a_log_lacks_counts_from_the_first_that_is_missing_to_the_signal() -> None:
+    sent = [(1_000_000_000, b"a"), (1_500_000_000, b"b"), (1_800_000_000, b"c"), (2_500_000_000, b"d")]
+    assert missing(sent, {b"a", b"c"}, 2_000_000_000) == pytest.approx(0.5)
+    assert missing(sent, {b"a", b"b", b"c"}, 2_000_000_000) == 0.0, "what came after the signal is nobody's"
 
 
 def test_the_page_says_what_was_not_as_promised(tmp_path: Path) -> None:

@@ -6,9 +6,8 @@ from companion.link.firmware.ardupilot import FIRMWARE
 from companion.link.vehicle_link import VehicleLink
 from companion.runtime.files import load_settings
 from companion.state import Announcement, Output
-from protocol.framing import Framer
-from protocol.messages import decode, dialect
-from tests.companion.link.sender import ARDUPILOT, MS, NOW, OWN_COMPONENT, PX4, SECOND, Sender, found, hear
+from protocol.messages import dialect
+from tests.companion.link.sender import ARDUPILOT, MS, NOW, OWN_COMPONENT, PX4, SECOND, Sender, found, hear, sent
 from tests.companion.link.test_real_telemetry import frames
 
 ATTITUDE, VELOCITY, POSITION, HEIGHT = (
@@ -146,10 +145,11 @@ def test_it_stands_back_for_another_companion_that_flies_the_vehicle() -> None:
 
 def test_own_heartbeats_say_whether_it_flies() -> None:
     link, _ = found()
-    for second, active in enumerate((False, True), start=1):
+    states: list[list[int]] = []
+    for ms, active in ((1000, False), (1020, False), (1040, True), (1060, True), (2040, True)):
         link.outbox.flush()
-        link.beat(NOW + second * SECOND, asks_rates=False, active=active)
-        (beat,) = (frame for frame in Framer().datagram(link.outbox.flush()) if frame.message_id == 0)
-        message = decode(beat)
-        assert message is not None
-        assert (message.system_status == dialect.MAV_STATE_ACTIVE) is active
+        link.beat(NOW + ms * MS, asks_rates=False, active=active)
+        beats = [each for each in sent(link) if each.get_type() == "HEARTBEAT"]
+        states.append([each.system_status for each in beats])
+    standby, flying = dialect.MAV_STATE_STANDBY, dialect.MAV_STATE_ACTIVE
+    assert states == [[standby], [], [flying], [], [flying]], "once a second, and at once when it changes"
