@@ -154,14 +154,17 @@ def test_a_companion_that_spoke_before_this_one_did_hears_it_all_the_same() -> N
     """Two with the same ids: the second one, behind a station, must hear that the first one flies."""
     near, far = Memory.pair()
     router = Router([Station("hub", near)], bytes_per_s=1e6)
-    far.send(heartbeat(COMPANION))
+    router.heard(heartbeat(VEHICLE))
     router.pump(TICK)
+    received(far)
+    far.send(heartbeat(COMPANION))
+    assert router.pump(2 * TICK), "nobody else has that name yet"
     ours = heartbeat(COMPANION)
     router.said(ours)
-    router.pump(2 * TICK)
+    router.pump(3 * TICK)
     assert received(far) == [ours]
     far.send(command(COMPANION, 1, 1))
-    assert router.pump(3 * TICK) == [], "and can't command"
+    assert router.pump(4 * TICK) == [], "and can't command"
 
 
 def test_keys_are_nobodys_business() -> None:
