@@ -32,7 +32,7 @@ TICK_NS = 4_000_000
 """250 Hz"""
 _LOG_LEVEL = {0: 50, 1: 50, 2: 50, 3: 40, 4: 30, 5: 20, 6: 20}
 """MAV_SEVERITY -> `logging`'s level."""
-SPIN_S = 1e-3
+SPIN_S = 4e-4
 """A tick is spun for from so long before it: a sleeping core may wake late."""
 _STATUS_EVERY_S = 0.2
 _LOG_CHECK_NS = 100_000_000
