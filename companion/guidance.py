@@ -179,7 +179,7 @@ class Guidance:
         track = None if following else self._track_to_join(leg)
         return MotionReport(
             following,
-            (following or track is not None) and generator.at_rest(now_ns),
+            generator.at_rest(now_ns),
             None if track is None else track.start_ned,
             over_map,
         )

@@ -185,7 +185,7 @@ class MotionReport(msgspec.Struct, frozen=True, gc=False):
     following: bool
     """It follows a track."""
     rests: bool
-    """It does not move any more; asked for with a track alone."""
+    """It does not move any more."""
     track_start_ned: Array | None
     """(3,) m: where the track begins that is to be joined; None if there is none."""
     over_map: bool

@@ -251,7 +251,7 @@ class Navigator:
             return Arrival.DONE if near else Arrival.NOT_YET
         target = step.target_ned if motion.track_start_ned is None else motion.track_start_ned
         assert target is not None
-        if self._arrived_ns is None and self._settles(target, state):
+        if self._arrived_ns is None and self._settles(target, state, motion.rests):
             self._arrived_ns = now_ns
         if motion.track_start_ned is not None:
             if self._arrived_ns is None or not motion.rests:
@@ -261,15 +261,16 @@ class Navigator:
         held = self._arrived_ns is not None and now_ns - self._arrived_ns >= step.hold_s * 1e9
         return Arrival.DONE if held else Arrival.NOT_YET
 
-    def _settles(self, target_ned: Array, state: VehicleState) -> bool:
-        """Near to a place and slow; a mission whose reference jumps waits for nothing."""
+    def _settles(self, target_ned: Array, state: VehicleState, reference_rests: bool) -> bool:
+        """Near to a place and slow; a mission whose reference jumps waits for nothing. Wander widens the bounds once
+        the reference rests: before, its errors are those of a manoeuvre."""
         if self.mission.profile == "step":
             return True
-        settings, wander = self._settings.trajectory, self._wander
+        near, slow = self._settings.trajectory.settled_distance, self._settings.trajectory.settled_speed
+        if reference_rests:
+            near, slow = self._wander.distance(near), self._wander.speed(slow)
         distance = math.dist(target_ned.tolist(), state.position_ned.tolist())
-        return distance < wander.distance(settings.settled_distance) and math.hypot(
-            *state.velocity_ned.tolist()
-        ) < wander.speed(settings.settled_speed)
+        return distance < near and math.hypot(*state.velocity_ned.tolist()) < slow
 
     def tracked(self, errors: Array) -> None:
         """The errors (6,) from the reference of a control step in the air: of the position (m) and of the virtual rate

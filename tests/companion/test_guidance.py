@@ -85,7 +85,7 @@ def test_a_reference_that_jumps_is_at_the_target_at_once() -> None:
         leg = leg_to(target, avoids=True)
         motion = flight.guidance.steer(leg, flight.state, flight.now)
         assert flight.reference.position_ned.tolist() == list(target) and not flight.reference.rows[1:5].any()
-        assert motion == MotionReport(following=False, rests=False, track_start_ned=None, over_map=False)
+        assert motion == MotionReport(following=False, rests=True, track_start_ned=None, over_map=False)
         assert not flight.guidance.guards(leg.step)
 
 
@@ -97,7 +97,7 @@ def test_a_straight_leg_is_smooth_and_ends_at_rest_at_its_target() -> None:
     limits = flight.settings.trajectory
     target = (12.0, -7.0, -5.0)
     flight.steer(leg_to(target), 12.0)
-    assert flight.motion == MotionReport(following=False, rests=False, track_start_ned=None, over_map=False)
+    assert flight.motion == MotionReport(following=False, rests=True, track_start_ned=None, over_map=False)
     assert_smooth(flight.references, limits.acceleration, limits.jerk)
     speeds = [float(np.linalg.norm(reference.velocity_ned)) for reference in flight.references]
     assert 2.0 < max(speeds) <= ROUTE.speed + 1e-6

@@ -13,7 +13,7 @@ from studies.joined import Joined, mission_of
 from tests.companion.reference_flight import SMALL_MAP
 from vehicle_sim.physics.battery import battery_state
 
-COURIER = mission_of("courier")
+ERRAND = mission_of("errand")
 QUICK = ('avoidance.method="paper"',)
 STRAIGHT = Mission(name="straight", waypoints=[Waypoint(150.0, 0.0, 5.0), Waypoint(150.0, 150.0, 5.0)], speed=5.0)
 FREE = ('avoidance.method="none"',)
@@ -50,7 +50,8 @@ def reporting(change: Callable[[int, Any], bool]) -> Callable[[int, bytes], byte
 
 
 def test_a_courier_whose_battery_does_not_suffice_comes_home_with_the_parcel() -> None:
-    joined = Joined(COURIER, overrides=SMALL_MAP, vehicle_overrides=("battery.charge=0.18",)).fly()
+    vehicle = ("battery.charge=0.17", "battery.capacity_wh=20")
+    joined = Joined(ERRAND, overrides=SMALL_MAP, vehicle_overrides=vehicle).fly()
     summary, fault = joined.vehicle.summary(), joined.autopilot.supervisor.fault
     assert fault == "returned: battery at 14 %" and not joined.autopilot.navigator.released
     assert summary.outcome == "landed" and summary.contacts == 0
@@ -85,7 +86,8 @@ def test_who_has_enough_notices_nothing() -> None:
 
 
 def test_a_low_battery_on_the_way_home_is_said_and_cuts_nothing() -> None:
-    joined = Joined(COURIER, overrides=QUICK, vehicle_overrides=("battery.charge=0.2",)).fly()
+    vehicle = ("battery.charge=0.17", "battery.capacity_wh=40")
+    joined = Joined(ERRAND, overrides=QUICK, vehicle_overrides=vehicle).fly()
     assert joined.autopilot.supervisor.fault is None and joined.autopilot.navigator.released
     assert words(joined, "battery at 14 %") == 1 and words(joined, "returning") == 0
 
@@ -99,7 +101,7 @@ def test_from_low_at_the_delivery_it_climbs_first() -> None:
             message.charge_state = dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL
         return True
 
-    joined = Joined(mission_of("errand"), overrides=QUICK, meddle=reporting(critical))
+    joined = Joined(ERRAND, overrides=QUICK, meddle=reporting(critical))
     joined.fly(until=lambda flight: flight.autopilot.navigator.phase is Phase.DESCEND)
     seen.append(joined.vehicle.time_ns)
     joined.fly(until=lambda flight: flight.autopilot.navigator.phase is Phase.RETURN)
@@ -121,7 +123,7 @@ def test_a_track_is_left_for_the_way_home() -> None:
 
 def test_no_flight_begins_with_a_low_battery() -> None:
     soon = (*QUICK, "supervision.ready_timeout=5.0")
-    joined = Joined(COURIER, overrides=soon, vehicle_overrides=("battery.charge=0.12",)).fly()
+    joined = Joined(ERRAND, overrides=soon, vehicle_overrides=("battery.charge=0.12",)).fly()
     fault = joined.autopilot.supervisor.fault
     assert fault is not None and "battery at 12 %" in fault and joined.vehicle.flight.airborne_ns == 0
 
@@ -145,7 +147,7 @@ def test_a_recovering_battery_does_not_call_the_return_off() -> None:
         message.battery_remaining = 40 if returns else 14 if time_ns > 7e9 else 80
         return True
 
-    joined = Joined(mission_of("errand"), overrides=QUICK, meddle=reporting(recovering))
+    joined = Joined(ERRAND, overrides=QUICK, meddle=reporting(recovering))
     joined.fly(until=lambda flight: words(flight, "returning") > 0)
     returns.append(joined.vehicle.time_ns)
     joined.fly()

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -46,6 +47,19 @@ def test_who_still_climbs_has_not_taken_off() -> None:
     climbing = vehicle(target_of(navigator), (0.0, 0.0, -0.5))
     assert navigator.advance(ALONG, climbing, 0) is Arrival.NOT_YET
     assert navigator.advance(ALONG, vehicle(target_of(navigator)), 0) is not Arrival.NOT_YET
+
+
+def test_a_manoeuvre_is_no_wander() -> None:
+    """Errors of a hard turn widen the bounds only where the reference is at rest again."""
+    navigator = at_step(mission_of("hover"), Phase.ROUTE)
+    for _ in range(2000):
+        navigator.tracked(np.array([0.3, 0.0, 0.0, 0.6, 0.0, 0.0]))
+    passing = vehicle(target_of(navigator) + 0.15, (0.5, 0.0, 0.0))
+    navigator.advance(ALONG, passing, 0)
+    late = 60_000_000_000
+    assert navigator.advance(ALONG, passing, late) is Arrival.NOT_YET, "it never arrived"
+    navigator.advance(msgspec.structs.replace(ALONG, rests=True), passing, late)
+    assert navigator.advance(ALONG, passing, 2 * late) is Arrival.DONE
 
 
 def test_no_wander_makes_anything_an_arrival() -> None:
