@@ -364,8 +364,10 @@ def test_ring_world_agrees_with_the_world() -> None:
     assert np.percentile(np.abs(distances), 95) < 0.6
 
 
-@pytest.mark.parametrize("output", Output)
-@pytest.mark.parametrize(("mission", "until_s"), [("square", 36.0), ("courier", 40.0)])
+@pytest.mark.parametrize(
+    ("mission", "until_s", "output"),
+    [*(("square", 36.0, output) for output in Output), ("courier", 40.0, Output.ATTITUDE)],
+)
 def test_the_vehicle_survives_its_companion(mission: str, until_s: float, output: Output) -> None:
     """The companion dies at random moments, on any output: the vehicle holds, lands and disarms, unhurt. In the street
     at moments at which nothing stands where it brakes: it is blind without its companion."""

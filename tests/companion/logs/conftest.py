@@ -12,16 +12,18 @@ from tests.companion.logs.changed_logs import Flyer
 from tests.flights.processes import run
 from tests.flights.shared import once
 
+HOVER = Path(__file__).resolve().parents[2] / "data" / "hover.toml"
+
 
 @pytest.fixture(scope="session")
 def fly(tmp_path_factory: pytest.TempPathFactory) -> Flyer:
-    """Flies the hover in two processes, once for each set of options; the log."""
+    """Flies a short hover in two processes, once for each set of options; the log."""
 
     def flyer(*options: str) -> Path:
         options = options or ("--output", "rates", "--pace", "lockstep")
 
         def make(folder: Path) -> None:
-            done = run("companion", "demo", "hover", "--no-report", "--log", str(folder), *options)
+            done = run("companion", "demo", str(HOVER), "--no-report", "--log", str(folder), *options)
             assert done.returncode in (0, 1), done.stderr  # 1: in real time on a machine that is too busy
 
         (log,) = once(tmp_path_factory, "_".join(("hover", *options)), make).glob("*/flight.mcap")

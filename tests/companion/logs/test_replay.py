@@ -21,7 +21,7 @@ from tests.companion.logs.changed_logs import Flyer, rewritten, sent
 from tests.flights.processes import HOP, Process, run
 
 DATA = Path(__file__).resolve().parents[2] / "data"
-AT_S = 6.0
+AT_S = 5.0
 
 
 @pytest.mark.parametrize(

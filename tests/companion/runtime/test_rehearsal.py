@@ -76,9 +76,9 @@ def test_nothing_is_compiled_or_imported_in_flight(
     ("mission", "output"),
     [
         *((path.stem, Output.RATES) for path in sorted((ROOT / "missions").glob("*.toml"))),
-        ("courier", Output.ATTITUDE),
-        ("courier", Output.ACTUATORS),
-        ("courier", None),
+        ("errand", Output.ATTITUDE),
+        ("errand", Output.ACTUATORS),
+        ("errand", None),
     ],
 )
 def test_every_mission_gets_through_its_rehearsal(mission: str, output: Output | None) -> None:
