@@ -112,10 +112,6 @@ def _response(design: Design, delay: float, left: float) -> _Response:
     s = 1j * _FREQUENCIES
     moves = np.linalg.solve(s[:, None, None] * np.eye(5) - A, np.broadcast_to(B[:, None], (len(s), 5, 1)))[:, :, 0]
     later = np.exp(-s * delay)[:, None]
-    if design.angle_feedback > 0.0:  # the commands under way are not known to turn it; it turns on as it does
-        free = A.copy()
-        free[3:] = 0.0
-        return _Response(moves @ _exponential(free, delay).T * later * np.exp(-s * left)[:, None], 0.0 * moves)
     ahead = moves @ _exponential(A, delay).T * later
     return _Response(ahead * np.exp(-s * left)[:, None], moves - ahead)
 

@@ -21,8 +21,6 @@ def design(output: Output) -> Design:
 
 
 DESIGNS = [design(output) for output in Output]
-PREDICTED = [each for each in DESIGNS if each.angle_feedback == 0.0]
-"""Of those outputs whose commands say how the vehicle turns."""
 
 
 @pytest.mark.parametrize("each", DESIGNS)
@@ -45,10 +43,12 @@ def test_without_a_delay_it_is_the_design_itself(each: Design) -> None:
     assert pace_for(each, 0.0, 0.0) == (1.0, None)
 
 
-@pytest.mark.parametrize("each", PREDICTED)
+@pytest.mark.parametrize("each", DESIGNS)
 def test_a_longer_delay_is_flown_slower(each: Design) -> None:
+    """Least so where the vehicle keeps its attitude by itself."""
     paces = [pace_for(each, delay, 0.0).share for delay in (0.05, 0.1, 0.2, 0.4)]
-    assert paces == sorted(paces, reverse=True) and paces[-1] < 0.5
+    assert paces == sorted(paces, reverse=True)
+    assert paces[-1] < 0.5 if each.angle_feedback == 0.0 else 0.9 < paces[-1] < 1.0
 
 
 def grows(each: Design, delay: float, left: float) -> bool:
@@ -62,22 +62,24 @@ def grows(each: Design, delay: float, left: float) -> bool:
         whole = whole + term
     Ad, Bd = whole[:5, :5], whole[:5, 5]
     ahead, behind = round(delay / STEP_S), round(left / STEP_S)
-    x, sent, sizes = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), [0.0] * (ahead + behind + 1), []
-    for _ in range(round(20.0 / STEP_S)):
-        guess = x.copy()
-        for u in sent[len(sent) - ahead :]:
-            guess = Ad @ guess + Bd * u
-        sent.append(-float(K @ guess))
-        x = Ad @ x + Bd * sent[-1 - ahead - behind]
+    powers = [np.linalg.matrix_power(Ad, n) for n in range(ahead, -1, -1)]
+    of_state, of_sent = K @ powers[0], np.array([K @ each @ Bd for each in powers[1:]])
+    x, sizes, steps = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), [], round(20.0 / STEP_S)
+    sent = np.zeros(steps + ahead + behind)
+    for now in range(ahead + behind, len(sent)):
+        sent[now] = -(of_state @ x + of_sent @ sent[now - ahead : now])
+        x = Ad @ x + Bd * sent[now - ahead - behind]
         sizes.append(abs(x[0]))
     return bool(max(sizes[-2000:]) > max(sizes[:2000]))
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.04])
-def test_the_margin_is_what_a_simulated_loop_bears(delay: float) -> None:
+@pytest.mark.parametrize(
+    ("output", "delay"), [(Output.RATES, 0.0), (Output.RATES, 0.04), (Output.ATTITUDE, 0.0), (Output.ATTITUDE, 0.2)]
+)
+def test_the_margin_is_what_a_simulated_loop_bears(output: Output, delay: float) -> None:
     """The delay beyond the prediction at which the computed margin ends is where the loop begins to run away."""
-    each = design(Output.RATES)
-    low, high = 0.0, 0.2
+    each = design(output)
+    low, high = 0.0, 0.4
     for _ in range(20):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if phase_margin(each, delay, middle) > 0.0 else (low, middle)
