@@ -24,8 +24,8 @@ Message = tuple[type[Any], tuple[Any, ...]]
 class TurningInput(IntEnum):
     """What of a command says how the vehicle turns; the prediction integrates it."""
 
-    UNKNOWN = 0
-    """Nothing: the rates are taken to stay as they are."""
+    ATTITUDE = 0
+    """The rotation vector (rad) from NED to FRD."""
     RATES = 1
     """rad/s."""
     ANGULAR_ACCELERATION = 2
@@ -68,7 +68,7 @@ def _actuators(setpoint: Setpoint, boot_time_ms: int, target: tuple[int, int]) -
 
 
 OUTPUTS = {
-    Output.ATTITUDE: OutputEntry(TurningInput.UNKNOWN, _attitude),
+    Output.ATTITUDE: OutputEntry(TurningInput.ATTITUDE, _attitude),
     Output.RATES: OutputEntry(TurningInput.RATES, _rates),
     Output.ACTUATORS: OutputEntry(TurningInput.ANGULAR_ACCELERATION, _actuators),
 }

@@ -5,6 +5,9 @@ too: what leaves here goes on without a jump, in the frame of the take-off, and 
 that goes back was an outlier. What does not move although other telemetry says that it must is a fault; and where each
 message on the ground was another one, as with real sensors, so is what repeats itself. Before `watch`, all is taken as
 it comes: estimators settle.
+
+Without noise a vehicle at rest says the same for ever, but it comes to rest slowly: an attitude that was another one in
+each message, moved, and then repeats itself has stopped in a way that no vehicle does.
 """
 
 import math
@@ -31,6 +34,8 @@ _MOVED_M, _TURNED, _PUSHED = 0.1, 0.012, 0.06
 """and should have, by so much (m, rad, m/s), is stuck."""
 _NOISY = 100
 """So many messages in a row that all differ, from a vehicle that stands, show noise: none repeats the one before."""
+_MOVING = 1e-6
+"""rad and rad/s; so far, 16 times a float's resolution, an attitude that is under way moves in 0.1 to 0.2 s."""
 _LEVEL = 0.005
 """sin of a tilt that pushes nowhere,"""
 _FLIES = 0.002
@@ -69,6 +74,32 @@ class Unchanged:
         self.count += 1
         lasts = (time_ms - self.since_ms) * 1e-3
         return lasts if self.count >= _STILL_COUNT and lasts >= _STILL_S else 0.0
+
+
+class Motion:
+    """Whether an attitude with its rates has stopped from one message to the next."""
+
+    def __init__(self) -> None:
+        self.broke_off = False
+        """It was under way, and says the same since."""
+        self._values: list[float] = []
+        self._differed = 0
+        """So many messages in a row."""
+        self._marks: list[tuple[int, list[float]]] = []
+        """Times (ms) and values 0.1 to 0.2 s ago, and later."""
+
+    def take(self, values: list[float], time_ms: int) -> None:
+        """The next message."""
+        if values == self._values:
+            if self._differed:
+                moved = max(abs(a - b) for a, b in zip(values, self._marks[0][1], strict=True))
+                self.broke_off = self._differed >= _NOISY and moved > _MOVING
+                self._differed = 0
+            return
+        self._values, self.broke_off = values, False
+        self._differed += 1
+        if not self._marks or not 0 <= time_ms - self._marks[-1][0] < 1e3 * _STILL_S:
+            self._marks = [*self._marks[-1:], (time_ms, values)]
 
 
 class AskedTurn:
@@ -130,6 +161,7 @@ class Plausibility:
         self.late_s = 0.0
         """After so long what is asked shows in what the vehicle says."""
         self._asked_turn = AskedTurn()
+        self._motion = Motion()
         self._gained = 0.0, 0.0
         """m/s: speed gained along and across the way of the vehicle's tilt, since its heading jumped alone."""
 
@@ -173,6 +205,7 @@ class Plausibility:
                 return None
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
             same = before is not None and quaternion == before[1]
+            self._motion.take(quaternion + rates, time_ms)
             if self._attitude_noise_due > 0 and before is not None:
                 self._attitude_noise_due = -1 if same else self._attitude_noise_due - 1
             if same:
@@ -325,6 +358,7 @@ class Plausibility:
         alike = self._still_turn.seconds(quaternion, time_ms, speed)
         wholly = still.seconds(quaternion + rates, time_ms, speed)
         stuck = bool(alike) and (self._attitude_noise_due == 0 or math.hypot(*rates) * alike > 4.0 * _TURNED)
+        stuck = stuck or (wholly > 0.0 and self._motion.broke_off)
         if wholly and speed is not None:
             still.witness = still.witness or speed
             stuck = stuck or _aside(quaternion, speed, still.witness) > _PUSHED

@@ -27,7 +27,8 @@ class Joined:
     """A companion and a vehicle that have not met yet. `meddle` may change what the vehicle says, at a time (ns)."""
 
     mission: Mission
-    output: Output = Output.RATES
+    output: Output | None = Output.RATES
+    """None: the one that the companion chooses for this vehicle."""
     overrides: tuple[str, ...] = ()
     seed: int = 1
     airframe: Airframe | None = None

@@ -24,7 +24,7 @@ from companion.records import CONTROL_FIELDS
 from companion.reports import LinkDelay, Motors
 from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol.arrays import Array, Vector
-from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_world
+from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_rotation_vector, to_world
 from protocol.jit import compiled
 from protocol.vehicle_parameters import VehicleParameters
 
@@ -76,7 +76,7 @@ _FADING_S = 0.05
 """Time constant with which jumps of the reference's rates are let through."""
 _ITERATIONS = 2
 """Of the flatness of the reference, which start from the last step's result."""
-_UNKNOWN, _ANGULAR_ACCELERATION = int(TurningInput.UNKNOWN), int(TurningInput.ANGULAR_ACCELERATION)
+_ATTITUDE, _ANGULAR_ACCELERATION = int(TurningInput.ATTITUDE), int(TurningInput.ANGULAR_ACCELERATION)
 
 
 class Controller:
@@ -128,12 +128,12 @@ class Controller:
         return msgspec.structs.replace(state, position_ned=m["position"] + since * velocity, velocity_ned=velocity)
 
     def _pace(self) -> Pace:
-        """Slow the design down to the pace that the delay allows."""
+        """Slow the design down to the pace that the delay allows, and the height to its own."""
         delay, left = self.delay.total, self.delay.unsteady
         if not self._predicts:
             delay, left = 0.0, delay + left
-        pace = pace_for(design_of(self._configured[0]), delay, left)
-        self._parameters["pace"] = pace.share
+        pace, height = (pace_for(design_of(self._configured[0], vertical=v), delay, left) for v in (False, True))
+        self._parameters["pace"] = pace.share, pace.share, height.share
         self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace.share, torque=False)
         self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace.share, torque=True)
         return pace
@@ -268,7 +268,8 @@ def _observe_and_predict(state: prediction.Measured, times: tuple[int, int, int]
     model = prediction.Model(
         p.turning_input,
         p.rotor_lag,
-        p.rate_loop,
+        p.assumed_rate_loop,
+        p.assumed_attitude_loop,
         mass / m.thrust_scale,
         p.drag_kg_s * m.drag_scale / m.thrust_scale,
         m.disturbance,
@@ -334,8 +335,10 @@ def attitude_command(
         collective += reference.thrust_change
     collective = min(max(collective, p.min_thrust_n), p.max_thrust_n)
     rates, torque, turning_input = _inner_loop(command, reference, p, m)
-    if p.attitude_lead > 0.0 and p.turning_input == _UNKNOWN:
-        command = _attitude_sent(command, reference, p, m)
+    if p.turning_input == _ATTITUDE:
+        if p.attitude_lead > 0.0:
+            command = _attitude_sent(command, reference, p, m)
+        turning_input = to_rotation_vector(command)
     m.limited = limited or changed
     m.count = prediction.remember(m.commands, m.count, now_ns + p.command_delay_ns, collective, turning_input)
 

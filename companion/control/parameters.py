@@ -40,10 +40,12 @@ PARAMETERS = np.dtype(
         ("predicts", "b1"),
         ("half_period_ns", "i8"),
         ("command_delay_ns", "i8"),
-        ("pace", "f8"),
+        ("pace", "f8", 3),
         ("turning_input", "i8"),
         ("rotor_lag", "f8"),
         ("rate_loop", "f8", 3),
+        ("assumed_rate_loop", "f8", 3),
+        ("assumed_attitude_loop", "f8"),
         ("attitude_lead", "f8"),
         ("torque_gain", "f8", (3, 3)),
         ("rates_gain", "f8", (3, 3)),
@@ -62,9 +64,10 @@ PARAMETERS = np.dtype(
 )
 """SI units. Of the fields that do not speak for themselves: `gains` are the law's (`laws.Law`); `c1`, `c2` those of the
 Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` and `command_delay_ns` are together the time
-from a command to its effect, half of the time that it is held included; `pace` is that of `margin`; `fading` (1/s) that
-of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is known; `attitude_lead`
-(s) the lag of the vehicle's attitude loop; `torque_scale` the fractions of full torque for one unit of U2, U3, U4."""
+from a command to its effect, half of the time that it is held included; `pace` is that of `margin` along north, east
+and down; `fading` (1/s) that of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once
+it is known; `attitude_lead` (s) the lag of the vehicle's attitude loop; the `assumed` gains (1/s) of its loops are its
+own or, where these are not known, usual ones; `torque_scale` the fractions of full torque for a unit of U2, U3, U4."""
 
 _SMALL = 1e-3
 """m and m/s: an error that is within any law's linear range."""
@@ -152,6 +155,8 @@ def _attitude(settings: Settings, body: VehicleParameters) -> dict[str, Any]:
     """The attitude's LQR."""
     torque_gain, rates_gain = _attitude_gains(settings, body)
     return {
+        "assumed_rate_loop": [loop or _RATE_LOOP for loop in body.rate_loop_gain_1_s],
+        "assumed_attitude_loop": body.attitude_loop_gain_1_s or rates_gain[1, 0],
         "feed_attitude": settings.control.attitude.feedforward,
         "torque_gain": torque_gain,
         "rates_gain": rates_gain,
@@ -179,24 +184,26 @@ def _attitude_gains(settings: Settings, body: VehicleParameters) -> tuple[Array,
     return torque_gain, rates_gain
 
 
-def design_of(p: Any) -> Design:
-    """The design of a record of PARAMETERS along north, which turns the vehicle about its pitch axis."""
-    small, none = np.array([1.0, 0.0, 0.0]) * _SMALL, np.zeros(3)
+def design_of(p: Any, *, vertical: bool = False) -> Design:
+    """The design of a record of PARAMETERS along north, which turns the vehicle about pitch, or of the height."""
+    axis, none = 2 if vertical else 0, np.zeros(3)
+    small = np.eye(3)[axis] * _SMALL
     moved, moving = (
-        float(laws.acceleration_command(p["law"], error, none, p["gains"])[0]) / _SMALL
+        float(laws.acceleration_command(p["law"], error, none, p["gains"])[axis]) / _SMALL
         for error in (TrackingError(small, none, -p["c1"] * small, none), TrackingError(none, small, -small, none))
     )
-    lead, takes_torque = float(p["attitude_lead"]), p["turning_input"] == TurningInput.ANGULAR_ACCELERATION
-    rate_loop = 0.0 if takes_torque else float(p["rate_loop"][1]) or _RATE_LOOP
+    takes_torque = p["turning_input"] == TurningInput.ANGULAR_ACCELERATION
+    rate_loop = 0.0 if takes_torque else float(p["assumed_rate_loop"][1])
     attitude, strength = p["rates_gain"][1], rate_loop
     if takes_torque:
         attitude = p["torque_gain"][1]
         strength = float(p["torque_scale"][1] * p["full_torque"][1] / p["inertia"][1])
     angle_loop = 0.0
-    if p["turning_input"] == TurningInput.UNKNOWN:
-        angle_loop = 1.0 / lead if lead > 0.0 else float(p["rates_gain"][1][0])
+    if p["turning_input"] == TurningInput.ATTITUDE:
+        angle_loop = float(p["assumed_attitude_loop"])
         strength = rate_loop * angle_loop
-    return Design(moved, moving, tuple(attitude.tolist()), strength, rate_loop, angle_loop, float(p["rotor_lag"]))
+    inner = tuple(attitude.tolist()), strength, rate_loop, angle_loop, float(p["rotor_lag"])
+    return Design(moved, moving, *inner, vertical)
 
 
 def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:

@@ -1,9 +1,11 @@
 """Prediction of the state at which the command that is computed now takes effect.
 
 Telemetry is old when it arrives, and a command acts later still. The motion is integrated over that gap, from the
-measured state on and under the commands that were sent meanwhile, with the rotors and the vehicle's rate loop as
-first-order lags (the forward model of a Smith predictor). The states of the lags can't be measured. They are computed
-from the commands of the last 0.3 s, which is long enough for the lags to forget where they started.
+measured state on and under the commands that were sent meanwhile, with the rotors and the vehicle's own loops of rate
+and attitude as first-order lags (the forward model of a Smith predictor). The states of the lags can't be measured.
+They are computed from the commands of the last 0.3 s, which is long enough for the lags to forget where they started.
+How an attitude that was commanded turns the vehicle also depends on its attitude then: there the turning starts as the
+loops ask for at the measurement.
 """
 
 import math
@@ -32,7 +34,7 @@ _STEP_NS = 2_000_000
 _LAG_STEP_NS = 4_000_000
 """Step over the past, where the lags alone are followed."""
 
-_RATES, _ANGULAR_ACCELERATION = int(TurningInput.RATES), int(TurningInput.ANGULAR_ACCELERATION)
+_ATTITUDE, _ANGULAR_ACCELERATION = int(TurningInput.ATTITUDE), int(TurningInput.ANGULAR_ACCELERATION)
 
 
 class Measured(NamedTuple):
@@ -56,7 +58,9 @@ class Model(NamedTuple):
     rotor_lag: float
     """Time constant of the rotors (s)."""
     rate_loop: Array
-    """(3,) gain (1/s) of the vehicle's rate loop; 0: not known."""
+    """(3,) gain (1/s) of the vehicle's rate loop."""
+    attitude_loop: float
+    """Gain (1/s) of its attitude loop."""
     mass: float
     """kg, divided by the scale of the thrust."""
     drag: Array
@@ -169,20 +173,28 @@ def _share(dt: float, lag: float) -> float:
 
 
 @compiled
-def _known_input(model: Model) -> bool:
-    """The commands say how the vehicle turns."""
-    return model.turning_input == _ANGULAR_ACCELERATION or (model.turning_input == _RATES and model.rate_loop[0] > 0.0)
+def _turning_asked(command: Array, attitude: Array | Quaternion, rates: Array, model: Model) -> Vector:
+    """The angular acceleration (rad/s2, FRD) that a command's input (3,) asks for at an attitude and rates (3,)."""
+    x, y, z = command[0], command[1], command[2]
+    if model.turning_input == _ANGULAR_ACCELERATION:
+        return x, y, z
+    if model.turning_input == _ATTITUDE:
+        inverse = attitude[0], -attitude[1], -attitude[2], -attitude[3]
+        w, x, y, z = product(inverse, rotation_quaternion(x, y, z))
+        gain = math.copysign(2.0 * model.attitude_loop, w)
+        x, y, z = gain * x, gain * y, gain * z
+    loop = model.rate_loop
+    return loop[0] * (x - rates[0]), loop[1] * (y - rates[1]), loop[2] * (z - rates[2])
 
 
 @compiled
 def _follow_lags(
-    commands: NDArray[np.void], count: int, until_ns: int, model: Model, angular_acceleration: Array
+    commands: NDArray[np.void], count: int, until_ns: int, measured: Measured, model: Model, turning: Array
 ) -> tuple[float, int]:
     """Follow the lags over the past up to `until_ns`: the thrust (N) and the number of the command in force then.
 
-    Writes the angular acceleration (3,) in rad/s2 then, which is zero at the call, into its argument.
+    Writes the angular acceleration (3,) in rad/s2 then, which is zero at the call, into `turning`.
     """
-    known = _known_input(model)
     time = until_ns - _MEMORY_NS
     index = _in_force(commands, count, max(count - HISTORY, 0), time)
     thrust, rate = commands[index % HISTORY].thrust_n, commands[index % HISTORY].input.copy()
@@ -195,14 +207,14 @@ def _follow_lags(
             step, share = end - time, _share(dt, model.rotor_lag)
         command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
-        if known:
+        if model.turning_input != _ATTITUDE:
+            asked = _turning_asked(command.input, measured.attitude, rate, model)
             for i in range(3):
-                wanted = command.input[i]
-                if model.turning_input == _RATES:
-                    wanted = model.rate_loop[i] * (wanted - rate[i])
-                angular_acceleration[i] += share * (wanted - angular_acceleration[i])
-                rate[i] += dt * angular_acceleration[i]
+                turning[i] += share * (asked[i] - turning[i])
+                rate[i] += dt * turning[i]
         time = end
+    if model.turning_input == _ATTITUDE:
+        turning[:] = _turning_asked(commands[index % HISTORY].input, measured.attitude, measured.rates, model)
     return thrust, index
 
 
@@ -216,9 +228,8 @@ def predict(
     q = attitude[0], attitude[1], attitude[2], attitude[3]
     if count == 0:
         return Predicted(p, v, q, w, turning, 0.0, 0.0)
-    thrust, index = _follow_lags(commands, count, measured_ns, model, turning)
+    thrust, index = _follow_lags(commands, count, measured_ns, measured, model, turning)
     measured_thrust = thrust
-    known = _known_input(model)
     time = measured_ns
     while time < until_ns:
         index = _in_force(commands, count, index, time)
@@ -227,12 +238,9 @@ def predict(
         share = _share(dt, model.rotor_lag)
         command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
-        if known:
-            for i in range(3):
-                wanted = command.input[i]
-                if model.turning_input == _RATES:
-                    wanted = model.rate_loop[i] * (wanted - w[i])
-                turning[i] += share * (wanted - turning[i])
+        asked = _turning_asked(command.input, q, w, model)
+        for i in range(3):
+            turning[i] += share * (asked[i] - turning[i])
         a = _acceleration(q, v, thrust, model)
         for i in range(3):
             w[i] += dt * turning[i]

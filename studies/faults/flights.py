@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from companion.mission.plan import Mission, Phase
+from companion.state import Output
 from protocol import toml_files as toml_files
 from protocol.arrays import Array
 from studies import joined as joining
@@ -107,6 +108,12 @@ def moment_s(job: Job) -> float:
     return float(np.random.default_rng([job.seed, key]).uniform(*FLIGHT_S[job.mission]))
 
 
+def output(job: Job) -> Output | None:
+    """What the companion commands: rates on one of the missions, its own choice (None) on the other; the other way
+    round with the next seed."""
+    return None if (job.seed + list(FLIGHT_S).index(job.mission)) % 2 else Output.RATES
+
+
 def injector(fault: Fault, after_s: float, seed: int) -> Injector:
     """The injector of a flight with a fault."""
     change = None if fault.change is None else fault.change(seed)
@@ -120,7 +127,7 @@ def fly(job: Job, said: Callable[[str], None] = lambda text: None) -> Row:
     began = time.perf_counter()
     fault = FAULTS[job.fault]
     between = injector(fault, moment_s(job), job.seed)
-    joined = Joined(mission_of(job.mission), seed=job.seed, injector=between, remembers=False)
+    joined = Joined(mission_of(job.mission), output(job), seed=job.seed, injector=between, remembers=False)
     raised = None
     try:
         joined.fly(_LIMIT_S, until=lambda joined: joined.vehicle.finished)

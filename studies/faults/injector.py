@@ -116,7 +116,8 @@ class Injector:
         self.change = change
         """Of what the vehicle says."""
         self.began_ns: int | None = None
-        """When the onset began."""
+        """When the onset began; one that changes what the vehicle says begins where that first differs from what the
+        vehicle would have said: what stands still anyhow is not frozen yet."""
         self.keeps_step = link is PERFECT and change is None and onset is None
         """Nothing is ever late or changed, so that both sides may fly in lockstep."""
         self._onset = onset
@@ -126,10 +127,12 @@ class Injector:
 
     def to_companion(self, data: bytes, now_ns: int) -> None:
         """The vehicle sends a datagram."""
-        if self._onset is not None and self.began_ns is None:
+        if self._onset is not None:
             self._look_for_onset(self._onset, data, now_ns)
         if self.change is not None:
-            data = self.change(now_ns, data)
+            whole, data = data, self.change(now_ns, data)
+            if self.began_ns is None and data != whole:
+                self.began_ns = now_ns
         if data:
             self._there.send(data, self.link, self.link.there, now_ns)
         for _ in range(self.link.flood):
@@ -156,8 +159,9 @@ class Injector:
         if self._armed_ns is None and _says_armed(data):
             self._armed_ns = now_ns
         if self._armed_ns is not None and now_ns >= self._armed_ns + round(onset.after_s * 1e9):
-            self.began_ns = now_ns
-            self.link, self.change = onset.link or self.link, onset.change or self.change
+            self.link, self.change, self._onset = onset.link or self.link, onset.change or self.change, None
+            if onset.change is None:
+                self.began_ns = now_ns
 
 
 def _says_armed(data: bytes) -> bool:

@@ -10,9 +10,12 @@ What [failsafes](failsafes.md) promises of a link that is late, lossy or damaged
 or wrong, of clocks that jump and of processes that end, beside what came of it in flight.
 `studies/faults/catalogue.py` lists the faults; `studies/faults/injector.py` stands between the simulated vehicle and
 the companion and does the harm, from a seed. A steady delay is there from the start, as jitter is; other faults begin
-at a random moment between take-off and landing.
+at a random moment between take-off and landing. What the vehicle says is wrong from the first message on that differs
+from what it would have said: an attitude that stays the same anyhow is not frozen yet.
 
-Faults of rings are flown on the courier's way alone, the others on the *square*, too, which nothing stands around.
+Faults of rings are flown on the courier's way alone, the others on the *square*, too, which nothing stands around. In
+memory, the companion commands on one of the two what it chooses for the simulated vehicle, attitudes, and on the other
+rates: with odd seeds attitudes on the courier's way, with even ones on the square. Over UDP it commands rates.
 
 - *delivered*: the mission is done, without a fault of the companion;
 - *astray*: so it says, but vehicle or parcel is more than a metre from where it belongs;

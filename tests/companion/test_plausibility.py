@@ -213,8 +213,42 @@ def test_what_had_noise_and_repeats_itself_is_stuck_though_nothing_moves(
 ) -> None:
     assert hovering(1e-6, frozen) <= 150
     assert hovering(0.0, frozen) == math.inf, "a simulator without noise"
-    assert hovering(1e-6, frozen, stands=False) == math.inf, "taken over in flight: it may have been the motion"
+    assert hovering(2e-7, frozen) <= 150
+    assert hovering(2e-7, frozen, stands=False) == math.inf, "taken over in flight: it may have been the motion"
     assert hovering(1e-6, lambda kept, told: told) == math.inf
+
+
+def settling(tau: float, step_ms: int, said: Callable[[Array], Array], frozen_ms: float = math.inf) -> float:
+    """A pitch that goes to zero with a time constant (s), told every `step_ms`, its numbers as `said` leaves them;
+    from `frozen_ms` on what is told stays. ms to the fault."""
+    told = Plausibility()
+    told.watch(stands=False)
+    for ms in range(0, 8000, step_ms):
+        pitch = 0.01 * math.exp(-1e-3 * min(ms, frozen_ms) / tau)
+        values = said(np.array([*from_euler(0.0, pitch, 0.0), 0.0, -pitch / tau, 0.0]))
+        told.attitude(AttitudeReport(ms, values[:4], values[4:]), ms * MS)
+        told.position(PositionReport(ms, np.zeros(3), np.zeros(3)), ms * MS)
+        if told.fault(ms * MS):
+            return ms - frozen_ms
+    return math.inf
+
+
+def as_floats(values: Array) -> Array:
+    return values.astype(np.float32).astype(float)
+
+
+@pytest.mark.parametrize("step_ms", [4, 20, 50])
+@pytest.mark.parametrize("tau", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize("said", [as_floats, lambda values: np.round(values, 7), lambda values: np.round(values, 5)])
+def test_what_comes_to_rest_by_itself_is_not_stuck(tau: float, step_ms: int, said: Callable[[Array], Array]) -> None:
+    """However coarse its numbers are, and though they are all the same in the end."""
+    assert settling(tau, step_ms, said) == math.inf
+
+
+@pytest.mark.parametrize("step_ms", [4, 20])
+def test_an_attitude_that_stops_from_one_message_to_the_next_is_stuck(step_ms: int) -> None:
+    """Though it turned slowly, by 1e-3 degrees a second, and nothing else tells."""
+    assert 100 <= settling(1.0, step_ms, as_floats, frozen_ms=6000) <= 200
 
 
 @pytest.mark.parametrize("angle", [-90.0, 45.0, 90.0, 170.0])

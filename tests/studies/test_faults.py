@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from companion.mission.plan import Mission
+from companion.state import Output
 from studies.faults import matrix, proxy
 from studies.faults.catalogue import (
     ANSWERS,
@@ -23,7 +24,7 @@ from studies.faults.catalogue import (
     REFUSED,
     WITHDREW,
 )
-from studies.faults.flights import FLIGHT_S, Job, Row, answers, fly, fly_missing, moment_s, outcome
+from studies.faults.flights import FLIGHT_S, Job, Row, answers, fly, fly_missing, moment_s, outcome, output
 from studies.faults.injector import Injector, Link
 from studies.joined import mission_of
 from studies.report import Choice, Report, markdown, untracked
@@ -46,6 +47,13 @@ def test_the_fault_begins_at_a_moment_that_the_seed_says() -> None:
     moments = {moment_s(Job(fault, "square", seed, "")) for fault in ("a", "b") for seed in (1, 2)}
     assert len(moments) == 4 and all(FLIGHT_S["square"][0] < each < FLIGHT_S["square"][1] for each in moments)
     assert moment_s(Job("a", "square", 1, "old")) == moment_s(Job("a", "square", 1, "new"))
+
+
+def test_each_mission_is_flown_with_the_companion_s_own_output_and_with_rates() -> None:
+    for mission in FLIGHT_S:
+        assert {output(Job("a", mission, seed, "")) for seed in (1, 2)} == {None, Output.RATES}
+    for seed in (1, 2):
+        assert {output(Job("a", mission, seed, "")) for mission in FLIGHT_S} == {None, Output.RATES}
 
 
 def test_each_promise_can_be_kept() -> None:

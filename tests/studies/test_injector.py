@@ -164,6 +164,14 @@ def test_a_fault_begins_so_long_after_the_vehicle_says_that_it_is_armed() -> Non
     assert len(between.at_companion(2000 * MS)) == 8
 
 
+def test_what_stands_still_is_not_frozen_before_it_moves() -> None:
+    between = Injector(onset=Onset(0.0, change=changes.frozen(ATTITUDE)))
+    between.to_companion(beat(armed=True), 0)
+    for time_ms in range(4, 1000, 4):
+        between.to_companion(said(max(time_ms, 600)), time_ms * MS)
+    assert between.began_ns == 604 * MS
+
+
 def test_a_link_that_gets_worse_loses_nothing_that_is_under_way() -> None:
     between = Injector(Link(there=0.1))
     between.to_companion(b"a", 0)

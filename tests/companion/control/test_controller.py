@@ -10,12 +10,13 @@ import pytest
 from companion.control import disturbance_observer, prediction
 from companion.control.controller import MEMORY, RATES, SIZE, THRUST, TORQUE, Controller, _fade_jumps
 from companion.control.laws import LAWS
+from companion.control.lqr import attitude_error
 from companion.outputs import TurningInput
 from companion.reports import LinkDelay
 from companion.runtime.files import load_body, load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
-from protocol.frames import from_rotation_vector, multiply, rotate, rotate_inverse
+from protocol.frames import from_rotation_vector, multiply, rotate, rotate_inverse, to_rotation_vector
 from protocol.vehicle_parameters import GRAVITY
 
 BODY = load_body("paper_quad")
@@ -35,9 +36,12 @@ class Body:
         self.rates, self.turning = np.zeros(3), np.zeros(3)
         self.thrust = mass * GRAVITY
 
-    def fly(self, seconds: float, thrust: float, rates: Array, step: float = 1e-4) -> None:
-        lag, loop = BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s)
+    def fly(self, seconds: float, thrust: float, asked: Array, step: float = 1e-4) -> None:
+        """Under rates (3,) or an attitude (4,)."""
+        lag, loop, rates = BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s), asked
         for _ in range(round(seconds / step)):
+            if len(asked) == 4:
+                rates = BODY.attitude_loop_gain_1_s * attitude_error(self.attitude, asked)
             self.thrust += step / lag * (thrust - self.thrust)
             self.turning = self.turning + step / lag * (loop * (rates - self.rates) - self.turning)
             self.rates = self.rates + step * self.turning
@@ -105,7 +109,7 @@ def test_prediction_is_the_motion(age_ms: int) -> None:
         vehicle.fly(0.004, thrust, rates)
     last = START_NS + ticks * TICK_NS
     model = prediction.Model(
-        int(TurningInput.RATES), BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s),
+        int(TurningInput.RATES), BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s), 0.0,
         vehicle.mass, vehicle.drag, vehicle.disturbance,
     )  # fmt: skip
     found = prediction.predict(pose(measured), measured.time_ns, last, commands, count, model)
@@ -116,6 +120,33 @@ def test_prediction_is_the_motion(age_ms: int) -> None:
     assert found.angular_acceleration == pytest.approx(vehicle.turning, abs=1.0)
     assert found.thrust == pytest.approx(vehicle.thrust, abs=0.05)
     assert found.measured_thrust == pytest.approx(then, abs=0.05)
+
+
+@pytest.mark.parametrize("age_ms", [12, 40, 400])
+def test_prediction_is_the_motion_under_attitudes(age_ms: int) -> None:
+    """However fast the vehicle turns at the measurement: it turns no farther than to what it was asked for."""
+    vehicle = Body(1.4, np.array([0.4, 0.5, 0.7]), np.array([0.5, -0.3, 0.2]))
+    commands, count = np.zeros(prediction.HISTORY, prediction.COMMAND), 0
+    measured, ticks = vehicle.state(0), 200
+    for tick in range(ticks):
+        if (ticks - tick) * 4 == age_ms:
+            measured = vehicle.state(START_NS + tick * TICK_NS)
+            assert np.abs(measured.rates_frd[:2]).max() > 0.3
+        thrust = 14.0 + 3.0 * math.sin(0.03 * tick)
+        asked = from_rotation_vector(np.array([0.3 * math.sin(0.04 * tick), 0.3 * math.cos(0.05 * tick), 0.2]))
+        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, thrust, to_rotation_vector(asked))
+        vehicle.fly(0.004, thrust, asked)
+    last = START_NS + ticks * TICK_NS
+    model = prediction.Model(
+        int(TurningInput.ATTITUDE), BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s),
+        BODY.attitude_loop_gain_1_s, vehicle.mass, vehicle.drag, vehicle.disturbance,
+    )  # fmt: skip
+    found = prediction.predict(pose(measured), measured.time_ns, last, commands, count, model)
+    assert found.position == pytest.approx(vehicle.position, abs=0.01)
+    assert found.velocity == pytest.approx(vehicle.velocity, abs=0.05)
+    assert found.attitude == pytest.approx(vehicle.attitude, abs=0.01)
+    assert found.rates == pytest.approx(vehicle.rates, abs=0.3) and np.abs(vehicle.rates).max() > 2.0
+    assert found.thrust == pytest.approx(vehicle.thrust, abs=0.05)
 
 
 @pytest.mark.parametrize("age_ms", [4, 40, 100, 148])
@@ -131,7 +162,7 @@ def test_a_late_position_catches_up(age_ms: int) -> None:
         vehicle.fly(0.004, 14.0 + 3.0 * math.sin(0.3 * tick), np.array([math.sin(0.05 * tick), 1.0, 0.3]))
     now, seconds = START_NS + ticks * TICK_NS, age_ms * 1e-3
     model = prediction.Model(
-        int(TurningInput.UNKNOWN), BODY.rotor_time_constant_s, np.zeros(3),
+        int(TurningInput.ATTITUDE), BODY.rotor_time_constant_s, np.zeros(3), 0.0,
         vehicle.mass, vehicle.drag, vehicle.disturbance,
     )  # fmt: skip
     carried = prediction.Measured(
@@ -148,7 +179,7 @@ def test_nothing_to_predict_is_the_measurement() -> None:
     commands = np.zeros(prediction.HISTORY, prediction.COMMAND)
     prediction.remember(commands, 0, START_NS, 13.0, np.zeros(3))
     state = prediction.Measured(np.arange(3.0), np.ones(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    model = prediction.Model(int(TurningInput.UNKNOWN), 0.03, np.zeros(3), 1.3, np.zeros(3), np.zeros(3))
+    model = prediction.Model(int(TurningInput.ATTITUDE), 0.03, np.zeros(3), 8.0, 1.3, np.zeros(3), np.zeros(3))
     found = prediction.predict(state, START_NS + TICK_NS, START_NS + TICK_NS, commands, 1, model)
     for given, back in zip(state, found[:4], strict=True):
         assert np.array_equal(given, np.array(back))
