@@ -10,10 +10,11 @@ import typer
 
 from companion.avoidance_methods import listed
 from companion.cli.options import options
-from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_error, say
+from companion.cli.shell import exit_as_failed, exit_as_undone, exit_on_interrupt, exit_on_user_error, say
 
 if TYPE_CHECKING:
-    from companion.runtime.flight import Pace, Plan
+    from companion.outcomes import Verdict
+    from companion.runtime.flight import Pace, Plan, Result
     from companion.runtime.side_links import Security, SideLinks
     from companion.state import Adoption, Output
     from protocol.transport import Transport
@@ -162,15 +163,14 @@ def demo(asked: DemoOptions) -> None:
         say(_GETTING_READY)
         from companion.runtime.demo import demo as fly_demo
 
-        verdict = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth, key=asked.signing_key)
-    _print_end(verdict.table(), verdict.result.log, as_json=asked.as_json)
+        result = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth, key=asked.signing_key)
+    _print_end(result, as_json=asked.as_json)
     if asked.report:
         from companion.view.report import write
 
         with _abandoned():
-            say(f"report: {exit_on_user_error(write, verdict.result.log)}")
-    if not verdict.succeeded:
-        exit_as_failed(verdict.outcome)
+            say(f"report: {exit_on_user_error(write, result.log)}")
+    _exit_by(result.verdict)
 
 
 @options(FlyOptions)
@@ -178,10 +178,9 @@ def fly(asked: FlyOptions) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
     with _abandoned():
         plan = replace(exit_on_user_error(_plan, asked, None), adoption=exit_on_user_error(_adoption, asked))
-        from companion.runtime.flight import end_table, prepare
         from companion.runtime.flight import fly as fly_plan
+        from companion.runtime.flight import prepare
         from companion.runtime.side_links import open_vehicle_link
-        from companion.runtime.summary import summarize
         from protocol.guarded_link import inmost
         from protocol.transport import Udp
 
@@ -198,14 +197,18 @@ def fly(asked: FlyOptions) -> None:
             say(f"companion: {place}")
     with _abandoned("; a vehicle in the air holds and lands by itself"):
         result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside)
-    outcome = result.fault or ("delivered" if result.delivered else "flown")
-    summary = summarize(result.log)
-    if summary.distance_m > 0.0 or asked.as_json:
-        table = {"outcome": outcome, **end_table(result, summary)}
-        _print_end(table, result.log, as_json=asked.as_json)
-    delivers = plan.mission.delivery is not None and not asked.land
-    if result.fault is not None or (delivers and not result.delivered):
-        exit_as_failed(outcome)
+    if result.landed is not None or asked.as_json:
+        _print_end(result, as_json=asked.as_json)
+    _exit_by(result.verdict)
+
+
+def _exit_by(verdict: "Verdict") -> None:
+    """End with exit code 1 unless the mission was done, and say how it came out."""
+    if verdict.outcome.succeeded:
+        return
+    if verdict.outcome.wanted:
+        exit_as_undone(verdict.text)
+    exit_as_failed(verdict.text)
 
 
 def security_of(key: Path | None, insecure: bool) -> "Security":
@@ -311,10 +314,14 @@ def _pace(text: str) -> "Pace":
     return factor
 
 
-def _print_end(values: dict[str, object], log: Path, *, as_json: bool) -> None:
+def _print_end(result: "Result", *, as_json: bool) -> None:
     """How a flight ended, as a table or as JSON."""
+    from companion.runtime.flight import end_table
+    from companion.runtime.summary import summarize
+
+    values = end_table(result, summarize(result.log))
     if as_json:
-        typer.echo(json.dumps({**values, "log": str(log)}))
+        typer.echo(json.dumps({**values, "log": str(result.log)}))
         return
     from rich.console import Console
     from rich.table import Table
@@ -323,4 +330,4 @@ def _print_end(values: dict[str, object], log: Path, *, as_json: bool) -> None:
     for name, value in values.items():
         table.add_row(name.replace("_", " "), ", ".join(map(str, value)) if isinstance(value, list) else str(value))
     Console().print(table)
-    typer.echo(f"log: {log}")
+    typer.echo(f"log: {result.log}")

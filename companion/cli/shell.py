@@ -72,6 +72,12 @@ def exit_as_failed(outcome: str) -> NoReturn:
     raise typer.Exit(FAILED)
 
 
+def exit_as_undone(outcome: str) -> NoReturn:
+    """Say how it ended, as somebody wished, and end the program with exit code 1: what was to be done is not done."""
+    say(outcome)
+    raise typer.Exit(FAILED)
+
+
 def run(app: typer.Typer) -> None:
     """Run the whole program. Names that are not UTF-8 are printed escaped, and a full disk is one line."""
     if isinstance(sys.stdout, TextIOWrapper):

@@ -6,7 +6,7 @@ import os
 import platform
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
@@ -20,6 +20,7 @@ from companion.config import Settings
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
 from companion.mission.plan import Mission
+from companion.outcomes import Outcome, Testimony, Verdict, judge, worst
 from companion.records import RECORD_TYPES
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
@@ -66,11 +67,13 @@ class Plan:
 class Result:
     """How it ended."""
 
-    delivered: bool
-    landed: bool
-    """On the ground and disarmed, at the end of the mission."""
-    fault: str | None
-    """What went wrong first; None if nothing did."""
+    verdict: Verdict
+    delivered: bool | None
+    """None: there was nothing to deliver."""
+    landed: bool | None
+    """Disarmed, as the vehicle says, without a crash; None: it was not flown."""
+    testimony: Testimony | None
+    """What the simulator knows of it."""
     log: Path
     output: Output
     simulated_s: float
@@ -130,8 +133,16 @@ def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:
     return replace(plan, settings=msgspec.structs.replace(plan.settings, rates=slower)), note
 
 
-def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: SideLinks = NONE) -> Result:
-    """Fly a prepared plan and leave a log in a new folder of `logs`.
+def fly(
+    plan: Plan,
+    transport: Transport,
+    logs: Path,
+    *,
+    console: bool,
+    beside: SideLinks = NONE,
+    witness: Callable[[], Testimony] | None = None,
+) -> Result:
+    """Fly a prepared plan and leave a log in a new folder of `logs`. `witness` is heard before the log is closed.
 
     Raises, before anything is sent, FlightLogError if the log can't be written and PlanError if the planner's process
     does not start.
@@ -155,21 +166,25 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: 
             types=RECORD_TYPES,
             on_full="wait" if clock is None else "drop",
             console=console,
-            epoch_ns=0 if clock is None else round(began * 1e9),
+            epoch_ns=round(began * 1e9),
             preserves_datagrams=transport.preserves_datagrams,
         )
         if note:
             log.text(0, logging.INFO, "companion", note)
         runner = Runner(autopilot, transport, log, clock, planning, console=console, beside=beside)
-        wall = time.monotonic()
+        wall, testimony = time.monotonic(), None
         try:
             runner.run()
+            testimony = None if witness is None else witness()
         finally:
-            fault = runner.failure or autopilot.supervisor.fault
+            verdict, delivered = _judge(plan, autopilot, runner, testimony)
+            runner.say(logging.INFO if verdict.outcome.wanted else logging.CRITICAL, f"outcome: {verdict.text}")
+            disarmed = not autopilot.link.said.status.armed
             result = Result(
-                delivered=autopilot.navigator.released,
-                landed=fault is None and autopilot.supervisor.state is State.ENDED,
-                fault=fault,
+                verdict=verdict,
+                delivered=delivered,
+                landed=disarmed and verdict.outcome is not Outcome.CRASHED if autopilot.supervisor.flew else None,
+                testimony=testimony,
                 log=log.path,
                 output=autopilot.link.readiness.output,
                 simulated_s=runner.flown_s,
@@ -194,11 +209,35 @@ def traffic_of(autopilot: Autopilot, transport: Transport) -> Traffic:
     return replace(traffic, frames_bad=traffic.frames_bad + beyond)
 
 
+def _judge(
+    plan: Plan, autopilot: Autopilot, runner: Runner, testimony: Testimony | None
+) -> tuple[Verdict, bool | None]:
+    """The verdict, and whether the parcel was delivered, if there was one to deliver."""
+    found = [] if autopilot.supervisor.verdict is None else [autopilot.supervisor.verdict]
+    if runner.failure is not None:
+        found.append(Verdict(Outcome.FAILED, runner.failure))
+    elif autopilot.supervisor.state is not State.ENDED:
+        found.append(Verdict(Outcome.LEFT, "abandoned: a vehicle in the air holds and lands by itself"))
+    delivers = plan.mission.delivery is not None and plan.adoption is not Adoption.LAND
+    delivered = autopilot.navigator.released if delivers else None
+    return judge(worst(found), delivered, testimony), delivered
+
+
+def _ending(result: Result) -> dict[str, object]:
+    """How it came out, without what has no meaning for the flight."""
+    told = result.testimony
+    ending: dict[str, object] = {"delivered": result.delivered, "landed": result.landed}
+    if told is not None and not told.problem:
+        least = None if told.least_clearance_m is None else round(told.least_clearance_m, 3)
+        ending |= {"contacts": told.contacts, "least_clearance_m": least}
+    return {name: value for name, value in ending.items() if value is not None}
+
+
 def _outcome(result: Result) -> dict[str, object]:
     return {
-        "delivered": result.delivered,
-        "landed": result.landed,
-        "fault": result.fault or "",
+        "outcome": result.verdict.outcome.value,
+        "cause": result.verdict.cause,
+        **_ending(result),
         "output": result.output.value,
         **asdict(result.traffic),
         **result.refused,
@@ -223,14 +262,14 @@ def version_text(version: int | None) -> str:
 
 
 def end_table(result: Result, summary: Summary) -> dict[str, object]:
-    """What the companion itself knows of a flight, for a table or JSON; per axis north, east, down.
+    """What is known of a flight, for a table or JSON; per axis north, east, down.
 
     What is measured along the flight is as the log has it: where that was cut, up to there.
     """
     factor = result.simulated_s / result.wall_s if result.wall_s else None
     return {
-        "delivered": result.delivered,
-        "landed": result.landed,
+        "outcome": result.verdict.text,
+        **_ending(result),
         "duration_s": _rounded(result.wall_s, 3),
         "simulated_s": _rounded(result.simulated_s, 3),
         "real_time_factor": _rounded(factor, 2),

@@ -55,8 +55,28 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """What the vehicle said last that may explain a refusal."""
     refusal: str | None = None
     """Why this vehicle is not flown, whatever one waits for."""
+    risen: bool = True
+    """The companion has seen it leave the ground."""
+    full_thrust: bool = False
+    """All the thrust that there is was commanded on the ground."""
+    allowed: float = 0.0
+    """Time (s) that the present step of the mission may take."""
+    emergency: str = ""
+    """What the vehicle said of an emergency; empty if nothing."""
+    crash: str = ""
+    """How it crashed, as it says; empty if it did not."""
     watched: Watched = UNWATCHED
     limits: LimitsVerdict = WITHIN
+
+    @property
+    def stuck(self) -> str:
+        """How a vehicle that has not risen stays on the ground."""
+        return "thrust at its limit: too heavy?" if self.full_thrust else "the vehicle does not rise"
+
+    @property
+    def distress(self) -> str:
+        """How the vehicle says that something is badly wrong with it; empty if it does not."""
+        return self.emergency or ("the vehicle reports a critical state" if self.failsafe else "")
 
 
 class Judged(NamedTuple):
@@ -102,9 +122,22 @@ def health(
         overdue=mission.overdue if state is State.FLY else 0.0,
         reason=link.complaint,
         refusal=link.refusal or _of_fence(mission),
+        risen=own.airborne,
+        full_thrust=own.full_thrust,
+        allowed=mission.allowed,
+        emergency=link.emergency,
+        crash=_crash(link),
         watched=watched,
         limits=limits,
     )
+
+
+def _crash(link: LinkReport) -> str:
+    said = link.emergency
+    if "crash" in said.lower():
+        return said.partition(":")[2].strip() or said
+    fallen = link.status.emergency and not link.status.armed
+    return (said or "the vehicle reports an emergency") if fallen else ""
 
 
 def _of_fence(mission: MissionReport) -> str | None:

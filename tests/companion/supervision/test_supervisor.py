@@ -243,7 +243,7 @@ def test_a_gap_while_others_fly_is_nothing_and_a_failsafe_is_the_end_of_waiting(
     assert state_of(supervisor) is State.RELINQUISHED
     said = supervisor.update(replace(OTHERS, failsafe=True), now + SECOND)
     assert state_of(supervisor) is State.RELEASED
-    assert said is not None and said.text == supervisor.fault and "{" not in said.text
+    assert said is not None and supervisor.fault == f"landed early: {said.text}" and "{" not in said.text
 
 
 def test_a_vehicle_that_others_landed_is_not_taken_off_again() -> None:
@@ -269,7 +269,7 @@ def test_refusals_end_before_the_start(state: State) -> None:
     said = supervisor.update(replace(IDLE, mode=mode, exhausted="arming: denied", reason=" (why)"), now)
     assert supervisor.state is (State.ENDED if state is State.ENGAGE else State.DISARM)
     assert said is not None and "denied" in said.text and "why" in said.text
-    assert supervisor.fault == "the vehicle refuses: arming: denied (why)"
+    assert supervisor.fault == "not started: the vehicle refuses: arming: denied (why)"
 
 
 def test_not_ready_names_what_is_missing() -> None:
