@@ -88,10 +88,21 @@ class Testimony(msgspec.Struct, frozen=True):
     """Why it knows nothing."""
 
 
-def judge(found: Verdict | None, delivered: bool | None, testimony: Testimony | None = None) -> Verdict:
-    """The verdict on a flight. `found`: what was wrong with it, as the companion knows. `delivered`: None for a flight
-    that was to deliver nothing."""
+def judge(
+    found: Verdict | None,
+    delivered: bool | None,
+    testimony: Testimony | None = None,
+    *,
+    failure: str | None = None,
+    ended: bool = True,
+) -> Verdict:
+    """The verdict on a flight. `found`: what the supervisor found wrong with it. `delivered`: None for a flight that
+    was to deliver nothing. `failure`: of the companion's own loop or link. `ended`: it was not abandoned."""
     verdicts = [] if found is None else [found]
+    if failure is not None:
+        verdicts.append(Verdict(Outcome.FAILED, failure))
+    elif not ended:
+        verdicts.append(Verdict(Outcome.LEFT, "abandoned: a vehicle in the air holds and lands by itself"))
     if delivered is not None:
         verdicts.append(Verdict(Outcome.DELIVERED) if delivered else _KEPT)
     if testimony is not None:
@@ -115,6 +126,17 @@ def _told(testimony: Testimony, delivered: bool | None) -> list[Verdict]:
 def worst(verdicts: list[Verdict]) -> Verdict | None:
     """The verdict that counts, the first of several alike; None of none."""
     return max(verdicts, key=lambda verdict: _ORDER[verdict.outcome], default=None)
+
+
+CRITICAL_STATE = "the vehicle reports a critical state"
+
+
+def crash_words(said: str, *, fallen: bool) -> str:
+    """How a vehicle crashed, from what it said of an emergency ("" if nothing) and whether it is disarmed in a state of
+    emergency; empty if it did not crash."""
+    if "crash" in said.lower():
+        return said.partition(":")[2].strip() or said
+    return (said or "the vehicle reports an emergency") if fallen else ""
 
 
 def recorded(result: Mapping[str, str]) -> Verdict | None:

@@ -177,7 +177,8 @@ def demo(asked: DemoOptions) -> None:
 def fly(asked: FlyOptions) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
     with _abandoned():
-        plan = replace(exit_on_user_error(_plan, asked, None), adoption=exit_on_user_error(_adoption, asked))
+        plan, adoption = exit_on_user_error(_plan, asked, None), exit_on_user_error(_adoption, asked)
+        plan = replace(plan, adoption=adoption, connect=asked.connect)
         from companion.runtime.flight import fly as fly_plan
         from companion.runtime.flight import prepare
         from companion.runtime.side_links import open_vehicle_link

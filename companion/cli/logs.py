@@ -38,6 +38,8 @@ _RARE_FAULTS = frozenset(
         "rings_implausible",
     }
 )
+_TOLD = frozenset({"outcome", "cause", "fault"})
+"""Values of a flight's result that the outcome has said already."""
 _MOST_SHOWN = 40
 _BLANKS = dict.fromkeys(range(32), " ")
 """For control characters, which would break a line of a table."""
@@ -171,6 +173,7 @@ def _info_table(found: "Info") -> dict[str, Any]:
         "duration_s": round(found.duration_s, 3),
         "complete": found.complete,
         "problem": found.problem,
+        "outcome": None if found.verdict is None else found.verdict.text,
         "flight": found.flight,
         "result": found.result,
         "vehicle": found.vehicle,
@@ -189,6 +192,7 @@ def _show_info(found: "Info") -> None:
         ("size", f"{found.size_bytes / 1e6:.2f} MB"),
         ("started", started),
         ("duration", f"{found.duration_s:.3f} s"),
+        *([("outcome", found.verdict.text)] if found.verdict is not None else []),
         *((name.replace("_", " "), value) for name, value in found.flight.items() if value),
         *((name.replace("_", " "), value) for name, value in found.result.items() if _is_worth_saying(name, value)),
         *((f"vehicle's {name}", value) for name, value in found.vehicle.items() if value),
@@ -204,7 +208,9 @@ def _is_worth_saying(name: str, value: str) -> bool:
     """Whether a value of a flight's result is listed: the counters of the link's rarer faults are not if they are 0."""
     from protocol.signing import REFUSED
 
-    return bool(value) and not ((name in _RARE_FAULTS or name.startswith(REFUSED)) and value == "0")
+    return (
+        bool(value) and name not in _TOLD and not ((name in _RARE_FAULTS or name.startswith(REFUSED)) and value == "0")
+    )
 
 
 def digest(log: LogFile) -> None:
@@ -288,8 +294,8 @@ def logs(
     folder: Annotated[Path, typer.Argument(help="Where to look, folders in it included.")] = Path("logs"),
     as_json: AsJson = False,
 ) -> None:
-    """List the logs in a folder: date, mission, result, duration, distance, least clearance, faults. What it finds is
-    kept in an index there, and looked up again only for logs that have changed."""
+    """List the logs in a folder: date, mission, outcome, duration, distance, least clearance, faults. What it finds is
+    kept in an index in your cache, and looked up again only for logs that have changed."""
     from companion.logs.index import listing
 
     rows = exit_on_user_error(listing, folder)

@@ -20,15 +20,14 @@ from companion.config import Settings
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
 from companion.mission.plan import Mission
-from companion.outcomes import Outcome, Testimony, Verdict, judge, worst
+from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
 from companion.runtime.runner import Runner
-from companion.runtime.side_links import NONE, SideLinks
+from companion.runtime.side_links import NONE, SideLinks, unheard
 from companion.runtime.summary import Axes, Summary
 from companion.state import Adoption, Output
-from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLog
@@ -61,6 +60,8 @@ class Plan:
     """All of `--set`, for the log; settings and mission have theirs already."""
     adoption: Adoption | None = None
     """A vehicle in flight is taken over, for this."""
+    connect: str = ""
+    """The vehicle's URL or name, as it was asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +198,7 @@ def fly(
                 records_lost=log.lost,
                 log_fault=log.fault,
             )
-            tables = {"result": _outcome(result), "vehicle": _vehicle(autopilot)}
+            tables = {"result": result_table(result), "vehicle": _vehicle(autopilot)}
             log.close({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})
     return replace(result, log_fault=log.fault, records_lost=log.lost)
 
@@ -213,14 +214,12 @@ def _judge(
     plan: Plan, autopilot: Autopilot, runner: Runner, testimony: Testimony | None
 ) -> tuple[Verdict, bool | None]:
     """The verdict, and whether the parcel was delivered, if there was one to deliver."""
-    found = [] if autopilot.supervisor.verdict is None else [autopilot.supervisor.verdict]
-    if runner.failure is not None:
-        found.append(Verdict(Outcome.FAILED, runner.failure))
-    elif autopilot.supervisor.state is not State.ENDED:
-        found.append(Verdict(Outcome.LEFT, "abandoned: a vehicle in the air holds and lands by itself"))
     delivers = plan.mission.delivery is not None and plan.adoption is not Adoption.LAND
     delivered = autopilot.navigator.released if delivers else None
-    return judge(worst(found), delivered, testimony), delivered
+    found = autopilot.supervisor.verdict
+    if found is not None and found.outcome is Outcome.NOT_STARTED and autopilot.link.vehicle is None and plan.connect:
+        found = msgspec.structs.replace(found, cause=f"{found.cause} at {unheard(plan.connect)}")
+    return judge(found, delivered, testimony, failure=runner.failure, ended=autopilot.ended), delivered
 
 
 def _ending(result: Result) -> dict[str, object]:
@@ -233,7 +232,8 @@ def _ending(result: Result) -> dict[str, object]:
     return {name: value for name, value in ending.items() if value is not None}
 
 
-def _outcome(result: Result) -> dict[str, object]:
+def result_table(result: Result) -> dict[str, object]:
+    """The log's metadata "result"."""
     return {
         "outcome": result.verdict.outcome.value,
         "cause": result.verdict.cause,
@@ -317,6 +317,7 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
         "pace": str(plan.pace),
         "seed": "" if plan.seed is None else str(plan.seed),
         "overrides": json.dumps(plan.overrides),
+        "connect": plan.connect,
         "adopted": "" if plan.adoption is None else plan.adoption.value,
         "started_unix_s": repr(began),
         "host": platform.platform(),

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from companion.outcomes import CRITICAL_STATE, crash_words
 from companion.reports import LinkReport, MissionReport, SensingReport
 from companion.state import FlightMode
 from companion.supervision.limits import WITHIN, LimitsVerdict
@@ -76,7 +77,7 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     @property
     def distress(self) -> str:
         """How the vehicle says that something is badly wrong with it; empty if it does not."""
-        return self.emergency or ("the vehicle reports a critical state" if self.failsafe else "")
+        return self.emergency or (CRITICAL_STATE if self.failsafe else "")
 
 
 class Judged(NamedTuple):
@@ -126,18 +127,10 @@ def health(
         full_thrust=own.full_thrust,
         allowed=mission.allowed,
         emergency=link.emergency,
-        crash=_crash(link),
+        crash=crash_words(link.emergency, fallen=link.status.emergency and not link.status.armed),
         watched=watched,
         limits=limits,
     )
-
-
-def _crash(link: LinkReport) -> str:
-    said = link.emergency
-    if "crash" in said.lower():
-        return said.partition(":")[2].strip() or said
-    fallen = link.status.emergency and not link.status.armed
-    return (said or "the vehicle reports an emergency") if fallen else ""
 
 
 def _of_fence(mission: MissionReport) -> str | None:

@@ -12,14 +12,14 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
     row(State.FIND, lambda h, s, t: h.seen, State.CHECK, INFO, "vehicle found"),
     row(
         State.FIND,
-        lambda h, s, t: h.land_requested or t > s.find_timeout,
+        lambda h, s, t: t > s.find_timeout,
         State.ENDED,
         ERROR,
         "no vehicle within {settings.find_timeout:g} s",
         ends=Outcome.NOT_STARTED,
     ),
     row(
-        BEFORE - {State.ARM},
+        BEFORE - {State.ARM} | {State.FIND},
         lambda h, s, t: h.land_requested,
         State.ENDED,
         NOTICE,
