@@ -169,7 +169,7 @@ def demo(asked: DemoOptions) -> None:
         from companion.view.report import write
 
         with _abandoned():
-            say(f"report: {exit_on_user_error(write, result.log)}")
+            say(f"report: {exit_on_user_error(write, result.log).path}")
     _exit_by(result.verdict)
 
 

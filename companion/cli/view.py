@@ -27,11 +27,14 @@ def report(
         Path | None, typer.Option(help="The page; otherwise report.html or NAME_report.html beside LOG.")
     ] = None,
 ) -> None:
-    """Write one HTML file that shows a flight: findings, path, plots, events. It needs no network and no other file."""
+    """Write one HTML file that shows a flight: findings, path, plots, events. It needs no network and no other file.
+    Exit code 1 if LOG is damaged or cut off: what is whole of it is shown."""
     from companion.view.report import beside, write
 
     with flight_log(log) as shown:
-        typer.echo(f"report: {exit_on_user_error(write, shown.path, to or beside(log_file(log)))}")
+        written = exit_on_user_error(write, shown.path, to or beside(log_file(log)))
+    typer.echo(f"report: {written.path}")
+    exit_if_damaged(shown.problem or written.problem)
 
 
 def view(
