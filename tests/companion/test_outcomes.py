@@ -218,6 +218,13 @@ def test_the_words_of_the_table() -> None:
     """Each outcome is told twice above; its word is its own, and comes once."""
     told = [outcome for outcome, *_ in IN_FLIGHT + BEFORE]
     assert all(told.count(outcome) >= 2 for outcome in set(Outcome) - {Outcome.UNFINISHED})
+    page = (Path(__file__).resolve().parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    listed = {row[0].removeprefix("| "): row[1] for row in rows}
+    for outcome in set(Outcome) - {Outcome.UNFINISHED}:
+        assert listed[outcome.value] == ("0" if outcome.succeeded else "1")
+    order = [word for word in listed if word in {outcome.value for outcome in Outcome}]
+    assert order == [outcome.value for outcome in Outcome], "the last that applies counts"
     assert Verdict(Outcome.CALLED_OFF, "called off in flight").text == "called off in flight"
     assert Verdict(Outcome.CRASHED, "hit tree").text == "crashed: hit tree"
     assert recorded({}) is None
