@@ -173,34 +173,50 @@ def fly(
         if note:
             log.text(0, logging.INFO, "companion", note)
         runner = Runner(autopilot, transport, log, clock, planning, console=console, beside=beside)
-        wall, testimony = time.monotonic(), None
+        wall, wall_s, testimony = time.monotonic(), 0.0, None
         try:
-            runner.run()
+            try:
+                runner.run()
+            finally:
+                wall_s = time.monotonic() - wall
             testimony = None if witness is None else witness()
         finally:
-            verdict, delivered = _judge(plan, autopilot, runner, testimony)
-            runner.say(logging.INFO if verdict.outcome.wanted else logging.CRITICAL, f"outcome: {verdict.text}")
-            disarmed = not autopilot.link.said.status.armed
-            result = Result(
-                verdict=verdict,
-                delivered=delivered,
-                landed=disarmed and verdict.outcome is not Outcome.CRASHED if autopilot.supervisor.flew else None,
-                testimony=testimony,
-                log=log.path,
-                output=autopilot.link.readiness.output,
-                simulated_s=runner.flown_s,
-                wall_s=time.monotonic() - wall,
-                traffic=traffic_of(autopilot, transport),
-                refused=transport.refused if isinstance(transport, GuardedLink) else {},
-                implausible=autopilot.sensing.implausible,
-                missed_deadlines=runner.missed_deadlines,
-                records_dropped=log.dropped,
-                records_lost=log.lost,
-                log_fault=log.fault,
-            )
+            result = _result(plan, autopilot, runner, log, transport, testimony, wall_s)
             tables = {"result": result_table(result), "vehicle": _vehicle(autopilot)}
             log.close({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})
     return replace(result, log_fault=log.fault, records_lost=log.lost)
+
+
+def _result(
+    plan: Plan,
+    autopilot: Autopilot,
+    runner: Runner,
+    log: FlightLog,
+    transport: Transport,
+    testimony: Testimony | None,
+    wall_s: float,
+) -> Result:
+    """How it came out, which the log is told, too."""
+    verdict, delivered = _judge(plan, autopilot, runner, testimony)
+    runner.say(logging.INFO if verdict.outcome.wanted else logging.CRITICAL, f"outcome: {verdict.text}")
+    disarmed = not autopilot.link.said.status.armed
+    return Result(
+        verdict=verdict,
+        delivered=delivered,
+        landed=disarmed and verdict.outcome is not Outcome.CRASHED if autopilot.supervisor.flew else None,
+        testimony=testimony,
+        log=log.path,
+        output=autopilot.link.readiness.output,
+        simulated_s=runner.flown_s,
+        wall_s=wall_s,
+        traffic=traffic_of(autopilot, transport),
+        refused=transport.refused if isinstance(transport, GuardedLink) else {},
+        implausible=autopilot.sensing.implausible,
+        missed_deadlines=runner.missed_deadlines,
+        records_dropped=log.dropped,
+        records_lost=log.lost,
+        log_fault=log.fault,
+    )
 
 
 def traffic_of(autopilot: Autopilot, transport: Transport) -> Traffic:

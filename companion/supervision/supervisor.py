@@ -69,7 +69,9 @@ class Supervisor:
         if row is not None and row.ends is not None:
             self._ends(row.ends, (row.cause or row.text).format(health=health, settings=self._settings))
         elif self.state in FLYING and health.distress:
-            self._ends(Outcome.CRASHED if health.crash else Outcome.EMERGENCY, health.crash or health.distress)
+            self._ends(
+                Outcome.CRASHED if health.plight.crash else Outcome.EMERGENCY, health.plight.crash or health.distress
+            )
         if row is None:
             return None
         self._hands_over = self.state in OWN and row.to is State.LAND

@@ -18,7 +18,7 @@ from companion.outcomes import Outcome, Testimony, Verdict, judge, recorded
 from companion.records import TICK
 from companion.runtime.flight import Result, result_table
 from companion.state import FlightMode, Output
-from companion.supervision.health import Health
+from companion.supervision.health import Health, Plight
 from companion.supervision.states import State
 from companion.supervision.supervisor import Supervisor
 from companion.view.findings import Level
@@ -34,12 +34,16 @@ from tests.companion.supervision.test_supervisor import EMPTY, IDLE, LOW, OTHERS
 DONE = replace(WELL, mission_done=True)
 LANDING = replace(WELL, mode=FlightMode.LAND)
 DOWN = replace(LANDING, armed=False)
-STUCK = replace(WELL, risen=False)
+STUCK = replace(WELL, plight=Plight(risen=False))
+HEAVY = Plight(risen=False, full_thrust=True)
+FALLEN = Plight(emergency="crash: hit ground", crash="hit ground")
 HELD = replace(WELL, scan_age=0.6)
 RELEASED = Testimony(released=True)
 
-Ways = list[tuple[Outcome, str, Sequence[Health], bool | None, dict[str, Any]]]
-IN_FLIGHT: Ways = [
+Way = tuple[Outcome, str, Sequence[Health], bool | None, dict[str, Any]]
+"""The outcome, a part of the cause, what was seen of the flight, whether the parcel was delivered, and what else
+`judge` is told."""
+IN_FLIGHT: list[Way] = [
     (Outcome.DELIVERED, "", (DONE, LANDING, DOWN), True, {}),
     (Outcome.DELIVERED, "", (HELD, WELL, WELL, DONE, LANDING, DOWN), True, {"testimony": RELEASED}),
     (Outcome.FLOWN, "", (DONE, LANDING, DOWN), None, {}),
@@ -47,23 +51,29 @@ IN_FLIGHT: Ways = [
     (Outcome.NOT_DELIVERED, "did not release", (DONE, LANDING, DOWN), False, {}),
     (Outcome.NOT_DELIVERED, "did not release", (DONE, LANDING, DOWN), True, {"testimony": Testimony()}),
     (Outcome.EMERGENCY, "critical state", (DONE, replace(LANDING, failsafe=True), DOWN), True, {}),
-    (Outcome.EMERGENCY, "motor 3", (replace(WELL, emergency="motor 3"), DONE, LANDING, DOWN), True, {}),
+    (Outcome.EMERGENCY, "motor 3", (replace(WELL, plight=Plight(emergency="motor 3")), DONE, LANDING, DOWN), True, {}),
     (Outcome.CALLED_OFF, "in flight", (replace(WELL, land_requested=True), LANDING, DOWN), False, {}),
     (Outcome.OPERATOR, "", (OTHERS, replace(OTHERS, landed=True), replace(OTHERS, armed=False)), False, {}),
     (Outcome.OPERATOR, "by others", (DONE, OTHERS, replace(LANDING, mode=FlightMode.MANUAL), DOWN), True, {}),
     (Outcome.NO_TAKE_OFF, "does not rise", (replace(STUCK, armed=False),), False, {}),
-    (Outcome.NO_TAKE_OFF, "too heavy?", (replace(STUCK, overdue=0.1, full_thrust=True), LANDING, DOWN), None, {}),
+    (Outcome.NO_TAKE_OFF, "too heavy?", (replace(WELL, overdue=0.1, plight=HEAVY), LANDING, DOWN), None, {}),
     (Outcome.RETURNED, "battery at 14 %", (replace(WELL, limits=LOW), DONE, LANDING, DOWN), False, {}),
     (Outcome.RETURNED, "battery at 14 %", (replace(WELL, limits=LOW), DONE, LANDING, DOWN), True, {}),
     (
         Outcome.LANDED_EARLY,
         "telemetry",
         (replace(WELL, telemetry_age=0.6), OTHERS, replace(OTHERS, armed=False)),
-        0,
+        False,
         {},
     ),
     (Outcome.LANDED_EARLY, "battery at 6 %", (replace(WELL, limits=EMPTY), LANDING, DOWN), False, {}),
-    (Outcome.LANDED_EARLY, "than the 60 s", (replace(WELL, overdue=0.1, allowed=60.0), LANDING, DOWN), None, {}),
+    (
+        Outcome.LANDED_EARLY,
+        "than the 60 s",
+        (replace(WELL, overdue=0.1, plight=Plight(allowed=60.0)), LANDING, DOWN),
+        None,
+        {},
+    ),
     (Outcome.LEFT, "who fly", (OTHERS, replace(OTHERS, land_requested=True)), False, {}),
     (Outcome.LEFT, "abandoned", (), False, {"ended": False}),
     (Outcome.FAILED, "the link is gone", (), False, {"failure": "the link is gone: unplugged"}),
@@ -76,11 +86,11 @@ IN_FLIGHT: Ways = [
         True,
         {"testimony": Testimony(problem="without a report")},
     ),
-    (Outcome.CRASHED, "hit ground", (DONE, replace(DOWN, crash="hit ground", emergency="crash: hit ground")), True, {}),
+    (Outcome.CRASHED, "hit ground", (DONE, replace(DOWN, plight=FALLEN)), True, {}),
     (Outcome.CRASHED, "in flight", (replace(WELL, armed=False),), False, {}),
     (Outcome.CRASHED, "hit tree", (DONE, LANDING, DOWN), True, {"testimony": Testimony("tree", 1, -0.01)}),
 ]
-BEFORE: Ways = [
+BEFORE: list[Way] = [
     (Outcome.CALLED_OFF, "before the start", (IDLE, replace(IDLE, land_requested=True)), False, {}),
     (Outcome.CALLED_OFF, "before the start", (replace(IDLE, seen=False, land_requested=True),), False, {}),
     (Outcome.NOT_STARTED, "GUID_OPTIONS", (IDLE, replace(IDLE, refusal="GUID_OPTIONS is 0")), None, {}),
@@ -134,21 +144,17 @@ def assert_all_say(log: Path, verdict: Verdict, printed: pytest.CaptureFixture[s
     assert '<td id="outcome"' in shown and text.replace("'", "&#x27;") in shown
 
 
-@pytest.mark.parametrize(("outcome", "cause", "script", "delivered", "facts"), IN_FLIGHT + BEFORE)
+@pytest.mark.parametrize("way", IN_FLIGHT + BEFORE)
 def test_console_info_logs_report_and_view_say_the_same(
-    outcome: Outcome,
-    cause: str,
-    script: Sequence[Health],
-    delivered: bool | None,
-    facts: dict[str, Any],
+    way: Way,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setenv("COLUMNS", "250")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    begins = (outcome, cause, script, delivered, facts) in BEFORE
-    supervisor = flown_out(script, *((Supervisor(Settings()), 0) if begins else flying()))
+    outcome, cause, script, delivered, facts = way
+    supervisor = flown_out(script, *((Supervisor(Settings()), 0) if way in BEFORE else flying()))
     assert supervisor.state is State.ENDED or not facts.get("ended", True) or "failure" in facts
     verdict = judge(supervisor.verdict, delivered, **facts)
     assert verdict.outcome is outcome and cause in verdict.cause
@@ -235,7 +241,11 @@ def test_the_words_of_the_table() -> None:
 
 def test_nothing_makes_an_emergency_a_success() -> None:
     """Whatever else happens on the way."""
-    for distress in ({"failsafe": True}, {"emergency": "Battery empty: motors stop"}, {"crash": "hit ground"}):
+    for distress in (
+        {"failsafe": True},
+        {"plight": Plight(emergency="Battery empty: motors stop")},
+        {"plight": FALLEN},
+    ):
         for _, _, script, delivered, facts in IN_FLIGHT:
             struck = [*script[:-1], replace(script[-1], **distress)] if script else []
             supervisor = flown_out(struck, *flying())

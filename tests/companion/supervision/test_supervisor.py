@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from companion.config import Settings, Supervision
 from companion.state import BatteryLevel, FlightMode
 from companion.supervision.battery import BatteryVerdict
-from companion.supervision.health import Health
+from companion.supervision.health import Health, Plight
 from companion.supervision.limits import LimitsVerdict
 from companion.supervision.states import FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
@@ -38,7 +38,6 @@ WELL = Health(
     landed_for=0.0,
     airborne=False,
     overdue=0.0,
-    reason="",
 )
 LOW = LimitsVerdict(BatteryVerdict(BatteryLevel.RETURN, "battery at 14 %"), returns=True)
 EMPTY = LimitsVerdict(BatteryVerdict(BatteryLevel.LAND, "battery at 6 %"))
@@ -266,7 +265,7 @@ def test_refusals_end_before_the_start(state: State) -> None:
         supervisor.update(IDLE if supervisor.state is not State.ENGAGE else replace(WELL, armed=False), now)
         now += 2 * SECOND
     mode = FlightMode.HOLD if state is State.ENGAGE else FlightMode.EXTERNAL
-    said = supervisor.update(replace(IDLE, mode=mode, exhausted="arming: denied", reason=" (why)"), now)
+    said = supervisor.update(replace(IDLE, mode=mode, exhausted="arming: denied", plight=Plight(reason=" (why)")), now)
     assert supervisor.state is (State.ENDED if state is State.ENGAGE else State.DISARM)
     assert said is not None and "denied" in said.text and "why" in said.text
     assert supervisor.fault == "not started: the vehicle refuses: arming: denied (why)"
