@@ -10,16 +10,22 @@ import typer
 
 from companion.avoidance_methods import listed
 from companion.cli.options import options
-from companion.cli.shell import exit_as_failed, exit_as_undone, exit_on_interrupt, exit_on_user_error, say
+from companion.cli.shell import exit_as_failed, exit_as_undone, exit_on_interrupt, exit_on_user_error, note, say
 
 if TYPE_CHECKING:
+    from companion.mission.files import Place
     from companion.outcomes import Verdict
     from companion.runtime.flight import Pace, Plan, Result
     from companion.runtime.side_links import Security, SideLinks
     from companion.state import Adoption, Output
     from protocol.transport import Transport
 
-MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
+MissionName = Annotated[
+    str,
+    typer.Argument(
+        help="A file in missions/, by name or path; a .plan of QGroundControl or a .waypoints of Mission Planner."
+    ),
+]
 OutputName = Annotated[
     str,
     typer.Option(
@@ -179,6 +185,7 @@ def fly(asked: FlyOptions) -> None:
     with _abandoned():
         plan, adoption = exit_on_user_error(_plan, asked, None), exit_on_user_error(_adoption, asked)
         plan = replace(plan, adoption=adoption, connect=asked.connect)
+        from companion.runtime.files import is_of_station
         from companion.runtime.flight import fly as fly_plan
         from companion.runtime.flight import prepare
         from companion.runtime.side_links import open_vehicle_link
@@ -190,6 +197,8 @@ def fly(asked: FlyOptions) -> None:
         transport = exit_on_user_error(open_vehicle_link, asked.connect, security, wanted, lockstep=lockstep)
         beside = exit_on_user_error(_beside, asked, transport, security)
         say(_GETTING_READY)
+        if is_of_station(asked.mission):
+            plan = exit_on_user_error(_located, asked, plan, transport)
         exit_on_user_error(prepare, plan)
         end = inmost(transport)
         if isinstance(end, Udp) and asked.connect.endswith(":0"):
@@ -201,6 +210,20 @@ def fly(asked: FlyOptions) -> None:
     if result.landed is not None or asked.as_json:
         _print_end(result, as_json=asked.as_json)
     _exit_by(result.verdict)
+
+
+def _located(asked: FlyOptions, plan: "Plan", transport: "Transport") -> "Plan":
+    """The plan around where the vehicle stands. Raises PlanError and TomlFileError."""
+    from companion.runtime.flight import PlanError
+    from companion.runtime.locate import locate
+
+    if plan.pace == "lockstep":
+        raise PlanError(f"{asked.mission}: in lockstep it is flown by companion demo")
+    place = locate(plan.settings, transport)
+    if place is None:
+        raise PlanError(f"{asked.mission}: the vehicle does not say where on earth it stands (GLOBAL_POSITION_INT)")
+    around = _plan(asked, None, place)
+    return replace(plan, mission=around.mission, settings=around.settings)
 
 
 def _exit_by(verdict: "Verdict") -> None:
@@ -240,13 +263,22 @@ def _abandoned(consequence: str = "") -> AbstractContextManager[None]:
     return exit_on_interrupt(f"companion: abandoned{consequence}")
 
 
-def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
+def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | None" = None) -> "Plan":
     """Read and check all that a flight needs. `seed`: the simulator's; None for a vehicle that is no simulator of ours.
+    `place`: where the vehicle stands, for the mission of a ground station.
 
     Raises TomlFileError and PlanError.
     """
     from companion.runtime.demo import SIMULATOR_FILES
-    from companion.runtime.files import load_body, load_mission, load_settings
+    from companion.runtime.files import (
+        fenced,
+        is_of_station,
+        load_body,
+        load_mission,
+        load_of_station,
+        load_settings,
+        origin_of,
+    )
     from companion.runtime.flight import Plan, PlanError, check
     from protocol import toml_files as toml_files
 
@@ -259,7 +291,15 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
     if seed is None and any(changes[word] for word in SIMULATOR_FILES):
         raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
     settings = load_settings(asked.settings, changes[""])
-    mission, path = load_mission(asked.mission, changes["mission"])
+    if is_of_station(asked.mission):
+        origin = None if place is None else (lambda mission: place)
+        origin = origin if seed is None else (lambda mission: origin_of(mission.world))
+        mission, path, radius, notes = load_of_station(asked.mission, changes["mission"], origin)
+        settings = fenced(settings, radius)
+        for each in notes:
+            note(f"{path}: {each}")
+    else:
+        mission, path = load_mission(asked.mission, changes["mission"])
     files = {
         "mission": path,
         "vehicle": toml_files.find("vehicles", mission.vehicle),

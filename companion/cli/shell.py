@@ -95,6 +95,17 @@ def run(app: typer.Typer) -> None:
         sys.exit(UNUSABLE)
 
 
+def log_or_newest(log: Path | None) -> Path:
+    """The log that was named, or the newest in logs/, which is said; without one the program ends with one line."""
+    if log is not None:
+        return log
+    from companion.logs.recordings import newest
+
+    found = exit_on_user_error(newest, Path("logs"))
+    note(f"the newest log: {found}")
+    return found
+
+
 def log_file(log: Path) -> Path:
     """The file of a log; the folder of a flight stands for its file. Without one the program ends with one line."""
     from protocol.flightlog import FILE_NAME

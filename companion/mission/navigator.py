@@ -132,7 +132,8 @@ class Navigator:
         self.step_index = index
         self.step = self.steps[index]
         self.phase = self.step.phase
-        before, target = self.steps[index - 1].target_ned if index else None, self.step.target_ned
+        target = self.step.target_ned
+        before = next((step.target_ned for step in self.steps[:index][::-1] if step.target_ned is not None), None)
         self._length = 0.0 if before is None or target is None else math.dist(before.tolist(), target.tolist())
         self._leg = None
 
@@ -153,7 +154,7 @@ class Navigator:
     @property
     def _speed(self) -> float:
         """m/s, at most."""
-        return min(self._search.slowed(self.mission.speed), self._top_speed)
+        return min(self._search.slowed(self.step.speed or self.mission.speed), self._top_speed)
 
     def slow_down(self, late_s: float) -> None:
         """With a link that is so late, the vehicle flies so slowly that it comes no farther than `blind_way` blind."""

@@ -19,6 +19,7 @@ from companion.autopilot import Autopilot
 from companion.config import Settings
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
+from companion.mission.files import to_toml
 from companion.mission.plan import Mission
 from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
@@ -230,7 +231,7 @@ def _judge(
     plan: Plan, autopilot: Autopilot, runner: Runner, testimony: Testimony | None
 ) -> tuple[Verdict, bool | None]:
     """The verdict, and whether the parcel was delivered, if there was one to deliver."""
-    delivers = plan.mission.delivery is not None and plan.adoption is not Adoption.LAND
+    delivers = plan.mission.delivers and plan.adoption is not Adoption.LAND
     delivered = autopilot.navigator.released if delivers else None
     found = autopilot.supervisor.verdict
     if found is not None and found.outcome is Outcome.NOT_STARTED and autopilot.link.vehicle is None and plan.connect:
@@ -356,4 +357,7 @@ def git_hash() -> str:
 
 def _attachments(plan: Plan) -> dict[str, bytes]:
     files = {f"{kind}.toml": path.read_bytes() for kind, path in plan.files.items()}
+    mission = plan.files["mission"]
+    if mission.suffix != ".toml":  # of a ground station: kept as it is, beside what was made of it
+        files |= {mission.name: mission.read_bytes(), "mission.toml": to_toml(plan.mission).encode()}
     return {**files, "settings.json": msgspec.json.encode(plan.settings)}

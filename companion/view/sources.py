@@ -12,7 +12,7 @@ from companion.logs.verdict import verdict_of
 from companion.outcomes import Verdict, recorded
 from companion.view.batches import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
-from protocol.flightlog import DATAGRAM, FILE_NAME, FlightLogError, LogFollower, LogReader, RecordType
+from protocol.flightlog import DATAGRAM, LogFollower, LogReader, RecordType
 from protocol.flightlog.mavlink_records import message_type
 from protocol.framing import Framer
 from protocol.messages import layout
@@ -161,14 +161,6 @@ class Link:
             topic = f"/mavlink/{system}/{component}/{layout(message).name}"
             self._kinds[key] = message_type(message, topic) if len(self._kinds) < _MOST_KINDS else None
         return self._kinds[key]
-
-
-def newest(logs: Path) -> Path:
-    """The log that was written to last in a folder of flights. Raises FlightLogError if there is none."""
-    found = max(logs.glob(f"*/{FILE_NAME}"), key=lambda path: path.stat().st_mtime, default=None)
-    if found is None:
-        raise FlightLogError(f"{logs}: there is no flight in it")
-    return found
 
 
 def open_log(path: Path) -> Source:
