@@ -157,7 +157,7 @@ def main() -> None:
             source = arguments.log or fly(folder / "flown")
             log = repeated(source, folder / "long.mcap", 60.0 * arguments.minutes)
             began = time.perf_counter()
-            report = write(log)
+            report = write(log).path
             result["report, s to write"] = time.perf_counter() - began
             result["report, MB"] = report.stat().st_size / 1e6
             if CHROMIUM is not None:

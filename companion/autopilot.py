@@ -42,7 +42,7 @@ class Autopilot:
         lands = adopt is Adoption.LAND
         self.navigator = Navigator(settings, mission, self.guidance.durations, lands=lands)
         self.controller = Controller(settings, body, self.link.readiness.output)
-        self.own = OwnReport(settings.supervision, adopt)
+        self.own = OwnReport(settings.supervision, adopt, settings.limits.highest_thrust)
         self._plan: PlanResult | None = None
         self._said: list[Announcement] = []
 
@@ -111,7 +111,7 @@ class Autopilot:
         if airborne:
             navigator.tracked(control[:6])
         setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
-        if self.own.passes(setpoint):
+        if self.own.passes(setpoint, airborne):
             self.link.outbox.setpoint(self.sensing.plausibility.setpoint(setpoint), self.sensing.boot_time_ms)
         what = supervised, navigator.phase, navigator.step_index, state, reference, control, limited
         return pack(ControlStep(*what, guidance.decision, guidance.free_distance, verdict))

@@ -35,6 +35,7 @@ def entered(
         guidance.begin(sensing.present, home, fence)
         sensing.begin(navigator.lowest_return, stands=True)
     elif new is State.FLY and old is State.ARM:
+        link.readiness.emergency = ""
         navigator.start_step(now)
     elif new is State.FLY and old is State.FLY:
         said = navigator.go_home(sensing.present.position_ned, now)

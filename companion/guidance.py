@@ -217,6 +217,8 @@ class Guidance:
             way = target - state.position_ned
             if math.hypot(way[0], way[1]) > _TURN_M:
                 generator.turn_to(now_ns, math.atan2(way[1], way[0]))
+        if step.yaw is not None:
+            generator.turn_to(now_ns, step.yaw)
         if self._fence is not None:
             target = self._fence.nearest(target)
         climbs = target[2] < state.position_ned[2]

@@ -127,6 +127,8 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """False: the vehicle says that its own arming checks fail."""
     failed_check: str = ""
     """Which, to stand behind a sentence; empty if it does not say."""
+    emergency: str = ""
+    """What the vehicle said of an emergency since arming; empty if nothing."""
 
 
 class LinkDelay(msgspec.Struct, frozen=True, gc=False):
@@ -169,6 +171,8 @@ class MissionReport(msgspec.Struct, frozen=True, gc=False):
     """Only the landing is left."""
     overdue: float
     """By how much the present step takes longer than it may (s), else 0."""
+    allowed: float = 0.0
+    """Time (s) that it may take."""
     homeward: bool = False
     """What is left of it leads to its landing place as directly as the way home would."""
     landing_s: float = 0.0

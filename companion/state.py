@@ -89,6 +89,8 @@ class VehicleStatus:
     armed: bool
     failsafe: bool
     """The vehicle's autopilot says that it is in a critical state."""
+    emergency: bool = False
+    """And that it is not flying on."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,17 +2,23 @@
 
 import copy
 import math
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import msgspec
 
 T = TypeVar("T")
 
 _NOTHING: Mapping[str, str] = MappingProxyType({})
+_UNKNOWN = re.compile(r"unknown field `(.+?)`(?: - at `(.*)`)?$")
+_INDEX = re.compile(r"\[.*?\]")
+_NEAR = 0.75
+"""Likeness of two keys, of 1, from which on one may be a slip of the other."""
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -33,9 +39,8 @@ def find(kind: str, name: str) -> Path:
         except OSError as error:  # a folder that may not be looked into, a name that is too long
             raise TomlFileError(f"{path}: {error.strerror}") from error
     known = sorted({path.stem for folder in (Path(kind), ROOT / kind) for path in folder.glob("*.toml")})
-    raise TomlFileError(
-        f"{name}: no such file, and none of that name in {kind}/ (there: {', '.join(known) or 'nothing'})"
-    )
+    there = f"(there: {', '.join(known) or 'nothing'}){_suggestion(get_close_matches(name, known, 1))}"
+    raise TomlFileError(f"{name}: no such file, and none of that name in {kind}/ {there}")
 
 
 def load(path: Path, record: type[T], overrides: Sequence[str] = (), renamed: Mapping[str, str] = _NOTHING) -> T:
@@ -76,7 +81,33 @@ def convert(
     try:
         return msgspec.convert(tables, record)
     except msgspec.ValidationError as error:
-        raise TomlFileError(f"{source}: {str(error).replace('$.', '')}") from error
+        text = str(error).replace("$.", "")
+        raise TomlFileError(f"{source}: {text}{_suggestion(_meant(text, record))}") from error
+
+
+def _suggestion(names: Sequence[str]) -> str:
+    return f"; did you mean {' or '.join(names)}?" if names else ""
+
+
+def _meant(text: str, record: Any) -> list[str]:
+    """The keys that may have been meant by the one that msgspec's message calls unknown: the nearest in its letters, or
+    those of that name in other tables."""
+    unknown = _UNKNOWN.search(text)
+    if unknown is None:
+        return []
+    name, table = unknown.groups()
+    key, known = name if table is None else f"{re.sub(_INDEX, '', table)}.{name}", list(_keys(record))
+    return get_close_matches(key, known, 1, _NEAR) or [each for each in known if each.endswith(f".{name}")][:3]
+
+
+def _keys(kind: Any, prefix: str = "") -> Iterator[str]:
+    """The dotted keys of a record, and of those in it."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        for field in msgspec.structs.fields(kind):
+            yield f"{prefix}{field.encode_name}"
+            yield from _keys(field.type, f"{prefix}{field.encode_name}.")
+    for part in get_args(kind):
+        yield from _keys(part, prefix)
 
 
 def new_name(key: str, renamed: Mapping[str, str]) -> str:

@@ -81,7 +81,10 @@ class Transport(Protocol):
 
 
 def _unusable(url: str, error: Exception) -> TransportError:
-    return TransportError(f"{url}: {getattr(error, 'strerror', None) or error}")
+    text = f"{url}: {getattr(error, 'strerror', None) or error}"
+    if getattr(error, "errno", None) == errno.EADDRINUSE:
+        text += ": another companion or a ground station listens there; end it, or take another port"
+    return TransportError(text)
 
 
 def _push(write: Callable[[bytes], int], left_over: bytes, data: bytes) -> bytes:

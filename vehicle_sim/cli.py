@@ -104,6 +104,12 @@ def _load(options: Options) -> "tuple[Airframe, World]":
     changes = by_first_word(options.overrides or [], ("vehicle", "world"))
     for other in changes[""]:
         raise TomlFileError(f"--set {other}: write it as vehicle.KEY=VALUE or world.KEY=VALUE")
+    for change in changes["world"]:
+        if change.partition("=")[0].strip() == "name":
+            raise TomlFileError(
+                f"--set world.{change}: that is a label; the world is chosen by --world (companion demo: --set "
+                "mission.world=NAME)"
+            )
     airframe = Airframe.load(find("vehicles", options.vehicle), changes["vehicle"])
     return airframe, World.load(find("worlds", options.world), changes["world"])
 

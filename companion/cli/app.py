@@ -2,7 +2,7 @@
 
 import typer
 
-from companion.cli import check, flights, key, logs, settings, view
+from companion.cli import check, flights, key, logs, mission, settings, view
 from companion.cli.shell import run
 
 app = typer.Typer(
@@ -12,7 +12,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-for commands in (flights, check, key, logs, view, settings):
+for commands in (flights, check, mission, key, logs, view, settings):
     commands.register(app)
 
 

@@ -54,7 +54,7 @@ def check(asked: CheckOptions) -> None:
     with exit_on_interrupt("companion: abandoned"):
         from companion.runtime.check import examine
         from companion.runtime.files import load_settings
-        from companion.runtime.side_links import open_vehicle_link
+        from companion.runtime.side_links import open_vehicle_link, unheard
 
         overrides = [*(asked.overrides or ()), *pinned(asked.vehicle)]
         settings = exit_on_user_error(load_settings, asked.settings, overrides)
@@ -70,7 +70,7 @@ def check(asked: CheckOptions) -> None:
     elif found.vehicle:
         _show(found)
     if found.refusal is not None:
-        exit_as_failed(found.refusal)
+        exit_as_failed(found.refusal if found.vehicle else f"{found.refusal} at {unheard(asked.connect)}")
 
 
 def _record(found: "Examination") -> dict[str, object]:

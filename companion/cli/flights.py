@@ -10,15 +10,22 @@ import typer
 
 from companion.avoidance_methods import listed
 from companion.cli.options import options
-from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_error, say
+from companion.cli.shell import exit_as_failed, exit_as_undone, exit_on_interrupt, exit_on_user_error, note, say
 
 if TYPE_CHECKING:
-    from companion.runtime.flight import Pace, Plan
+    from companion.mission.files import Place
+    from companion.outcomes import Verdict
+    from companion.runtime.flight import Pace, Plan, Result
     from companion.runtime.side_links import Security, SideLinks
     from companion.state import Adoption, Output
     from protocol.transport import Transport
 
-MissionName = Annotated[str, typer.Argument(help="A file in missions/, by name or path.")]
+MissionName = Annotated[
+    str,
+    typer.Argument(
+        help="A file in missions/, by name or path; a .plan of QGroundControl or a .waypoints of Mission Planner."
+    ),
+]
 OutputName = Annotated[
     str,
     typer.Option(
@@ -162,26 +169,26 @@ def demo(asked: DemoOptions) -> None:
         say(_GETTING_READY)
         from companion.runtime.demo import demo as fly_demo
 
-        verdict = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth, key=asked.signing_key)
-    _print_end(verdict.table(), verdict.result.log, as_json=asked.as_json)
+        result = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth, key=asked.signing_key)
+    _print_end(result, as_json=asked.as_json)
     if asked.report:
         from companion.view.report import write
 
         with _abandoned():
-            say(f"report: {exit_on_user_error(write, verdict.result.log)}")
-    if not verdict.succeeded:
-        exit_as_failed(verdict.outcome)
+            say(f"report: {exit_on_user_error(write, result.log).path}")
+    _exit_by(result.verdict)
 
 
 @options(FlyOptions)
 def fly(asked: FlyOptions) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
     with _abandoned():
-        plan = replace(exit_on_user_error(_plan, asked, None), adoption=exit_on_user_error(_adoption, asked))
-        from companion.runtime.flight import end_table, prepare
+        plan, adoption = exit_on_user_error(_plan, asked, None), exit_on_user_error(_adoption, asked)
+        plan = replace(plan, adoption=adoption, connect=asked.connect)
+        from companion.runtime.files import is_of_station
         from companion.runtime.flight import fly as fly_plan
+        from companion.runtime.flight import prepare
         from companion.runtime.side_links import open_vehicle_link
-        from companion.runtime.summary import summarize
         from protocol.guarded_link import inmost
         from protocol.transport import Udp
 
@@ -190,6 +197,8 @@ def fly(asked: FlyOptions) -> None:
         transport = exit_on_user_error(open_vehicle_link, asked.connect, security, wanted, lockstep=lockstep)
         beside = exit_on_user_error(_beside, asked, transport, security)
         say(_GETTING_READY)
+        if is_of_station(asked.mission):
+            plan = exit_on_user_error(_located, asked, plan, transport)
         exit_on_user_error(prepare, plan)
         end = inmost(transport)
         if isinstance(end, Udp) and asked.connect.endswith(":0"):
@@ -198,14 +207,32 @@ def fly(asked: FlyOptions) -> None:
             say(f"companion: {place}")
     with _abandoned("; a vehicle in the air holds and lands by itself"):
         result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside)
-    outcome = result.fault or ("delivered" if result.delivered else "flown")
-    summary = summarize(result.log)
-    if summary.distance_m > 0.0 or asked.as_json:
-        table = {"outcome": outcome, **end_table(result, summary)}
-        _print_end(table, result.log, as_json=asked.as_json)
-    delivers = plan.mission.delivery is not None and not asked.land
-    if result.fault is not None or (delivers and not result.delivered):
-        exit_as_failed(outcome)
+    if result.landed is not None or asked.as_json:
+        _print_end(result, as_json=asked.as_json)
+    _exit_by(result.verdict)
+
+
+def _located(asked: FlyOptions, plan: "Plan", transport: "Transport") -> "Plan":
+    """The plan around where the vehicle stands. Raises PlanError and TomlFileError."""
+    from companion.runtime.flight import PlanError
+    from companion.runtime.locate import locate
+
+    if plan.pace == "lockstep":
+        raise PlanError(f"{asked.mission}: in lockstep it is flown by companion demo")
+    place = locate(plan.settings, transport)
+    if place is None:
+        raise PlanError(f"{asked.mission}: the vehicle does not say where on earth it stands (GLOBAL_POSITION_INT)")
+    around = _plan(asked, None, place)
+    return replace(plan, mission=around.mission, settings=around.settings)
+
+
+def _exit_by(verdict: "Verdict") -> None:
+    """End with exit code 1 unless the mission was done, and say how it came out."""
+    if verdict.outcome.succeeded:
+        return
+    if verdict.outcome.wanted:
+        exit_as_undone(verdict.text)
+    exit_as_failed(verdict.text)
 
 
 def security_of(key: Path | None, insecure: bool) -> "Security":
@@ -236,13 +263,22 @@ def _abandoned(consequence: str = "") -> AbstractContextManager[None]:
     return exit_on_interrupt(f"companion: abandoned{consequence}")
 
 
-def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
+def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | None" = None) -> "Plan":
     """Read and check all that a flight needs. `seed`: the simulator's; None for a vehicle that is no simulator of ours.
+    `place`: where the vehicle stands, for the mission of a ground station.
 
     Raises TomlFileError and PlanError.
     """
     from companion.runtime.demo import SIMULATOR_FILES
-    from companion.runtime.files import load_body, load_mission, load_settings
+    from companion.runtime.files import (
+        fenced,
+        is_of_station,
+        load_body,
+        load_mission,
+        load_of_station,
+        load_settings,
+        origin_of,
+    )
     from companion.runtime.flight import Plan, PlanError, check
     from protocol import toml_files as toml_files
 
@@ -255,7 +291,15 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None) -> "Plan":
     if seed is None and any(changes[word] for word in SIMULATOR_FILES):
         raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
     settings = load_settings(asked.settings, changes[""])
-    mission, path = load_mission(asked.mission, changes["mission"])
+    if is_of_station(asked.mission):
+        origin = None if place is None else (lambda mission: place)
+        origin = origin if seed is None else (lambda mission: origin_of(mission.world))
+        mission, path, radius, notes = load_of_station(asked.mission, changes["mission"], origin)
+        settings = fenced(settings, radius)
+        for each in notes:
+            note(f"{path}: {each}")
+    else:
+        mission, path = load_mission(asked.mission, changes["mission"])
     files = {
         "mission": path,
         "vehicle": toml_files.find("vehicles", mission.vehicle),
@@ -311,10 +355,14 @@ def _pace(text: str) -> "Pace":
     return factor
 
 
-def _print_end(values: dict[str, object], log: Path, *, as_json: bool) -> None:
+def _print_end(result: "Result", *, as_json: bool) -> None:
     """How a flight ended, as a table or as JSON."""
+    from companion.runtime.flight import end_table
+    from companion.runtime.summary import summarize
+
+    values = end_table(result, summarize(result.log))
     if as_json:
-        typer.echo(json.dumps({**values, "log": str(log)}))
+        typer.echo(json.dumps({**values, "log": str(result.log)}))
         return
     from rich.console import Console
     from rich.table import Table
@@ -323,4 +371,4 @@ def _print_end(values: dict[str, object], log: Path, *, as_json: bool) -> None:
     for name, value in values.items():
         table.add_row(name.replace("_", " "), ", ".join(map(str, value)) if isinstance(value, list) else str(value))
     Console().print(table)
-    typer.echo(f"log: {log}")
+    typer.echo(f"log: {result.log}")

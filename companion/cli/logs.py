@@ -17,6 +17,7 @@ from companion.cli.shell import (
     exit_on_interrupt,
     exit_on_user_error,
     log_file,
+    log_or_newest,
     note,
     say,
 )
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     from companion.logs.replay import Replay
 
 LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="A flight log (.mcap), a folder with one, or a .tlog.")]
+LogOrNewest = Annotated[
+    Path | None,
+    typer.Argument(metavar="[LOG]", help="A flight log (.mcap), a folder with one, or a .tlog; none: newest in logs/."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 _RARE_FAULTS = frozenset(
     {
@@ -38,6 +43,8 @@ _RARE_FAULTS = frozenset(
         "rings_implausible",
     }
 )
+_TOLD = frozenset({"outcome", "cause", "fault"})
+"""Values of a flight's result that the outcome has said already."""
 _MOST_SHOWN = 40
 _BLANKS = dict.fromkeys(range(32), " ")
 """For control characters, which would break a line of a table."""
@@ -51,7 +58,7 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    log: LogFile,
+    log: LogOrNewest = None,
     settings: Annotated[Path | None, typer.Option("--settings", help="Settings instead of the recorded ones.")] = None,
     overrides: Annotated[
         list[str] | None,
@@ -70,7 +77,7 @@ def replay(
     damaged, which is flown again as far as it goes."""
     from companion.logs.replay import replay as fly_again
 
-    path = log_file(log)
+    path = log_file(log_or_newest(log))
     what_if = settings is not None or bool(overrides)
     if what_if and plot is None:
         plot = path.with_name("replay.png")
@@ -116,7 +123,7 @@ def _show_replay(result: "Replay") -> None:
         )
         for each in result.differences[:_MOST_SHOWN]
     ]
-    _table(("message", "field", "first at, s", "count", "largest difference"), rows)
+    table(("message", "field", "first at, s", "count", "largest difference"), rows)
     if len(result.differences) > _MOST_SHOWN:
         typer.echo(f"and {len(result.differences) - _MOST_SHOWN} fields more")
     typer.echo(f"not the same; compared: {compared}; {speed}")
@@ -146,7 +153,7 @@ def _replay_table(result: "Replay") -> dict[str, object]:
 
 
 def info(
-    log: LogFile,
+    log: LogOrNewest = None,
     check: Annotated[bool, typer.Option("--check", help="Read all of it and check every CRC.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -154,7 +161,7 @@ def info(
     cut off, as far as was looked."""
     from companion.logs.info import info as describe
 
-    found = exit_on_user_error(describe, log_file(log), check=check)
+    found = exit_on_user_error(describe, log_file(log_or_newest(log)), check=check)
     if as_json:
         typer.echo(json.dumps(_info_table(found)))
     else:
@@ -171,6 +178,7 @@ def _info_table(found: "Info") -> dict[str, Any]:
         "duration_s": round(found.duration_s, 3),
         "complete": found.complete,
         "problem": found.problem,
+        "outcome": None if found.verdict is None else found.verdict.text,
         "flight": found.flight,
         "result": found.result,
         "vehicle": found.vehicle,
@@ -189,22 +197,25 @@ def _show_info(found: "Info") -> None:
         ("size", f"{found.size_bytes / 1e6:.2f} MB"),
         ("started", started),
         ("duration", f"{found.duration_s:.3f} s"),
+        *([("outcome", found.verdict.text)] if found.verdict is not None else []),
         *((name.replace("_", " "), value) for name, value in found.flight.items() if value),
         *((name.replace("_", " "), value) for name, value in found.result.items() if _is_worth_saying(name, value)),
         *((f"vehicle's {name}", value) for name, value in found.vehicle.items() if value),
         *((name, f"{size} bytes") for name, size in found.attachments.items()),
     ]
-    _table(None, head)
+    table(None, head)
     rate = 1.0 / found.duration_s if found.duration_s > 0.0 else 0.0
     rows = [(topic, str(count), f"{count * rate:.1f}") for topic, count in found.topics.items()]
-    _table(("topic", "messages", "a second"), rows)
+    table(("topic", "messages", "a second"), rows)
 
 
 def _is_worth_saying(name: str, value: str) -> bool:
     """Whether a value of a flight's result is listed: the counters of the link's rarer faults are not if they are 0."""
     from protocol.signing import REFUSED
 
-    return bool(value) and not ((name in _RARE_FAULTS or name.startswith(REFUSED)) and value == "0")
+    return (
+        bool(value) and name not in _TOLD and not ((name in _RARE_FAULTS or name.startswith(REFUSED)) and value == "0")
+    )
 
 
 def digest(log: LogFile) -> None:
@@ -288,8 +299,8 @@ def logs(
     folder: Annotated[Path, typer.Argument(help="Where to look, folders in it included.")] = Path("logs"),
     as_json: AsJson = False,
 ) -> None:
-    """List the logs in a folder: date, mission, result, duration, distance, least clearance, faults. What it finds is
-    kept in an index there, and looked up again only for logs that have changed."""
+    """List the logs in a folder: date, mission, outcome, duration, distance, least clearance, faults. What it finds is
+    kept in an index in your cache, and looked up again only for logs that have changed."""
     from companion.logs.index import listing
 
     rows = exit_on_user_error(listing, folder)
@@ -297,11 +308,11 @@ def logs(
         typer.echo(json.dumps([row.table() for row in rows]))
         return
     headers = ("log", "date", "mission", "result", "duration, s", "distance, m", "clearance, m", "faults")
-    _table(headers, [row.cells() for row in rows])
+    table(headers, [row.cells() for row in rows])
 
 
-def _table(headers: Sequence[str] | None, rows: Iterable[Sequence[str]]) -> None:
-    """Columns: framed and folded to the width of a terminal, bare and never folded for other programs."""
+def table(headers: Sequence[str] | None, rows: Iterable[Sequence[str]]) -> None:
+    """Print columns: framed and folded to the width of a terminal, bare and never folded for other programs."""
     if not sys.stdout.isatty():
         _plain_table([*([headers] if headers is not None else []), *rows])
         return
@@ -310,12 +321,12 @@ def _table(headers: Sequence[str] | None, rows: Iterable[Sequence[str]]) -> None
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(show_header=headers is not None, box=ROUNDED)
+    framed = Table(show_header=headers is not None, box=ROUNDED)
     for header in headers or ():
-        table.add_column(header, overflow="fold")
+        framed.add_column(header, overflow="fold")
     for row in rows:
-        table.add_row(*map(Text, row))
-    Console().print(table)
+        framed.add_row(*map(Text, row))
+    Console().print(framed)
 
 
 def _plain_table(rows: Sequence[Sequence[str]]) -> None:

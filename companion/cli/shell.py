@@ -72,6 +72,12 @@ def exit_as_failed(outcome: str) -> NoReturn:
     raise typer.Exit(FAILED)
 
 
+def exit_as_undone(outcome: str) -> NoReturn:
+    """Say how it ended, as somebody wished, and end the program with exit code 1: what was to be done is not done."""
+    say(outcome)
+    raise typer.Exit(FAILED)
+
+
 def run(app: typer.Typer) -> None:
     """Run the whole program. Names that are not UTF-8 are printed escaped, and a full disk is one line."""
     if isinstance(sys.stdout, TextIOWrapper):
@@ -87,6 +93,17 @@ def run(app: typer.Typer) -> None:
         note(f"standard output: {error.strerror}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left in the buffer has nowhere to go
         sys.exit(UNUSABLE)
+
+
+def log_or_newest(log: Path | None) -> Path:
+    """The log that was named, or the newest in logs/, which is said; without one the program ends with one line."""
+    if log is not None:
+        return log
+    from companion.logs.recordings import newest
+
+    found = exit_on_user_error(newest, Path("logs"))
+    note(f"the newest log: {found}")
+    return found
 
 
 def log_file(log: Path) -> Path:

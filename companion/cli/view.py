@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from companion.cli.logs import LogFile
-from companion.cli.shell import exit_as_unusable, exit_if_damaged, exit_on_interrupt, exit_on_user_error, log_file
+from companion.cli.logs import LogFile, LogOrNewest
+from companion.cli.shell import (
+    exit_as_unusable,
+    exit_if_damaged,
+    exit_on_interrupt,
+    exit_on_user_error,
+    log_file,
+    log_or_newest,
+)
 
 if TYPE_CHECKING:
     from companion.view.control import Control
@@ -22,16 +29,20 @@ def register(app: typer.Typer) -> None:
 
 
 def report(
-    log: LogFile,
+    log: LogOrNewest = None,
     to: Annotated[
         Path | None, typer.Option(help="The page; otherwise report.html or NAME_report.html beside LOG.")
     ] = None,
 ) -> None:
-    """Write one HTML file that shows a flight: findings, path, plots, events. It needs no network and no other file."""
+    """Write one HTML file that shows a flight: findings, path, plots, events. It needs no network and no other file.
+    Exit code 1 if LOG is damaged or cut off: what is whole of it is shown."""
     from companion.view.report import beside, write
 
+    log = log_or_newest(log)
     with flight_log(log) as shown:
-        typer.echo(f"report: {exit_on_user_error(write, shown.path, to or beside(log_file(log)))}")
+        written = exit_on_user_error(write, shown.path, to or beside(log_file(log)))
+    typer.echo(f"report: {written.path}")
+    exit_if_damaged(shown.problem or written.problem)
 
 
 def view(
@@ -64,7 +75,8 @@ def view(
         exit_as_unusable("--control needs the URL of a vehicle")
     if world is not None:
         exit_as_unusable("--world is for a link; a log has its own")
-    from companion.view.sources import newest, open_log
+    from companion.logs.recordings import newest
+    from companion.view.sources import open_log
 
     log = Path(source) if source is not None else exit_on_user_error(newest, logs)
     with flight_log(log) as shown:

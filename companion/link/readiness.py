@@ -36,6 +36,8 @@ class Readiness:
         self.audit: Audit | None = None
         """Of its parameters, once a vehicle was found."""
         self.prearm_ok = True
+        self.emergency = ""
+        """The first text of an emergency since arming."""
         self._settings = settings
         self._asked_output = output
         self._firmware: Firmware | None = None
@@ -89,6 +91,8 @@ class Readiness:
             self._complaint = now_ns, f" ({text})"
             if text.startswith(_CHECKS):
                 self._failed_check = self._complaint
+        if message.severity <= Severity.ALERT and not self.emergency:
+            self.emergency = text
         return Announcement(Severity(min(message.severity, 6)), f"vehicle: {text}")
 
     def on_double(self, message: Any, own: tuple[int, int], now_ns: int) -> list[str]:

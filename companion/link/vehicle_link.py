@@ -308,6 +308,7 @@ class VehicleLink:
             shortcoming=shortcoming,
             prearm_ok=self.readiness.prearm_ok,
             failed_check=self.readiness.failed_check(now_ns) if before_flight else "",
+            emergency=self.readiness.emergency,
         )
 
     # -- requests in, to the outbox ------------------------------------------------------------------------------------

@@ -26,7 +26,8 @@ _TOLERANCE_NS = _SECOND_NS // 20
 _LATE_PERIODS = 1.5
 """A heartbeat that is older than so many of its periods is asked for."""
 
-_CRITICAL = frozenset({dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION})
+_EMERGENCY = frozenset({dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION})
+_CRITICAL = _EMERGENCY | {dialect.MAV_STATE_CRITICAL}
 _AIRBORNE = frozenset(
     {dialect.MAV_LANDED_STATE_IN_AIR, dialect.MAV_LANDED_STATE_TAKEOFF, dialect.MAV_LANDED_STATE_LANDING}
 )
@@ -65,6 +66,7 @@ class StatusWatch:
             mode,
             bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
             message.system_status in _CRITICAL,
+            message.system_status in _EMERGENCY,
         )
 
     def extended_state(self, message: Any, now_ns: int) -> None:

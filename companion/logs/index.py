@@ -1,6 +1,11 @@
-"""A list of the logs in a folder with their results, from an index that is updated where it is stale."""
+"""A list of the logs in a folder with their results, from an index that is updated where it is stale.
+
+The index is in the user's cache: a folder that is listed is not written to.
+"""
 
 import contextlib
+import hashlib
+import os
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -18,8 +23,7 @@ from protocol.flightlog import Direction, FlightLogError
 from protocol.framing import Framer
 from protocol.messages import decode, dialect
 
-INDEX_NAME = ".courier-index.json"
-_VERSION = 1
+_VERSION = 2
 _SUFFIXES = frozenset((".mcap", ".tlog"))
 
 
@@ -31,7 +35,7 @@ class Row(msgspec.Struct, frozen=True):
     started_unix_s: float | None
     mission: str | None
     result: str
-    """"delivered", "landed", a fault, "unfinished", or "unreadable"; "recorded" for another system's log."""
+    """The word of an outcome, or "unreadable"; "recorded" for another system's log."""
     duration_s: float
     distance_m: float | None
     clearance_m: float | None
@@ -66,7 +70,8 @@ def listing(folder: Path) -> list[Row]:
     """All logs in the folder and its subfolders, the newest first. Raises FlightLogError if it isn't a folder."""
     if not folder.is_dir():
         raise FlightLogError(f"{folder}: no such folder")
-    known = _read(folder / INDEX_NAME)
+    index = index_of(folder)
+    known = _read(index)
     entries: dict[str, _Entry] = {}
     for path in _logs(folder):
         name = printable(path.relative_to(folder))
@@ -77,8 +82,17 @@ def listing(folder: Path) -> list[Row]:
                 entry = _Entry(state.st_size, state.st_mtime_ns, describe(path, name))
             entries[name] = entry
     if entries != known:
-        _write(folder / INDEX_NAME, entries)
+        _write(index, entries)
     return sorted((entry.row for entry in entries.values()), key=lambda row: (-(row.started_unix_s or 0.0), row.log))
+
+
+def index_of(folder: Path) -> Path:
+    """Where the index of a folder is: under the digest of its path."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+    with contextlib.suppress(RuntimeError):  # a user without a home, for whom nothing is kept
+        cache = cache.expanduser()
+    digest = hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
+    return cache / "courier" / "logs" / f"{digest}.json"
 
 
 def _logs(folder: Path) -> Iterator[Path]:
@@ -100,19 +114,13 @@ def _read(path: Path) -> dict[str, _Entry]:
 
 
 def _write(path: Path, entries: dict[str, _Entry]) -> None:
-    """Write the index, whole or not at all; a folder that can't be written to has none."""
-    with contextlib.suppress(FlightLogError):
-        if not path.exists() or _is_index(path):
-            with output(path, replaces=True) as draft:
-                draft.write_bytes(msgspec.json.encode(_Index(_VERSION, entries)))
-
-
-def _is_index(path: Path) -> bool:
-    """Whether that file is an index, of any version."""
-    with contextlib.suppress(OSError, msgspec.DecodeError):
-        found = msgspec.json.decode(path.read_bytes())
-        return isinstance(found, dict) and found.keys() == set(_Index.__struct_fields__)
-    return False
+    """Write the index, whole or not at all; without a cache there is none."""
+    with contextlib.suppress(FlightLogError, OSError):
+        if not path.is_absolute():
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with output(path, replaces=True) as draft:
+            draft.write_bytes(msgspec.json.encode(_Index(_VERSION, entries)))
 
 
 def describe(path: Path, name: str) -> Row:
@@ -123,28 +131,18 @@ def describe(path: Path, name: str) -> Row:
     except Exception as error:  # what nobody foresaw in one log must not hide all the others
         return Row(name, None, None, "unreadable", 0.0, None, None, (printable(error or type(error).__name__),))
     problem = (printable(found.problem.removeprefix(f"{path}: ")),) if found.problem else ()
-    fault = (found.result["fault"],) if found.result.get("fault") else ()
+    verdict = found.verdict
+    fault = () if verdict is None or not verdict.cause else (verdict.cause,)
     return Row(
         log=name,
         started_unix_s=found.started_unix_s,
         mission=found.flight.get("mission"),
-        result=_result(found),
+        result="recorded" if verdict is None else verdict.outcome.value,
         duration_s=round(found.duration_s, 3),
         distance_m=distance,
         clearance_m=clearance,
         faults=(*fault, *problem),
     )
-
-
-def _result(found: Info) -> str:
-    result = found.result
-    if not found.flight:
-        return "recorded"
-    if not result:
-        return "unfinished"
-    if result.get("fault"):
-        return "failed"
-    return "delivered" if result.get("delivered") == "True" else "landed" if result.get("landed") == "True" else "ended"
 
 
 def _flown(found: Info) -> tuple[float | None, float | None]:

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from companion.logs.recordings import as_date, started_unix_s
+from companion.logs.verdict import verdict_of
+from companion.outcomes import Verdict
 from protocol.flightlog import LogReader
 from protocol.flightlog.summary import read_summary
 
@@ -34,6 +36,8 @@ class Info:
     """How it was flown: mission, output, pace, seed, versions."""
     result: dict[str, str] = field(default_factory=dict)
     """How it ended; empty if the flight was cut off."""
+    verdict: Verdict | None = None
+    """How it came out; None if it is no flight of this companion."""
     vehicle: dict[str, str] = field(default_factory=dict)
     """Firmware, version and parameters of the vehicle; empty if the flight was cut off."""
     attachments: dict[str, int] = field(default_factory=dict)
@@ -89,6 +93,7 @@ def _flight_info(path: Path, metadata: dict[str, dict[str, str]], span_ns: tuple
         duration_s=(last_ns - first_ns) * 1e-9,
         flight=flight,
         result=metadata.get("result", {}),
+        verdict=verdict_of(path, metadata),
         vehicle=metadata.get("vehicle", {}),
         **rest,
     )

@@ -9,7 +9,7 @@ from typing import Any
 
 from mcap.opcode import Opcode
 
-from protocol.flightlog import MAGIC, TEXT, FlightLogError, LogReader, Record, RecordType
+from protocol.flightlog import FILE_NAME, MAGIC, TEXT, FlightLogError, LogReader, Record, RecordType
 
 EXPORT_LIBRARY = "courier foxglove"
 """Library in the header of a file that `companion foxglove` wrote. Such a file can be made again from its recording."""
@@ -23,6 +23,14 @@ _EARLIEST_S = 0.0
 """1970, in seconds since then."""
 _LATEST_S = 253_402_214_400.0
 """End of the year 9999, the last that `datetime` has, in seconds since 1970."""
+
+
+def newest(logs: Path) -> Path:
+    """The log that was written to last in a folder of flights. Raises FlightLogError if there is none."""
+    found = max(logs.glob(f"*/{FILE_NAME}"), key=lambda path: path.stat().st_mtime, default=None)
+    if found is None:
+        raise FlightLogError(f"{logs}: there is no flight in it")
+    return found
 
 
 def is_export(path: Path) -> bool:

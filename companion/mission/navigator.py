@@ -132,7 +132,8 @@ class Navigator:
         self.step_index = index
         self.step = self.steps[index]
         self.phase = self.step.phase
-        before, target = self.steps[index - 1].target_ned if index else None, self.step.target_ned
+        target = self.step.target_ned
+        before = next((step.target_ned for step in self.steps[:index][::-1] if step.target_ned is not None), None)
         self._length = 0.0 if before is None or target is None else math.dist(before.tolist(), target.tolist())
         self._leg = None
 
@@ -153,7 +154,7 @@ class Navigator:
     @property
     def _speed(self) -> float:
         """m/s, at most."""
-        return min(self._search.slowed(self.mission.speed), self._top_speed)
+        return min(self._search.slowed(self.step.speed or self.mission.speed), self._top_speed)
 
     def slow_down(self, late_s: float) -> None:
         """With a link that is so late, the vehicle flies so slowly that it comes no farther than `blind_way` blind."""
@@ -198,7 +199,9 @@ class Navigator:
         """
         done = bool(self.steps) and self.step.phase is Phase.LAND
         beyond = 0.0 if state is None or self._fence is None else -self._fence.room(state.position_ned)
-        report = MissionReport(done, self._overdue(now_ns) if flying else 0.0, outside=outside, beyond=beyond)
+        allowed = self._allowed() if self.steps else 0.0
+        overdue = max((now_ns - self._step_since_ns) * 1e-9 - allowed, 0.0) if flying else 0.0
+        report = MissionReport(done, overdue, allowed, outside=outside, beyond=beyond)
         if not flying or state is None:
             return report
         homeward, landing_s = self._way_to_landing(state.position_ned)
@@ -227,12 +230,14 @@ class Navigator:
         places = [here.tolist(), *(step.target_ned.tolist() for step in left if step.target_ned is not None)]
         return sum(math.dist(one, other) for one, other in pairwise(places))
 
-    def _overdue(self, now_ns: int) -> float:
-        """How much longer than it may (s) the present step takes; 0 while there is time."""
+    def _allowed(self) -> float:
+        """Time (s) that the present step may take; the way of the first is up from the ground."""
         duration = self._durations[self.step_index]
         taken = self.step.hold_s if duration is None else duration
-        allowed = self._settings.supervision.step_timeout + taken + 3.0 * self._length / self._speed
-        return max((now_ns - self._step_since_ns) * 1e-9 - allowed, 0.0)
+        way_s = self._length / self._speed
+        if self.step_index == 0:
+            way_s = self.mission.takeoff_height / self._settings.trajectory.climb_speed
+        return self._settings.supervision.step_timeout + taken + 3.0 * way_s
 
     # -- how it goes ---------------------------------------------------------------------------------------------------
 

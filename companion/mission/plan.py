@@ -25,6 +25,12 @@ class Waypoint(Table, frozen=True):
     height: Positive
     hold_s: NotNegative = 0.0
     """Stop there for so long; 0: pass through."""
+    speed: Positive | None = None
+    """m/s on the way there; left out, the mission's."""
+    yaw_deg: float | None = None
+    """Heading to turn to while it holds there, clockwise from north."""
+    release: bool = False
+    """Stop there, and release the parcel."""
 
 
 class Delivery(Table, frozen=True):
@@ -54,7 +60,14 @@ class Mission(Table, frozen=True):
     "minimum_snap": one curve through the waypoints up to each hold, at up to `speed` and within the settings' limits of
     acceleration and tilt. It goes nowhere else: obstacles are not avoided on it."""
 
+    @property
+    def delivers(self) -> bool:
+        """It has a parcel to release."""
+        return self.delivery is not None or any(waypoint.release for waypoint in self.waypoints)
+
     def __post_init__(self) -> None:
+        if self.profile != "smooth" and any(w.release or w.speed or w.yaw_deg is not None for w in self.waypoints):
+            raise ValueError('waypoints: speed, yaw_deg and release are for the profile "smooth"')
         if self.profile not in ("smooth", "step", "minimum_snap"):
             raise ValueError(f'profile {self.profile!r}: there are "smooth", "step" and "minimum_snap"')
         if bool(self.waypoints) == (self.trajectory is not None):
@@ -91,6 +104,10 @@ class Step:
     """Goes on to the next step without stopping."""
     avoids: bool = False
     """Obstacles are flown around."""
+    speed: float | None = None
+    """m/s on the way; None: the mission's."""
+    yaw: float | None = None
+    """Heading (rad) to turn to at the target; None: as it came."""
     curve: Curve | None = None
     """Flown once the vehicle stands at `target_ned`, where it begins."""
 
@@ -113,9 +130,12 @@ def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
     if curved:
         plan += _curves(Phase.TRACK, [over_home, *targets], holds, mission.speed)
     else:
-        for target, hold_s in zip(targets, holds, strict=True):
-            passes = hold_s == 0.0 and target is not targets[-1]
-            plan.append(Step(Phase.ROUTE, target, hold_s, passes, avoids=True))
+        for waypoint, target in zip(mission.waypoints, targets, strict=True):
+            yaw = None if waypoint.yaw_deg is None else math.radians(waypoint.yaw_deg)
+            passes = waypoint.hold_s == 0.0 and target is not targets[-1] and yaw is None and not waypoint.release
+            plan.append(Step(Phase.ROUTE, target, waypoint.hold_s, passes, True, waypoint.speed, yaw))
+            if waypoint.release:
+                plan.append(Step(Phase.RELEASE))
     if mission.delivery is not None:
         plan.append(Step(Phase.DESCEND, np.array([*targets[-1][:2], start_ned[2] - mission.delivery.release_height])))
         plan.append(Step(Phase.RELEASE))

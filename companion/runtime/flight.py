@@ -6,7 +6,7 @@ import os
 import platform
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
@@ -19,15 +19,16 @@ from companion.autopilot import Autopilot
 from companion.config import Settings
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
+from companion.mission.files import to_toml
 from companion.mission.plan import Mission
+from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
 from companion.runtime.runner import Runner
-from companion.runtime.side_links import NONE, SideLinks
+from companion.runtime.side_links import NONE, SideLinks, unheard
 from companion.runtime.summary import Axes, Summary
 from companion.state import Adoption, Output
-from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLog
@@ -60,17 +61,21 @@ class Plan:
     """All of `--set`, for the log; settings and mission have theirs already."""
     adoption: Adoption | None = None
     """A vehicle in flight is taken over, for this."""
+    connect: str = ""
+    """The vehicle's URL or name, as it was asked for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
     """How it ended."""
 
-    delivered: bool
-    landed: bool
-    """On the ground and disarmed, at the end of the mission."""
-    fault: str | None
-    """What went wrong first; None if nothing did."""
+    verdict: Verdict
+    delivered: bool | None
+    """None: there was nothing to deliver."""
+    landed: bool | None
+    """Disarmed, as the vehicle says, without a crash; None: it was not flown."""
+    testimony: Testimony | None
+    """What the simulator knows of it."""
     log: Path
     output: Output
     simulated_s: float
@@ -130,8 +135,16 @@ def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:
     return replace(plan, settings=msgspec.structs.replace(plan.settings, rates=slower)), note
 
 
-def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: SideLinks = NONE) -> Result:
-    """Fly a prepared plan and leave a log in a new folder of `logs`.
+def fly(
+    plan: Plan,
+    transport: Transport,
+    logs: Path,
+    *,
+    console: bool,
+    beside: SideLinks = NONE,
+    witness: Callable[[], Testimony] | None = None,
+) -> Result:
+    """Fly a prepared plan and leave a log in a new folder of `logs`. `witness` is heard before the log is closed.
 
     Raises, before anything is sent, FlightLogError if the log can't be written and PlanError if the planner's process
     does not start.
@@ -155,36 +168,56 @@ def fly(plan: Plan, transport: Transport, logs: Path, *, console: bool, beside: 
             types=RECORD_TYPES,
             on_full="wait" if clock is None else "drop",
             console=console,
-            epoch_ns=0 if clock is None else round(began * 1e9),
+            epoch_ns=round(began * 1e9),
             preserves_datagrams=transport.preserves_datagrams,
         )
         if note:
             log.text(0, logging.INFO, "companion", note)
         runner = Runner(autopilot, transport, log, clock, planning, console=console, beside=beside)
-        wall = time.monotonic()
+        wall, wall_s, testimony = time.monotonic(), 0.0, None
         try:
-            runner.run()
+            try:
+                runner.run()
+            finally:
+                wall_s = time.monotonic() - wall
+            testimony = None if witness is None else witness()
         finally:
-            fault = runner.failure or autopilot.supervisor.fault
-            result = Result(
-                delivered=autopilot.navigator.released,
-                landed=fault is None and autopilot.supervisor.state is State.ENDED,
-                fault=fault,
-                log=log.path,
-                output=autopilot.link.readiness.output,
-                simulated_s=runner.flown_s,
-                wall_s=time.monotonic() - wall,
-                traffic=traffic_of(autopilot, transport),
-                refused=transport.refused if isinstance(transport, GuardedLink) else {},
-                implausible=autopilot.sensing.implausible,
-                missed_deadlines=runner.missed_deadlines,
-                records_dropped=log.dropped,
-                records_lost=log.lost,
-                log_fault=log.fault,
-            )
-            tables = {"result": _outcome(result), "vehicle": _vehicle(autopilot)}
+            result = _result(plan, autopilot, runner, log, transport, testimony, wall_s)
+            tables = {"result": result_table(result), "vehicle": _vehicle(autopilot)}
             log.close({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})
     return replace(result, log_fault=log.fault, records_lost=log.lost)
+
+
+def _result(
+    plan: Plan,
+    autopilot: Autopilot,
+    runner: Runner,
+    log: FlightLog,
+    transport: Transport,
+    testimony: Testimony | None,
+    wall_s: float,
+) -> Result:
+    """How it came out, which the log is told, too."""
+    verdict, delivered = _judge(plan, autopilot, runner, testimony)
+    runner.say(logging.INFO if verdict.outcome.wanted else logging.CRITICAL, f"outcome: {verdict.text}")
+    disarmed = not autopilot.link.said.status.armed
+    return Result(
+        verdict=verdict,
+        delivered=delivered,
+        landed=disarmed and verdict.outcome is not Outcome.CRASHED if autopilot.supervisor.flew else None,
+        testimony=testimony,
+        log=log.path,
+        output=autopilot.link.readiness.output,
+        simulated_s=runner.flown_s,
+        wall_s=wall_s,
+        traffic=traffic_of(autopilot, transport),
+        refused=transport.refused if isinstance(transport, GuardedLink) else {},
+        implausible=autopilot.sensing.implausible,
+        missed_deadlines=runner.missed_deadlines,
+        records_dropped=log.dropped,
+        records_lost=log.lost,
+        log_fault=log.fault,
+    )
 
 
 def traffic_of(autopilot: Autopilot, transport: Transport) -> Traffic:
@@ -194,11 +227,34 @@ def traffic_of(autopilot: Autopilot, transport: Transport) -> Traffic:
     return replace(traffic, frames_bad=traffic.frames_bad + beyond)
 
 
-def _outcome(result: Result) -> dict[str, object]:
+def _judge(
+    plan: Plan, autopilot: Autopilot, runner: Runner, testimony: Testimony | None
+) -> tuple[Verdict, bool | None]:
+    """The verdict, and whether the parcel was delivered, if there was one to deliver."""
+    delivers = plan.mission.delivers and plan.adoption is not Adoption.LAND
+    delivered = autopilot.navigator.released if delivers else None
+    found = autopilot.supervisor.verdict
+    if found is not None and found.outcome is Outcome.NOT_STARTED and autopilot.link.vehicle is None and plan.connect:
+        found = msgspec.structs.replace(found, cause=f"{found.cause} at {unheard(plan.connect)}")
+    return judge(found, delivered, testimony, failure=runner.failure, ended=autopilot.ended), delivered
+
+
+def _ending(result: Result) -> dict[str, object]:
+    """How it came out, without what has no meaning for the flight."""
+    told = result.testimony
+    ending: dict[str, object] = {"delivered": result.delivered, "landed": result.landed}
+    if told is not None and not told.problem:
+        least = None if told.least_clearance_m is None else round(told.least_clearance_m, 3)
+        ending |= {"contacts": told.contacts, "least_clearance_m": least}
+    return {name: value for name, value in ending.items() if value is not None}
+
+
+def result_table(result: Result) -> dict[str, object]:
+    """The log's metadata "result"."""
     return {
-        "delivered": result.delivered,
-        "landed": result.landed,
-        "fault": result.fault or "",
+        "outcome": result.verdict.outcome.value,
+        "cause": result.verdict.cause,
+        **_ending(result),
         "output": result.output.value,
         **asdict(result.traffic),
         **result.refused,
@@ -223,14 +279,14 @@ def version_text(version: int | None) -> str:
 
 
 def end_table(result: Result, summary: Summary) -> dict[str, object]:
-    """What the companion itself knows of a flight, for a table or JSON; per axis north, east, down.
+    """What is known of a flight, for a table or JSON; per axis north, east, down.
 
     What is measured along the flight is as the log has it: where that was cut, up to there.
     """
     factor = result.simulated_s / result.wall_s if result.wall_s else None
     return {
-        "delivered": result.delivered,
-        "landed": result.landed,
+        "outcome": result.verdict.text,
+        **_ending(result),
         "duration_s": _rounded(result.wall_s, 3),
         "simulated_s": _rounded(result.simulated_s, 3),
         "real_time_factor": _rounded(factor, 2),
@@ -278,6 +334,7 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
         "pace": str(plan.pace),
         "seed": "" if plan.seed is None else str(plan.seed),
         "overrides": json.dumps(plan.overrides),
+        "connect": plan.connect,
         "adopted": "" if plan.adoption is None else plan.adoption.value,
         "started_unix_s": repr(began),
         "host": platform.platform(),
@@ -300,4 +357,7 @@ def git_hash() -> str:
 
 def _attachments(plan: Plan) -> dict[str, bytes]:
     files = {f"{kind}.toml": path.read_bytes() for kind, path in plan.files.items()}
+    mission = plan.files["mission"]
+    if mission.suffix != ".toml":  # of a ground station: kept as it is, beside what was made of it
+        files |= {mission.name: mission.read_bytes(), "mission.toml": to_toml(plan.mission).encode()}
     return {**files, "settings.json": msgspec.json.encode(plan.settings)}

@@ -83,7 +83,7 @@ class Runner:
         self._checked_log_ns = 0
         self._log_failed = False
         self._planning_failed = False
-        self._notes = VehicleNotes(autopilot.link, log, self._say)
+        self._notes = VehicleNotes(autopilot.link, log, self.say)
         self._thinning = Thinning(autopilot.settings.log.trace_rate)
         self._latencies: list[int] = []
         self._told_latencies_ns = 0
@@ -104,11 +104,11 @@ class Runner:
                 except Exception as error:
                     # A broken invariant: stop commanding, and the vehicle's own failsafe takes it down.
                     self.failure = self.failure or f"the companion's loop failed: {error!r}"
-                    self._say(logging.CRITICAL, traceback.format_exc())
+                    self.say(logging.CRITICAL, traceback.format_exc())
             if self.failure is not None:
                 flying = self._autopilot.supervisor.state in FLYING - {State.RELINQUISHED}
                 rest = "; setpoints have stopped, the vehicle holds and lands by itself" if flying else ""
-                self._say(logging.CRITICAL, self.failure + rest)
+                self.say(logging.CRITICAL, self.failure + rest)
 
     def _fly(self) -> None:
         if self._clock is None:
@@ -236,7 +236,7 @@ class Runner:
                 answer += self._driver.handle(Datagram(now, data, whole=False, sensor=True))
         except TransportError as error:
             self._sensor = None
-            self._say(logging.ERROR, f"the sensor's link is gone: {error}")
+            self.say(logging.ERROR, f"the sensor's link is gone: {error}")
         return answer
 
     def _route(self, router: Router, now: int) -> None:
@@ -245,7 +245,7 @@ class Runner:
             if self._transport.peer:
                 self._log.datagram(now, Direction.FORWARDED, address, forward(self._transport, data))
         for trouble in router.troubles():
-            self._say(logging.WARNING, trouble)
+            self.say(logging.WARNING, trouble)
 
     def _look_around(self, now: int) -> bytes:
         """What need not be done at each tick: the log's health, the progress line."""
@@ -258,7 +258,7 @@ class Runner:
             elif self._console is not None:
                 self._console.status(line)
         for trouble in news(self._transport):
-            self._say(logging.WARNING, trouble)
+            self.say(logging.WARNING, trouble)
         self._notes.take(now, ready=self._autopilot.supervisor.state >= State.ENGAGE)
         answer = b""
         fault = self._planning.fault
@@ -297,9 +297,9 @@ class Runner:
         if reaction.plan_request is not None:
             self._log.record(ASKED, event.time_ns, pack_request(reaction.plan_request))
         for announcement in reaction.announcements:
-            self._say(_LOG_LEVEL[announcement.severity], announcement.text)
+            self.say(_LOG_LEVEL[announcement.severity], announcement.text)
 
-    def _say(self, level: int, text: str) -> None:
+    def say(self, level: int, text: str) -> None:
         """Into the log, and by its recorder on the console; straight to the console where the log can't take it."""
         try:
             self._log.text(self._now, level, "companion", text)

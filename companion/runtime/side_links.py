@@ -22,6 +22,22 @@ NAMES = {
 """Where each talks unless told otherwise."""
 
 
+_UNHEARD = {
+    "udpin": "is the vehicle on, and does it send MAVLink to this port? Another program on the port may have it",
+    "udpout": "is the vehicle on, and does it listen there? udpin:HOST:PORT waits for one that sends by itself",
+    "tcp": "the port is open, but no autopilot speaks there",
+    "tcpin": "is the vehicle on, and does it call this port?",
+    "serial": "is this the vehicle's port, is MAVLink on for it, and is the baud rate the vehicle's?",
+}
+"""What to look at where no vehicle was heard, by the scheme of the URL."""
+
+
+def unheard(connect: str) -> str:
+    """Where no vehicle was heard, by URL or name, and what to look at."""
+    url = NAMES.get(connect, connect)
+    return f"{url}: {_UNHEARD.get(url.partition(':')[0], 'is the vehicle on?')}"
+
+
 @dataclass(slots=True)
 class SideLinks:
     """None of them can end a flight: what fails is told once, and the flight goes on without it."""

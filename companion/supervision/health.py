@@ -8,12 +8,38 @@ from typing import NamedTuple
 
 import msgspec
 
+from companion.outcomes import CRITICAL_STATE, crash_words
 from companion.reports import LinkReport, MissionReport, SensingReport
 from companion.state import FlightMode
 from companion.supervision.limits import WITHIN, LimitsVerdict
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import State
 from companion.supervision.watching import UNWATCHED, Watched
+
+
+class Plight(msgspec.Struct, frozen=True, gc=False):
+    """What of the health says how the flight comes out, and why."""
+
+    risen: bool = True
+    """The companion has seen it leave the ground."""
+    full_thrust: bool = False
+    """All the thrust that there is was commanded on the ground."""
+    allowed: float = 0.0
+    """Time (s) that the present step of the mission may take."""
+    reason: str = ""
+    """What the vehicle said last that may explain a refusal, to stand behind a sentence."""
+    emergency: str = ""
+    """What the vehicle said of an emergency; empty if nothing."""
+    crash: str = ""
+    """How it crashed, as it says; empty if it did not."""
+
+    @property
+    def stuck(self) -> str:
+        """How a vehicle that has not risen stays on the ground."""
+        return "thrust at its limit: too heavy?" if self.full_thrust else "the vehicle does not rise"
+
+
+UNHARMED = Plight()
 
 
 class Health(msgspec.Struct, frozen=True, gc=False):
@@ -51,12 +77,21 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """It is in the air, as it says."""
     overdue: float
     """By how much the present step of the mission takes longer than it may (s), else 0."""
-    reason: str
-    """What the vehicle said last that may explain a refusal."""
     refusal: str | None = None
     """Why this vehicle is not flown, whatever one waits for."""
+    plight: Plight = UNHARMED
     watched: Watched = UNWATCHED
     limits: LimitsVerdict = WITHIN
+
+    @property
+    def reason(self) -> str:
+        """The plight's, for the sentences of the table."""
+        return self.plight.reason
+
+    @property
+    def distress(self) -> str:
+        """How the vehicle says that something is badly wrong with it; empty if it does not."""
+        return self.plight.emergency or (CRITICAL_STATE if self.failsafe else "")
 
 
 class Judged(NamedTuple):
@@ -100,8 +135,15 @@ def health(
         landed_for=link.word.landed_for,
         airborne=link.word.airborne,
         overdue=mission.overdue if state is State.FLY else 0.0,
-        reason=link.complaint,
         refusal=link.refusal or _of_fence(mission),
+        plight=Plight(
+            risen=own.airborne,
+            full_thrust=own.full_thrust,
+            allowed=mission.allowed,
+            reason=link.complaint,
+            emergency=link.emergency,
+            crash=crash_words(link.emergency, fallen=link.status.emergency and not link.status.armed),
+        ),
         watched=watched,
         limits=limits,
     )

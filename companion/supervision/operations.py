@@ -44,7 +44,7 @@ Operation = LandRequest | LogFault | LogRecovered | PlannerFault
 class OwnReport:
     """What the companion knows of itself and of its operator, from one look at the health to the next."""
 
-    def __init__(self, settings: Supervision, adoption: Adoption | None = None) -> None:
+    def __init__(self, settings: Supervision, adoption: Adoption | None = None, highest_thrust: float = 1.0) -> None:
         self.adoption = adoption
         """The operator's consent to take over a vehicle in flight, and what for."""
         self._overrun_ns = settings.overrun * 1e9
@@ -56,6 +56,11 @@ class OwnReport:
         """The end of the latest overrun."""
         self.land_requested = False
         self.log_fault: str | None = None
+        self.airborne = adoption is not None
+        """It flies the vehicle in the air."""
+        self.full_thrust = False
+        """It asked for all the thrust that there is to leave the ground."""
+        self._highest_thrust = highest_thrust
 
     def take(self, event: Operation) -> Announcement | None:
         """Take an event in; what is to be said of it."""
@@ -72,9 +77,11 @@ class OwnReport:
                 return Announcement(Severity.CRITICAL, f"no map any more: {event.text}")
         return None
 
-    def passes(self, setpoint: Setpoint) -> bool:
-        """The last gate: a setpoint that is not sound must stay here."""
+    def passes(self, setpoint: Setpoint, airborne: bool = True) -> bool:
+        """The last gate: a setpoint that is not sound must stay here. `airborne`: it is for a vehicle in the air."""
         reason = unsound(setpoint)
+        self.airborne = airborne
+        self.full_thrust = self.full_thrust or (not airborne and setpoint.thrust >= self._highest_thrust)
         if reason is not None:
             self.unsound_output = reason
         return reason is None

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.config import Supervision
+from companion.outcomes import Outcome
 from companion.state import FlightMode, Severity
 from companion.supervision.health import Health
 from companion.supervision.states import State
@@ -22,10 +23,10 @@ class Row:
     severity: Severity
     text: str
     """Formatted with the health and the settings."""
-    fault: bool = False
-    """The flight has failed: the outcome says so,"""
-    outcome: str = ""
-    """in these words, formatted likewise; left out, in those of `text`."""
+    ends: Outcome | None = None
+    """How the flight comes out, unless something worse follows; None: this does not decide it."""
+    cause: str = ""
+    """Why, formatted likewise; left out, in the words of `text`."""
 
 
 def row(
@@ -35,12 +36,12 @@ def row(
     severity: Severity,
     text: str,
     *,
-    fault: bool = False,
-    outcome: str = "",
+    ends: Outcome | None = None,
+    cause: str = "",
 ) -> Row:
     """A row from one state or several."""
     states = states if isinstance(states, frozenset) else frozenset({states})
-    return Row(states, condition, to, severity, text, fault, outcome)
+    return Row(states, condition, to, severity, text, ends, cause)
 
 
 def left(h: Health) -> bool:

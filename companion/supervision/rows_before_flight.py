@@ -1,5 +1,6 @@
 """The rows of the way to the start, and of the way back from arming."""
 
+from companion.outcomes import Outcome
 from companion.state import FlightMode
 from companion.supervision.rows import CRITICAL, ERROR, INFO, NOTICE, WARNING, Row, disarmed, left, row
 from companion.supervision.states import State
@@ -11,19 +12,19 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
     row(State.FIND, lambda h, s, t: h.seen, State.CHECK, INFO, "vehicle found"),
     row(
         State.FIND,
-        lambda h, s, t: h.land_requested or t > s.find_timeout,
+        lambda h, s, t: t > s.find_timeout,
         State.ENDED,
         ERROR,
         "no vehicle within {settings.find_timeout:g} s",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     row(
-        BEFORE - {State.ARM},
+        BEFORE - {State.ARM} | {State.FIND},
         lambda h, s, t: h.land_requested,
         State.ENDED,
         NOTICE,
         "called off before the start",
-        fault=True,
+        ends=Outcome.CALLED_OFF,
     ),
     row(
         State.CHECK,
@@ -31,8 +32,8 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "the vehicle is armed already: not taken over (--adopt takes over a vehicle in flight)",
-        fault=True,
-        outcome="the vehicle is armed already: not taken over",
+        ends=Outcome.NOT_STARTED,
+        cause="the vehicle is armed already: not taken over",
     ),
     row(
         frozenset({State.CHECK, State.ADOPT}),
@@ -40,7 +41,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "the vehicle is not armed: there is nothing to take over",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     row(
         State.CHECK,
@@ -48,7 +49,8 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "not flown: {health.refusal}",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
+        cause="{health.refusal}",
     ),
     row(
         frozenset({State.CHECK, State.ADOPT}),
@@ -56,7 +58,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "the vehicle stands on the ground: not taken over",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     row(
         State.CHECK,
@@ -73,7 +75,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         NOTICE,
         "called off before the vehicle was taken over",
-        fault=True,
+        ends=Outcome.CALLED_OFF,
     ),
     row(
         State.ADOPT,
@@ -95,7 +97,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "the vehicle refuses: {health.exhausted}{health.reason}",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     # on the way to the start
     row(
@@ -104,7 +106,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "not ready: {health.missing}",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     row(State.STREAM, lambda h, s, t: h.missing is not None, State.CHECK, WARNING, "not ready yet: {health.missing}"),
     row(
@@ -113,7 +115,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "armed by others: not taken over",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     row(State.STREAM, lambda h, s, t: t >= s.stream_before_engaging, State.ENGAGE, INFO, "asking for control"),
     row(State.ENGAGE, lambda h, s, t: h.mode is FlightMode.EXTERNAL, State.ARM, INFO, "in control, arming"),
@@ -123,8 +125,8 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.DISARM,
         WARNING,
         "mode changed to {health.mode.value} while arming: disarming, and letting go{health.reason}",
-        fault=True,
-        outcome="the pilot took over before arming",
+        ends=Outcome.NOT_STARTED,
+        cause="the pilot took over before arming",
     ),
     row(
         State.ARM,
@@ -132,8 +134,8 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.DISARM,
         NOTICE,
         "called off while arming: disarming",
-        fault=True,
-        outcome="called off while arming",
+        ends=Outcome.CALLED_OFF,
+        cause="called off while arming",
     ),
     row(
         State.ARM,
@@ -141,7 +143,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.DISARM,
         ERROR,
         "own loop was {health.overrun:.2f} s late while arming: disarming",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     row(State.ARM, lambda h, s, t: h.armed, State.FLY, NOTICE, "armed, taking off"),
     row(
@@ -150,7 +152,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "the vehicle refuses: {health.exhausted}{health.reason}",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     row(
         State.ENGAGE,
@@ -158,7 +160,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         ERROR,
         "no longer ready: {health.missing}",
-        fault=True,
+        ends=Outcome.NOT_STARTED,
     ),
     row(
         State.ARM,
@@ -166,8 +168,8 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.DISARM,
         ERROR,
         "the vehicle refuses: {health.exhausted}{health.reason}, disarming",
-        fault=True,
-        outcome="the vehicle refuses: {health.exhausted}{health.reason}",
+        ends=Outcome.NOT_STARTED,
+        cause="the vehicle refuses: {health.exhausted}{health.reason}",
     ),
     row(
         State.ARM,
@@ -175,8 +177,8 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.DISARM,
         ERROR,
         "no longer ready: {health.missing}, disarming",
-        fault=True,
-        outcome="no longer ready: {health.missing}",
+        ends=Outcome.NOT_STARTED,
+        cause="no longer ready: {health.missing}",
     ),
     # armed for nothing
     row(
@@ -185,7 +187,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.LAND,
         CRITICAL,
         "armed, and in the air: landing",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.DISARM,
@@ -193,7 +195,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.RELEASED,
         CRITICAL,
         "armed, and in the air in mode {health.mode.value}: letting go",
-        fault=True,
+        ends=Outcome.OPERATOR,
     ),
     row(
         State.DISARM,
@@ -208,6 +210,6 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         CRITICAL,
         "the vehicle stays armed: {health.exhausted}{health.reason}",
-        fault=True,
+        ends=Outcome.LEFT,
     ),
 )

@@ -1,5 +1,6 @@
 """The rows of a flight: faults, gaps of our own, the vehicle's own failsafe, others, and the landing."""
 
+from companion.outcomes import Outcome
 from companion.state import BatteryLevel, FlightMode
 from companion.supervision.rows import CRITICAL, ERROR, NOTICE, WARNING, Row, disarmed, elsewhere, left, row
 from companion.supervision.states import OWN, State
@@ -19,7 +20,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WITHDRAW,
         CRITICAL,
         "telemetry lost for {health.telemetry_age:.2f} s: the vehicle is asked to hold",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         OWN,
@@ -27,7 +28,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WITHDRAW,
         CRITICAL,
         "no heartbeat for {health.heartbeat_age:.1f} s: the vehicle is asked to hold",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         OWN,
@@ -35,7 +36,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WATCH,
         CRITICAL,
         "the vehicle changed to {health.mode.value} in failsafe: left to it, and watched to the ground{health.reason}",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         OWN,
@@ -46,11 +47,20 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         OWN,
+        lambda h, s, t: not h.armed and not h.plight.risen,
+        State.ENDED,
+        ERROR,
+        "could not take off: {health.plight.stuck}{health.reason}",
+        ends=Outcome.NO_TAKE_OFF,
+        cause="{health.plight.stuck}{health.reason}",
+    ),
+    row(
+        OWN,
         lambda h, s, t: not h.armed,
         State.ENDED,
         CRITICAL,
         "disarmed in flight by others{health.reason}",
-        fault=True,
+        ends=Outcome.CRASHED,
     ),
     row(
         OWN,
@@ -58,7 +68,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WITHDRAW,
         CRITICAL,
         "bad telemetry ({health.refused_telemetry}): the vehicle is asked to hold",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         OWN,
@@ -66,7 +76,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WITHDRAW,
         CRITICAL,
         "unsound setpoint held back ({health.unsound_output}): the vehicle is asked to hold",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         OWN,
@@ -74,7 +84,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WITHDRAW,
         CRITICAL,
         "the vehicle is in failsafe: it is asked to hold{health.reason}",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         OWN,
@@ -82,8 +92,8 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.LAND,
         NOTICE,
         "landing on request (interrupt again to abandon)",
-        fault=True,
-        outcome="called off in flight",
+        ends=Outcome.CALLED_OFF,
+        cause="called off in flight",
     ),
     row(
         OWN,
@@ -91,8 +101,8 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.LAND,
         CRITICAL,
         "{health.limits.battery.text}: landing",
-        fault=True,
-        outcome="landed: {health.limits.battery.text}",
+        ends=Outcome.LANDED_EARLY,
+        cause="{health.limits.battery.text}",
     ),
     row(
         OWN,
@@ -100,16 +110,25 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.LAND,
         CRITICAL,
         "{health.limits.beyond}: landing",
-        fault=True,
-        outcome="landed: {health.limits.beyond}",
+        ends=Outcome.LANDED_EARLY,
+        cause="{health.limits.beyond}",
+    ),
+    row(
+        State.FLY,
+        lambda h, s, t: h.overdue > 0.0 and not h.plight.risen,
+        State.LAND,
+        ERROR,
+        "could not take off: {health.plight.stuck}, disarming{health.reason}",
+        ends=Outcome.NO_TAKE_OFF,
+        cause="{health.plight.stuck}{health.reason}",
     ),
     row(
         State.FLY,
         lambda h, s, t: h.overdue > 0.0,
         State.LAND,
         ERROR,
-        "no progress: this step of the mission is {health.overdue:.0f} s overdue, landing",
-        fault=True,
+        "no progress: this step of the mission takes longer than the {health.plight.allowed:.0f} s it may, landing",
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.FLY,
@@ -131,8 +150,8 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.FLY,
         CRITICAL,
         "{health.limits.battery.text}: returning",
-        fault=True,
-        outcome="returned: {health.limits.battery.text}",
+        ends=Outcome.RETURNED,
+        cause="{health.limits.battery.text}",
     ),
     row(
         State.HOLD,
@@ -140,7 +159,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.LAND,
         CRITICAL,
         "holding for {settings.land_after:g} s without a cure: landing",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.HOLD,
@@ -157,7 +176,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         CRITICAL,
         "disarmed while the companion stood still{health.reason}",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.GAP,
@@ -165,7 +184,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WATCH,
         CRITICAL,
         "the vehicle is in {health.mode.value} by its own failsafe: left to it, and watched to the ground",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.GAP,
@@ -187,7 +206,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WATCH,
         CRITICAL,
         "no word of the vehicle since then: left to its own failsafe, and watched",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     # the vehicle's own failsafe flies
     row(
@@ -196,7 +215,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         NOTICE,
         "the vehicle is disarmed",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.WATCH,
@@ -204,7 +223,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.RELEASED,
         WARNING,
         "mode changed to {health.mode.value} by others: letting go{health.reason}",
-        fault=True,
+        ends=Outcome.OPERATOR,
     ),
     row(
         State.WATCH,
@@ -212,7 +231,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.DISARM,
         WARNING,
         "on the ground for {settings.disarm_after:g} s: disarming",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.WATCH,
@@ -220,7 +239,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.LAND,
         CRITICAL,
         "its own failsafe has not brought the vehicle down for {settings.failsafe_still:g} s: landing",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     # others fly, and may give control back
     row(
@@ -229,7 +248,8 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         WARNING,
         "leaving: others fly",
-        fault=True,
+        ends=Outcome.LEFT,
+        cause="left to others, who fly",
     ),
     row(
         State.RELINQUISHED,
@@ -237,7 +257,8 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         NOTICE,
         "the vehicle is disarmed",
-        fault=True,
+        ends=Outcome.OPERATOR,
+        cause=Outcome.OPERATOR.value,
     ),
     row(
         State.RELINQUISHED,
@@ -245,7 +266,8 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.RELEASED,
         WARNING,
         "landed by others: letting go",
-        fault=True,
+        ends=Outcome.OPERATOR,
+        cause=Outcome.OPERATOR.value,
     ),
     row(
         State.RELINQUISHED,
@@ -253,7 +275,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WITHDRAW,
         CRITICAL,
         "control is given back without telemetry for {health.telemetry_age:.2f} s: the vehicle is asked to hold",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.RELINQUISHED,
@@ -268,7 +290,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.RELEASED,
         WARNING,
         "the vehicle is in failsafe: letting go{health.reason}",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.RELINQUISHED,
@@ -276,7 +298,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.RELEASED,
         WARNING,
         "not given back within {settings.resume_within:g} s: letting go",
-        fault=True,
+        ends=Outcome.OPERATOR,
     ),
     # withdrawn, landing, released
     row(
@@ -285,7 +307,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         WARNING,
         "the vehicle is disarmed",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.WITHDRAW,
@@ -293,7 +315,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WATCH,
         CRITICAL,
         "the vehicle changed to {health.mode.value} in failsafe: left to it, and watched to the ground{health.reason}",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.WITHDRAW,
@@ -301,7 +323,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.RELEASED,
         WARNING,
         "mode changed to {health.mode.value} by others: letting go{health.reason}",
-        fault=True,
+        ends=Outcome.OPERATOR,
     ),
     row(
         State.WITHDRAW,
@@ -309,7 +331,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.LAND,
         CRITICAL,
         "held for {settings.land_after:g} s: landing",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.LAND,
@@ -324,7 +346,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.WATCH,
         CRITICAL,
         "the vehicle changed to {health.mode.value} in failsafe: left to it, and watched to the ground{health.reason}",
-        fault=True,
+        ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.LAND,
@@ -339,7 +361,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.RELEASED,
         WARNING,
         "mode changed to {health.mode.value} by others: letting go{health.reason}",
-        fault=True,
+        ends=Outcome.OPERATOR,
     ),
     row(
         State.LAND,
@@ -347,7 +369,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         CRITICAL,
         "landing not confirmed within {settings.landing_timeout:g} s",
-        fault=True,
+        ends=Outcome.LOST,
     ),
     row(
         State.RELEASED,
@@ -355,7 +377,16 @@ IN_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         WARNING,
         "leaving: others fly",
-        fault=True,
+        ends=Outcome.LEFT,
+        cause="left to others, who fly",
     ),
-    row(State.RELEASED, lambda h, s, t: not h.armed, State.ENDED, NOTICE, "the vehicle is disarmed", fault=True),
+    row(
+        State.RELEASED,
+        lambda h, s, t: not h.armed,
+        State.ENDED,
+        NOTICE,
+        "the vehicle is disarmed",
+        ends=Outcome.OPERATOR,
+        cause=Outcome.OPERATOR.value,
+    ),
 )

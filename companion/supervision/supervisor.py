@@ -1,12 +1,13 @@
 """Who flies: the state of the flight, which nothing moves but the table of transitions."""
 
 from companion.config import Settings
+from companion.outcomes import Outcome, Verdict, worst
 from companion.reports import LinkReport, MissionReport, SensingReport
 from companion.state import Announcement, VehicleRequest, VehicleState, VehicleStatus
 from companion.supervision.health import Health, Judged, health
 from companion.supervision.limits import Limits
 from companion.supervision.operations import OwnReport
-from companion.supervision.states import COMMANDED, OWN, REQUESTS, STREAMING, State
+from companion.supervision.states import COMMANDED, FLYING, OWN, REQUESTS, STREAMING, State
 from companion.supervision.transitions import TABLE
 from companion.supervision.watching import UNWATCHED, Descent, Watched
 
@@ -22,8 +23,10 @@ class Supervisor:
         self._limits = Limits(settings)
         self.state = State.FIND
         self._since_ns: int | None = None
-        self.fault: str | None = None
-        """The first fault, in words; None for a flight without."""
+        self.flew = False
+        """It has had the vehicle in flight, or on its way there."""
+        self._verdicts: list[Verdict] = []
+        """What decides how the flight comes out, in order, each kind once."""
         self.due_ns = 0
         """When the health is to be looked at next."""
         self.waiting_for: str | None = None
@@ -59,21 +62,25 @@ class Supervisor:
         if self._since_ns is None:
             self._since_ns = now_ns
         self._seconds = seconds = (now_ns - self._since_ns) * 1e-9
+        self.flew = self.flew or self.state in FLYING
         if self._hands_over:
             self._hands_over = not any(row.condition(health, self._settings, seconds) for row in _LOSSES)
-        for row in _ROWS_OF[self.state]:
-            if row.condition(health, self._settings, seconds):
-                text = row.text.format(health=health, settings=self._settings)
-                if row.fault and self.fault is None:
-                    self.fault = row.outcome.format(health=health, settings=self._settings) or text
-                self._hands_over = self.state in OWN and row.to is State.LAND
-                self.state = row.to
-                self._since_ns = now_ns
-                self._seconds = 0.0
-                self._mode_reached = False
-                self._descent = Descent()
-                return Announcement(row.severity, text)
-        return None
+        row = next((row for row in _ROWS_OF[self.state] if row.condition(health, self._settings, seconds)), None)
+        if row is not None and row.ends is not None:
+            self._ends(row.ends, (row.cause or row.text).format(health=health, settings=self._settings))
+        elif self.state in FLYING and health.distress:
+            self._ends(
+                Outcome.CRASHED if health.plight.crash else Outcome.EMERGENCY, health.plight.crash or health.distress
+            )
+        if row is None:
+            return None
+        self._hands_over = self.state in OWN and row.to is State.LAND
+        self.state = row.to
+        self._since_ns = now_ns
+        self._seconds = 0.0
+        self._mode_reached = False
+        self._descent = Descent()
+        return Announcement(row.severity, row.text.format(health=health, settings=self._settings))
 
     def watch(self, status: VehicleStatus, current: bool, vehicle: VehicleState | None, now_ns: int) -> Watched:
         """What has become of the mode that the present state commands, or of the vehicle's own failsafe.
@@ -103,8 +110,21 @@ class Supervisor:
 
     def failed(self, text: str) -> None:
         """The mission has failed, though the flight goes on."""
-        if self.fault is None:
-            self.fault = text
+        self._ends(Outcome.LANDED_EARLY, text)
+
+    def _ends(self, outcome: Outcome, cause: str) -> None:
+        if all(verdict.outcome is not outcome for verdict in self._verdicts):
+            self._verdicts.append(Verdict(outcome, cause))
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """What is wrong with the flight; None if nothing is."""
+        return worst(self._verdicts)
+
+    @property
+    def fault(self) -> str | None:
+        """What was wrong first, in words; None for a flight without."""
+        return self._verdicts[0].text if self._verdicts else None
 
 
 _LOSSES = tuple(row for row in TABLE if row.states >= OWN and row.to is not State.LAND)

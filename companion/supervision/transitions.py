@@ -18,6 +18,7 @@ no vehicle obeys outside of external control and none enters it without. Whoever
 again gives it back, and the mission goes on. In every other case it is RELEASED, and nothing leads back from there.
 """
 
+from companion.outcomes import Outcome
 from companion.supervision.rows import CRITICAL, Row, row
 from companion.supervision.rows_before_flight import BEFORE, BEFORE_FLIGHT
 from companion.supervision.rows_in_flight import IN_FLIGHT
@@ -31,7 +32,16 @@ TABLE: tuple[Row, ...] = (
         State.ENDED,
         CRITICAL,
         "the vehicle is silent for {health.silence:.1f} s: given up",
-        fault=True,
+        ends=Outcome.LOST,
+    ),
+    row(
+        FLYING | {State.RELEASED},
+        lambda h, s, t: h.plight.crash != "" and not h.armed,
+        State.ENDED,
+        CRITICAL,
+        "crashed: {health.plight.crash}",
+        ends=Outcome.CRASHED,
+        cause="{health.plight.crash}",
     ),
     *BEFORE_FLIGHT,
     *IN_FLIGHT,

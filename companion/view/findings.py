@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from companion.mission.plan import Phase
+from companion.outcomes import Outcome
 from companion.state import Reason
 from companion.supervision.states import State
 from companion.view.accumulators.exceedances import Exceedances
@@ -120,17 +121,15 @@ def _times(count: int, what: str) -> str:
 
 
 def _outcome(flight: GatheredFlight) -> list[Finding]:
-    result = flight.log.metadata.get("result")
-    if result is None:
+    verdict = flight.verdict
+    if verdict is None:
         return []
-    fault = result.get("fault", "")
-    if fault:
-        at = [text.time for text in flight.texts.companion if text.text == fault]
-        return [Finding(Level.PROBLEM, "outcome", f"The flight failed: {fault}.", at=tuple(at[:1]))]
-    landed = "landed and disarmed" if result.get("landed") == "True" else "not seen to land"
-    delivered = "delivered its parcel, " if result.get("delivered") == "True" else ""
-    level = Level.GOOD if result.get("landed") == "True" else Level.WARNING
-    return [Finding(level, "outcome", f"The flight ended as planned: {delivered}{landed}.")]
+    at = [text.time for text in flight.texts.companion if verdict.cause and verdict.cause in text.text]
+    outcome = verdict.outcome
+    level = Level.GOOD if outcome.succeeded else Level.NOTE if outcome.wanted else Level.PROBLEM
+    if outcome is Outcome.UNFINISHED:
+        level = Level.WARNING
+    return [Finding(level, "outcome", f"{verdict.text[0].upper()}{verdict.text[1:]}.", at=tuple(at[:1]))]
 
 
 def _file(flight: GatheredFlight) -> list[Finding]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
+from companion.logs.verdict import verdict_of
 from companion.records import LOOP, TICK, TRACE
 from companion.runtime.files import recorded_settings
 from companion.view.accumulators.clearance import Clearance
@@ -41,6 +42,8 @@ class GatheredFlight:
     def __init__(self, path: Path) -> None:
         """Read the whole log. Raises FlightLogError if it can't be opened."""
         self.log = LogReader(path)
+        self.verdict = verdict_of(path, self.log.metadata)
+        """None for a log that is no flight of this companion."""
         self.start_ns = 0
         """Time 0 of the charts, on the log's clock: the clock's own zero if that is less than a day before."""
         self.begin: float | None = None

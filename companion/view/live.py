@@ -110,7 +110,8 @@ class Page:
 
     def _draw_words(self, moment: Moment) -> None:
         playback, problem = self.playback, self._problem or self._source.problem
-        self.words.content = words(moment, self._source.name, playback.words(), problem, quiet=playback.is_quiet)
+        verdict, when = self._source.verdict, playback.words()
+        self.words.content = words(moment, self._source.name, when, problem, verdict, quiet=playback.is_quiet)
         if self._panel is not None:
             self._panel.show()
 

@@ -5,6 +5,7 @@ from html import escape
 
 import numpy as np
 
+from companion.outcomes import Verdict
 from companion.view.history import Moment, Plan
 
 _SILENT_S = 0.5
@@ -12,13 +13,18 @@ _SILENT_S = 0.5
 HIGHLIGHT = ' style="color:#e2007a;font-weight:600"'
 
 
-def words(moment: Moment, name: str, when: str, problem: str | None, *, quiet: bool = False) -> str:
+def words(
+    moment: Moment, name: str, when: str, problem: str | None, verdict: Verdict | None = None, *, quiet: bool = False
+) -> str:
     """The table of a moment of the flight `name`, as HTML. Text from outside is escaped.
 
-    `when` follows the time; `problem` stands above the table; `quiet`: nothing new comes.
+    `when` follows the time; `problem` stands above the table; `verdict` is on the whole flight; `quiet`: nothing new
+    comes.
     """
     plan = moment.plan
     rows = [("flight", name), ("time", f"{moment.time:.2f} s{when}")]
+    if verdict is not None:
+        rows.insert(1, ("outcome", verdict.text))
     if plan is not None:
         rows += [("phase", plan.phase), ("companion", plan.state)]
     rows += [*_link(moment), *_motion(moment)]
@@ -30,6 +36,7 @@ def words(moment: Moment, name: str, when: str, problem: str | None, *, quiet: b
         rows.append(("battery", f"{moment.battery:.0f} %"))
     highlighted = {
         "time": quiet,
+        "outcome": verdict is not None and not verdict.outcome.wanted,
         "failsafe": moment.failsafe,
         "link": moment.link_age is not None and moment.link_age > _SILENT_S,
         "guard": plan is not None and bool(plan.guard),

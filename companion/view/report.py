@@ -3,6 +3,7 @@
 import html
 import importlib.util
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -21,8 +22,16 @@ FILE_NAME = "report.html"
 PAGE = Path(__file__).with_name("report_page.html")
 
 
-def write(log: Path, target: Path | None = None) -> Path:
-    """Write the report of a log, by default beside it (`beside`), and return where. An older report is replaced.
+class Written(NamedTuple):
+    """A report that was written."""
+
+    path: Path
+    problem: str | None
+    """What is wrong with the log, if anything is: the report shows what is whole of it."""
+
+
+def write(log: Path, target: Path | None = None) -> Written:
+    """Write the report of a log, by default beside it (`beside`). An older report is replaced.
 
     Raises FlightLogError if the log can't be read, or if the target can't be written or is a recording itself.
     """
@@ -36,7 +45,7 @@ def write(log: Path, target: Path | None = None) -> Path:
     with output(target, source=log, replaces=True) as draft, draft.open("w", encoding="utf-8") as file:
         for index, part in enumerate(parts):
             file.write(values[part] if index % 2 else part)
-    return target
+    return Written(target, flight.log.problem)
 
 
 def beside(log: Path) -> Path:

@@ -24,7 +24,8 @@ _MOST_BANDS = 60
 
 def tiles(flight: GatheredFlight) -> tuple[tuple[str, str], ...]:
     """The few figures at the head of the page, with their names."""
-    found = [("duration", _duration(flight.end - (flight.begin or 0.0)))]
+    found = [] if flight.verdict is None else [("outcome", flight.verdict.outcome.value)]
+    found.append(("duration", _duration(flight.end - (flight.begin or 0.0))))
     if flight.paths.distance_m:
         found.append(("distance", f"{flight.paths.distance_m:.0f} m"))
     for label, quantity, form in (

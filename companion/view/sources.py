@@ -8,9 +8,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Protocol
 
+from companion.logs.verdict import verdict_of
+from companion.outcomes import Verdict, recorded
 from companion.view.batches import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
-from protocol.flightlog import DATAGRAM, FILE_NAME, FlightLogError, LogFollower, LogReader, RecordType
+from protocol.flightlog import DATAGRAM, LogFollower, LogReader, RecordType
 from protocol.flightlog.mavlink_records import message_type
 from protocol.framing import Framer
 from protocol.messages import layout
@@ -39,6 +41,10 @@ class Source(Protocol):
         """The companion's settings as JSON, empty while they are not known."""
 
     @property
+    def verdict(self) -> Verdict | None:
+        """How the flight came out; None while that is not known."""
+
+    @property
     def ended(self) -> bool:
         """Whether nothing more will come."""
 
@@ -53,6 +59,7 @@ class FinishedLog:
         self.name = str(log.path)
         self.world = log.attachments.get("world.toml", b"")
         self.settings = log.attachments.get("settings.json", b"")
+        self.verdict = verdict_of(log.path, log.metadata)
         self.ended = False
         self.problem = log.problem
         self._log = log
@@ -82,6 +89,10 @@ class GrowingLog:
     @property
     def settings(self) -> bytes:
         return self._log.attachments.get("settings.json", b"")
+
+    @property
+    def verdict(self) -> Verdict | None:
+        return recorded(self._log.metadata.get("result", {}))
 
     @property
     def ended(self) -> bool:
@@ -114,6 +125,7 @@ class Link:
         self.name = url
         self.world = world
         self.settings = b""
+        self.verdict = None
         self.ended = False
         self.problem: str | None = None
         self._transport = transport
@@ -149,14 +161,6 @@ class Link:
             topic = f"/mavlink/{system}/{component}/{layout(message).name}"
             self._kinds[key] = message_type(message, topic) if len(self._kinds) < _MOST_KINDS else None
         return self._kinds[key]
-
-
-def newest(logs: Path) -> Path:
-    """The log that was written to last in a folder of flights. Raises FlightLogError if there is none."""
-    found = max(logs.glob(f"*/{FILE_NAME}"), key=lambda path: path.stat().st_mtime, default=None)
-    if found is None:
-        raise FlightLogError(f"{logs}: there is no flight in it")
-    return found
 
 
 def open_log(path: Path) -> Source:

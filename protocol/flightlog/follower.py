@@ -28,6 +28,7 @@ class LogFollower:
         """Whether the log was finished and all of it is read."""
         self._definitions = Definitions(self._refuse)
         self.attachments: dict[str, bytes] = self._definitions.attachments
+        self.metadata: dict[str, dict[str, str]] = self._definitions.metadata
         self._is_wanted = is_wanted
         self._selection: Selection | None = None
         self._file: BinaryIO | None = None

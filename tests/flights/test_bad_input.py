@@ -90,7 +90,7 @@ def test_port_in_use() -> None:
 def test_no_vehicle(tmp_path: Path) -> None:
     done = run(*FLY, "--log", str(tmp_path), "--set", "supervision.find_timeout=1.0")
     assert done.returncode == 1
-    assert "no vehicle within 1 s" in done.stderr
+    assert "no vehicle within 1 s at udpin:127.0.0.1:0: is the vehicle on" in done.stderr
 
 
 def test_log_folder_that_is_a_file(tmp_path: Path) -> None:

@@ -121,5 +121,5 @@ def test_blown_out_of_the_fence_for_good_it_lands() -> None:
     joined.vehicle._wind.advance = lambda state: None  # type: ignore[method-assign]
     joined.fly(limit_s=60.0)
     fault = joined.autopilot.supervisor.fault
-    assert fault is not None and fault.startswith("landed: beyond the fence by")
+    assert fault is not None and fault.startswith("landed early: beyond the fence by")
     assert any("not coming back: landing" in text for text in joined.said)

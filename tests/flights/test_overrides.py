@@ -72,6 +72,6 @@ def test_what_can_not_be_is_one_line_and_exit_code_2(tmp_path: Path, arguments: 
 def test_what_the_simulator_refuses_is_said_and_nothing_is_flown(tmp_path: Path) -> None:
     done = run("companion", "demo", "hover", "--log", str(tmp_path), "--set", "world.wind.mean=[1, 0, 0]")
     assert done.returncode == 2
-    assert "empty.toml with --set" in done.stderr and "`wind`" in done.stderr
+    assert "empty.toml with --set" in done.stderr and "did you mean wind.mean_ned?" in done.stderr
     assert "the simulator did not start" in done.stderr.splitlines()[-1]
     assert not list(tmp_path.iterdir())

@@ -292,3 +292,41 @@ def test_tables_with_old_names_are_read_only_where_that_is_asked_for(path: Path)
     ):
         toml_files.convert(old, Craft, "log", renamed=RENAMED)
     assert toml_files.with_new_names({"via": [], "wing": {}}, RENAMED) == {"via": [], "wing": {}}
+
+
+# --- slips ------------------------------------------------------------------------------------------------------------
+
+
+class Leg(msgspec.Struct, forbid_unknown_fields=True):
+    north: float = 0.0
+
+
+class Trip(msgspec.Struct, forbid_unknown_fields=True):
+    speed: float = 1.0
+    wing: Wing | None = None
+    legs: list[Leg] = []
+
+
+@pytest.mark.parametrize(
+    ("override", "meant"),
+    [
+        ("sped=2", "; did you mean speed?"),
+        ("wing.spam_m=2", "; did you mean wing.span_m?"),
+        ("span_m=2", "; did you mean wing.span_m?"),
+        ("legs=[{nort = 2}]", "; did you mean legs.north?"),
+        ("wings.span_m=2", "; did you mean wing?"),
+        ("colour=2", "`colour`"),
+        ("speed='fast'", "got `str` - at `speed`"),
+    ],
+)
+def test_what_was_meant_is_said(override: str, meant: str) -> None:
+    with pytest.raises(TomlFileError) as caught:
+        toml_files.convert({}, Trip, "trip", [override])
+    assert str(caught.value).endswith(meant)
+
+
+def test_a_name_that_is_nearly_one_is_said() -> None:
+    with pytest.raises(TomlFileError, match=r"did you mean hover\?$"):
+        toml_files.find("missions", "hovr")
+    with pytest.raises(TomlFileError, match=r"\)$"):
+        toml_files.find("missions", "xyz")

@@ -9,12 +9,18 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.logs.index import INDEX_NAME, listing
+from companion.logs.index import index_of, listing
 from companion.view.foxglove import convert as draw
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
 from protocol.messages import dialect
 from tests.companion.logs.changed_logs import Flyer, foreign, rewritten, telemetry_log
 from tests.flights.processes import run
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 
@@ -36,7 +42,7 @@ def test_what_it_says(folder: Path, fly: Flyer) -> None:
     rows = {row.log: row for row in listing(folder)}
     assert rows.keys() == {"one/flight.mcap", "two/flight.mcap", "px4_offboard.tlog", "broken.mcap"}
     one, two = rows["one/flight.mcap"], rows["two/flight.mcap"]
-    assert (one.mission, one.result, one.faults) == ("hover", "landed", ())
+    assert (one.mission, one.result, one.faults) == ("hover", "flown", ())
     trace = LogReader(fly()).array("/companion/trace")
     span = np.ptp(trace["position_ned"][:, 2])
     assert one.distance_m is not None and one.distance_m >= span * 0.9
@@ -50,7 +56,7 @@ def test_what_it_says(folder: Path, fly: Flyer) -> None:
 
 def test_only_what_has_changed_is_looked_at_again(folder: Path) -> None:
     before = listing(folder)
-    path = folder / INDEX_NAME
+    path = index_of(folder)
     index = msgspec.json.decode(path.read_bytes())
     for entry in index["entries"].values():
         entry["row"]["mission"] = "from the index"
@@ -62,7 +68,7 @@ def test_only_what_has_changed_is_looked_at_again(folder: Path) -> None:
     after = {row.log: row.mission for row in listing(folder)}
     assert after["one/flight.mcap"] == "hover" and after["two/flight.mcap"] == "from the index"
     assert "broken.mcap" not in after
-    for broken in (b"", b"{", b'{"version": 0, "entries": {}}', b'{"version": 1, "entries": {"a": 1}}'):
+    for broken in (b"", b"{", b'{"version": 0, "entries": {}}', b'{"version": 2, "entries": {"a": 1}}'):
         path.write_bytes(broken)
         again = listing(folder)
         assert [row for row in before if row.log != "broken.mcap"] == again
@@ -82,17 +88,14 @@ def test_the_command(folder: Path, tmp_path: Path) -> None:
     assert run("companion", "logs", str(empty)).returncode == 0
 
 
-def test_files_of_others_are_left_alone(folder: Path) -> None:
-    """An index.json is somebody's, and what has the index's name is replaced only if it is one, of any version."""
-    (folder / "index.json").write_text("[1]")
-    for content in (b"[1]", b'{"entries": 3}', b"mine"):
-        (folder / INDEX_NAME).write_bytes(content)
-        assert len(listing(folder)) == 4
-        assert (folder / INDEX_NAME).read_bytes() == content
-    (folder / INDEX_NAME).write_bytes(b'{"version": 0, "entries": {}}')
-    listing(folder)
-    assert msgspec.json.decode((folder / INDEX_NAME).read_bytes())["version"] == 1
-    assert (folder / "index.json").read_text() == "[1]"
+def test_nothing_is_written_into_the_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever name leads there, it is one folder; without a cache there is no index."""
+    before = sorted(folder.rglob("*"))
+    rows = listing(folder)
+    assert index_of(folder).exists() and index_of(folder / "one" / "..") == index_of(folder)
+    assert index_of(folder / "one") != index_of(folder)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "notes.txt"))
+    assert listing(folder) == rows and sorted(folder.rglob("*")) == before
 
 
 def test_what_was_drawn_from_a_flight_is_none(folder: Path) -> None:
@@ -117,12 +120,12 @@ def test_one_bad_log_hides_no_other(fly: Flyer, tmp_path: Path) -> None:
     telemetry_log(tmp_path / stray, dialect.MAVLink_heartbeat_message(2, 3, 81, 5, 4, 3))
     for _ in range(2):  # the second time from the index
         rows = {row.log: row for row in listing(tmp_path)}
-        assert len(rows) == 7 and (tmp_path / INDEX_NAME).exists()
+        assert len(rows) == 7 and index_of(tmp_path).exists()
         for name in ("direction.mcap", "short.mcap"):
             assert rows[name].result == "unreadable" and "the datagram at 0.000 s is damaged" in rows[name].faults[0]
         for number in range(4):
             row = rows[f"{number}.mcap"]
-            assert row.result == "landed" and (row.started_unix_s is None or row.started_unix_s > 0.0)
+            assert row.result == "flown" and (row.started_unix_s is None or row.started_unix_s > 0.0)
         (other,) = (row for row in rows.values() if "ver.tlog" in row.log)
         assert other.result == "recorded"
     done = run("companion", "logs", str(tmp_path))

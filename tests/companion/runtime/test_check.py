@@ -85,7 +85,7 @@ def test_the_command_prints_a_table_or_json(monkeypatch: pytest.MonkeyPatch) -> 
 def test_the_command_fails_without_a_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(side_links, "open_link", lambda url: Nobody())
     failed = CliRunner().invoke(app, ["check", "--set", IMPATIENT])
-    assert failed.exit_code == FAILED and "no vehicle" in failed.output
+    assert failed.exit_code == FAILED and "no vehicle within" in failed.output and "is the vehicle on" in failed.output
 
 
 def test_the_command_knows_the_names_of_links() -> None:

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from companion.config import Settings, Supervision
 from companion.state import BatteryLevel, FlightMode
 from companion.supervision.battery import BatteryVerdict
-from companion.supervision.health import Health
+from companion.supervision.health import Health, Plight
 from companion.supervision.limits import LimitsVerdict
 from companion.supervision.states import FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
@@ -38,7 +38,6 @@ WELL = Health(
     landed_for=0.0,
     airborne=False,
     overdue=0.0,
-    reason="",
 )
 LOW = LimitsVerdict(BatteryVerdict(BatteryLevel.RETURN, "battery at 14 %"), returns=True)
 EMPTY = LimitsVerdict(BatteryVerdict(BatteryLevel.LAND, "battery at 6 %"))
@@ -243,7 +242,7 @@ def test_a_gap_while_others_fly_is_nothing_and_a_failsafe_is_the_end_of_waiting(
     assert state_of(supervisor) is State.RELINQUISHED
     said = supervisor.update(replace(OTHERS, failsafe=True), now + SECOND)
     assert state_of(supervisor) is State.RELEASED
-    assert said is not None and said.text == supervisor.fault and "{" not in said.text
+    assert said is not None and supervisor.fault == f"landed early: {said.text}" and "{" not in said.text
 
 
 def test_a_vehicle_that_others_landed_is_not_taken_off_again() -> None:
@@ -266,10 +265,10 @@ def test_refusals_end_before_the_start(state: State) -> None:
         supervisor.update(IDLE if supervisor.state is not State.ENGAGE else replace(WELL, armed=False), now)
         now += 2 * SECOND
     mode = FlightMode.HOLD if state is State.ENGAGE else FlightMode.EXTERNAL
-    said = supervisor.update(replace(IDLE, mode=mode, exhausted="arming: denied", reason=" (why)"), now)
+    said = supervisor.update(replace(IDLE, mode=mode, exhausted="arming: denied", plight=Plight(reason=" (why)")), now)
     assert supervisor.state is (State.ENDED if state is State.ENGAGE else State.DISARM)
     assert said is not None and "denied" in said.text and "why" in said.text
-    assert supervisor.fault == "the vehicle refuses: arming: denied (why)"
+    assert supervisor.fault == "not started: the vehicle refuses: arming: denied (why)"
 
 
 def test_not_ready_names_what_is_missing() -> None:

@@ -36,7 +36,7 @@ def points(packed: str) -> Floats:
 
 @needs_chromium
 def test_the_report_opens_draws_every_chart_and_follows_a_look(tmp_path: Path) -> None:
-    report = write(make(tmp_path, jump_at=15.0))
+    report = write(make(tmp_path, jump_at=15.0)).path
     assert report == tmp_path / "report.html"
     with opened(report.as_uri()) as (page, errors):
         plots = page.locator(".plot")
@@ -121,14 +121,14 @@ def test_nothing_is_fetched_from_elsewhere(tmp_path: Path) -> None:
             self.found += [value or "" for name, value in attrs if name in ("src", "href")]
 
     links = Links()
-    links.feed(write(make(tmp_path, 1.0)).read_text(encoding="utf-8"))
+    links.feed(write(make(tmp_path, 1.0)).path.read_text(encoding="utf-8"))
     assert links.found == ["data:,"]
 
 
 def test_a_text_of_the_vehicle_can_t_break_out_of_the_page(tmp_path: Path) -> None:
     fault = "</script><script>document.title = 'broken'</script><!--<script>"
     path = make(tmp_path, 1.0, result={"fault": fault, "landed": "False"})
-    text = write(path).read_text(encoding="utf-8")
+    text = write(path).path.read_text(encoding="utf-8")
     block = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)
     assert block is not None
     page = msgspec.json.decode(block[1].replace("<\\!--", "<!--"), type=Page)
@@ -149,13 +149,13 @@ def test_flights_of_other_systems_are_reported_on(tmp_path: Path, name: str) -> 
     said = [event.text for event in page.events]
     assert "armed" in said and "disarmed" in said
     assert "external control" in {band.name for band in page.bands}
-    report = write(path)
+    report = write(path).path
     assert report.stat().st_size < 12_000_000
 
 
 @needs_chromium
 def test_a_report_of_another_system_draws(tmp_path: Path) -> None:
-    report = write(from_tlog(DATA / "px4_offboard.tlog", tmp_path))
+    report = write(from_tlog(DATA / "px4_offboard.tlog", tmp_path)).path
     with opened(report.as_uri()) as (page, errors):
         page.wait_for_selector(".plot[data-drawn]")
         last = page.locator(".plot").last

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page as Browser
 
+from companion.logs.recordings import newest
 from companion.perception.distance_field import FAR_M
 from companion.state import Reason
 from companion.view.attitudes import quaternions, rotated
@@ -20,7 +21,7 @@ from companion.view.history import History, Moment
 from companion.view.live import Page
 from companion.view.live_scene import BEHIND, ahead
 from companion.view.live_words import HIGHLIGHT, words
-from companion.view.sources import GrowingLog, Link, Source, newest, open_log
+from companion.view.sources import GrowingLog, Link, Source, open_log
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
 from protocol.messages import Encoder

@@ -70,6 +70,9 @@ def test_what_is_whole_of_a_damaged_log_is_drawn_and_it_is_said(tmp_path: Path) 
         done = CliRunner().invoke(app, ["foxglove", str(log)])
         assert done.exit_code == FAILED and "cut" in done.stderr and str(log) in done.stderr
         assert log.with_name("cut_foxglove.mcap").exists()
+        done = CliRunner().invoke(app, ["report", str(log)])
+        assert done.exit_code == FAILED and "cut" in done.stderr and str(log) in done.stderr
+        assert log.with_name("cut_report.html").exists()
 
 
 @pytest.mark.parametrize("command", ["report", "foxglove", "view"])

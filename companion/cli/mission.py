@@ -1,0 +1,77 @@
+"""The commands for missions: show, convert."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from companion.cli.shell import exit_as_unusable, exit_on_user_error, note
+
+if TYPE_CHECKING:
+    from companion.mission.plan import Mission
+
+File = Annotated[str, typer.Argument(metavar="FILE", help="A .plan, a .waypoints, or a mission by name or path.")]
+
+mission = typer.Typer(help="Look at missions and convert them.", no_args_is_help=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the program."""
+    app.add_typer(mission, name="mission")
+
+
+@mission.command()
+def show(file: File) -> None:
+    """List what is flown, step by step, with the places around the take-off. Exit code 2 if it can't be flown."""
+    import numpy as np
+
+    from companion.cli.logs import table
+    from companion.mission.plan import steps
+
+    found, rows = _mission(file), []
+    for number, step in enumerate(steps(found, np.zeros(3)), 1):
+        north, east, height = ("", "", "")
+        if step.target_ned is not None:
+            x, y, z = step.target_ned.tolist()
+            north, east, height = f"{x:.1f}", f"{y:.1f}", f"{-z:.1f}"
+        speed = f"{step.speed or found.speed:g}" if step.target_ned is not None else ""
+        hold = f"{step.hold_s:g}" if step.hold_s else ""
+        rows.append((str(number), step.phase.name.lower(), north, east, height, speed, hold))
+    table(("step", "what", "north, m", "east, m", "height, m", "speed, m/s", "hold, s"), rows)
+
+
+@mission.command()
+def convert(
+    file: File,
+    to: Annotated[Path, typer.Argument(metavar="TO", help="A new file .toml, or .waypoints from a .plan.")],
+) -> None:
+    """Write a ground station's mission as a file for missions/, with its places around where it was planned from; or a
+    .plan as .waypoints."""
+    from companion.logs.target import output
+    from companion.mission.files import to_toml, to_waypoints
+    from companion.runtime.files import is_of_station, read_of_station
+
+    if to.suffix == ".toml":
+        text = to_toml(_mission(file))
+    elif to.suffix == ".waypoints" and is_of_station(file):
+        text = to_waypoints(exit_on_user_error(read_of_station, file))
+    else:
+        exit_as_unusable(f"{to}: what is written is a .toml, and a .waypoints from a ground station's file")
+
+    def write() -> None:
+        with output(to) as draft:
+            draft.write_text(text, encoding="utf-8")
+
+    exit_on_user_error(write)
+    typer.echo(f"mission: {to}")
+
+
+def _mission(file: str) -> "Mission":
+    from companion.runtime.files import is_of_station, load_mission, load_of_station
+
+    if not is_of_station(file):
+        return exit_on_user_error(load_mission, file)[0]
+    found = exit_on_user_error(load_of_station, file)
+    for each in found.notes:
+        note(f"{file}: {each}")
+    return found.mission

@@ -1,0 +1,59 @@
+"""`companion mission`, and what stands for a log that is not named."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from companion.cli.app import app
+from companion.cli.shell import UNUSABLE, log_or_newest
+from companion.logs.writer import Writer
+from companion.mission.files import parse
+from companion.runtime.files import load_mission
+from tests.companion.mission.test_files import HOME, UP, A, B, at, do, plan
+
+
+def ran(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, [str(each) for each in arguments])
+    return done.exit_code, done.output
+
+
+def test_a_plan_is_shown_and_converted(tmp_path: Path) -> None:
+    file = tmp_path / "trip.plan"
+    file.write_text(plan([UP, at(*A, 2.0), at(*B), HOME]))
+    code, shown = ran("mission", "show", file)
+    assert code == 0 and [line.split()[1] for line in shown.splitlines()[1:]] == ["takeoff", *["route"] * 3, "land"]
+    assert "10.0" in shown and "20.0" in shown
+    assert ran("mission", "convert", file, tmp_path / "trip.toml")[0] == 0
+    assert load_mission(str(tmp_path / "trip.toml"))[0].waypoints[0].hold_s == 2.0
+    assert ran("mission", "convert", file, tmp_path / "trip.waypoints")[0] == 0
+    assert len(parse((tmp_path / "trip.waypoints").read_text()).items) == 4
+    for target in ("trip.toml", "trip.kml"):
+        code, said = ran("mission", "convert", file, tmp_path / target)
+        assert code == UNUSABLE and target in said
+    assert ran("mission", "show", "hover")[0] == 0
+
+
+def test_what_can_not_be_flown_is_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "turns.plan"
+    file.write_text(plan([UP, at(*A, 3.0, command=18), HOME]))
+    for command in (("mission", "show", file), ("demo", file)):
+        code, said = ran(*command)
+        assert code == UNUSABLE and said == f"companion: {file}: item 2: NAV_LOITER_TURNS is not flown\n"
+    assert ran("mission", "show", tmp_path / "none.plan")[0] == UNUSABLE
+    file.write_text(plan([UP, do(17), HOME]))
+    assert "item 2: NAV_LOITER_UNLIM" in ran("mission", "convert", file, tmp_path / "x.toml")[1]
+
+
+def test_the_newest_log_is_taken_where_none_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for command in ("info", "replay", "report"):
+        assert ran(command) == (UNUSABLE, "companion: logs: there is no flight in it\n")
+    (tmp_path / "logs" / "one").mkdir(parents=True)
+    with Writer(tmp_path / "logs" / "one" / "flight.mcap", 0, {}):
+        pass
+    assert log_or_newest(None) == Path("logs/one/flight.mcap")
+    assert log_or_newest(tmp_path) == tmp_path
+    assert "logs/one/flight.mcap" in capsys.readouterr().err

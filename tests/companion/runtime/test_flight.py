@@ -1,0 +1,66 @@
+"""A whole flight from its plan to its log, with the simulated vehicle in memory."""
+
+import time
+from pathlib import Path
+
+from companion.logs.info import info
+from companion.outcomes import Outcome, Testimony, Verdict
+from companion.runtime.files import load_body, load_settings
+from companion.runtime.flight import Plan, Result, fly
+from companion.state import Output
+from protocol import toml_files
+from protocol.flightlog import TEXT, LogReader
+from tests.companion.runtime.hop import OVERRIDES, InMemory, hop_in
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.autopilot.modes import Mode
+from vehicle_sim.vehicle import Vehicle
+from vehicle_sim.world import World
+
+
+class Falls(InMemory):
+    """The vehicle hits something as soon as it lands."""
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        if self._vehicle.flight.mode is Mode.LAND:
+            self._vehicle.flight.collide("ground")
+        return super().receive(timeout_s)
+
+
+def flown(folder: Path, link: type[InMemory], testimony: Testimony | None = None) -> Result:
+    mission = hop_in(folder)
+    files = {
+        "mission": folder / "hop.toml",
+        "vehicle": toml_files.find("vehicles", mission.vehicle),
+        "world": toml_files.find("worlds", mission.world),
+    }
+    vehicle = Vehicle(Airframe.load(files["vehicle"]), World.load(files["world"]), seed=1, lockstep=True)
+    body, settings = load_body(mission.vehicle), load_settings(None, list(OVERRIDES))
+    plan = Plan(settings, body, mission, Output.RATES, "lockstep", files)
+    witness = None if testimony is None else lambda: testimony
+    return fly(plan, link(vehicle), folder, console=False, witness=witness)
+
+
+def said(log: Path) -> list[str]:
+    return [TEXT.unpack(record.data)["message"] for record in LogReader(log).records((TEXT.topic,))]
+
+
+def test_a_crash_that_the_vehicle_tells_of_is_no_landing(tmp_path: Path) -> None:
+    before = time.time()
+    result = flown(tmp_path, Falls)
+    assert result.verdict == Verdict(Outcome.CRASHED, "hit ground")
+    assert result.landed is False and result.delivered is None
+    found = info(result.log)
+    assert found.verdict == result.verdict and found.result["landed"] == "False" and "delivered" not in found.result
+    assert said(result.log)[-1] == "outcome: crashed: hit ground"
+    began = LogReader(result.log).epoch_ns * 1e-9
+    assert before <= began <= time.time() and found.started_unix_s is not None, "a date, in lockstep too"
+    assert abs(found.started_unix_s - began) < 1e-3
+
+
+def test_what_the_simulator_saw_is_in_the_log(tmp_path: Path) -> None:
+    result = flown(tmp_path, InMemory, Testimony("tree", 1, -0.0123))
+    assert result.verdict.text == "crashed: hit tree" and result.landed is False
+    found = info(result.log)
+    assert found.verdict == result.verdict
+    assert (found.result["contacts"], found.result["least_clearance_m"]) == ("1", "-0.012")
+    assert said(result.log)[-2:] == ["landed and disarmed", "outcome: crashed: hit tree"]
