@@ -160,8 +160,9 @@ class AvoidanceGuard(Table, frozen=True):
     """m to the centre of a cell that was not seen free."""
     keep_out_tight: Positive = 0.38
     """m, in place of `keep_out` on a tight path."""
-    keep_out_unseen_tight: Positive = 0.2
-    """m, in place of `keep_out_unseen` on a tight path."""
+    keep_out_unseen_tight: Positive = 0.38
+    """m, in place of `keep_out_unseen` on a tight path, where unknown cells beside a return count to the obstacle: at
+    least the hull's radius."""
     tight_speed: Positive = 1.0
     """m/s, at most, within `keep_out` on a tight path."""
     keep_out_moving: Positive = 0.5

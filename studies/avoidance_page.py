@@ -17,5 +17,5 @@ case that is flown is kept as Parquet, one row a flight, in `logs/avoidance/`; a
 and `--seeds 0` writes it without flying. A floor is compared with the share itself; Wilson's 95 % interval stands
 beside it.
 """,
-    studies=("studies.forest", "studies.traps", "studies.narrow", "studies.moving", "studies.barn"),
+    studies=("studies.forest", "studies.traps", "studies.narrow", "studies.enclosed", "studies.moving", "studies.barn"),
 )

@@ -312,6 +312,77 @@ def _count(full: NDArray[np.bool_]) -> NDArray[np.int64]:
     return sum((padded[i : i + 30, j : j + 30] for i, j in shifts), np.zeros((30, 30), np.int64))
 
 
+def shaft(seed: int) -> Site:
+    """The start is in a shaft 1.1-1.2 m wide and up to 4 m long, closed ahead and open behind; the goal lies ahead."""
+    rng = np.random.default_rng(seed)
+    width, ahead, behind = rng.uniform(1.1, 1.2), rng.uniform(0.65, 1.5), rng.uniform(0.5, 4.0)
+    left = rng.uniform(-0.04, 0.04) - 0.5 * width
+    turn = math.radians(rng.uniform(-40.0, 40.0))
+
+    def at(along: float, across: float) -> list[float]:
+        cos, sin = math.cos(turn), math.sin(turn)
+        return [along * cos - across * sin, along * sin + across * cos]
+
+    # the walls' middles are half their thickness outside of the free width
+    near, right = left - 0.1, left + width + 0.1
+    ends = [((-behind, near), (ahead + 0.1, near)), ((-behind, right), (ahead + 0.1, right)),
+            ((ahead + 0.1, near), (ahead + 0.1, right))]  # fmt: skip
+    walls = [{"start": at(*a), "end": at(*b), "thickness": 0.2, "height": TALL} for a, b in ends]
+    return _site("shaft", seed, {"wall": walls}, (20.0, 0.0))
+
+
+def corridor(seed: int) -> Site:
+    """A yard as that of `gap`, and across it a block 4-8 m deep with one straight passage, 1.0-1.1 m wide, up to 3 m
+    off the straight way."""
+    rng = np.random.default_rng(seed)
+    depth, width, aside = rng.uniform(4.0, 8.0), rng.uniform(1.0, 1.1), rng.uniform(-3.0, 3.0)
+    half, front, back, middle = 12.0, 32.0, -4.0, 10.0 + 0.5 * depth
+    sides = ((-half, aside - 0.5 * width), (aside + 0.5 * width, half))
+    block = [{"start": [middle, a], "end": [middle, b], "thickness": depth, "height": TALL} for a, b in sides]
+    yard = [_wall((back, side), (front, side)) for side in (-half, half)]
+    yard += [_wall((end, -half), (end, half)) for end in (back, front)]
+    return _site("corridor", seed, {"wall": block + yard}, (28.0, 0.0))
+
+
+def alley(seed: int) -> Site:
+    """A waypoint 0.8-1 m before the end of a dead-end alley, 1.2-1.3 m wide and 4-8 m deep; the goal is where the start
+    is."""
+    rng = np.random.default_rng(seed)
+    depth, width, aside = rng.uniform(4.0, 8.0), rng.uniform(1.2, 1.3), rng.uniform(-3.0, 3.0)
+    end, half = 10.0 + depth, 0.5 * width + 0.1
+    left, right = aside - half, aside + half
+    walls = [_wall((10.0, side), (end + 0.2, side)) for side in (left, right)]
+    walls.append(_wall((end + 0.1, left), (end + 0.1, right)))
+    return _site("alley", seed, {"wall": walls}, (_m(end - rng.uniform(0.8, 1.0)), _m(aside)), (0.0, 0.0))
+
+
+def office(seed: int) -> Site:
+    """Rooms of 5 m in three rows and four columns, a door of 1.0-1.2 m in each inner wall; from corner to corner."""
+    rng = np.random.default_rng(seed)
+    rows, columns, side = 4, 3, 5.0
+    walls = []
+
+    def doored(north: float, east: float, along: tuple[float, float]) -> None:
+        """A wall of one room's side from a corner, with a door somewhere in it."""
+        door, place = rng.uniform(1.0, 1.2), rng.uniform(0.8, side - 2.0)
+        for a, b in ((0.0, place), (place + door, side)):
+            start, end = ((north + k * along[0], east + k * along[1]) for k in (a, b))
+            walls.append({"start": list(start), "end": list(end), "thickness": 0.1, "height": TALL})
+
+    low = -0.5 * side
+    for i in range(rows):
+        for j in range(columns):
+            north, east = low + i * side, low + j * side
+            if i:
+                doored(north, east, (0.0, 1.0))
+            if j:
+                doored(north, east, (1.0, 0.0))
+    top, right = low + rows * side, low + columns * side
+    walls += [_wall((low, low), (low, right)), _wall((top, low), (top, right)), _wall((low, low), (top, low)),
+              _wall((low, right), (top, right))]  # fmt: skip
+    return _site("office", seed, {"wall": walls}, ((rows - 1) * side, (columns - 1) * side))
+
+
 def fig6(seed: int) -> Site:
     """The paper's Fig. 6 as in worlds/paper_fig6.toml; the seed is that of the noise alone."""
     import tomllib
@@ -334,6 +405,10 @@ SITES: dict[str, Callable[[int], Site]] = {
     "popup": pop_up,
     "street": street,
     "barn": barn,
+    "shaft": shaft,
+    "corridor": corridor,
+    "alley": alley,
+    "office": office,
     "fig6": fig6,
 }
 """By name on the command line."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from companion.config_avoidance import AvoidancePlan
 from companion.perception.distance_field import Floats, has
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, MapView
-from protocol.arrays import Array
+from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 
 Integers = NDArray[np.int64]
@@ -86,9 +86,9 @@ class AStar:
     ) -> GridPath | None:
         """The cheapest path from a place in the window to a place anywhere, (2,) or (3,) m, NED; None if there is none.
 
-        A forbidden goal is replaced by the nearest cell that is allowed, within the proximity radius. `inflation` (m)
-        and `to_occupied` (cells, cells) (m) replace the settings' and the view's. Raises ValueError for a costmap of
-        another size than the search was made for.
+        A forbidden goal is replaced by the nearest cell of its room that is allowed, within the proximity radius.
+        `inflation` (m) and `to_occupied` (cells, cells) (m) replace the settings' and the view's. Raises ValueError for
+        a costmap of another size than the search was made for.
         """
         self._check(costmap)
         inflation = self._settings.inflation if inflation is None else inflation
@@ -99,7 +99,7 @@ class AStar:
             return None
         if view.contains(last):
             reach = math.ceil(self._settings.proximity_radius / view.cell) + 1
-            last = nearest_allowed_cell(to_occupied, last[0], last[1], inflation, reach)
+            last = nearest_allowed_cell(view.states, to_occupied, last, inflation, reach)
             if _enclosed(to_occupied, inflation, first, last):
                 return None
         frontier = _frontier(view.states, first, last)
@@ -172,17 +172,48 @@ def _fill_costmap(
 
 
 @compiled
-def nearest_allowed_cell(to_occupied: Floats, row: int, column: int, inflation: float, reach: int) -> tuple[int, int]:
-    """The nearest cell at least `inflation` (m) from an occupied one, within `reach` cells; the cell itself if there is
-    none."""
-    rows, columns = to_occupied.shape
-    best, best_row, best_column = reach * reach + 1, row, column
-    for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
-        for j in range(max(column - reach, 0), min(column + reach + 1, columns)):
-            square = (i - row) * (i - row) + (j - column) * (j - column)
-            if square < best and to_occupied[i, j] >= inflation:
-                best, best_row, best_column = square, i, j
-    return best_row, best_column
+def nearest_allowed_cell(
+    states: Bytes, to_occupied: Floats, place: tuple[int, int], inflation: float, reach: int
+) -> tuple[int, int]:
+    """The nearest cell at least `inflation` (m) from an occupied one, within `reach` rows and columns of a place and in
+    its room, which the occupied cells bound; the place itself if there is none. A place within an obstacle, on its
+    surface or enclosed by it, has no room: then any cell will do."""
+    allowed = to_occupied >= inflation
+    if allowed[place]:
+        return place
+    room = np.zeros(states.shape, np.bool_)
+    if states[place] != OCCUPIED and _fill_room(states, place, reach, room):
+        allowed &= room
+    best, nearest = reach * reach + 1, place
+    for i in range(max(place[0] - reach, 0), min(place[0] + reach + 1, states.shape[0])):
+        for j in range(max(place[1] - reach, 0), min(place[1] + reach + 1, states.shape[1])):
+            square = (i - place[0]) ** 2 + (j - place[1]) ** 2
+            if square < best and allowed[i, j]:
+                best, nearest = square, (i, j)
+    return nearest
+
+
+@compiled
+def _fill_room(states: Bytes, place: tuple[int, int], reach: int, room: BoolArray) -> bool:
+    """Mark the cells that are joined to a place by sides of cells that are not occupied, within `reach` rows and
+    columns; whether they go on beyond."""
+    side = 2 * reach + 1
+    found = np.empty((side * side, 2), np.int64)
+    found[0, 0], found[0, 1] = place
+    room[place] = True
+    at, count, open_end = 0, 1, False
+    while at < count:
+        row, column = found[at, 0], found[at, 1]
+        at += 1
+        for i, j in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+            inside = max(abs(i - place[0]), abs(j - place[1])) <= reach
+            if not (inside and 0 <= i < states.shape[0] and 0 <= j < states.shape[1]):
+                open_end = True
+            elif not room[i, j] and states[i, j] != OCCUPIED:
+                room[i, j] = True
+                found[count, 0], found[count, 1] = i, j
+                count += 1
+    return open_end
 
 
 @compiled

@@ -87,7 +87,7 @@ class Rrt:
             end = np.array(_border_cell(allowed, begin, end), float)
         elif not allowed[last]:
             reach = math.ceil(_NEAR_GOAL * inflation_cells) + 1
-            end = np.array(nearest_allowed_cell(view.to_occupied, *last, inflation, reach), float)
+            end = np.array(nearest_allowed_cell(view.states, view.to_occupied, last, inflation, reach), float)
         if not allowed[_cell(begin)] or not allowed[_cell(end)]:
             return None
         path = self._path(allowed, begin, end)

@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.config_avoidance import AvoidanceGuard
 from companion.perception.distance_field import Floats, fill_distances, has
-from companion.perception.map_view import FREE, UNKNOWN, Bytes, Cell, MapView
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, MapView
 from protocol.arrays import Array
 from protocol.jit import compiled
 
@@ -18,6 +18,8 @@ _SECTORS = 36
 """Sectors around the vehicle of which each has a nearest point."""
 _FAR_UNSEEN_M = 2.0
 """m at which the distances to unseen cells saturate: more than any keep-out."""
+_BESIDE_M = 0.2
+"""m from a return up to which unknown cells are counted to it on a tight path: the stand-off before it and a cell."""
 _HALF_SIDE_M = 16.0
 """m: half the side of the part of the map; nothing is free farther away than the LiDAR sees."""
 Empty = Callable[[tuple[int, ...]], Floats]
@@ -32,8 +34,8 @@ class FreeSpace(msgspec.Struct, frozen=True):
     to_occupied: Floats
     """(rows, columns) m, as in `MapView`."""
     to_unseen: Floats
-    """(rows, columns) m from a cell's centre to the nearest cell that is not known to be free, at most _FAR_UNSEEN_M.
-    The border of this part counts as unseen."""
+    """(rows, columns) m from a cell's centre to the nearest cell that is not known to be free, at most _FAR_UNSEEN_M;
+    if it is `tight`, without obstacles and what is beside them. The border of this part counts as unseen."""
     corner: Cell
     """World index of [0, 0]."""
     cell: float
@@ -70,7 +72,8 @@ def free_space(
         settings.keep_out_unseen_tight if tight else settings.keep_out_unseen,
     )
     corner_m = np.array(view.corner) * view.cell
-    points = nearest_points(view.states, view.cell, (north, east), hits - corner_m, settings.obstacle_range, keep_outs)
+    states = _counted_to_obstacles(view) if tight else view.states
+    points = nearest_points(states, view.cell, (north, east), hits - corner_m, settings.obstacle_range, keep_outs)
     points[:, :2] += corner_m
     if moving is not None and len(moving):
         points = np.concatenate((points, moving))
@@ -78,13 +81,22 @@ def free_space(
         slice(max(math.floor((at - _HALF_SIDE_M) / view.cell), 0), max(math.ceil((at + _HALF_SIDE_M) / view.cell), 0))
         for at in (north, east)
     )
-    unseen = view.states[rows, columns] != FREE
+    seen = states[rows, columns]
+    unseen = seen == UNKNOWN if tight else seen != FREE
     unseen[:1] = unseen[-1:] = unseen[:, :1] = unseen[:, -1:] = True
     to_unseen, to_occupied = empty(unseen.shape), empty(unseen.shape)
     fill_distances(to_unseen, unseen, view.cell, _FAR_UNSEEN_M)
     to_occupied[:] = view.to_occupied[rows, columns]
     corner = view.corner[0] + rows.start, view.corner[1] + columns.start
     return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight)
+
+
+def _counted_to_obstacles(view: MapView) -> Bytes:
+    """The states, where the unknown cells beside a return are occupied. A way between walls a hand wider than the hull
+    keeps clear of the walls, by the keep-out that these have, and could not keep clear of such cells."""
+    beside = (view.states == UNKNOWN) & (view.to_occupied < _BESIDE_M)
+    states: Bytes = np.where(beside, np.uint8(OCCUPIED), view.states)
+    return states
 
 
 def space_bytes(cells: int, cell: float) -> int:

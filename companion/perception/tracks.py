@@ -2,11 +2,11 @@
 
 - Clusters: neighbouring returns nearer to each other than `gap` form a segment. A segment that is small and fully
   visible is a cluster, measured by its centroid. Its covariance has the sensor's shape: a few centimetres along the
-  beam, and across it as much as the sector is wide. A wide segment such as a wall is no cluster: its visible part
-  travels with the vehicle.
+  beam, and across it as much as the sector is wide. A wide segment such as a wall, or one around the vehicle, is no
+  cluster: its visible part travels with the vehicle.
 - Association: tracks and clusters are paired nearest first by their Mahalanobis distance, within a gate.
 - Status: a track is confirmed after some hits, deleted after some misses, and moves if its velocity differs from 0
-  significantly for some scans in a row.
+  significantly for some scans in a row and it was seen to have left its place (`perception.departure`).
 - Moving obstacles are left out of the map; the guard gets them with their velocity.
 
 Source: Bar-Shalom, Li and Kirubarajan 2001 (piecewise constant white-noise acceleration).
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config_avoidance import AvoidanceTracks
+from companion.perception.departure import Sight, seen_past
 from companion.perception.free_space import POINT_COLUMNS
 from companion.perception.scans import world_points
 from companion.state import Scan
@@ -34,6 +35,10 @@ _WIDEST_SECTOR = math.radians(15.0)
 """rad: in a wider sector the place of a return is too uncertain to tell that it moves."""
 _RANGE_SIGMA_M = 0.08
 """m along the beam: the range noise and the round front of an obstacle."""
+_WIDEST_VIEW = math.radians(120.0)
+"""rad that a cluster fills at the most: `max_extent` wide, it would have to be within the hull to fill more."""
+_MOST_BEAMS = 72
+"""Of a ring: OBSTACLE_DISTANCE has no more."""
 _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
 _INITIAL_SPEED_SIGMA = 1.5
@@ -54,6 +59,11 @@ TRACK = np.dtype(
         ("fast_scans", "i8"),  # last scans in a row in which its velocity was significant
         ("slow_scans", "i8"),  # last scans in a row in which it was not
         ("moving", "b1"),
+        ("left", "b1"),  # it was seen to have left the place where it stood
+        ("place", "f8", 3),  # NED (m), that place: the return nearest to the centroid
+        ("free", "f8", _MOST_BEAMS),  # the Sight of the ring that saw it there
+        ("position", "f8", 3),
+        ("attitude", "f8", 4),
     ],
     align=True,
 )
@@ -73,6 +83,8 @@ class _PosedScan(NamedTuple):
     ranges: Array
     """(n,) m"""
     hit: BoolArray
+    """(n,)"""
+    known: BoolArray
     """(n,)"""
     position: Array
     """(3,) NED (m)"""
@@ -107,7 +119,9 @@ class Clusters(NamedTuple):
     covariances: Array
     """(k, 2, 2) m2, of the centroids."""
     extents: Array
-    """(k,) m from the first return to the last."""
+    """(k,) m, the largest distance between two returns."""
+    middles: Integers
+    """(k,) beam of the return nearest to the centroid."""
 
 
 class Tracker:
@@ -147,7 +161,7 @@ class Tracker:
             return np.zeros(bearings.size, np.bool_)
         elapsed = 0.0 if self._time_ns is None else (scan.time_ns - self._time_ns) * 1e-9
         self._time_ns = scan.time_ns
-        posed = _PosedScan(bearings, scan.ranges_m, scan.hit, position_ned, attitude_ned_frd, width)
+        posed = _PosedScan(bearings, scan.ranges_m, scan.hit, scan.known, position_ned, attitude_ned_frd, width)
         dt = min(elapsed, _LONGEST_STEP_S)
         self.tracks, self._started, moving = _track(
             self.tracks, self._rules, self._started, dt, tuple(posed), ground_down
@@ -169,7 +183,10 @@ def _track(
     points = world_points(scan.bearings, scan.ranges, scan.position, scan.attitude)
     usable = scan.hit & (points[:, 2] < ground_down)
     clusters = find_clusters(_Returns(points, usable, scan.ranges, scan.position, scan.width), rules[0])
-    spans, centroids, covariances, extents = clusters
+    spans, centroids, covariances, extents, middles = clusters
+    step = scan.bearings[1] - scan.bearings[0] if beams > 1 else scan.width
+    free = np.where(scan.known, scan.ranges, 0.0)[:_MOST_BEAMS]
+    sight = Sight(free, scan.position, scan.attitude, scan.bearings[0], step)
     predict(tracks, dt, rules[0]["acceleration_noise"])
     seen_as = associate(tracks, centroids, covariances)
     moving = np.zeros(beams, np.bool_)
@@ -179,7 +196,10 @@ def _track(
         c = seen_as[t]
         if c >= 0:
             correct(tracks[t], centroids[c], covariances[c], _radius(extents[c]))
+            tracks[t]["left"] |= has_left(tracks[t], points[middles[c]], sight)
             update_status(tracks[t], rules[0])
+            if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]:
+                stand(tracks[t], points[middles[c]], sight)
             for k in range(spans[c, 0], spans[c, 0] + spans[c, 1]):
                 moving[k % beams] |= tracks[t]["moving"]
         else:
@@ -190,6 +210,7 @@ def _track(
     for c in range(centroids.shape[0]):
         if not np.any(seen_as == c):
             start_track(kept[count], started, centroids[c], covariances[c], _radius(extents[c]))
+            stand(kept[count], points[middles[c]], sight)
             count += 1
             started += 1
     return kept[:count], started, moving
@@ -225,10 +246,25 @@ def update_status(track: Any, rule: Any) -> None:
     fast = fast and mahalanobis_squared(track["covariance"][2:, 2:], mean[2:]) > rule["min_speed_sigmas"] ** 2
     track["fast_scans"] = track["fast_scans"] + 1 if fast else 0
     track["slow_scans"] = 0 if fast else track["slow_scans"] + 1
-    goes_on = track["fast_scans"] >= rule["moving_scans"] or (
-        track["moving"] and track["slow_scans"] < rule["stopped_scans"]
-    )
+    begins = track["left"] and track["fast_scans"] >= rule["moving_scans"]
+    goes_on = begins or (track["moving"] and track["slow_scans"] < rule["stopped_scans"])
     track["moving"] = track["hits"] >= rule["confirm_hits"] and goes_on
+
+
+@compiled
+def stand(track: Any, place: Array, sight: Sight) -> None:
+    """A TRACK stands at a place (3,) NED (m), as a ring sees it."""
+    track["left"] = False
+    track["place"][:], track["position"][:], track["attitude"][:] = place, sight.position, sight.attitude
+    track["free"][: sight.free.size] = sight.free
+
+
+@compiled
+def has_left(track: Any, place: Array, sight: Sight) -> bool:
+    """Whether a TRACK that a ring sees at a place (3,) NED (m) was seen to have left the place where it stood: the ring
+    sees past that, or the one that saw it there saw past this."""
+    before = Sight(track["free"][: sight.free.size], track["position"], track["attitude"], sight.first, sight.step)
+    return seen_past(sight, track["place"], before.position) or seen_past(before, place, sight.position)
 
 
 @compiled
@@ -319,27 +355,51 @@ def find_clusters(returns: _Returns, rule: Any) -> Clusters:
     """
     spans = segments(returns.points, returns.usable, rule["gap"])
     centroids, covariances = np.empty((spans.shape[0], 2)), np.empty((spans.shape[0], 2, 2))
-    extents = np.empty(spans.shape[0])
+    extents, middles = np.empty(spans.shape[0]), np.empty(spans.shape[0], np.int64)
     count = 0
     for k in range(spans.shape[0]):
-        centroid, covariance, extent, hidden = _measure(returns, spans[k, 0], spans[k, 1])
-        if not hidden and extent <= rule["max_extent"]:
-            spans[count], centroids[count], covariances[count], extents[count] = spans[k], centroid, covariance, extent
+        first, length = spans[k]
+        extent = _extent(returns.points, first, length)
+        if (
+            extent <= rule["max_extent"]
+            and length * returns.width < _WIDEST_VIEW
+            and not _hidden(returns, first, length)
+        ):
+            spans[count], extents[count] = spans[k], extent
+            centroids[count], covariances[count], middles[count] = _measure(returns, first, length)
             count += 1
-    return Clusters(spans[:count], centroids[:count], covariances[:count], extents[:count])
+    return Clusters(spans[:count], centroids[:count], covariances[:count], extents[:count], middles[:count])
 
 
 @compiled
-def _measure(returns: _Returns, first: int, length: int) -> tuple[Array, Array, float, bool]:
-    """Centroid (2,), its covariance (2, 2), extent (m) of a segment, and whether a nearer neighbour may hide a part."""
-    points, usable, ranges, position = returns.points, returns.usable, returns.ranges, returns.position
-    count = ranges.size
-    last = (first + length - 1) % count
-    before, after = (first - 1) % count, (last + 1) % count
-    hidden = (usable[before] and ranges[before] < ranges[first]) or (usable[after] and ranges[after] < ranges[last])
+def _extent(points: Array, first: int, length: int) -> float:
+    """The largest distance (m) between two returns of a segment, in the plane."""
+    square = 0.0
+    for k in range(first, first + length):
+        for m in range(first, k):
+            one, other = points[k % points.shape[0]], points[m % points.shape[0]]
+            square = max(square, (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2)
+    return math.sqrt(square)
+
+
+@compiled
+def _hidden(returns: _Returns, first: int, length: int) -> bool:
+    """Whether a nearer neighbour may hide a part of a segment."""
+    usable, ranges = returns.usable, returns.ranges
+    last = (first + length - 1) % ranges.size
+    before, after = (first - 1) % ranges.size, (last + 1) % ranges.size
+    left: bool = usable[before] and ranges[before] < ranges[first]
+    right: bool = usable[after] and ranges[after] < ranges[last]
+    return left or right
+
+
+@compiled
+def _measure(returns: _Returns, first: int, length: int) -> tuple[Array, Array, int]:
+    """Centroid (2,) of a segment, its covariance (2, 2), and the beam of the return nearest to it."""
+    points, position = returns.points, returns.position
     centroid = np.zeros(2)
     for k in range(first, first + length):
-        centroid += points[k % count, :2] / length
+        centroid += points[k % points.shape[0], :2] / length
     north, east = centroid[0] - position[0], centroid[1] - position[1]
     distance = max(math.hypot(north, east), 1e-6)
     along = _RANGE_SIGMA_M * _RANGE_SIGMA_M
@@ -348,8 +408,13 @@ def _measure(returns: _Returns, first: int, length: int) -> tuple[Array, Array, 
     cross = (along - across) * un * ue
     # A tuple of tuples: compiled code would take a list of lists from the heap.
     covariance = np.array(((along * un * un + across * ue * ue, cross), (cross, along * ue * ue + across * un * un)))
-    extent = math.hypot(points[last, 0] - points[first, 0], points[last, 1] - points[first, 1])
-    return centroid, covariance, extent, hidden
+    middle, least = first, math.inf
+    for k in range(first, first + length):
+        point = points[k % points.shape[0]]
+        away = math.hypot(point[0] - centroid[0], point[1] - centroid[1])
+        if away < least:
+            middle, least = k % points.shape[0], away
+    return centroid, covariance, middle
 
 
 @compiled

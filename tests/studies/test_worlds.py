@@ -39,7 +39,7 @@ def test_the_seed_is_the_place_and_the_file_is_the_world(kind: str, tmp_path: Pa
     assert (mission.waypoints[-1].north, mission.waypoints[-1].east) == site.goal
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "fig6"])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("fig6", "shaft")])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_start_and_goal_are_free(kind: str, seed: int) -> None:
     site = SITES[kind](seed)
@@ -48,7 +48,9 @@ def test_start_and_goal_are_free(kind: str, seed: int) -> None:
         assert world.clearance(at(*place, site.height)) > HULL + 0.5
 
 
-@pytest.mark.parametrize("kind", ["forest", "utrap", "gap", "pole", "maze", "barn", "fig6"])
+@pytest.mark.parametrize(
+    "kind", ["forest", "utrap", "gap", "pole", "maze", "barn", "fig6", "shaft", "corridor", "alley", "office"]
+)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_there_is_a_way_and_it_is_no_shorter_than_straight(kind: str, seed: int) -> None:
     site = SITES[kind](seed)
@@ -68,6 +70,16 @@ def test_a_forest_has_the_density_it_says() -> None:
     assert (trees[:, 2] == 0.3).all()
     assert -10.0 <= trees[:, 0].min() < -9.9 and 49.9 < trees[:, 0].max() <= 50.0
     assert -15.0 <= trees[:, 1].min() < -14.9 and 14.9 < trees[:, 1].max() <= 15.0
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_the_shaft_is_as_wide_as_it_says(seed: int) -> None:
+    """And the start is within it, clear of the hull by a hand."""
+    site = worlds.shaft(seed)
+    (a, b), (c, d), _ = (np.array([wall["start"], wall["end"]]) for wall in site.tables["wall"])
+    width = abs(np.cross(b - a, c - a)) / np.linalg.norm(b - a) - 0.2
+    assert 1.1 <= width <= 1.2 and np.allclose(b - a, d - c)
+    assert HULL + 0.1 < site.world().clearance(at(0.0, 0.0)) <= 0.6
 
 
 @pytest.mark.parametrize("seed", range(5))

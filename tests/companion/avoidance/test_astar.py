@@ -208,6 +208,30 @@ def test_a_goal_that_is_forbidden_is_approached() -> None:
     assert SETTINGS.inflation <= view.to_occupied[tuple(path.cells[-1])] < SETTINGS.inflation + 2 * CELL
 
 
+@pytest.mark.parametrize("beyond", [FREE, UNKNOWN])
+def test_a_forbidden_goal_is_moved_within_its_room(beyond: int) -> None:
+    """A wall of one cell, with a way round its end, and the goal 0.2 m behind it: the cells before the wall are nearer,
+    and can be reached sooner."""
+    states = np.full((60, 60), FREE, np.uint8)
+    states[31:] = beyond
+    states[30, 8:] = OCCUPIED
+    view = view_of(states)
+    goal = view.centre_of((31, 40))
+    path, _ = plan(view, np.array([2.0, 8.0]), goal)
+    assert path is not None and path.cells[-1][0] > 30
+    assert SETTINGS.inflation <= view.to_occupied[tuple(path.cells[-1])] < SETTINGS.inflation + CELL
+    assert math.dist(view.centre_of(tuple(path.cells[-1])), goal) < SETTINGS.inflation + CELL
+
+
+def test_a_goal_within_an_obstacle_is_approached_from_any_side() -> None:
+    """Where only the shell of a trunk is occupied, and its inside is unknown."""
+    states = np.full((40, 40), FREE, np.uint8)
+    states[18:23, 18:23], states[19:22, 19:22] = OCCUPIED, UNKNOWN
+    view = view_of(states)
+    path, _ = plan(view, np.array([1.0, 4.1]), view.centre_of((20, 20)))
+    assert path is not None and view.to_occupied[tuple(path.cells[-1])] >= SETTINGS.inflation
+
+
 def test_shortening_straightens_and_never_costs_more() -> None:
     """In the open one line is left; in a field the lines' cost is that of the cells' way at the most."""
     path, costmap = plan(view_of(np.full((40, 40), FREE, np.uint8)), np.array([0.5, 0.5]), np.array([7.5, 3.1]))

@@ -25,7 +25,7 @@ SETTINGS = AvoidanceGuard(
     keep_out=0.7,
     keep_out_unseen=0.45,
     keep_out_tight=0.4,
-    keep_out_unseen_tight=0.2,
+    keep_out_unseen_tight=0.38,
     tight_speed=1.0,
     braking=4.5,
     barrier_gain=4.0,
@@ -316,7 +316,12 @@ def test_a_swerve_is_looked_at_where_it_leads(swerve: float, part: float) -> Non
 
 
 def flown(
-    states: Bytes, velocity: Array, wish: Array, seconds: float, moving: Array | None = None
+    states: Bytes,
+    velocity: Array,
+    wish: Array,
+    seconds: float,
+    moving: Array | None = None,
+    tight: bool = False,
 ) -> tuple[Array, Array]:
     """A point mass whose acceleration follows the guard's with a lag of 0.1 s: positions and velocities (n, 2)."""
     guard = Guard(SETTINGS)
@@ -331,7 +336,7 @@ def flown(
             if moving is not None:
                 around = moving.copy()
                 around[:, :2] += k * dt * moving[:, 2:4]
-            guard.look(free_space(view, position, now, SETTINGS, around))
+            guard.look(free_space(view, position, now, SETTINGS, around, tight=tight))
         command = guard.filter(position, velocity, 2.5 * (wish - velocity), now).acceleration_ned
         command *= min(1.0, 6.8 / max(math.hypot(*command[:2]), 1e-9))
         acceleration += (command - acceleration) * dt / 0.1
@@ -352,6 +357,40 @@ def test_who_flies_straight_at_a_wall_stops_before_it(what: int, speed: float) -
     assert position[:, 0].max() < (10.0 - 0.36 if what == OCCUPIED else 10.1 - 0.45 + 0.01)
     assert position[-1, 0] > 10.0 - 1.4 and np.hypot(*velocity[-1]) < 0.05
     assert velocity[:, 0].max() > min(0.9 * speed, 5.0)
+
+
+def passage() -> Bytes:
+    """Walls 1 m apart, by the centres of their cells, and 3 m long; all else free."""
+    states = free_field()
+    states[70:85, [61, 66]] = OCCUPIED
+    return states
+
+
+def test_the_hull_stops_before_glass_in_a_tight_passage() -> None:
+    """Whose beams say nothing: the cells stay unknown. Without it the passage is flown."""
+    states, wish = passage(), np.array([1.0, 0.0, 0.0])
+    through, _ = flown(states, np.zeros(3), wish, 9.0, tight=True)
+    assert through[-1, 0] > 6.0
+    states[78:80, 62:66] = UNKNOWN
+    position, velocity = flown(states, np.zeros(3), wish, 9.0, tight=True)
+    assert 1.0 < position[:, 0].max() < (78 - 64) * CELL - 0.25 and np.hypot(*velocity[-1]) < 0.05
+    centres = (np.argwhere(states == UNKNOWN) + 0.5 - 64) * CELL
+    assert np.hypot(*(position[:, None] - centres).transpose(2, 0, 1)).min() > 0.36
+
+
+def test_what_is_beside_a_wall_counts_to_it_on_a_tight_path() -> None:
+    """The cell before a wall is not seen free, as the range noise leaves it; one that is before no wall is unseen."""
+    states = np.full((40, 40), FREE, np.uint8)
+    states[:, 24], states[:, 23], states[:, 15] = OCCUPIED, UNKNOWN, UNKNOWN
+    view = MapView(states, distance_to(states == OCCUPIED, 0.125), (0, 0), 0.125)
+    here = np.array([2.5, 2.5, 0.0])
+    roomy, tight = (free_space(view, here, 0, SETTINGS, tight=each) for each in (False, True))
+    row, column = 20 - tight.corner[0], 20 - tight.corner[1]
+    assert roomy.to_unseen[row, column] == pytest.approx(3 * 0.125)
+    assert tight.to_unseen[row, column] == pytest.approx(5 * 0.125)
+    assert tight.to_occupied[row, column] == pytest.approx(4 * 0.125)
+    unseen = tight.points[tight.points[:, 4] == np.float64(SETTINGS.keep_out_unseen_tight)]
+    assert len(unseen) > 3 and (unseen[:, 1] < 2.5).all()
 
 
 def test_pushed_through_a_random_field_it_touches_nothing() -> None:

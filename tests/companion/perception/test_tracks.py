@@ -21,6 +21,7 @@ from companion.perception.tracks import (
 from companion.state import Scan
 from protocol.arrays import Array
 from protocol.frames import from_euler
+from studies.worlds import forest
 from vehicle_sim.sensors.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, WallTable, World, WorldTable
 
@@ -191,6 +192,59 @@ def test_trees_and_walls_do_not_move() -> None:
         moving += int(scene.moving.sum())
         returns += int(scan.hit.sum())
     assert moving < 0.01 * returns
+
+
+@pytest.mark.parametrize(("back", "turn"), [(0.3, 0.0), (0.5, 0.4), (1.5, -0.7)])
+def test_a_shaft_around_the_vehicle_does_not_move(back: float, turn: float) -> None:
+    """Three walls 1.15 m apart, open behind, which the vehicle leaves at 0.6 m/s: the ends of what it sees of them are
+    near to each other and travel with it."""
+    ends = [(0.9, -0.675), (-back, -0.675), (0.9, 0.675), (-back, 0.675)]
+    a, b, c, d = ((n * math.cos(turn) - e * math.sin(turn), n * math.sin(turn) + e * math.cos(turn)) for n, e in ends)
+    walls = tuple(
+        WallTable(name=f"{k}", start=start, end=end, thickness=0.2, height=4.0)
+        for k, (start, end) in enumerate([(a, b), (c, d), (a, c)])
+    )
+    scene, way = Scene(walls=walls), np.array([-math.cos(turn), -math.sin(turn), 0.0])
+    for k in range(75):
+        scene.see([], 0.04 * k * way - [0.0, 0.0, 2.0], yaw=turn)
+        assert len(scene.tracker.moving) == 0, k
+
+
+@pytest.mark.parametrize(("seed", "density"), [(1, 1 / 25), (2, 1 / 25), (1, 1 / 12), (2, 1 / 12)])
+def test_no_ring_in_a_still_forest_has_a_mover(seed: int, density: float) -> None:
+    """Flown through at 5 m/s: sectors blur the trunks, and trunks hide each other."""
+    trunks = [tuple(trunk["center"]) for trunk in forest(seed, density).tables["cylinder"]]
+    scene = Scene(seed)
+    for k in range(120):
+        scene.see(trunks, np.array([k / 3.0, 0.3 * math.sin(0.1 * k), -2.0]), yaw=0.1 * math.sin(0.3 * k))
+        assert len(scene.tracker.moving) == 0, k
+
+
+@pytest.mark.parametrize(
+    ("start", "velocity", "own_speed", "scans"),
+    [
+        ((5.0, -4.0), (0.0, 1.5), 0.0, 20),
+        ((8.0, -9.0), (0.0, 4.0), 0.0, 12),
+        ((10.0, 0.2), (-1.5, 0.0), 0.0, 12),
+        ((20.0, 0.2), (-4.0, 0.0), 3.0, 12),
+        ((2.0, 0.0), (1.5, 0.0), 0.0, 12),
+        ((9.0, -5.0), (-1.4, 1.4), 0.0, 20),
+    ],
+)
+def test_what_moves_is_found_whichever_way_it_goes(
+    start: tuple[float, float], velocity: tuple[float, float], own_speed: float, scans: int
+) -> None:
+    """Across, towards the vehicle, away from it: within so many scans of its first return."""
+    scene, seen = Scene(), 0
+    for k in range(60):
+        t = k / 15.0
+        place = start[0] + velocity[0] * t, start[1] + velocity[1] * t
+        seen += bool(scene.see([place], np.array([own_speed * t, 0.0, -2.0])).hit.any())
+        if len(scene.tracker.moving):
+            break
+    (track,) = scene.tracker.moving
+    assert seen <= scans
+    assert np.hypot(*(track["mean"][2:] - velocity)) < 0.3 * np.hypot(*velocity) + 0.3
 
 
 def test_two_walkers_that_pass_each_other_keep_their_tracks() -> None:

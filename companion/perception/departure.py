@@ -1,0 +1,58 @@
+"""Whether an obstacle was seen to move: it is now where nothing was, or nothing is now where it was.
+
+A sector reports its nearest return, which lies anywhere on an arc across the sector. An obstacle has moved if a ring
+saw past the whole arc of another ring's return. What stands never shows that, however coarse the sectors are.
+"""
+
+import math
+from typing import NamedTuple
+
+from protocol.arrays import Array
+from protocol.frames import to_body
+from protocol.jit import compiled
+
+_BEYOND_M = 0.3
+"""m that a ring must have seen past an arc: more than the range noise."""
+_LEVEL_M = 1.0
+"""m from the height of a return up to which a beam would have met the obstacle."""
+
+
+class Sight(NamedTuple):
+    """How far a ring saw. Exists in compiled code only."""
+
+    free: Array
+    """(n,) m along each beam; 0 where it has not measured."""
+    position: Array
+    """(3,) NED (m) of the sensor."""
+    attitude: Array
+    """(4,) NED to FRD."""
+    first: float
+    """rad: bearing of the first beam."""
+    step: float
+    """rad from one beam to the next, the width of a sector; negative if they go to the left."""
+
+
+@compiled
+def seen_past(sight: Sight, place: Array, origin: Array) -> bool:
+    """Whether a ring saw past the whole arc of a return at a `place` that was seen from `origin`, (3,) m NED each."""
+    aside = math.tan(0.5 * abs(sight.step))
+    across_n, across_e = aside * (origin[1] - place[1]), aside * (place[0] - origin[0])
+    around = round(2.0 * math.pi / abs(sight.step))  # sectors of a whole ring
+    farthest, ends = 0.0, (0.0, 0.0)
+    for side in (1.0, -1.0):
+        offset = (
+            place[0] + side * across_n - sight.position[0],
+            place[1] + side * across_e - sight.position[1],
+            place[2] - sight.position[2],
+        )
+        x, y, z = to_body(sight.attitude, offset)
+        if abs(z) > _LEVEL_M:
+            return False
+        farthest = max(farthest, math.hypot(x, y))
+        ends = ends[1], (math.atan2(y, x) - sight.first) / sight.step
+    turn = (ends[1] - ends[0] + 0.5 * around) % around - 0.5 * around  # from one end to the other, the short way round
+    start, turn = (ends[0], turn) if turn >= 0.0 else (ends[1], -turn)
+    for k in range(math.floor(start + 0.5), math.floor(start + turn + 0.5) + 1):
+        if k % around >= sight.free.size or sight.free[k % around] < farthest + _BEYOND_M:
+            return False
+    return True

@@ -1,0 +1,65 @@
+"""Whether an obstacle was seen to move: arcs before and behind what a ring saw, and around its nose."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.perception.departure import Sight, seen_past
+from protocol.arrays import Array
+from protocol.frames import from_euler
+
+WIDTH = math.radians(5.0)
+HERE = np.array([1.0, -2.0, -3.0])
+
+
+def sight(ranges: Array, yaw: float = 0.0, pitch: float = 0.0, first: float = 0.0) -> Sight:
+    return Sight(ranges, HERE, from_euler(0.0, pitch, yaw), first, WIDTH)
+
+
+def at(bearing_deg: float, distance: float, down: float = 0.0) -> Array:
+    """A place by its direction from HERE, clockwise from north."""
+    bearing = math.radians(bearing_deg)
+    place: Array = HERE + np.array([distance * math.cos(bearing), distance * math.sin(bearing), down])
+    return place
+
+
+@pytest.mark.parametrize("bearing_deg", [-178.9, -92.0, -2.4, 0.3, 2.4, 41.0, 177.6])
+@pytest.mark.parametrize("yaw_deg", [0.0, 77.0, -160.0])
+def test_all_sectors_of_the_arc_count_and_no_others(bearing_deg: float, yaw_deg: float) -> None:
+    """An arc seen from the ring's own place is one sector wide: it lies in one or two sectors of the turned ring, whose
+    beams may go either way round."""
+    place = at(bearing_deg, 6.0)
+    own = (bearing_deg - yaw_deg) / 5.0
+    beams = {math.floor(own + side * 0.4999 + 0.5) % 72 for side in (-1.0, 1.0)}
+    yaw = math.radians(yaw_deg)
+    for k in range(72):
+        ranges = np.full(72, 15.0)
+        ranges[k] = 6.1
+        assert seen_past(sight(ranges, yaw), place, HERE) == (k not in beams), k
+        left = sight(np.roll(ranges[::-1], 1), yaw)._replace(step=-WIDTH)
+        assert seen_past(left, place, HERE) == (k not in beams), k
+
+
+def test_an_arc_seen_from_afar_is_wide() -> None:
+    """Seen from 14 m away across it is 1.2 m long: nearby that is many sectors."""
+    place, origin = at(90.0, 2.0), at(90.0, 16.0)
+    blocked = 0
+    for k in range(72):
+        ranges = np.full(72, 15.0)
+        ranges[k] = 2.2
+        blocked += not seen_past(sight(ranges), place, origin)
+    assert blocked == 7  # 2 atan(0.61 / 2) = 34 degrees
+
+
+def test_what_was_not_measured_or_not_at_that_height_is_not_seen() -> None:
+    place = at(30.0, 6.0)
+    free = np.full(72, 15.0)
+    assert seen_past(sight(free), place, HERE)
+    assert not seen_past(sight(np.where(np.arange(72) == 6, 0.0, free)), place, HERE)
+    assert not seen_past(sight(free), at(30.0, 14.9), HERE), "not farther than it saw"
+    assert seen_past(sight(free), at(30.0, 6.0, 0.9), HERE) and not seen_past(sight(free), at(30.0, 6.0, 1.1), HERE)
+    assert not seen_past(sight(free, pitch=-0.25), at(0.0, 6.0), HERE), "a tilted ring looks over it"
+    ahead = sight(np.full(37, 15.0), first=-0.5 * math.pi)  # half a ring, from the left to the right
+    assert seen_past(ahead, at(60.0, 6.0), HERE) and not seen_past(ahead, at(150.0, 6.0), HERE)
+    assert seen_past(ahead, at(-60.0, 6.0), HERE) and not seen_past(ahead, at(-150.0, 6.0), HERE)
