@@ -46,9 +46,12 @@ class Opened:
 
     def close(self) -> None:
         """Release all addresses."""
-        ends: list[Transport | Listener] = [end for end, _ in (*self.fixed, *self.listeners)]
-        for end in [*ends, *([] if self.first is None else [self.first])]:
-            end.close()
+        if self.first is not None:
+            self.first.close()
+        for transport, _ in self.fixed:
+            transport.close()
+        for listener, _ in self.listeners:
+            listener.close()
 
 
 def open_links(requests: Iterable[Request], keeper: Keeper | None, *, insecure: bool, lockstep: bool) -> Opened:

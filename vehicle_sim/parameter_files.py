@@ -3,11 +3,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from protocol.messages import dialect
-from vehicle_sim.services.identity import COMPONENT
-from vehicle_sim.services.parameter_store import Parameters, Value
-
-_INTEGER, _FLOAT = str(dialect.MAV_PARAM_TYPE_INT32), str(dialect.MAV_PARAM_TYPE_REAL32)
+from vehicle_sim.services.parameter_store import Parameters, Refusal, Value, text_of
 
 
 class ParameterFileError(Exception):
@@ -31,15 +27,6 @@ def keep(parameters: Parameters, path: Path | None, assignments: list[str]) -> N
         parameters.on_change = lambda: _write_if_possible(parameters, path)
 
 
-def text_of(parameters: Parameters) -> str:
-    """The file's content."""
-    lines = ["# Vehicle-Id Component-Id Name Value Type"]
-    for name in parameters.names:
-        kind = _INTEGER if parameters.is_integer(name) else _FLOAT
-        lines.append(f"{parameters['MAV_SYS_ID']}\t{COMPONENT}\t{name}\t{parameters[name]!r}\t{kind}")
-    return "\n".join(lines) + "\n"
-
-
 def _read(parameters: Parameters, path: Path) -> None:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -50,10 +37,11 @@ def _read(parameters: Parameters, path: Path) -> None:
             columns = line.split()
             if len(columns) != 5:
                 raise ParameterFileError(f"{path}, line {number}: not system, component, name, value, type")
-            _set(parameters, columns[2], columns[3], f"{path}, line {number}")
+            _set(parameters, columns[2], columns[3], f"{path}, line {number}", in_file=True)
 
 
-def _set(parameters: Parameters, name: str, text: str, where: str) -> None:
+def _set(parameters: Parameters, name: str, text: str, where: str, *, in_file: bool = False) -> None:
+    """What is so about the vehicle is not taken from a file, which may be another vehicle's."""
     try:
         value: Value = int(text) if name in parameters and parameters.is_integer(name) else float(text)
     except ValueError:
@@ -61,7 +49,7 @@ def _set(parameters: Parameters, name: str, text: str, where: str) -> None:
     if name in parameters and parameters[name] == value:
         return
     refusal = parameters.set(name, value)
-    if refusal is not None:
+    if refusal is not None and (refusal is not Refusal.READ_ONLY or not in_file):
         raise ParameterFileError(f"{where}: {name}: {refusal.name.lower().replace('_', ' ')}")
 
 

@@ -38,7 +38,7 @@ def _whole(value: float) -> int:
 class CommandService:
     """Executes commands. `origin` is the place of the local axes on earth, `release` drops the parcel, if any."""
 
-    capabilities = dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    capabilities = dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT | dialect.MAV_PROTOCOL_CAPABILITY_GRIPPER
 
     def __init__(
         self,

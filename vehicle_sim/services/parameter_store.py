@@ -2,24 +2,28 @@
 
 import math
 import struct
-import zlib
 from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import NamedTuple
 
 import msgspec
 
+from protocol.messages import dialect
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Trigger
 from vehicle_sim.autopilot.settings import SECOND_NS
+from vehicle_sim.services.checksum import crc32
+from vehicle_sim.services.identity import COMPONENT
 from vehicle_sim.services.parameter_table import TABLE
 
 Value = float | int
 
 _NO_TRANSMITTER_NEEDED = 7
 _NO_TERMINATION = 121212
+_VOLATILE = frozenset({"COM_FLIGHT_UUID"})
+"""Changes by itself, and does not count for the hash."""
 
 
 class Refusal(IntEnum):
@@ -104,9 +108,9 @@ class Parameters:
 
     def __init__(self, airframe: Airframe, flight: FlightControl, system: int) -> None:
         self._flight = flight
-        self._facts = _facts(airframe)
+        self._facts = _facts(airframe) | {"MAV_SYS_ID": system}
         self._kept: dict[str, Value] = {name: entry.default for name, entry in TABLE.items()}
-        self._kept |= {"MAV_SYS_ID": system} | self._facts
+        self._kept |= self._facts
         self.names = list(TABLE)
         """In the order of their indices."""
         self.on_change: Callable[[], None] = lambda: None
@@ -153,10 +157,14 @@ class Parameters:
         return struct.pack("<i" if self.is_integer(name) else "<f", self[name])
 
     def checksum(self) -> bytes:
-        """`_HASH_CHECK` as PX4 computes it: a CRC-32 without its inversions over all names and values."""
-        data = b"".join(name.encode() + self.packed(name) for name in self.names if name not in _VOLATILE)
-        return (zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF).to_bytes(4, "little")
+        """`_HASH_CHECK` as PX4 computes it, over all names and values."""
+        return crc32(b"".join(name.encode() + self.packed(name) for name in self.names if name not in _VOLATILE))
 
 
-_VOLATILE = frozenset({"COM_FLIGHT_UUID"})
-"""Changes by itself, and does not count for the hash."""
+def text_of(parameters: Parameters) -> str:
+    """All of them as a file of QGroundControl's form."""
+    lines = ["# Vehicle-Id Component-Id Name Value Type"]
+    for name in parameters.names:
+        kind = dialect.MAV_PARAM_TYPE_INT32 if parameters.is_integer(name) else dialect.MAV_PARAM_TYPE_REAL32
+        lines.append(f"{parameters['MAV_SYS_ID']}\t{COMPONENT}\t{name}\t{parameters[name]!r}\t{kind}")
+    return "\n".join(lines) + "\n"

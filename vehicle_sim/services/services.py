@@ -10,13 +10,18 @@ from protocol.messages import decode
 from protocol.routing import target_of
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.services.commands import CommandService, Geodetic
+from vehicle_sim.services.files import FileService
 from vehicle_sim.services.identity import Identity
 from vehicle_sim.services.link import LinkService
+from vehicle_sim.services.logs import LogService
 from vehicle_sim.services.outbox import Channel, Outbox
-from vehicle_sim.services.parameter_store import Parameters
+from vehicle_sim.services.parameter_store import Parameters, text_of
 from vehicle_sim.services.parameters import ParameterService
 from vehicle_sim.services.setpoints import SetpointService
 from vehicle_sim.services.status_text import StatusTexts
+
+PARAMETER_FILE = "parameters.params"
+"""The file with all parameters, for MAVLink FTP."""
 
 
 class Service(Protocol):
@@ -47,6 +52,8 @@ class Services:
             LinkService(flight, outbox),
             SetpointService(flight, identity),
             ParameterService(parameters, outbox),
+            FileService({PARAMETER_FILE: lambda: text_of(parameters).encode()}, outbox),
+            LogService(outbox),
             CommandService(flight, outbox, origin, release),
         )
         self._handlers = {key: handler for service in services for key, handler in service.handlers.items()}
