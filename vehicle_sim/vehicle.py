@@ -20,13 +20,13 @@ from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.physics.motion import FEEDBACK, Motion
 from vehicle_sim.physics.rigid_body import STATES
 from vehicle_sim.sensors.lidar import Lidar
-from vehicle_sim.services.identity import COMPONENT, FIRST, Identity
-from vehicle_sim.services.outbox import Channel, Outbox
+from vehicle_sim.services.identity import FIRST, Identity
+from vehicle_sim.services.outbox import Channel
 from vehicle_sim.services.parameter_store import Parameters
 from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.services import Services
 from vehicle_sim.services.snapshot import Snapshot
-from vehicle_sim.services.telemetry import Profile, Source, Telemetry
+from vehicle_sim.services.telemetry import Profile, Telemetry
 from vehicle_sim.tick import advance
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import TruthRecorder
@@ -109,16 +109,8 @@ class Vehicle:
         self._scan_poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
         self._now = Snapshot(self.motion, self.motion, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
-        self._outbox = Outbox()
-        self._services = Services(identity, self._outbox, self.flight, self.parameters, world.origin, self._release)
-        self._source = Source(
-            airframe,
-            Scans(lidar, self._scene),
-            self.flight,
-            world.origin,
-            identity.version,
-            self._services.capabilities,
-        )
+        scans = Scans(lidar, self._scene)
+        self._services = Services(identity, airframe, self.flight, self.parameters, scans, world.origin, self._release)
         self.channel = self.open_channel(datagrams=datagrams)
         """The first link."""
         self._released_at_ned: Vector | None = None
@@ -138,15 +130,11 @@ class Vehicle:
 
     def open_channel(self, profile: Profile = Profile.ONBOARD, *, datagrams: bool = True) -> Channel:
         """One link more."""
-        encoder = Encoder(self.identity.system, COMPONENT)
-        channel = Channel(encoder, Telemetry(encoder, self._source, self._now, profile), datagrams=datagrams)
-        channel.telemetry.begin(self.tick)
-        self._outbox.channels.append(channel)
-        return channel
+        return self._services.open_channel(profile, self.tick, self._now, datagrams=datagrams)
 
     def close_channel(self, channel: Channel) -> None:
         """Its peer has gone."""
-        self._outbox.channels.remove(channel)
+        self._services.close_channel(channel)
 
     # --- bytes in ---
 

@@ -6,19 +6,23 @@ from operator import or_
 from typing import Any, Protocol
 
 from protocol.framing import Frame
-from protocol.messages import decode
+from protocol.messages import Encoder, decode
 from protocol.routing import target_of
+from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.services.commands import CommandService, Geodetic
 from vehicle_sim.services.files import FileService
-from vehicle_sim.services.identity import Identity
+from vehicle_sim.services.identity import COMPONENT, Identity
 from vehicle_sim.services.link import LinkService
 from vehicle_sim.services.logs import LogService
 from vehicle_sim.services.outbox import Channel, Outbox
 from vehicle_sim.services.parameter_store import Parameters, text_of
 from vehicle_sim.services.parameters import ParameterService
+from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.setpoints import SetpointService
+from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.status_text import StatusTexts
+from vehicle_sim.services.telemetry import Profile, Source, Telemetry
 
 PARAMETER_FILE = "parameters.params"
 """The file with all parameters, for MAVLink FTP."""
@@ -33,20 +37,24 @@ class Service(Protocol):
 
 
 class Services:
-    """A new service is one more entry here."""
+    """Of one vehicle, on all its links. `origin` is the place of the local axes on earth, `release` drops the parcel.
+
+    A new service is one more entry here.
+    """
 
     def __init__(
         self,
         identity: Identity,
-        outbox: Outbox,
+        airframe: Airframe,
         flight: FlightControl,
         parameters: Parameters,
+        scans: Scans,
         origin: Geodetic,
         release: Callable[[], bool],
     ) -> None:
         self._identity = identity
         self._flight = flight
-        self._outbox = outbox
+        self.outbox = outbox = Outbox()
         self._status_texts = StatusTexts(outbox)
         services: tuple[Service, ...] = (
             LinkService(flight, outbox),
@@ -57,7 +65,20 @@ class Services:
             CommandService(flight, outbox, origin, release),
         )
         self._handlers = {key: handler for service in services for key, handler in service.handlers.items()}
-        self.capabilities: int = reduce(or_, (each.capabilities for each in services))
+        capabilities: int = reduce(or_, (each.capabilities for each in services))
+        self._source = Source(airframe, scans, flight, origin, identity.version, capabilities)
+
+    def open_channel(self, profile: Profile, tick: int, now: Snapshot, *, datagrams: bool) -> Channel:
+        """One link more, from a tick on."""
+        encoder = Encoder(self._identity.system, COMPONENT)
+        channel = Channel(encoder, Telemetry(encoder, self._source, now, profile), datagrams=datagrams)
+        channel.telemetry.begin(tick)
+        self.outbox.channels.append(channel)
+        return channel
+
+    def close_channel(self, channel: Channel) -> None:
+        """Its peer has gone."""
+        self.outbox.channels.remove(channel)
 
     def handle(self, frame: Frame, channel: Channel) -> None:
         """Handle a frame that came on a link, and hand it on to other links that it is for.
@@ -65,12 +86,12 @@ class Services:
         One with an unknown message is ignored.
         """
         target = target_of(frame)
-        self._outbox.answer(channel)
-        self._outbox.forward(frame, target, self._identity.system)
+        self.outbox.answer(channel)
+        self.outbox.forward(frame, target, self._identity.system)
         handler = self._handlers.get(frame.message_id)
         if handler is not None and self._identity.is_meant(target):
             handler(decode(frame))
-        self._outbox.answer(None)
+        self.outbox.answer(None)
 
     def tell(self) -> None:
         """The autopilot's texts, to all."""

@@ -59,7 +59,7 @@ def integers_bytewise(pilot: ForeignPilot) -> bool:
     pilot.fly(0.02)
     message = pilot.last("PARAM_VALUE")
     sent = int.from_bytes(message.get_msgbuf()[10:14], "little")
-    return sent == pilot.vehicle.parameters["SYS_AUTOSTART"] != round(message.param_value)
+    return bool(sent == pilot.vehicle.parameters["SYS_AUTOSTART"] != round(message.param_value))
 
 
 def never(_: ForeignPilot) -> bool:

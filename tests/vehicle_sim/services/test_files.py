@@ -104,7 +104,7 @@ def asker() -> Asker:
 
 
 def test_what_is_not_there_or_would_write_is_refused(asker: Asker) -> None:
-    refused = {
+    refused: dict[Fault, list[tuple[int, bytes]]] = {
         Fault.FILE_NOT_FOUND: [
             (Opcode.OPEN_FILE_RO, b"@PARAM/param.pck"),
             (Opcode.LIST_DIRECTORY, b"/fs/microsd/log"),
@@ -156,9 +156,10 @@ def test_an_open_file_stays_as_it_was_and_has_px4s_checksum(asker: Asker) -> Non
 def test_folders_are_listed_in_pieces_that_fit() -> None:
     paths = [*(f"logs/flight_{number:03}.txt" for number in range(40)), "readme"]
     pilot = ForeignPilot()
-    service = FileService({path: lambda: b"abc" for path in paths}, pilot.vehicle._outbox)
+    service = FileService({path: lambda: b"abc" for path in paths}, pilot.vehicle._services.outbox)
     pilot.vehicle._services._handlers |= service.handlers
-    asker, found = Asker(pilot), []
+    asker = Asker(pilot)
+    found: list[bytes] = []
     assert asker.ask(Opcode.LIST_DIRECTORY, b"")[2] == b"Dlogs\0Freadme\t3\0"
     while (answer := asker.ask(Opcode.LIST_DIRECTORY, b"logs/", offset=len(found)))[0] is Opcode.ACK:
         assert len(answer[2]) <= files.DATA_BYTES
