@@ -63,6 +63,7 @@ class Joined:
         self.vehicle = Vehicle(
             frame, world, seed=self.seed, lockstep=self.injector.keeps_step, identity=Identity(firmware=firmware)
         )
+        self.vehicle.parameters.set("NAV_DLL_ACT", 3)  # as in `companion demo`: land when the companion has gone
         self.planner = InProcessPlanner(settings.avoidance)
         self.fly_with(self.planner)
 

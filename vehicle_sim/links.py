@@ -1,5 +1,6 @@
 """The vehicle's links beside the first: any number of peers, which come and go, each with streams of its own."""
 
+import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from vehicle_sim.vehicle import Vehicle
 SILENCE_S = 60.0
 """A peer that says nothing for so long has gone, unless its address was named."""
 
+_log = logging.getLogger(__name__)
 _MOST_LINKS = 32
 _MOST_READS = 50
 """Datagrams of a link that are taken at once: a flood must not hold up the loop."""
@@ -33,7 +35,7 @@ class Link:
 class Links:
     """`fixed` are there from the start, at `listeners` come others; each with the streams that it has at first.
 
-    A link that fails is dropped, with a line in `faults`; the vehicle flies on.
+    A link that fails is dropped, with a warning; the vehicle flies on.
     """
 
     def __init__(
@@ -47,7 +49,6 @@ class Links:
         self._vehicle = vehicle
         self._listeners = list(listeners)
         self._keeper = keeper
-        self.faults: list[str] = []
         self.setup: Frame | None = None
         """The last SETUP_SIGNING; whoever takes it sets it to None."""
         self.links: list[Link] = []
@@ -119,7 +120,7 @@ class Links:
                 self._fail(link, error)
 
     def _fail(self, link: Link, error: TransportError) -> None:
-        self.faults.append(str(error))
+        _log.warning("%s", error)
         self._close(link)
 
     def close(self) -> None:

@@ -1,4 +1,5 @@
-"""Parameters in a file, in QGroundControl's form: a line each with system, component, name, value and type."""
+"""Parameters in a file, in QGroundControl's form: a line each with system, component, name, value and type. MAVProxy's
+form, name and value, is read, too."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -35,16 +36,19 @@ def _read(parameters: Parameters, path: Path) -> None:
     for number, line in enumerate(lines, start=1):
         if line.strip() and not line.startswith("#"):
             columns = line.split()
-            if len(columns) != 5:
+            if len(columns) not in (2, 5):
                 raise ParameterFileError(f"{path}, line {number}: not system, component, name, value, type")
-            _set(parameters, columns[2], columns[3], f"{path}, line {number}", in_file=True)
+            name, value = columns[2:4] or columns
+            _set(parameters, name, value, f"{path}, line {number}", in_file=True)
 
 
 def _set(parameters: Parameters, name: str, text: str, where: str, *, in_file: bool = False) -> None:
     """What is so about the vehicle is not taken from a file, which may be another vehicle's."""
     try:
-        value: Value = int(text) if name in parameters and parameters.is_integer(name) else float(text)
-    except ValueError:
+        value: Value = float(text)
+        if name in parameters and parameters.is_integer(name) and value == int(value):
+            value = int(value)
+    except (ValueError, OverflowError):
         raise ParameterFileError(f"{where}: {text} is no value of {name}") from None
     if name in parameters and parameters[name] == value:
         return
