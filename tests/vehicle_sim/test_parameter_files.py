@@ -32,7 +32,8 @@ def test_a_change_outlasts_the_vehicle(tmp_path: Path) -> None:
 
 
 def test_mavproxys_form_is_read_too(tmp_path: Path) -> None:
-    told = mavparm.MAVParmDict({"COM_DISARM_LAND": 4.5, "NAV_RCL_ACT": 3.0})
+    told = mavparm.MAVParmDict()
+    told["COM_DISARM_LAND"], told["NAV_RCL_ACT"] = 4.5, 3.0
     file = tmp_path / "mav.parm"
     told.save(str(file))
     read = parameters()
@@ -45,7 +46,7 @@ def test_mavproxys_form_is_read_too(tmp_path: Path) -> None:
     [
         ("1\t1\tNOT_THERE\t1\t6", ["line 2", "NOT_THERE", "does not exist"]),
         ("1\t1\tNAV_DLL_ACT\t9\t6", ["line 2", "NAV_DLL_ACT", "out of range"]),
-        ("1\t1\tNAV_DLL_ACT\t0.5\t6", ["line 2", "0.5"]),
+        ("1\t1\tNAV_DLL_ACT\t0.5\t6", ["line 2", "type mismatch"]),
         ("NAV_DLL_ACT three", ["line 2", "three"]),
         ("NAV_DLL_ACT 3 6", ["line 2"]),
     ],

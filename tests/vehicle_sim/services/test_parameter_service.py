@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.link.firmware.px4 import FIRMWARE
 from protocol.messages import Encoder
+from protocol.toml_files import ROOT
 from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, HOLD, LAND, RETURN, ForeignPilot
 from vehicle_sim.services.parameter_store import OBEYED, Parameters, Refusal
@@ -198,6 +199,13 @@ def test_what_is_obeyed_reaches_the_autopilot_and_comes_back() -> None:
         assert parameters.set(name, number) is None
         assert parameters[name] == number, name
         assert str(vehicle.flight.settings) + str(vehicle.flight.setpoints.loss_ns) != before, name
+
+
+def test_the_page_names_what_is_obeyed_and_what_is_fixed() -> None:
+    parameters = Vehicle(AIRFRAME, EMPTY).parameters
+    page = (ROOT / "docs" / "vehicle-sim.md").read_text(encoding="utf-8")
+    fixed = [name for name in TABLE if parameters.set(name, parameters[name] + 1) is Refusal.READ_ONLY]
+    assert {name for name in TABLE if f"`{name}`" in page} == {*OBEYED, *fixed}
 
 
 def test_a_shorter_stream_loss_and_a_return_are_flown() -> None:
