@@ -127,8 +127,9 @@ def test_no_other_bit_is_set() -> None:
     assert capabilities(ForeignPilot()) & ~sum(BITS.values()) == 0
 
 
-@pytest.mark.parametrize(("identity", "version"), [(OLD, 0x010D00FF), (NEW, 0x011000FF)])
-def test_the_version_is_the_firmwares(identity: Identity, version: int) -> None:
+@pytest.mark.parametrize(("identity", "version", "torques"), [(OLD, 0x010D00FF, True), (NEW, 0x011000FF, False)])
+def test_the_version_is_the_firmwares(identity: Identity, version: int, torques: bool) -> None:
+    """PX4 1.13 is the last that takes actuator controls."""
     pilot = ForeignPilot(identity=identity)
-    capabilities(pilot)
+    assert bool(capabilities(pilot) & BITS["RESERVED3"]) is torques
     assert pilot.last("AUTOPILOT_VERSION").flight_sw_version == version
