@@ -72,6 +72,12 @@ def news(link: Transport) -> list[str]:
     return link.news() if isinstance(link, GuardedLink) else []
 
 
+def refused_with(keeper: Keeper | None) -> dict[str, int]:
+    """Frames that were refused, by reason, of all links of a key; empty without one."""
+    counts = {} if keeper is None else keeper.signing.refused
+    return {REFUSED + reason.value: count for reason, count in counts.items()}
+
+
 class GuardedLink:
     """One link. Without a key it hands on what comes, except keys; those of a stream only where one comes in one piece.
 
@@ -114,8 +120,7 @@ class GuardedLink:
     @property
     def refused(self) -> dict[str, int]:
         """Frames by reason, of all links of the key; empty without one."""
-        counts = {} if self._keeper is None else self._keeper.signing.refused
-        return {REFUSED + reason.value: count for reason, count in counts.items()}
+        return refused_with(self._keeper)
 
     @property
     def peer(self) -> str:

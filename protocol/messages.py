@@ -111,6 +111,10 @@ class Encoder:
         packer = _packers[message_class]
         return self._frame(packer, packer.fields(*fields))
 
+    def encode_payload(self, message_class: type[Any], payload: bytes) -> bytes:
+        """The same from the packed fields, in wire order."""
+        return self._frame(_packers[message_class], payload)
+
     def _frame(self, packer: "_Packer", full_payload: bytes) -> bytes:
         payload = full_payload.rstrip(b"\0") or b"\0"
         body = _pack_header(len(payload), self.sequence, self.system, self.component, packer.message_id) + payload

@@ -128,6 +128,10 @@ class Udp:
             self._socket.close()
             raise _unusable(self._name, error) from error
 
+    def fileno(self) -> int:
+        """Readable when there is something to receive."""
+        return self._socket.fileno()
+
     @property
     def port(self) -> int:
         """The local port (as chosen by the system when bound to 0)."""
@@ -249,6 +253,20 @@ class Tcp:
         except (OSError, ValueError) as error:  # ValueError: malformed host name
             raise _unusable(self._name, error) from error
 
+    @classmethod
+    def of(cls, connection: socket.socket, peer: str) -> "Tcp":
+        """A connection that a caller has made."""
+        link = cls.__new__(cls)
+        link._name, link._listener, link._left_over = f"tcpin:{peer}", None, b""
+        link._talk(connection, peer)
+        return link
+
+    def fileno(self) -> int:
+        """Readable when there is something to receive."""
+        end = self._listener or self._socket
+        assert end is not None
+        return end.fileno()
+
     def _talk(self, connection: socket.socket, peer: str) -> None:
         self._socket = connection
         self._peer = peer
@@ -330,6 +348,10 @@ class Serial:
     @property
     def peer(self) -> str:
         return self._peer
+
+    def fileno(self) -> int:
+        """Readable when there is something to receive."""
+        return int(self._port.fileno())
 
     def lock(self) -> None:
         """A serial line has one peer."""

@@ -17,6 +17,7 @@ from protocol import toml_files as toml_files
 from protocol.arrays import Array
 from studies.faults.injector import Change, Injector
 from vehicle_sim.airframe import Airframe
+from vehicle_sim.services.identity import Identity
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
@@ -59,7 +60,11 @@ class Joined:
             toml_files.find("vehicles", self.mission.vehicle), self.vehicle_overrides
         )
         world = World.load(toml_files.find("worlds", self.mission.world), self.world_overrides)
-        self.vehicle = Vehicle(frame, world, seed=self.seed, lockstep=self.injector.keeps_step)
+        firmware = (1, 13) if self.output is Output.ACTUATORS else (1, 16)
+        self.vehicle = Vehicle(
+            frame, world, seed=self.seed, lockstep=self.injector.keeps_step, identity=Identity(firmware=firmware)
+        )
+        self.vehicle.parameters.set("NAV_DLL_ACT", 3)  # as in `companion demo`: land when the companion has gone
         self.planner = InProcessPlanner(settings.avoidance)
         self.fly_with(self.planner)
 

@@ -13,9 +13,11 @@ import typer
 
 # What --help does not need is imported where it is used: loading the compiled code takes seconds.
 if TYPE_CHECKING:
-    from protocol.guarded_link import GuardedLink
+    from protocol.key_files import Keeper
     from vehicle_sim.airframe import Airframe
+    from vehicle_sim.opening import Opened
     from vehicle_sim.truth import TruthRecorder
+    from vehicle_sim.vehicle import Vehicle
     from vehicle_sim.world import World
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -28,11 +30,38 @@ class Options:
     world: Annotated[str, typer.Option(help="A world: a name in worlds/, or a file.")] = "neighbourhood"
     vehicle: Annotated[str, typer.Option(help="A vehicle: a name in vehicles/, or a file.")] = "paper_quad"
     bind: Annotated[
-        str,
+        list[str] | None,
         typer.Option(
-            metavar="URL", help="Where the companion is: udpout:HOST:PORT, udpin:HOST:PORT, tcp:.., serial:.."
+            metavar="URL",
+            help="A link of a companion: udpout:HOST:PORT, udpin:HOST:PORT, tcp:.., tcpin:.., serial:..; may be given "
+            "more than once. Without --bind and --gcs: PX4's two links, see --instance.",
         ),
-    ] = "udpout:127.0.0.1:14540"
+    ] = None
+    gcs: Annotated[
+        list[str] | None,
+        typer.Option(metavar="URL", help="A link of ground stations, with their streams and rates; as --bind."),
+    ] = None
+    instance: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=249,
+            metavar="N",
+            help="As PX4 in SITL: system N + 1, port 14580 + N to a companion at 14540 + N, port 18570 + N to a ground "
+            "station at 14550.",
+        ),
+    ] = 0
+    firmware: Annotated[
+        str, typer.Option(metavar="MAJOR.MINOR", help="The PX4 that it is; up to 1.13 it takes actuator controls.")
+    ] = "1.16"
+    parameters: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Read the parameters from this file, if there is one, and keep them in it."),
+    ] = None
+    param: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Start with another value of a parameter: --param NAV_DLL_ACT=3."),
+    ] = None
     signing_key: Annotated[
         Path | None,
         typer.Option(
@@ -80,19 +109,34 @@ def vehicle_sim(options: Options) -> None:
 
     At its end it prints one JSON object: how the flight went.
     """
-    from protocol.key_files import KeyFileError
+    from protocol.key_files import Keeper, KeyFileError
     from protocol.toml_files import TomlFileError
     from protocol.transport import TransportError
+    from vehicle_sim.parameter_files import ParameterFileError, keep
+    from vehicle_sim.services.identity import Identity
     from vehicle_sim.truth import TruthRecorder
+    from vehicle_sim.vehicle import Vehicle
 
     factor = _factor(options.pace)
+    identity = Identity(options.instance + 1, _release(options.firmware))
     try:
         airframe, world = _load(options)
         recorder = None if options.truth is None else TruthRecorder(options.truth)
-        transport = _open(options)
-    except (TomlFileError, KeyFileError, TransportError) as error:
+        keeper = None if options.signing_key is None else Keeper.of(options.signing_key)
+        opened = _open(options, keeper, lockstep=factor is None)
+        vehicle = Vehicle(
+            airframe,
+            world,
+            seed=options.seed,
+            lockstep=factor is None,
+            datagrams=opened.first is None or opened.first.preserves_datagrams,
+            truth=recorder,
+            identity=identity,
+        )
+        keep(vehicle.parameters, options.parameters, options.param or [])
+    except (TomlFileError, KeyFileError, TransportError, ParameterFileError) as error:
         _fail(str(error))
-    _fly(options, factor, airframe, world, transport, recorder)
+    _fly(options, factor, vehicle, opened, recorder)
 
 
 def _load(options: Options) -> "tuple[Airframe, World]":
@@ -114,44 +158,36 @@ def _load(options: Options) -> "tuple[Airframe, World]":
     return airframe, World.load(find("worlds", options.world), changes["world"])
 
 
-def _open(options: Options) -> "GuardedLink":
-    """Raises TransportError and KeyFileError."""
-    from protocol.guarded_link import GuardedLink, refuse_exposed
-    from protocol.key_files import Keeper
-    from protocol.transport import open_url
+def _open(options: Options, keeper: "Keeper | None", *, lockstep: bool) -> "Opened":
+    """Raises TransportError."""
+    from vehicle_sim.opening import Request, open_instance, open_links
+    from vehicle_sim.services.telemetry import Profile
 
-    keeper = None if options.signing_key is None else Keeper.of(options.signing_key)
-    refuse_exposed(options.bind, signed=keeper is not None, insecure=options.insecure)
-    return GuardedLink(open_url(options.bind), keeper)
+    requests = [Request(url, Profile.ONBOARD) for url in options.bind or []]
+    requests += [Request(url, Profile.GROUND) for url in options.gcs or []]
+    if not requests:
+        return open_instance(options.instance, keeper, lockstep=lockstep)
+    return open_links(requests, keeper, insecure=options.insecure, lockstep=lockstep)
 
 
 def _fly(
     options: Options,
     factor: float | None,
-    airframe: "Airframe",
-    world: "World",
-    transport: "GuardedLink",
+    vehicle: "Vehicle",
+    opened: "Opened",
     recorder: "TruthRecorder | None",
 ) -> None:
     """Fly until the end or a signal, and print the summary."""
-    from protocol.guarded_link import is_local
     from protocol.transport import TransportError
     from vehicle_sim.runner import Runner
-    from vehicle_sim.vehicle import Vehicle, warm_up
+    from vehicle_sim.vehicle import warm_up
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.default_int_handler)
-    vehicle = Vehicle(
-        airframe,
-        world,
-        seed=options.seed,
-        lockstep=factor is None,
-        datagrams=transport.preserves_datagrams,
-        truth=recorder,
-    )
-    runner = Runner(vehicle, transport, once=options.once, takes_keys=is_local(options.bind))
     try:
-        warm_up(airframe, world)
+        warm_up(vehicle.airframe, vehicle.world)
+        links = opened.links(vehicle)
+        runner = Runner(vehicle, opened.first, once=options.once, links=links, takes_keys=opened.local)
         if factor is None:
             runner.run_lockstep()
         else:
@@ -161,8 +197,8 @@ def _fly(
     except TransportError as error:
         _fail(str(error))
     finally:
-        transport.close()
-        typer.echo(json.dumps(vehicle.summary().as_dict() | transport.refused))
+        opened.close()
+        typer.echo(json.dumps(vehicle.summary().as_dict() | opened.refused))
         if recorder is not None:
             _write(recorder)
 
@@ -189,6 +225,13 @@ def _factor(pace: str) -> float | None:
     if not 0.0 < factor <= 1000.0:
         _fail(f"--pace {pace}: write realtime, lockstep or a factor above 0 and up to 1000")
     return factor
+
+
+def _release(firmware: str) -> tuple[int, int]:
+    major, _, minor = firmware.partition(".")
+    if not (major.isascii() and major.isdigit() and minor.isascii() and minor.isdigit() and len(firmware) < 6):
+        _fail(f"--firmware {firmware}: write it as 1.16")
+    return int(major), int(minor)
 
 
 def _fail(text: str) -> NoReturn:

@@ -11,9 +11,10 @@ from protocol.clock import RealClock
 from protocol.framing import Frame
 from protocol.guarded_link import GuardedLink, inmost
 from protocol.key_files import Keeper
+from protocol.listeners import readable
 from protocol.messages import decode
 from protocol.transport import LOCKSTEP_SPIN_S, Transport, Udp
-from vehicle_sim.services.identity import is_for_vehicle
+from vehicle_sim.links import Links
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 
@@ -46,8 +47,9 @@ class Coupling(Enum):
 
 
 class Runner:
-    """Runs a vehicle over a transport until the flight is over (`once`) or until a KeyboardInterrupt.
+    """Runs a vehicle until the flight is over (`once`) or until a KeyboardInterrupt.
 
+    `transport` is its first link, the one that lockstep waits for; without one, `links` are all that it has.
     `takes_keys`: SETUP_SIGNING is obeyed, until the end of the program; for links between programs of one machine.
     `monotonic_ns` is the source of wall time, time.monotonic_ns by default.
     """
@@ -55,14 +57,18 @@ class Runner:
     def __init__(
         self,
         vehicle: Vehicle,
-        transport: Transport,
+        transport: Transport | None,
         *,
         once: bool,
+        links: Links | None = None,
         takes_keys: bool = False,
         monotonic_ns: Callable[[], int] | None = None,
     ) -> None:
         self._vehicle = vehicle
         self._transport = transport
+        self._links = links
+        if transport is None:
+            vehicle.close_channel(vehicle.channel)
         self._once = once
         self._takes_keys = takes_keys
         self._monotonic_ns = monotonic_ns or time.monotonic_ns
@@ -95,30 +101,53 @@ class Runner:
         timeout_s = self._silence_timeout_disarmed_s if heard_before else SILENCE_TIMEOUT_S
         return self._now_s() - self._heard_at_s > timeout_s
 
-    def _receive(self, timeout_s: float) -> bool:
-        """Hand one datagram to the vehicle; False if none came in time."""
-        data = self._transport.receive(timeout_s)
-        if isinstance(self._transport, GuardedLink) and self._transport.setup is not None:
-            self._set_key(self._transport, self._transport.setup)
+    def _receive(self, transport: Transport, timeout_s: float) -> bool:
+        """Hand one datagram of the first link to the vehicle; False if none came in time."""
+        data = transport.receive(timeout_s)
+        if isinstance(transport, GuardedLink) and transport.setup is not None:
+            self._set_key(transport.setup)
+            transport.setup = None
         if data is None:
             return False
         self._heard_at_s = self._now_s()
         if not self._locked:
             self._locked = True
-            self._transport.lock()  # the first peer has the vehicle until its end, as with PX4
+            transport.lock()  # the first peer has the vehicle until its end, as with PX4
         self._vehicle.receive(data)
         return True
 
-    def _set_key(self, link: GuardedLink, frame: Frame) -> None:
-        """SETUP_SIGNING (256): a key of zeros ends signing."""
-        link.setup = None
+    def _receive_others(self) -> None:
+        links = self._links
+        if links is not None and links.receive(self._now_s()):
+            self._heard_at_s = self._now_s()
+            self._locked = True
+        if links is not None and links.setup is not None:
+            self._set_key(links.setup)
+            links.setup = None
+
+    def _set_key(self, frame: Frame) -> None:
+        """SETUP_SIGNING (256), for all links: a key of zeros ends signing."""
         message: Any = decode(frame)
-        if self._takes_keys and is_for_vehicle(message):
+        if self._takes_keys and self._vehicle.identity.is_meant((message.target_system, message.target_component)):
             key = bytes(message.secret_key)
-            link.use(Keeper(key) if any(key) else None)
+            keeper = Keeper(key) if any(key) else None
+            for link in (self._transport, self._links):
+                if isinstance(link, GuardedLink | Links):
+                    link.use(keeper)
+
+    def _step(self) -> list[bytes]:
+        """Fly a tick, and tell all links of it; what the first link was told."""
+        vehicle = self._vehicle
+        vehicle.step()
+        datagrams = [] if self._transport is None else vehicle.collect(vehicle.channel)
+        self._send(datagrams)
+        if self._links is not None:
+            self._links.send()
+        return datagrams
 
     def _send(self, datagrams: list[bytes]) -> None:
         for datagram in datagrams:
+            assert self._transport is not None
             self._transport.send(datagram)
 
     # --- real time ---
@@ -135,39 +164,56 @@ class Runner:
         while not self._is_over():
             deadline_ns = vehicle.time_ns + TICK_NS
             while (remaining := clock.wall_seconds_until(deadline_ns)) > 0.0:
-                self._receive(remaining)
+                self._wait(remaining)
             for _ in range(_DATAGRAMS_PER_TICK):
-                if not self._receive(0.0):
+                if self._transport is None or not self._receive(self._transport, 0.0):
                     break
-            self._send(vehicle.advance())
+            self._receive_others()
+            self._step()
+
+    def _wait(self, timeout_s: float) -> None:
+        """Receive something, at the longest until the time is over."""
+        first = self._transport
+        if self._links is None:
+            assert first is not None
+            self._receive(first, timeout_s)
+            return
+        end = None if first is None else inmost(first)
+        own = [end.fileno()] if isinstance(end, Udp) else []
+        if readable(own + self._links.filenos, timeout_s):
+            if first is not None:
+                self._receive(first, 0.0)
+            self._receive_others()
 
     # --- lockstep ---
 
     def run_lockstep(self) -> None:
         """Wait at each tick for the answer to it, so that runs repeat. `Coupling` says when it does not wait."""
+        assert self._transport is not None
         self._begin()
         end = inmost(self._transport)
         if isinstance(end, Udp):
             end.spin_s = LOCKSTEP_SPIN_S
         coupling = Coupling.WAITING
         while not self._is_over():
-            datagrams = self._vehicle.advance()
-            self._send(datagrams)
+            self._receive_others()
+            datagrams = self._step()
             if coupling is Coupling.LOST:
-                if self._receive(0.0):
+                if self._receive(self._transport, 0.0):
                     coupling = Coupling.COUPLED
                 elif self._is_parked():
                     coupling = Coupling.WAITING
                 else:
                     continue
-            coupling = Coupling.COUPLED if self._await_answer(datagrams, coupling) else Coupling.LOST
+            answered = self._await_answer(self._transport, datagrams, coupling)
+            coupling = Coupling.COUPLED if answered else Coupling.LOST
 
     def _is_parked(self) -> bool:
         """On the ground, disarmed, and not about to end: there is no reason to let time pass."""
         flight = self._vehicle.flight
         return flight.landed and not flight.armed and not (self._once and self._vehicle.finished)
 
-    def _await_answer(self, datagrams: list[bytes], coupling: Coupling) -> bool:
+    def _await_answer(self, transport: Transport, datagrams: list[bytes], coupling: Coupling) -> bool:
         """Wait for the answer to the present tick, which is sent again at intervals. False: given up."""
         vehicle = self._vehicle
         resend_s, timeout_s = FIRST_RESEND_S, math.inf
@@ -176,7 +222,7 @@ class Runner:
             resend_s = min(RESEND_S, timeout_s)
         asked_at_s = sent_at_s = self._now_s()
         while True:
-            self._receive(resend_s)
+            self._receive(transport, resend_s)
             if vehicle.answered_ns == vehicle.time_ns:
                 return True
             now_s = self._now_s()

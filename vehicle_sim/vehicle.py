@@ -1,13 +1,14 @@
 """The whole vehicle as a pure step: bytes in, 4 ms of flight, bytes out. It has no clock and no socket."""
 
 import math
+from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from protocol.arrays import Array, Vector
-from protocol.framing import Frame, Framer
+from protocol.framing import Frame
 from protocol.messages import Encoder, decode, dialect
 from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.autopilot.control_laws import COMMAND, Level
@@ -19,9 +20,13 @@ from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.physics.motion import FEEDBACK, Motion
 from vehicle_sim.physics.rigid_body import STATES
 from vehicle_sim.sensors.lidar import Lidar
-from vehicle_sim.services.identity import COMPONENT, SYSTEM
+from vehicle_sim.services.identity import FIRST, Identity
+from vehicle_sim.services.outbox import Channel
+from vehicle_sim.services.parameter_store import Parameters
+from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.services import Services
-from vehicle_sim.services.telemetry import Telemetry
+from vehicle_sim.services.snapshot import Snapshot
+from vehicle_sim.services.telemetry import Profile, Telemetry
 from vehicle_sim.tick import advance
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import TruthRecorder
@@ -58,9 +63,10 @@ class Summary:
 class Vehicle:
     """A vehicle with its parcel, at first at rest on its pad (0, 0) of a world, with its nose to the north.
 
-    `lockstep`: the last frame of each tick is a TIMESYNC request with the tick's time, and a datagram that answers
-    another tick is a late copy, which is ignored. `datagrams`: the bytes that `receive` gets hold whole frames. `truth`
-    records the true motion of every tick.
+    It has one link from the start, the companion's, and any number of others. `lockstep`: the last frame of each tick
+    to the first link is a TIMESYNC request with the tick's time, and a datagram from there that answers another tick is
+    a late copy, which is ignored. `datagrams`: the bytes that come on the first link hold whole frames. `truth` records
+    the true motion of every tick.
     """
 
     def __init__(
@@ -72,13 +78,13 @@ class Vehicle:
         lockstep: bool = False,
         datagrams: bool = True,
         truth: TruthRecorder | None = None,
+        identity: Identity = FIRST,
     ) -> None:
         self.airframe = airframe
         self._scene = Scene(world)
         self.world = self._scene.at(0)
         """As it is at present."""
         self._lockstep = lockstep
-        self._datagrams = datagrams
         self._truth = truth
         self._parameters = parameters(airframe)
         self._wind_ned: Array = self._parameters["wind_ned"][0]
@@ -96,13 +102,17 @@ class Vehicle:
         self.motion = Motion.of(0, self.state, self._feedback)
         self._estimator = Estimator(airframe.telemetry.delay_s, self.motion)
         self.flight = FlightControl(airframe, self.motion)
-        self._framer = Framer()
-        self._encoder = Encoder(SYSTEM, COMPONENT)
+        self.identity = identity
+        self.parameters = Parameters(airframe, self.flight, identity.system)
         lidar_rng, wind_rng = np.random.default_rng(seed).spawn(2)
         lidar = Lidar(airframe.lidar, lidar_rng)
-        self.telemetry = Telemetry(self._encoder, airframe, self._scene, lidar, self.flight, self.motion)
+        self._scan_poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
+        self._now = Snapshot(self.motion, self.motion, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
-        self._services = Services(self._encoder, airframe, self.flight, self.telemetry, world.origin, self._release)
+        scans = Scans(lidar, self._scene)
+        self._services = Services(identity, airframe, self.flight, self.parameters, scans, world.origin, self._release)
+        self.channel = self.open_channel(datagrams=datagrams)
+        """The first link."""
         self._released_at_ned: Vector | None = None
         self._clearance = ClearanceMonitor(airframe.hull.radius_m)
 
@@ -111,15 +121,31 @@ class Vehicle:
         """Since boot."""
         return self.tick * TICK_NS
 
+    # --- links ---
+
+    @property
+    def telemetry(self) -> Telemetry:
+        """The streams of the first link."""
+        return self.channel.telemetry
+
+    def open_channel(self, profile: Profile = Profile.ONBOARD, *, datagrams: bool = True) -> Channel:
+        """One link more."""
+        return self._services.open_channel(profile, self.tick, self._now, datagrams=datagrams)
+
+    def close_channel(self, channel: Channel) -> None:
+        """Its peer has gone."""
+        self._services.close_channel(channel)
+
     # --- bytes in ---
 
-    def receive(self, data: bytes) -> None:
-        """Handle the bytes that a peer sent; what is damaged or unknown is ignored."""
-        frames = self._framer.datagram(data) if self._datagrams else self._framer.feed(data)
-        if self._lockstep:
+    def receive(self, data: bytes, channel: Channel | None = None) -> None:
+        """Handle the bytes that came on a link, by default the first; what is damaged or unknown is ignored."""
+        channel = channel or self.channel
+        frames = channel.frames(data)
+        if self._lockstep and channel is self.channel:
             frames = self._take_answer(frames)
         for frame in frames:
-            self._services.handle(frame)
+            self._services.handle(frame, channel)
 
     def _take_answer(self, frames: list[Frame]) -> list[Frame]:
         """The frames that are left to handle: none of an answer to another tick, else all but the TIMESYNC answer."""
@@ -138,7 +164,12 @@ class Vehicle:
     # --- one tick, bytes out ---
 
     def advance(self) -> list[bytes]:
-        """Fly one tick; returns the datagrams to send at its end."""
+        """Fly one tick; returns the datagrams to send at its end on the first link."""
+        self.step()
+        return self.collect(self.channel)
+
+    def step(self) -> None:
+        """Fly one tick."""
         self.tick += 1
         self._wind.advance(self.state)
         advance(self.state, self.flight.command, self._parameters, self._feedback, self._work)
@@ -154,10 +185,16 @@ class Vehicle:
         self._detect_collision(before, truth)
         if self._truth is not None:
             self._truth.record(self.time_ns, self.state, self._wind_ned)
-        frames = self._services.collect()
-        frames.extend(self.telemetry.report(self.tick, self._estimator.update(truth), truth))
-        if self._lockstep:
-            frames.append(self._encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
+        self._scan_poses.append(truth)
+        self._now = Snapshot(self._estimator.update(truth), truth, self._scan_poses[0])
+        self._services.tell()
+
+    def collect(self, channel: Channel) -> list[bytes]:
+        """The datagrams to send on a link at the end of a tick."""
+        frames = channel.take()
+        frames.extend(channel.telemetry.report(self.tick, self._now))
+        if self._lockstep and channel is self.channel:
+            frames.append(channel.encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
         return _datagrams(frames)
 
     def _move_world(self) -> None:
@@ -235,7 +272,7 @@ def warm_up(airframe: Airframe, world: World) -> None:
     world.clearance(vehicle.state[0:3])
     for message_id in vehicle.telemetry.message_ids:
         vehicle.telemetry.request(message_id)
-    companion = Encoder(SYSTEM, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
+    companion = Encoder(vehicle.identity.system, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
     for message in (
         dialect.MAVLink_timesync_message(0, 1),
         dialect.MAVLink_ping_message(0, 0, 0, 0),

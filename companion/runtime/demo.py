@@ -10,6 +10,7 @@ from typing import Any
 
 from companion.outcomes import Testimony
 from companion.runtime.flight import Plan, PlanError, Result, fly, prepare
+from companion.state import Output
 from protocol.guarded_link import GuardedLink
 from protocol.key_files import Keeper
 from protocol.toml_files import by_first_word
@@ -63,6 +64,7 @@ def _fly(plan: Plan, logs: Path, truth: Path | None, key: Path | None, *, consol
 
 def _start_simulator(plan: Plan, port: int, truth: Path | None, key: Path | None) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
+    command += ["--param", "NAV_DLL_ACT=3", "--firmware", "1.13" if plan.output is Output.ACTUATORS else "1.16"]
     command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
     command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]
     command += [part for override in simulator_overrides(plan) for part in ("--set", override)]

@@ -10,11 +10,11 @@ which a listener could send one after the other.
 """
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 
 from protocol.framing import Frame, Framer
 from protocol.guarded_link import GuardedLink, drain, forward
-from protocol.messages import dialect, layout
+from protocol.messages import dialect
+from protocol.routing import NOBODYS, Sender, is_for, learn, target_of
 from protocol.transport import Transport, TransportError
 
 _MOST_READS = 4
@@ -25,15 +25,9 @@ _MOST_WAITING = 1 << 16
 """Bytes of the vehicle that wait for the next tick; what comes beyond is not sent on."""
 _DATAGRAM = 1200
 """Bytes; passes any network whole."""
-_MOST_SENDERS = 64
 _REOPEN_NS = 1_000_000_000
 STATION_BYTES_PER_S = 20_000.0
 """What each station may send to the vehicle: more than parameters, missions and RTK corrections take."""
-_NOBODYS = frozenset({dialect.MAVLINK_MSG_ID_TIMESYNC, dialect.MAVLINK_MSG_ID_SETUP_SIGNING})
-"""Between two ends of one link: clocks, and keys."""
-
-Sender = tuple[int, int]
-"""System and component."""
 
 
 class Station:
@@ -206,10 +200,10 @@ class Router:
         learn(station.seen, frame)
         self._to_stations(frame, station)
         target = target_of(frame)
-        return frame.message_id not in _NOBODYS and target not in self._own and is_for(target, self._vehicle)
+        return frame.message_id not in NOBODYS and target not in self._own and is_for(target, self._vehicle)
 
     def _to_stations(self, frame: Frame, origin: Station | None) -> None:
-        if frame.message_id in _NOBODYS:
+        if frame.message_id in NOBODYS:
             return
         target, sender = target_of(frame), (frame.system, frame.component)
         ours = origin is None and sender in self._own  # even to where another one has spoken in our name
@@ -228,59 +222,6 @@ class Router:
         """Release all addresses."""
         for station in self.stations:
             station.close()
-
-
-def learn(seen: set[Sender], frame: Frame) -> None:
-    """Who has sent this is on that link; so many at the most, since anybody can make up senders."""
-    if frame.system and len(seen) < _MOST_SENDERS:
-        seen.add((frame.system, frame.component))
-
-
-def is_for(target: Sender, seen: set[Sender]) -> bool:
-    """A message for this target belongs on a link where these senders were heard: for all, or for one of them."""
-    system, component = target
-    if system == 0:
-        return True
-    if component == 0:
-        return any(each == system for each, _ in seen)
-    return target in seen
-
-
-def target_of(frame: Frame) -> Sender:
-    """Whom a message is for; 0 stands for all, and for a message that names nobody."""
-    if not frame.known:
-        return 0, 0
-    system_at, component_at = _places(frame.message_id)
-    payload = frame.payload
-    system = payload[system_at] if system_at is not None and system_at < len(payload) else 0
-    component = payload[component_at] if component_at is not None and component_at < len(payload) else 0
-    return system, component
-
-
-@lru_cache(maxsize=512)
-def _places(message_id: int) -> tuple[int | None, int | None]:
-    """Where target_system and target_component are in a payload."""
-    places: dict[str, int] = {}
-    at = 0
-    for field in layout(message_id).fields:
-        places[field.name] = at
-        at += _SIZES[field.type] * max(field.array_length, 1)
-    return places.get("target_system"), places.get("target_component")
-
-
-_SIZES = {
-    "char": 1,
-    "int8_t": 1,
-    "uint8_t": 1,
-    "int16_t": 2,
-    "uint16_t": 2,
-    "int32_t": 4,
-    "uint32_t": 4,
-    "float": 4,
-    "int64_t": 8,
-    "uint64_t": 8,
-    "double": 8,
-}
 
 
 def packed(frames: Sequence[bytes]) -> list[bytes]:

@@ -135,7 +135,8 @@ def waiting_companion(logs: Path, pace: str, mission: str = "courier", *more: st
 
 def simulator_for(port: int, pace: str, world: str = "neighbourhood") -> Process:
     """A simulator that flies once, with the companion that waits at a port."""
-    return Process("vehicle_sim", ("--once", "--bind", f"udpout:127.0.0.1:{port}", "--pace", pace, "--world", world))
+    options = ("--once", "--bind", f"udpout:127.0.0.1:{port}", "--pace", pace, "--world", world)
+    return Process("vehicle_sim", (*options, "--param", "NAV_DLL_ACT=3"))
 
 
 @contextmanager

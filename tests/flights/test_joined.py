@@ -233,7 +233,7 @@ def test_a_vehicle_that_restarts_in_other_hands_is_given_back(known: bool) -> No
 def test_a_vehicle_that_failed_over_by_itself_is_not_taken_back() -> None:
     """Its stream was lost on the way: it holds and lands, and hears no setpoint that would bring it back."""
     joined = Joined(COURIER, overrides=QUICK).fly(until=in_phase(Phase.ROUTE))
-    joined.vehicle.receive, receive = (lambda data: None), joined.vehicle.receive  # type: ignore[method-assign]
+    joined.vehicle.receive, receive = (lambda *_: None), joined.vehicle.receive  # type: ignore[method-assign]
     joined.fly(limit_s=1.2)
     joined.vehicle.receive = receive  # type: ignore[method-assign]
     joined.sent.clear()

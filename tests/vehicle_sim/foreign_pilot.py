@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from protocol.toml_files import find
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
+from vehicle_sim.services.identity import FIRST, Identity
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
@@ -50,8 +51,9 @@ class ForeignPilot:
         component: int = 191,
         all_streams: bool = False,
         airframe: Airframe = AIRFRAME,
+        identity: Identity = FIRST,
     ) -> None:
-        self.vehicle = Vehicle(airframe, world, seed=seed, lockstep=lockstep)
+        self.vehicle = Vehicle(airframe, world, seed=seed, lockstep=lockstep, identity=identity)
         if not all_streams:  # fewer to decode: these tests are many
             for message_id in self.vehicle.telemetry.message_ids:
                 if message_id not in (mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE):

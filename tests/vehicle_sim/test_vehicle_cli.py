@@ -40,6 +40,9 @@ def test_the_command_line_loads_without_compiled_code() -> None:
         (["--bind", "udpin:0.0.0.0:0"], ["udpin:0.0.0.0:0", "--signing-key", "--insecure"]),
         (["--bind", "tcpin:192.0.2.1:5760"], ["tcpin:192.0.2.1:5760", "--signing-key"]),
         (["--signing-key", "no/such/key"], ["no/such/key"]),
+        (["--gcs", "udpin:0.0.0.0:0"], ["udpin:0.0.0.0:0", "--insecure"]),
+        (["--firmware", "new"], ["--firmware new"]),
+        (["--bind", "udpout:127.0.0.1:9", "--param", "NAV_DLL_ACT=9"], ["NAV_DLL_ACT", "out of range"]),
     ],
 )
 def test_a_wrong_option_is_one_line_and_exit_code_2(arguments: list[str], names: list[str]) -> None:

@@ -212,7 +212,7 @@ def test_a_key_is_taken_from_this_machine_only(takes_keys: bool) -> None:
 
     def is_heard(datagram: bytes) -> bool:
         pilot.send(datagram)
-        return run._receive(0.0)
+        return run._receive(link, 0.0)
 
     assert is_heard(sender.encode_fields(mavlink.MAVLink_ping_message, 1, 1, 0, 0))
     assert not is_heard(setup(key, system=9)) and not link.signed

@@ -16,21 +16,11 @@ from vehicle_sim.autopilot.guidance import Guidance
 from vehicle_sim.autopilot.land_detector import LandDetector
 from vehicle_sim.autopilot.modes import TRANSITIONS, LandedState, Mode, Result, Severity, Trigger
 from vehicle_sim.autopilot.setpoints import OffboardSetpoints
+from vehicle_sim.autopilot.settings import SECOND_NS, Settings
 from vehicle_sim.physics.motion import Motion
-
-SECOND_NS = 1_000_000_000
 
 BOOT_NS = 1 * SECOND_NS
 """Time after boot from which the vehicle can be armed."""
-FAILSAFE_HOLD_NS = 5 * SECOND_NS
-"""Time in hold before the landing after a lost stream, PX4's COM_FAIL_ACT_T."""
-LINK_LOSS_NS = 10 * SECOND_NS
-"""Time without a heartbeat after which the vehicle in hold lands. It is PX4's COM_DL_LOSS_T. PX4 by default does
-nothing then (NAV_DLL_ACT), but the vehicle would hover until its battery is empty."""
-DISARM_LANDED_NS = 2 * SECOND_NS
-"""Time on the ground after which the vehicle disarms, PX4's COM_DISARM_LAND."""
-DISARM_PREFLIGHT_NS = 10 * SECOND_NS
-"""Time armed without a take-off after which the vehicle disarms, PX4's COM_DISARM_PRFLT."""
 
 _ARMING_TILT = math.radians(30.0)
 _MAX_DISTANCE_M = 10_000.0
@@ -42,6 +32,7 @@ class FlightControl:
 
     def __init__(self, airframe: Airframe, motion: Motion) -> None:
         self._airframe = airframe
+        self.settings = Settings.of(airframe)
         self._crash_tilt = math.radians(airframe.ground.crash_tilt_deg)
         self.motion = motion
         """At the end of the latest tick."""
@@ -60,7 +51,7 @@ class FlightControl:
         """The vehicle has been in the air since it was armed."""
         self.texts: list[tuple[Severity, str]] = []
         self.setpoints = OffboardSetpoints(airframe)
-        self._guidance = Guidance(airframe, motion.position_ned)
+        self._guidance = Guidance(airframe, self.settings, motion.position_ned)
         self._land_detector = LandDetector(airframe.ground.foot_height_m)
         self._stopped: Command = np.zeros(1, COMMAND)
         self._stopped["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
@@ -126,7 +117,7 @@ class FlightControl:
         """Climb to a height above home (None: that of the vehicle file), once armed. In the air it never descends."""
         if self.crash is not None:
             return self._refuse("Takeoff rejected: crashed")
-        height = self._airframe.auto.takeoff_height_m if height_m is None else height_m
+        height = self.settings.auto.takeoff_height_m if height_m is None else height_m
         if not math.isfinite(height) or height <= 0.0:
             return self._refuse(f"Takeoff rejected: {height:.1f} m above home", Result.DENIED)
         self.failsafe = False
@@ -264,18 +255,21 @@ class FlightControl:
             self.announce(Severity.WARNING, "Offboard setpoint stale: braking")
 
     def _watch_link(self, now_ns: int) -> None:
-        if self.failsafe and now_ns - self._failsafe_since_ns >= FAILSAFE_HOLD_NS:
-            self._fire(Trigger.STILL_LOST)
-        elif now_ns - self._link_alive_ns >= LINK_LOSS_NS:
-            self._fire(Trigger.LINK_LOST)
+        settings = self.settings
+        still, lost = settings.stream_loss, settings.link_loss
+        if still and self.failsafe and now_ns - self._failsafe_since_ns >= settings.failsafe_hold_ns:
+            self._fire(still)
+        elif lost and now_ns - self._link_alive_ns >= settings.link_loss_ns:
+            self._fire(lost)
 
     def _disarm_when_idle(self, now_ns: int) -> None:
+        after_landing_ns, before_ns = self.settings.disarm_landed_ns, self.settings.disarm_preflight_ns
         if self.flown:
             landed_ns = now_ns - self._landed_since_ns
-            if self.mode not in (Mode.OFFBOARD, Mode.TAKEOFF) and landed_ns >= DISARM_LANDED_NS:
+            if self.mode not in (Mode.OFFBOARD, Mode.TAKEOFF) and 0 < after_landing_ns <= landed_ns:
                 self._disarm("Disarmed by landing")
-        elif now_ns - self._armed_since_ns >= DISARM_PREFLIGHT_NS:
-            self._disarm("Disarmed: no takeoff within 10 s")
+        elif 0 < before_ns <= now_ns - self._armed_since_ns:
+            self._disarm(f"Disarmed: no takeoff within {before_ns * 1e-9:g} s")
 
     def _fire(self, trigger: Trigger) -> None:
         """Change the mode as TRANSITIONS says; a trigger without an entry for the mode changes nothing."""
@@ -283,7 +277,7 @@ class FlightControl:
         if row is None:
             return
         mode, severity, text = row
-        if trigger in (Trigger.STREAM_LOST, Trigger.LINK_LOST) and self.armed:
+        if trigger in (Trigger.STREAM_LOST, Trigger.LINK_LOST, Trigger.LINK_LOST_RETURN) and self.armed:
             self.failsafe = True
             self._failsafe_since_ns = self.motion.time_ns
         self.announce(severity, text)

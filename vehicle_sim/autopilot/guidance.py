@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from protocol.arrays import Vector
-from vehicle_sim.airframe import Airframe
+from vehicle_sim.airframe import Airframe, Auto
 from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
 from vehicle_sim.autopilot.modes import Mode, Trigger
+from vehicle_sim.autopilot.settings import Settings
 from vehicle_sim.physics.motion import Motion
 
 STILL_M_S = 0.3
@@ -30,8 +31,8 @@ class Arrival(NamedTuple):
 class Guidance:
     """The position target as a command for the control laws."""
 
-    def __init__(self, airframe: Airframe, start_ned: Vector) -> None:
-        self._auto = airframe.auto
+    def __init__(self, airframe: Airframe, settings: Settings, start_ned: Vector) -> None:
+        self._settings = settings
         self._foot_height_m = airframe.ground.foot_height_m
         self.command: Command = np.zeros(1, COMMAND)
         self.command["level"] = Level.POSITION
@@ -40,6 +41,10 @@ class Guidance:
         """Target (m) of a take-off."""
         self._above_climb = False
         """Returning: the climb is over, or was not needed."""
+
+    @property
+    def _auto(self) -> Auto:
+        return self._settings.auto
 
     def start(self, mode: Mode, motion: Motion, home_ned: Vector, *, landed: bool) -> None:
         """Enter a mode: set the target, the speed limits, and keep the present yaw."""

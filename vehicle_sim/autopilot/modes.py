@@ -23,8 +23,10 @@ class Trigger(Enum):
     """What can change the mode without a command."""
 
     STREAM_LOST = "no setpoint for 1 s"
-    STILL_LOST = "5 s in hold without a command after the stream was lost"
-    LINK_LOST = "no heartbeat for 10 s"
+    STILL_LOST = "some time in hold without a command after the stream was lost: land"
+    STILL_LOST_RETURN = "some time in hold without a command after the stream was lost: return"
+    LINK_LOST = "no heartbeat for some time: land"
+    LINK_LOST_RETURN = "no heartbeat for some time: return"
     CLIMBED = "at the take-off height"
     ABOVE_HOME = "above home"
     DISARMED = "motors off"
@@ -60,7 +62,13 @@ class LandedState(IntEnum):
 TRANSITIONS: dict[tuple[Mode, Trigger], tuple[Mode, Severity, str]] = {
     (Mode.OFFBOARD, Trigger.STREAM_LOST): (Mode.HOLD, Severity.CRITICAL, "Failsafe: offboard stream lost, holding"),
     (Mode.HOLD, Trigger.STILL_LOST): (Mode.LAND, Severity.CRITICAL, "Failsafe: offboard stream lost, landing"),
-    (Mode.HOLD, Trigger.LINK_LOST): (Mode.LAND, Severity.CRITICAL, "Failsafe: no heartbeat for 10 s, landing"),
+    (Mode.HOLD, Trigger.STILL_LOST_RETURN): (
+        Mode.RETURN,
+        Severity.CRITICAL,
+        "Failsafe: offboard stream lost, returning",
+    ),
+    (Mode.HOLD, Trigger.LINK_LOST): (Mode.LAND, Severity.CRITICAL, "Failsafe: no heartbeat, landing"),
+    (Mode.HOLD, Trigger.LINK_LOST_RETURN): (Mode.RETURN, Severity.CRITICAL, "Failsafe: no heartbeat, returning"),
     (Mode.TAKEOFF, Trigger.CLIMBED): (Mode.HOLD, Severity.INFO, "Takeoff height reached, holding"),
     (Mode.RETURN, Trigger.ABOVE_HOME): (Mode.LAND, Severity.INFO, "Home reached, landing"),
     (Mode.TAKEOFF, Trigger.DISARMED): (Mode.HOLD, Severity.INFO, "Disarmed, mode hold"),

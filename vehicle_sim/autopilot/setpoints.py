@@ -14,7 +14,7 @@ STREAM_GAP_NS = 500_000_000
 STREAM_PROOF_NS = 1_000_000_000
 """OFFBOARD can be entered when a stream has lasted this long."""
 STREAM_LOSS_NS = 1_000_000_000
-"""The stream is lost after this time without a setpoint, PX4's COM_OF_LOSS_T."""
+"""The stream is lost after this time without a setpoint, unless COM_OF_LOSS_T is changed."""
 STALE_NS = {Level.TORQUE: 100_000_000, Level.RATES: 250_000_000, Level.ATTITUDE: STREAM_GAP_NS}
 """Age at which the vehicle stops to follow a setpoint of each level and brakes, until the next setpoint or the loss of
 the stream. PX4 goes on with the old setpoint, which could tumble the vehicle or drive it into an obstacle."""
@@ -57,6 +57,7 @@ class OffboardSetpoints:
         self._max_thrust_n = airframe.body.max_thrust_n
         self._speed_limits = airframe.auto.speed_limits_m_s
         self.stream = SetpointStream()
+        self.loss_ns = STREAM_LOSS_NS
         self.command: Command = np.zeros(1, COMMAND)
         self.command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
         # Views: to find a field in a record takes longer than to write it, and a setpoint comes with each tick.
@@ -90,11 +91,11 @@ class OffboardSetpoints:
 
     def is_lost(self, now_ns: int) -> bool:
         """No setpoint for so long that OFFBOARD ends."""
-        return self.stream.age_ns(now_ns) > STREAM_LOSS_NS
+        return self.stream.age_ns(now_ns) > self.loss_ns
 
     def is_stale(self, now_ns: int) -> bool:
         """The setpoint is too old to be followed, see STALE_NS."""
-        return self.stream.age_ns(now_ns) > STALE_NS.get(self._level.item(), STREAM_LOSS_NS)
+        return self.stream.age_ns(now_ns) > STALE_NS.get(self._level.item(), self.loss_ns)
 
     def brake(self, stop_ned: Vector, yaw: float, *, landed: bool) -> None:
         """Until the next setpoint, stop at this position (m) with this heading (rad); on the ground stop the motors."""

@@ -9,9 +9,7 @@ from protocol.frames import to_local
 from protocol.messages import dialect
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Mode, Result, Severity
-from vehicle_sim.services.identity import is_for_vehicle
 from vehicle_sim.services.outbox import Outbox
-from vehicle_sim.services.telemetry import Telemetry
 
 Geodetic = tuple[float, float, float]
 """Latitude, longitude (rad), altitude above mean sea level (m)."""
@@ -40,16 +38,16 @@ def _whole(value: float) -> int:
 class CommandService:
     """Executes commands. `origin` is the place of the local axes on earth, `release` drops the parcel, if any."""
 
+    capabilities = dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT | dialect.MAV_PROTOCOL_CAPABILITY_GRIPPER
+
     def __init__(
         self,
         flight: FlightControl,
-        telemetry: Telemetry,
         outbox: Outbox,
         origin: Geodetic,
         release: Callable[[], bool],
     ) -> None:
         self._flight = flight
-        self._telemetry = telemetry
         self._outbox = outbox
         self._origin = origin
         self._release = release
@@ -75,12 +73,9 @@ class CommandService:
         }
 
     def _command_long(self, message: Any) -> None:
-        if is_for_vehicle(message):
-            self._execute(message, self._height_above_home(message.param7))
+        self._execute(message, self._height_above_home(message.param7))
 
     def _command_int(self, message: Any) -> None:
-        if not is_for_vehicle(message):
-            return
         height = (
             message.z
             if message.frame in _ABOVE_HOME and math.isfinite(message.z)
@@ -174,7 +169,7 @@ class CommandService:
     def _set_message_interval(self, message: Any, _: float | None) -> Result:
         if not math.isfinite(message.param2):
             return Result.DENIED
-        accepted = self._telemetry.set_interval(_whole(message.param1), round(message.param2))
+        accepted = self._outbox.streams.set_interval(_whole(message.param1), round(message.param2))
         return Result.ACCEPTED if accepted else Result.DENIED
 
     def _request_message(self, message: Any, _: float | None) -> Result:
@@ -184,15 +179,15 @@ class CommandService:
         return self._send(message_id)
 
     def _send(self, message_id: int) -> Result:
-        data = self._telemetry.request(message_id)
+        data = self._outbox.streams.request(message_id)
         if data is None:
             return Result.DENIED
-        self._outbox.append(data)
+        self._outbox.here.append(data)
         return Result.ACCEPTED
 
     def _send_interval(self, message_id: int) -> Result:
         if not 0 <= message_id <= 65535:
             return Result.DENIED
-        interval_us = self._telemetry.interval_us(message_id)
+        interval_us = self._outbox.streams.interval_us(message_id)
         self._outbox.send(dialect.MAVLink_message_interval_message, message_id, interval_us)
         return Result.ACCEPTED

@@ -1,11 +1,37 @@
-"""The vehicle's address on the MAVLink network."""
+"""Who the vehicle is on the MAVLink network, and what it says that it is."""
 
-from typing import Any
+from dataclasses import dataclass
 
-SYSTEM = 1
+from protocol.routing import Sender
+
 COMPONENT = 1
 
+_LAST_WITH_ACTUATOR_CONTROLS = (1, 13)
+_RELEASE = 255
 
-def is_for_vehicle(message: Any) -> bool:
-    """A message with a target addresses this vehicle, or everybody."""
-    return message.target_system in (0, SYSTEM) and message.target_component in (0, COMPONENT)
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Of one vehicle. `firmware`: the release of PX4 that it behaves as."""
+
+    system: int = 1
+    firmware: tuple[int, int] = (1, 16)
+
+    @property
+    def version(self) -> int:
+        """AUTOPILOT_VERSION's flight_sw_version."""
+        major, minor = self.firmware
+        return major << 24 | minor << 16 | _RELEASE
+
+    @property
+    def takes_actuator_controls(self) -> bool:
+        """PX4 dropped SET_ACTUATOR_CONTROL_TARGET after 1.13."""
+        return self.firmware <= _LAST_WITH_ACTUATOR_CONTROLS
+
+    def is_meant(self, target: Sender) -> bool:
+        """A message for this target is for this vehicle, or for everybody."""
+        return target[0] in (0, self.system) and target[1] in (0, COMPONENT)
+
+
+FIRST = Identity()
+"""The vehicle that is alone."""

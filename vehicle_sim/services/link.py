@@ -11,6 +11,8 @@ from vehicle_sim.services.outbox import Outbox
 class LinkService:
     """Answers requests and takes heartbeats."""
 
+    capabilities = dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+
     def __init__(self, flight: FlightControl, outbox: Outbox) -> None:
         self._flight = flight
         self._outbox = outbox
@@ -25,7 +27,7 @@ class LinkService:
             self._outbox.send(dialect.MAVLink_timesync_message, self._flight.motion.time_ns, message.ts1)
 
     def _ping(self, message: Any) -> None:
-        """A request has no target; an answer has."""
+        """A request is for all; an answer is for one."""
         if message.target_system == 0 and message.target_component == 0:
             self._outbox.send(
                 dialect.MAVLink_ping_message,

@@ -1,53 +1,32 @@
-"""The parameter service: what this vehicle does, under the names that PX4 has for it. None of it can be changed."""
+"""The parameter service: list, read and set, with integers bytewise as PX4 sends them.
 
-import math
+PX4 1.16 is silent about a name that it does not have and a type that is wrong; here PARAM_ERROR says so.
+"""
+
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from protocol.messages import dialect
-from protocol.vehicle_parameters import GRAVITY
-from vehicle_sim.airframe import Airframe
-from vehicle_sim.autopilot.flight_control import DISARM_LANDED_NS, DISARM_PREFLIGHT_NS, FAILSAFE_HOLD_NS, LINK_LOSS_NS
-from vehicle_sim.autopilot.setpoints import STREAM_LOSS_NS
-from vehicle_sim.services.identity import is_for_vehicle
-from vehicle_sim.services.outbox import Outbox
+from vehicle_sim.services.outbox import Outbox, Payload
+from vehicle_sim.services.parameter_store import Parameters, Refusal, Value
 
-_LAND_ON_STREAM_LOSS, _LAND_ON_LINK_LOSS = 4, 3
-_NO_TRANSMITTER_NEEDED = 7
-_NO_TERMINATION = 121212
+HASH = "_HASH_CHECK"
 
-
-def parameters(airframe: Airframe) -> dict[str, float | int]:
-    """By name, in the order of the names; integers are integer parameters."""
-    tilt = math.atan(airframe.auto.acceleration_limit_m_s2 / GRAVITY)
-    values: dict[str, float | int] = {
-        "CBRK_FLIGHTTERM": _NO_TERMINATION,
-        "COM_DISARM_LAND": DISARM_LANDED_NS * 1e-9,
-        "COM_DISARM_PRFLT": DISARM_PREFLIGHT_NS * 1e-9,
-        "COM_DL_LOSS_T": LINK_LOSS_NS // 1_000_000_000,
-        "COM_FAIL_ACT_T": FAILSAFE_HOLD_NS * 1e-9,
-        "COM_OBL_RC_ACT": _LAND_ON_STREAM_LOSS,
-        "COM_OF_LOSS_T": STREAM_LOSS_NS * 1e-9,
-        "COM_RCL_EXCEPT": _NO_TRANSMITTER_NEEDED,
-        "FD_FAIL_P": 0,
-        "FD_FAIL_R": 0,
-        "GF_MAX_HOR_DIST": airframe.fence.radius_m,
-        "GF_MAX_VER_DIST": airframe.fence.max_height_m,
-        "MPC_THR_HOVER": airframe.body.hover_thrust,
-        "MPC_TILTMAX_AIR": math.degrees(tilt),
-        "NAV_DLL_ACT": _LAND_ON_LINK_LOSS,
-    }
-    return dict(sorted(values.items()))
+_INTEGER, _FLOAT = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
+_HASH_INDEX = 65535
+_pack_value = struct.Struct("<4sHH16sB").pack
+"""PARAM_VALUE. Its value is handed on as bytes, since some integers are no float that survives being copied."""
 
 
 class ParameterService:
-    """Answers requests for one parameter or for all of them."""
+    """Answers questions for one parameter or all, and changes them."""
 
-    def __init__(self, airframe: Airframe, outbox: Outbox) -> None:
+    capabilities = dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+
+    def __init__(self, parameters: Parameters, outbox: Outbox) -> None:
+        self._parameters = parameters
         self._outbox = outbox
-        self._values = parameters(airframe)
-        self._names = list(self._values)
         self.handlers: dict[int, Callable[[Any], None]] = {
             dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._read,
             dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._list,
@@ -55,47 +34,59 @@ class ParameterService:
         }
 
     def _read(self, message: Any) -> None:
-        if not is_for_vehicle(message):
-            return
-        name, index = message.param_id, message.param_index
-        if 0 <= index < len(self._names):
-            name = self._names[index]
-        if name in self._values:
-            self._send(name)
+        names, name, index = self._parameters.names, message.param_id, message.param_index
+        if 0 <= index < len(names):
+            name = names[index]
+        if name == HASH or name in self._parameters:
+            self._outbox.put(self._value(name))
         else:
-            self._refuse(message, index, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+            self._refuse(message, index, Refusal.DOES_NOT_EXIST)
 
     def _list(self, message: Any) -> None:
-        if is_for_vehicle(message):
-            for name in self._names:
-                self._send(name)
+        """The hash first: a ground station that has these values already stops the rest by setting it."""
+        self._outbox.pace(self, self._all())
+
+    def _all(self) -> Iterator[Payload]:
+        yield self._value(HASH)
+        for name in self._parameters.names:
+            yield self._value(name)
 
     def _set(self, message: Any) -> None:
-        if is_for_vehicle(message):
-            known = message.param_id in self._values
-            error = dialect.MAV_PARAM_ERROR_READ_ONLY if known else dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST
-            self._refuse(message, -1, error)
+        name = message.param_id
+        if name == HASH:
+            self._outbox.pace(self, iter(()))
+            return
+        refusal = self._try_to_set(name, message)
+        if refusal is not None:
+            self._refuse(message, -1, refusal)
+        if name in self._parameters:
+            self._outbox.put(self._value(name), to_all=refusal is None)
 
-    def _send(self, name: str) -> None:
-        """PARAM_VALUE; the bytes of an integer stand where the float's would, as PX4 sends them."""
-        value, kind = self._values[name], dialect.MAV_PARAM_TYPE_REAL32
-        if isinstance(value, int):
-            value, kind = struct.unpack("<f", struct.pack("<i", value))[0], dialect.MAV_PARAM_TYPE_INT32
-        self._outbox.send(
-            dialect.MAVLink_param_value_message,
-            name.encode(),
-            value,
-            kind,
-            len(self._names),
-            self._names.index(name),
-        )
+    def _try_to_set(self, name: str, message: Any) -> Refusal | None:
+        value: Value = message.param_value
+        if message.param_type == _INTEGER:
+            value = int.from_bytes(message.get_payload()[:4].ljust(4, b"\0"), "little", signed=True)
+        elif message.param_type != _FLOAT and name in self._parameters:
+            return Refusal.TYPE_MISMATCH
+        return self._parameters.set(name, value)
 
-    def _refuse(self, message: Any, index: int, error: int) -> None:
+    def _value(self, name: str) -> Payload:
+        """PARAM_VALUE of one of `names`, or of the hash."""
+        parameters = self._parameters
+        if name == HASH:
+            data, index, kind = parameters.checksum(), _HASH_INDEX, dialect.MAV_PARAM_TYPE_UINT32
+        else:
+            data, index = parameters.packed(name), parameters.names.index(name)
+            kind = _INTEGER if parameters.is_integer(name) else _FLOAT
+        count = len(parameters.names)
+        return dialect.MAVLink_param_value_message, _pack_value(data, count, index, name.encode(), kind)
+
+    def _refuse(self, message: Any, index: int, refusal: Refusal) -> None:
         self._outbox.send(
             dialect.MAVLink_param_error_message,
             message.get_srcSystem(),
             message.get_srcComponent(),
             message.param_id.encode(),
             index,
-            error,
+            int(refusal),
         )

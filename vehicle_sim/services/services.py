@@ -1,52 +1,100 @@
 """All MAVLink services of the vehicle: received frames go to them, their frames go out with the next tick."""
 
 from collections.abc import Callable
-from typing import Any
+from functools import reduce
+from operator import or_
+from typing import Any, Protocol
 
 from protocol.framing import Frame
 from protocol.messages import Encoder, decode
+from protocol.routing import target_of
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.services.commands import CommandService, Geodetic
+from vehicle_sim.services.files import FileService
+from vehicle_sim.services.identity import COMPONENT, Identity
 from vehicle_sim.services.link import LinkService
-from vehicle_sim.services.outbox import Outbox
+from vehicle_sim.services.logs import LogService
+from vehicle_sim.services.outbox import Channel, Outbox
+from vehicle_sim.services.parameter_store import Parameters, text_of
 from vehicle_sim.services.parameters import ParameterService
+from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.setpoints import SetpointService
+from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.status_text import StatusTexts
-from vehicle_sim.services.telemetry import Telemetry
+from vehicle_sim.services.telemetry import Profile, Source, Telemetry
+
+PARAMETER_FILE = "parameters.params"
+"""The file with all parameters, for MAVLink FTP."""
+
+
+class Service(Protocol):
+    """A part of MAVLink. `handlers`: by message id; a message for others does not get there."""
+
+    handlers: dict[int, Callable[[Any], None]]
+    capabilities: int
+    """The bits of AUTOPILOT_VERSION that say that it is served."""
 
 
 class Services:
-    """Each service has the table of the messages that it handles; a new service is one more entry here."""
+    """Of one vehicle, on all its links. `origin` is the place of the local axes on earth, `release` drops the parcel.
+
+    A new service is one more entry here.
+    """
 
     def __init__(
         self,
-        encoder: Encoder,
+        identity: Identity,
         airframe: Airframe,
         flight: FlightControl,
-        telemetry: Telemetry,
+        parameters: Parameters,
+        scans: Scans,
         origin: Geodetic,
         release: Callable[[], bool],
     ) -> None:
+        self._identity = identity
         self._flight = flight
-        self._outbox = Outbox(encoder)
-        self._status_texts = StatusTexts(self._outbox)
-        self._handlers: dict[int, Callable[[Any], None]] = {
-            **LinkService(flight, self._outbox).handlers,
-            **SetpointService(flight).handlers,
-            **ParameterService(airframe, self._outbox).handlers,
-            **CommandService(flight, telemetry, self._outbox, origin, release).handlers,
-        }
+        self.outbox = outbox = Outbox()
+        self._status_texts = StatusTexts(outbox)
+        services: tuple[Service, ...] = (
+            LinkService(flight, outbox),
+            SetpointService(flight, identity),
+            ParameterService(parameters, outbox),
+            FileService({PARAMETER_FILE: lambda: text_of(parameters).encode()}, outbox),
+            LogService(outbox),
+            CommandService(flight, outbox, origin, release),
+        )
+        self._handlers = {key: handler for service in services for key, handler in service.handlers.items()}
+        capabilities: int = reduce(or_, (each.capabilities for each in services))
+        self._source = Source(airframe, scans, flight, origin, identity.version, capabilities)
 
-    def handle(self, frame: Frame) -> None:
-        """Handle a frame; one with an unknown message or for another vehicle is ignored."""
+    def open_channel(self, profile: Profile, tick: int, now: Snapshot, *, datagrams: bool) -> Channel:
+        """One link more, from a tick on."""
+        encoder = Encoder(self._identity.system, COMPONENT)
+        channel = Channel(encoder, Telemetry(encoder, self._source, now, profile), datagrams=datagrams)
+        channel.telemetry.begin(tick)
+        self.outbox.channels.append(channel)
+        return channel
+
+    def close_channel(self, channel: Channel) -> None:
+        """Its peer has gone."""
+        self.outbox.channels.remove(channel)
+
+    def handle(self, frame: Frame, channel: Channel) -> None:
+        """Handle a frame that came on a link, and hand it on to other links that it is for.
+
+        One with an unknown message is ignored.
+        """
+        target = target_of(frame)
+        self.outbox.answer(channel)
+        self.outbox.forward(frame, target, self._identity.system)
         handler = self._handlers.get(frame.message_id)
-        if handler is not None:
+        if handler is not None and self._identity.is_meant(target):
             handler(decode(frame))
+        self.outbox.answer(None)
 
-    def collect(self) -> list[bytes]:
-        """The frames to send beside the telemetry: the services' answers, then the autopilot's texts."""
+    def tell(self) -> None:
+        """The autopilot's texts, to all."""
         for severity, text in self._flight.texts:
             self._status_texts.send(severity, text)
         self._flight.texts.clear()
-        return self._outbox.take()

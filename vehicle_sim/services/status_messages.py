@@ -29,16 +29,6 @@ _HEALTHY = (
 )
 _ARMABLE = dialect.MAV_SYS_STATUS_PREARM_CHECK
 
-_CAPABILITIES = (
-    dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
-    | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-    | dialect.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
-    | dialect.MAV_PROTOCOL_CAPABILITY_RESERVED3  # formerly SET_ACTUATOR_TARGET
-    | dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-)
-_VERSION = 0x010D00FF
-"""PX4 1.13.0, release: the last version that takes SET_ACTUATOR_CONTROL_TARGET."""
-
 _CHARGE_STATES: tuple[tuple[float, int], ...] = (
     (0.05, dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY),
     (0.07, dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL),
@@ -53,8 +43,13 @@ _UNUSED_CELLS = (65535,) * 9
 class StatusMessages:
     """Encoders, one a message."""
 
-    def __init__(self, encoder: Encoder, airframe: Airframe, flight: FlightControl) -> None:
+    def __init__(
+        self, encoder: Encoder, airframe: Airframe, flight: FlightControl, version: int, capabilities: int
+    ) -> None:
         self._encode = encoder.encode_fields
+        self._version = version
+        self._capabilities = capabilities
+        self._system = encoder.system
         self._airframe = airframe
         self._flight = flight
 
@@ -121,8 +116,8 @@ class StatusMessages:
     def autopilot_version(self, now: Snapshot) -> bytes:
         return self._encode(
             dialect.MAVLink_autopilot_version_message,
-            _CAPABILITIES,
-            _VERSION,
+            self._capabilities,
+            self._version,
             0,
             0,
             0,
@@ -131,7 +126,7 @@ class StatusMessages:
             _NOTHING_8,
             0,
             0,
-            1,
+            self._system,
             bytes(18),
         )
 

@@ -35,6 +35,11 @@ class Schedule:
         """Heap of (tick, message id)."""
         self._reschedule()
 
+    def begin(self, tick: int) -> None:
+        """Nothing is due at this tick or before."""
+        self._tick = tick
+        self._reschedule()
+
     def set_interval(self, message_id: int, interval_us: int) -> bool:
         """-1: off, 0: the default, else rounded down to whole ticks, but not below the least interval.
 

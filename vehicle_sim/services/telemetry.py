@@ -1,62 +1,80 @@
 """Telemetry: which messages the vehicle streams, and at which intervals by default."""
 
-from collections import deque
 from collections.abc import Callable, Iterator
+from enum import Enum
+from typing import NamedTuple
 
 from protocol.messages import Encoder, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import LandedState, Mode
-from vehicle_sim.physics.motion import Motion
-from vehicle_sim.sensors.lidar import Lidar
-from vehicle_sim.services.sensor_messages import SensorMessages
+from vehicle_sim.services.sensor_messages import Scans, SensorMessages
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.state_messages import StateMessages
 from vehicle_sim.services.status_messages import StatusMessages
 from vehicle_sim.services.streams import Schedule
-from vehicle_sim.timing import TICK_NS
-from vehicle_sim.world import Scene
 
 Build = Callable[[Snapshot], bytes]
 """Encodes one message."""
 
 
-class Telemetry:
-    """All streamed messages, as frames."""
+class Source(NamedTuple):
+    """What telemetry reports on, for all links."""
 
-    def __init__(
-        self, encoder: Encoder, airframe: Airframe, scene: Scene, lidar: Lidar, flight: FlightControl, start: Motion
-    ) -> None:
-        self._flight = flight
-        self._scan_poses = deque([start], maxlen=1 + round(lidar.settings.latency_s * 1e9 / TICK_NS))
-        self._now = Snapshot(start, start, start)
+    airframe: Airframe
+    scans: Scans
+    flight: FlightControl
+    origin: tuple[float, float, float]
+    version: int
+    capabilities: int
+
+
+class Profile(Enum):
+    """The default streams of a link."""
+
+    ONBOARD = "of a companion"
+    GROUND = "of a ground station: the rates of PX4's mode `normal`"
+
+
+class Telemetry:
+    """All messages streamed to a link, as frames. `start` is what is reported before the first tick."""
+
+    def __init__(self, encoder: Encoder, source: Source, start: Snapshot, profile: Profile = Profile.ONBOARD) -> None:
+        self._flight = flight = source.flight
+        self._now = start
         self._reported: tuple[Mode, bool, bool, bool] | None = None
         self._reported_landed: LandedState | None = None
-        state = StateMessages(encoder, flight, scene.world.origin)
-        self._status = status = StatusMessages(encoder, airframe, flight)
-        sensors = SensorMessages(encoder, lidar, scene)
-        scan_us = round(1e6 / lidar.settings.rate_hz)
-        table: tuple[tuple[int, Build, int, int], ...] = (  # id, builder, default and least interval (us)
-            (dialect.MAVLINK_MSG_ID_HEARTBEAT, status.heartbeat, 1_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, state.attitude_quaternion, 20_000, 0),
-            (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, state.local_position_ned, 20_000, 0),
-            (dialect.MAVLINK_MSG_ID_ODOMETRY, state.odometry, 33_333, 0),
-            (dialect.MAVLINK_MSG_ID_ATTITUDE, state.attitude, 100_000, 0),
-            (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, state.global_position_int, 100_000, 0),
-            (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, state.gps_raw_int, 200_000, 0),
-            (dialect.MAVLINK_MSG_ID_SYS_STATUS, status.sys_status, 1_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, status.extended_sys_state, 200_000, 0),
-            (dialect.MAVLINK_MSG_ID_BATTERY_STATUS, status.battery_status, 2_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET, status.attitude_target, 100_000, 0),
-            (dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, status.servo_output_raw, 100_000, 0),
-            (dialect.MAVLINK_MSG_ID_HOME_POSITION, state.home_position, 2_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, state.hil_state_quaternion, 50_000, 0),
-            (dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, sensors.obstacle_distance, scan_us, scan_us),
-            (dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, sensors.distance_sensor, scan_us, scan_us),
-            (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version, 0, 0),
+        state = StateMessages(encoder, flight, source.origin)
+        self._status = status = StatusMessages(encoder, source.airframe, flight, source.version, source.capabilities)
+        sensors = SensorMessages(encoder, source.scans)
+        scan_us = round(1e6 / source.airframe.lidar.rate_hz)
+        table: tuple[tuple[int, Build, int, int, int], ...] = (
+            # id, builder, intervals (us): default onboard and on the ground, least
+            (dialect.MAVLINK_MSG_ID_HEARTBEAT, status.heartbeat, 1_000_000, 1_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, state.attitude_quaternion, 20_000, 100_000, 0),
+            (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, state.local_position_ned, 20_000, 1_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_ODOMETRY, state.odometry, 33_333, 0, 0),
+            (dialect.MAVLINK_MSG_ID_ATTITUDE, state.attitude, 100_000, 66_667, 0),
+            (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, state.global_position_int, 100_000, 200_000, 0),
+            (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, state.gps_raw_int, 200_000, 200_000, 0),
+            (dialect.MAVLINK_MSG_ID_SYS_STATUS, status.sys_status, 1_000_000, 1_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, status.extended_sys_state, 200_000, 1_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_BATTERY_STATUS, status.battery_status, 2_000_000, 2_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET, status.attitude_target, 100_000, 500_000, 0),
+            (dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, status.servo_output_raw, 100_000, 1_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_HOME_POSITION, state.home_position, 2_000_000, 2_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, state.hil_state_quaternion, 50_000, 0, 0),
+            (dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, sensors.obstacle_distance, scan_us, 1_000_000, scan_us),
+            (dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, sensors.distance_sensor, scan_us, 2_000_000, scan_us),
+            (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version, 0, 0, 0),
         )
-        self._builders = {message_id: build for message_id, build, _, _ in table}
-        self._schedule = Schedule({message_id: (default, least) for message_id, _, default, least in table})
+        self._builders = {message_id: build for message_id, build, *_ in table}
+        onboard = profile is Profile.ONBOARD
+        self._schedule = Schedule({row[0]: (row[2] if onboard else row[3], row[4]) for row in table})
+
+    def begin(self, tick: int) -> None:
+        """See Schedule.begin."""
+        self._schedule.begin(tick)
 
     def set_interval(self, message_id: int, interval_us: int) -> bool:
         """See Schedule.set_interval."""
@@ -76,10 +94,9 @@ class Telemetry:
         build = self._builders.get(message_id)
         return None if build is None else build(self._now)
 
-    def report(self, tick: int, estimate: Motion, truth: Motion) -> Iterator[bytes]:
+    def report(self, tick: int, now: Snapshot) -> Iterator[bytes]:
         """All frames due at a tick. A change of mode, arming or landed state is reported at once, before the others."""
-        self._scan_poses.append(truth)
-        self._now = now = Snapshot(estimate, truth, self._scan_poses[0])
+        self._now = now
         flight = self._flight
         status = (flight.mode, flight.armed, flight.failsafe, flight.crash is not None)
         if status != self._reported:

@@ -60,7 +60,7 @@ class Nobody:
 def test_a_vehicle_is_examined_and_nothing_else_is_done_to_it() -> None:
     link = Listened()
     found = examine(SETTINGS, None, link)
-    assert found.vehicle == "PX4 1.13.0" and found.refusal is None and found.output is Output.ATTITUDE
+    assert found.vehicle == "PX4 1.16.0" and found.refusal is None and found.output is Output.ATTITUDE
     assert {each.parameter: each.safety for each in found.findings}["COM_OF_LOSS_T"] is Safety.SAFE
     assert dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ in link.sent and not link.sent & NEVER_SENT
     assert not link.vehicle.flight.armed
@@ -75,7 +75,7 @@ def test_the_command_prints_a_table_or_json(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(side_links, "open_link", lambda url: Listened())
     shown = CliRunner().invoke(app, ["check"], env={"COLUMNS": "200"})
     assert shown.exit_code == 0
-    for words in ("PX4 1.13.0", "COM_OF_LOSS_T", "at most 1 s", "safe"):
+    for words in ("PX4 1.16.0", "COM_OF_LOSS_T", "at most 1 s", "safe"):
         assert words in shown.output
     whole = json.loads(CliRunner().invoke(app, ["check", "--json", "--output", "rates"]).output)
     assert whole["output"] == "rates" and whole["refusal"] is None

@@ -4,9 +4,10 @@ from typing import Any
 
 import pytest
 
-from companion.runtime.router import Router, Station, packed, target_of
+from companion.runtime.router import Router, Station, packed
 from protocol.framing import Frame, Framer
 from protocol.messages import Encoder, dialect
+from protocol.routing import target_of
 from protocol.transport import Memory, Tcp, TransportError
 
 TICK = 4_000_000

@@ -23,6 +23,7 @@ from tests.vehicle_sim.foreign_pilot import (
 )
 from vehicle_sim.autopilot.modes import TRANSITIONS, Mode
 from vehicle_sim.services.commands import FORCE
+from vehicle_sim.services.identity import Identity
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
@@ -38,7 +39,8 @@ def pilot() -> ForeignPilot:
 
 @pytest.fixture
 def aloft() -> ForeignPilot:
-    pilot = ForeignPilot()
+    """Of the last PX4 that takes torques."""
+    pilot = ForeignPilot(identity=Identity(firmware=(1, 13)))
     pilot.take_off()
     return pilot
 
@@ -237,7 +239,7 @@ def test_setpoints_below_2_hz_are_no_stream(pilot: ForeignPilot) -> None:
 
 @pytest.mark.parametrize("kind", ["attitude", "rates", "torque"])
 def test_each_kind_of_setpoint_flies(kind: str) -> None:
-    pilot = ForeignPilot()
+    pilot = ForeignPilot(identity=Identity(firmware=(1, 13)))
     hover = AIRFRAME.takeoff_mass_kg * 9.81 / AIRFRAME.body.max_thrust_n
 
     def torque() -> None:
@@ -290,6 +292,7 @@ def test_a_lost_stream_ends_in_hold_then_landing(aloft: ForeignPilot) -> None:
 def test_hold_without_heartbeats_ends_in_landing(aloft: ForeignPilot) -> None:
     """Whoever had it hold has gone: no mode that is asked for may keep it up for ever."""
     pilot = aloft
+    pilot.vehicle.parameters.set("NAV_DLL_ACT", 3)
     assert pilot.set_mode(HOLD) == ACCEPTED
     pilot.fly(15.0)
     assert pilot.mode == HOLD
@@ -297,7 +300,7 @@ def test_hold_without_heartbeats_ends_in_landing(aloft: ForeignPilot) -> None:
     assert not pilot.fly(8.9, until=lambda: pilot.mode == LAND)
     assert pilot.fly(1.1, until=lambda: pilot.mode == LAND)
     assert pilot.fly(20.0, until=lambda: not pilot.armed)
-    assert [text for text in pilot.texts if "Failsafe" in text] == ["Failsafe: no heartbeat for 10 s, landing"]
+    assert [text for text in pilot.texts if "Failsafe" in text] == ["Failsafe: no heartbeat, landing"]
 
 
 def test_a_gap_below_a_second_changes_nothing(aloft: ForeignPilot) -> None:

@@ -1,0 +1,77 @@
+"""Parameters that outlast the vehicle, in a file that ground stations read, too."""
+
+from pathlib import Path
+
+import pytest
+from pymavlink import mavparm
+
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY
+from vehicle_sim.parameter_files import ParameterFileError, keep
+from vehicle_sim.services.identity import FIRST, Identity
+from vehicle_sim.services.parameter_store import Parameters
+from vehicle_sim.services.parameter_table import TABLE
+from vehicle_sim.vehicle import Vehicle
+
+
+def parameters(identity: Identity = FIRST) -> Parameters:
+    return Vehicle(AIRFRAME, EMPTY, identity=identity).parameters
+
+
+def test_a_change_outlasts_the_vehicle(tmp_path: Path) -> None:
+    file = tmp_path / "own.params"
+    first = parameters()
+    keep(first, file, ["NAV_DLL_ACT=3"])
+    first.set("MPC_XY_CRUISE", 0.1 + 3.2)
+    second = parameters(Identity(system=7))
+    keep(second, file, [])
+    assert (second["NAV_DLL_ACT"], second["MPC_XY_CRUISE"], second["MAV_SYS_ID"]) == (3, 0.1 + 3.2, 7)
+    assert {name: first[name] for name in TABLE if name != "MAV_SYS_ID"} == {
+        name: second[name] for name in TABLE if name != "MAV_SYS_ID"
+    }
+    assert [each.name for each in tmp_path.iterdir()] == ["own.params"]
+
+
+def test_mavproxys_form_is_read_too(tmp_path: Path) -> None:
+    told = mavparm.MAVParmDict()
+    told["COM_DISARM_LAND"], told["NAV_RCL_ACT"] = 4.5, 3.0
+    file = tmp_path / "mav.parm"
+    told.save(str(file))
+    read = parameters()
+    keep(read, file, [])
+    assert (read["COM_DISARM_LAND"], read["NAV_RCL_ACT"]) == (4.5, 3)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("1\t1\tNOT_THERE\t1\t6", ["line 2", "NOT_THERE", "does not exist"]),
+        ("1\t1\tNAV_DLL_ACT\t9\t6", ["line 2", "NAV_DLL_ACT", "out of range"]),
+        ("1\t1\tNAV_DLL_ACT\t0.5\t6", ["line 2", "type mismatch"]),
+        ("NAV_DLL_ACT three", ["line 2", "three"]),
+        ("NAV_DLL_ACT 3 6", ["line 2"]),
+    ],
+)
+def test_a_wrong_line_is_named(tmp_path: Path, line: str, words: list[str]) -> None:
+    file = tmp_path / "own.params"
+    file.write_text(f"# a comment\n{line}\n")
+    with pytest.raises(ParameterFileError) as caught:
+        keep(parameters(), file, [])
+    assert all(word in str(caught.value) for word in words)
+
+
+@pytest.mark.parametrize("assignment", ["NAV_DLL_ACT", "NAV_DLL_ACT=7", "MAV_SYS_ID=9", "NOPE=1"])
+def test_a_wrong_assignment_is_named(assignment: str) -> None:
+    with pytest.raises(ParameterFileError, match=f"--param {assignment}"):
+        keep(parameters(), None, [assignment])
+
+
+def test_a_disk_that_is_gone_is_said_at_the_start_and_ends_no_flight(tmp_path: Path) -> None:
+    folder = tmp_path / "gone"
+    with pytest.raises(ParameterFileError):
+        keep(parameters(), folder / "own.params", [])
+    folder.mkdir()
+    kept = parameters()
+    keep(kept, folder / "own.params", [])
+    (folder / "own.params").unlink()
+    folder.rmdir()
+    assert kept.set("NAV_DLL_ACT", 3) is None

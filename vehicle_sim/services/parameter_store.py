@@ -1,0 +1,170 @@
+"""The values of the parameters, and what obeys them."""
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+from typing import NamedTuple
+
+import msgspec
+
+from protocol.messages import dialect
+from protocol.vehicle_parameters import GRAVITY
+from vehicle_sim.airframe import Airframe
+from vehicle_sim.autopilot.flight_control import FlightControl
+from vehicle_sim.autopilot.modes import Trigger
+from vehicle_sim.autopilot.settings import SECOND_NS
+from vehicle_sim.services.checksum import crc32
+from vehicle_sim.services.identity import COMPONENT
+from vehicle_sim.services.parameter_table import TABLE
+
+Value = float | int
+
+_NO_TRANSMITTER_NEEDED = 7
+_NO_TERMINATION = 121212
+_VOLATILE = frozenset({"COM_FLIGHT_UUID"})
+"""Changes by itself, and does not count for the hash."""
+
+
+class Refusal(IntEnum):
+    """MAV_PARAM_ERROR."""
+
+    DOES_NOT_EXIST = 1
+    VALUE_OUT_OF_RANGE = 2
+    READ_ONLY = 5
+    TYPE_MISMATCH = 7
+
+
+class Bound(NamedTuple):
+    """What obeys a parameter."""
+
+    read: Callable[[FlightControl], Value]
+    write: Callable[[FlightControl, Value], None]
+    choices: tuple[int, ...] = ()
+    """The values that can be obeyed; none: all within the limits."""
+
+
+def _seconds(field: str, kind: type[float] | type[int] = float, part: str = "settings") -> Bound:
+    """A time in nanoseconds of the settings or another part of the autopilot."""
+    return Bound(
+        lambda flight: kind(getattr(getattr(flight, part), field) / SECOND_NS),
+        lambda flight, value: setattr(getattr(flight, part), field, round(value * SECOND_NS)),
+    )
+
+
+def _action(field: str, triggers: Mapping[int, Trigger | None]) -> Bound:
+    """What a failsafe does."""
+    numbers = {trigger: number for number, trigger in reversed(list(triggers.items()))}
+    return Bound(
+        lambda flight: numbers[getattr(flight.settings, field)],
+        lambda flight, value: setattr(flight.settings, field, triggers[int(value)]),
+        tuple(triggers),
+    )
+
+
+def _of(table: str, field: str) -> Bound:
+    """A field of one of the vehicle file's tables."""
+
+    def write(flight: FlightControl, value: Value) -> None:
+        changed = msgspec.structs.replace(getattr(flight.settings, table), **{field: value})
+        setattr(flight.settings, table, changed)
+
+    return Bound(lambda flight: float(getattr(getattr(flight.settings, table), field)), write)
+
+
+OBEYED: dict[str, Bound] = {
+    "COM_DISARM_LAND": _seconds("disarm_landed_ns"),
+    "COM_DISARM_PRFLT": _seconds("disarm_preflight_ns"),
+    "COM_DL_LOSS_T": _seconds("link_loss_ns", int),
+    "COM_FAIL_ACT_T": _seconds("failsafe_hold_ns"),
+    "COM_OBL_RC_ACT": _action("stream_loss", {3: Trigger.STILL_LOST_RETURN, 4: Trigger.STILL_LOST, 5: None}),
+    "COM_OF_LOSS_T": _seconds("loss_ns", part="setpoints"),
+    "GF_MAX_HOR_DIST": _of("fence", "radius_m"),
+    "GF_MAX_VER_DIST": _of("fence", "max_height_m"),
+    "MIS_TAKEOFF_ALT": _of("auto", "takeoff_height_m"),
+    "MPC_LAND_SPEED": _of("auto", "land_speed_m_s"),
+    "MPC_TKO_SPEED": _of("auto", "climb_speed_m_s"),
+    "MPC_XY_CRUISE": _of("auto", "cruise_speed_m_s"),
+    "MPC_Z_V_AUTO_DN": _of("auto", "descent_speed_m_s"),
+    "NAV_DLL_ACT": _action("link_loss", {0: None, 2: Trigger.LINK_LOST_RETURN, 3: Trigger.LINK_LOST}),
+    "RTL_RETURN_ALT": _of("auto", "return_height_m"),
+}
+
+
+def _facts(airframe: Airframe) -> dict[str, Value]:
+    """What is so about this vehicle, and can't be changed."""
+    return {
+        "CBRK_FLIGHTTERM": _NO_TERMINATION,
+        "COM_RCL_EXCEPT": _NO_TRANSMITTER_NEEDED,
+        "FD_FAIL_P": 0,
+        "FD_FAIL_R": 0,
+        "MPC_THR_HOVER": airframe.body.hover_thrust,
+        "MPC_TILTMAX_AIR": math.degrees(math.atan(airframe.auto.acceleration_limit_m_s2 / GRAVITY)),
+    }
+
+
+class Parameters:
+    """All parameters of a vehicle. What a parameter of `OBEYED` says is read from and written to the autopilot."""
+
+    def __init__(self, airframe: Airframe, flight: FlightControl, system: int) -> None:
+        self._flight = flight
+        self._facts = _facts(airframe) | {"MAV_SYS_ID": system}
+        self._kept: dict[str, Value] = {name: entry.default for name, entry in TABLE.items()}
+        self._kept |= self._facts
+        self.names = list(TABLE)
+        """In the order of their indices."""
+        self.on_change: Callable[[], None] = lambda: None
+        """Called after each change."""
+
+    def __getitem__(self, name: str) -> Value:
+        bound = OBEYED.get(name)
+        return self._kept[name] if bound is None else bound.read(self._flight)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._kept
+
+    def is_integer(self, name: str) -> bool:
+        return TABLE[name].is_integer
+
+    def set(self, name: str, value: Value) -> Refusal | None:
+        """Change a value (int for an integer parameter), or say why not.
+
+        Unlike PX4, which takes any number, it refuses what is outside the limits or could not be obeyed.
+        """
+        entry = TABLE.get(name)
+        if entry is None:
+            return Refusal.DOES_NOT_EXIST
+        if isinstance(value, int) is not entry.is_integer:
+            return Refusal.TYPE_MISMATCH
+        if name in self._facts:
+            return None if value == self[name] else Refusal.READ_ONLY
+        bound = OBEYED.get(name)
+        least = -math.inf if entry.least is None else entry.least
+        most = math.inf if entry.most is None else entry.most
+        if not (math.isfinite(value) and least <= value <= most):
+            return Refusal.VALUE_OUT_OF_RANGE
+        if bound is not None and bound.choices and value not in bound.choices:
+            return Refusal.VALUE_OUT_OF_RANGE
+        if bound is None:
+            self._kept[name] = value
+        else:
+            bound.write(self._flight, value)
+        self.on_change()
+        return None
+
+    def packed(self, name: str) -> bytes:
+        """The four bytes of a value, as PARAM_VALUE and PX4's hash have them."""
+        return struct.pack("<i" if self.is_integer(name) else "<f", self[name])
+
+    def checksum(self) -> bytes:
+        """`_HASH_CHECK` as PX4 computes it, over all names and values."""
+        return crc32(b"".join(name.encode() + self.packed(name) for name in self.names if name not in _VOLATILE))
+
+
+def text_of(parameters: Parameters) -> str:
+    """All of them as a file of QGroundControl's form."""
+    lines = ["# Vehicle-Id Component-Id Name Value Type"]
+    for name in parameters.names:
+        kind = dialect.MAV_PARAM_TYPE_INT32 if parameters.is_integer(name) else dialect.MAV_PARAM_TYPE_REAL32
+        lines.append(f"{parameters['MAV_SYS_ID']}\t{COMPONENT}\t{name}\t{parameters[name]!r}\t{kind}")
+    return "\n".join(lines) + "\n"
