@@ -7,10 +7,12 @@ from protocol.framing import Frame
 from protocol.messages import Encoder, decode
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
-from vehicle_sim.services.commands import CommandService, Geodetic
+from vehicle_sim.services.commands import CommandService
 from vehicle_sim.services.link import LinkService
+from vehicle_sim.services.missions import MissionService
 from vehicle_sim.services.outbox import Outbox
 from vehicle_sim.services.parameters import ParameterService
+from vehicle_sim.services.places import Geodetic
 from vehicle_sim.services.setpoints import SetpointService
 from vehicle_sim.services.status_text import StatusTexts
 from vehicle_sim.services.telemetry import Telemetry
@@ -31,10 +33,12 @@ class Services:
         self._flight = flight
         self._outbox = Outbox(encoder)
         self._status_texts = StatusTexts(self._outbox)
+        self._missions = MissionService(flight, self._outbox, origin)
         self._handlers: dict[int, Callable[[Any], None]] = {
             **LinkService(flight, self._outbox).handlers,
-            **SetpointService(flight).handlers,
+            **SetpointService(flight, origin).handlers,
             **ParameterService(airframe, self._outbox).handlers,
+            **self._missions.handlers,
             **CommandService(flight, telemetry, self._outbox, origin, release).handlers,
         }
 
@@ -46,6 +50,7 @@ class Services:
 
     def collect(self) -> list[bytes]:
         """The frames to send beside the telemetry: the services' answers, then the autopilot's texts."""
+        self._missions.update()
         for severity, text in self._flight.texts:
             self._status_texts.send(severity, text)
         self._flight.texts.clear()

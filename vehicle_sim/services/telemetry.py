@@ -3,12 +3,13 @@
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from protocol.messages import Encoder, dialect
+from protocol.messages import AvailableModes, CurrentMode, Encoder, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import LandedState, Mode
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.sensors.lidar import Lidar
+from vehicle_sim.services.mode_messages import ModeMessages
 from vehicle_sim.services.sensor_messages import SensorMessages
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.state_messages import StateMessages
@@ -34,6 +35,7 @@ class Telemetry:
         self._reported_landed: LandedState | None = None
         state = StateMessages(encoder, flight, scene.world.origin)
         self._status = status = StatusMessages(encoder, airframe, flight)
+        self._modes = modes = ModeMessages(encoder, flight, scene.world.origin)
         sensors = SensorMessages(encoder, lidar, scene)
         scan_us = round(1e6 / lidar.settings.rate_hz)
         table: tuple[tuple[int, Build, int, int], ...] = (  # id, builder, default and least interval (us)
@@ -53,6 +55,9 @@ class Telemetry:
             (dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, state.hil_state_quaternion, 50_000, 0),
             (dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, sensors.obstacle_distance, scan_us, scan_us),
             (dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, sensors.distance_sensor, scan_us, scan_us),
+            (dialect.MAVLINK_MSG_ID_MISSION_CURRENT, modes.mission_current, 1_000_000, 0),
+            (CurrentMode.id, modes.current_mode, 2_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS, modes.orbit_execution_status, 200_000, 0),
             (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version, 0, 0),
         )
         self._builders = {message_id: build for message_id, build, _, _ in table}
@@ -71,8 +76,10 @@ class Telemetry:
         """All messages that can be streamed or requested."""
         return tuple(self._builders)
 
-    def request(self, message_id: int) -> bytes | None:
-        """One message now; None if there is no such message."""
+    def request(self, message_id: int, number: int = 0) -> bytes | None:
+        """One message now; None if there is no such message. `number` is that of a mode, 0 for all of them."""
+        if message_id == AvailableModes.id:
+            return self._modes.available_modes(number)
         build = self._builders.get(message_id)
         return None if build is None else build(self._now)
 
@@ -85,6 +92,8 @@ class Telemetry:
         if status != self._reported:
             self._reported = status
             yield self._status.heartbeat(now)
+            if self._schedule.interval_us(CurrentMode.id) > 0:
+                yield self._modes.current_mode(now)
         landed = flight.landed_state
         if landed is not self._reported_landed:
             self._reported_landed = landed
