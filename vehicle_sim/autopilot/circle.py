@@ -12,8 +12,8 @@ MIN_RADIUS_M, MAX_RADIUS_M = 1.0, 1000.0
 
 _CENTRIPETAL_M_S2 = 2.0
 """Limits the speed on small circles, as PX4 does."""
-_NEAR_M = 2.0
-"""Distance to the circle from which the vehicle begins to go round."""
+_NEAR_M = 1.0
+"""Distance to the circle within which the vehicle goes round at its speed; from twice of it on it does not."""
 _APPROACH_1_S = 0.95
 _APPROACH_M_S = 3.0
 
@@ -40,7 +40,7 @@ class Circle:
         angle = math.atan2(east, north)
         distance, radius, sense = math.hypot(north, east), abs(self.radius_m), math.copysign(1.0, self.radius_m)
         off = radius - distance
-        share = max(0.0, 1.0 - abs(off) / _NEAR_M)
+        share = min(1.0, max(0.0, 2.0 - abs(off) / _NEAR_M))
         speed = sense * share * min(self.speed_m_s, math.sqrt(_CENTRIPETAL_M_S2 * radius))
         outward = min(max(_APPROACH_1_S * off, -_APPROACH_M_S), _APPROACH_M_S)
         self._count(angle, near=share > 0.0)
