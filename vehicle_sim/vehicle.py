@@ -184,6 +184,11 @@ class Vehicle:
     # --- the result ---
 
     @property
+    def ended(self) -> bool:
+        """The vehicle was asked to shut down."""
+        return self._services.ended
+
+    @property
     def finished(self) -> bool:
         """The vehicle has flown and is disarmed on the ground again, or it has crashed."""
         flight = self.flight

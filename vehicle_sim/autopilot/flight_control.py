@@ -124,7 +124,7 @@ class FlightControl:
             return self.refuse("Mode change rejected: crashed")
         if self.mode is Mode.TERMINATION:
             return self.refuse("Mode change rejected: terminated")
-        problem = self._missing(mode) if self.armed else None
+        problem = self.missing(mode) if self.armed else None
         if problem is not None:
             return self.refuse(f"{mode.label} rejected: {problem}")
         self.failsafe = False
@@ -147,13 +147,15 @@ class FlightControl:
         self.enter(Mode.TAKEOFF)
         return Result.ACCEPTED
 
-    def _missing(self, mode: Mode) -> str | None:
+    def missing(self, mode: Mode) -> str | None:
         """What a mode flies by and is not there, or None."""
         if mode.flies is Flies.SETPOINTS:
             return self.setpoints.problem(self.motion.time_ns)
         if mode.flies is Flies.STICKS:
             return self.sticks.problem(self.motion.time_ns)
-        return self.mission.problem() if mode.flies is Flies.MISSION else None
+        if mode.flies is Flies.MISSION:
+            return self.mission.problem() or self.limits.objection(self.mission.items)
+        return None
 
     def arming_problem(self) -> str | None:
         """Why the vehicle can't be armed now, or None."""
@@ -168,7 +170,7 @@ class FlightControl:
             return "not level"
         if not self.mode.arms:
             return f"mode {self.mode.name.lower()}"
-        return self._missing(self.mode)
+        return self.missing(self.mode)
 
     def arm(self, *, force: bool = False) -> Result:
         """Start the motors. `force` skips all checks but that for a crash."""

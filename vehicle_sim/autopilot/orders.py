@@ -62,7 +62,7 @@ def set_home(flight: FlightControl, home_ned: Vector) -> Result:
 
 def start_mission(flight: FlightControl, first: int) -> Result:
     """Fly the mission from an item on (-1: from where it was), and arm."""
-    problem = flight.mission.problem()
+    problem = flight.missing(Mode.MISSION)
     if problem is not None:
         return flight.refuse(f"Mission start rejected: {problem}", Result.DENIED)
     if first >= 0 and not flight.mission.go_to(first):

@@ -46,6 +46,14 @@ class Limits:
         was, self.breached = self.breached, not fence.allows(self.zones, position_ned)
         return self.breached and not was
 
+    def objection(self, items: tuple[Item, ...]) -> str | None:
+        """Which item of a mission the fence does not allow, or None."""
+        for number, item in enumerate(items):
+            place = item.place
+            if place is not None and not math.isnan(place.north) and not fence.allows(self.zones, place[:2]):
+                return f"item {number} is outside of the geofence"
+        return None
+
     def haven(self, home_ned: Vector, position_ned: Vector) -> Vector:
         """Where a return leads: home or a rally point, whichever is nearest, at the height of home."""
         havens = [home_ned, *((place.north, place.east, home_ned[2]) for place in self.rally)]

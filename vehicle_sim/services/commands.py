@@ -28,6 +28,8 @@ class CommandService:
         self._flight = flight
         self._telemetry = telemetry
         self._outbox = outbox
+        self.ended = False
+        """The vehicle was asked to shut down."""
         self._flying = FlightCommands(flight, origin, release)
         self.handlers: dict[int, Callable[[Any], None]] = {
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._command,
@@ -70,8 +72,13 @@ class CommandService:
         )
 
     def _reboot(self, message: Any) -> Result:
-        """Nothing to do is done; this vehicle starts again with its program."""
-        return Result.ACCEPTED if message.param1 == 0.0 else Result.DENIED
+        """0: nothing. 1: restart, 2: shut down; either ends the program, as it does PX4's simulation."""
+        if message.param1 == 0.0:
+            return Result.ACCEPTED
+        if self._flight.armed or message.param1 not in (1.0, 2.0):
+            return Result.DENIED
+        self.ended = True
+        return Result.ACCEPTED
 
     # --- telemetry ---
 

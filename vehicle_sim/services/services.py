@@ -33,14 +33,20 @@ class Services:
         self._flight = flight
         self._outbox = Outbox(encoder)
         self._status_texts = StatusTexts(self._outbox)
+        self._commands = CommandService(flight, telemetry, self._outbox, origin, release)
         self._missions = MissionService(flight, self._outbox, origin)
         self._handlers: dict[int, Callable[[Any], None]] = {
             **LinkService(flight, self._outbox).handlers,
             **SetpointService(flight, origin).handlers,
             **ParameterService(airframe, self._outbox).handlers,
             **self._missions.handlers,
-            **CommandService(flight, telemetry, self._outbox, origin, release).handlers,
+            **self._commands.handlers,
         }
+
+    @property
+    def ended(self) -> bool:
+        """The vehicle was asked to shut down."""
+        return self._commands.ended
 
     def handle(self, frame: Frame) -> None:
         """Handle a frame; one with an unknown message or for another vehicle is ignored."""

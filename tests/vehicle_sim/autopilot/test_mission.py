@@ -184,6 +184,8 @@ def test_leaving_the_fence_ends_in_hold() -> None:
     assert pilot.last("HEARTBEAT").system_status == mavlink.MAV_STATE_CRITICAL
     pilot.fly(6.0)
     assert pilot.mode == HOLD
+    assert pilot.set_mode(MISSION) == REJECTED, "its waypoint is outside"
+    assert pilot.texts[-1] == "Mission rejected: item 0 is outside of the geofence"
     assert pilot.set_mode(RETURN) == ACCEPTED
 
 

@@ -121,7 +121,15 @@ def test_termination_is_the_end(aloft: ForeignPilot) -> None:
     assert AIRFRAME.ground.crash_speed_m_s < aloft.vehicle.motion.impact_m_s
 
 
-def test_a_reboot_is_denied_and_nothing_to_do_is_done(pilot: ForeignPilot) -> None:
+@pytest.mark.parametrize("action", [1, 2])
+def test_a_reboot_ends_the_program_of_a_disarmed_vehicle(pilot: ForeignPilot, action: int) -> None:
     reboot = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
-    assert pilot.command(reboot, 1) == DENIED
+    pilot.fly(1.1)
+    pilot.arm()
+    assert pilot.command(reboot, action) == DENIED
+    pilot.disarm()
     assert pilot.command(reboot, 0) == ACCEPTED
+    assert pilot.command(reboot, 4) == DENIED
+    assert not pilot.vehicle.ended
+    assert pilot.command(reboot, action) == ACCEPTED
+    assert pilot.vehicle.ended
