@@ -120,11 +120,7 @@ class FlightControl:
 
     def set_mode(self, mode: Mode) -> Result:
         """Change the mode; with running motors what it flies by must be there, as for PX4."""
-        if self.crash is not None:
-            return self.refuse("Mode change rejected: crashed")
-        if self.mode is Mode.TERMINATION:
-            return self.refuse("Mode change rejected: terminated")
-        problem = self.missing(mode) if self.armed else None
+        problem = self._end or (self.missing(mode) if self.armed else None)
         if problem is not None:
             return self.refuse(f"{mode.label} rejected: {problem}")
         self.failsafe = False
@@ -135,8 +131,8 @@ class FlightControl:
 
     def take_off(self, height_m: float | None) -> Result:
         """Climb to a height above home (None: that of the vehicle file), once armed. In the air it never descends."""
-        if self.crash is not None:
-            return self.refuse("Takeoff rejected: crashed")
+        if self._end is not None:
+            return self.refuse(f"Takeoff rejected: {self._end}")
         height = self.airframe.auto.takeoff_height_m if height_m is None else height_m
         if not math.isfinite(height) or height <= 0.0:
             return self.refuse(f"Takeoff rejected: {height:.1f} m above home", Result.DENIED)
@@ -146,6 +142,13 @@ class FlightControl:
         self.guidance.takeoff_ned = (north, east, min(down, home_down - height))
         self.enter(Mode.TAKEOFF)
         return Result.ACCEPTED
+
+    @property
+    def _end(self) -> str | None:
+        """Why nothing can be flown any more, or None."""
+        if self.crash is not None:
+            return "crashed"
+        return "terminated" if self.mode is Mode.TERMINATION else None
 
     def missing(self, mode: Mode) -> str | None:
         """What a mode flies by and is not there, or None."""
@@ -160,8 +163,8 @@ class FlightControl:
     def arming_problem(self) -> str | None:
         """Why the vehicle can't be armed now, or None."""
         now_ns = self.motion.time_ns
-        if self.crash is not None:
-            return "crashed"
+        if self._end is not None:
+            return self._end
         if self._powerless:
             return "battery empty"
         if now_ns < BOOT_NS:
@@ -313,6 +316,7 @@ class FlightControl:
         self.enter(mode)
 
     def enter(self, mode: Mode) -> None:
+        """Begin to fly in a mode."""
         self.mode = mode
         self._link_alive_ns = self.motion.time_ns
         self.guidance.start(mode, self.motion, self._haven, landed=self.landed)

@@ -117,6 +117,7 @@ def test_termination_is_the_end(aloft: ForeignPilot) -> None:
     assert aloft.command(end, 1) == ACCEPTED
     assert aloft.mode == Mode.TERMINATION.custom_mode
     assert aloft.set_mode(HOLD) == REJECTED
+    assert aloft.command(mavlink.MAV_CMD_NAV_TAKEOFF, *(UNSET,) * 7) == REJECTED
     assert aloft.fly(3.0, until=lambda: aloft.vehicle.flight.crash is not None)
     assert AIRFRAME.ground.crash_speed_m_s < aloft.vehicle.motion.impact_m_s
 
