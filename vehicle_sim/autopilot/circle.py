@@ -26,8 +26,8 @@ class Circle:
     """A circle to fly. A positive radius (m) is clockwise, seen from above. Speed in m/s."""
 
     center_ned: Vector
-    radius_m: float
-    speed_m_s: float
+    radius_m: float = 2.0
+    speed_m_s: float = 1.0
     yaw_behaviour: int = FACE_CENTER
     turned: float = 0.0
     """Angle (rad) that was flown on the circle."""

@@ -202,8 +202,7 @@ class FlightControl:
         self.armed = False
         self.failsafe = False
         self.announce(Severity.INFO, text)
-        if self.mission.finished:
-            self.mission.rewind()
+        self.mission.disarm()
         self._fire(Trigger.DISARMED)
 
     def lose_power(self) -> None:

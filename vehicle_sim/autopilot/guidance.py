@@ -17,8 +17,6 @@ STILL_M_S = 0.3
 """Below this speed the vehicle counts as at rest."""
 
 _ARRIVED_M = 0.5
-_ORBIT_RADIUS_M, _ORBIT_SPEED_M_S = 2.0, 1.0
-"""Of an orbit that nobody has described."""
 _BELOW_GROUND_M = 10.0
 """Depth of the target of a landing, which is never reached."""
 
@@ -68,7 +66,7 @@ class Guidance:
         self.command["yaw"] = motion.yaw
         self.command["speed_limits"] = self._auto.speed_limits_m_s
         if mode is Mode.ORBIT:
-            self.go_round(Circle(target, _ORBIT_RADIUS_M, _ORBIT_SPEED_M_S), motion)
+            self.go_round(Circle(target), motion)
 
     def go_round(self, circle: Circle, motion: Motion) -> None:
         """Fly a circle, until the next target."""

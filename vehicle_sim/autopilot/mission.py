@@ -46,7 +46,7 @@ class Mission:
         self._motion = motion
         self._home_ned: Vector = motion.position_ned
         self._landed = True
-        self._items: tuple[Item, ...] = ()
+        self.items: tuple[Item, ...] = ()
         self.current = 0
         self.finished = False
         self._begun = False
@@ -65,13 +65,9 @@ class Mission:
         """When the item's place was reached, or its time began."""
         self._jumps: dict[int, int] = {}
 
-    @property
-    def items(self) -> tuple[Item, ...]:
-        return self._items
-
     def load(self, items: tuple[Item, ...]) -> None:
         """Take a new mission, from its first item on."""
-        self._items = items
+        self.items = items
         self.rewind()
 
     def rewind(self) -> None:
@@ -80,16 +76,22 @@ class Mission:
         self.finished = self._begun = False
         self._jumps, self._speed_m_s, self._interest = {}, None, None
 
+    def disarm(self) -> None:
+        """The motors stop: the item begins anew when they start, or the mission if it was finished."""
+        self._begun = False
+        if self.finished:
+            self.rewind()
+
     def go_to(self, number: int) -> bool:
         """Go on with an item; False if there is none with this number."""
-        if not 0 <= number < len(self._items):
+        if not 0 <= number < len(self.items):
             return False
         self.current, self.finished, self._begun = number, False, False
         return True
 
     def problem(self) -> str | None:
         """Why the mission can't be flown, or None."""
-        return None if self._items else "no mission"
+        return None if self.items else "no mission"
 
     # --- flying ---
 
@@ -102,7 +104,7 @@ class Mission:
     def update(self, motion: Motion, home_ned: Vector, *, landed: bool) -> Trigger | None:
         """Fly one tick; tells when another mode must follow."""
         self._motion, self._home_ned, self._landed = motion, home_ned, landed
-        if self.finished or not self._items:
+        if self.finished or not self.items:
             return None if landed else Trigger.MISSION_FINISHED
         if not self._begun:
             self._begin()
@@ -111,7 +113,7 @@ class Mission:
             if arrival is not None:
                 self._begin()
             return None
-        item = self._items[self.current]
+        item = self.items[self.current]
         if item.command == dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self._advance(item)
             return Trigger.MISSION_RETURNS
@@ -126,7 +128,7 @@ class Mission:
         following = self.current + 1
         if item.command == dialect.MAV_CMD_DO_JUMP:
             following = self._jump(item)
-        if following < len(self._items):
+        if following < len(self.items):
             self.current = following
             self._begin()
         else:
@@ -135,16 +137,16 @@ class Mission:
     def _jump(self, item: Item) -> int:
         """The number of the item after a jump, which is made as often as it says (-1: always)."""
         made, repeats = self._jumps.get(self.current, 0), int(item.params[1])
-        if 0 <= repeats <= made or not 0 <= item.params[0] < len(self._items):
+        if 0 <= repeats <= made or not 0 <= item.params[0] < len(self.items):
             return self.current + 1
         self._jumps[self.current] = made + 1
         return int(item.params[0])
 
     def _begin(self) -> None:
-        item = self._items[self.current]
+        item = self.items[self.current]
         self._begun, self._since_ns, self._yaw = True, None, None
-        must_climb = self._landed and KINDS[item.command].placed and item.command != dialect.MAV_CMD_NAV_LAND
-        if must_climb and item.place is not None:
+        must_fly = item.command < dialect.MAV_CMD_NAV_LAST and item.command != dialect.MAV_CMD_NAV_LAND
+        if self._landed and must_fly and item.place is not None:
             north, east, down = self._motion.position_ned
             top = min(item.place.ned(self._home_ned)[2], down - self._takeoff_height_m)
             if item.command == dialect.MAV_CMD_NAV_TAKEOFF:

@@ -19,7 +19,6 @@ FORCE = 21196
 """param2 of an arming command that skips the checks."""
 
 _MODE_BY_STANDARD = {mode.standard: mode for mode in Mode if mode.standard}
-_ORBIT_M_S = 1.0
 _AUTO, _MANUAL = dialect.MAV_MODE_FLAG_AUTO_ENABLED, dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
 _GUIDED, _STABILIZED = dialect.MAV_MODE_FLAG_GUIDED_ENABLED, dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
 _BASE_MODES = (
@@ -126,15 +125,15 @@ class FlightCommands:
     def _orbit(self, message: Any) -> Result:
         """About a place on earth; what is unset is as in the orbit that is flown, or that of the mode."""
         flight = self._flight
-        before = flight.guidance.circle or Circle(flight.motion.position_ned, 2.0, _ORBIT_M_S)
-        target = self._target(message, before.center_ned)
-        if target is None:
+        before = flight.guidance.circle or Circle(flight.motion.position_ned)
+        center = self._over_sea(message, before.center_ned)
+        if center is None:
             return flight.refuse("Orbit rejected: no such place", Result.DENIED)
         radius, speed = _given(message.param1), _given(message.param2)
         return orders.orbit(
             flight,
             Circle(
-                target,
+                center,
                 before.radius_m if radius is None else radius,
                 before.speed_m_s if speed is None else abs(speed),
                 round(message.param3) if math.isfinite(message.param3) else FACE_CENTER,
@@ -153,18 +152,21 @@ class FlightCommands:
     def _set_home(self, message: Any) -> Result:
         if message.param1 == 1.0:
             return orders.set_home(self._flight, self._flight.motion.position_ned)
+        home = self._over_sea(message, (math.nan,) * 3)
+        return Result.DENIED if home is None or any(map(math.isnan, home)) else orders.set_home(self._flight, home)
+
+    def _over_sea(self, message: Any, else_ned: Vector) -> Vector | None:
+        """Where a command's place is (m), its altitude above mean sea level in any frame, as for PX4 (MAVSDK relies on
+        it). What is unset is as in `else_ned`; None if there is no such place."""
         place, altitude = self._horizontal(message), _altitude(message)
-        if place is None or math.isnan(place[0]) or not math.isfinite(altitude):
-            return Result.DENIED
-        down = self._flight.home_ned[2] if _is_int(message) and message.frame in ABOVE_HOME else self._origin[2]
-        return orders.set_home(self._flight, (*place, down - altitude))
+        if place is None or math.isinf(altitude):
+            return None
+        north, east = else_ned[:2] if math.isnan(place[0]) else place
+        return north, east, else_ned[2] if math.isnan(altitude) else self._origin[2] - altitude
 
-    def _target(self, message: Any, else_ned: Vector | None = None) -> Vector | None:
-        """Where a command's place is (m); what is unset is as in `else_ned`, or where the vehicle is.
-
-        None if there is no such place.
-        """
-        here = self._flight.motion.position_ned if else_ned is None else else_ned
+    def _target(self, message: Any) -> Vector | None:
+        """Where a command's place is (m); what is unset is as the vehicle is. None if there is no such place."""
+        here = self._flight.motion.position_ned
         place, altitude, height = self._horizontal(message), _altitude(message), self._height_above_home(message)
         if place is None or (height is None and not math.isnan(altitude)):
             return None

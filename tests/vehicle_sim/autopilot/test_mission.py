@@ -81,7 +81,10 @@ def test_a_pause_holds_and_the_mission_goes_on_where_it_was() -> None:
 
 def test_it_takes_off_by_itself_to_a_first_waypoint() -> None:
     pilot = ForeignPilot()
-    start(pilot, at(WAYPOINT, 6.0, 0.0, 1.0))
+    start(pilot, at(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 9.0, 9.0, 0.0), at(WAYPOINT, 6.0, 0.0, 1.0))
+    pilot.fly(0.02)
+    assert pilot.disarm() == ACCEPTED and reached(pilot) == [0]
+    assert pilot.arm() == ACCEPTED, "and again"
     assert pilot.fly(8.0, until=lambda: pilot.vehicle.motion.position_ned[0] > 0.2)
     assert pilot.height > 2.0, "at least the take-off height, whatever the waypoint's"
 
@@ -185,7 +188,7 @@ def test_leaving_the_fence_ends_in_hold() -> None:
     pilot.fly(6.0)
     assert pilot.mode == HOLD
     assert pilot.set_mode(MISSION) == REJECTED, "its waypoint is outside"
-    assert pilot.texts[-1] == "Mission rejected: item 0 is outside of the geofence"
+    assert "".join(pilot.texts).endswith("Mission rejected: item 0 is outside of the geofence")
     assert pilot.set_mode(RETURN) == ACCEPTED
 
 

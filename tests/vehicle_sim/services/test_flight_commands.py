@@ -99,6 +99,22 @@ def test_speed_altitude_and_home(aloft: ForeignPilot) -> None:
     assert math.hypot(*aloft.vehicle.motion.velocity_ned[:2]) > 3.0
 
 
+@pytest.mark.parametrize("frame", [mavlink.MAV_FRAME_GLOBAL_INT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT])
+def test_orbits_and_homes_have_altitudes_above_the_sea_in_any_frame(aloft: ForeignPilot, frame: int) -> None:
+    """MAVSDK sends the one with the frame of the other, and PX4 does not look at it."""
+    _, _, _, x, y, _ = at(0, 3.0, 4.0, 0.0)
+    sea_m = EMPTY.origin[2]
+    for command, params in ((mavlink.MAV_CMD_DO_ORBIT, (5.0, 1.0)), (mavlink.MAV_CMD_DO_SET_HOME, (0.0, 0.0))):
+        aloft.send(
+            mavlink.MAVLink_command_int_message(1, 1, frame, command, 0, 0, *params, 0.0, UNSET, x, y, sea_m + 6.0)
+        )
+        aloft.fly(0.004)
+        assert aloft.last("COMMAND_ACK").result == ACCEPTED
+    circle = aloft.vehicle.flight.guidance.circle
+    assert circle is not None and circle.center_ned == pytest.approx((3.0, 4.0, -6.0), abs=0.02)
+    assert aloft.vehicle.flight.home_ned == pytest.approx((3.0, 4.0, -6.0), abs=0.02)
+
+
 def at_degrees(north: float) -> tuple[float, float]:
     _, _, _, x, y, _ = at(0, north, 0.0, 0.0)
     return x * 1e-7, y * 1e-7
