@@ -118,6 +118,8 @@ def test_turns_are_flown_on_their_circle(radius: float) -> None:
             now = math.atan2(east, north - 4.0)
             swept += 0.0 if angle is None else math.remainder(now - angle, math.tau)
             angle, off = now, max(off, abs(math.hypot(north - 4.0, east) - 4.0))
+            along = now + math.copysign(math.pi / 2.0, radius)
+            assert abs(math.remainder(pilot.vehicle.motion.yaw - along, math.tau)) < 0.2
     assert swept == pytest.approx(math.copysign(3.0 * math.pi - 1.0, radius), abs=0.1)
     assert off < 0.5
 

@@ -130,7 +130,8 @@ def test_from_the_ground_and_back_to_it_by_velocity() -> None:
     stay()
     assert pilot.set_mode(OFFBOARD) == ACCEPTED
     assert pilot.arm() == ACCEPTED
-    fly(pilot, 1.0, stay)
+    fly(pilot, 0.5, stay)
+    fly(pilot, 0.5, setpoint(pilot, VELOCITY))
     assert max(pilot.vehicle.motion.rotor_speeds) < 1.0, "there is nothing to lift off for"
     fly(pilot, 4.0, setpoint(pilot, VELOCITY, velocity=(0.0, 0.0, -1.0)))
     assert pilot.height == pytest.approx(3.6, abs=0.5)
