@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from protocol.framing import Frame
 
-__all__ = ["Encoder", "Field", "Layout", "decode", "decoder_of", "dialect", "layout"]
+__all__ = ["AvailableModes", "CurrentMode", "Encoder", "Field", "Layout", "decode", "decoder_of", "dialect", "layout"]
 
 _pack_header = struct.Struct("<BxxBBB3s").pack
 _FORMATS: Final = {
@@ -32,6 +32,50 @@ _FORMATS: Final = {
     "float": "f",
     "double": "d",
 }
+
+
+class _NewMessage(dialect.MAVLink_message):  # type: ignore[misc]
+    """A message that the dialect does not have yet."""
+
+    id: int
+    fieldnames: tuple[str, ...]
+    ordered_fieldnames: tuple[str, ...]
+    fieldtypes: tuple[str, ...]
+    array_lengths: tuple[int, ...]
+    crc_extra: int
+
+    def __init__(self, *values: Any) -> None:
+        super().__init__(self.id, self.msgname)
+        for name, value in zip(self.fieldnames, values, strict=True):
+            setattr(self, name, value)
+
+
+class AvailableModes(_NewMessage):
+    """AVAILABLE_MODES."""
+
+    id = 435
+    msgname = "AVAILABLE_MODES"
+    fieldnames = ("number_modes", "mode_index", "standard_mode", "custom_mode", "properties", "mode_name")
+    ordered_fieldnames = ("custom_mode", "properties", "number_modes", "mode_index", "standard_mode", "mode_name")
+    fieldtypes = ("uint8_t", "uint8_t", "uint8_t", "uint32_t", "uint32_t", "char")
+    array_lengths = (0, 0, 0, 0, 0, 35)
+    crc_extra = 134
+
+
+class CurrentMode(_NewMessage):
+    """CURRENT_MODE."""
+
+    id = 436
+    msgname = "CURRENT_MODE"
+    fieldnames = ("standard_mode", "custom_mode", "intended_custom_mode")
+    ordered_fieldnames = ("custom_mode", "intended_custom_mode", "standard_mode")
+    fieldtypes = ("uint8_t", "uint32_t", "uint32_t")
+    array_lengths = (0, 0, 0)
+    crc_extra = 193
+
+
+_CLASSES: Final = dialect.mavlink_map | {each.id: each for each in (AvailableModes, CurrentMode)}
+"""Message classes by id."""
 
 
 class Field(NamedTuple):
@@ -57,7 +101,7 @@ class Layout:
 @cache
 def layout(message_id: int) -> Layout:
     """The layout of a message. Raises KeyError for one that the dialect does not have."""
-    message_class = dialect.mavlink_map[message_id]
+    message_class = _CLASSES[message_id]
     types = dict(zip(message_class.fieldnames, message_class.fieldtypes, strict=True))
     fields = tuple(
         Field(name, types[name], length)
@@ -136,7 +180,7 @@ class _Decoders(dict[int, Callable[[Frame], Any]]):
     """By message id, compiled at the first use. Unknown ids are not kept: a peer could fill the memory with them."""
 
     def __missing__(self, message_id: int) -> Callable[[Frame], Any]:
-        message_class = dialect.mavlink_map.get(message_id)
+        message_class = _CLASSES.get(message_id)
         if message_class is None:
             return lambda frame: None
         decoder = self[message_id] = _compile_decoder(message_class)
@@ -148,7 +192,7 @@ _decoders = _Decoders()
 
 class _Packers(dict[type[Any], _Packer]):
     def __missing__(self, message_class: type[Any]) -> _Packer:
-        if dialect.mavlink_map.get(getattr(message_class, "id", None)) is not message_class:
+        if _CLASSES.get(getattr(message_class, "id", None)) is not message_class:
             raise ValueError(f"{message_class.__name__} is no message of the dialect")
         packer = self[message_class] = _compile_packer(message_class)
         return packer
@@ -208,7 +252,7 @@ def _misfit(message_id: int, values: tuple[Any, ...]) -> ValueError:
     """The error for the first of these values, in the constructor's order, that can't be packed."""
     shape = layout(message_id)
     fields = {field.name: field for field in shape.fields}
-    for name, value in zip(dialect.mavlink_map[message_id].fieldnames, values, strict=True):
+    for name, value in zip(_CLASSES[message_id].fieldnames, values, strict=True):
         field = fields[name]
         try:
             _struct(field).pack(*(value if field.array_length and field.type != "char" else (value,)))

@@ -87,8 +87,10 @@ class Runner:
         self._heard_at_s = self._now_s()
 
     def _is_over(self) -> bool:
-        """With `once`: it is time to end."""
+        """The vehicle was shut down, or, with `once`, it is time to end."""
         vehicle = self._vehicle
+        if vehicle.ended:
+            return True
         if self._finished_ns is None:
             if not vehicle.finished:
                 return self._once and vehicle.flight.landed and self._hears_nobody()

@@ -13,7 +13,7 @@ from protocol.messages import Encoder, decode, dialect
 from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.autopilot.control_laws import COMMAND, Level
 from vehicle_sim.autopilot.flight_control import FlightControl
-from vehicle_sim.autopilot.modes import Severity
+from vehicle_sim.autopilot.modes import Mode, Severity
 from vehicle_sim.estimator import Estimator
 from vehicle_sim.physics.battery import is_empty
 from vehicle_sim.physics.integrator import work_array
@@ -221,6 +221,11 @@ class Vehicle:
     # --- the result ---
 
     @property
+    def ended(self) -> bool:
+        """The vehicle was asked to shut down."""
+        return self._services.ended
+
+    @property
     def finished(self) -> bool:
         """The vehicle has flown and is disarmed on the ground again, or it has crashed."""
         flight = self.flight
@@ -279,11 +284,15 @@ def warm_up(airframe: Airframe, world: World) -> None:
         dialect.MAVLink_set_attitude_target_message(0, 0, 0, 7, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_set_attitude_target_message(0, 0, 0, 128, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_set_actuator_control_target_message(0, 0, 0, 0, [0.0] * 8),
+        dialect.MAVLink_set_position_target_local_ned_message(0, 0, 0, dialect.MAV_FRAME_BODY_NED, 0, *(0.0,) * 11),
+        dialect.MAVLink_manual_control_message(0, 0, 0, 500, 0, 0),
+        dialect.MAVLink_mission_request_list_message(vehicle.identity.system, 0),
         dialect.MAVLink_param_request_read_message(0, 0, b"", 0),
         dialect.MAVLink_param_request_read_message(0, 0, b"", -1),
         dialect.MAVLink_command_long_message(0, 0, dialect.MAV_CMD_NAV_LAND, 0, *(0.0,) * 7),
         dialect.MAVLink_command_int_message(0, 0, 0, dialect.MAV_CMD_NAV_LAND, 0, 0, *(0.0,) * 4, 0, 0, 0.0),
     ):
         vehicle.receive(companion.encode(message))
+    vehicle.flight.sticks.update(Mode.STABILIZED, vehicle.motion, landed=True)
     vehicle.flight.announce(Severity.INFO, "warm")
     vehicle.advance()

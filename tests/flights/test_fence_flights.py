@@ -10,6 +10,7 @@ from companion.state import FlightMode
 from companion.supervision.states import State
 from protocol.messages import Encoder, dialect
 from studies.joined import Joined, mission_of
+from vehicle_sim.autopilot import orders
 
 FREE = 'avoidance.method="none"'
 MARGIN = 1.0
@@ -99,7 +100,7 @@ def ask(joined: Joined, command: int, *parameters: float) -> None:
 def test_given_back_beyond_the_fence_it_comes_back_without_a_jump() -> None:
     joined = Joined(OUT, overrides=(*FENCE, FREE))
     joined.fly(until=lambda flight: flight.autopilot.navigator.phase is Phase.ROUTE)
-    joined.vehicle.flight.reposition((10.0, 40.0, -5.0), None, None)
+    orders.reposition(joined.vehicle.flight, (10.0, 40.0, -5.0), None, None)
     joined.fly(limit_s=20.0)
     assert fence_in(joined).room(joined.vehicle.state[:3]) < -10.0
     assert joined.autopilot.link.said.status.mode is not FlightMode.EXTERNAL

@@ -19,6 +19,7 @@ from protocol.arrays import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
+from vehicle_sim.autopilot import orders
 from vehicle_sim.world import World
 
 COURIER = mission_of("courier")
@@ -170,7 +171,7 @@ def test_a_vehicle_given_back_at_speed_and_elsewhere_brakes_first() -> None:
     """Others sent it 12 m aside, and give it back while it moves."""
     joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=2.0)
     north, east, down = joined.vehicle.motion.position_ned
-    joined.vehicle.flight.reposition((north, east + 12.0, down - 1.0), None, None)
+    orders.reposition(joined.vehicle.flight, (north, east + 12.0, down - 1.0), None, None)
     joined.fly(limit_s=30.0, until=lambda joined: joined.vehicle.motion.velocity_ned[1] > 3.0)
     theirs = joined.trace()
     theirs = theirs[theirs["state"] == State.RELINQUISHED.value]

@@ -14,26 +14,26 @@ from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import COMMAND, Command
 from vehicle_sim.autopilot.guidance import Guidance
 from vehicle_sim.autopilot.land_detector import LandDetector
-from vehicle_sim.autopilot.modes import TRANSITIONS, LandedState, Mode, Result, Severity, Trigger
+from vehicle_sim.autopilot.mission import Mission
+from vehicle_sim.autopilot.modes import FAILSAFES, TRANSITIONS, Flies, LandedState, Mode, Result, Severity, Trigger
+from vehicle_sim.autopilot.plan import Limits
 from vehicle_sim.autopilot.setpoints import OffboardSetpoints
 from vehicle_sim.autopilot.settings import SECOND_NS, Settings
+from vehicle_sim.autopilot.sticks import StickFlight
 from vehicle_sim.physics.motion import Motion
 
 BOOT_NS = 1 * SECOND_NS
 """Time after boot from which the vehicle can be armed."""
 
 _ARMING_TILT = math.radians(30.0)
-_MAX_DISTANCE_M = 10_000.0
-"""Distance to a commanded place up to which the plane of the local axes is close enough to the earth's surface."""
 
 
 class FlightControl:
     """Modes and arming, advanced by `step` once a tick. `command` is what to fly, `texts` what to say."""
 
     def __init__(self, airframe: Airframe, motion: Motion) -> None:
-        self._airframe = airframe
+        self.airframe = airframe
         self.settings = Settings.of(airframe)
-        self._crash_tilt = math.radians(airframe.ground.crash_tilt_deg)
         self.motion = motion
         """At the end of the latest tick."""
         self.mode = Mode.HOLD
@@ -51,11 +51,15 @@ class FlightControl:
         """The vehicle has been in the air since it was armed."""
         self.texts: list[tuple[Severity, str]] = []
         self.setpoints = OffboardSetpoints(airframe)
-        self._guidance = Guidance(airframe, self.settings, motion.position_ned)
+        self.sticks = StickFlight(airframe)
+        self.guidance = Guidance(airframe, self.settings, motion.position_ned)
+        self.mission = Mission(airframe, self.guidance, motion)
+        self.limits = Limits()
         self._land_detector = LandDetector(airframe.ground.foot_height_m)
         self._stopped: Command = np.zeros(1, COMMAND)
         self._stopped["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
-        self._failsafe_since_ns = 0
+        self._stream_lost_ns: int | None = None
+        """When the failsafe for that began."""
         self._link_alive_ns = 0
         """The latest of a heartbeat and a change of mode."""
         self._armed_since_ns = 0
@@ -66,24 +70,30 @@ class FlightControl:
     @property
     def command(self) -> Command:
         """The command (1,) for the control laws in the next tick."""
-        if not self.armed:
+        flies, phase = self.mode.flies, self.phase
+        if not self.armed or flies is Flies.NOTHING:
             return self._stopped
-        if self.mode is Mode.OFFBOARD:
+        if flies is Flies.SETPOINTS:
             return self.setpoints.command
-        if self.landed and self.mode is not Mode.TAKEOFF:
+        if flies is Flies.STICKS:
+            return self.sticks.command
+        if (self.landed and phase is not Mode.TAKEOFF) or (phase is Mode.LAND and self.motion.touching):
             return self._stopped
-        if self.mode is Mode.LAND and self.motion.touching:
-            return self._stopped
-        return self._guidance.command
+        return self.guidance.flown
+
+    @property
+    def phase(self) -> Mode:
+        """The mode, or what a mission flies at present: a take-off, a landing, or something between (HOLD)."""
+        return self.mission.phase if self.mode is Mode.MISSION else self.mode
 
     @property
     def landed_state(self) -> LandedState:
         """As EXTENDED_SYS_STATE reports it."""
         if self.landed:
             return LandedState.ON_GROUND
-        if self.mode is Mode.TAKEOFF:
+        if self.phase is Mode.TAKEOFF:
             return LandedState.TAKEOFF
-        return LandedState.LANDING if self.mode is Mode.LAND else LandedState.IN_AIR
+        return LandedState.LANDING if self.phase is Mode.LAND else LandedState.IN_AIR
 
     # --- commands ---
 
@@ -95,76 +105,66 @@ class FlightControl:
         """Queue a STATUSTEXT."""
         self.texts.append((severity, text))
 
-    def _refuse(self, text: str, result: Result = Result.TEMPORARILY_REJECTED) -> Result:
+    def refuse(self, text: str, result: Result = Result.TEMPORARILY_REJECTED) -> Result:
         self.announce(Severity.CRITICAL, text)
         return result
 
     def set_mode(self, mode: Mode) -> Result:
-        """Change the mode; OFFBOARD needs a stream of setpoints."""
-        if self.crash is not None:
-            return self._refuse("Mode change rejected: crashed")
-        if mode is Mode.OFFBOARD:
-            problem = self.setpoints.stream.problem(self.motion.time_ns)
-            if problem is not None:
-                return self._refuse(f"Offboard rejected: {problem}")
+        """Change the mode; with running motors what it flies by must be there, as for PX4."""
+        problem = self._end or (self.missing(mode) if self.armed else None)
+        if problem is not None:
+            return self.refuse(f"{mode.label} rejected: {problem}")
         self.failsafe = False
         if mode is Mode.TAKEOFF:
             return self.take_off(None)
-        self._enter(mode)
+        self.enter(mode)
         return Result.ACCEPTED
 
     def take_off(self, height_m: float | None) -> Result:
         """Climb to a height above home (None: that of the vehicle file), once armed. In the air it never descends."""
-        if self.crash is not None:
-            return self._refuse("Takeoff rejected: crashed")
+        if self._end is not None:
+            return self.refuse(f"Takeoff rejected: {self._end}")
         height = self.settings.auto.takeoff_height_m if height_m is None else height_m
         if not math.isfinite(height) or height <= 0.0:
-            return self._refuse(f"Takeoff rejected: {height:.1f} m above home", Result.DENIED)
+            return self.refuse(f"Takeoff rejected: {height:.1f} m above home", Result.DENIED)
         self.failsafe = False
         north, east, down = self.motion.position_ned
         home_down = down if self.landed else self.home_ned[2]
-        self._guidance.takeoff_ned = (north, east, min(down, home_down - height))
-        self._enter(Mode.TAKEOFF)
+        self.guidance.takeoff_ned = (north, east, min(down, home_down - height))
+        self.enter(Mode.TAKEOFF)
         return Result.ACCEPTED
 
-    def reposition(self, target_ned: Vector, yaw: float | None, speed: float | None) -> Result:
-        """Fly to another place (m) and hold there. No obstacle is avoided on the way.
+    @property
+    def _end(self) -> str | None:
+        """Why nothing can be flown any more, or None."""
+        if self.crash is not None:
+            return "crashed"
+        return "terminated" if self.mode is Mode.TERMINATION else None
 
-        `yaw` (rad) is the heading, None the present one. `speed` (m/s) is limited to the vehicle's own cruise speed,
-        which None stands for.
-        """
-        if self.crash is not None or not self.armed or self.landed:
-            return self._refuse("Reposition rejected: not in the air")
-        distance = math.dist(target_ned, self.motion.position_ned)
-        if not distance <= _MAX_DISTANCE_M:
-            return self._refuse(f"Reposition rejected: {distance:.0f} m away", Result.DENIED)
-        if target_ned[2] > -self._airframe.ground.foot_height_m:
-            return self._refuse("Reposition rejected: under the ground", Result.DENIED)
-        self.failsafe = False
-        self._enter(Mode.HOLD)
-        self._guidance.aim(target_ned)
-        if speed is not None:
-            self._guidance.limit_horizontal_speed(speed)
-        if yaw is not None:
-            self._guidance.turn(yaw)
-        return Result.ACCEPTED
+    def missing(self, mode: Mode) -> str | None:
+        """What a mode flies by and is not there, or None."""
+        if mode.flies is Flies.SETPOINTS:
+            return self.setpoints.problem(self.motion.time_ns)
+        if mode.flies is Flies.STICKS:
+            return self.sticks.problem(self.motion.time_ns)
+        if mode.flies is Flies.MISSION:
+            return self.mission.problem() or self.limits.objection(self.mission.items)
+        return None
 
     def arming_problem(self) -> str | None:
         """Why the vehicle can't be armed now, or None."""
         now_ns = self.motion.time_ns
-        if self.crash is not None:
-            return "crashed"
+        if self._end is not None:
+            return self._end
         if self._powerless:
             return "battery empty"
         if now_ns < BOOT_NS:
             return "estimator is starting"
         if self.motion.tilt > _ARMING_TILT:
             return "not level"
-        if self.mode in (Mode.LAND, Mode.RETURN):
+        if not self.mode.arms:
             return f"mode {self.mode.name.lower()}"
-        if self.mode is Mode.OFFBOARD:
-            return self.setpoints.stream.problem(now_ns)
-        return None
+        return self.missing(self.mode)
 
     def arm(self, *, force: bool = False) -> Result:
         """Start the motors. `force` skips all checks but that for a crash."""
@@ -172,7 +172,7 @@ class FlightControl:
             return Result.ACCEPTED
         problem = self.arming_problem()
         if problem is not None and (self.crash is not None or not force):
-            return self._refuse(f"Arming denied: {problem}")
+            return self.refuse(f"Arming denied: {problem}")
         self.armed = True
         self._armed_since_ns = self.motion.time_ns
         self.flown = False
@@ -184,7 +184,7 @@ class FlightControl:
     def disarm(self, *, force: bool = False) -> Result:
         """Stop the motors; in the air only with `force`."""
         if self.armed and not self.landed and not force:
-            return self._refuse("Disarming denied: not landed")
+            return self.refuse("Disarming denied: not landed")
         if self.armed:
             self._disarm("Disarmed by command")
         return Result.ACCEPTED
@@ -193,6 +193,7 @@ class FlightControl:
         self.armed = False
         self.failsafe = False
         self.announce(Severity.INFO, text)
+        self.mission.disarm()
         self._fire(Trigger.DISARMED)
 
     def lose_power(self) -> None:
@@ -220,21 +221,44 @@ class FlightControl:
         if not self.landed:
             self.airborne_ns += elapsed_ns
             self.flown = True
-        ground = self._airframe.ground
-        if motion.touching and (motion.impact_m_s > ground.crash_speed_m_s or motion.tilt > self._crash_tilt):
+        ground = self.airframe.ground
+        tilt = math.radians(ground.crash_tilt_deg)
+        if motion.touching and (motion.impact_m_s > ground.crash_speed_m_s or motion.tilt > tilt):
             self.collide("ground")
             return
-        if self.mode is Mode.OFFBOARD:
-            self._watch_setpoints(motion)
-        elif self.armed and self.mode is Mode.HOLD:
-            self._watch_link(motion.time_ns)
-        elif self.armed:
-            arrival = self._guidance.update(self.mode, motion, self.home_ned, landed=self.landed)
-            if arrival is not None:
-                self._fire(arrival.trigger)
-                self._guidance.aim(arrival.target_ned)
+        if self.armed:
+            self._fly(motion)
+            if not self.landed and self.limits.breaks_out(motion.position_ned):
+                self._fire(Trigger.FENCE_BREACHED)
         if self.armed and self.landed:
             self._disarm_when_idle(motion.time_ns)
+
+    def _fly(self, motion: Motion) -> None:
+        """Let the mode prepare the next tick, and see whether it has reached its end."""
+        match self.mode.flies:
+            case Flies.SETPOINTS:
+                self._watch_setpoints(motion)
+                self.setpoints.follow(motion, landed=self.landed)
+            case Flies.STICKS:
+                self.sticks.update(self.mode, motion, landed=self.landed)
+                if self.sticks.problem(motion.time_ns) is not None:
+                    self._fire(Trigger.STICKS_LOST)
+            case Flies.MISSION:
+                trigger = self.mission.update(motion, self.home_ned, landed=self.landed)
+                if trigger is not None:
+                    self._fire(trigger)
+            case Flies.TARGET if self.mode is Mode.HOLD:
+                self._watch_link(motion.time_ns)
+            case Flies.TARGET:
+                arrival = self.guidance.update(self.mode, motion, self._haven, landed=self.landed)
+                if arrival is not None:
+                    self._fire(arrival.trigger)
+                    self.guidance.aim(arrival.target_ned)
+
+    @property
+    def _haven(self) -> Vector:
+        """Where a return leads (m)."""
+        return self.limits.haven(self.home_ned, self.motion.position_ned)
 
     def _detect_landing(self, motion: Motion) -> None:
         was_landed = self.landed
@@ -250,14 +274,14 @@ class FlightControl:
         if self.setpoints.is_lost(motion.time_ns):
             self._fire(Trigger.STREAM_LOST)
         elif self.setpoints.is_stale(motion.time_ns):
-            stop_ned = self._guidance.stopping_point(motion, landed=self.landed)
+            stop_ned = self.guidance.stopping_point(motion, landed=self.landed)
             self.setpoints.brake(stop_ned, motion.yaw, landed=self.landed)
             self.announce(Severity.WARNING, "Offboard setpoint stale: braking")
 
     def _watch_link(self, now_ns: int) -> None:
-        settings = self.settings
+        settings, lost_ns = self.settings, self._stream_lost_ns
         still, lost = settings.stream_loss, settings.link_loss
-        if still and self.failsafe and now_ns - self._failsafe_since_ns >= settings.failsafe_hold_ns:
+        if still and self.failsafe and lost_ns is not None and now_ns - lost_ns >= settings.failsafe_hold_ns:
             self._fire(still)
         elif lost and now_ns - self._link_alive_ns >= settings.link_loss_ns:
             self._fire(lost)
@@ -266,7 +290,9 @@ class FlightControl:
         after_landing_ns, before_ns = self.settings.disarm_landed_ns, self.settings.disarm_preflight_ns
         if self.flown:
             landed_ns = now_ns - self._landed_since_ns
-            if self.mode not in (Mode.OFFBOARD, Mode.TAKEOFF) and 0 < after_landing_ns <= landed_ns:
+            if self.mode is Mode.OFFBOARD or self.phase is Mode.TAKEOFF:
+                return
+            if 0 < after_landing_ns <= landed_ns:
                 self._disarm("Disarmed by landing")
         elif 0 < before_ns <= now_ns - self._armed_since_ns:
             self._disarm(f"Disarmed: no takeoff within {before_ns * 1e-9:g} s")
@@ -277,13 +303,20 @@ class FlightControl:
         if row is None:
             return
         mode, severity, text = row
-        if trigger in (Trigger.STREAM_LOST, Trigger.LINK_LOST, Trigger.LINK_LOST_RETURN) and self.armed:
+        if trigger in FAILSAFES and self.armed:
             self.failsafe = True
-            self._failsafe_since_ns = self.motion.time_ns
+            self._stream_lost_ns = self.motion.time_ns if trigger is Trigger.STREAM_LOST else None
         self.announce(severity, text)
-        self._enter(mode)
+        self.enter(mode)
 
-    def _enter(self, mode: Mode) -> None:
+    def enter(self, mode: Mode) -> None:
+        """Begin to fly in a mode."""
         self.mode = mode
         self._link_alive_ns = self.motion.time_ns
-        self._guidance.start(mode, self.motion, self.home_ned, landed=self.landed)
+        self.guidance.start(mode, self.motion, self._haven, landed=self.landed)
+        if mode is Mode.MISSION:
+            self.mission.start(self.motion, self.home_ned, landed=self.landed)
+        elif mode.flies is Flies.STICKS:
+            self.sticks.start(self.motion)
+        elif mode is Mode.OFFBOARD:
+            self.setpoints.start(self.motion)

@@ -1,4 +1,4 @@
-"""Where the vehicle flies by itself: the position target of take-off, hold, return and landing."""
+"""Where the vehicle flies by itself: the position target of take-off, hold, return and landing, and circles."""
 
 import math
 from typing import NamedTuple
@@ -7,9 +7,11 @@ import numpy as np
 
 from protocol.arrays import Vector
 from vehicle_sim.airframe import Airframe, Auto
+from vehicle_sim.autopilot.circle import Circle
 from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
 from vehicle_sim.autopilot.modes import Mode, Trigger
 from vehicle_sim.autopilot.settings import Settings
+from vehicle_sim.autopilot.tracking import Tracker
 from vehicle_sim.physics.motion import Motion
 
 STILL_M_S = 0.3
@@ -41,6 +43,14 @@ class Guidance:
         """Target (m) of a take-off."""
         self._above_climb = False
         """Returning: the climb is over, or was not needed."""
+        self.circle: Circle | None = None
+        """Flown instead of the position target."""
+        self._tracker = Tracker(airframe)
+
+    @property
+    def flown(self) -> Command:
+        """The command to fly."""
+        return self.command if self.circle is None else self._tracker.command
 
     @property
     def _auto(self) -> Auto:
@@ -60,9 +70,17 @@ class Guidance:
         self.aim(target)
         self.command["yaw"] = motion.yaw
         self.command["speed_limits"] = self._auto.speed_limits_m_s
+        if mode is Mode.ORBIT:
+            self.go_round(Circle(target), motion)
+
+    def go_round(self, circle: Circle, motion: Motion) -> None:
+        """Fly a circle, until the next target."""
+        self.circle = circle
+        self._tracker.start(motion)
 
     def aim(self, target_ned: Vector) -> None:
         """Set the position target (m)."""
+        self.circle = None
         self.command["position_ned"] = target_ned
 
     def turn(self, yaw: float) -> None:
@@ -88,6 +106,9 @@ class Guidance:
 
     def update(self, mode: Mode, motion: Motion, home_ned: Vector, *, landed: bool) -> Arrival | None:
         """Move the target of a mode; tells when the mode has reached its end."""
+        if self.circle is not None:
+            self._tracker.follow(self.circle.target(motion), motion, landed=landed)
+            return None
         if mode is Mode.TAKEOFF:
             return self._update_takeoff(motion, landed=landed)
         if mode is Mode.RETURN:

@@ -3,20 +3,64 @@
 from enum import Enum, IntEnum
 
 
-class Mode(Enum):
-    """Main and sub mode, as PX4 numbers them."""
+class Flies(Enum):
+    """What a mode makes the vehicle follow."""
 
-    TAKEOFF = (4, 2)
-    HOLD = (4, 3)
-    RETURN = (4, 5)
-    LAND = (4, 6)
-    OFFBOARD = (6, 0)
+    TARGET = "a target of its own"
+    MISSION = "the uploaded mission"
+    SETPOINTS = "the setpoints of a companion"
+    STICKS = "a pilot's sticks"
+    NOTHING = "nothing: the motors are off"
+
+
+class Mode(Enum):
+    """Main and sub mode as PX4 numbers them, PX4's name, what is flown, MAV_STANDARD_MODE, and whether one can arm."""
+
+    MANUAL = (1, 0, "Manual", Flies.STICKS, 0, True)
+    ALTITUDE = (2, 0, "Altitude", Flies.STICKS, 4, True)
+    POSITION = (3, 0, "Position", Flies.STICKS, 1, True)
+    ORBIT = (3, 1, "Orbit", Flies.TARGET, 2, False)
+    TAKEOFF = (4, 2, "Takeoff", Flies.TARGET, 8, True)
+    HOLD = (4, 3, "Hold", Flies.TARGET, 0, True)
+    MISSION = (4, 4, "Mission", Flies.MISSION, 6, True)
+    RETURN = (4, 5, "Return", Flies.TARGET, 5, False)
+    LAND = (4, 6, "Land", Flies.TARGET, 7, False)
+    ACRO = (5, 0, "Acro", Flies.STICKS, 0, True)
+    OFFBOARD = (6, 0, "Offboard", Flies.SETPOINTS, 0, True)
+    STABILIZED = (7, 0, "Stabilized", Flies.STICKS, 0, True)
+    TERMINATION = (10, 0, "Termination", Flies.NOTHING, 0, False)
+
+    def __init__(self, main: int, sub: int, label: str, flies: Flies, standard: int, arms: bool) -> None:
+        self.main = main
+        self.sub = sub
+        self.label = label
+        self.flies = flies
+        self.standard = standard
+        """MAV_STANDARD_MODE; 0: none of them."""
+        self.arms = arms
+        """The vehicle can be armed in this mode."""
 
     @property
     def custom_mode(self) -> int:
         """HEARTBEAT's custom_mode."""
-        main, sub = self.value
-        return int(main << 16 | sub << 24)
+        return self.main << 16 | self.sub << 24
+
+    @classmethod
+    def numbered(cls, main: int, sub: int) -> "Mode | None":
+        """The mode that PX4 enters for these numbers, None if there is none; the sub mode counts in AUTO alone."""
+        if (main, sub) == (_AUTO, 0):
+            return cls.MISSION
+        wanted = main, sub if main == _AUTO else 0
+        return next((mode for mode in cls if (mode.main, mode.sub) == wanted and mode.is_selectable), None)
+
+    @property
+    def is_selectable(self) -> bool:
+        """A user can ask for it."""
+        return self.flies is not Flies.NOTHING
+
+
+_AUTO = 4
+"""Main mode of all modes that fly by themselves."""
 
 
 class Trigger(Enum):
@@ -27,9 +71,19 @@ class Trigger(Enum):
     STILL_LOST_RETURN = "some time in hold without a command after the stream was lost: return"
     LINK_LOST = "no heartbeat for some time: land"
     LINK_LOST_RETURN = "no heartbeat for some time: return"
+    STICKS_LOST = "no sticks for 0.5 s"
+    FENCE_BREACHED = "beyond the fence"
+    MISSION_FINISHED = "no item is left"
+    MISSION_RETURNS = "an item of the mission is the return"
     CLIMBED = "at the take-off height"
     ABOVE_HOME = "above home"
     DISARMED = "motors off"
+
+
+FAILSAFES = frozenset(
+    {Trigger.STREAM_LOST, Trigger.LINK_LOST, Trigger.LINK_LOST_RETURN, Trigger.STICKS_LOST, Trigger.FENCE_BREACHED}
+)
+"""Triggers that stand for something that is wrong."""
 
 
 class Severity(IntEnum):
@@ -48,6 +102,7 @@ class Result(IntEnum):
     TEMPORARILY_REJECTED = 1
     DENIED = 2
     UNSUPPORTED = 3
+    FAILED = 4
 
 
 class LandedState(IntEnum):
@@ -74,5 +129,18 @@ TRANSITIONS: dict[tuple[Mode, Trigger], tuple[Mode, Severity, str]] = {
     (Mode.TAKEOFF, Trigger.DISARMED): (Mode.HOLD, Severity.INFO, "Disarmed, mode hold"),
     (Mode.RETURN, Trigger.DISARMED): (Mode.HOLD, Severity.INFO, "Disarmed, mode hold"),
     (Mode.LAND, Trigger.DISARMED): (Mode.HOLD, Severity.INFO, "Disarmed, mode hold"),
+    (Mode.MISSION, Trigger.MISSION_FINISHED): (Mode.HOLD, Severity.INFO, "Mission finished, holding"),
+    (Mode.MISSION, Trigger.MISSION_RETURNS): (Mode.RETURN, Severity.INFO, "Mission: returning"),
+    (Mode.ORBIT, Trigger.DISARMED): (Mode.HOLD, Severity.INFO, "Disarmed, mode hold"),
+    **{
+        (mode, Trigger.STICKS_LOST): (Mode.RETURN, Severity.CRITICAL, "Failsafe: manual control lost, returning")
+        for mode in Mode
+        if mode.flies is Flies.STICKS
+    },
+    **{
+        (mode, Trigger.FENCE_BREACHED): (Mode.HOLD, Severity.CRITICAL, "Failsafe: geofence breached, holding")
+        for mode in Mode
+        if mode not in (Mode.RETURN, Mode.LAND, Mode.TERMINATION)
+    },
 }
 """All changes of mode without a command: the next mode and what is said. None of them enters OFFBOARD."""

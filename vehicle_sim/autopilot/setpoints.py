@@ -8,38 +8,29 @@ import numpy as np
 from protocol.arrays import Quaternion, Vector
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
+from vehicle_sim.autopilot.tracking import Target, Tracker
+from vehicle_sim.physics.motion import Motion
 
-STREAM_GAP_NS = 500_000_000
-"""Setpoints further apart than this (below 2 Hz) are no stream."""
-STREAM_PROOF_NS = 1_000_000_000
-"""OFFBOARD can be entered when a stream has lasted this long."""
 STREAM_LOSS_NS = 1_000_000_000
 """The stream is lost after this time without a setpoint, unless COM_OF_LOSS_T is changed."""
-STALE_NS = {Level.TORQUE: 100_000_000, Level.RATES: 250_000_000, Level.ATTITUDE: STREAM_GAP_NS}
+STALE_NS = {Level.TORQUE: 100_000_000, Level.RATES: 250_000_000, Level.ATTITUDE: 500_000_000}
 """Age at which the vehicle stops to follow a setpoint of each level and brakes, until the next setpoint or the loss of
 the stream. PX4 goes on with the old setpoint, which could tumble the vehicle or drive it into an obstacle."""
 
 
 class SetpointStream:
-    """The times at which setpoints arrived."""
+    """The time at which the latest setpoint arrived."""
 
     def __init__(self) -> None:
-        self._since_ns = 0
         self._last_ns: int | None = None
+
+    @property
+    def has_begun(self) -> bool:
+        return self._last_ns is not None
 
     def observe(self, now_ns: int) -> None:
         """A setpoint arrived."""
-        if self._last_ns is None or now_ns - self._last_ns > STREAM_GAP_NS:
-            self._since_ns = now_ns
         self._last_ns = now_ns
-
-    def problem(self, now_ns: int) -> str | None:
-        """Why OFFBOARD can't be entered, or None."""
-        if self._last_ns is None or now_ns - self._last_ns > STREAM_GAP_NS:
-            return "no setpoint stream"
-        if now_ns - self._since_ns < STREAM_PROOF_NS:
-            return "setpoint stream under 1 s old"
-        return None
 
     def age_ns(self, now_ns: int) -> int:
         """Age of the latest setpoint; before the first one, the vehicle's own age."""
@@ -62,6 +53,9 @@ class OffboardSetpoints:
         self.command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
         # Views: to find a field in a record takes longer than to write it, and a setpoint comes with each tick.
         self._level, self._thrust = self.command["level"], self.command["thrust_n"]
+        self._tracker = Tracker(airframe, self.command)
+        self._target: Target | None = None
+        """Of the latest setpoint, if it is one of position, velocity and acceleration."""
         self._values = {name: self.command[name][0] for name in ("attitude_ned_frd", "rates_frd", "torque_frd")}
 
     def attitude(self, attitude_ned_frd: Quaternion, thrust: float, now_ns: int) -> None:
@@ -84,10 +78,29 @@ class OffboardSetpoints:
     def _set(self, level: Level, field: str, value: tuple[float, ...], thrust: float, now_ns: int) -> None:
         if not all(map(math.isfinite, value)):
             return
+        self._target = None
         self._level[0] = level
         self._values[field][:] = value
         self._thrust[0] = min(max(thrust, 0.0), 1.0) * self._max_thrust_n if math.isfinite(thrust) else 0.0
         self.stream.observe(now_ns)
+
+    def target(self, target: Target, now_ns: int) -> None:
+        """Position, velocity and acceleration per axis, heading and its rate. It must ask for something."""
+        self._target = target
+        self.stream.observe(now_ns)
+
+    def start(self, motion: Motion) -> None:
+        """OFFBOARD begins."""
+        self._tracker.start(motion)
+
+    def follow(self, motion: Motion, *, landed: bool) -> None:
+        """Prepare the next tick, in OFFBOARD."""
+        if self._target is not None:
+            self._tracker.follow(self._target, motion, landed=landed)
+
+    def problem(self, now_ns: int) -> str | None:
+        """Why OFFBOARD can't be flown, or None: as for PX4, one setpoint that is young enough suffices."""
+        return None if self.stream.has_begun and not self.is_lost(now_ns) else "no setpoint stream"
 
     def is_lost(self, now_ns: int) -> bool:
         """No setpoint for so long that OFFBOARD ends."""
@@ -99,6 +112,7 @@ class OffboardSetpoints:
 
     def brake(self, stop_ned: Vector, yaw: float, *, landed: bool) -> None:
         """Until the next setpoint, stop at this position (m) with this heading (rad); on the ground stop the motors."""
+        self._target = None
         record = self.command[0]
         record["level"] = Level.STOPPED if landed else Level.POSITION
         record["position_ned"] = stop_ned

@@ -10,14 +10,16 @@ from protocol.messages import Encoder, decode
 from protocol.routing import target_of
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
-from vehicle_sim.services.commands import CommandService, Geodetic
+from vehicle_sim.services.commands import CommandService
 from vehicle_sim.services.files import FileService
 from vehicle_sim.services.identity import COMPONENT, Identity
 from vehicle_sim.services.link import LinkService
 from vehicle_sim.services.logs import LogService
+from vehicle_sim.services.missions import MissionService
 from vehicle_sim.services.outbox import Channel, Outbox
 from vehicle_sim.services.parameter_store import Parameters, text_of
 from vehicle_sim.services.parameters import ParameterService
+from vehicle_sim.services.places import Geodetic
 from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.setpoints import SetpointService
 from vehicle_sim.services.snapshot import Snapshot
@@ -56,17 +58,25 @@ class Services:
         self._flight = flight
         self.outbox = outbox = Outbox()
         self._status_texts = StatusTexts(outbox)
+        self._commands = commands = CommandService(flight, outbox, identity, origin, release)
+        self._missions = missions = MissionService(flight, outbox, identity, origin)
         services: tuple[Service, ...] = (
             LinkService(flight, outbox),
-            SetpointService(flight, identity),
+            SetpointService(flight, identity, origin),
             ParameterService(parameters, outbox),
             FileService({PARAMETER_FILE: lambda: text_of(parameters).encode()}, outbox),
             LogService(outbox),
-            CommandService(flight, outbox, origin, release),
+            commands,
+            missions,
         )
         self._handlers = {key: handler for service in services for key, handler in service.handlers.items()}
         capabilities: int = reduce(or_, (each.capabilities for each in services))
         self._source = Source(airframe, scans, flight, origin, identity.version, capabilities)
+
+    @property
+    def ended(self) -> bool:
+        """The vehicle was asked to shut down."""
+        return self._commands.ended
 
     def open_channel(self, profile: Profile, tick: int, now: Snapshot, *, datagrams: bool) -> Channel:
         """One link more, from a tick on."""
@@ -94,7 +104,8 @@ class Services:
         self.outbox.answer(None)
 
     def tell(self) -> None:
-        """The autopilot's texts, to all."""
+        """How the mission goes and the autopilot's texts, to all."""
+        self._missions.update()
         for severity, text in self._flight.texts:
             self._status_texts.send(severity, text)
         self._flight.texts.clear()

@@ -6,6 +6,7 @@ from protocol.messages import Encoder, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import Level
 from vehicle_sim.autopilot.flight_control import FlightControl
+from vehicle_sim.autopilot.modes import Flies
 from vehicle_sim.physics.battery import battery_state
 from vehicle_sim.services.snapshot import Snapshot, int16
 
@@ -36,6 +37,15 @@ _CHARGE_STATES: tuple[tuple[float, int], ...] = (
 )
 """Below which charge; PX4's BAT_EMERGEN_THR, BAT_CRIT_THR, BAT_LOW_THR."""
 
+_STABILIZED = dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
+_AUTO_FLAGS = dialect.MAV_MODE_FLAG_AUTO_ENABLED | dialect.MAV_MODE_FLAG_GUIDED_ENABLED | _STABILIZED
+_BASE_MODES = {
+    Flies.STICKS: dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZED,
+    Flies.SETPOINTS: _STABILIZED,
+    Flies.NOTHING: 0,
+}
+"""Flags of base_mode, by what is flown; those of the automatic modes otherwise."""
+
 _NOTHING_8 = bytes(8)
 _UNUSED_CELLS = (65535,) * 9
 
@@ -61,7 +71,8 @@ class StatusMessages:
             status = dialect.MAV_STATE_CRITICAL
         else:
             status = dialect.MAV_STATE_ACTIVE if flight.armed else dialect.MAV_STATE_STANDBY
-        base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if flight.armed else 0)
+        base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | _BASE_MODES.get(flight.mode.flies, _AUTO_FLAGS)
+        base |= dialect.MAV_MODE_FLAG_SAFETY_ARMED if flight.armed else 0
         return self._encode(
             dialect.MAVLink_heartbeat_message,
             dialect.MAV_TYPE_QUADROTOR,

@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import NamedTuple
 
-from protocol.messages import Encoder, dialect
+from protocol.messages import AvailableModes, CurrentMode, Encoder, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import LandedState, Mode
+from vehicle_sim.services.mode_messages import ModeMessages
 from vehicle_sim.services.sensor_messages import Scans, SensorMessages
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.state_messages import StateMessages
@@ -46,6 +47,7 @@ class Telemetry:
         self._reported_landed: LandedState | None = None
         state = StateMessages(encoder, flight, source.origin)
         self._status = status = StatusMessages(encoder, source.airframe, flight, source.version, source.capabilities)
+        self._modes = modes = ModeMessages(encoder, flight, source.origin)
         sensors = SensorMessages(encoder, source.scans)
         scan_us = round(1e6 / source.airframe.lidar.rate_hz)
         table: tuple[tuple[int, Build, int, int, int], ...] = (
@@ -66,6 +68,9 @@ class Telemetry:
             (dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, state.hil_state_quaternion, 50_000, 0, 0),
             (dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, sensors.obstacle_distance, scan_us, 1_000_000, scan_us),
             (dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, sensors.distance_sensor, scan_us, 2_000_000, scan_us),
+            (dialect.MAVLINK_MSG_ID_MISSION_CURRENT, modes.mission_current, 1_000_000, 1_000_000, 0),
+            (CurrentMode.id, modes.current_mode, 2_000_000, 2_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS, modes.orbit_execution_status, 200_000, 200_000, 0),
             (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version, 0, 0, 0),
         )
         self._builders = {message_id: build for message_id, build, *_ in table}
@@ -89,8 +94,10 @@ class Telemetry:
         """All messages that can be streamed or requested."""
         return tuple(self._builders)
 
-    def request(self, message_id: int) -> bytes | None:
-        """One message now; None if there is no such message."""
+    def request(self, message_id: int, number: int = 0) -> bytes | None:
+        """One message now; None if there is no such message. `number` is that of a mode, 0 for all of them."""
+        if message_id == AvailableModes.id:
+            return self._modes.available_modes(number)
         build = self._builders.get(message_id)
         return None if build is None else build(self._now)
 
@@ -102,6 +109,8 @@ class Telemetry:
         if status != self._reported:
             self._reported = status
             yield self._status.heartbeat(now)
+            if self._schedule.interval_us(CurrentMode.id) > 0:
+                yield self._modes.current_mode(now)
         landed = flight.landed_state
         if landed is not self._reported_landed:
             self._reported_landed = landed

@@ -1,0 +1,152 @@
+"""Commands that fly, beside those that the tests of the modes give; what lists the modes."""
+
+import math
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from pymavlink.dialects.v20 import development
+
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, HOLD, OFFBOARD, RETURN, UNSET, ForeignPilot
+from tests.vehicle_sim.mission_uploader import at
+from vehicle_sim.autopilot.modes import Mode
+
+ACCEPTED, REJECTED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+DENIED, FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
+
+
+@pytest.fixture
+def pilot() -> ForeignPilot:
+    return ForeignPilot()
+
+
+@pytest.fixture
+def aloft() -> ForeignPilot:
+    pilot = ForeignPilot()
+    pilot.take_off()
+    return pilot
+
+
+def test_pymavlinks_table_of_px4_modes_is_obeyed_and_read_back(pilot: ForeignPilot) -> None:
+    names = {"MANUAL", "STABILIZED", "ACRO", "ALTCTL", "POSCTL", "LOITER", "MISSION", "RTL", "OFFBOARD", "TAKEOFF"}
+    for name, (base_mode, main, sub) in mavutil.px4_map.items():
+        if name in names:
+            assert pilot.command(mavlink.MAV_CMD_DO_SET_MODE, base_mode, main, sub) == ACCEPTED, name
+            assert mavutil.mode_string_v10(pilot.last("HEARTBEAT")) == name
+    assert len(names & mavutil.px4_map.keys()) == len(names)
+
+
+def test_set_mode_is_answered_as_its_command(pilot: ForeignPilot) -> None:
+    for base_mode, custom_mode, mode in (
+        (1, OFFBOARD, OFFBOARD),
+        (64 | 8, 0, 3 << 16),
+        (4, 0, Mode.MISSION.custom_mode),
+    ):
+        before = pilot.time_s
+        pilot.send(mavlink.MAVLink_set_mode_message(1, base_mode, custom_mode))
+        pilot.fly(0.004)
+        (ack,) = pilot.all("COMMAND_ACK", before)
+        assert (ack.command, ack.result) == (mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
+        assert pilot.mode == mode
+
+
+def test_standard_modes(pilot: ForeignPilot) -> None:
+    standard = mavlink.MAV_CMD_DO_SET_STANDARD_MODE
+    assert pilot.command(standard, 5) == ACCEPTED and pilot.mode == RETURN
+    assert pilot.command(standard, 1) == ACCEPTED and pilot.mode == Mode.POSITION.custom_mode
+    assert pilot.command(standard, 3) == FAILED
+    assert pilot.command(standard, UNSET) == FAILED
+
+
+def test_modes_are_listed_and_the_current_one_is_told(pilot: ForeignPilot) -> None:
+    pilot.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 435, 0)
+    assert pilot.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 435, 2) == ACCEPTED
+    assert pilot.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 435, len(Mode) + 1) == DENIED
+    pilot.set_mode(RETURN)
+    assert pilot.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 436) == ACCEPTED
+    reader = development.MAVLink(None)
+    told = [m for datagram in pilot.datagrams for m in reader.parse_buffer(datagram) or []]
+    modes = [m for m in told if m.get_type() == "AVAILABLE_MODES"]
+    assert [m.mode_index for m in modes] == [*range(1, len(Mode) + 1), 2]
+    assert {m.number_modes for m in modes} == {len(Mode)}
+    assert {m.custom_mode: (m.standard_mode, m.mode_name) for m in modes} == {
+        mode.custom_mode: (mode.standard, "" if mode.standard else mode.label) for mode in Mode
+    }
+    assert {m.custom_mode for m in modes if m.properties & 2} == {Mode.TERMINATION.custom_mode}
+    current = [m for m in told if m.get_type() == "CURRENT_MODE"][-1]
+    assert (current.standard_mode, current.custom_mode, current.intended_custom_mode) == (5, RETURN, RETURN)
+
+
+def test_speed_altitude_and_home(aloft: ForeignPilot) -> None:
+    sea_m = EMPTY.origin[2]
+    assert aloft.command(mavlink.MAV_CMD_DO_CHANGE_ALTITUDE, sea_m + 5.0, mavlink.MAV_FRAME_GLOBAL) == ACCEPTED
+    aloft.fly(5.0)
+    assert aloft.height == pytest.approx(5.0, abs=0.1)
+    assert aloft.command(mavlink.MAV_CMD_DO_SET_HOME, 1) == ACCEPTED
+    assert aloft.vehicle.flight.home_ned == pytest.approx(aloft.vehicle.motion.position_ned, abs=0.01)
+    _, _, _, x, y, _ = at(0, 7.0, 0.0, 0.0)
+    place = (x * 1e-7, y * 1e-7)
+    assert aloft.command(mavlink.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, *place, UNSET) == DENIED
+    assert aloft.command(mavlink.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, *place, sea_m) == ACCEPTED
+    # a COMMAND_LONG has places in 32 bits: a metre or two
+    assert aloft.vehicle.flight.home_ned == pytest.approx((7.0, 0.0, 0.0), abs=2.0)
+    assert aloft.command(mavlink.MAV_CMD_DO_REPOSITION, -1, 1, 0, UNSET, *at_degrees(40.0), UNSET) == ACCEPTED
+    assert aloft.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 2.0, -1) == ACCEPTED
+    aloft.fly(3.0)
+    assert 1.5 < math.hypot(*aloft.vehicle.motion.velocity_ned[:2]) < 2.05
+    assert aloft.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, -1, -1) == ACCEPTED
+    aloft.fly(2.5)
+    assert math.hypot(*aloft.vehicle.motion.velocity_ned[:2]) > 3.0
+
+
+@pytest.mark.parametrize("frame", [mavlink.MAV_FRAME_GLOBAL_INT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT])
+def test_orbits_and_homes_have_altitudes_above_the_sea_in_any_frame(aloft: ForeignPilot, frame: int) -> None:
+    """MAVSDK sends the one with the frame of the other, and PX4 does not look at it."""
+    _, _, _, x, y, _ = at(0, 3.0, 4.0, 0.0)
+    sea_m = EMPTY.origin[2]
+    for command, params in ((mavlink.MAV_CMD_DO_ORBIT, (5.0, 1.0)), (mavlink.MAV_CMD_DO_SET_HOME, (0.0, 0.0))):
+        aloft.send(
+            mavlink.MAVLink_command_int_message(1, 1, frame, command, 0, 0, *params, 0.0, UNSET, x, y, sea_m + 6.0)
+        )
+        aloft.fly(0.004)
+        assert aloft.last("COMMAND_ACK").result == ACCEPTED
+    circle = aloft.vehicle.flight.guidance.circle
+    assert circle is not None and circle.center_ned == pytest.approx((3.0, 4.0, -6.0), abs=0.02)
+    assert aloft.vehicle.flight.home_ned == pytest.approx((3.0, 4.0, -6.0), abs=0.02)
+
+
+def at_degrees(north: float) -> tuple[float, float]:
+    _, _, _, x, y, _ = at(0, north, 0.0, 0.0)
+    return x * 1e-7, y * 1e-7
+
+
+def test_pause_and_continue(aloft: ForeignPilot) -> None:
+    assert aloft.command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 1) == REJECTED, "there is no mission"
+    aloft.set_mode(RETURN)
+    assert aloft.command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0) == ACCEPTED and aloft.mode == HOLD
+
+
+def test_termination_is_the_end(aloft: ForeignPilot) -> None:
+    end = mavlink.MAV_CMD_DO_FLIGHTTERMINATION
+    assert ForeignPilot().command(end, 1) == DENIED, "only armed"
+    assert aloft.command(end, 0) == DENIED
+    assert aloft.command(end, 1) == ACCEPTED
+    assert aloft.mode == Mode.TERMINATION.custom_mode
+    assert aloft.set_mode(HOLD) == REJECTED
+    assert aloft.command(mavlink.MAV_CMD_NAV_TAKEOFF, *(UNSET,) * 7) == REJECTED
+    assert aloft.fly(3.0, until=lambda: aloft.vehicle.flight.crash is not None)
+    assert AIRFRAME.ground.crash_speed_m_s < aloft.vehicle.motion.impact_m_s
+
+
+@pytest.mark.parametrize("action", [1, 2])
+def test_a_reboot_ends_the_program_of_a_disarmed_vehicle(pilot: ForeignPilot, action: int) -> None:
+    reboot = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    pilot.fly(1.1)
+    pilot.arm()
+    assert pilot.command(reboot, action) == DENIED
+    pilot.disarm()
+    assert pilot.command(reboot, 0) == ACCEPTED
+    assert pilot.command(reboot, 4) == DENIED
+    assert not pilot.vehicle.ended
+    assert pilot.command(reboot, action) == ACCEPTED
+    assert pilot.vehicle.ended
