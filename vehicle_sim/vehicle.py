@@ -13,16 +13,18 @@ from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.autopilot.control_laws import COMMAND, Level
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Severity
-from vehicle_sim.estimator import Estimator
+from vehicle_sim.estimation.delayed_truth import DelayedTruth
+from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.physics.battery import is_empty
 from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.physics.motion import FEEDBACK, Motion
 from vehicle_sim.physics.rigid_body import STATES
 from vehicle_sim.sensors.lidar import Lidar
+from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.services.identity import COMPONENT, SYSTEM
 from vehicle_sim.services.services import Services
 from vehicle_sim.services.telemetry import Telemetry
-from vehicle_sim.tick import advance
+from vehicle_sim.tick import EXACT, advance
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import TruthRecorder
 from vehicle_sim.world import Scene, World
@@ -94,11 +96,15 @@ class Vehicle:
         self.answered_ns = -1
         """Time of the tick that was answered last, in lockstep."""
         self.motion = Motion.of(0, self.state, self._feedback)
-        self._estimator = Estimator(airframe.telemetry.delay_s, self.motion)
         self.flight = FlightControl(airframe, self.motion)
         self._framer = Framer()
         self._encoder = Encoder(SYSTEM, COMPONENT)
-        lidar_rng, wind_rng = np.random.default_rng(seed).spawn(2)
+        lidar_rng, wind_rng, sensors_rng, alignment_rng = np.random.default_rng(seed).spawn(4)
+        delay_s, sensors = airframe.telemetry.delay_s, airframe.sensors()
+        self._estimator: DelayedTruth | Estimator = DelayedTruth(delay_s, self.motion)
+        if sensors is not None:
+            suite = SensorSuite(sensors, self.motion, sensors_rng)
+            self._estimator = Estimator(suite, delay_s, self.motion, alignment_rng)
         lidar = Lidar(airframe.lidar, lidar_rng)
         self.telemetry = Telemetry(self._encoder, airframe, self._scene, lidar, self.flight, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
@@ -141,12 +147,14 @@ class Vehicle:
         """Fly one tick; returns the datagrams to send at its end."""
         self.tick += 1
         self._wind.advance(self.state)
-        advance(self.state, self.flight.command, self._parameters, self._feedback, self._work)
+        command, feedback, error = self.flight.command, self._feedback, self._estimator.error
+        advance(self.state, command, self._parameters, feedback, self._work, error)
         before = self.motion
         self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
         if self.flight.armed and is_empty(self.airframe, truth):
             self.flight.lose_power()
-        self.flight.step(truth)
+        present, told = self._estimator.update(truth)
+        self.flight.step(present)
         if self.world.force_ned != _NO_FORCE:
             self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned
         if self._scene.world.dynamic:
@@ -155,7 +163,7 @@ class Vehicle:
         if self._truth is not None:
             self._truth.record(self.time_ns, self.state, self._wind_ned)
         frames = self._services.collect()
-        frames.extend(self.telemetry.report(self.tick, self._estimator.update(truth), truth))
+        frames.extend(self.telemetry.report(self.tick, told, truth))
         if self._lockstep:
             frames.append(self._encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
         return _datagrams(frames)
@@ -231,7 +239,7 @@ def warm_up(airframe: Airframe, world: World) -> None:
         command = np.zeros(1, COMMAND)
         command["level"] = level
         command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
-        advance(vehicle.state, command, vehicle._parameters, vehicle._feedback, vehicle._work)
+        advance(vehicle.state, command, vehicle._parameters, vehicle._feedback, vehicle._work, EXACT)
     world.clearance(vehicle.state[0:3])
     for message_id in vehicle.telemetry.message_ids:
         vehicle.telemetry.request(message_id)
