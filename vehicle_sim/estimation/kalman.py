@@ -184,8 +184,8 @@ def take_height(nominal: Array, P: Array, height: float, noise: float, gate: flo
 
 @compiled
 def take_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, noise: Array, gate: float) -> float:
-    """Position and velocity (6,) of the receiver, with their standard deviations (6,), from a time `late` (s) ago, when the
-    nominal state was `then` (23,). The test ratio."""
+    """Position and velocity (6,) of the receiver, with their standard deviations (6,), from a time `late` (s) ago, when
+    the nominal state was `then` (23,). The test ratio."""
     R, gained, turned = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     _matrix(nominal[:4], R)
     for i in range(3):
