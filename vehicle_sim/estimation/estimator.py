@@ -6,6 +6,7 @@ from collections import deque
 import numpy as np
 
 from protocol.arrays import Array
+from protocol.jit import compiled
 from vehicle_sim.estimation import kalman
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.physics.rigid_body import to_world
@@ -17,6 +18,26 @@ _GATE = 5.0
 """Standard deviations of an innovation: EKF2_GPS_P_GATE, EKF2_BARO_GATE."""
 _ALIGNED = (0.01, 0.02, 0.01)
 """Standard deviations at the start, after the alignment at rest: attitude (rad), velocity (m/s), position (m)."""
+
+
+@compiled
+def compare(nominal: Array, gained: Array, truth: Array, estimate: Array, error: Array) -> None:
+    """The estimate (19,) from a nominal state (23,) and the last tick of the inertial unit (6,): position, velocity,
+    attitude, rates, velocity in the body, specific force; and its error (13,) from the truth (13,), see MOTION."""
+    for i in range(3):
+        estimate[i], estimate[3 + i] = nominal[7 + i], nominal[4 + i]
+        estimate[10 + i] = gained[i] / TICK_S - nominal[10 + i]
+        estimate[16 + i] = gained[3 + i] / TICK_S - nominal[13 + i]
+        error[i], error[3 + i] = estimate[i] - truth[3 + i], estimate[3 + i] - truth[i]
+        error[10 + i] = estimate[10 + i] - truth[10 + i]
+    b0, b1, b2, b3 = nominal[0], nominal[1], nominal[2], nominal[3]
+    estimate[6], estimate[7], estimate[8], estimate[9] = b0, b1, b2, b3
+    estimate[13], estimate[14], estimate[15] = to_world(b0, -b1, -b2, -b3, nominal[4], nominal[5], nominal[6])
+    a0, a1, a2, a3 = truth[6], truth[7], truth[8], truth[9]
+    error[6] = a0 * b0 + a1 * b1 + a2 * b2 + a3 * b3
+    error[7] = a0 * b1 - a1 * b0 - a2 * b3 + a3 * b2
+    error[8] = a0 * b2 + a1 * b3 - a2 * b0 - a3 * b1
+    error[9] = a0 * b3 - a1 * b2 + a2 * b1 - a3 * b0
 
 
 class Estimator:
@@ -50,6 +71,7 @@ class Estimator:
         self._since[:4] = self.nominal[:4]
         self.error = np.zeros(13)
         """(13,): of position, velocity, the attitude as a quaternion from the true body, and the rates."""
+        self._estimate = np.zeros(19)
         delay_ticks = -(round(delay_s * 1e9) // -TICK_NS)
         self._past = deque([start], maxlen=1 + delay_ticks)
 
@@ -72,8 +94,8 @@ class Estimator:
         if tick % _SPREAD_TICKS == 0:
             kalman.spread(self.nominal, self.covariance, self._since, self._densities, self._deviations, self._times)
             self._measure(tick, truth.time_ns)
+        compare(self.nominal, suite.gained, now, self._estimate, self.error)
         present = self._present(truth)
-        self._compare(truth, present)
         self._past.append(present)
         return present, self._past[0]
 
@@ -111,31 +133,15 @@ class Estimator:
 
     def _present(self, truth: Motion) -> Motion:
         """The estimate as a motion; what it does not estimate is as it is."""
-        x = self.nominal.tolist()
-        q0, q1, q2, q3 = x[:4]
-        rates = (self._suite.gained[:3] / TICK_S - self.nominal[10:13]).tolist()
-        force = (self._suite.gained[3:] / TICK_S - self.nominal[13:16]).tolist()
+        x = self._estimate.tolist()
         return truth._replace(
-            position_ned=(x[7], x[8], x[9]),
-            velocity_ned=(x[4], x[5], x[6]),
-            attitude_ned_frd=(q0, q1, q2, q3),
-            rates_frd=tuple(rates),
-            velocity_frd=to_world(q0, -q1, -q2, -q3, x[4], x[5], x[6]),
-            specific_force_frd=tuple(force),
+            position_ned=tuple(x[:3]),
+            velocity_ned=tuple(x[3:6]),
+            attitude_ned_frd=tuple(x[6:10]),
+            rates_frd=tuple(x[10:13]),
+            velocity_frd=tuple(x[13:16]),
+            specific_force_frd=tuple(x[16:]),
         )
-
-    def _compare(self, truth: Motion, present: Motion) -> None:
-        """The error on which the inner loops fly."""
-        error = self.error
-        error[:3] = np.subtract(present.position_ned, truth.position_ned)
-        error[3:6] = np.subtract(present.velocity_ned, truth.velocity_ned)
-        a0, a1, a2, a3 = truth.attitude_ned_frd
-        b0, b1, b2, b3 = present.attitude_ned_frd
-        error[6] = a0 * b0 + a1 * b1 + a2 * b2 + a3 * b3
-        error[7] = a0 * b1 - a1 * b0 - a2 * b3 + a3 * b2
-        error[8] = a0 * b2 + a1 * b3 - a2 * b0 - a3 * b1
-        error[9] = a0 * b3 - a1 * b2 + a2 * b1 - a3 * b0
-        error[10:] = np.subtract(present.rates_frd, truth.rates_frd)
 
     @property
     def deviations(self) -> tuple[float, float]:

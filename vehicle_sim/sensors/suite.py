@@ -19,8 +19,8 @@ GYRO, ACCELEROMETER, POSITION, HARD_IRON, BAROMETER = slice(0, 3), slice(3, 6), 
 _WANDERS, _WHITE = 13, 6
 _BLOCK = 250
 """Ticks for which noise is drawn at once."""
-MOTION = 10
-"""Velocity (3) in the world, position (3), attitude (4)."""
+MOTION = 13
+"""Velocity (3) in the world, position (3), attitude (4), rates (3)."""
 
 
 class Fix(NamedTuple):
@@ -53,13 +53,13 @@ def wanders(settings: SensorSettings) -> list[Wander]:
 
 
 def as_row(motion: Motion) -> Array:
-    """(10,), see MOTION."""
-    return np.array((*motion.velocity_ned, *motion.position_ned, *motion.attitude_ned_frd))
+    """(13,), see MOTION."""
+    return np.array((*motion.velocity_ned, *motion.position_ned, *motion.attitude_ned_frd, *motion.rates_frd))
 
 
 @compiled
 def gained(before: Array, now: Array, angle: Array, speed: Array) -> None:
-    """What a perfect inertial unit reads in a tick between two motions (10,): the angle (3,) (rad) that the body turned
+    """What a perfect inertial unit reads in a tick between two motions (13,): the angle (3,) (rad) that the body turned
     and the speed (3,) (m/s) that the specific force gave, both in the axes at the tick's beginning.
 
     The mean of the force turns with the body: the speed is that which `angle` / 2 turns into the true one.
@@ -92,12 +92,23 @@ def gained(before: Array, now: Array, angle: Array, speed: Array) -> None:
 
 
 @compiled
-def _read(before: Array, now: Array, errors: Array, noise: Array, ranges: Array, out: Array) -> None:
-    """Angle and speed (6,) that the inertial unit reads. `ranges` (2,) are its most in a tick."""
+def _read(before: Array, now: Array, errors: Array, walk: Array, noise: Array, out: Array) -> None:
+    """Let the errors (13,) wander, and read the inertial unit: angle and speed (6,).
+
+    `walk` (2, 13) is what an error keeps in a tick and how far it walks, `noise` (19,) of unit deviation.
+    """
+    for i in range(_WANDERS):
+        errors[i] = walk[0, i] * errors[i] + walk[1, i] * noise[i]
     gained(before, now, out[:3], out[3:])
-    for i in range(3):
-        out[i] = min(max(out[i] + errors[i] * TICK_S + noise[i], -ranges[0]), ranges[0])
-        out[3 + i] = min(max(out[3 + i] + errors[3 + i] * TICK_S + noise[3 + i], -ranges[1]), ranges[1])
+    for i in range(6):
+        out[i] += errors[i] * TICK_S
+
+
+@compiled
+def _add(white: Array, noise: Array, most: Array, out: Array) -> None:
+    """Add white noise of these deviations (6,), and saturate at `most` (6,)."""
+    for i in range(6):
+        out[i] = min(max(out[i] + white[i] * noise[i], -most[i]), most[i])
 
 
 class SensorSuite:
@@ -109,15 +120,16 @@ class SensorSuite:
         self._rng = rng
         self._field_ned = field_ned(settings)
         every = wanders(settings)
-        self._deviation = np.array([each.deviation for each in every])
-        self._keeps = np.array([math.exp(-TICK_S / each.time_s) for each in every])
-        self._walks = self._deviation * np.sqrt(1.0 - self._keeps**2)
-        self.errors = self._deviation * rng.standard_normal(_WANDERS)
+        deviation = np.array([each.deviation for each in every])
+        keeps = np.array([math.exp(-TICK_S / each.time_s) for each in every])
+        self.walk = np.array((keeps, deviation * np.sqrt(1.0 - keeps**2)))
+        """(2, 13): what an error keeps in a tick, and how far it walks."""
+        self.errors = deviation * rng.standard_normal(_WANDERS)
         """(13,): the wandering ones as they are."""
         self.errors[POSITION] = 0.0
         s = settings.inertial
         self._white = np.repeat((s.gyro_noise, s.accelerometer_noise), 3) * math.sqrt(TICK_S)
-        self._ranges = np.array((s.gyro_range, s.accelerometer_range)) * TICK_S
+        self._most = np.repeat((s.gyro_range, s.accelerometer_range), 3) * TICK_S
         self._before = as_row(start)
         self._noise = np.empty((0, _WANDERS + _WHITE))
         self._next = 0
@@ -125,13 +137,13 @@ class SensorSuite:
         """(6,): angle (rad) and speed (m/s) of the last tick."""
 
     def advance(self, now: Array) -> None:
-        """One more tick, at whose end the vehicle moves so (10,)."""
+        """One more tick, at whose end the vehicle moves so (13,)."""
         if self._next == len(self._noise):
             self._noise, self._next = self._rng.standard_normal((_BLOCK, _WANDERS + _WHITE)), 0
         noise = self._noise[self._next]
         self._next += 1
-        self.errors = self._keeps * self.errors + self._walks * noise[:_WANDERS]
-        _read(self._before, now, self.errors, self._white * noise[_WANDERS:], self._ranges, self.gained)
+        _read(self._before, now, self.errors, self.walk, noise, self.gained)
+        _add(self._white, noise[_WANDERS:], self._most, self.gained)
         self._before = now
 
     def height(self) -> float:
@@ -141,7 +153,7 @@ class SensorSuite:
 
     def field_frd(self) -> Array:
         """The magnetometer's (3,), in gauss."""
-        _, _, _, _, _, _, q0, q1, q2, q3 = self._before.tolist()
+        q0, q1, q2, q3 = self._before[6:10].tolist()
         field = np.array(to_world(q0, -q1, -q2, -q3, *self._field_ned.tolist()))
         noise = self.settings.magnetometer.noise * self._rng.standard_normal(3)
         return field + self.errors[HARD_IRON] + noise

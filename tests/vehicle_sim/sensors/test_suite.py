@@ -16,11 +16,11 @@ def test_the_angle_and_the_speed_gained_lead_from_one_motion_to_the_next() -> No
     """Through every attitude, and exactly: the filter takes the same steps."""
     motions = [as_row(motion) for motion in lemniscate(5.0)]
     nominal, since, read = np.zeros(kalman.NOMINAL), np.zeros(kalman.SINCE), np.empty(6)
-    nominal[:4], nominal[4:7], nominal[7:10] = motions[0][6:], motions[0][:3], motions[0][3:6]
+    nominal[:4], nominal[4:7], nominal[7:10] = motions[0][6:10], motions[0][:3], motions[0][3:6]
     for before, now in itertools.pairwise(motions):
         gained(before, now, read[:3], read[3:])
         kalman.predict(nominal, read, TICK_S, since)
-    assert abs(nominal[:4] @ motions[-1][6:]) == pytest.approx(1.0, abs=1e-12)
+    assert abs(nominal[:4] @ motions[-1][6:10]) == pytest.approx(1.0, abs=1e-12)
     assert nominal[4:7] == pytest.approx(motions[-1][:3], abs=1e-9)
     assert nominal[7:10] == pytest.approx(motions[-1][3:6], abs=1e-3), "a trapezoid's error"
 
@@ -49,7 +49,7 @@ def test_wanders_keep_their_deviation_and_forget_in_their_time() -> None:
     settings = settings_of("gnss")
     motion, *_ = hover(0.004)
     suite = SensorSuite(settings, motion, np.random.default_rng(1))
-    for each, keeps, walks in zip(wanders(settings), suite._keeps, suite._walks, strict=True):
+    for each, keeps, walks in zip(wanders(settings), *suite.walk, strict=True):
         assert keeps ** (each.time_s / TICK_S) == pytest.approx(np.exp(-1.0))
         assert (keeps * each.deviation) ** 2 + walks**2 == pytest.approx(each.deviation**2)
     starts = np.array([SensorSuite(settings, motion, np.random.default_rng(seed)).errors for seed in range(400)])
