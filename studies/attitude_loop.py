@@ -18,7 +18,7 @@ from vehicle_sim.autopilot.control_laws import COMMAND, Level
 from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.physics.motion import FEEDBACK
 from vehicle_sim.physics.rigid_body import ATTITUDE, RATES, ROTORS, STATES
-from vehicle_sim.tick import advance
+from vehicle_sim.tick import EXACT, advance
 from vehicle_sim.timing import TICK_NS
 
 NAME = "attitude-loop"
@@ -115,7 +115,7 @@ def flown(airframe: Airframe, axis: int, weight: float, step: float) -> tuple[Ar
     for tick in range(count):
         error = np.column_stack([lqr.attitude_error(state[ATTITUDE], target), -state[RATES]]).ravel()
         order["torque_frd"] = np.clip(to_torque * (K @ error), -full, full)
-        advance(state, order, vehicle, feedback, room)
+        advance(state, order, vehicle, feedback, room, EXACT)
         angle[tick + 1] = to_euler(state[ATTITUDE])[axis] / step
     return np.linspace(0.0, count * TICK_NS * 1e-9, count + 1), angle
 

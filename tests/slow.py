@@ -118,7 +118,7 @@ NOT_QUICK = (
     "tests/companion/view/test_control.py",
     "tests/companion/control/test_observer_noise.py",
     "tests/companion/control/test_tilt.py",
-    "tests/vehicle_sim/test_estimator.py",
+    "tests/vehicle_sim/estimation/test_delayed_truth.py",
 )
 """Beginnings of the ids of tests that are quick one by one, and not all together: `make quick` leaves them out."""
 FLOWN = {"fly", "flown"}

@@ -9,9 +9,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.toml_files import TomlFileError, load
+from protocol.toml_files import TomlFileError, find, load
 from protocol.vehicle_parameters import GRAVITY, NotNegative, Positive, VehicleParameters
 from vehicle_sim.sensors.lidar import LidarSettings
+from vehicle_sim.sensors.settings import SensorSettings
+
+PERFECT = "perfect"
 
 Axes = tuple[Positive, Positive, Positive]
 
@@ -81,6 +84,13 @@ class TelemetrySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     """Age of the estimate when it is sent, rounded up to whole ticks of 4 ms."""
 
 
+class EstimatorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[estimator]` table."""
+
+    sensors: str = PERFECT
+    """perfect (it knows the truth), or a file: a name in vehicles/sensors/, or a path."""
+
+
 class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The `[battery]` table."""
 
@@ -116,6 +126,12 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     battery: Battery
     telemetry: TelemetrySettings = TelemetrySettings()
     fence: FenceSettings = FenceSettings()
+    estimator: EstimatorSettings = EstimatorSettings()
+
+    def sensors(self) -> SensorSettings | None:
+        """What its estimator flies on; None is the truth. Raises TomlFileError."""
+        name = self.estimator.sensors
+        return None if name == PERFECT else load(find("vehicles/sensors", name), SensorSettings)
 
     @classmethod
     def load(cls, path: Path, overrides: Sequence[str] = ()) -> "Airframe":
@@ -128,6 +144,7 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise TomlFileError(
                 f"{path}: body.rotor_max_thrust_n: four of them can't lift {airframe.takeoff_mass_kg:g} kg"
             )
+        airframe.sensors()
         if airframe.battery.empty_v >= airframe.battery.full_v:
             raise TomlFileError(f"{path}: battery.empty_v: not below battery.full_v")
         return airframe

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from protocol.arrays import Array
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
@@ -11,21 +13,48 @@ from vehicle_sim.physics.motion import Feedback
 from vehicle_sim.physics.rigid_body import Parameters, depth, derivative, to_world
 from vehicle_sim.timing import STEP_S, STEPS_PER_TICK
 
+EXACT = np.zeros(0)
+"""An estimate without error."""
+
 
 @compiled
-def advance(state: Array, command: Command, parameters: Parameters, feedback: Feedback, work: Array) -> None:
+def _estimated(state: Array, error: Array, out: Array) -> None:
+    """The state (17,) as it is believed: with the estimate's error (13,), the attitude's as a turn in the body."""
+    for i in range(6):
+        out[i] = state[i] + error[i]
+    a0, a1, a2, a3 = state[6], state[7], state[8], state[9]
+    b0, b1, b2, b3 = error[6], error[7], error[8], error[9]
+    out[6] = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
+    out[7] = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
+    out[8] = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
+    out[9] = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
+    for i in range(10, 13):
+        out[i] = state[i] + error[i]
+    out[13:] = state[13:]
+
+
+@compiled
+def advance(
+    state: Array, command: Command, parameters: Parameters, feedback: Feedback, work: Array, error: Array
+) -> None:
     """Fly one tick: the state (17,) and the feedback change in place, and the command's computed fields are filled in.
 
-    `work` (6, 17) is a work array, see integrator.work_array.
+    `work` (7, 17) is a work array, see integrator.work_array. The control laws see the state with the estimate's latest
+    `error` (13,), or as it is (0,).
     """
     p, f = parameters[0], feedback[0]
     commands = work[5]
+    seen = work[6] if len(error) else state
+    if len(error):
+        _estimated(state, error, seen)
     if command[0].level == Level.POSITION:
-        position_law(state, command, parameters)
+        position_law(seen, command, parameters)
     f.impact_m_s = 0.0
     touching = depth(state, parameters) > 0.0
     for _ in range(STEPS_PER_TICK):
-        rotor_commands(state, command, parameters, commands)
+        if len(error):
+            _estimated(state, error, seen)
+        rotor_commands(seen, command, parameters, commands)
         speed = math.sqrt(state[3] ** 2 + state[4] ** 2 + state[5] ** 2)
         step(state, commands, parameters, STEP_S, work)
         touched = touching

@@ -14,12 +14,14 @@ from vehicle_sim.airframe import Airframe, parameters
 from vehicle_sim.autopilot.control_laws import COMMAND, Level
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Mode, Severity
-from vehicle_sim.estimator import Estimator
+from vehicle_sim.estimation.delayed_truth import DelayedTruth
+from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.physics.battery import is_empty
 from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.physics.motion import FEEDBACK, Motion
 from vehicle_sim.physics.rigid_body import STATES
 from vehicle_sim.sensors.lidar import Lidar
+from vehicle_sim.sensors.suite import SensorSuite
 from vehicle_sim.services.identity import FIRST, Identity
 from vehicle_sim.services.outbox import Channel
 from vehicle_sim.services.parameter_store import Parameters
@@ -27,7 +29,7 @@ from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.services import Services
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.telemetry import Profile, Telemetry
-from vehicle_sim.tick import advance
+from vehicle_sim.tick import EXACT, advance
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import TruthRecorder
 from vehicle_sim.world import Scene, World
@@ -100,11 +102,11 @@ class Vehicle:
         self.answered_ns = -1
         """Time of the tick that was answered last, in lockstep."""
         self.motion = Motion.of(0, self.state, self._feedback)
-        self._estimator = Estimator(airframe.telemetry.delay_s, self.motion)
         self.flight = FlightControl(airframe, self.motion)
         self.identity = identity
         self.parameters = Parameters(airframe, self.flight, identity.system)
-        lidar_rng, wind_rng = np.random.default_rng(seed).spawn(2)
+        lidar_rng, wind_rng, *estimator_rngs = np.random.default_rng(seed).spawn(4)
+        self._estimator = _estimator(airframe, self.motion, estimator_rngs)
         lidar = Lidar(airframe.lidar, lidar_rng)
         self._scan_poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
         self._now = Snapshot(self.motion, self.motion, self.motion)
@@ -172,12 +174,14 @@ class Vehicle:
         """Fly one tick."""
         self.tick += 1
         self._wind.advance(self.state)
-        advance(self.state, self.flight.command, self._parameters, self._feedback, self._work)
+        command, feedback, error = self.flight.command, self._feedback, self._estimator.error
+        advance(self.state, command, self._parameters, feedback, self._work, error)
         before = self.motion
         self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
         if self.flight.armed and is_empty(self.airframe, truth):
             self.flight.lose_power()
-        self.flight.step(truth)
+        present, told = self._estimator.update(truth)
+        self.flight.step(present)
         if self.world.force_ned != _NO_FORCE:
             self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned
         if self._scene.world.dynamic:
@@ -186,7 +190,7 @@ class Vehicle:
         if self._truth is not None:
             self._truth.record(self.time_ns, self.state, self._wind_ned)
         self._scan_poses.append(truth)
-        self._now = Snapshot(self._estimator.update(truth), truth, self._scan_poses[0])
+        self._now = Snapshot(told, truth, self._scan_poses[0])
         self._services.tell()
 
     def collect(self, channel: Channel) -> list[bytes]:
@@ -251,6 +255,15 @@ class Vehicle:
         )
 
 
+def _estimator(airframe: Airframe, start: Motion, rngs: list[np.random.Generator]) -> DelayedTruth | Estimator:
+    """What the vehicle flies on and tells; two generators are for its sensors and its alignment."""
+    delay_s, sensors = airframe.telemetry.delay_s, airframe.sensors()
+    if sensors is None:
+        return DelayedTruth(delay_s, start)
+    sensing, alignment = rngs
+    return Estimator(SensorSuite(sensors, start, sensing), delay_s, start, alignment)
+
+
 def _datagrams(frames: list[bytes]) -> list[bytes]:
     """The frames, whole and in order, in as few datagrams as possible."""
     whole = b"".join(frames)
@@ -273,7 +286,7 @@ def warm_up(airframe: Airframe, world: World) -> None:
         command = np.zeros(1, COMMAND)
         command["level"] = level
         command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
-        advance(vehicle.state, command, vehicle._parameters, vehicle._feedback, vehicle._work)
+        advance(vehicle.state, command, vehicle._parameters, vehicle._feedback, vehicle._work, EXACT)
     world.clearance(vehicle.state[0:3])
     for message_id in vehicle.telemetry.message_ids:
         vehicle.telemetry.request(message_id)

@@ -10,8 +10,8 @@ from vehicle_sim.physics.rigid_body import STATES, Parameters, derivative
 
 
 def work_array() -> Array:
-    """The work array (6, 17) of `step` and of tick.advance, which allocate nothing."""
-    return np.zeros((6, STATES))
+    """The work array (7, 17) of `step` and of tick.advance, which allocate nothing."""
+    return np.zeros((7, STATES))
 
 
 @compiled

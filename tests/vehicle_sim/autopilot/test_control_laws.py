@@ -15,7 +15,7 @@ from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level, attitude
 from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.physics.motion import FEEDBACK
 from vehicle_sim.physics.rigid_body import RATES, ROTORS, STATES
-from vehicle_sim.tick import advance
+from vehicle_sim.tick import EXACT, advance
 
 BODY = AIRFRAME.body
 MOST = BODY.rotor_max_thrust_n
@@ -47,7 +47,7 @@ def fly(state: Array, order: Command, seconds: float) -> NDArray[np.float64]:
     feedback, room = np.zeros(1, FEEDBACK), work_array()
     states = []
     for _ in range(round(seconds / 0.004)):
-        advance(state, order, PARAMETERS, feedback, room)
+        advance(state, order, PARAMETERS, feedback, room, EXACT)
         states.append(state.copy())
     return np.array(states)
 

@@ -1,0 +1,1 @@
+"""What the vehicle believes of its own motion."""

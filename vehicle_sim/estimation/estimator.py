@@ -1,0 +1,155 @@
+"""The vehicle's estimator: its sensors, read and fused as they come."""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from protocol.arrays import Array
+from protocol.jit import compiled
+from vehicle_sim.estimation import kalman
+from vehicle_sim.physics.motion import Motion
+from vehicle_sim.physics.rigid_body import to_world
+from vehicle_sim.sensors.suite import TICK_S, Fix, SensorSuite, as_row, field_ned, wanders
+from vehicle_sim.timing import TICK_NS
+
+_SPREAD_TICKS = 5
+_GATE = 5.0
+"""Standard deviations of an innovation: EKF2_GPS_P_GATE, EKF2_BARO_GATE."""
+_ALIGNED = (0.01, 0.02, 0.01)
+"""Standard deviations at the start, after the alignment at rest: attitude (rad), velocity (m/s), position (m)."""
+
+
+@compiled
+def compare(nominal: Array, gained: Array, truth: Array, estimate: Array, error: Array) -> None:
+    """The estimate (19,) from a nominal state (23,) and the last tick of the inertial unit (6,): position, velocity,
+    attitude, rates, velocity in the body, specific force; and its error (13,) from the truth (13,), see MOTION."""
+    for i in range(3):
+        estimate[i], estimate[3 + i] = nominal[7 + i], nominal[4 + i]
+        estimate[10 + i] = gained[i] / TICK_S - nominal[10 + i]
+        estimate[16 + i] = gained[3 + i] / TICK_S - nominal[13 + i]
+        error[i], error[3 + i] = estimate[i] - truth[3 + i], estimate[3 + i] - truth[i]
+        error[10 + i] = estimate[10 + i] - truth[10 + i]
+    b0, b1, b2, b3 = nominal[0], nominal[1], nominal[2], nominal[3]
+    estimate[6], estimate[7], estimate[8], estimate[9] = b0, b1, b2, b3
+    estimate[13], estimate[14], estimate[15] = to_world(b0, -b1, -b2, -b3, nominal[4], nominal[5], nominal[6])
+    a0, a1, a2, a3 = truth[6], truth[7], truth[8], truth[9]
+    error[6] = a0 * b0 + a1 * b1 + a2 * b2 + a3 * b3
+    error[7] = a0 * b1 - a1 * b0 - a2 * b3 + a3 * b2
+    error[8] = a0 * b2 + a1 * b3 - a2 * b0 - a3 * b1
+    error[9] = a0 * b3 - a1 * b2 + a2 * b1 - a3 * b0
+
+
+class Estimator:
+    """Flies on what it estimates, and tells it `delay_s` late.
+
+    It starts aligned: its first errors are drawn as its first covariance says, with the receiver's error at that time
+    taken for the origin.
+    """
+
+    def __init__(self, suite: SensorSuite, delay_s: float, start: Motion, rng: np.random.Generator) -> None:
+        self._suite = suite
+        s = suite.settings
+        every = wanders(s)
+        self._deviations = np.array([each.deviation for each in every])
+        self._times = np.array([each.time_s for each in every])
+        self._densities = np.array((s.inertial.gyro_noise, s.inertial.accelerometer_noise))
+        self._field = field_ned(s)
+        (level, up), (slow, climbing) = s.gnss.position_noise, s.gnss.velocity_noise
+        self._fix_noise = np.array((level, level, up, slow, slow, climbing))
+        self._fix_delay_ns = round(s.gnss.delay_s * 1e9)
+        self._field_ticks, self._height_ticks, self._fix_ticks = (
+            max(1, round(1.0 / (each.rate_hz * TICK_S))) for each in (s.magnetometer, s.barometer, s.gnss)
+        )
+        self._fixes: deque[tuple[Fix, Array]] = deque()
+        """On their way, each with the nominal state of its time."""
+        self.test_ratios = [0.0, 0.0, 0.0]
+        """Of the last field, height and fix."""
+        self.nominal, self.covariance = np.zeros(kalman.NOMINAL), np.zeros((kalman.ERROR, kalman.ERROR))
+        self._align(start, rng)
+        self._since = np.zeros(kalman.SINCE)
+        self._since[:4] = self.nominal[:4]
+        self.error = np.zeros(13)
+        """(13,): of position, velocity, the attitude as a quaternion from the true body, and the rates."""
+        self._estimate = np.zeros(19)
+        delay_ticks = -(round(delay_s * 1e9) // -TICK_NS)
+        self._past = deque([start], maxlen=1 + delay_ticks)
+
+    def _align(self, start: Motion, rng: np.random.Generator) -> None:
+        deviations = np.concatenate((np.repeat(_ALIGNED, 3), self._deviations))
+        deviations[15:18] = 0.0  # the origin is where the first fix says
+        np.fill_diagonal(self.covariance, deviations**2)
+        errors = deviations * rng.standard_normal(kalman.ERROR)
+        self.nominal[:4] = start.attitude_ned_frd
+        kalman.turn(self.nominal, *errors[:3].tolist())
+        self.nominal[4:7] = np.array(start.velocity_ned) + errors[3:6]
+        self.nominal[7:10] = np.array(start.position_ned) + errors[6:9]
+
+    def update(self, truth: Motion) -> tuple[Motion, Motion]:
+        """What the vehicle flies on after one more tick, at whose end it moves so, and what it tells."""
+        suite, now = self._suite, as_row(truth)
+        suite.advance(now)
+        kalman.predict(self.nominal, suite.gained, TICK_S, self._since)
+        tick = truth.time_ns // TICK_NS
+        if tick % _SPREAD_TICKS == 0:
+            kalman.spread(self.nominal, self.covariance, self._since, self._densities, self._deviations, self._times)
+            self._measure(tick, truth.time_ns)
+        compare(self.nominal, suite.gained, now, self._estimate, self.error)
+        present = self._present(truth)
+        self._past.append(present)
+        return present, self._past[0]
+
+    def _measure(self, tick: int, time_ns: int) -> None:
+        suite, s, before = self._suite, self._suite.settings, self.nominal.copy()
+        if _due(tick, self._field_ticks):
+            self.test_ratios[0] = kalman.take_field(
+                self.nominal, self.covariance, self._field, suite.field_frd(), s.magnetometer.noise, _GATE
+            )
+        if _due(tick, self._height_ticks):
+            self.test_ratios[1] = kalman.take_height(
+                self.nominal, self.covariance, suite.height(), s.barometer.noise, _GATE
+            )
+        if _due(tick, self._fix_ticks):
+            fix = suite.fix(time_ns)
+            if fix is not None:
+                self._fixes.append((fix, self.nominal.copy()))
+        self._correct_fixes(before, time_ns)
+        if self._fixes and time_ns - self._fixes[0][0].time_ns >= self._fix_delay_ns:
+            fix, then = self._fixes.popleft()
+            before = self.nominal.copy()
+            read, late = np.concatenate((fix.position_ned, fix.velocity_ned)), (time_ns - fix.time_ns) * 1e-9
+            self.test_ratios[2] = kalman.take_fix(
+                self.nominal, self.covariance, then, late, read, self._fix_noise, _GATE
+            )
+            self._correct_fixes(before, time_ns)
+
+    def _correct_fixes(self, before: Array, time_ns: int) -> None:
+        """What has become known of the present was so at the fixes' times, too."""
+        change = self.nominal - before
+        for fix, then in self._fixes:
+            if fix.time_ns < time_ns:
+                then[4:] += change[4:]
+                then[7:10] -= (time_ns - fix.time_ns) * 1e-9 * change[4:7]
+
+    def _present(self, truth: Motion) -> Motion:
+        """The estimate as a motion; what it does not estimate is as it is."""
+        x = self._estimate.tolist()
+        return truth._replace(
+            position_ned=tuple(x[:3]),
+            velocity_ned=tuple(x[3:6]),
+            attitude_ned_frd=tuple(x[6:10]),
+            rates_frd=tuple(x[10:13]),
+            velocity_frd=tuple(x[13:16]),
+            specific_force_frd=tuple(x[16:]),
+        )
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Standard deviations (m) that it believes of its place, horizontal and vertical."""
+        P = self.covariance
+        return math.sqrt(P[6, 6] + P[7, 7]), math.sqrt(P[8, 8])
+
+
+def _due(tick: int, every: int) -> bool:
+    """In the first step of the covariance after each period."""
+    return tick % every < _SPREAD_TICKS

@@ -1,0 +1,208 @@
+"""An error-state Kalman filter of attitude, velocity, position and the sensors' wandering errors, compiled.
+
+Nominal state (23,): attitude_ned_frd 0:4, velocity_ned 4:7 (m/s), position_ned 7:10 (m), and the errors of gyroscope
+10:13 (rad/s), accelerometer 13:16 (m/s2), satellite position 16:19 (m), magnetometer 19:22 (gauss), barometer 22 (m).
+Its error (22,) has the same order, with the attitude's as a rotation vector (3,) in the body: the true attitude is the
+nominal one turned by it. J. Sola, "Quaternion kinematics for the error-state Kalman filter" (2017), chapters 5 and 6.
+
+A fix of the receiver is compared with where the filter was then; what the error of then has become since is taken to
+first order from the speed gained meanwhile.
+"""
+
+import math
+
+import numpy as np
+
+from protocol.arrays import Array
+from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
+from vehicle_sim.physics.rigid_body import to_world
+
+NOMINAL, ERROR = 23, 22
+ATTITUDE, VELOCITY, POSITION = slice(0, 4), slice(4, 7), slice(7, 10)
+TURNED, SPEED, PLACE, WANDER = 0, 3, 6, 9
+"""Where attitude, velocity, position and the wandering errors begin in the error state."""
+SINCE = 8
+"""What has happened since the covariance was brought forward: attitude then 0:4, speed gained 4:7 (m/s), time 7 (s)."""
+
+
+@compiled
+def turn(q: Array, x: float, y: float, z: float) -> None:
+    """Turn an attitude (4,) in place by a rotation vector (rad) in the body."""
+    size = math.sqrt(x * x + y * y + z * z)
+    half = 0.5 if size < 1e-9 else math.sin(0.5 * size) / size
+    b0, b1, b2, b3 = math.cos(0.5 * size), half * x, half * y, half * z
+    a0, a1, a2, a3 = q[0], q[1], q[2], q[3]
+    q[0] = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
+    q[1] = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
+    q[2] = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
+    q[3] = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
+    norm = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    for i in range(4):
+        q[i] /= norm
+
+
+@compiled
+def predict(nominal: Array, gained: Array, dt: float, since: Array) -> None:
+    """Move the nominal state over a tick (s) by the inertial unit's angle and speed (6,)."""
+    x, y, z = gained[0] - nominal[10] * dt, gained[1] - nominal[11] * dt, gained[2] - nominal[12] * dt
+    u, v, w = gained[3] - nominal[13] * dt, gained[4] - nominal[14] * dt, gained[5] - nominal[15] * dt
+    u, v, w = u + 0.5 * (y * w - z * v), v + 0.5 * (z * u - x * w), w + 0.5 * (x * v - y * u)
+    dn, de, dd = to_world(nominal[0], nominal[1], nominal[2], nominal[3], u, v, w)
+    since[4] += dn
+    since[5] += de
+    since[6] += dd
+    since[7] += dt
+    dd += GRAVITY * dt
+    nominal[7] += (nominal[4] + 0.5 * dn) * dt
+    nominal[8] += (nominal[5] + 0.5 * de) * dt
+    nominal[9] += (nominal[6] + 0.5 * dd) * dt
+    nominal[4] += dn
+    nominal[5] += de
+    nominal[6] += dd
+    turn(nominal, x, y, z)
+
+
+@compiled
+def _matrix(q: Array, out: Array) -> None:
+    """The rotation matrix (3, 3) of an attitude (4,)."""
+    for j in range(3):
+        x, y, z = to_world(q[0], q[1], q[2], q[3], 1.0 * (j == 0), 1.0 * (j == 1), 1.0 * (j == 2))
+        out[0, j], out[1, j], out[2, j] = x, y, z
+
+
+@compiled
+def _crossed(s: Array, R: Array, sign: float, out: Array) -> None:
+    """sign [s]x R (3, 3)."""
+    for j in range(3):
+        out[0, j] = sign * (s[1] * R[2, j] - s[2] * R[1, j])
+        out[1, j] = sign * (s[2] * R[0, j] - s[0] * R[2, j])
+        out[2, j] = sign * (s[0] * R[1, j] - s[1] * R[0, j])
+
+
+@compiled
+def _multiply(F: Array, P: Array, out: Array) -> None:
+    """F P (22, 22), where F moves only attitude, velocity and position by others, up to the inertial unit's errors."""
+    for i in range(ERROR):
+        for j in range(ERROR):
+            total = F[i, i] * P[i, j]
+            if i < WANDER:
+                for k in range(WANDER + 6):
+                    if k != i:
+                        total += F[i, k] * P[k, j]
+            out[i, j] = total
+
+
+@compiled
+def spread(nominal: Array, P: Array, since: Array, densities: Array, deviations: Array, times: Array) -> None:
+    """Bring the covariance (22, 22) forward over what has happened `since`, and begin anew.
+
+    `densities` (2,) are the noise of gyroscope and accelerometer, `deviations` and `times` (13,) the wanders.
+    """
+    dt = since[7]
+    F = np.eye(ERROR)
+    then, now, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    _matrix(since[:4], then)
+    _matrix(nominal[:4], now)
+    _crossed(since[4:7], then, -1.0, turned)
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = now[0, i] * then[0, j] + now[1, i] * then[1, j] + now[2, i] * then[2, j]
+            F[3 + i, j] = turned[i, j]
+            F[6 + i, j] = 0.5 * dt * turned[i, j]
+            F[3 + i, 12 + j] = -dt * then[i, j]
+            F[6 + i, 12 + j] = -0.5 * dt * dt * then[i, j]
+        F[i, 9 + i] = -dt
+        F[6 + i, 3 + i] = dt
+    for i in range(13):
+        F[9 + i, 9 + i] = math.exp(-dt / times[i])
+    M = np.zeros((ERROR, ERROR))
+    _multiply(F, P, M)
+    _multiply(F, M.T, P)  # F P F' is symmetric
+    for i in range(3):
+        P[i, i] += densities[0] ** 2 * dt
+        P[3 + i, 3 + i] += densities[1] ** 2 * dt
+    for i in range(13):
+        P[9 + i, 9 + i] += deviations[i] ** 2 * (1.0 - math.exp(-2.0 * dt / times[i]))
+    since[:4] = nominal[:4]
+    since[4:] = 0.0
+
+
+@compiled
+def _correct(nominal: Array, P: Array, H: Array, innovation: Array, variance: Array, gate: float) -> float:
+    """Take measurements one after another: rows H (n, 22), innovations and variances (n,). Those beyond `gate` standard
+    deviations are left. The greatest squared ratio of innovation and its deviation (the test ratio)."""
+    change, Ph, worst = np.zeros(ERROR), np.empty(ERROR), 0.0
+    for row in range(len(innovation)):
+        S, left = variance[row], innovation[row]
+        for i in range(ERROR):
+            Ph[i] = 0.0
+            for j in range(ERROR):
+                Ph[i] += P[i, j] * H[row, j]
+            S += H[row, i] * Ph[i]
+            left -= H[row, i] * change[i]
+        worst = max(worst, left * left / S)
+        if left * left > gate * gate * S:
+            continue
+        for i in range(ERROR):
+            gain = Ph[i] / S
+            change[i] += gain * left
+            for j in range(ERROR):
+                P[i, j] -= gain * Ph[j]
+    for i in range(ERROR):
+        for j in range(i):
+            P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
+    turn(nominal, change[0], change[1], change[2])
+    for i in range(3, ERROR):
+        nominal[1 + i] += change[i]
+    return worst
+
+
+@compiled
+def take_field(nominal: Array, P: Array, field_ned: Array, read_frd: Array, noise: float, gate: float) -> float:
+    """The magnetometer's reading (3,) of a known field (3,). The test ratio."""
+    q = nominal
+    x, y, z = to_world(q[0], -q[1], -q[2], -q[3], field_ned[0], field_ned[1], field_ned[2])
+    H, innovation, variance = np.zeros((3, ERROR)), np.empty(3), np.full(3, noise * noise)
+    H[0, 1], H[0, 2], H[1, 0], H[1, 2], H[2, 0], H[2, 1] = -z, y, z, -x, -y, x
+    innovation[0] = read_frd[0] - x - q[19]
+    innovation[1] = read_frd[1] - y - q[20]
+    innovation[2] = read_frd[2] - z - q[21]
+    for i in range(3):
+        H[i, 18 + i] = 1.0
+    return _correct(nominal, P, H, innovation, variance, gate)
+
+
+@compiled
+def take_height(nominal: Array, P: Array, height: float, noise: float, gate: float) -> float:
+    """The barometer's. The test ratio."""
+    H, innovation = np.zeros((1, ERROR)), np.empty(1)
+    H[0, 8], H[0, 21] = -1.0, 1.0
+    innovation[0] = height + nominal[9] - nominal[22]
+    return _correct(nominal, P, H, innovation, np.full(1, noise * noise), gate)
+
+
+@compiled
+def take_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, noise: Array, gate: float) -> float:
+    """Position and velocity (6,) of the receiver, with their standard deviations (6,), from a time `late` (s) ago, when
+    the nominal state was `then` (23,). The test ratio."""
+    R, gained, turned = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    _matrix(nominal[:4], R)
+    for i in range(3):
+        gained[i] = nominal[4 + i] - then[4 + i]
+    gained[2] -= GRAVITY * late
+    _crossed(gained, R, 1.0, turned)
+    H, innovation = np.zeros((6, ERROR)), np.empty(6)
+    for i in range(3):
+        for j in range(3):
+            H[i, j] = -0.5 * late * turned[i, j]
+            H[i, 12 + j] = -0.5 * late * late * R[i, j]
+            H[3 + i, j] = turned[i, j]
+            H[3 + i, 12 + j] = late * R[i, j]
+        H[i, 3 + i] = -late
+        H[i, 6 + i] = 1.0
+        H[i, 15 + i] = 1.0
+        H[3 + i, 3 + i] = 1.0
+        innovation[i] = read[i] - then[7 + i] - then[16 + i]
+        innovation[3 + i] = read[3 + i] - then[4 + i]
+    return _correct(nominal, P, H, innovation, noise * noise, gate)

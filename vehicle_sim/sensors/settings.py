@@ -1,0 +1,82 @@
+"""A sensor file in `vehicles/sensors/`: how wrong the vehicle's sensors are.
+
+Errors that wander are first-order Gauss-Markov processes: their standard deviation and the time after which they have
+forgotten themselves. A density is the N of the Allan deviation N / sqrt(t).
+"""
+
+from typing import Annotated
+
+import msgspec
+
+from protocol.vehicle_parameters import NotNegative, Positive
+
+Interval = tuple[NotNegative, NotNegative]
+
+
+class Wander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An error that wanders."""
+
+    deviation: NotNegative
+    time_s: Positive
+
+
+class Inertial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[inertial]` table: gyroscope and accelerometer, read in each tick as angle and speed gained in it."""
+
+    gyro_noise: NotNegative
+    """rad/s/sqrt(Hz)"""
+    accelerometer_noise: NotNegative
+    """m/s2/sqrt(Hz)"""
+    gyro_bias: Wander
+    """rad/s"""
+    accelerometer_bias: Wander
+    """m/s2"""
+    gyro_range: Positive
+    """rad/s; it saturates there."""
+    accelerometer_range: Positive
+    """m/s2"""
+
+
+class Barometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[barometer]` table, as height (m)."""
+
+    rate_hz: Positive
+    noise: NotNegative
+    bias: Wander
+
+
+class Magnetometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[magnetometer]` table, in gauss."""
+
+    rate_hz: Positive
+    noise: NotNegative
+    hard_iron: Wander
+    """What calibration left, in the body."""
+    declination_deg: Annotated[float, msgspec.Meta(ge=-180, le=180)]
+    inclination_deg: Annotated[float, msgspec.Meta(ge=-90, le=90)]
+    strength: Positive
+
+
+class Satellites(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[gnss]` table: horizontal and vertical values side by side."""
+
+    rate_hz: Positive
+    delay_s: Annotated[float, msgspec.Meta(ge=0, le=0.4)]
+    position_noise: tuple[NotNegative, NotNegative]
+    """m"""
+    velocity_noise: tuple[NotNegative, NotNegative]
+    """m/s"""
+    horizontal_error: Wander
+    """m; what the atmosphere and reflections do."""
+    vertical_error: Wander
+    outages_s: list[Interval] = []
+    """Times since boot, from and until, without any fix."""
+
+
+class SensorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A whole sensor file."""
+
+    inertial: Inertial
+    barometer: Barometer
+    magnetometer: Magnetometer
+    gnss: Satellites
