@@ -133,14 +133,14 @@ class Estimator:
 
     def _present(self, truth: Motion) -> Motion:
         """The estimate as a motion; what it does not estimate is as it is."""
-        x = self._estimate.tolist()
+        x, y, z, vx, vy, vz, q0, q1, q2, q3, p, q, r, u, v, w, fx, fy, fz = self._estimate.tolist()
         return truth._replace(
-            position_ned=tuple(x[:3]),
-            velocity_ned=tuple(x[3:6]),
-            attitude_ned_frd=tuple(x[6:10]),
-            rates_frd=tuple(x[10:13]),
-            velocity_frd=tuple(x[13:16]),
-            specific_force_frd=tuple(x[16:]),
+            position_ned=(x, y, z),
+            velocity_ned=(vx, vy, vz),
+            attitude_ned_frd=(q0, q1, q2, q3),
+            rates_frd=(p, q, r),
+            velocity_frd=(u, v, w),
+            specific_force_frd=(fx, fy, fz),
         )
 
     @property

@@ -11,6 +11,7 @@ from companion.mission.plan import Phase
 from companion.mission.wander import Wander
 from studies.joined import Joined, mission_of
 from tests.companion.mission.navigating import ALONG, at_step, target_of, vehicle
+from vehicle_sim.physics.motion import Motion
 
 
 def test_a_vehicle_that_follows_exactly_must_come_near() -> None:
@@ -78,12 +79,13 @@ def test_a_noisy_estimate_does_not_hold_the_mission_up() -> None:
     estimator = joined.vehicle._estimator
     update = estimator.update
 
-    def noisy(truth: object) -> object:
+    def noisy(truth: Motion) -> tuple[Motion, Motion]:
         nonlocal offset
         offset = offset + 0.004 * (-offset / 1.0) + math.sqrt(2.0 * 0.004) * 0.15 * rng.normal(size=3)
-        motion = update(truth)  # type: ignore[arg-type]
-        return motion._replace(position_ned=tuple(np.array(motion.position_ned) + offset))
+        present, told = update(truth)
+        north, east, down = (np.array(told.position_ned) + offset).tolist()
+        return present, told._replace(position_ned=(north, east, down))
 
-    estimator.update = noisy  # type: ignore[method-assign, assignment]
+    estimator.update = noisy  # type: ignore[method-assign]
     joined.fly(limit_s=60.0)
     assert joined.autopilot.ended and joined.autopilot.supervisor.fault is None

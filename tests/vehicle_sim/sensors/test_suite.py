@@ -28,7 +28,8 @@ def test_the_angle_and_the_speed_gained_lead_from_one_motion_to_the_next() -> No
 def allan(rates: Array, ticks: int) -> Array:
     """Allan deviation of samples (n, axes) at so many ticks."""
     means = rates[: len(rates) // ticks * ticks].reshape(-1, ticks, rates.shape[1]).mean(axis=1)
-    return np.sqrt(0.5 * (np.diff(means, axis=0) ** 2).mean(axis=0))
+    found: Array = np.sqrt(0.5 * (np.diff(means, axis=0) ** 2).mean(axis=0))
+    return found
 
 
 def test_the_inertial_unit_s_noise_is_its_density() -> None:
