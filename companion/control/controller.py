@@ -128,12 +128,12 @@ class Controller:
         return msgspec.structs.replace(state, position_ned=m["position"] + since * velocity, velocity_ned=velocity)
 
     def _pace(self) -> Pace:
-        """Slow the design down to the pace that the delay allows, and the height to its own."""
+        """Slow the design down to the pace that the delay allows."""
         delay, left = self.delay.total, self.delay.unsteady
         if not self._predicts:
             delay, left = 0.0, delay + left
-        pace, height = (pace_for(design_of(self._configured[0], vertical=v), delay, left) for v in (False, True))
-        self._parameters["pace"] = pace.share, pace.share, height.share
+        pace = pace_for(design_of(self._configured[0]), delay, left)
+        self._parameters["pace"] = pace.share
         self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace.share, torque=False)
         self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace.share, torque=True)
         return pace

@@ -7,8 +7,7 @@ systems with delayed controls: a reduction", IEEE TAC 27(4), 1982) is
 
     L(s) = K e^(A T) (sI - A)^-1 B e^(-s (T + left)) / (1 + K int_0^T e^((A - sI) t) dt B)
 
-where `left` is a delay that is not predicted over. The height has no attitude in between: x = (position, velocity,
-acceleration) of the rotors' thrust. Prediction takes the delay out of the closed loop's poles, and pays
+where `left` is a delay that is not predicted over. Prediction takes the delay out of the closed loop's poles, and pays
 for it in margin: the longer the delay, the slower the loop must be for the same margin.
 
 The pace p slows the whole design down as if time ran at p: gains on the error of position by p^2, on that of velocity
@@ -52,8 +51,6 @@ class Design(NamedTuple):
     """1/s; of its own attitude loop: 0 where it is given rates or torque."""
     rotor_lag: float
     """s"""
-    vertical: bool = False
-    """The height, for which gains on position and velocity and the rotors' lag are all there is."""
 
 
 class Pace(NamedTuple):
@@ -69,7 +66,7 @@ ComplexArray = NDArray[np.complexfloating[Any, Any]]
 
 
 class _Response(NamedTuple):
-    """L at the frequencies is (K ahead) / (1 + K under_way), each (n, 5); (n, 3) of the height."""
+    """L at the frequencies is (K ahead) / (1 + K under_way), each (n, 5)."""
 
     ahead: ComplexArray
     under_way: ComplexArray
@@ -88,21 +85,16 @@ def _exponential(A: Array, time: float) -> Array:
 
 
 def plant(design: Design) -> tuple[Array, Array]:
-    """A (5, 5) and B (5,) of one axis; (3, 3) and (3,) of the height."""
+    """A (5, 5) and B (5,) of one axis."""
     lag, k = max(design.rotor_lag, 1e-3), design.rate_feedback
-    if design.vertical:
-        return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]]), np.array([0.0, 0.0, 1.0 / lag])
     A = np.diag([1.0, GRAVITY, 1.0, 1.0], 1)
     A[4] = 0.0, 0.0, -k * design.angle_feedback / lag, -k / lag, -1.0 / lag
     return A, np.array([0.0, 0.0, 0.0, 0.0, design.input_gain / lag])
 
 
 def feedback(design: Design, pace: float) -> Array:
-    """K (5,) at a pace; (3,) of the height."""
-    outer = np.array([pace * pace * design.position, pace * design.velocity])
-    if design.vertical:
-        return np.array([*outer, 0.0])
-    outer /= GRAVITY
+    """K (5,) at a pace."""
+    outer = np.array([pace * pace * design.position, pace * design.velocity]) / GRAVITY
     if design.angle_feedback > 0.0:  # the angle itself is commanded
         return np.array([*outer, 0.0, 0.0, 0.0])
     angle, rate, turning = paced(np.array(design.attitude), pace, torque=design.rate_feedback == 0.0)
@@ -118,8 +110,7 @@ def paced(gain: Array, pace: float, *, torque: bool) -> Array:
 def _response(design: Design, delay: float, left: float) -> _Response:
     A, B = plant(design)
     s = 1j * _FREQUENCIES
-    n = len(B)
-    moves = np.linalg.solve(s[:, None, None] * np.eye(n) - A, np.broadcast_to(B[:, None], (len(s), n, 1)))[:, :, 0]
+    moves = np.linalg.solve(s[:, None, None] * np.eye(5) - A, np.broadcast_to(B[:, None], (len(s), 5, 1)))[:, :, 0]
     later = np.exp(-s * delay)[:, None]
     ahead = moves @ _exponential(A, delay).T * later
     return _Response(ahead * np.exp(-s * left)[:, None], moves - ahead)

@@ -40,7 +40,7 @@ PARAMETERS = np.dtype(
         ("predicts", "b1"),
         ("half_period_ns", "i8"),
         ("command_delay_ns", "i8"),
-        ("pace", "f8", 3),
+        ("pace", "f8"),
         ("turning_input", "i8"),
         ("rotor_lag", "f8"),
         ("rate_loop", "f8", 3),
@@ -64,10 +64,10 @@ PARAMETERS = np.dtype(
 )
 """SI units. Of the fields that do not speak for themselves: `gains` are the law's (`laws.Law`); `c1`, `c2` those of the
 Lyapunov function, whichever law flies; `unit` is 1, 1, 1; `half_period_ns` and `command_delay_ns` are together the time
-from a command to its effect, half of the time that it is held included; `pace` is that of `margin` along north, east
-and down; `fading` (1/s) that of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once
-it is known; `attitude_lead` (s) the lag of the vehicle's attitude loop; the `assumed` gains (1/s) of its loops are its
-own or, where these are not known, usual ones; `torque_scale` the fractions of full torque for a unit of U2, U3, U4."""
+from a command to its effect, half of the time that it is held included; `pace` is that of `margin`; `fading` (1/s) that
+of a vertical disturbance; `angle_boost` is the vehicle's (`thrust.on_the_wire`), set once it is known; `attitude_lead`
+(s) the lag of the vehicle's attitude loop; the `assumed` gains (1/s) of its loops are its own or, where these are not
+known, usual ones; `torque_scale` the fractions of full torque for one unit of U2, U3, U4."""
 
 _SMALL = 1e-3
 """m and m/s: an error that is within any law's linear range."""
@@ -184,12 +184,11 @@ def _attitude_gains(settings: Settings, body: VehicleParameters) -> tuple[Array,
     return torque_gain, rates_gain
 
 
-def design_of(p: Any, *, vertical: bool = False) -> Design:
-    """The design of a record of PARAMETERS along north, which turns the vehicle about pitch, or of the height."""
-    axis, none = 2 if vertical else 0, np.zeros(3)
-    small = np.eye(3)[axis] * _SMALL
+def design_of(p: Any) -> Design:
+    """The design of a record of PARAMETERS along north, which turns the vehicle about its pitch axis."""
+    small, none = np.array([1.0, 0.0, 0.0]) * _SMALL, np.zeros(3)
     moved, moving = (
-        float(laws.acceleration_command(p["law"], error, none, p["gains"])[axis]) / _SMALL
+        float(laws.acceleration_command(p["law"], error, none, p["gains"])[0]) / _SMALL
         for error in (TrackingError(small, none, -p["c1"] * small, none), TrackingError(none, small, -small, none))
     )
     takes_torque = p["turning_input"] == TurningInput.ANGULAR_ACCELERATION
@@ -202,8 +201,7 @@ def design_of(p: Any, *, vertical: bool = False) -> Design:
     if p["turning_input"] == TurningInput.ATTITUDE:
         angle_loop = float(p["assumed_attitude_loop"])
         strength = rate_loop * angle_loop
-    inner = tuple(attitude.tolist()), strength, rate_loop, angle_loop, float(p["rotor_lag"])
-    return Design(moved, moving, *inner, vertical)
+    return Design(moved, moving, tuple(attitude.tolist()), strength, rate_loop, angle_loop, float(p["rotor_lag"]))
 
 
 def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:

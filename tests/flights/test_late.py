@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from companion.state import Output
 from companion.supervision.operations import LandRequest
 from companion.supervision.states import State
 from protocol.framing import Framer
@@ -76,22 +75,6 @@ def test_a_link_that_becomes_late_in_flight_is_flown_on() -> None:
     joined.fly(limit_s=12.0)
     assert joined.autopilot.supervisor.state is State.FLY and joined.autopilot.supervisor.fault is None
     assert steepest_deg(joined) < TILT_DEG
-
-
-@pytest.mark.parametrize(("output", "tilt_deg", "sinks"), [(None, 45.0, 0.4), (Output.RATES, 70.0, 1.5)])
-def test_a_link_that_becomes_late_in_a_turn_costs_little_height(
-    output: Output | None, tilt_deg: float, sinks: float
-) -> None:
-    """At a corner of the square; the last rates turn the vehicle on while the next ones are under way."""
-    between = Injector(Link(there=0.02, back=0.02))
-    joined = Joined(mission_of("square"), output, injector=between, remembers=False)
-    joined.fly(until=lambda joined: joined.vehicle.time_ns > 20.64e9)
-    between.link = Link(there=0.2, back=0.2)
-    height = joined.vehicle.motion.position_ned[2]
-    joined.fly(limit_s=5.0)
-    assert joined.autopilot.supervisor.state is State.FLY
-    assert steepest_deg(joined) < tilt_deg
-    assert np.abs(np.array(joined.truths)[-1250:, 2] - height).max() < sinks
 
 
 class CommandsLost(Injector):
