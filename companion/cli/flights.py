@@ -185,10 +185,10 @@ def fly(asked: FlyOptions) -> None:
     with _abandoned():
         plan, adoption = exit_on_user_error(_plan, asked, None), exit_on_user_error(_adoption, asked)
         plan = replace(plan, adoption=adoption, connect=asked.connect)
-        from companion.runtime.files import is_of_station
         from companion.runtime.flight import fly as fly_plan
         from companion.runtime.flight import prepare
         from companion.runtime.side_links import open_vehicle_link
+        from companion.runtime.station_files import is_of_station
         from protocol.guarded_link import inmost
         from protocol.transport import Udp
 
@@ -270,16 +270,9 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     Raises TomlFileError and PlanError.
     """
     from companion.runtime.demo import SIMULATOR_FILES
-    from companion.runtime.files import (
-        fenced,
-        is_of_station,
-        load_body,
-        load_mission,
-        load_of_station,
-        load_settings,
-        origin_of,
-    )
+    from companion.runtime.files import load_body, load_mission, load_settings
     from companion.runtime.flight import Plan, PlanError, check
+    from companion.runtime.station_files import fenced, is_of_station, load_of_station, origin_of
     from protocol import toml_files as toml_files
 
     overrides = list(asked.overrides or ())

@@ -49,7 +49,7 @@ def convert(
     .plan as .waypoints."""
     from companion.logs.target import output
     from companion.mission.files import to_toml, to_waypoints
-    from companion.runtime.files import is_of_station, read_of_station
+    from companion.runtime.station_files import is_of_station, read_of_station
 
     if to.suffix == ".toml":
         text = to_toml(_mission(file))
@@ -67,7 +67,8 @@ def convert(
 
 
 def _mission(file: str) -> "Mission":
-    from companion.runtime.files import is_of_station, load_mission, load_of_station
+    from companion.runtime.files import load_mission
+    from companion.runtime.station_files import is_of_station, load_of_station
 
     if not is_of_station(file):
         return exit_on_user_error(load_mission, file)[0]

@@ -3,12 +3,13 @@
 from pathlib import Path
 
 from companion.outcomes import CRITICAL_STATE, Outcome, Verdict, crash_words, recorded, worst
-from companion.state import Severity
 from protocol.flightlog import LogReader
 
 _ARMED, _NO_AUTOPILOT = 128, 8
 """MAV_MODE_FLAG_SAFETY_ARMED, MAV_AUTOPILOT_INVALID: without the MAVLink dialect, which takes longer to load than a
 log's summary to read."""
+_ALERT = 1
+"""MAV_SEVERITY"""
 _CRITICAL, _EMERGENCY = frozenset({5, 6, 8}), frozenset({6, 8})
 """MAV_STATE: critical, emergency, flight termination."""
 
@@ -39,7 +40,7 @@ def _told(log: LogReader) -> Verdict | None:
         sender, _, name = record.topic.rpartition("/")
         fields = kinds[record.topic].unpack(record.data)
         if name == "STATUSTEXT":
-            if sender in flown and fields["severity"] <= Severity.ALERT:
+            if sender in flown and fields["severity"] <= _ALERT:
                 said = said or fields["text"]
         elif fields["autopilot"] != _NO_AUTOPILOT:
             armed, state = bool(fields["base_mode"] & _ARMED), fields["system_status"]

@@ -18,7 +18,8 @@ from companion.mission.files import (
     to_waypoints,
 )
 from companion.mission.plan import Mission, Phase, steps
-from companion.runtime.files import load_mission, load_of_station, origin_of
+from companion.runtime.files import load_mission
+from companion.runtime.station_files import load_of_station, origin_of
 from protocol.frames import to_geodetic, to_local
 from protocol.messages import dialect
 from studies.joined import Joined

@@ -2,8 +2,9 @@
 
 import pytest
 
-from companion.runtime.files import load_settings, origin_of
+from companion.runtime.files import load_settings
 from companion.runtime.locate import locate
+from companion.runtime.station_files import origin_of
 from tests.companion.runtime.test_check import IMPATIENT, NEVER_SENT, SETTINGS, Listened, Nobody
 
 
