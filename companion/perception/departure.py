@@ -11,8 +11,10 @@ from protocol.arrays import Array
 from protocol.frames import to_body
 from protocol.jit import compiled
 
-_BEYOND_M = 0.3
+_BEYOND_M = 0.15
 """m that a ring must have seen past an arc: more than the range noise."""
+_DEPTH_M = 0.2
+"""m behind a return that must be free, too: a beam may graze the front of what stands."""
 _LEVEL_M = 1.0
 """m from the height of a return up to which a beam would have met the obstacle."""
 
@@ -34,7 +36,16 @@ class Sight(NamedTuple):
 
 @compiled
 def seen_past(sight: Sight, place: Array, origin: Array) -> bool:
-    """Whether a ring saw past the whole arc of a return at a `place` that was seen from `origin`, (3,) m NED each."""
+    """Whether a ring saw past the whole arc of a return at a `place` that was seen from `origin`, (3,) m NED each, and
+    past what was right behind it."""
+    distance = max(math.hypot(place[0] - origin[0], place[1] - origin[1]), 1e-6)
+    behind = place.copy()
+    behind[:2] += _DEPTH_M / distance * (place[:2] - origin[:2])
+    return _arc_seen_past(sight, place, origin) and _arc_seen_past(sight, behind, origin)
+
+
+@compiled
+def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
     aside = math.tan(0.5 * abs(sight.step))
     across_n, across_e = aside * (origin[1] - place[1]), aside * (place[0] - origin[0])
     around = round(2.0 * math.pi / abs(sight.step))  # sectors of a whole ring

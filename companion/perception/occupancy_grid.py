@@ -7,7 +7,6 @@ Source: Moravec and Elfes 1985; log-odds with clamping as in OctoMap (Hornung et
 """
 
 import math
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,37 +74,26 @@ def move_window(log_odds: Floats, from_row: int, from_column: int, to_row: int, 
 
 
 @compiled
-def set_disc(cells: tuple[Any, ...], north: float, east: float, radius: float, value: float) -> None:
-    """Set the log-odds of all cells (a Grid) whose centre lies within `radius` (m) of a place (m, NED)."""
+def set_disc(
+    cells: tuple[Any, ...], north: float, east: float, radius: float, value: float, occupied_only: bool
+) -> None:
+    """Set the log-odds of all cells (a Grid) whose centre lies within `radius` (m) of a place (m, NED), or only of
+    those with positive log-odds. What is certain is not forgotten: a value of 0 leaves it."""
     grid = Grid(*cells)
-    for i, j, _ in _disc(grid, north, east, radius):
-        grid.log_odds[i, j], grid.updated_s[i, j] = value, grid.now_s
-
-
-@compiled
-def forget_disc(cells: tuple[Any, ...], north: float, east: float, radius: float, occupied_radius: float) -> None:
-    """Make unknown the cells (a Grid) whose centre lies within `radius` (m) of a place (m, NED), and the occupied ones
-    within `occupied_radius`, which is not smaller; but none that is certain."""
-    grid = Grid(*cells)
-    for i, j, square in _disc(grid, north, east, occupied_radius):
-        occupied = grid.log_odds[i, j] > 0.0
-        if (occupied and grid.returns[i, j, 2] >= _CERTAIN_M) or (not occupied and square <= radius * radius):
-            grid.log_odds[i, j], grid.updated_s[i, j] = 0.0, grid.now_s
-
-
-@compiled
-def _disc(grid: Grid, north: float, east: float, radius: float) -> Iterator[tuple[int, int, float]]:
-    """Row and column in the memory of the cells whose centre lies within `radius` (m) of a place (m, NED), and the
-    square of their distance (m2)."""
-    cell, size = grid.cell, grid.log_odds.shape[0]
+    log_odds, updated_s, cell = grid.log_odds, grid.updated_s, grid.cell
+    corner_row, corner_column = grid.corner_row, grid.corner_column
+    size = log_odds.shape[0]
     reach = math.ceil(radius / cell)
-    row, column = math.floor(north / cell), math.floor(east / cell)
-    for i in range(max(row - reach, grid.corner_row), min(row + reach + 1, grid.corner_row + size)):
-        for j in range(max(column - reach, grid.corner_column), min(column + reach + 1, grid.corner_column + size)):
+    middle_row, middle_column = math.floor(north / cell), math.floor(east / cell)
+    for i in range(max(middle_row - reach, corner_row), min(middle_row + reach + 1, corner_row + size)):
+        for j in range(max(middle_column - reach, corner_column), min(middle_column + reach + 1, corner_column + size)):
             dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
-            square = dn * dn + de * de
-            if square <= radius * radius:
-                yield i % size, j % size, square
+            row, column = i % size, j % size
+            occupied = log_odds[row, column] > 0.0
+            kept = value == 0.0 and occupied and grid.returns[row, column, 2] < _CERTAIN_M
+            if dn * dn + de * de <= radius * radius and (occupied or not occupied_only) and not kept:
+                log_odds[row, column] = value
+                updated_s[row, column] = grid.now_s
 
 
 @compiled

@@ -14,7 +14,7 @@ from companion.config_avoidance import AvoidanceMap
 from companion.perception.distance_field import fill_distances_to_returns
 from companion.perception.inverse_sensor_model import Beams, Layer, add_beams
 from companion.perception.map_view import OCCUPIED, Cell, MapView
-from companion.perception.occupancy_grid import CEILING, FLOOR, Grid, classify, forget_disc, move_window, set_disc
+from companion.perception.occupancy_grid import CEILING, FLOOR, Grid, classify, move_window, set_disc
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
 
@@ -75,7 +75,7 @@ class RollingMap:
         self._follow(here)
         grid = self._grid(time_ns)
         add_beams(grid, tuple(beams), tuple(Layer(self._height, self._settings.layer, ground_down)))
-        set_disc(grid, float(here[0]), float(here[1]), self._hull_radius, FLOOR)
+        set_disc(grid, float(here[0]), float(here[1]), self._hull_radius, FLOOR, False)
 
     def forget(self, place: Array, radius: float, occupied_radius: float, time_ns: int) -> None:
         """Forget what was seen where a moving obstacle is now.
@@ -84,7 +84,10 @@ class RollingMap:
         ones: they show where the obstacle was before. What was confirmed from close range stays.
         """
         if self._corner is not None:
-            forget_disc(self._grid(time_ns), float(place[0]), float(place[1]), radius, occupied_radius)
+            grid = self._grid(time_ns)
+            north, east = float(place[0]), float(place[1])
+            set_disc(grid, north, east, occupied_radius, 0.0, True)
+            set_disc(grid, north, east, radius, 0.0, False)
 
     def view(self, time_ns: int) -> MapView:
         """The window at a time; all unknown before the first scan. The next view overwrites its arrays."""

@@ -35,7 +35,7 @@ def test_all_sectors_of_the_arc_count_and_no_others(bearing_deg: float, yaw_deg:
     yaw = math.radians(yaw_deg)
     for k in range(72):
         ranges = np.full(72, 15.0)
-        ranges[k] = 6.1
+        ranges[k] = 6.3
         assert seen_past(sight(ranges, yaw), place, HERE) == (k not in beams), k
         left = sight(np.roll(ranges[::-1], 1), yaw)._replace(step=-WIDTH)
         assert seen_past(left, place, HERE) == (k not in beams), k
@@ -49,7 +49,7 @@ def test_an_arc_seen_from_afar_is_wide() -> None:
         ranges = np.full(72, 15.0)
         ranges[k] = 2.2
         blocked += not seen_past(sight(ranges), place, origin)
-    assert blocked == 7  # 2 atan(0.61 / 2) = 34 degrees
+    assert blocked == 7  # 2 atan(0.61 / 2) = 34 degrees, and no more behind it
 
 
 def test_what_was_not_measured_or_not_at_that_height_is_not_seen() -> None:

@@ -11,7 +11,6 @@ from companion.perception.occupancy_grid import (
     Grid,
     classify,
     faded,
-    forget_disc,
     move_window,
     set_disc,
 )
@@ -65,13 +64,14 @@ def test_a_disc_is_set_within_the_window_alone(corner: tuple[int, int]) -> None:
     before = in_order(log_odds, corner)
     north, east = (corner[0] + 1.3) * CELL, (corner[1] + 9.1) * CELL
     away = np.hypot(centres[0] - north, centres[1] - east)
-    set_disc(grid_of(log_odds, corner), north, east, 1.7, 3.0)
+    set_disc(grid_of(log_odds, corner), north, east, 1.7, 3.0, False)
     assert 0 < (away <= 1.7).sum() < 60
     assert np.array_equal(in_order(log_odds, corner), np.where(away <= 1.7, 3.0, before))
     grid = grid_of(rng.uniform(-1.0, 1.0, (SIZE, SIZE)).astype(np.float32), corner)
     grid.returns[:] = rng.uniform(0.0, 2.0, grid.returns.shape)
     before, certain = in_order(grid.log_odds, corner).copy(), in_order(grid.returns[:, :, 2], corner) < 0.7
-    forget_disc(grid, north, east, 1.1, 1.7)
+    set_disc(grid, north, east, 1.7, 0.0, True)
+    set_disc(grid, north, east, 1.1, 0.0, False)
     gone = np.where(before > 0.0, (away <= 1.7) & ~certain, away <= 1.1)
     assert (certain & (before > 0.0) & (away <= 1.1)).any(), "what is certain stays"
     assert np.array_equal(in_order(grid.log_odds, corner), np.where(gone, 0.0, before))
