@@ -98,7 +98,7 @@ def fly(scans: list[tuple[Scan, Array, Array]], watch: Stopwatch) -> None:
             vertices = watch.call("astar: shortening", shorten, path, view, costmap, SETTINGS.plan.inflation)
             watch.call("astar: vertex speeds", vertex_speeds, vertices, np.full(len(vertices), 0.5), SPEED, 4.0, 3.5)
         guard.look(watch.call("guard: free space", free_space, view, position, scan.time_ns, guard_settings))
-        watch.call("guard: speed limit", guard.limit, position, velocity, GOAL[None, :2], 0.25, SPEED)
+        watch.call("guard: speed limit", guard.limit, position, velocity, GOAL[None, :2], SPEED)
         watch.times.setdefault("scan to reference", []).append((time.perf_counter_ns() - began) / 1e3)
         watch.call("vfh", vfh.choose, view, position, velocity, GOAL)
         for _ in range(16):

@@ -86,7 +86,8 @@ class AStar:
     ) -> GridPath | None:
         """The cheapest path from a place in the window to a place anywhere, (2,) or (3,) m, NED; None if there is none.
 
-        A forbidden goal is replaced by the nearest cell of its room that is allowed, within the proximity radius.
+        A forbidden goal is replaced by the nearest cell of its room that is allowed, within the proximity radius; there
+        is no path without one.
         `inflation` (m) and `to_occupied` (cells, cells) (m) replace the settings' and the view's. Raises ValueError for
         a costmap of another size than the search was made for.
         """
@@ -100,7 +101,7 @@ class AStar:
         if view.contains(last):
             reach = math.ceil(self._settings.proximity_radius / view.cell) + 1
             last = nearest_allowed_cell(view.states, to_occupied, last, inflation, reach)
-            if _enclosed(to_occupied, inflation, first, last):
+            if to_occupied[last] < inflation or _enclosed(to_occupied, inflation, first, last):
                 return None
         frontier = _frontier(view.states, first, last)
         self._searches += 1

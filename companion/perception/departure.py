@@ -49,6 +49,7 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
     aside = math.tan(0.5 * abs(sight.step))
     across_n, across_e = aside * (origin[1] - place[1]), aside * (place[0] - origin[0])
     around = round(2.0 * math.pi / abs(sight.step))  # sectors of a whole ring
+    down = to_body(sight.attitude, (0.0, 0.0, 1.0))
     farthest, ends = 0.0, (0.0, 0.0)
     for side in (1.0, -1.0):
         offset = (
@@ -57,8 +58,9 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
             place[2] - sight.position[2],
         )
         x, y, z = to_body(sight.attitude, offset)
-        if abs(z) > _LEVEL_M:
+        if abs(z) > _LEVEL_M * down[2]:
             return False
+        x, y = x - z / down[2] * down[0], y - z / down[2] * down[1]  # straight above or below, in the scan's plane
         farthest = max(farthest, math.hypot(x, y))
         ends = ends[1], (math.atan2(y, x) - sight.first) / sight.step
     turn = (ends[1] - ends[0] + 0.5 * around) % around - 0.5 * around  # from one end to the other, the short way round

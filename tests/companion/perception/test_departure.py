@@ -7,7 +7,7 @@ import pytest
 
 from companion.perception.departure import Sight, seen_past
 from protocol.arrays import Array
-from protocol.frames import from_euler
+from protocol.frames import from_euler, rotate
 
 WIDTH = math.radians(5.0)
 HERE = np.array([1.0, -2.0, -3.0])
@@ -39,6 +39,23 @@ def test_all_sectors_of_the_arc_count_and_no_others(bearing_deg: float, yaw_deg:
         assert seen_past(sight(ranges, yaw), place, HERE) == (k not in beams), k
         left = sight(np.roll(ranges[::-1], 1), yaw)._replace(step=-WIDTH)
         assert seen_past(left, place, HERE) == (k not in beams), k
+
+
+@pytest.mark.parametrize("roll", [-0.6, 0.6])
+def test_a_tilted_ring_sees_past_what_is_above_or_below_its_plane(roll: float) -> None:
+    """What stands is upright: the beam that counts meets the vertical through the place, which turned into the body's
+    plane lies sectors away."""
+    place = at(80.0, 0.8)
+    attitude = from_euler(roll, 0.3, 0.0)
+    beams = np.array([rotate(attitude, np.array([math.cos(k * WIDTH), math.sin(k * WIDTH), 0.0])) for k in range(72)])
+    directions = np.degrees(np.arctan2(beams[:, 1], beams[:, 0]))
+    meets = int(np.abs(directions - 80.0).argmin())
+    for k in range(72):
+        ranges = np.full(72, 15.0)
+        ranges[k] = 1.1
+        seen = seen_past(Sight(ranges, HERE, attitude, 0.0, WIDTH), place, HERE)
+        assert seen or abs(k - meets) <= 1, k
+        assert not seen or k != meets, k
 
 
 def test_an_arc_seen_from_afar_is_wide() -> None:
