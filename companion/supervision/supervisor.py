@@ -68,7 +68,7 @@ class Supervisor:
         row = next((row for row in _ROWS_OF[self.state] if row.condition(health, self._settings, seconds)), None)
         if row is not None and row.ends is not None:
             self._ends(row.ends, (row.cause or row.text).format(health=health, settings=self._settings))
-        elif self.state in FLYING and health.distress:
+        elif self.state in FLYING and self.state is not State.ADOPT and health.distress:  # which it is taken over for
             self._ends(
                 Outcome.CRASHED if health.plight.crash else Outcome.EMERGENCY, health.plight.crash or health.distress
             )

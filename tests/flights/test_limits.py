@@ -134,7 +134,7 @@ def test_a_vehicle_that_says_nothing_of_its_battery(required: str) -> None:
     joined = Joined(mission_of("hover"), overrides=settings, meddle=reporting(lambda now, message: False)).fly()
     fault = joined.autopilot.supervisor.fault
     if required == "true":
-        assert fault == "not ready: no battery reports its charge"
+        assert fault == "not started: not ready: no battery reports its charge"
     else:
         assert fault is None and words(joined, "no battery reports its charge") == 1
 

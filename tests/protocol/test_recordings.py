@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from protocol.framing import Framer
-from protocol.messages import Encoder, decode
+from protocol.messages import AvailableModes, CurrentMode, Encoder, decode
 from protocol.peer import Peer
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -69,8 +69,8 @@ def test_values_are_those_that_pymavlink_reads(name: str) -> None:
     for _, data in records(name):
         (frame,) = framer.datagram(data)
         message, reference = decode(frame), theirs.parse_char(data)
-        if message is None:
-            assert isinstance(reference, dialect.MAVLink_unknown)
+        if isinstance(reference, dialect.MAVLink_unknown):
+            assert message is None or type(message) in (AvailableModes, CurrentMode)
             continue
         assert type(message) is type(reference)
         assert repr(message.to_dict()) == repr(reference.to_dict())

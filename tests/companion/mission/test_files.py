@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pymavlink import mavwp
+from pymavlink import mavutil, mavwp
 
 from companion.mission.files import (
     MissionFileError,
@@ -188,8 +188,10 @@ def test_the_fence_is_kept_inside_of() -> None:
     assert "1 rally" in parse(rally).notes[0]
 
 
-def test_waypoints_are_read_and_written_as_mavproxy_does(tmp_path: Path) -> None:
-    """Both ways against pymavlink's own reader and writer."""
+def test_waypoints_are_read_and_written_as_mavproxy_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both ways against pymavlink's own reader and writer, which have a version for the whole process."""
+    monkeypatch.setenv("MAVLINK20", "1")
+    mavutil.set_dialect("ardupilotmega")
     items = [UP, at(*A, 2.0), do(SPEED, 1, 3.0, -1), at(*B), do(JUMP, 2, 1), HOME]
     loader = mavwp.MAVWPLoader()
     source = tmp_path / "source.waypoints"
