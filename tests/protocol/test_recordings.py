@@ -72,6 +72,7 @@ def test_values_are_those_that_pymavlink_reads(name: str) -> None:
         if isinstance(reference, dialect.MAVLink_unknown):
             assert message is None or type(message) in (AvailableModes, CurrentMode)
             continue
+        assert message is not None
         assert type(message) is type(reference)
         assert repr(message.to_dict()) == repr(reference.to_dict())
         assert message.get_seq() == reference.get_seq()
