@@ -304,12 +304,14 @@ def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: 
     looked.step(1.0)
     looked.waits_for("#place", "north 6.0")
     (client,) = live._server.get_clients().values()
-    wait_for(
-        lambda: (page.screenshot(), client.camera.look_at)[1],
-        lambda at: np.allclose(at, (0.0, 6.0, 3.0), atol=0.05),
+    away = np.linalg.norm(BEHIND)
+    wait_for(  # the page tells where its camera is and what it looks at one after the other
+        lambda: (page.screenshot(), (client.camera.look_at, client.camera.position))[1],
+        lambda seen: (
+            np.allclose(seen[0], (0.0, 6.0, 3.0), atol=0.05)
+            and bool(np.linalg.norm(seen[1] - seen[0]) == pytest.approx(away, rel=0.05))
+        ),
     )
-    away = np.linalg.norm(client.camera.position - client.camera.look_at)
-    assert away == pytest.approx(np.linalg.norm(BEHIND), rel=0.05)
     looked.tick("camera follows")
     looked.tick("play")
     looked.go_to("5")
