@@ -76,6 +76,8 @@ class Fault:
     missions: tuple[str, ...] = ("courier", "square")
     over_udp: bool = False
     """Flown in real time, too."""
+    on_rates: bool = False
+    """Flown on rates alone: the vehicle's own attitude control knows nothing of the change."""
 
     @property
     def key(self) -> str:
@@ -139,6 +141,7 @@ def _telemetry() -> tuple[Fault, ...]:
             f"{degrees} deg, {'the whole frame' if whole else 'the heading alone'}",
             FOLLOWS,
             change=_new(changes.turned, degrees, whole_frame=whole),
+            on_rates=True,
         )
         for degrees in (45, 90)
         for whole in (False, True)

@@ -111,7 +111,8 @@ def moment_s(job: Job) -> float:
 def output(job: Job) -> Output | None:
     """What the companion commands: rates on one of the missions, its own choice (None) on the other; the other way
     round with the next seed."""
-    return None if (job.seed + list(FLIGHT_S).index(job.mission)) % 2 else Output.RATES
+    own = (job.seed + list(FLIGHT_S).index(job.mission)) % 2 and not FAULTS[job.fault].on_rates
+    return None if own else Output.RATES
 
 
 def injector(fault: Fault, after_s: float, seed: int) -> Injector:

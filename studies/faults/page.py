@@ -15,7 +15,9 @@ from what it would have said: an attitude that stays the same anyhow is not froz
 
 Faults of rings are flown on the courier's way alone, the others on the *square*, too, which nothing stands around. In
 memory, the companion commands on one of the two what it chooses for the simulated vehicle, attitudes, and on the other
-rates: with odd seeds attitudes on the courier's way, with even ones on the square. Over UDP it commands rates.
+rates: with odd seeds attitudes on the courier's way, with even ones on the square. Resets of the
+heading are flown on rates alone: what is injected here does not reach the vehicle's own attitude control. Over UDP it
+commands rates, too.
 
 - *delivered*: the mission is done, without a fault of the companion;
 - *astray*: so it says, but vehicle or parcel is more than a metre from where it belongs;

@@ -51,9 +51,9 @@ def test_the_fault_begins_at_a_moment_that_the_seed_says() -> None:
 
 def test_each_mission_is_flown_with_the_companion_s_own_output_and_with_rates() -> None:
     for mission in FLIGHT_S:
-        assert {output(Job("a", mission, seed, "")) for seed in (1, 2)} == {None, Output.RATES}
+        assert {output(Job("loss, 40 %", mission, seed, "")) for seed in (1, 2)} == {None, Output.RATES}
     for seed in (1, 2):
-        assert {output(Job("a", mission, seed, "")) for mission in FLIGHT_S} == {None, Output.RATES}
+        assert {output(Job("loss, 40 %", mission, seed, "")) for mission in FLIGHT_S} == {None, Output.RATES}
 
 
 def test_each_promise_can_be_kept() -> None:
@@ -174,3 +174,7 @@ def test_the_proxy_hands_on_both_ways_and_does_the_injector_s_harm() -> None:
         link.step()
         assert vehicle.recv(100) == vehicle.recv(100) == b"back"
         link.close()
+
+
+def test_a_reset_of_the_heading_is_flown_on_rates() -> None:
+    assert {output(Job("yaw reset, 45 deg, the whole frame", "square", seed, "")) for seed in (1, 2)} == {Output.RATES}
