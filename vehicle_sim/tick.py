@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from protocol.arrays import Array
+from protocol.frames import product
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.autopilot.control_laws import Command, Level, position_law, rotor_commands
@@ -22,12 +23,7 @@ def _estimated(state: Array, error: Array, out: Array) -> None:
     """The state (17,) as it is believed: with the estimate's error (13,), the attitude's as a turn in the body."""
     for i in range(6):
         out[i] = state[i] + error[i]
-    a0, a1, a2, a3 = state[6], state[7], state[8], state[9]
-    b0, b1, b2, b3 = error[6], error[7], error[8], error[9]
-    out[6] = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
-    out[7] = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
-    out[8] = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
-    out[9] = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
+    out[6], out[7], out[8], out[9] = product(state[6:10], error[6:10])
     for i in range(10, 13):
         out[i] = state[i] + error[i]
     out[13:] = state[13:]

@@ -6,6 +6,7 @@ from collections import deque
 import numpy as np
 
 from protocol.arrays import Array
+from protocol.frames import product
 from protocol.jit import compiled
 from vehicle_sim.estimation import kalman
 from vehicle_sim.physics.motion import Motion
@@ -33,11 +34,7 @@ def compare(nominal: Array, gained: Array, truth: Array, estimate: Array, error:
     b0, b1, b2, b3 = nominal[0], nominal[1], nominal[2], nominal[3]
     estimate[6], estimate[7], estimate[8], estimate[9] = b0, b1, b2, b3
     estimate[13], estimate[14], estimate[15] = to_world(b0, -b1, -b2, -b3, nominal[4], nominal[5], nominal[6])
-    a0, a1, a2, a3 = truth[6], truth[7], truth[8], truth[9]
-    error[6] = a0 * b0 + a1 * b1 + a2 * b2 + a3 * b3
-    error[7] = a0 * b1 - a1 * b0 - a2 * b3 + a3 * b2
-    error[8] = a0 * b2 + a1 * b3 - a2 * b0 - a3 * b1
-    error[9] = a0 * b3 - a1 * b2 + a2 * b1 - a3 * b0
+    error[6], error[7], error[8], error[9] = product((truth[6], -truth[7], -truth[8], -truth[9]), nominal)
 
 
 class Estimator:
@@ -109,10 +106,6 @@ class Estimator:
             self.test_ratios[1] = kalman.take_height(
                 self.nominal, self.covariance, suite.height(), s.barometer.noise, _GATE
             )
-        if _due(tick, self._fix_ticks):
-            fix = suite.fix(time_ns)
-            if fix is not None:
-                self._fixes.append((fix, self.nominal.copy()))
         self._correct_fixes(before, time_ns)
         if self._fixes and time_ns - self._fixes[0][0].time_ns >= self._fix_delay_ns:
             fix, then = self._fixes.popleft()
@@ -122,14 +115,17 @@ class Estimator:
                 self.nominal, self.covariance, then, late, read, self._fix_noise, _GATE
             )
             self._correct_fixes(before, time_ns)
+        if _due(tick, self._fix_ticks):  # with what has just become known: nothing of it is to be corrected again
+            made = suite.fix(time_ns)
+            if made is not None:
+                self._fixes.append((made, self.nominal.copy()))
 
     def _correct_fixes(self, before: Array, time_ns: int) -> None:
         """What has become known of the present was so at the fixes' times, too."""
         change = self.nominal - before
         for fix, then in self._fixes:
-            if fix.time_ns < time_ns:
-                then[4:] += change[4:]
-                then[7:10] -= (time_ns - fix.time_ns) * 1e-9 * change[4:7]
+            then[4:] += change[4:]
+            then[7:10] -= (time_ns - fix.time_ns) * 1e-9 * change[4:7]
 
     def _present(self, truth: Motion) -> Motion:
         """The estimate as a motion; what it does not estimate is as it is."""

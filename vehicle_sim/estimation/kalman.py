@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from protocol.arrays import Array
+from protocol.frames import product, rotation_quaternion
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.physics.rigid_body import to_world
@@ -29,14 +30,7 @@ SINCE = 8
 @compiled
 def turn(q: Array, x: float, y: float, z: float) -> None:
     """Turn an attitude (4,) in place by a rotation vector (rad) in the body."""
-    size = math.sqrt(x * x + y * y + z * z)
-    half = 0.5 if size < 1e-9 else math.sin(0.5 * size) / size
-    b0, b1, b2, b3 = math.cos(0.5 * size), half * x, half * y, half * z
-    a0, a1, a2, a3 = q[0], q[1], q[2], q[3]
-    q[0] = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
-    q[1] = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
-    q[2] = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
-    q[3] = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
+    q[0], q[1], q[2], q[3] = product(q, rotation_quaternion(x, y, z))
     norm = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
     for i in range(4):
         q[i] /= norm

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from protocol.arrays import Array
+from protocol.frames import multiply, to_rotation_vector
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.physics.motion import Motion
@@ -14,8 +15,8 @@ from vehicle_sim.sensors.settings import SensorSettings, Wander
 from vehicle_sim.timing import TICK_NS
 
 TICK_S = TICK_NS * 1e-9
-GYRO, ACCELEROMETER, POSITION, HARD_IRON, BAROMETER = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), 12
-"""The wandering errors (13,)."""
+POSITION, HARD_IRON, BAROMETER = slice(6, 9), slice(9, 12), 12
+"""Among the wandering errors (13,), after those of gyroscope and accelerometer."""
 _WANDERS, _WHITE = 13, 6
 _BLOCK = 250
 """Ticks for which noise is drawn at once."""
@@ -64,16 +65,7 @@ def gained(before: Array, now: Array, angle: Array, speed: Array) -> None:
 
     The mean of the force turns with the body: the speed is that which `angle` / 2 turns into the true one.
     """
-    a0, a1, a2, a3 = before[6], -before[7], -before[8], -before[9]
-    b0, b1, b2, b3 = now[6], now[7], now[8], now[9]
-    e0 = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
-    e1 = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
-    e2 = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
-    e3 = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
-    sign = -1.0 if e0 < 0.0 else 1.0
-    sine = math.sqrt(e1 * e1 + e2 * e2 + e3 * e3)
-    scale = 2.0 * sign if sine < 1e-12 else 2.0 * sign * math.atan2(sine, sign * e0) / sine
-    x, y, z = scale * e1, scale * e2, scale * e3
+    x, y, z = to_rotation_vector(multiply(np.array((before[6], -before[7], -before[8], -before[9])), now[6:10]))
     angle[0], angle[1], angle[2] = x, y, z
     u, v, w = to_world(
         before[6],
