@@ -1,14 +1,16 @@
-# `make demo` flies, `make test` checks, `make quick` checks all but whole flights. Everything is installed into .venv
-# from constraints.txt.
+# `make demo` flies, `make test` checks, `make quick` checks all but whole flights. Everything is installed into .venv,
+# in the versions of constraints/*.txt alone, and only if its hash is the one that stands there.
 
 PYTHON ?= python3
 BIN := .venv/bin
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+LOCK := uv pip compile pyproject.toml - --universal --python-version 3.11 --generate-hashes \
+	--no-annotate --no-header --no-emit-index-url --quiet
 
 # Each process would compile all sources and rewrite all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check compiled paper control clean
+.PHONY: demo test quick check compiled paper control locked clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
@@ -45,13 +47,20 @@ check: .venv/tested
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Courier needs Python 3.11 or newer: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv .venv
 
-.venv/installed: .venv/bin/python pyproject.toml constraints.txt
-	$(INSTALL) --editable .
+.venv/installed: .venv/bin/python pyproject.toml constraints/run.txt
+	$(INSTALL) --require-hashes --requirement constraints/run.txt
+	$(INSTALL) --no-deps --no-build-isolation --editable .
 	touch $@
 
-.venv/tested: .venv/installed
-	$(INSTALL) --editable '.[dev]'
+.venv/tested: .venv/installed constraints/dev.txt
+	$(INSTALL) --require-hashes --requirement constraints/dev.txt
 	touch $@
+
+# After a change of the dependencies: the locks, with uv. Versions stay as they are where they may.
+locked:
+	echo 'setuptools>=77' | $(LOCK) --output-file constraints/run.txt
+	echo 'setuptools>=77' | $(LOCK) --extra dev --constraint constraints/run.txt --output-file constraints/dev.txt
+	echo 'setuptools>=77' | $(LOCK) --extra dev --extra peers --constraint constraints/dev.txt --output-file constraints/peers.txt
 
 clean:
 	rm -rf .venv .cache build *.egg-info

@@ -1,10 +1,11 @@
-"""Rules of the project that no linter knows: import contracts that bite, the ground truth, sizes."""
+"""Rules of the project that no linter knows: import contracts that bite, the ground truth, locked packages, sizes."""
 
 import ast
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -98,6 +99,22 @@ def test_no_stage_names_the_truth_or_draws_random_numbers(path: Path) -> None:
     text = path.read_text(encoding="utf-8").lower()
     for forbidden in ("hil_state", "numpy.random", "np.random", "default_rng"):
         assert forbidden not in text, forbidden
+
+
+# --- what is installed ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("lock", "extras"), [("run", ()), ("dev", ("dev",)), ("peers", ("dev", "peers"))])
+def test_every_package_is_locked_to_files_by_their_hashes(lock: str, extras: tuple[str, ...]) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    wanted = [*project["dependencies"], *(each for extra in extras for each in project["optional-dependencies"][extra])]
+    entries = re.split(r"\n(?=\S)", (ROOT / "constraints" / f"{lock}.txt").read_text("utf-8").strip())
+    locked = {re.match(r"[\w.-]+(?===)", each)[0].lower().replace("_", "-"): each for each in entries}  # type: ignore[index]
+    for each in wanted:
+        assert re.match(r"[\w-]+", each)[0].lower() in locked  # type: ignore[index]
+    for each in entries:
+        assert re.search(r"--hash=sha256:[0-9a-f]{64}", each), each
+    assert "://" not in "".join(entries)
 
 
 # --- what is found by its name ----------------------------------------------------------------------------------------
