@@ -30,5 +30,5 @@ commands rates, too.
 machine. Flights are kept in `logs/faults/`, so that it goes on where it was ended; they are flown anew when the code of
 what flies has changed. `--seeds 0` writes the page without flying.
 """,
-    studies=("studies.faults.matrix", "studies.faults.over_udp", "studies.faults.kills"),
+    studies=("studies.faults.matrix", "studies.faults.over_udp", "studies.faults.kills", "studies.faults.soak"),
 )
