@@ -135,14 +135,14 @@ def test_every_message_id_of_three_bytes() -> None:
         assert frame.known == (message_class is not None)
 
 
-@pytest.mark.parametrize("length", [length for length in range(256) if length != heartbeat()[1]])
-def test_a_lying_length_costs_only_its_own_frame(length: int) -> None:
+def test_a_lying_length_costs_only_its_own_frame() -> None:
     good = [heartbeat(sequence) for sequence in range(1, 13)]
     broken = bytearray(heartbeat(0))
-    broken[1] = length
-    framer = Framer()
-    assert raws(framer.datagram(bytes(broken) + b"".join(good))) == good
-    assert framer.bad_bytes == len(broken)
+    for length in set(range(256)) - {broken[1]}:
+        broken[1] = length
+        framer = Framer()
+        assert raws(framer.datagram(bytes(broken) + b"".join(good))) == good, length
+        assert framer.bad_bytes == len(broken)
 
 
 @pytest.mark.parametrize("stray", [0xFD, 0xFE])

@@ -2,8 +2,6 @@
 
 from typing import Any
 
-import pytest
-
 from companion.runtime.router import Router, Station, packed
 from protocol.framing import Frame, Framer
 from protocol.messages import Encoder, dialect
@@ -73,18 +71,20 @@ def test_whom_a_message_is_for() -> None:
     assert target_of(frame_of(cut)) == (0, 0), "the bytes of the target are cut off as zeros"
 
 
-@pytest.mark.parametrize("message", [each for each in dialect.mavlink_map.values() if each.id != 256])
-def test_the_target_of_every_message_is_where_pymavlink_puts_it(message: Any) -> None:
-    fields: list[Any] = []
-    for name, kind, length in zip(
-        message.fieldnames, message.fieldtypes, [message.lengths[k] for k in message.orders], strict=True
-    ):
-        value: Any = {"target_system": 77, "target_component": 88}.get(name, 1)
-        fields.append(b"x" if kind == "char" else [value] * length if length > 1 else value)
-    packed_by_pymavlink = message(*fields).pack(dialect.MAVLink(None, 3, 4))
-    frame = frame_of(bytes(packed_by_pymavlink))
-    expected = 77 * ("target_system" in message.fieldnames), 88 * ("target_component" in message.fieldnames)
-    assert target_of(frame) == expected
+def test_the_target_of_every_message_is_where_pymavlink_puts_it() -> None:
+    for message in dialect.mavlink_map.values():
+        if message.id == dialect.MAVLINK_MSG_ID_SETUP_SIGNING:
+            continue
+        fields: list[Any] = []
+        for name, kind, length in zip(
+            message.fieldnames, message.fieldtypes, [message.lengths[k] for k in message.orders], strict=True
+        ):
+            value: Any = {"target_system": 77, "target_component": 88}.get(name, 1)
+            fields.append(b"x" if kind == "char" else [value] * length if length > 1 else value)
+        packed_by_pymavlink = message(*fields).pack(dialect.MAVLink(None, 3, 4))
+        frame = frame_of(bytes(packed_by_pymavlink))
+        expected = 77 * ("target_system" in message.fieldnames), 88 * ("target_component" in message.fieldnames)
+        assert target_of(frame) == expected, message.msgname
 
 
 def test_telemetry_goes_to_all_stations_and_an_answer_to_the_one_that_asked() -> None:
