@@ -1,6 +1,8 @@
 """An unmodified MAVSDK flies the vehicle, at five times the speed of real time."""
 
+import json
 import math
+import queue
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -13,6 +15,8 @@ pytest.importorskip("mavsdk")
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.action.action import OrbitYawBehavior
+from mavsdk.plugins.component_metadata import ComponentMetadata
+from mavsdk.plugins.component_metadata.component_metadata import MetadataType
 from mavsdk.plugins.ftp import Ftp
 from mavsdk.plugins.geofence import Geofence
 from mavsdk.plugins.geofence.geofence import FenceType, GeofenceData, Point, Polygon
@@ -31,6 +35,7 @@ from mavsdk.plugins.offboard.offboard import (
     VelocityNedYaw,
 )
 from mavsdk.plugins.param import Param
+from mavsdk.plugins.shell import Shell
 from mavsdk.plugins.telemetry import Telemetry
 from mavsdk.plugins.telemetry.telemetry import FlightMode
 
@@ -114,9 +119,23 @@ def test_it_is_known_and_its_parameters_are_read_and_set(user: User) -> None:
     assert param.get_param_float("MPC_XY_CRUISE") == 4.0 and param.get_param_int("COM_OBL_RC_ACT") == 3
 
 
+def test_its_shell_answers_and_its_parameters_are_described(user: User) -> None:
+    heard: queue.Queue[Any] = queue.Queue()
+    shell = Shell(user.system)
+    shell.subscribe_receive(lambda answer, _=None: heard.put(answer))
+    shell.send("param show NAV_ACC_RAD\n", 10)
+    assert heard.get(timeout=PATIENCE_S).data == "NAV_ACC_RAD : 2\npxh> "
+    metadata = ComponentMetadata(user.system)
+    metadata.subscribe_metadata_available(lambda update, _=None: heard.put(update))
+    metadata.request_autopilot_component()
+    update = heard.get(timeout=PATIENCE_S)
+    assert update.type == MetadataType.PARAMETER
+    assert len(json.loads(update.json_metadata)["parameters"]) > 150
+
+
 def test_files_are_listed_and_there_are_no_logs(user: User) -> None:
     listed = Ftp(user.system).list_directory("/")
-    assert [(each.name, each.size_bytes > 3000) for each in listed.entries] == [("parameters.params", True)]
+    assert [each.name for each in listed.entries] == ["general.json", "parameters.json", "parameters.params"]
     with pytest.raises(Exception, match=r"(?i)no.?log"):
         LogFiles(user.system).get_entries()
 

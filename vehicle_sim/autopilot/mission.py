@@ -53,7 +53,7 @@ class Mission:
         self.phase = Mode.HOLD
         """What is being flown: TAKEOFF, LAND, or HOLD for everything else."""
         self._speed_m_s: float | None = None
-        self._interest: Place | None = None
+        self.interest: Place | None = None
         """The nose points there."""
         self._yaw: float | None = None
         self._since_ns: int | None = None
@@ -69,7 +69,7 @@ class Mission:
         """Back to the first item."""
         self.current = 0
         self.finished = self._begun = False
-        self._jumps, self._speed_m_s, self._interest = {}, None, None
+        self._jumps, self._speed_m_s, self.interest = {}, None, None
 
     def disarm(self) -> None:
         """The motors stop: the item begins anew when they start, or the mission if it was finished."""
@@ -171,8 +171,8 @@ class Mission:
         here, now = self._motion.position_ned, float(self._guidance.command["yaw"][0])
         wanted = self._yaw
         target: list[float] = self._guidance.command["position_ned"][0].tolist()
-        if self._interest is not None:
-            wanted = course(here, (self._interest.north, self._interest.east))
+        if self.interest is not None:
+            wanted = course(here, (self.interest.north, self.interest.east))
         elif wanted is None and math.dist(here[:2], target[:2]) > _COURSE_M:
             wanted = course(here, (target[0], target[1]))
         if wanted is not None:
@@ -210,7 +210,7 @@ class Mission:
             self._yaw = self._motion.yaw + math.copysign(self._yaw, item.params[2] or 1.0)
 
     def _look_at(self, item: Item) -> None:
-        self._interest = item.place
+        self.interest = item.place
 
     def _change_speed(self, item: Item) -> None:
         self.limit_speed(item.params[1] if item.params[1] > 0.0 else None)

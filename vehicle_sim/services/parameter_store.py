@@ -157,6 +157,16 @@ class Parameters:
     def is_integer(self, name: str) -> bool:
         return TABLE[name].is_integer
 
+    def is_fact(self, name: str) -> bool:
+        """It says what the vehicle is, and can't be changed."""
+        return name in self._facts
+
+    def parse(self, name: str, text: str) -> Value:
+        """What a text says, whole for an integer parameter. Raises ValueError and OverflowError."""
+        value = float(text)
+        whole = name in self and self.is_integer(name) and value == int(value)
+        return int(value) if whole else value
+
     def set(self, name: str, value: Value) -> Refusal | None:
         """Change a value (int for an integer parameter), or say why not.
 
