@@ -16,7 +16,18 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from protocol.framing import Frame
 
-__all__ = ["AvailableModes", "CurrentMode", "Encoder", "Field", "Layout", "decode", "decoder_of", "dialect", "layout"]
+__all__ = [
+    "AvailableModes",
+    "ComponentMetadata",
+    "CurrentMode",
+    "Encoder",
+    "Field",
+    "Layout",
+    "decode",
+    "decoder_of",
+    "dialect",
+    "layout",
+]
 
 _pack_header = struct.Struct("<BxxBBB3s").pack
 _FORMATS: Final = {
@@ -74,7 +85,18 @@ class CurrentMode(_NewMessage):
     crc_extra = 193
 
 
-_CLASSES: Final = dialect.mavlink_map | {each.id: each for each in (AvailableModes, CurrentMode)}
+class ComponentMetadata(_NewMessage):
+    """COMPONENT_METADATA."""
+
+    id = 397
+    msgname = "COMPONENT_METADATA"
+    fieldnames = ordered_fieldnames = ("time_boot_ms", "file_crc", "uri")
+    fieldtypes = ("uint32_t", "uint32_t", "char")
+    array_lengths = (0, 0, 100)
+    crc_extra = 182
+
+
+_CLASSES: Final = dialect.mavlink_map | {each.id: each for each in (AvailableModes, CurrentMode, ComponentMetadata)}
 """Message classes by id."""
 
 

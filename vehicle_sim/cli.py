@@ -133,6 +133,8 @@ def vehicle_sim(options: Options) -> None:
             truth=recorder,
             identity=identity,
         )
+        if factor is not None and factor != 1.0:
+            vehicle.parameters.scale_losses(factor)
         keep(vehicle.parameters, options.parameters, options.param or [])
     except (TomlFileError, KeyFileError, TransportError, ParameterFileError) as error:
         _fail(str(error))

@@ -4,7 +4,7 @@ form, name and value, is read, too."""
 from contextlib import suppress
 from pathlib import Path
 
-from vehicle_sim.services.parameter_store import Parameters, Refusal, Value, text_of
+from vehicle_sim.services.parameter_store import Parameters, Refusal, text_of
 
 
 class ParameterFileError(Exception):
@@ -45,9 +45,7 @@ def _read(parameters: Parameters, path: Path) -> None:
 def _set(parameters: Parameters, name: str, text: str, where: str, *, in_file: bool = False) -> None:
     """What is so about the vehicle is not taken from a file, which may be another vehicle's."""
     try:
-        value: Value = float(text)
-        if name in parameters and parameters.is_integer(name) and value == int(value):
-            value = int(value)
+        value = parameters.parse(name, text)
     except (ValueError, OverflowError):
         raise ParameterFileError(f"{where}: {text} is no value of {name}") from None
     if name in parameters and parameters[name] == value:

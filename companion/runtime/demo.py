@@ -64,7 +64,9 @@ def _fly(plan: Plan, logs: Path, truth: Path | None, key: Path | None, *, consol
 
 def _start_simulator(plan: Plan, port: int, truth: Path | None, key: Path | None) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
-    command += ["--param", "NAV_DLL_ACT=3", "--firmware", "1.13" if plan.output is Output.ACTUATORS else "1.16"]
+    # The companion's clock is the vehicle's, at any pace: the times of the failsafes are not to be scaled.
+    command += ["--param", "NAV_DLL_ACT=3", "--param", "COM_OF_LOSS_T=1", "--param", "COM_DL_LOSS_T=10"]
+    command += ["--firmware", "1.13" if plan.output is Output.ACTUATORS else "1.16"]
     command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
     command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]
     command += [part for override in simulator_overrides(plan) for part in ("--set", override)]

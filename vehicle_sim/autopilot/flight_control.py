@@ -50,10 +50,10 @@ class FlightControl:
         self.flown = False
         """The vehicle has been in the air since it was armed."""
         self.texts: list[tuple[Severity, str]] = []
-        self.setpoints = OffboardSetpoints(airframe)
-        self.sticks = StickFlight(airframe)
+        self.setpoints = OffboardSetpoints(airframe, self.settings)
+        self.sticks = StickFlight(airframe, self.settings)
         self.guidance = Guidance(airframe, self.settings, motion.position_ned)
-        self.mission = Mission(airframe, self.guidance, motion)
+        self.mission = Mission(self.settings, self.guidance, motion)
         self.limits = Limits()
         self._land_detector = LandDetector(airframe.ground.foot_height_m)
         self._stopped: Command = np.zeros(1, COMMAND)
@@ -228,8 +228,8 @@ class FlightControl:
             return
         if self.armed:
             self._fly(motion)
-            if not self.landed and self.limits.breaks_out(motion.position_ned):
-                self._fire(Trigger.FENCE_BREACHED)
+            if not self.landed and self.limits.breaks_out(motion.position_ned) and self.settings.fence_breach:
+                self._fire(self.settings.fence_breach)
         if self.armed and self.landed:
             self._disarm_when_idle(motion.time_ns)
 

@@ -45,7 +45,7 @@ class Guidance:
         """Returning: the climb is over, or was not needed."""
         self.circle: Circle | None = None
         """Flown instead of the position target."""
-        self._tracker = Tracker(airframe)
+        self._tracker = Tracker(airframe, settings)
 
     @property
     def flown(self) -> Command:

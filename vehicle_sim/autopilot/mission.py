@@ -6,19 +6,14 @@ from typing import NamedTuple
 
 from protocol.arrays import Vector
 from protocol.messages import dialect
-from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.circle import ALONG, Circle
 from vehicle_sim.autopilot.guidance import Guidance
 from vehicle_sim.autopilot.modes import Mode, Trigger
 from vehicle_sim.autopilot.plan import Item, Place
+from vehicle_sim.autopilot.settings import Settings
 from vehicle_sim.autopilot.tracking import TICK_S, course, turned
 from vehicle_sim.physics.motion import Motion
 
-ACCEPTANCE_M, HEIGHT_ACCEPTANCE_M = 2.0, 0.8
-"""A place is reached within these distances: NAV_ACC_RAD, as PX4 sets it for multicopters, and NAV_MC_ALT_RAD."""
-
-_YAW_STEP = math.radians(45.0) * TICK_S
-"""PX4's MPC_YAWRAUTO_MAX."""
 _FACING = math.radians(5.0)
 _COURSE_M = 1.0
 """The heading follows the course as far as this before the target."""
@@ -40,8 +35,8 @@ class Kind(NamedTuple):
 class Mission:
     """Flies the items one after the other, through the guidance."""
 
-    def __init__(self, airframe: Airframe, guidance: Guidance, motion: Motion) -> None:
-        self._takeoff_height_m = airframe.auto.takeoff_height_m
+    def __init__(self, settings: Settings, guidance: Guidance, motion: Motion) -> None:
+        self._settings = settings
         self._guidance = guidance
         self._motion = motion
         self._home_ned: Vector = motion.position_ned
@@ -58,7 +53,7 @@ class Mission:
         self.phase = Mode.HOLD
         """What is being flown: TAKEOFF, LAND, or HOLD for everything else."""
         self._speed_m_s: float | None = None
-        self._interest: Place | None = None
+        self.interest: Place | None = None
         """The nose points there."""
         self._yaw: float | None = None
         self._since_ns: int | None = None
@@ -74,7 +69,7 @@ class Mission:
         """Back to the first item."""
         self.current = 0
         self.finished = self._begun = False
-        self._jumps, self._speed_m_s, self._interest = {}, None, None
+        self._jumps, self._speed_m_s, self.interest = {}, None, None
 
     def disarm(self) -> None:
         """The motors stop: the item begins anew when they start, or the mission if it was finished."""
@@ -148,9 +143,9 @@ class Mission:
         must_fly = item.command < dialect.MAV_CMD_NAV_LAST and item.command != dialect.MAV_CMD_NAV_LAND
         if self._landed and must_fly and item.place is not None:
             north, east, down = self._motion.position_ned
-            top = min(item.place.ned(self._home_ned)[2], down - self._takeoff_height_m)
+            top = min(item.place.ned(self._home_ned)[2], down - self._settings.auto.takeoff_height_m)
             if item.command == dialect.MAV_CMD_NAV_TAKEOFF:
-                top = min(item.place.ned(self._home_ned)[2], down - HEIGHT_ACCEPTANCE_M)
+                top = min(item.place.ned(self._home_ned)[2], down - self._settings.height_acceptance_m)
             self._guidance.takeoff_ned = (north, east, top)
             self._enter(Mode.TAKEOFF)
             return
@@ -176,12 +171,12 @@ class Mission:
         here, now = self._motion.position_ned, float(self._guidance.command["yaw"][0])
         wanted = self._yaw
         target: list[float] = self._guidance.command["position_ned"][0].tolist()
-        if self._interest is not None:
-            wanted = course(here, (self._interest.north, self._interest.east))
+        if self.interest is not None:
+            wanted = course(here, (self.interest.north, self.interest.east))
         elif wanted is None and math.dist(here[:2], target[:2]) > _COURSE_M:
             wanted = course(here, (target[0], target[1]))
         if wanted is not None:
-            self._guidance.turn(turned(now, wanted, _YAW_STEP))
+            self._guidance.turn(turned(now, wanted, math.radians(self._settings.yaw_rate_deg_s) * TICK_S))
 
     # --- how items begin ---
 
@@ -215,7 +210,7 @@ class Mission:
             self._yaw = self._motion.yaw + math.copysign(self._yaw, item.params[2] or 1.0)
 
     def _look_at(self, item: Item) -> None:
-        self._interest = item.place
+        self.interest = item.place
 
     def _change_speed(self, item: Item) -> None:
         self.limit_speed(item.params[1] if item.params[1] > 0.0 else None)
@@ -230,11 +225,13 @@ class Mission:
     # --- when items end ---
 
     def _is_there(self, item: Item) -> bool:
-        radius = ACCEPTANCE_M
+        radius = self._settings.acceptance_m
         if item.command == dialect.MAV_CMD_NAV_WAYPOINT and item.params[1] > 0.0:
             radius = item.params[1]
         here, target = self._motion.position_ned, self._target(item)
-        return math.dist(here[:2], target[:2]) <= radius and abs(here[2] - target[2]) <= HEIGHT_ACCEPTANCE_M
+        return (
+            math.dist(here[:2], target[:2]) <= radius and abs(here[2] - target[2]) <= self._settings.height_acceptance_m
+        )
 
     def _has_waited(self, item: Item) -> bool:
         """For the seconds of its first parameter."""
@@ -254,7 +251,7 @@ class Mission:
 
     def _is_landed(self, item: Item) -> bool:
         if self.phase is not Mode.LAND and not self._landed:
-            if math.dist(self._motion.position_ned[:2], self._target(item)[:2]) < ACCEPTANCE_M:
+            if math.dist(self._motion.position_ned[:2], self._target(item)[:2]) < self._settings.acceptance_m:
                 self._enter(Mode.LAND)
                 north, east, _ = self._target(item)
                 below = float(self._guidance.command["position_ned"][0][2])

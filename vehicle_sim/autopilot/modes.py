@@ -66,13 +66,16 @@ _AUTO = 4
 class Trigger(Enum):
     """What can change the mode without a command."""
 
-    STREAM_LOST = "no setpoint for 1 s"
+    STREAM_LOST = "no setpoint for some time"
     STILL_LOST = "some time in hold without a command after the stream was lost: land"
     STILL_LOST_RETURN = "some time in hold without a command after the stream was lost: return"
     LINK_LOST = "no heartbeat for some time: land"
     LINK_LOST_RETURN = "no heartbeat for some time: return"
-    STICKS_LOST = "no sticks for 0.5 s"
-    FENCE_BREACHED = "beyond the fence"
+    STICKS_LOST = "no sticks for some time"
+    FENCE_BREACHED = "beyond the fence: hold"
+    FENCE_BREACHED_RETURN = "beyond the fence: return"
+    FENCE_BREACHED_TERMINATE = "beyond the fence: stop the motors"
+    FENCE_BREACHED_LAND = "beyond the fence: land"
     MISSION_FINISHED = "no item is left"
     MISSION_RETURNS = "an item of the mission is the return"
     CLIMBED = "at the take-off height"
@@ -80,8 +83,15 @@ class Trigger(Enum):
     DISARMED = "motors off"
 
 
+_BEYOND_FENCE = {
+    Trigger.FENCE_BREACHED: (Mode.HOLD, "holding"),
+    Trigger.FENCE_BREACHED_RETURN: (Mode.RETURN, "returning"),
+    Trigger.FENCE_BREACHED_TERMINATE: (Mode.TERMINATION, "motors stop"),
+    Trigger.FENCE_BREACHED_LAND: (Mode.LAND, "landing"),
+}
+"""The mode that follows, and what is said."""
 FAILSAFES = frozenset(
-    {Trigger.STREAM_LOST, Trigger.LINK_LOST, Trigger.LINK_LOST_RETURN, Trigger.STICKS_LOST, Trigger.FENCE_BREACHED}
+    {Trigger.STREAM_LOST, Trigger.LINK_LOST, Trigger.LINK_LOST_RETURN, Trigger.STICKS_LOST, *_BEYOND_FENCE}
 )
 """Triggers that stand for something that is wrong."""
 
@@ -138,7 +148,8 @@ TRANSITIONS: dict[tuple[Mode, Trigger], tuple[Mode, Severity, str]] = {
         if mode.flies is Flies.STICKS
     },
     **{
-        (mode, Trigger.FENCE_BREACHED): (Mode.HOLD, Severity.CRITICAL, "Failsafe: geofence breached, holding")
+        (mode, trigger): (following, Severity.CRITICAL, f"Failsafe: geofence breached, {what}")
+        for trigger, (following, what) in _BEYOND_FENCE.items()
         for mode in Mode
         if mode not in (Mode.RETURN, Mode.LAND, Mode.TERMINATION)
     },

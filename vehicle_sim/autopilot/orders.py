@@ -7,6 +7,8 @@ from vehicle_sim.autopilot import fence
 from vehicle_sim.autopilot.circle import MAX_RADIUS_M, MIN_RADIUS_M, Circle
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Mode, Result
+from vehicle_sim.autopilot.plan import Place
+from vehicle_sim.autopilot.tracking import course
 
 _MAX_DISTANCE_M = 10_000.0
 """Distance to a commanded place up to which the plane of the local axes is close enough to the earth's surface."""
@@ -49,6 +51,14 @@ def orbit(flight: FlightControl, circle: Circle) -> Result:
 def change_speed(flight: FlightControl, speed_m_s: float | None) -> Result:
     """Fly at most this fast from now on; None: as fast as the vehicle file says."""
     flight.mission.limit_speed(speed_m_s)
+    return Result.ACCEPTED
+
+
+def look_at(flight: FlightControl, place: tuple[float, float] | None) -> Result:
+    """Point the nose at a place (m north and east), in hold once; None: in a mission along the way again."""
+    flight.mission.interest = None if place is None else Place(*place, 0.0, False)
+    if place is not None and flight.mode is Mode.HOLD:
+        flight.guidance.turn(course(flight.motion.position_ned, place))
     return Result.ACCEPTED
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from protocol.arrays import Quaternion, Vector
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
+from vehicle_sim.autopilot.settings import Settings
 from vehicle_sim.autopilot.tracking import Target, Tracker
 from vehicle_sim.physics.motion import Motion
 
-STREAM_LOSS_NS = 1_000_000_000
-"""The stream is lost after this time without a setpoint, unless COM_OF_LOSS_T is changed."""
-STALE_NS = {Level.TORQUE: 100_000_000, Level.RATES: 250_000_000, Level.ATTITUDE: 500_000_000}
-"""Age at which the vehicle stops to follow a setpoint of each level and brakes, until the next setpoint or the loss of
-the stream. PX4 goes on with the old setpoint, which could tumble the vehicle or drive it into an obstacle."""
+STALE = {Level.TORQUE: 0.1, Level.RATES: 0.25, Level.ATTITUDE: 0.5}
+"""Age, as a share of COM_OF_LOSS_T, at which the vehicle stops to follow a setpoint of each level and brakes, until the
+next setpoint or the loss of the stream. PX4 goes on with the old setpoint, which could tumble the vehicle or drive it
+into an obstacle."""
 
 
 class SetpointStream:
@@ -43,17 +43,17 @@ class OffboardSetpoints:
     A setpoint with a value that is not finite is ignored, but a thrust that is not finite is no thrust, as for PX4.
     """
 
-    def __init__(self, airframe: Airframe) -> None:
+    def __init__(self, airframe: Airframe, settings: Settings) -> None:
+        self._settings = settings
         self._body = airframe.body
         self._max_thrust_n = airframe.body.max_thrust_n
         self._speed_limits = airframe.auto.speed_limits_m_s
         self.stream = SetpointStream()
-        self.loss_ns = STREAM_LOSS_NS
         self.command: Command = np.zeros(1, COMMAND)
         self.command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
         # Views: to find a field in a record takes longer than to write it, and a setpoint comes with each tick.
         self._level, self._thrust = self.command["level"], self.command["thrust_n"]
-        self._tracker = Tracker(airframe, self.command)
+        self._tracker = Tracker(airframe, settings, self.command)
         self._target: Target | None = None
         """Of the latest setpoint, if it is one of position, velocity and acceleration."""
         self._values = {name: self.command[name][0] for name in ("attitude_ned_frd", "rates_frd", "torque_frd")}
@@ -104,11 +104,11 @@ class OffboardSetpoints:
 
     def is_lost(self, now_ns: int) -> bool:
         """No setpoint for so long that OFFBOARD ends."""
-        return self.stream.age_ns(now_ns) > self.loss_ns
+        return self.stream.age_ns(now_ns) > self._settings.stream_loss_ns
 
     def is_stale(self, now_ns: int) -> bool:
-        """The setpoint is too old to be followed, see STALE_NS."""
-        return self.stream.age_ns(now_ns) > STALE_NS.get(self._level.item(), self.loss_ns)
+        """The setpoint is too old to be followed, see STALE."""
+        return self.stream.age_ns(now_ns) > STALE.get(self._level.item(), 1.0) * self._settings.stream_loss_ns
 
     def brake(self, stop_ned: Vector, yaw: float, *, landed: bool) -> None:
         """Until the next setpoint, stop at this position (m) with this heading (rad); on the ground stop the motors."""

@@ -15,6 +15,8 @@ class Settings:
 
     auto: Auto
     fence: FenceSettings
+    stream_loss_ns: int = SECOND_NS
+    """Time without a setpoint after which OFFBOARD ends, COM_OF_LOSS_T."""
     stream_loss: Trigger | None = Trigger.STILL_LOST
     """What happens after the hold that follows a lost stream, COM_OBL_RC_ACT; None: nothing."""
     failsafe_hold_ns: int = 5 * SECOND_NS
@@ -23,6 +25,28 @@ class Settings:
     """What happens to a vehicle in hold that hears no heartbeat, NAV_DLL_ACT; None: nothing."""
     link_loss_ns: int = 10 * SECOND_NS
     """Time without a heartbeat after which it happens, COM_DL_LOSS_T."""
+    stick_loss_ns: int = SECOND_NS // 2
+    """Time without sticks after which nobody flies by hand, COM_RC_LOSS_T."""
+    fence_breach: Trigger | None = Trigger.FENCE_BREACHED
+    """What happens beyond the uploaded fence, GF_ACTION; None: nothing."""
+    acceptance_m: float = 2.0
+    """Distance at which a mission's place is reached, NAV_ACC_RAD as PX4 sets it for multicopters."""
+    height_acceptance_m: float = 0.8
+    """The same in height, NAV_MC_ALT_RAD."""
+    yaw_rate_deg_s: float = 45.0
+    """At which a mission turns the nose, MPC_YAWRAUTO_MAX."""
+    max_speed_m_s: float = 12.0
+    """Of setpoints and sticks, level, MPC_XY_VEL_MAX."""
+    max_climb_m_s: float = 3.0
+    """Of the same, MPC_Z_VEL_MAX_UP."""
+    max_sink_m_s: float = 1.5
+    """Of the same, MPC_Z_VEL_MAX_DN."""
+    stick_tilt_deg: float = 35.0
+    """Of a stick that is pushed to its end, MPC_MAN_TILT_MAX."""
+    stick_yaw_rate_deg_s: float = 150.0
+    """The same, MPC_MAN_Y_MAX."""
+    least_thrust: float = 0.08
+    """Share of the full thrust at the lower end of the throttle, MPC_MANTHR_MIN."""
     disarm_landed_ns: int = 2 * SECOND_NS
     """Time on the ground after which the vehicle disarms, COM_DISARM_LAND; 0 or less: never."""
     disarm_preflight_ns: int = 10 * SECOND_NS

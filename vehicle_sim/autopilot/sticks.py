@@ -9,18 +9,12 @@ from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import Command, Level
 from vehicle_sim.autopilot.guidance import STILL_M_S
 from vehicle_sim.autopilot.modes import Mode
+from vehicle_sim.autopilot.settings import Settings
 from vehicle_sim.autopilot.tracking import TICK_S, Axes, Target, Tracker, in_heading
 from vehicle_sim.physics.motion import Motion
 
-LOST_NS = 500_000_000
-"""The sticks are lost after this time, PX4's COM_RC_LOSS_T."""
-
-_TILT = math.radians(35.0)
-_YAW_RATE = math.radians(150.0)
 _ACRO_RATE = math.radians(100.0)
-"""PX4's MPC_MAN_TILT_MAX, MPC_MAN_Y_MAX and MC_ACRO_R_MAX."""
-_LEAST_THRUST = 0.08
-"""PX4's MPC_MANTHR_MIN."""
+"""PX4's MC_ACRO_R_MAX."""
 _CENTRE = 0.1
 """Of a stick's way: below it the stick is let go, PX4's MPC_HOLD_DZ."""
 
@@ -37,9 +31,10 @@ class Sticks(NamedTuple):
 class StickFlight:
     """The modes flown by hand: how the sticks become a command."""
 
-    def __init__(self, airframe: Airframe) -> None:
+    def __init__(self, airframe: Airframe, settings: Settings) -> None:
         self._airframe = airframe
-        self._tracker = Tracker(airframe)
+        self._settings = settings
+        self._tracker = Tracker(airframe, settings)
         self.sticks = Sticks()
         self._time_ns: int | None = None
         self._place: Axes = (None, None, None)
@@ -55,9 +50,19 @@ class StickFlight:
 
     def problem(self, now_ns: int) -> str | None:
         """Why nobody can fly by hand, or None."""
-        if self._time_ns is None or now_ns - self._time_ns > LOST_NS:
+        if self._time_ns is None or now_ns - self._time_ns > self._settings.stick_loss_ns:
             return "no manual control"
         return None
+
+    @property
+    def _tilt(self) -> float:
+        """Of a stick at its end (rad)."""
+        return math.radians(self._settings.stick_tilt_deg)
+
+    @property
+    def _yaw_rate(self) -> float:
+        """Wanted turn (rad/s)."""
+        return self.sticks.yaw * math.radians(self._settings.stick_yaw_rate_deg_s)
 
     def start(self, motion: Motion) -> None:
         """Begin to fly by hand, at the present heading."""
@@ -84,18 +89,18 @@ class StickFlight:
             self._place = (motion.position_ned[0], motion.position_ned[1], self._place[2])
         climb = self._climb(motion)
         speed = 0.0 if let_go else auto.cruise_speed_m_s
-        return Target(self._place, (north * speed, east * speed, climb), yaw_rate=sticks.yaw * _YAW_RATE)
+        return Target(self._place, (north * speed, east * speed, climb), yaw_rate=self._yaw_rate)
 
     def _altitude_target(self, motion: Motion) -> Target:
         """The sticks tilt the vehicle; its height is held."""
         sticks = self.sticks
-        forward, right = (GRAVITY * math.tan(stick * _TILT) for stick in (sticks.pitch, sticks.roll))
+        forward, right = (GRAVITY * math.tan(stick * self._tilt) for stick in (sticks.pitch, sticks.roll))
         climb = self._climb(motion)
         return Target(
             (None, None, self._place[2]),
             (None, None, climb),
             (*in_heading(forward, right, motion.yaw), None),
-            yaw_rate=sticks.yaw * _YAW_RATE,
+            yaw_rate=self._yaw_rate,
         )
 
     def _climb(self, motion: Motion) -> float:
@@ -110,8 +115,8 @@ class StickFlight:
 
     def _fly_attitude(self) -> None:
         record, sticks = self.command[0], self.sticks
-        record["yaw"] += sticks.yaw * _YAW_RATE * TICK_S
-        attitude = from_euler(sticks.roll * _TILT, -sticks.pitch * _TILT, float(record["yaw"]))
+        record["yaw"] += self._yaw_rate * TICK_S
+        attitude = from_euler(sticks.roll * self._tilt, -sticks.pitch * self._tilt, float(record["yaw"]))
         record["level"], record["attitude_ned_frd"] = Level.ATTITUDE, attitude
         self._set_thrust()
 
@@ -125,5 +130,5 @@ class StickFlight:
         """The middle of the throttle's way hovers; its lower end is the least thrust."""
         body, throttle = self._airframe.body, self.sticks.throttle
         hover = body.hover_thrust
-        share = hover + throttle * ((1.0 - hover) if throttle > 0.0 else (hover - _LEAST_THRUST))
+        share = hover + throttle * ((1.0 - hover) if throttle > 0.0 else (hover - self._settings.least_thrust))
         self.command[0]["thrust_n"] = share * body.max_thrust_n

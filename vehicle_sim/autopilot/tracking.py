@@ -8,6 +8,7 @@ import numpy as np
 from protocol.arrays import Vector
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
+from vehicle_sim.autopilot.settings import Settings
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.timing import TICK_NS
 
@@ -18,8 +19,6 @@ STILL: Axes = (0.0, 0.0, 0.0)
 
 TICK_S = TICK_NS * 1e-9
 
-_MAX_SPEED_M_S, _MAX_CLIMB_M_S, _MAX_SINK_M_S = 12.0, 3.0, 1.5
-"""PX4's MPC_XY_VEL_MAX, MPC_Z_VEL_MAX_UP and MPC_Z_VEL_MAX_DN."""
 _VELOCITY_INTEGRAL_1_S2 = 1.0
 _LIFT_OFF_M_S2 = 0.1
 """Upward acceleration from which a target means to leave the ground."""
@@ -51,8 +50,9 @@ class Tracker:
     The position law does the work: it is given the place at which it asks for the wanted acceleration.
     """
 
-    def __init__(self, airframe: Airframe, command: Command | None = None) -> None:
+    def __init__(self, airframe: Airframe, settings: Settings, command: Command | None = None) -> None:
         """`command` is written into if it is given."""
+        self._settings = settings
         self._auto = airframe.auto
         self.command: Command = np.zeros(1, COMMAND) if command is None else command
         self.command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
@@ -101,7 +101,7 @@ class Tracker:
 
     def _velocity(self, target: Target, motion: Motion) -> list[float | None]:
         """Wanted velocity (m/s, NED) within the limits; None on an axis that has an acceleration alone."""
-        auto = self._auto
+        auto, settings = self._auto, self._settings
         ways = [
             None if place is None else auto.position_gain_1_s * (place - here)
             for place, here in zip(target.position_ned, motion.position_ned, strict=True)
@@ -111,9 +111,9 @@ class Tracker:
             None if way is None and speed is None else (way or 0.0) + (speed or 0.0)
             for way, speed in zip(ways, target.velocity_ned, strict=True)
         ]
-        speeds[:2] = _within(speeds[:2], _MAX_SPEED_M_S)
+        speeds[:2] = _within(speeds[:2], settings.max_speed_m_s)
         if speeds[2] is not None:
-            speeds[2] = min(max(speeds[2], -_MAX_CLIMB_M_S), _MAX_SINK_M_S)
+            speeds[2] = min(max(speeds[2], -settings.max_climb_m_s), settings.max_sink_m_s)
         return speeds
 
 

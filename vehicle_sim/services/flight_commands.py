@@ -70,6 +70,9 @@ class FlightCommands:
                 orders.terminate(flight) if m.param1 > 0.5 else Result.DENIED
             ),
             dialect.MAV_CMD_DO_GRIPPER: self._gripper,
+            dialect.MAV_CMD_DO_SET_ROI_LOCATION: self._look_at,
+            dialect.MAV_CMD_DO_SET_ROI_NONE: lambda _: orders.look_at(flight, None),
+            dialect.MAV_CMD_DO_SET_ROI: self._set_roi,
         }
 
     def _height_above_home(self, message: Any) -> float | None:
@@ -198,6 +201,20 @@ class FlightCommands:
         modes = {0: Mode.HOLD, 1: Mode.MISSION}
         mode = modes.get(whole(message.param1))
         return Result.DENIED if mode is None else self._flight.set_mode(mode)
+
+    def _look_at(self, message: Any) -> Result:
+        place = self._horizontal(message)
+        if place is None or math.isnan(place[0]):
+            return self._flight.refuse("ROI rejected: no such place", Result.DENIED)
+        return orders.look_at(self._flight, place)
+
+    def _set_roi(self, message: Any) -> Result:
+        match whole(message.param1):
+            case dialect.MAV_ROI_LOCATION:
+                return self._look_at(message)
+            case dialect.MAV_ROI_NONE:
+                return orders.look_at(self._flight, None)
+        return Result.DENIED
 
     def _gripper(self, message: Any) -> Result:
         if whole(message.param2) != dialect.GRIPPER_ACTION_RELEASE:

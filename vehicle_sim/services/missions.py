@@ -42,6 +42,11 @@ class Transfer:
     next: int = 0
     """Number of the item to request, or that is expected to be requested."""
 
+    @property
+    def is_over(self) -> bool:
+        """A download of which only the other side's word is missing that all has come, which MAVProxy never gives."""
+        return not self.upload and self.next == self.count
+
 
 class MissionService:
     """One transfer at a time. What is uploaded counts when it is complete."""
@@ -92,7 +97,8 @@ class MissionService:
         """Once a tick: ask again for what was lost, give up what nobody answers, and say how the mission goes."""
         transfer, now_ns = self._transfer, self._now_ns
         if transfer is not None and now_ns - transfer.heard_ns > TIMEOUT_NS:
-            self._say("Operation timeout")
+            if not transfer.is_over:
+                self._say("Operation timeout")
             self._transfer = None
         elif transfer is not None and transfer.upload and now_ns - transfer.sent_ns > RETRY_NS:
             self._ask(transfer)
@@ -112,7 +118,7 @@ class MissionService:
     def _count(self, message: Any) -> None:
         partner, kind = _sender(message), message.mission_type
         transfer = self._transfer
-        if transfer is not None:
+        if transfer is not None and not transfer.is_over:
             again = transfer.upload and transfer.partner == partner and transfer.next == 0
             if not again:
                 self._say("Mission upload rejected: busy")
@@ -194,12 +200,11 @@ class MissionService:
         if kind not in ROOM:
             self._answer(partner, kind, dialect.MAV_MISSION_UNSUPPORTED)
             return
-        if transfer is not None:
-            sent_all = not transfer.upload and transfer.next == transfer.count
-            if not sent_all and (transfer.upload or (transfer.partner, transfer.kind) != (partner, kind)):
-                self._say("Mission download rejected: busy")
-                self._answer(partner, kind, _ERROR)
-                return
+        others = transfer is not None and (transfer.upload or (transfer.partner, transfer.kind) != (partner, kind))
+        if transfer is not None and others and not transfer.is_over:
+            self._say("Mission download rejected: busy")
+            self._answer(partner, kind, _ERROR)
+            return
         count = len(self._stored[kind])
         self._transfer = Transfer(partner, kind, count, False, self._now_ns, self._now_ns) if count else None
         self._outbox.send(dialect.MAVLink_mission_count_message, *partner, count, kind)
@@ -251,7 +256,7 @@ class MissionService:
 
     def _clear(self, message: Any) -> None:
         kind = message.mission_type
-        if self._transfer is not None:
+        if self._transfer is not None and not self._transfer.is_over:
             self._say("Mission clear rejected: busy")
             self._answer(_sender(message), kind, _ERROR)
             return

@@ -26,6 +26,9 @@ _VOLATILE = frozenset({"COM_FLIGHT_UUID"})
 """Changes by itself, and does not count for the hash."""
 
 
+_LOSSES = ("COM_DL_LOSS_T", "COM_OBC_LOSS_T", "COM_OF_LOSS_T", "COM_RC_LOSS_T")
+
+
 class Refusal(IntEnum):
     """MAV_PARAM_ERROR."""
 
@@ -44,11 +47,19 @@ class Bound(NamedTuple):
     """The values that can be obeyed; none: all within the limits."""
 
 
-def _seconds(field: str, kind: type[float] | type[int] = float, part: str = "settings") -> Bound:
-    """A time in nanoseconds of the settings or another part of the autopilot."""
+def _seconds(field: str, kind: type[float] | type[int] = float) -> Bound:
+    """A time in nanoseconds."""
     return Bound(
-        lambda flight: kind(getattr(getattr(flight, part), field) / SECOND_NS),
-        lambda flight, value: setattr(getattr(flight, part), field, round(value * SECOND_NS)),
+        lambda flight: kind(getattr(flight.settings, field) / SECOND_NS),
+        lambda flight, value: setattr(flight.settings, field, round(value * SECOND_NS)),
+    )
+
+
+def _number(field: str) -> Bound:
+    """A value as it is."""
+    return Bound(
+        lambda flight: float(getattr(flight.settings, field)),
+        lambda flight, value: setattr(flight.settings, field, float(value)),
     )
 
 
@@ -78,15 +89,35 @@ OBEYED: dict[str, Bound] = {
     "COM_DL_LOSS_T": _seconds("link_loss_ns", int),
     "COM_FAIL_ACT_T": _seconds("failsafe_hold_ns"),
     "COM_OBL_RC_ACT": _action("stream_loss", {3: Trigger.STILL_LOST_RETURN, 4: Trigger.STILL_LOST, 5: None}),
-    "COM_OF_LOSS_T": _seconds("loss_ns", part="setpoints"),
+    "COM_OF_LOSS_T": _seconds("stream_loss_ns"),
+    "COM_RC_LOSS_T": _seconds("stick_loss_ns"),
+    "GF_ACTION": _action(
+        "fence_breach",
+        {
+            0: None,
+            2: Trigger.FENCE_BREACHED,
+            3: Trigger.FENCE_BREACHED_RETURN,
+            4: Trigger.FENCE_BREACHED_TERMINATE,
+            5: Trigger.FENCE_BREACHED_LAND,
+        },
+    ),
     "GF_MAX_HOR_DIST": _of("fence", "radius_m"),
     "GF_MAX_VER_DIST": _of("fence", "max_height_m"),
     "MIS_TAKEOFF_ALT": _of("auto", "takeoff_height_m"),
+    "MPC_MANTHR_MIN": _number("least_thrust"),
+    "MPC_MAN_TILT_MAX": _number("stick_tilt_deg"),
+    "MPC_MAN_Y_MAX": _number("stick_yaw_rate_deg_s"),
     "MPC_LAND_SPEED": _of("auto", "land_speed_m_s"),
     "MPC_TKO_SPEED": _of("auto", "climb_speed_m_s"),
     "MPC_XY_CRUISE": _of("auto", "cruise_speed_m_s"),
+    "MPC_XY_VEL_MAX": _number("max_speed_m_s"),
+    "MPC_YAWRAUTO_MAX": _number("yaw_rate_deg_s"),
+    "MPC_Z_VEL_MAX_DN": _number("max_sink_m_s"),
+    "MPC_Z_VEL_MAX_UP": _number("max_climb_m_s"),
     "MPC_Z_V_AUTO_DN": _of("auto", "descent_speed_m_s"),
+    "NAV_ACC_RAD": _number("acceptance_m"),
     "NAV_DLL_ACT": _action("link_loss", {0: None, 2: Trigger.LINK_LOST_RETURN, 3: Trigger.LINK_LOST}),
+    "NAV_MC_ALT_RAD": _number("height_acceptance_m"),
     "RTL_RETURN_ALT": _of("auto", "return_height_m"),
 }
 
@@ -126,6 +157,16 @@ class Parameters:
     def is_integer(self, name: str) -> bool:
         return TABLE[name].is_integer
 
+    def is_fact(self, name: str) -> bool:
+        """It says what the vehicle is, and can't be changed."""
+        return name in self._facts
+
+    def parse(self, name: str, text: str) -> Value:
+        """What a text says, whole for an integer parameter. Raises ValueError and OverflowError."""
+        value = float(text)
+        whole = name in self and self.is_integer(name) and value == int(value)
+        return int(value) if whole else value
+
     def set(self, name: str, value: Value) -> Refusal | None:
         """Change a value (int for an integer parameter), or say why not.
 
@@ -151,6 +192,13 @@ class Parameters:
             bound.write(self._flight, value)
         self.on_change()
         return None
+
+    def scale_losses(self, factor: float) -> None:
+        """Let the times after which a peer counts as lost pass as fast as at real time, as PX4's start in SITL does."""
+        for name in _LOSSES:
+            entry = TABLE[name]
+            value = min(max(entry.default * factor, entry.least or 0.0), entry.most or math.inf)
+            self.set(name, round(value) if entry.is_integer else value)
 
     def packed(self, name: str) -> bytes:
         """The four bytes of a value, as PARAM_VALUE and PX4's hash have them."""

@@ -11,7 +11,14 @@ from protocol.routing import target_of
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.services.commands import CommandService
-from vehicle_sim.services.files import FileService
+from vehicle_sim.services.component_metadata import (
+    GENERAL_FILE,
+    PARAMETER_FILE,
+    checksum,
+    general_metadata,
+    parameter_metadata,
+)
+from vehicle_sim.services.files import FileService, Tree
 from vehicle_sim.services.identity import COMPONENT, Identity
 from vehicle_sim.services.link import LinkService
 from vehicle_sim.services.logs import LogService
@@ -22,11 +29,12 @@ from vehicle_sim.services.parameters import ParameterService
 from vehicle_sim.services.places import Geodetic
 from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.setpoints import SetpointService
+from vehicle_sim.services.shell import ShellService
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.status_text import StatusTexts
 from vehicle_sim.services.telemetry import Profile, Source, Telemetry
 
-PARAMETER_FILE = "parameters.params"
+VALUE_FILE = "parameters.params"
 """The file with all parameters, for MAVLink FTP."""
 
 
@@ -60,18 +68,26 @@ class Services:
         self._status_texts = StatusTexts(outbox)
         self._commands = commands = CommandService(flight, outbox, identity, origin, release)
         self._missions = missions = MissionService(flight, outbox, identity, origin)
+        described = parameter_metadata(parameters)
+        general = general_metadata(described)
+        files: Tree = {
+            VALUE_FILE: lambda: text_of(parameters).encode(),
+            GENERAL_FILE: lambda: general,
+            PARAMETER_FILE: lambda: described,
+        }
         services: tuple[Service, ...] = (
             LinkService(flight, outbox),
             SetpointService(flight, identity, origin),
             ParameterService(parameters, outbox),
-            FileService({PARAMETER_FILE: lambda: text_of(parameters).encode()}, outbox),
+            FileService(files, outbox),
             LogService(outbox),
+            ShellService(parameters, identity, outbox),
             commands,
             missions,
         )
         self._handlers = {key: handler for service in services for key, handler in service.handlers.items()}
         capabilities: int = reduce(or_, (each.capabilities for each in services))
-        self._source = Source(airframe, scans, flight, origin, identity.version, capabilities)
+        self._source = Source(airframe, scans, flight, origin, identity.version, capabilities, checksum(general))
 
     @property
     def ended(self) -> bool:

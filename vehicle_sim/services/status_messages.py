@@ -2,12 +2,13 @@
 
 import math
 
-from protocol.messages import Encoder, dialect
+from protocol.messages import ComponentMetadata, Encoder, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import Level
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Flies
 from vehicle_sim.physics.battery import battery_state
+from vehicle_sim.services.component_metadata import GENERAL_URI
 from vehicle_sim.services.snapshot import Snapshot, int16
 
 _HEALTHY = (
@@ -54,8 +55,15 @@ class StatusMessages:
     """Encoders, one a message."""
 
     def __init__(
-        self, encoder: Encoder, airframe: Airframe, flight: FlightControl, version: int, capabilities: int
+        self,
+        encoder: Encoder,
+        airframe: Airframe,
+        flight: FlightControl,
+        version: int,
+        capabilities: int,
+        metadata_crc: int,
     ) -> None:
+        self._metadata_crc = metadata_crc
         self._encode = encoder.encode_fields
         self._version = version
         self._capabilities = capabilities
@@ -140,6 +148,9 @@ class StatusMessages:
             self._system,
             bytes(18),
         )
+
+    def component_metadata(self, now: Snapshot) -> bytes:
+        return self._encode(ComponentMetadata, now.now_ms, self._metadata_crc, GENERAL_URI.encode())
 
     def attitude_target(self, now: Snapshot) -> bytes:
         """The setpoints of all levels at present, those that the control laws compute included."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import NamedTuple
 
-from protocol.messages import AvailableModes, CurrentMode, Encoder, dialect
+from protocol.messages import AvailableModes, ComponentMetadata, CurrentMode, Encoder, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import LandedState, Mode
@@ -28,6 +28,8 @@ class Source(NamedTuple):
     origin: tuple[float, float, float]
     version: int
     capabilities: int
+    metadata_crc: int
+    """Of the general file of the component metadata."""
 
 
 class Profile(Enum):
@@ -46,7 +48,9 @@ class Telemetry:
         self._reported: tuple[Mode, bool, bool, bool] | None = None
         self._reported_landed: LandedState | None = None
         state = StateMessages(encoder, flight, source.origin)
-        self._status = status = StatusMessages(encoder, source.airframe, flight, source.version, source.capabilities)
+        self._status = status = StatusMessages(
+            encoder, source.airframe, flight, source.version, source.capabilities, source.metadata_crc
+        )
         self._modes = modes = ModeMessages(encoder, flight, source.origin)
         sensors = SensorMessages(encoder, source.scans)
         scan_us = round(1e6 / source.airframe.lidar.rate_hz)
@@ -72,6 +76,7 @@ class Telemetry:
             (CurrentMode.id, modes.current_mode, 2_000_000, 2_000_000, 0),
             (dialect.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS, modes.orbit_execution_status, 200_000, 200_000, 0),
             (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version, 0, 0, 0),
+            (ComponentMetadata.id, status.component_metadata, 0, 0, 0),
         )
         self._builders = {message_id: build for message_id, build, *_ in table}
         onboard = profile is Profile.ONBOARD

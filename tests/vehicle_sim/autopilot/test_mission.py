@@ -12,7 +12,7 @@ from vehicle_sim.autopilot.fence import Zone
 
 ACCEPTED, REJECTED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 TAKEOFF, WAYPOINT, LANDING = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_LAND
-MISSION = 4 << 16 | 4 << 24
+MISSION, TERMINATION = 4 << 16 | 4 << 24, 10 << 16
 FENCE, RALLY = mavlink.MAV_MISSION_TYPE_FENCE, mavlink.MAV_MISSION_TYPE_RALLY
 HOME_DOWN = -AIRFRAME.rest_height_m
 
@@ -177,6 +177,23 @@ def test_a_mission_that_is_replaced_in_flight_is_flown_from_its_beginning() -> N
     assert upload(pilot, [at(WAYPOINT, 0.0, 6.0, 3.0)]) == mavlink.MAV_MISSION_ACCEPTED
     assert pilot.fly(15.0, until=lambda: pilot.mode == HOLD)
     assert math.dist(pilot.vehicle.motion.position_ned[:2], (0.0, 6.0)) < 2.0
+
+
+@pytest.mark.parametrize(("action", "mode"), [(0, MISSION), (3, RETURN), (4, TERMINATION), (5, LAND)])
+def test_beyond_the_fence_happens_what_the_parameter_says(action: int, mode: int) -> None:
+    pilot = in_the_air(at(WAYPOINT, 40.0, 0.0, 3.0))
+    assert pilot.vehicle.parameters.set("GF_ACTION", action) is None
+    circle = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
+    assert upload(pilot, [at(circle, 0.0, 0.0, 0.0, 2.0)], FENCE) == mavlink.MAV_MISSION_ACCEPTED
+    assert pilot.fly(5.0, until=lambda: pilot.vehicle.motion.position_ned[0] > 2.1)
+    assert pilot.mode == mode
+
+
+def test_a_place_is_reached_within_the_acceptance_radius() -> None:
+    pilot = in_the_air(at(WAYPOINT, 10.0, 0.0, 3.0))
+    assert pilot.vehicle.parameters.set("NAV_ACC_RAD", 5.0) is None
+    assert pilot.fly(10.0, until=lambda: reached(pilot) == [0])
+    assert pilot.vehicle.motion.position_ned[0] == pytest.approx(5.0, abs=0.1)
 
 
 def test_leaving_the_fence_ends_in_hold() -> None:

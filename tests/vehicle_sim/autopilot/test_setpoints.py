@@ -6,15 +6,16 @@ import pytest
 
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, tilted
 from vehicle_sim.autopilot.control_laws import Level
-from vehicle_sim.autopilot.setpoints import STALE_NS, STREAM_LOSS_NS, OffboardSetpoints
+from vehicle_sim.autopilot.setpoints import STALE, OffboardSetpoints
+from vehicle_sim.autopilot.settings import Settings
 
-SECOND = 1_000_000_000
+SECOND = STREAM_LOSS_NS = 1_000_000_000
 UNIT = (1.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("thrust", [-0.5, 0.0, 0.4, 1.0, 3.0, math.nan, math.inf])
 def test_thrust_is_limited_and_never_nan(thrust: float) -> None:
-    setpoints = OffboardSetpoints(AIRFRAME)
+    setpoints = OffboardSetpoints(AIRFRAME, Settings.of(AIRFRAME))
     setpoints.rates((0.1, 0.2, 0.3), thrust, SECOND)
     most = AIRFRAME.body.max_thrust_n
     expected = min(max(thrust, 0.0), 1.0) * most if math.isfinite(thrust) else 0.0
@@ -22,7 +23,7 @@ def test_thrust_is_limited_and_never_nan(thrust: float) -> None:
 
 
 def test_a_value_that_is_not_finite_leaves_everything_as_it_was() -> None:
-    setpoints = OffboardSetpoints(AIRFRAME)
+    setpoints = OffboardSetpoints(AIRFRAME, Settings.of(AIRFRAME))
     setpoints.attitude(tilted(0.2, (0.0, 1.0, 0.0)), 0.5, SECOND)
     before = setpoints.command.tobytes()
     setpoints.rates((math.nan, 0.0, 0.0), 0.1, 2 * SECOND)
@@ -33,7 +34,7 @@ def test_a_value_that_is_not_finite_leaves_everything_as_it_was() -> None:
 
 
 def test_a_stream_begins_is_lost_and_begins_again() -> None:
-    setpoints = OffboardSetpoints(AIRFRAME)
+    setpoints = OffboardSetpoints(AIRFRAME, Settings.of(AIRFRAME))
     assert setpoints.problem(0) == "no setpoint stream"
     for now_ns in (SECOND, 5 * SECOND):
         setpoints.attitude(UNIT, 0.5, now_ns)
@@ -44,16 +45,20 @@ def test_a_stream_begins_is_lost_and_begins_again() -> None:
 
 
 def test_the_lower_the_level_the_sooner_a_setpoint_is_stale() -> None:
-    assert STALE_NS[Level.TORQUE] < STALE_NS[Level.RATES] < STALE_NS[Level.ATTITUDE] < STREAM_LOSS_NS
-    setpoints = OffboardSetpoints(AIRFRAME)
+    """Of a stream loss that is five times as long, too, since the pace is."""
+    assert STALE[Level.TORQUE] < STALE[Level.RATES] < STALE[Level.ATTITUDE] < 1.0
+    settings = Settings.of(AIRFRAME)
+    setpoints = OffboardSetpoints(AIRFRAME, settings)
     setpoints.torque((0.0, 0.0, 0.0, 0.5), SECOND)
-    assert not setpoints.is_stale(SECOND + STALE_NS[Level.TORQUE])
-    assert setpoints.is_stale(SECOND + STALE_NS[Level.TORQUE] + 1)
+    for settings.stream_loss_ns in (STREAM_LOSS_NS, 5 * STREAM_LOSS_NS):
+        stale_ns = SECOND + settings.stream_loss_ns // 10
+        assert not setpoints.is_stale(stale_ns)
+        assert setpoints.is_stale(stale_ns + 1)
 
 
 @pytest.mark.parametrize("landed", [True, False])
 def test_braking_is_not_stale_until_the_stream_is_lost(landed: bool) -> None:
-    setpoints = OffboardSetpoints(AIRFRAME)
+    setpoints = OffboardSetpoints(AIRFRAME, Settings.of(AIRFRAME))
     setpoints.torque((0.0, 0.0, 0.0, 0.5), SECOND)
     setpoints.brake((1.0, 2.0, -3.0), 0.5, landed=landed)
     assert setpoints.command["level"][0] == (Level.STOPPED if landed else Level.POSITION)

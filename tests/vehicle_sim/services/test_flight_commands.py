@@ -8,11 +8,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.dialects.v20 import development
 
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, HOLD, OFFBOARD, RETURN, UNSET, ForeignPilot
-from tests.vehicle_sim.mission_uploader import at
+from tests.vehicle_sim.mission_uploader import RELATIVE, at, upload
 from vehicle_sim.autopilot.modes import Mode
 
 ACCEPTED, REJECTED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 DENIED, FAILED = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
+WAYPOINT = mavlink.MAV_CMD_NAV_WAYPOINT
 
 
 @pytest.fixture
@@ -150,3 +151,24 @@ def test_a_reboot_ends_the_program_of_a_disarmed_vehicle(pilot: ForeignPilot, ac
     assert not pilot.vehicle.ended
     assert pilot.command(reboot, action) == ACCEPTED
     assert pilot.vehicle.ended
+
+
+def test_the_nose_points_at_what_is_of_interest_in_hold_and_in_a_mission() -> None:
+    pilot = ForeignPilot()
+    pilot.take_off()
+    east = at(WAYPOINT, 0.0, 50.0, 0.0)[3:5]
+    roi = mavlink.MAV_CMD_DO_SET_ROI_LOCATION
+    pilot.send(mavlink.MAVLink_command_int_message(1, 1, RELATIVE, roi, 0, 0, *(UNSET,) * 4, *east, 0.0))
+    pilot.fly(4.0)
+    assert pilot.last("COMMAND_ACK").result == ACCEPTED
+    assert pilot.vehicle.motion.yaw == pytest.approx(math.pi / 2.0, abs=0.02)
+    assert upload(pilot, [at(WAYPOINT, 100.0, 0.0, 3.0)]) == mavlink.MAV_MISSION_ACCEPTED
+    assert pilot.command(mavlink.MAV_CMD_DO_SET_ROI, 3, 0, 0, 0, east[0] * 1e-7, east[1] * 1e-7, 0) == ACCEPTED
+    assert pilot.set_mode(Mode.MISSION.custom_mode) == ACCEPTED
+    pilot.fly(4.0)
+    north = pilot.vehicle.motion.position_ned[0]
+    assert north > 2.0 and pilot.vehicle.motion.yaw == pytest.approx(math.atan2(50.0, -north), abs=0.05)
+    assert pilot.command(mavlink.MAV_CMD_DO_SET_ROI_NONE) == ACCEPTED
+    assert pilot.fly(4.0, until=lambda: abs(pilot.vehicle.motion.yaw) < 0.1)
+    assert pilot.command(mavlink.MAV_CMD_DO_SET_ROI, 1) == DENIED
+    assert pilot.command(roi, *(UNSET,) * 7) == DENIED

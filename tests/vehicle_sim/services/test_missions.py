@@ -162,6 +162,23 @@ def test_a_download_in_a_wrong_order_is_given_up(pilot: ForeignPilot) -> None:
     assert pilot.last("MISSION_ACK").type == ERROR
 
 
+def test_who_never_confirms_a_download_is_served_on(pilot: ForeignPilot) -> None:
+    """MAVProxy: the next transfer follows at once."""
+    assert upload(pilot, [at(WAYPOINT, 1.0, 2.0, 3.0)]) == ACCEPTED
+    for ask, answer in (
+        (mavlink.MAVLink_mission_request_list_message(1, 1, FENCE), "MISSION_COUNT"),
+        (mavlink.MAVLink_mission_clear_all_message(1, 1, RALLY), "MISSION_ACK"),
+        (mavlink.MAVLink_mission_count_message(1, 1, 1, FENCE), "MISSION_REQUEST_INT"),
+    ):
+        pilot.send(mavlink.MAVLink_mission_request_list_message(1, 1, MISSION))
+        pilot.send(mavlink.MAVLink_mission_request_int_message(1, 1, 0, MISSION))
+        before = pilot.time_s
+        pilot.send(ask)
+        pilot.fly(0.004)
+        assert len(pilot.all(answer, before)) >= 1 and not pilot.texts, answer
+        assert not [ack for ack in pilot.all("MISSION_ACK", before) if ack.type != ACCEPTED]
+
+
 def test_the_current_item_is_set_and_said(pilot: ForeignPilot) -> None:
     upload(pilot, ROWS[MISSION])
     pilot.fly(0.004)

@@ -187,7 +187,8 @@ def obeying() -> Iterator[tuple[str, float]]:
         if bound.choices:
             yield name, next(each for each in bound.choices if each != Vehicle(AIRFRAME, EMPTY).parameters[name])
         else:
-            yield name, TABLE[name].default + 1
+            most = TABLE[name].most
+            yield name, TABLE[name].default + 1 if most is None else (TABLE[name].default + most) / 2
 
 
 def test_what_is_obeyed_reaches_the_autopilot_and_comes_back() -> None:
@@ -195,10 +196,10 @@ def test_what_is_obeyed_reaches_the_autopilot_and_comes_back() -> None:
         vehicle = Vehicle(AIRFRAME, EMPTY)
         parameters: Parameters = vehicle.parameters
         number = round(number) if parameters.is_integer(name) else number
-        before = str(vehicle.flight.settings) + str(vehicle.flight.setpoints.loss_ns)
+        before = str(vehicle.flight.settings)
         assert parameters.set(name, number) is None
         assert parameters[name] == number, name
-        assert str(vehicle.flight.settings) + str(vehicle.flight.setpoints.loss_ns) != before, name
+        assert str(vehicle.flight.settings) != before, name
 
 
 def test_the_page_names_what_is_obeyed_and_what_is_fixed() -> None:
@@ -206,6 +207,15 @@ def test_the_page_names_what_is_obeyed_and_what_is_fixed() -> None:
     page = (ROOT / "docs" / "vehicle-sim.md").read_text(encoding="utf-8")
     fixed = [name for name in TABLE if parameters.set(name, parameters[name] + 1) is Refusal.READ_ONLY]
     assert {name for name in TABLE if f"`{name}`" in page} == {*OBEYED, *fixed}
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(5.0, (50, 25.0, 5.0, 2.5)), (0.1, (5, 0.5, 0.1, 0.05))])
+def test_a_peer_counts_as_lost_after_the_same_real_time_at_any_pace(factor: float, expected: tuple[float, ...]) -> None:
+    """COM_DL_LOSS_T can't be below 5 s."""
+    parameters = Vehicle(AIRFRAME, EMPTY).parameters
+    parameters.scale_losses(factor)
+    names = "COM_DL_LOSS_T", "COM_OBC_LOSS_T", "COM_OF_LOSS_T", "COM_RC_LOSS_T"
+    assert tuple(parameters[name] for name in names) == pytest.approx(expected)
 
 
 def test_a_shorter_stream_loss_and_a_return_are_flown() -> None:
