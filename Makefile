@@ -8,7 +8,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --co
 # Each process would compile all sources and rewrite all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check compiled paper control clean
+.PHONY: demo test quick check compiled paper control campaign-smoke clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
@@ -33,6 +33,10 @@ paper: .venv/tested
 # What the default controller adds to it, into docs/control.md.
 control: .venv/tested
 	$(BIN)/python -m studies control
+
+# 40 short flights on two workers, one of which is killed meanwhile: all rows are there.
+campaign-smoke: .venv/tested
+	$(BIN)/python -m studies.campaigns.smoke
 
 # Formatting, lint, types, import contracts.
 check: .venv/tested

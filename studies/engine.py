@@ -70,7 +70,7 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
             n_workers=workers or os.cpu_count(),
             threads_per_worker=1,
             host="127.0.0.1",
-            dashboard_address="127.0.0.1:0" if importlib.util.find_spec("bokeh") else None,
+            dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         ) as local,
         Client(local) as client,
@@ -80,8 +80,11 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
 
 def dashboard(client: Client) -> str | None:
     """The address of the scheduler's dashboard; None if it has none."""
-    service = client.scheduler_info()["services"].get("dashboard")
-    return None if service is None else str(client.dashboard_link)
+    return str(client.dashboard_link) if client.cluster is None or _has_bokeh() else None
+
+
+def _has_bokeh() -> bool:
+    return importlib.util.find_spec("bokeh") is not None
 
 
 def slots(client: Client) -> int:

@@ -1,7 +1,7 @@
 """How a campaign is flown: what its table lacks, on a cluster, until there are enough flights of each case."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,6 +36,15 @@ class Flown:
     """Of a failure: contents by the path in the campaign's folder."""
     folder: str
     """In which the flight was; the files name it."""
+
+
+def fly_afar(job: Job) -> Flown:
+    """Fly a job in a folder of its own."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        row = campaign.fly(dataclasses.replace(job, folder=folder))
+        kept = [path for path in folder.rglob("*") if path.is_file()] if row.log is not None else []
+        return Flown(row, {path.relative_to(folder).as_posix(): path.read_bytes() for path in kept}, name)
 
 
 class Case:
@@ -88,10 +97,10 @@ class Campaign:
         """What has not been flown, unless there are enough of its case."""
         return [job for job in self.jobs if self.table.row(job) is None and not self.cases[job.case].over]
 
-    def fly(self, client: Client, limit_s: float = LIMIT_S) -> Iterator[Row]:
+    def fly(self, client: Client, limit_s: float = LIMIT_S, fly: Callable[[Job], Flown] = fly_afar) -> Iterator[Row]:
         """Fly what is to do, and yield each row when it is on disk. Raises EngineError."""
         todo = (job for job in self.todo if not self.cases[job.case].over)  # a case may be over by then
-        for ended in as_they_end(client, fly_afar, todo, limit_s):
+        for ended in as_they_end(client, fly, todo, limit_s):
             rows = [self._keep(each) for each in ended]
             self.table.add(rows)
             for case in {each.job.case for each in ended}:
@@ -116,15 +125,6 @@ class Campaign:
                 content = content.replace(flown.folder.encode(), str(job.folder.absolute()).encode())
             path.write_bytes(content)
         return flown.row
-
-
-def fly_afar(job: Job) -> Flown:
-    """Fly a job in a folder of its own."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        row = campaign.fly(dataclasses.replace(job, folder=folder))
-        kept = [path for path in folder.rglob("*") if path.is_file()] if row.log is not None else []
-        return Flown(row, {path.relative_to(folder).as_posix(): path.read_bytes() for path in kept}, name)
 
 
 def lost(job: Job, why: str) -> Row:
