@@ -10,7 +10,7 @@ LOCK := uv pip compile pyproject.toml - --universal --python-version 3.11 --gene
 # Each process would compile all sources and rewrite all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check compiled paper control locked clean
+.PHONY: demo test quick check compiled paper control campaign-smoke locked clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
@@ -35,6 +35,10 @@ paper: .venv/tested
 # What the default controller adds to it, into docs/control.md.
 control: .venv/tested
 	$(BIN)/python -m studies control
+
+# 40 short flights on two workers, one of which is killed meanwhile: all rows are there.
+campaign-smoke: .venv/tested
+	$(BIN)/python -m studies.campaigns.smoke
 
 # Formatting, lint, types, import contracts.
 check: .venv/tested

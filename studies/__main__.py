@@ -1,6 +1,6 @@
 """The command line: `python -m studies NAME ...`; the name of a page runs all of its studies.
 
-`python -m studies worlds NAME` makes a place to fly through.
+`python -m studies worlds NAME` makes a place to fly through, `python -m studies campaign FILE` flies a campaign.
 """
 
 import importlib
@@ -139,7 +139,11 @@ def _run(chosen: dict[str, tuple[Study, Page]], choice: Choice) -> bool:
 
 
 def main() -> None:
-    """`worlds` is a command of its own; the names of studies are arguments without a command."""
+    """`worlds` and `campaign` are commands of their own; the names of studies are arguments without a command."""
+    if sys.argv[1:2] == ["campaign"]:
+        from studies.campaigns import command
+
+        command.main(sys.argv[2:])
     if sys.argv[1:2] == ["worlds"]:
         places(sys.argv[2:], prog_name="python -m studies worlds")
     app(prog_name="python -m studies")

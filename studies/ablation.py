@@ -2,9 +2,10 @@
 
 from companion.curves import Shape
 from companion.state import Output
+from studies.engine import on_all_cores
 from studies.paper_settings import NOTHING_ADDED
 from studies.report import Cell, Report
-from studies.tracks import Flight, fly, on_all_cores
+from studies.tracks import Flight, fly
 
 NAME = "ablation"
 TITLE = "What each part is worth, and other laws"

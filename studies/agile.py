@@ -3,8 +3,9 @@
 from companion.curves import Shape
 from companion.state import Output
 from studies import style
+from studies.engine import on_all_cores
 from studies.report import Report
-from studies.tracks import Flight, fly, on_all_cores
+from studies.tracks import Flight, fly
 
 NAME = "agile"
 TITLE = "Circle and lemniscate"

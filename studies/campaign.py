@@ -10,29 +10,31 @@ import dataclasses
 import math
 import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from functools import cache, partial
+from hashlib import sha256
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from companion.config_avoidance import Avoidance
 from companion.mission.plan import Mission, Phase
 from companion.runtime import flight as whole_flight
-from companion.runtime.files import load_body, load_settings
+from companion.runtime.files import load_body, load_mission, load_settings
 from companion.state import Output
 from protocol import toml_files as toml_files
-from protocol.arrays import Array
-from protocol.frames import rotate
 from protocol.transport import TransportError
+from studies import escape, worlds
 from studies.escape import Abilities, avoidable
+from studies.faults import flights
+from studies.faults.catalogue import FAULTS
+from studies.faults.injector import Injector
 from studies.joined import Joined
-from studies.tracks import on_all_cores
 from studies.worlds import HULL, Site, shortest
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.sensors.lidar import beam_azimuths, sector_ranges
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
@@ -61,6 +63,16 @@ class Setup:
     overrides: tuple[str, ...] = ()
     """Overrides of the companion's settings."""
     vehicle_overrides: tuple[str, ...] = ()
+    mission: str | None = None
+    """Flown there in place of the site's own way."""
+    vehicle: str | None = None
+    """In place of the mission's."""
+    fault: str | None = None
+    """Key of a fault of the catalogue, which begins soon after the take-off."""
+
+
+Key = tuple[str, str, float, int]
+"""Set-up, method, speed, seed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +92,38 @@ class Job:
         return f"{self.setup.name}_{self.method}_{self.speed:.3g}"
 
     @property
+    def key(self) -> Key:
+        return self.setup.name, self.method, self.speed, self.seed
+
+    @property
+    def code(self) -> str:
+        """A digest of what flies and of how it is set up, but for the seed."""
+        setup = self.setup
+        what = (_described(setup.site), self.settings, self.speed, setup.limit_s, setup.has_way,
+                setup.vehicle_overrides, setup.mission, setup.vehicle, setup.fault)  # fmt: skip
+        return sha256(f"{_sources()} {what}".encode()).hexdigest()[:16]
+
+    def mission_overrides(self, world: Path) -> list[str]:
+        """What the mission's file does not say of this flight."""
+        changes = [f'world="{world}"', f"speed={self.speed!r}"]
+        return changes if self.setup.vehicle is None else [*changes, f'vehicle="{self.setup.vehicle}"']
+
+    @property
     def settings(self) -> tuple[str, ...]:
         return (*self.setup.overrides, f'avoidance.method="{self.method}"', *self.overrides)
+
+
+@cache
+def _sources() -> str:
+    return flights.code(__file__, escape.__file__, worlds.__file__)
+
+
+def _described(function: Any) -> str:
+    """A module's function, or a partial of one, by its names and arguments."""
+    if isinstance(function, partial):
+        inner = ", ".join(map(_described, function.args))
+        return f"{_described(function.func)}({inner}, {sorted(function.keywords.items())})"
+    return f"{function.__module__}.{function.__qualname__}" if callable(function) else repr(function)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +172,12 @@ class Row:
     """Wall time of the free space for the guard."""
     step_us: float | None = None
     """Wall time of a control step from message to message, guard included; median of the flight."""
+    code: str = ""
+    """Digest of what flew: see Job.code."""
+
+    @property
+    def key(self) -> Key:
+        return self.setup, self.method, self.speed, self.seed
 
     @property
     def way_over_shortest(self) -> float:
@@ -141,22 +189,6 @@ class Row:
         return self.outcome == REACHED
 
 
-class Interval(NamedTuple):
-    low: float
-    high: float
-
-
-def wilson(successes: int, total: int, z: float = 1.959964) -> Interval:
-    """Wilson's score interval of a share (95 % by default); (0, 1) for no trials."""
-    if total == 0:
-        return Interval(0.0, 1.0)
-    share = successes / total
-    scale = 1.0 + z * z / total
-    middle = (share + z * z / (2 * total)) / scale
-    half = z / scale * math.sqrt(share * (1.0 - share) / total + z * z / (4.0 * total * total))
-    return Interval(max(0.0, middle - half), min(1.0, middle + half))
-
-
 # --- one flight ---
 
 
@@ -164,17 +196,26 @@ def fly(job: Job) -> Row:
     """Fly one flight; log, world and picture of a failure are written to the job's folder."""
     began = time.perf_counter()
     site = job.setup.site(job.seed)
-    _, mission_file = site.save(job.folder / "worlds", job.speed)
-    mission = site.mission(job.speed, job.folder / "worlds" / f"{site.name}.toml")
+    world, own = site.save(job.folder / "worlds", job.speed)
+    mission, mission_file = load_mission(job.setup.mission or str(own), job.mission_overrides(world.absolute()))
     vehicle = job.setup.vehicle_overrides
-    joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, remembers=False)
+    joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, injector=_injector(job),
+                    remembers=False)  # fmt: skip
     watch, stages = _Watch(job, site), _Stages(joined)
     joined.fly(limit_s=job.setup.limit_s + 30.0, until=watch.over)
     row = watch.row(joined)
     if not row.succeeded:
         folder = keep(job, site, mission_file, joined)
         row = dataclasses.replace(row, log=str(folder.relative_to(job.folder)))
-    return dataclasses.replace(row, wall_s=time.perf_counter() - began, **stages.medians())
+    return dataclasses.replace(row, wall_s=time.perf_counter() - began, code=job.code, **stages.medians())
+
+
+def _injector(job: Job) -> Injector:
+    """The fault begins between 3 and 10 s after the arming."""
+    if job.setup.fault is None:
+        return Injector()
+    after_s = float(np.random.default_rng(job.seed).uniform(3.0, 10.0))
+    return flights.injector(FAULTS[job.setup.fault], after_s, job.seed)
 
 
 class _Stages:
@@ -360,83 +401,29 @@ def record(
 def keep(job: Job, site: Site, mission_file: Path, joined: Joined) -> Path:
     """Repeat the flight with a log, up to the same moment; return the log's folder, with a picture beside the log."""
     from studies import style
+    from studies.campaigns.picture import of_the_end
 
-    mission = joined.mission
-    end_ns = joined.vehicle.time_ns
-    log = record(mission_file, mission, job.settings, job.setup.vehicle_overrides, job.seed, job.folder / "failed",
-                 end_ns)  # fmt: skip
-    folder = log.parent.with_name(f"{job.case}_{job.seed}")
+    folder = job.folder / "failed" / f"{job.case}_{job.seed}"
     shutil.rmtree(folder, ignore_errors=True)
-    log.parent.rename(folder)
-    style.save(_contact_picture(job, site, joined), folder / "end", " ".join(command(job, site)))
+    if job.setup.fault is None:
+        log = record(mission_file, joined.mission, job.settings, job.setup.vehicle_overrides, job.seed,
+                     folder.parent, joined.vehicle.time_ns)  # fmt: skip
+        log.parent.rename(folder)
+    else:  # the companion's own loop has no place for what a fault changes on the way
+        folder.mkdir(parents=True)
+        (folder / "said.txt").write_text("\n".join(joined.said) + "\n", encoding="utf-8")
+    style.save(of_the_end(job, site, joined), folder / "end", " ".join(command(job, site)))
     return folder
 
 
 def command(job: Job, site: Site) -> list[str]:
-    """The command for the same flight in two processes."""
+    """The command for the same flight in two processes, without a fault."""
     changes = (*job.settings, *(f"vehicle.{each}" for each in job.setup.vehicle_overrides))
-    return ["companion", "demo", f"{site.name}_mission.toml", "--seed", str(job.seed),
-            *(f"--set '{each}'" for each in changes)]  # fmt: skip
-
-
-def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
-    from studies import style
-    from studies.route import draw_world
-
-    path = np.array([*joined.truths, joined.vehicle.state])[:, :3]
-    figure, (whole, near) = style.sheet(1, 2, height=4.6, width=8.4)
-    for axes in (whole, near):
-        draw_world(axes, joined.vehicle.world, site.height)
-        axes.plot(path[:, 1], path[:, 0], color=style.PALETTE[0], label="flown")
-        axes.plot([0.0, *(e for _, e in site.waypoints)], [0.0, *(n for n, _ in site.waypoints)],
-                  color=style.GREY, ls=":", lw=0.8)  # fmt: skip
-        axes.set(xlabel="east / m", ylabel="north / m", aspect="equal")
-    from matplotlib.patches import Circle
-
-    north, east = path[-1, :2]
-    near.add_patch(Circle((east, north), HULL, facecolor="none", ec=style.PALETTE[1], lw=1.4))
-    seen = _seen(joined)
-    near.plot(seen[:, 1], seen[:, 0], ".", color=style.PALETTE[1], ms=3, label="last scan")
-    _draw_map(near, joined)
-    near.set(xlim=(east - 4.0, east + 4.0), ylim=(north - 4.0, north + 4.0))
-    near.legend(loc="lower right")
-    whole.plot(site.goal[1], site.goal[0], "*", color=style.PALETTE[1], ms=9)
-    whole.set_title(f"{site.name}, {job.method}, {job.speed:.3g} m/s, seed {job.seed}")
-    near.set_title(f"after {joined.vehicle.time_ns * 1e-9:.2f} s")
-    return figure
-
-
-def _draw_map(axes: Any, joined: Joined) -> None:
-    """Draw the companion's map at the end; grey is free."""
-    view = joined.planner.pipeline.local_map.view
-    if view is None:
-        return
-    from matplotlib.colors import ListedColormap
-
-    from companion.perception.map_view import FREE, OCCUPIED
-    from studies import style
-
-    shades = np.where(view.states == OCCUPIED, 2, np.where(view.states == FREE, 1, 0))
-    (south, west), size = view.cell * np.array(view.corner), view.cell * np.array(view.states.shape)
-    axes.imshow(shades, cmap=ListedColormap(["#ffffff", "#e4e9ef", style.PALETTE[3]]), vmin=0, vmax=2, origin="lower",
-                extent=(west, west + size[1], south, south + size[0]), interpolation="none", zorder=0.5)  # fmt: skip
-
-
-def _seen(joined: Joined) -> Array:
-    """(n, 2) north, east (m) of a scan's returns at the end, without noise."""
-    vehicle, azimuths = joined.vehicle, beam_azimuths(1)
-    cos, sin = np.cos(azimuths), np.sin(azimuths)
-    ranges = sector_ranges(
-        vehicle.world.boxes, vehicle.world.cylinders, vehicle.state[:3], vehicle.state[6:10], cos, sin,
-        vehicle.airframe.lidar.max_range_m,
-    )  # fmt: skip
-    beams = [
-        distance * rotate(vehicle.state[6:10], np.array([c, s, 0.0]))[:2]
-        for distance, c, s in zip(ranges, cos, sin, strict=True)
-        if math.isfinite(distance)
-    ]
-    points: Array = vehicle.state[:2] + np.array(beams).reshape(-1, 2)
-    return points
+    mission = f"{site.name}_mission.toml"
+    if job.setup.mission is not None or job.setup.vehicle is not None:
+        mission = job.setup.mission or mission
+        changes += tuple(f"mission.{each}" for each in job.mission_overrides(Path(f"{site.name}.toml")))
+    return ["companion", "demo", mission, "--seed", str(job.seed), *(f"--set '{each}'" for each in changes)]
 
 
 # --- many ---
@@ -453,47 +440,3 @@ def jobs(
         for speed in setup.speeds
         for seed in range(1, min(seeds, setup.seeds) + 1)
     ]
-
-
-def run(
-    todo: Sequence[Job],
-    track: Callable[[Iterable[Row], str], Iterator[Row]],
-    on: Callable[..., Iterator[Row]] | None = None,
-) -> list[Row]:
-    """Fly the jobs on all cores; each case is written as CASE.parquet to its folder when it is complete."""
-    fly_all = on or on_all_cores
-    rows: list[Row] = []
-    results = zip(todo, track(fly_all(fly, todo), f"{len(todo)} flights"), strict=True)
-    for _, group in groupby(results, key=lambda pair: (pair[0].folder, pair[0].case)):
-        case = list(group)
-        write([row for _, row in case], case[0][0].folder / f"{case[0][0].case}.parquet")
-        rows += [row for _, row in case]
-    return rows
-
-
-def write(rows: Sequence[Row], path: Path) -> None:
-    """Write one row for each flight, as Parquet; most readers take all files of a folder as one table."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    kinds = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
-    schema = pa.schema([(field.name, kinds[_kind(field.type)]) for field in dataclasses.fields(Row)])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    table = pa.Table.from_pylist([dataclasses.asdict(row) for row in rows], schema=schema)
-    parquet.write_table(table, path, compression="zstd")
-
-
-def _kind(annotation: Any) -> type:
-    """`float | None` -> float."""
-    kind: type
-    for kind in getattr(annotation, "__args__", (annotation,)):
-        if kind is not type(None):
-            return kind
-    raise TypeError(f"{annotation} is no type of a column")
-
-
-def read(folder: Path) -> list[Row]:
-    """All rows in a folder, case by case."""
-    from pyarrow import parquet
-
-    return [Row(**row) for path in sorted(folder.glob("*.parquet")) for row in parquet.read_table(path).to_pylist()]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
@@ -9,7 +10,11 @@ import numpy as np
 
 from companion.avoidance_methods import METHODS
 from studies import campaign, style
-from studies.campaign import DEFAULT, Row, Setup, wilson
+from studies.campaign import DEFAULT, Row, Setup
+from studies.campaigns.runner import Campaign
+from studies.campaigns.statistics import wilson
+from studies.campaigns.table import read
+from studies.engine import cluster
 from studies.report import Report
 
 HEADERS = ("set-up", "method", "commanded", "success (95 %)", "speed on the way", "to the goal", "least clearance",
@@ -65,7 +70,13 @@ def fly_and_tell(report: Report, setups: Sequence[Setup], floors: Sequence[Floor
     cases = fly(report, setups)
     if not cases:
         report.text("Not flown yet.")
-        return []
+    else:
+        tell(report, cases, floors, Path("logs/avoidance", report.name, "failed"))
+    return cases
+
+
+def tell(report: Report, cases: Sequence[Case], floors: Sequence[Floor], logs: Path) -> None:
+    """Table, checks, picture and failures of flights, whose logs are in the folder `logs`."""
     report.table(
         HEADERS,
         [_line(case) for case in cases],
@@ -77,9 +88,8 @@ def fly_and_tell(report: Report, setups: Sequence[Setup], floors: Sequence[Floor
     _stages(report, cases)
     for floor in floors:
         _check(report, floor, cases)
-    report.figure(_successes(cases), report.name, "Success with its 95 % interval")
-    _failures(report, cases)
-    return cases
+    report.figure(_successes(cases), report.name.split()[0], "Success with its 95 % interval")
+    _failures(report, cases, logs)
 
 
 def fly(report: Report, setups: Sequence[Setup]) -> list[Case]:
@@ -88,8 +98,13 @@ def fly(report: Report, setups: Sequence[Setup]) -> list[Case]:
     folder = choice.logs / report.name
     todo = campaign.jobs(setups, choice.methods or tuple(METHODS), choice.seeds, folder, choice.overrides)
     if todo:
-        campaign.run(todo, report.progress)
-    rows = campaign.read(folder)
+        flying = Campaign(todo, folder)
+        with cluster() as client:
+            todo = flying.todo
+            for _ in zip(report.progress(todo, f"{len(todo)} flights"), flying.fly(client), strict=True):
+                pass
+        flying.finish()
+    rows = read(folder)
     return [
         Case(setup, method, speed, chosen)
         for setup in setups
@@ -169,7 +184,7 @@ def _successes(cases: Sequence[Case]) -> Any:
     return figure
 
 
-def _failures(report: Report, cases: Sequence[Case]) -> None:
+def _failures(report: Report, cases: Sequence[Case], logs: Path) -> None:
     """How the failed flights ended, and for the default method each of them."""
     failed = [(case, row) for case in cases for row in case.rows if not row.succeeded]
     if not failed:
@@ -192,5 +207,5 @@ def _failures(report: Report, cases: Sequence[Case]) -> None:
             for r in own[:_LISTED_FAILURES]
         ],
         f"Failures of the default method ({len(own)}); each has its log, for `companion replay`, and a picture under "
-        f"`logs/avoidance/{report.name}/failed/`:",
+        f"`{logs}/`:",
     )  # fmt: skip

@@ -10,8 +10,9 @@ from companion.runtime.files import load_body
 from companion.trajectory.shapes import shape_of
 from protocol.vehicle_parameters import VehicleParameters
 from studies import style
+from studies.engine import on_all_cores
 from studies.report import Report
-from studies.tracks import Flight, fly, on_all_cores
+from studies.tracks import Flight, fly
 
 NAME = "ellipses"
 TITLE = "Sun et al.'s ellipses"

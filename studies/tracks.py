@@ -1,10 +1,6 @@
 """Flights of a shape, with both sides joined in memory, and the true distance of the vehicle from it."""
 
-import os
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 
@@ -25,9 +21,6 @@ AGILE = (
     'avoidance.method="none"',
 )
 """Limits beyond the vehicle's own."""
-
-Job = TypeVar("Job")
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -88,9 +81,3 @@ def fly(flight: Flight) -> Tracked:
     rmse = float(np.sqrt((size**2).mean()))
     time = 1.0 + 0.004 * np.arange(len(error), dtype=np.float64)
     return Tracked(rmse, float(size.max()), float(limited.mean()), None, time, error)
-
-
-def on_all_cores(function: Callable[[Job], Result], jobs: Iterable[Job]) -> Iterator[Result]:
-    """The results in the order of the jobs."""
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        yield from pool.map(function, jobs)

@@ -6,6 +6,7 @@ import gc
 import logging
 import os
 import signal
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -380,7 +381,10 @@ def lockstep_time(datagram: bytes) -> int | None:
 
 @contextlib.contextmanager
 def _landing_on_signal(request: Callable[[], None]) -> Iterator[None]:
-    """The first Ctrl-C or SIGTERM asks for a landing, the second ends the program."""
+    """The first Ctrl-C or SIGTERM asks for a landing, the second ends the program. Only the main thread gets signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
 
     def first(number: int, frame: FrameType | None) -> None:
         for each in (signal.SIGINT, signal.SIGTERM):

@@ -8,12 +8,12 @@ from statistics import median
 from typing import Any
 
 from studies import style
-from studies.campaign import wilson
+from studies.campaigns.statistics import wilson
+from studies.engine import on_all_cores
 from studies.faults import flights
 from studies.faults.catalogue import CONTACT, FAULTS, OUTCOMES, Fault
 from studies.faults.flights import Flown, Job, Row
 from studies.report import Report
-from studies.tracks import on_all_cores
 
 NAME = "faults-joined"
 TITLE = "Both sides joined in memory"

@@ -17,8 +17,10 @@ from companion.logs.replay import replay
 from protocol.flightlog import Direction, datagrams, digest
 from studies import __main__ as command_line
 from studies import barn, campaign, worlds
-from studies.campaign import Job, Row, Setup, wilson
+from studies.campaign import Job, Row, Setup
 from studies.campaign_report import Floor, fly_and_tell
+from studies.campaigns.statistics import wilson
+from studies.campaigns.table import TIMINGS, read, write
 from studies.escape import Abilities, avoidable
 from studies.joined import Joined
 from studies.report import Choice, Report, markdown
@@ -28,11 +30,6 @@ from vehicle_sim.world import World
 
 POP_UP = Setup("popup", "pillar", worlds.pop_up, (3.0,), 60.0, 20)
 FOREST = Setup("forest25", "forest", worlds.forest, (3.0,), 60.0)
-
-
-def flown_here(function: Any, jobs: Any) -> Any:
-    """In place of all cores: tests share the machine."""
-    return map(function, jobs)
 
 
 def row(**changes: Any) -> Row:
@@ -72,8 +69,7 @@ def test_a_flight_that_arrives(tmp_path: Path) -> None:
     assert flown.goal_speed <= flown.path_speed <= flown.top_speed < 3.5
     assert flown.least_clearance is not None and flown.least_clearance > 0.0
     assert flown.step_us is not None and flown.step_us > 0.0 and flown.way_us is None, "this method has no map"
-    same = ("wall_s", "map_us", "way_us", "space_us", "step_us")
-    again = dataclasses.replace(campaign.fly(job), **{name: getattr(flown, name) for name in same})
+    again = dataclasses.replace(campaign.fly(job), **{name: getattr(flown, name) for name in TIMINGS})
     assert again == flown
     assert not (tmp_path / "failed").exists()
 
@@ -93,17 +89,13 @@ def test_a_contact_is_kept_and_flies_again_to_the_bit(tmp_path: Path) -> None:
 def test_rows_come_back_from_their_files(tmp_path: Path) -> None:
     jobs = campaign.jobs([FOREST, dataclasses.replace(POP_UP, seeds=2)], ["none", "paper"], 3, tmp_path)
     assert len(jobs) == 2 * 3 + 2 * 2 and len({job.case for job in jobs}) == 4
-    made = {
-        (job.case, job.seed): row(
-            setup=job.setup.name, method=job.method, seed=job.seed, met="tree" if job.seed == 2 else None
-        )
+    made = [
+        row(setup=job.setup.name, method=job.method, seed=job.seed, met="tree" if job.seed == 2 else None)
         for job in jobs
-    }
-    rows = campaign.run(jobs, lambda rows, label: iter(rows), lambda fly, todo: (made[j.case, j.seed] for j in todo))
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
-        f"{case}.parquet" for case in {j.case for j in jobs}
-    )
-    assert sorted(campaign.read(tmp_path), key=repr) == sorted(rows, key=repr) == sorted(made.values(), key=repr)
+    ]
+    write(made[:5], tmp_path / "a.parquet")
+    write(made[5:], tmp_path / "b.parquet")
+    assert read(tmp_path) == sorted(made, key=lambda row: row.key)
 
 
 @pytest.mark.parametrize(("successes", "total"), [(0, 10), (10, 10), (97, 100), (100, 100), (1, 20)])
@@ -129,9 +121,9 @@ def test_a_section_holds_its_floors_against_the_default_alone(tmp_path: Path) ->
     folder = tmp_path / "logs" / "forest"
     good = [row(seed=seed) for seed in range(1, 101)]
     bad = [row(seed=seed, method="paper", outcome="contact", met="tree") for seed in range(1, 11)]
-    campaign.write([*good[:-2], row(seed=99, outcome="contact", met="tree 7", contact_speed=2.0), good[-1]],
+    write([*good[:-2], row(seed=99, outcome="contact", met="tree 7", contact_speed=2.0), good[-1]],
                    folder / "forest25_astar_3.parquet")  # fmt: skip
-    campaign.write(bad, folder / "forest25_paper_3.parquet")
+    write(bad, folder / "forest25_paper_3.parquet")
     report = Report("forest", "Forests", tmp_path, choice=Choice(seeds=0, logs=tmp_path / "logs"))
     cases = fly_and_tell(report, [FOREST], [Floor("forest25", 0.99)])
     assert [(case.method, case.success) for case in cases] == [
@@ -149,7 +141,7 @@ def test_a_section_tells_what_each_stage_takes(tmp_path: Path) -> None:
     """Of the flights that were timed; older rows, without these columns, are read as before."""
     folder = tmp_path / "logs" / "forest"
     timed = [row(seed=seed, map_us=500.0 + seed, way_us=200.0, space_us=100.0, step_us=150.0) for seed in range(1, 4)]
-    campaign.write(timed, folder / "forest25_astar_3.parquet")
+    write(timed, folder / "forest25_astar_3.parquet")
     untimed = pq.read_table(folder / "forest25_astar_3.parquet").drop_columns(
         ["map_us", "way_us", "space_us", "step_us"]
     )

@@ -1,0 +1,132 @@
+"""The command line of campaigns: `courier-campaign`, or `python -m studies campaign`."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+from protocol import toml_files as toml_files
+from protocol.toml_files import TomlFileError
+
+if TYPE_CHECKING:  # both take seconds to import, and `--help` needs neither
+    from distributed import Client
+
+    from studies.campaigns.runner import Campaign
+
+FAILED, UNUSABLE, ABANDONED = 1, 2, 130
+"""Exit codes: a worker had other code or the scheduler went away; nothing was flown; interrupted."""
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True)
+
+Folder = Annotated[Path, typer.Option("--folder", help="Where each campaign has a folder of its name.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a dask scheduler; none: workers of this machine.", metavar="ADDRESS")
+]
+Workers = Annotated[int | None, typer.Option(min=1, help="Of this machine; by default one a core.")]
+LOGS = Path("logs/campaigns")
+
+
+@app.command()
+def fly(
+    file: Annotated[str, typer.Argument(help="A name in campaigns/, or a path.", metavar="FILE.toml")],
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+    folder: Folder = LOGS,
+) -> None:
+    """Fly a campaign, or what is left of it; write its table and its page."""
+    with _errors():
+        from studies.campaigns import files
+        from studies.campaigns.page import write
+        from studies.campaigns.runner import Campaign
+        from studies.engine import cluster, dashboard
+
+        path = toml_files.find("campaigns", file)
+        given = files.load(path)
+        setups, own = given.setups(), folder / given.name
+        flying = Campaign(given.jobs(setups, own), own, given.stopping)
+        todo = flying.todo
+        if len(todo) < len(flying.jobs):
+            _say(f"{len(flying.jobs) - len(todo)} of {len(flying.jobs)} flights are there already")
+        if todo:
+            with cluster(scheduler, workers) as client:
+                if (link := dashboard(client)) is not None:
+                    _say(f"dashboard: {link}")
+                _fly(flying, client, given.wall_limit_s)
+        page = write(f"Campaign {given.name}", f"campaign {file}", own, setups, flying.finish())
+        typer.echo(page.read_text(encoding="utf-8"))
+        _say(f"written: {page}")
+
+
+def _fly(flying: "Campaign", client: "Client", limit_s: float) -> None:
+    """With a bar."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+               TimeRemainingColumn())  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True)) as bars:
+        bar, failed = bars.add_task("flights", total=len(flying.todo)), 0
+        for row in flying.fly(client, limit_s):
+            failed += not row.succeeded
+            bars.update(bar, advance=1, description=f"flights, {failed} failed")
+
+
+@app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(help="Folder of a campaign.")],
+    second: Annotated[Path, typer.Argument(help="Folder of another one over the same seeds.")],
+) -> None:
+    """Compare two campaigns, seed by seed: McNemar's exact test of success, bootstrap intervals of the rest."""
+    from studies.campaigns.statistics import compared
+    from studies.campaigns.table import read
+
+    lines = compared(read(first), read(second))
+    if not lines:
+        _refuse(f"{first} and {second} have no flight of the same set-up, speed and seed")
+    for line in lines:
+        typer.echo(line)
+
+
+@contextmanager
+def _errors() -> Iterator[None]:
+    """What the user can mend is one line."""
+    from studies.engine import EngineError
+
+    try:
+        yield
+    except TomlFileError as error:
+        _refuse(str(error))
+    except EngineError as error:
+        _say(str(error))
+        raise typer.Exit(FAILED) from None
+    except KeyboardInterrupt:
+        _say("interrupted; the same command goes on from here")
+        raise typer.Exit(ABANDONED) from None
+
+
+def _refuse(text: str) -> NoReturn:
+    _say(text)
+    raise typer.Exit(UNUSABLE)
+
+
+def _say(text: str) -> None:
+    typer.echo(f"campaign: {text}", err=True)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """`fly` may be left out."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    names = [command.callback.__name__ for command in app.registered_commands if command.callback is not None]
+    if given and given[0] not in (*names, "--help"):
+        given.insert(0, "fly")
+    app(given, prog_name="courier-campaign")

@@ -1,0 +1,96 @@
+"""The table of a campaign on disk: Parquet, a row a flight.
+
+Rows are added as parts, each a file that is there as a whole or not at all. `finish` merges them into `rows.parquet`,
+sorted, so the table does not depend on the order in which flights ended. Most readers take the folder as one table.
+"""
+
+import dataclasses
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from studies.campaign import Job, Key, Row
+
+MERGED = "rows.parquet"
+PARTS = "parts"
+TIMINGS = ("wall_s", "map_us", "way_us", "space_us", "step_us")
+"""Columns of wall times: all others are the same whenever and wherever a flight is flown."""
+
+
+class Table:
+    """The rows of a campaign; a later row of the same flight replaces an earlier one."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._rows = {row.key: row for row in read(folder)}
+        numbers = (int(path.stem) for path in (folder / PARTS).glob("*.parquet"))
+        self._parts = max(numbers, default=0)
+
+    def row(self, job: Job) -> Row | None:
+        """The row of a flight; None if it was not flown, or by other code or settings."""
+        row = self._rows.get(job.key)
+        return row if row is not None and row.code == job.code else None
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Keep rows on disk."""
+        self._parts += 1
+        write(rows, self.folder / PARTS / f"{self._parts:08}.parquet")
+        self._rows |= {row.key: row for row in rows}
+
+    def finish(self) -> list[Row]:
+        """Merge all parts; the rows, sorted."""
+        old = [path for path in _files(self.folder) if path.name != MERGED]
+        rows = [self._rows[key] for key in sorted(self._rows)]
+        if old:
+            write(rows, self.folder / MERGED)
+        for path in old:
+            path.unlink()
+        return rows
+
+
+def digest(rows: Iterable[Row]) -> str:
+    """A digest of rows without their wall times, in the order of their keys."""
+    plain = [
+        repr([getattr(row, field.name) for field in dataclasses.fields(Row) if field.name not in TIMINGS])
+        for row in sorted(rows, key=lambda row: row.key)
+    ]
+    return hashlib.sha256("\n".join(plain).encode()).hexdigest()[:16]
+
+
+def write(rows: Sequence[Row], path: Path) -> None:
+    """Write rows as one file, which is there as a whole or not at all."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    kinds = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+    schema = pa.schema([(field.name, kinds[_kind(field.type)]) for field in dataclasses.fields(Row)])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    table = pa.Table.from_pylist([dataclasses.asdict(row) for row in rows], schema=schema)
+    unfinished = path.with_suffix(".unfinished")
+    parquet.write_table(table, unfinished, compression="zstd")
+    unfinished.replace(path)
+
+
+def _kind(annotation: Any) -> type:
+    """`float | None` -> float."""
+    kind: type
+    for kind in get_args(annotation) or (annotation,):
+        if kind is not type(None):
+            return kind
+    raise TypeError(f"{annotation} is no type of a column")
+
+
+def _files(folder: Path) -> list[Path]:
+    """The newest rows last."""
+    whole = sorted(folder.glob("*.parquet"), key=lambda path: (path.name == MERGED, path.name))
+    return [*whole, *sorted((folder / PARTS).glob("*.parquet"))]
+
+
+def read(folder: Path) -> list[Row]:
+    """All rows in a folder, sorted, each flight once."""
+    from pyarrow import parquet
+
+    rows = [Row(**row) for path in _files(folder) for row in parquet.read_table(path).to_pylist()]
+    latest: dict[Key, Row] = {row.key: row for row in rows}
+    return [latest[key] for key in sorted(latest)]

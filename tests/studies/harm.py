@@ -1,0 +1,25 @@
+"""What a flight can do to its worker. Workers import nothing else for it."""
+
+import os
+import signal
+from pathlib import Path
+
+
+def harmful(number: int) -> int:
+    """Kills its worker, throws, hangs, or is the number's square."""
+    match number:
+        case 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        case 4:
+            raise ValueError("four")
+        case 6:
+            signal.pause()
+    return number * number
+
+
+def once(marker: Path) -> int:
+    """The first attempt kills its worker."""
+    if not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.getpid()

@@ -1,0 +1,255 @@
+"""Campaigns: who dies, hangs or throws costs a row and no other; tables that resume; files; two campaigns compared."""
+
+import dataclasses
+import itertools
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from distributed import Client, LocalCluster
+from scipy import stats
+from typer.testing import CliRunner
+
+from protocol.toml_files import TomlFileError, convert
+from studies import worlds
+from studies.campaign import Job, Row, Setup
+from studies.campaigns import command, files, smoke
+from studies.campaigns.runner import Campaign, Case, Flown, Stop, lost
+from studies.campaigns.statistics import compared, paired, wilson
+from studies.campaigns.table import MERGED, PARTS, Table, digest, read, write
+from studies.engine import Failed, as_they_end, cluster, in_order
+from tests.studies.harm import harmful, once
+
+POLE = Setup("pole", "pole", worlds.pole, (3.0,))
+
+
+def jobs(seeds: int, folder: Path, **changes: object) -> list[Job]:
+    return [Job(dataclasses.replace(POLE, **changes), "none", 3.0, seed, folder) for seed in range(1, seeds + 1)]  # type: ignore[arg-type]
+
+
+def flown(job: Job, **changes: object) -> Row:
+    """A row as of a flight that arrived; its values differ by the seed."""
+    row = dataclasses.replace(lost(job, "reached"), least_clearance=0.1 * job.seed, route_s=10.0, wall_s=time.time())
+    return dataclasses.replace(row, **changes)  # type: ignore[arg-type]
+
+
+# --- the engine ---
+
+
+def test_who_dies_hangs_or_throws_costs_a_row_and_no_other(tmp_path: Path) -> None:
+    with cluster(workers=2) as client:
+        ended = [done for batch in as_they_end(client, harmful, range(9), limit_s=1.5) for done in batch]
+        (second,) = itertools.chain.from_iterable(as_they_end(client, once, [tmp_path / "marker"]))
+        assert list(in_order(client, abs, [-3, 2, -1])) == [3, 2, 1]
+    expected: dict[int, int | Failed] = {number: number * number for number in range(9)}
+    expected[2] = Failed("its worker died")
+    expected[4] = Failed("raised ValueError('four')")
+    expected[6] = Failed("no end after 1.5 s")
+    assert {done.job: done.result for done in ended} == expected and len(ended) == 9
+    assert isinstance(second.result, int) and second.result != os.getpid()
+
+
+# --- the table ---
+
+
+def test_a_table_is_the_same_in_whatever_order_flights_ended(tmp_path: Path) -> None:
+    todo = jobs(7, tmp_path)
+    tables = []
+    for name, order in (("a", todo), ("b", [todo[i] for i in (3, 0, 6, 1, 5, 2, 4)])):
+        table = Table(tmp_path / name)
+        for job in order:
+            table.add([flown(job)])
+        assert len(list((tmp_path / name / PARTS).iterdir())) == 7
+        rows = table.finish()
+        assert not list((tmp_path / name / PARTS).iterdir()) and rows == read(tmp_path / name)
+        tables.append(rows)
+    assert [row.seed for row in tables[0]] == list(range(1, 8))
+    assert digest(tables[0]) == digest(tables[1]) == digest(reversed(tables[1]))
+    assert digest([dataclasses.replace(tables[0][0], top_speed=1.0), *tables[0][1:]]) != digest(tables[0])
+
+
+def test_a_table_that_was_killed_while_it_merged_is_whole(tmp_path: Path) -> None:
+    """Rows are in both files then; what was being written has no name yet."""
+    todo = jobs(3, tmp_path)
+    table = Table(tmp_path)
+    table.add([flown(job) for job in todo[:2]])
+    write([flown(job) for job in todo[:2]], tmp_path / MERGED)
+    (tmp_path / PARTS / "00000002.unfinished").write_bytes(b"PAR1")
+    again = Table(tmp_path)
+    again.add([flown(todo[2])])
+    assert [row.seed for row in again.finish()] == [1, 2, 3]
+
+
+def test_rows_of_other_code_or_settings_are_flown_anew(tmp_path: Path) -> None:
+    (job,) = jobs(1, tmp_path)
+    Table(tmp_path).add([flown(job)])
+    assert Table(tmp_path).row(job) is not None
+    for changed in (
+        dataclasses.replace(job, overrides=("limits.tilt_deg=20.0",)),
+        dataclasses.replace(job, setup=dataclasses.replace(POLE, fault="loss, 40 %")),
+        dataclasses.replace(job, setup=dataclasses.replace(POLE, site=worlds.gap)),
+    ):
+        assert changed.key == job.key and Table(tmp_path).row(changed) is None
+    Table(tmp_path).add([flown(changed)])
+    assert Table(tmp_path).row(changed) is not None and Table(tmp_path).row(job) is None
+
+
+# --- a campaign ---
+
+
+def outcome(job: Job) -> Flown:
+    """Two of three arrive, and keep a file otherwise."""
+    good = job.seed % 3 > 0
+    row = flown(job, outcome="reached" if good else "contact", log=None if good else f"failed/{job.seed}")
+    return Flown(row, {} if good else {f"failed/{job.seed}/mission.toml": b'world = "/far/away/w.toml"'}, "/far/away")
+
+
+def test_a_campaign_that_is_cut_off_goes_on_and_flies_nothing_twice(tmp_path: Path) -> None:
+    campaign = Campaign(jobs(30, tmp_path), tmp_path)
+    with (
+        LocalCluster(2, threads_per_worker=1, processes=False, dashboard_address=None) as local,
+        Client(local) as client,
+    ):
+        for _ in itertools.islice(campaign.fly(client, fly=outcome), 10):
+            pass
+        campaign = Campaign(jobs(30, tmp_path), tmp_path)
+        before = {job.seed for job in campaign.jobs} - {job.seed for job in campaign.todo}
+        assert len(before) in (10, 11), "a batch may hold two"
+        after = [row.seed for row in campaign.fly(client, fly=outcome)]
+    rows = campaign.finish()
+    assert sorted([*before, *after]) == [row.seed for row in rows] == list(range(1, 31))
+    assert digest(rows) == digest(outcome(job).row for job in jobs(30, tmp_path))
+    assert f'world = "{tmp_path}/w.toml"' == (tmp_path / "failed" / "30" / "mission.toml").read_text()
+
+
+def test_a_case_is_over_by_its_first_seeds_alone(tmp_path: Path) -> None:
+    todo, table = jobs(200, tmp_path), Table(tmp_path)
+    stop = Stop(0.2, at_least=10)
+    rows = [outcome(job).row for job in todo]
+    wins = list(itertools.accumulate(row.succeeded for row in rows))
+    enough = next(n for n in range(10, 201) if np.ptp(wilson(wins[n - 1], n)) <= 0.2)
+    table.add(rows[1 : enough + 20])
+    case = Case(todo, stop)
+    case.update(table)
+    assert not case.over and case.flown == 0, "the first one is still in the air"
+    table.add(rows[:1])
+    case.update(table)
+    assert case.over and case.rows(table) == rows[:enough] and enough > 50
+    assert Campaign(todo, tmp_path, stop).todo == []
+    assert len(Campaign(todo, tmp_path).todo) == 200 - enough - 20
+
+
+def test_a_smoke_on_two_workers_one_of_which_is_killed(tmp_path: Path) -> None:
+    rows, workers = smoke.fly("tests/data/campaign.toml", tmp_path)
+    assert not list(smoke.wrong("tests/data/campaign.toml", rows, workers))
+    assert [row.outcome for row in rows] == ["reached"] * 4
+
+
+# --- files ---
+
+WIND = "wind.mean_ned=[3.0, 0.0, 0.0]"
+
+
+def given(**changes: object) -> files.CampaignFile:
+    return convert({"name": "test", "place": [{"world": "forest"}], **changes}, files.CampaignFile, "test.toml")
+
+
+def test_a_file_is_all_combinations(tmp_path: Path) -> None:
+    both = given(
+        place=[{"world": "forest", "options": {"density": 0.01}}, {"mission": "courier", "set": [WIND]}],
+        vehicle=[{}, {"name": "sun_quad", "set": ["body.mass_kg=2.1"]}],
+        settings=[{"name": "plain"}, {"name": "slow", "set": ["limits.tilt_deg=20.0"]}],
+        faults=["", "loss, 40 %"],
+        methods=["astar", "paper"],
+        speeds=[3.0, 5.0],
+        seeds=3,
+        first_seed=7,
+    )  # fmt: skip
+    todo = both.jobs(both.setups(), tmp_path)
+    assert len(todo) == 2**6 * 3 == len({job.key for job in todo})
+    assert [job.seed for job in todo[:64]] == [7] * 64, "seed by seed"
+    last = todo[-1].setup
+    assert (last.mission, last.vehicle, last.fault) == ("courier", "sun_quad", "loss, 40 %")
+    assert last.overrides == ("limits.tilt_deg=20.0",) and last.vehicle_overrides == ("body.mass_kg=2.1",)
+    site = last.site(1)
+    assert site.goal == (120.0, 0.0) and site.world().wind.mean_ned == (3.0, 0.0, 0.0)
+    thin = todo[0].setup.site(5)
+    assert thin.tables["cylinder"] == worlds.forest(5, density=0.01).tables["cylinder"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"place": [{"world": "swamp"}]}, "swamp: no such kind of place"),
+        ({"place": [{"world": "forest", "options": {"wet": 1.0}}]}, "no such option wet (there: density, diameter)"),
+        ({"place": [{"mission": "circle"}]}, "circle: a campaign needs a mission with waypoints"),
+        ({"place": [{"world": "forest", "set": ["wind.mean=3"]}]}, "wind.mean"),
+        ({"place": [{}]}, "either a world, or a mission"),
+        ({"methods": ["swamp"]}, "method 'swamp'"),
+        ({"settings": [{"name": "a", "set": ["limits.swamp=1"]}]}, "swamp"),
+        ({"faults": ["swamp"]}, "there is no 'swamp'"),
+        ({"vehicle": [{"name": "swamp"}]}, "swamp: no such file"),
+        ({"settings": [{"name": "a"}, {"name": "a"}]}, "two cases are the same"),
+        ({"place": []}, "place"),
+        ({"sedes": 3}, "sedes"),
+    ],
+)
+def test_what_can_not_be_flown_is_said_before_anything_is(changes: dict[str, object], says: str) -> None:
+    with pytest.raises(TomlFileError) as raised:
+        given(**changes).setups()
+    assert says in str(raised.value)
+
+
+def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    done = CliRunner().invoke(command.app, ["fly", "swamp"])
+    assert done.exit_code == command.UNUSABLE and done.output.count("\n") == 1
+    assert "swamp: no such file" in done.output and "forest" in done.output
+
+
+# --- two campaigns ---
+
+
+def sides(tmp_path: Path) -> Iterator[list[Row]]:
+    rng = np.random.default_rng(5)
+    for wins, shift in ((0.6, 0.0), (0.9, 0.5)):
+        yield [
+            flown(job, outcome="reached" if rng.random() < wins else "contact",
+                  least_clearance=float(rng.normal(2.0 + shift, 0.1)))
+            for job in jobs(60, tmp_path)
+        ]  # fmt: skip
+
+
+def test_two_campaigns_are_compared_seed_by_seed(tmp_path: Path) -> None:
+    first, second = sides(tmp_path)
+    (pairs,) = paired(first, reversed(second[:50]))
+    assert [row.seed for row in pairs.first] == [row.seed for row in pairs.second] == list(range(1, 51))
+    lost_now, won_now = pairs.only
+    assert won_now > lost_now > 0
+    theirs = stats.binomtest(min(pairs.only), sum(pairs.only)).pvalue
+    assert pairs.mcnemar == pytest.approx(theirs) and pairs.mcnemar < 0.05
+    found = pairs.difference(lambda row: row.least_clearance)
+    assert found is not None
+    mean, (low, high) = found
+    assert low < mean < high < low + 0.2 and abs(mean - 0.5) < 0.1
+    assert pairs.difference(lambda row: None) is None and pairs.difference(lambda row: row.route_s) is None
+
+
+def test_methods_are_paired_by_name_where_there_are_several(tmp_path: Path) -> None:
+    first, second = sides(tmp_path)
+    other = [dataclasses.replace(row, method="paper") for row in second]
+    assert [pairs.name for pairs in paired(first, other)] == ["pole, 3 m/s"]
+    assert [pairs.name for pairs in paired([*first, *other], other)] == ["pole, paper, 3 m/s"]
+    assert paired(first, [dataclasses.replace(row, speed=4.0) for row in first]) == []
+
+
+def test_comparing_is_one_command(tmp_path: Path) -> None:
+    for name, rows in zip("ab", sides(tmp_path), strict=True):
+        write(rows, tmp_path / name / MERGED)
+    done = CliRunner().invoke(command.app, ["compare", str(tmp_path / "a"), str(tmp_path / "b")])
+    assert done.exit_code == 0 and done.output.splitlines() == compared(*(read(tmp_path / name) for name in "ab"))
+    assert "McNemar p = " in done.output and "least clearance (m): second - first = +0." in done.output
+    (tmp_path / "none").mkdir()
+    assert CliRunner().invoke(command.app, ["compare", str(tmp_path / "a"), str(tmp_path / "none")]).exit_code == 2
