@@ -70,6 +70,11 @@ class Verdict(msgspec.Struct, frozen=True):
             return self.cause or word
         return f"{word}: {self.cause}"
 
+    @property
+    def sentence(self) -> str:
+        """The same as a sentence."""
+        return f"{self.text[0].upper()}{self.text[1:]}."
+
 
 _KEPT = Verdict(Outcome.NOT_DELIVERED, "the vehicle did not release the parcel")
 

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from companion.avoidance_methods import listed
+from companion.cli.ending import print_end, print_next
 from companion.cli.options import options
 from companion.cli.shell import exit_as_failed, exit_as_undone, exit_on_interrupt, exit_on_user_error, note, say
 
 if TYPE_CHECKING:
     from companion.mission.files import Place
     from companion.outcomes import Verdict
-    from companion.runtime.flight import Pace, Plan, Result
+    from companion.runtime.flight import Pace, Plan
     from companion.runtime.side_links import Security, SideLinks
     from companion.state import Adoption, Output
     from protocol.transport import Transport
@@ -59,7 +60,7 @@ Insecure = Annotated[
     bool, typer.Option("--insecure", help="Bind addresses beyond this machine though there is no key.")
 ]
 DEFAULT_URL = "udpin:127.0.0.1:14540"
-_GETTING_READY = "getting ready (the first time on a machine, some 20 s of compiling)"
+_GETTING_READY = "getting ready"
 PaceName = Annotated[
     str, typer.Option("--pace", help="realtime, lockstep (as fast as it goes, repeatable), or a factor such as 4.")
 ]
@@ -92,7 +93,9 @@ MethodName = Annotated[
         metavar="METHOD",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the end table as one JSON object.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print all figures at the end as one JSON object.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="Print all figures at the end, not the eight of most use.")]
+Report = Annotated[bool, typer.Option(help="Write report.html beside the log.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +114,9 @@ class DemoOptions:
     truth: Annotated[
         bool, typer.Option("--truth", help="Leave the true motion of every tick beside the log, as truth.npy.")
     ] = False
-    report: Annotated[bool, typer.Option(help="Write report.html beside the log.")] = True
+    report: Report = True
     as_json: AsJson = False
+    verbose: Verbose = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +156,9 @@ class FlyOptions:
         ),
     ] = False
     land: Annotated[bool, typer.Option("--land", help="With --adopt: land the vehicle where it is.")] = False
+    report: Report = True
     as_json: AsJson = False
+    verbose: Verbose = False
 
 
 def register(app: typer.Typer) -> None:
@@ -170,12 +176,9 @@ def demo(asked: DemoOptions) -> None:
         from companion.runtime.demo import demo as fly_demo
 
         result = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth, key=asked.signing_key)
-    _print_end(result, as_json=asked.as_json)
-    if asked.report:
-        from companion.view.report import write
-
-        with _abandoned():
-            say(f"report: {exit_on_user_error(write, result.log).path}")
+    print_end(result, as_json=asked.as_json, verbose=asked.verbose)
+    with _abandoned():
+        print_next(result.log, report=asked.report)
     _exit_by(result.verdict)
 
 
@@ -208,7 +211,9 @@ def fly(asked: FlyOptions) -> None:
     with _abandoned("; a vehicle in the air holds and lands by itself"):
         result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside)
     if result.landed is not None or asked.as_json:
-        _print_end(result, as_json=asked.as_json)
+        print_end(result, as_json=asked.as_json, verbose=asked.verbose)
+        with _abandoned():
+            print_next(result.log, report=asked.report and result.landed is not None)
     _exit_by(result.verdict)
 
 
@@ -346,22 +351,3 @@ def _pace(text: str) -> "Pace":
     if not 0.0 < factor < 1000.0:
         raise PlanError(f"--pace {text}: there are realtime, lockstep and factors such as 4")
     return factor
-
-
-def _print_end(result: "Result", *, as_json: bool) -> None:
-    """How a flight ended, as a table or as JSON."""
-    from companion.runtime.flight import end_table
-    from companion.runtime.summary import summarize
-
-    values = end_table(result, summarize(result.log))
-    if as_json:
-        typer.echo(json.dumps({**values, "log": str(result.log)}))
-        return
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(show_header=False)
-    for name, value in values.items():
-        table.add_row(name.replace("_", " "), ", ".join(map(str, value)) if isinstance(value, list) else str(value))
-    Console().print(table)
-    typer.echo(f"log: {result.log}")

@@ -23,6 +23,7 @@ from companion.mission.files import to_toml
 from companion.mission.plan import Mission
 from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
+from companion.runtime.compiling import compiling_shown
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
 from companion.runtime.runner import Runner
@@ -78,8 +79,9 @@ class Result:
     """What the simulator knows of it."""
     log: Path
     output: Output
-    simulated_s: float
-    """From the first event to the last, on the companion's clock; also where the log does not reach so far."""
+    duration_s: float
+    """The flight's time: from the first event to the last, on the companion's clock; also where the log does not reach
+    so far."""
     wall_s: float
     traffic: Traffic
     refused: Mapping[str, int]
@@ -101,7 +103,8 @@ class PlanError(Exception):
 def prepare(plan: Plan) -> None:
     """Check the plan and rehearse it, so that all is compiled. Raises PlanError and RehearsalError."""
     check(plan)
-    rehearse(plan.settings, plan.body, plan.mission, plan.output)
+    with compiling_shown():
+        rehearse(plan.settings, plan.body, plan.mission, plan.output)
 
 
 def check(plan: Plan) -> None:
@@ -208,7 +211,7 @@ def _result(
         testimony=testimony,
         log=log.path,
         output=autopilot.link.readiness.output,
-        simulated_s=runner.flown_s,
+        duration_s=runner.flown_s,
         wall_s=wall_s,
         traffic=traffic_of(autopilot, transport),
         refused=transport.refused if isinstance(transport, GuardedLink) else {},
@@ -283,12 +286,12 @@ def end_table(result: Result, summary: Summary) -> dict[str, object]:
 
     What is measured along the flight is as the log has it: where that was cut, up to there.
     """
-    factor = result.simulated_s / result.wall_s if result.wall_s else None
+    factor = result.duration_s / result.wall_s if result.wall_s else None
     return {
         "outcome": result.verdict.text,
         **_ending(result),
-        "duration_s": _rounded(result.wall_s, 3),
-        "simulated_s": _rounded(result.simulated_s, 3),
+        "duration_s": _rounded(result.duration_s, 3),
+        "wall_s": _rounded(result.wall_s, 3),
         "real_time_factor": _rounded(factor, 2),
         "distance_m": _rounded(summary.distance_m, 1),
         "tracking_mae_m": _axes(summary.mae_m),

@@ -17,6 +17,7 @@ from companion.events import Datagram, Event, PlanReady, Reaction, Tick, operati
 from companion.records import ASKED, LOGGED, LOOP, OPERATION, PLANNED, TICK
 from companion.runtime.driver import Driver
 from companion.runtime.planning import Planning, pack_request, pack_result
+from companion.runtime.progress import Progress
 from companion.runtime.router import Router
 from companion.runtime.side_links import NONE, SideLinks
 from companion.runtime.vehicle_notes import VehicleNotes
@@ -77,7 +78,8 @@ class Runner:
         self._clock = clock
         self._landing_requested = False
         self._locked = False
-        self._console = Console() if console else None
+        self._progress = Progress(autopilot)
+        self._console = Console(panels=False) if console else None
         """For when the log's recorder, which shows what is in the log, has gone."""
         self._began_ns: int | None = None
         self._now = 0
@@ -251,13 +253,11 @@ class Runner:
     def _look_around(self, now: int) -> bytes:
         """What need not be done at each tick: the log's health, the progress line."""
         wall = time.monotonic()
-        if wall >= self._status_due:
+        if self._console is not None and wall >= self._status_due:
             self._status_due = wall + _STATUS_EVERY_S
-            line = progress(self._autopilot, now)
-            if self._recorder_speaks():
-                self._log.status(line)
-            elif self._console is not None:
-                self._console.status(line)
+            status = self._progress.status(now, self.flown_s)
+            speaker = self._log if self._recorder_speaks() else self._console
+            speaker.status(status)
         for trouble in news(self._transport):
             self.say(logging.WARNING, trouble)
         self._notes.take(now, ready=self._autopilot.supervisor.state >= State.ENGAGE)
@@ -346,24 +346,6 @@ class Runner:
             self._log.datagram(now, Direction.OUT, self._transport.peer, data)
             if self._router is not None:
                 self._router.said(data)
-
-
-def progress(autopilot: Autopilot, now: int) -> str:
-    """One line for the person who watches."""
-    state, navigator = autopilot.sensing.state, autopilot.navigator
-    leg = f"{navigator.step_index + 1}/{len(navigator.steps)}" if navigator.steps else "-"
-    doing = f"{autopilot.supervisor.state.name.lower():8} {autopilot.navigator.phase.name.lower():8}"
-    head = f"{now * 1e-9:6.1f} s  {doing} step {leg:5}"
-    if autopilot.supervisor.waiting_for is not None:
-        return f"{head} waiting: {autopilot.supervisor.waiting_for}"
-    if state is None:
-        return head
-    north, east, down = state.position_ned.tolist()
-    speed = float(state.velocity_ned @ state.velocity_ned) ** 0.5
-    return (
-        f"{head} north {north:7.1f}  east {east:6.1f}  height {-down:5.1f} m  {speed:4.1f} m/s  "
-        f"clearance {autopilot.guidance.decision.clearance:4.1f} m"
-    )
 
 
 def lockstep_time(datagram: bytes) -> int | None:

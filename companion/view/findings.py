@@ -129,7 +129,7 @@ def _outcome(flight: GatheredFlight) -> list[Finding]:
     level = Level.GOOD if outcome.succeeded else Level.NOTE if outcome.wanted else Level.PROBLEM
     if outcome is Outcome.UNFINISHED:
         level = Level.WARNING
-    return [Finding(level, "outcome", f"{verdict.text[0].upper()}{verdict.text[1:]}.", at=tuple(at[:1]))]
+    return [Finding(level, "outcome", verdict.sentence, at=tuple(at[:1]))]
 
 
 def _file(flight: GatheredFlight) -> list[Finding]:

@@ -15,10 +15,10 @@ Topics:
 log_time is `epoch_ns` (in the metadata "flightlog") plus the time that was given. `sequence` counts the records that
 were given, in that order: where records were dropped, it has a gap.
 
-Modules: writer (`FlightLog`), shared_buffer and recorder (the process, with mcap_file, mavlink_records and console);
-reader (`LogReader`) and follower (`LogFollower`, of a log that grows) on outline, chunks, definitions and selection;
-summary; record_types for both sides; tlog for telemetry logs. Importing this package loads neither numba nor numpy nor
-the MAVLink dialect.
+Modules: writer (`FlightLog`), shared_buffer and recorder (the process, with mcap_file, mavlink_records, console and
+panel); status; reader (`LogReader`) and follower (`LogFollower`, of a log that grows) on outline, chunks, definitions
+and selection; summary; record_types for both sides; tlog for telemetry logs. Importing this package loads neither numba
+nor numpy nor the MAVLink dialect.
 """
 
 from protocol.flightlog.follower import LogFollower
@@ -26,6 +26,7 @@ from protocol.flightlog.mcap_format import FILE_NAME, MAGIC, Direction, FlightLo
 from protocol.flightlog.reader import LogReader, datagrams, digest, read
 from protocol.flightlog.record_types import DATAGRAM, SCALARS, TEXT, RecordType, datagram_of, record_type
 from protocol.flightlog.selection import Record
+from protocol.flightlog.status import Status
 from protocol.flightlog.writer import FlightLog
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "LogReader",
     "Record",
     "RecordType",
+    "Status",
     "datagram_of",
     "datagrams",
     "digest",

@@ -40,6 +40,7 @@ from protocol.flightlog.shared_buffer import (
     Setup,
     decode_metadata,
 )
+from protocol.flightlog.status import Status
 
 _POLL_MS: Final = 5
 CHUNK_AGE_NS: Final = 80_000_000
@@ -140,7 +141,7 @@ class Recorder:
     def _handle_request(self, channel: int, data: bytes) -> None:
         if channel == STATUS_CHANNEL:
             if self._setup.console:
-                self._console.status(data.decode(errors="replace"))
+                self._console.status(Status.decode(data))
             return
         name, table = decode_metadata(data)
         self._end_chunk()
@@ -153,7 +154,8 @@ class Recorder:
     def _show_text(self, log_time: int, data: bytes) -> None:
         text = TEXT.unpack(data)
         time_s = (log_time - self._setup.epoch_ns) * 1e-9
-        self._console.text(f"{time_s:9.3f} {_LEVELS[text['level']]:7} {text['name']}: {text['message']}")
+        level = _LEVELS[text["level"]]
+        self._console.text(f"{time_s:9.3f} {level:7} {text['name']}: {text['message']}", level)
 
     def _end_chunk(self) -> None:
         self._chunk_start_ns = now_ns = time.monotonic_ns()

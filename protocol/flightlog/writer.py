@@ -33,6 +33,7 @@ from protocol.flightlog.shared_buffer import (
     BufferWriter,
     Setup,
 )
+from protocol.flightlog.status import Status
 
 _SILENT_NS: Final = 100_000_000
 """A recorder that worked within this time needs no closer look."""
@@ -164,9 +165,9 @@ class FlightLog:
         severity = min(max(level // 10, 0), logging.CRITICAL // 10)
         self._buffer.put(TEXT_CHANNEL, time_ns, TEXT.pack(seconds, nanoseconds, severity, message, name, "", 0))
 
-    def status(self, line: str) -> None:
-        """Show a line of progress on stderr: in place if that is a terminal, otherwise at most one in 5 s."""
-        self._buffer.put(STATUS_CHANNEL, 0, line.encode())
+    def status(self, status: Status) -> None:
+        """Show the progress on stderr: in place if that is a terminal, otherwise a line in 5 s. The recorder draws."""
+        self._buffer.put(STATUS_CHANNEL, 0, status.encode())
 
     def _is_lost(self) -> bool:
         silent_ns = self._buffer.silent_ns

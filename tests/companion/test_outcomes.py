@@ -1,5 +1,6 @@
 """Each way to end a flight has its word, and everybody who shows the flight says the same of it."""
 
+import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from companion.cli import logs as commands
-from companion.cli.flights import _print_end
+from companion.cli.ending import figures, print_end, print_next
 from companion.config import Settings
 from companion.link.vehicle_link import Traffic
 from companion.logs.info import info
@@ -17,6 +18,7 @@ from companion.logs.writer import Writer
 from companion.outcomes import Outcome, Testimony, Verdict, judge, recorded
 from companion.records import TICK
 from companion.runtime.flight import Result, result_table
+from companion.runtime.summary import Summary
 from companion.state import FlightMode, Output
 from companion.supervision.health import Health, Plight
 from companion.supervision.states import State
@@ -39,6 +41,7 @@ HEAVY = Plight(risen=False, full_thrust=True)
 FALLEN = Plight(emergency="crash: hit ground", crash="hit ground")
 HELD = replace(WELL, scan_age=0.6)
 RELEASED = Testimony(released=True)
+EMPTY_SUMMARY = Summary(0.0, None, None, None, None, None, 0, 0)
 
 Way = tuple[Outcome, str, Sequence[Health], bool | None, dict[str, Any]]
 """The outcome, a part of the cause, what was seen of the flight, whether the parcel was delivered, and what else
@@ -162,10 +165,38 @@ def test_console_info_logs_report_and_view_say_the_same(
     log = log_of(tmp_path, result_table(result))
     assert ("delivered" in info(log).result) == (delivered is not None), "what has no meaning is not there"
     assert_all_say(log, verdict, capsys)
-    _print_end(result, as_json=False)
-    assert verdict.text in capsys.readouterr().out
-    _print_end(result, as_json=True)
+    print_end(result, as_json=False)
+    assert verdict.sentence in capsys.readouterr().out
+    print_end(result, as_json=False, verbose=True)
+    assert "latency p99 us" in capsys.readouterr().out
+    print_end(result, as_json=True)
     assert json.loads(capsys.readouterr().out)["outcome"] == verdict.text
+
+
+def test_the_end_is_told_in_eight_rows_at_most_and_without_what_has_no_meaning() -> None:
+    told = Testimony("a wall", 1, 0.02, True)
+    traffic = Traffic(*[3] * 7)
+    most = result_of(Path("flight.mcap"), Verdict(Outcome.CRASHED), False, told)
+    most = dataclasses.replace(most, duration_s=65.0, traffic=traffic, records_dropped=7, missed_deadlines=2)
+    rows = figures(most, Summary(120.0, None, (0.03, 0.04, 0.0), 0.5, 400.0, 900.0, 1000, 20))
+    assert len(rows) == 8 and rows["flight time"] == "1:05, 65 times as fast as real time"
+    assert rows["parcel"] == "not delivered" and rows["off the path"] == "5.0 cm (rms)"
+    assert rows["nearest obstacle"] == "0.02 m, hit a wall" and rows["log"] == "7 records dropped"
+    assert rows["link"] == "1000 messages from the vehicle, 3 lost" and rows["loop"].endswith("2 late ticks")
+    least = figures(result_of(Path("flight.mcap"), Verdict(Outcome.FLOWN), None, None), EMPTY_SUMMARY)
+    assert least == {"flight time": "0:01", "link": "0 messages from the vehicle, none lost"}
+
+
+def test_the_last_words_are_where_the_flight_can_be_looked_at(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = log_of(tmp_path, {"outcome": "flown", "cause": ""})
+    print_next(log, report=True)
+    said = capsys.readouterr().err
+    assert f"report: {log.with_name('report.html')}\n" in said and log.with_name("report.html").stat().st_size > 1000
+    assert f"  companion view {log}\n" in said and f"companion report {log}" not in said
+    print_next(log, report=False)
+    assert f"  companion report {log}\n" in capsys.readouterr().err
 
 
 def test_a_log_without_its_end_is_judged_by_what_the_vehicle_said(

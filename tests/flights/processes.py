@@ -128,7 +128,7 @@ class Process:
 @contextmanager
 def waiting_companion(logs: Path, pace: str, mission: str = "courier", *more: str) -> Iterator[tuple[Process, int]]:
     """A companion that is ready for a vehicle, and the UDP port at which it waits."""
-    options = ("--connect", "udpin:127.0.0.1:0", "--pace", pace, "--log", str(logs), "--json")
+    options = ("--connect", "udpin:127.0.0.1:0", "--pace", pace, "--log", str(logs), "--json", "--no-report")
     with Process("companion", ("fly", mission, *options, *PATIENT, *more)) as companion:
         yield companion, int(companion.wait_for("waiting at udpin:").rpartition(":")[2])
 

@@ -70,7 +70,8 @@ class Line:
 
 @contextmanager
 def companion(logs: Path, url: str, *more: str) -> Iterator[Process]:
-    with Process("companion", ("fly", HOP, "--connect", url, "--log", str(logs), "--json", *PATIENT, *more)) as it:
+    options = ("--connect", url, "--log", str(logs), "--json", "--no-report", *PATIENT)
+    with Process("companion", ("fly", HOP, *options, *more)) as it:
         yield it
 
 

@@ -90,7 +90,7 @@ def vehicle(request: pytest.FixtureRequest, tmp_path: Path, tmp_path_factory: py
 def companion(logs: Path, mission: str, *more: str) -> Iterator[Process]:
     """A companion that flies it."""
     connect = f"udpin:127.0.0.1:{14540 + _INSTANCE}"
-    options = ("--connect", connect, "--avoid", "none", "--log", str(logs), "--json", *more)
+    options = ("--connect", connect, "--avoid", "none", "--log", str(logs), "--json", "--no-report", *more)
     with Process("companion", ("fly", mission, *options)) as process:
         yield process
 

@@ -86,6 +86,8 @@ def fly(
     planner: Callable[[Avoidance], InProcessPlanner] = InProcessPlanner,
     interrupt_ns: int | None = None,
     output: Output | None = Output.RATES,
+    *,
+    console: bool = False,
 ) -> Autopilot:
     """The whole flight; its log is `LOG` in the folder. `output`: None for whichever suits the vehicle."""
     mission, table = hop_in(folder), load_settings(None, list(OVERRIDES))
@@ -109,7 +111,7 @@ def fly(
         console=False,
     ) as log:
         planning = Planning(planner(table.avoidance), table.avoidance.answer_delay)
-        runner = Runner(autopilot, InMemory(vehicle, interrupt_ns), log, None, planning)
+        runner = Runner(autopilot, InMemory(vehicle, interrupt_ns), log, None, planning, console=console)
         runner.run()
         assert runner.failure is None
     return autopilot

@@ -7,7 +7,6 @@ import numpy as np
 from companion.logs.recorded import open_flight
 from companion.logs.replay import replay
 from companion.records import AUDIT
-from companion.runtime.runner import progress
 from companion.state import Output, Safety
 from protocol.flightlog import LogReader
 from protocol.messages import dialect
@@ -29,10 +28,3 @@ def test_it_flies_on_attitudes_where_the_last_setpoint_is_held_and_replays(tmp_p
     assert open_flight(log.path).output is None
     again = replay(log.path)
     assert again.differences == [] and again.datagrams > 100
-
-
-def test_the_status_line_says_what_is_waited_for(tmp_path: Path) -> None:
-    autopilot = hop.fly(tmp_path)
-    assert "waiting" not in progress(autopilot, 0)
-    autopilot.supervisor.waiting_for = "no ring"
-    assert progress(autopilot, 0).endswith("waiting: no ring")

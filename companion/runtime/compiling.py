@@ -1,0 +1,39 @@
+"""Progress of the first start on a machine, which compiles the numerical code."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from numba.core.event import Event, Listener, install_listener
+
+_TAKES = "compiling the numerical code, once on a machine: a minute of computing"
+
+
+class _Compilations(Listener):  # type: ignore[misc]
+    """Counts on standard error: in place on a terminal, otherwise it says once what goes on."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.terminal = os.isatty(2)
+
+    def on_start(self, event: Event) -> None:
+        self.count += 1
+        if self.terminal:
+            os.write(2, f"\r\x1b[K{_TAKES}, {self.count} functions".encode())
+        elif self.count == 1:
+            os.write(2, f"{_TAKES}\n".encode())
+
+    def on_end(self, event: Event) -> None:
+        """Nothing: the next one begins."""
+
+
+@contextmanager
+def compiling_shown() -> Iterator[None]:
+    """A block whose compilations are told on standard error."""
+    compilations = _Compilations()
+    with install_listener("numba:compile", compilations):
+        try:
+            yield
+        finally:
+            if compilations.terminal and compilations.count:
+                os.write(2, b"\n")
