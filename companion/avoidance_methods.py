@@ -1,6 +1,9 @@
-"""The methods of avoidance. A method is one entry of `METHODS` and the module that its factory is in."""
+"""The methods of avoidance. A method is one entry of `METHODS` and the module that its factory is in, or a planner of
+another package."""
 
 from typing import NamedTuple
+
+from companion.plugins import Kind, plugin
 
 
 class Method(NamedTuple):
@@ -51,15 +54,21 @@ _ENTRIES = (
 )
 
 METHODS = {method.name: method for method in _ENTRIES}
-"""By name, in the order in which they are listed to users."""
+"""Those that are built in, by name, in the order in which they are listed to users."""
 
 FALLBACK = "vfh"
 """The mapped method that gives a direction where another mapped one finds no path."""
 
 
+def method_of(name: str) -> Method:
+    """The method of that name, built in or of another package. Raises ValueError if there is none."""
+    planner = plugin(Kind.PLANNER, "method", name, METHODS)
+    return METHODS[name] if planner is None else Method(name, planner.package, "", mapped=True)
+
+
 def methods_in_use(chosen: str) -> tuple[str, ...]:
     """The names of all methods that fly when one is chosen."""
-    return (chosen,) if not METHODS[chosen].mapped or chosen == FALLBACK else (FALLBACK, chosen)
+    return (chosen,) if not method_of(chosen).mapped or chosen == FALLBACK else (FALLBACK, chosen)
 
 
 def listed(names: tuple[str, ...] = tuple(METHODS)) -> str:

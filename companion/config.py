@@ -9,6 +9,7 @@ import msgspec
 from companion.config_avoidance import Avoidance
 from companion.config_limits import Battery, Geofence
 from companion.config_types import Fraction, NotNegative, Positive, Table, one_of
+from companion.plugins import Kind, Options, Plugin, options_for, plugin
 
 Vector = tuple[Positive, Positive, Positive]
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
@@ -22,7 +23,9 @@ class PositionControl(Table, frozen=True):
     `c2`."""
 
     law: str = "backstepping"
-    """"backstepping", or for comparison "se3", "sliding_mode" or "pid"."""
+    """"backstepping", for comparison "se3", "sliding_mode" or "pid", or a law of another package (docs/extend.md)."""
+    options: Options = msgspec.field(default_factory=dict)
+    """Of a law of another package."""
     c1: Vector = (2.5, 2.5, 2.5)
     """1/s; gain on the position error of backstepping."""
     c2: Vector = (2.5, 2.5, 2.5)
@@ -37,8 +40,13 @@ class PositionControl(Table, frozen=True):
     """Compensate the drag of the `[body]` table, which the paper's model lacks."""
 
     def __post_init__(self) -> None:
-        one_of("law", self.law, *POSITION_LAWS)
+        options_for(self.plugin, self.options)
         one_of("feedforward", self.feedforward, "none", "velocity", "acceleration")
+
+    @property
+    def plugin(self) -> Plugin | None:
+        """The law, if it is one of another package."""
+        return plugin(Kind.POSITION_LAW, "law", self.law, POSITION_LAWS)
 
 
 class AttitudeControl(Table, frozen=True):
@@ -273,3 +281,9 @@ class Settings(Table, frozen=True):
     rates: Rates = Rates()
     identity: Identity = Identity()
     log: Log = Log()
+
+    @property
+    def plugins(self) -> tuple[Plugin, ...]:
+        """What of other packages flies."""
+        chosen = self.control.position.plugin, self.avoidance.plugin
+        return tuple(each for each in chosen if each is not None)

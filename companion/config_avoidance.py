@@ -4,8 +4,9 @@ from typing import Annotated
 
 import msgspec
 
-from companion.avoidance_methods import METHODS
+from companion.avoidance_methods import METHODS, method_of
 from companion.config_types import NotNegative, Positive, Table, one_of
+from companion.plugins import Kind, Options, Plugin, options_for, plugin
 
 RRT_PLANNERS = ("bit*", "informed-rrt*")
 
@@ -189,7 +190,9 @@ class Avoidance(Table, frozen=True):
     """The method, and what all methods share. The mapped methods plan over the map of [avoidance.map]."""
 
     method: str = "astar"
-    """One of those listed at the end of docs/settings.md, from `companion/avoidance_methods.py`."""
+    """One of those listed at the end of docs/settings.md, or a planner of another package (docs/extend.md)."""
+    options: Options = msgspec.field(default_factory=dict)
+    """Of a planner of another package."""
     vehicle_radius: Positive = 0.36
     ground_height: Positive = 0.5
     """m above the take-off point; returns from below are the ground."""
@@ -222,19 +225,28 @@ class Avoidance(Table, frozen=True):
     guard: AvoidanceGuard = AvoidanceGuard()
 
     def __post_init__(self) -> None:
-        one_of("method", self.method, *METHODS)
+        options_for(self.plugin, self.options)
         if self.guard.enabled and not self.needs_scan:
             raise ValueError(f'guard.enabled: there is no guard with method "{self.method}", which needs no scan')
 
     @property
+    def plugin(self) -> Plugin | None:
+        """The method, if it is a planner of another package."""
+        return plugin(Kind.PLANNER, "method", self.method, METHODS)
+
+    def by(self, method: str) -> "Avoidance":
+        """The same by another method that flies with the chosen one."""
+        return msgspec.structs.replace(self, method=method, options=self.options if method == self.method else {})
+
+    @property
     def mapped(self) -> bool:
         """The method plans paths over the map."""
-        return METHODS[self.method].mapped
+        return method_of(self.method).mapped
 
     @property
     def needs_scan(self) -> bool:
         """The method can't fly without a LiDAR."""
-        return METHODS[self.method].needs_scan
+        return method_of(self.method).needs_scan
 
     @property
     def looks_around(self) -> bool:

@@ -30,6 +30,7 @@ SLOW: dict[str, float] = {
     "tests/companion/control/test_other_vehicles.py": 4,
     "tests/companion/mission/test_mission_flights.py": 2,
     "tests/companion/runtime/test_auto_output.py": 3,
+    "tests/companion/test_plugins.py::test_a_foreign_law_and_a_foreign_planner_deliver_and_fly_again_to_the_byte": 4,
     "tests/companion/mission/test_wander.py::test_a_noisy_estimate_does_not_hold_the_mission_up": 4,
     "tests/companion/runtime/test_planning.py": 2,
     "tests/companion/runtime/test_rehearsal.py": 2,

@@ -3,11 +3,14 @@
 from importlib import import_module
 from typing import Any, Protocol
 
+import numpy as np
+
 from companion.avoidance.none import NoAvoidance
 from companion.avoidance.path import Path
-from companion.avoidance_methods import METHODS
+from companion.avoidance_methods import METHODS, method_of
 from companion.config_avoidance import Avoidance
 from companion.perception.map_view import MapView
+from companion.plugins import Plugin
 from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 
@@ -42,10 +45,44 @@ def goal_rule(settings: Avoidance) -> GoalRule:
 
 def path_planner(name: str, settings: Avoidance) -> PathPlanner:
     """The mapped method of that name. Raises ValueError if it is not a mapped one."""
-    if not METHODS[name].mapped:
+    if not method_of(name).mapped:
         raise ValueError(f"method {name!r} plans no paths")
+    if name == settings.method and settings.plugin is not None:
+        return ForeignPlanner(settings.plugin, settings)
     planner: PathPlanner = _made(name, settings)
     return planner
+
+
+class ForeignPlanner:
+    """A planner of another package: what it raises names the package, and its paths are checked."""
+
+    def __init__(self, plugin: Plugin, settings: Avoidance) -> None:
+        self._plugin = plugin
+        self._planner: PathPlanner = plugin.make(settings, settings.options)
+
+    def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
+        """See `PathPlanner`. Raises PluginError."""
+        try:
+            path = self._planner.plan(view, position, velocity, goal, speed)
+        except Exception as error:
+            raise self._plugin.broken(error) from error
+        if path is not None and (fault := _unsound(path, speed)):
+            raise self._plugin.broken(fault)
+        return path
+
+
+def _unsound(path: Path, speed: float) -> str:
+    """What is wrong with a path, in words; empty if nothing is."""
+    if not isinstance(path, Path):
+        return f"{type(path).__name__} in place of a Path"
+    vertices, speeds = np.shape(path.vertices), np.shape(path.speeds)
+    if vertices[1:] != (2,) or speeds != vertices[:1]:
+        return f"vertices {vertices} and speeds {speeds} in place of (k, 2) and (k,)"
+    if not all(np.isfinite(each).all() for each in (path.vertices, path.speeds, path.bearing or 0.0)):
+        return "a vertex, a speed or the bearing is not finite"
+    if len(path.speeds) and not 0.0 <= np.min(path.speeds) <= np.max(path.speeds) <= speed + 1e-9:
+        return f"a speed is not from 0 to {speed:g} m/s"
+    return ""
 
 
 def _made(name: str, settings: Avoidance) -> Any:

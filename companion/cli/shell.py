@@ -36,12 +36,13 @@ def exit_on_user_error(function: Callable[P, T], *arguments: P.args, **options: 
 def _is_the_user_s(error: Exception) -> bool:
     """Whether an error says that a file, a setting or an address can't be used. The modules that raise it are imported
     only now, the autopilot's last, because a listing of logs should not load it."""
+    from companion.plugins import PluginError
     from protocol.flightlog import FlightLogError
     from protocol.key_files import KeyFileError
     from protocol.toml_files import TomlFileError
     from protocol.transport import TransportError
 
-    if isinstance(error, TomlFileError | FlightLogError | KeyFileError | TransportError):
+    if isinstance(error, TomlFileError | FlightLogError | KeyFileError | TransportError | PluginError):
         return True
     from companion.runtime.flight import PlanError
     from companion.runtime.rehearsal import RehearsalError

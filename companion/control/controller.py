@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from companion.config import Settings
 from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust, tilt
+from companion.control.foreign import ForeignPosition
 from companion.control.lift_off import LiftOff
 from companion.control.margin import Pace, pace_for, paced
 from companion.control.parameters import PARAMETERS, controller_parameters, design_of
@@ -55,6 +56,8 @@ MEMORY = np.dtype(
         ("turning", "f8", 3),
         ("e1", "f8", 3),
         ("e2", "f8", 3),
+        ("velocity_error", "f8", 3),
+        ("wanted", "f8", 3),
         ("disturbance", "f8", 3),
         ("thrust_scale", "f8"),
         ("drag_scale", "f8"),
@@ -63,7 +66,8 @@ MEMORY = np.dtype(
 )
 """What the controller remembers from step to step. `turning` is an angular acceleration (rad/s2, FRD); `count` the
 number of commands that were ever sent, `poses_count` that of poses; `rate_jump` and its `rate_jump_change` see
-`_fade_jumps`."""
+`_fade_jumps`; `velocity_error` (m/s) and `wanted` (the reference's acceleration, m/s2) are what the position law takes,
+in the time that it runs in."""
 
 CONTROLLER = np.dtype([("parameters", PARAMETERS), ("memory", MEMORY)], align=True)
 
@@ -96,6 +100,10 @@ class Controller:
         """Of the link, as it is flown with."""
         self._acts_after_ns = self._counted_ns()
         self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
+        plugin = settings.control.position.plugin
+        self._foreign: ForeignPosition | None = None
+        if plugin is not None:
+            self._foreign = ForeignPosition(plugin, settings.control, self._parameters, self._memory)
         self._lag_ns = round(body.rotor_time_constant_s * 1e9) if self._predicts else 0
 
     def use(self, output: Output) -> None:
@@ -132,7 +140,8 @@ class Controller:
         delay, left = self.delay.total, self.delay.unsteady
         if not self._predicts:
             delay, left = 0.0, delay + left
-        pace = pace_for(design_of(self._configured[0]), delay, left)
+        law = None if self._foreign is None else self._foreign.small
+        pace = pace_for(design_of(self._configured[0], law), delay, left)
         self._parameters["pace"] = pace.share
         self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace.share, torque=False)
         self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace.share, torque=True)
@@ -141,6 +150,8 @@ class Controller:
     def reset(self) -> None:
         """Forget the flight so far: nothing is flown."""
         self._memory_bytes[:] = self._at_first
+        if self._foreign is not None:
+            self._foreign.reset()
 
     def take_off(self) -> None:
         """The vehicle was armed on the ground."""
@@ -176,6 +187,8 @@ class Controller:
         rows = np.ascontiguousarray(reference.rows)
         times = now_ns, measured_ns, measured_ns - max(state.position_age_ns, 0)
         acceleration_command(measured, times, rows, mass, airborne, self._record)
+        if self._foreign is not None:
+            self._foreign.command(airborne)
         acceleration: Array = self._acceleration.copy()
         return acceleration
 
@@ -255,9 +268,10 @@ def acceleration_command(
     if p.adaptive:
         m.disturbance += m.adaptive_term
     # the law in a time that runs at the pace: speeds are by 1 / pace, accelerations by 1 / pace^2 greater there
-    error = TrackingError(m.e1, (reference_velocity - m.velocity) / pace, m.e2 / pace, m.integral)
-    wanted = p.feed_acceleration * reference[2] / (pace * pace)
-    m.acceleration[:] = pace * pace * laws.acceleration_command(p.law, error, wanted, p.gains)
+    m.velocity_error[:] = (reference_velocity - m.velocity) / pace
+    m.wanted[:] = p.feed_acceleration * reference[2] / (pace * pace)
+    error = TrackingError(m.e1, m.velocity_error, m.e2 / pace, m.integral)
+    m.acceleration[:] = pace * pace * laws.acceleration_command(p.law, error, m.wanted, p.gains)
 
 
 @compiled

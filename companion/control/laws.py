@@ -1,8 +1,9 @@
 """The position laws, in the one place where a law is registered.
 
-To add a law: write its module (`acceleration_command`, compiled, and `gains`), give it a table and its name in
-`companion.config`, and add an entry to `LAWS` and a branch to `acceleration_command` here. Compiled code chooses by a
-number, which costs one comparison; a call through a function pointer could not be inlined.
+A law of another package is flown by `companion.control.foreign`. To add one here: write its module
+(`acceleration_command`, compiled, and `gains`), give it a table and its name in `companion.config`, and add an entry to
+`LAWS` and a branch to `acceleration_command`. Compiled code chooses by a number, which costs one comparison; a call
+through a function pointer could not be inlined.
 """
 
 from collections.abc import Callable
@@ -34,7 +35,7 @@ class Law:
     """The attitude error is `se3.attitude_error`, not `lqr.attitude_error`."""
 
 
-_BACKSTEPPING, _SE3, _SLIDING_MODE, _PID = range(4)
+_BACKSTEPPING, _SE3, _SLIDING_MODE, _PID, _FOREIGN = range(5)
 
 LAWS = {
     "backstepping": Law(_BACKSTEPPING, backstepping.acceleration_command, backstepping.gains, adaptive=True),
@@ -43,6 +44,8 @@ LAWS = {
     "pid": Law(_PID, pid.acceleration_command, pid.gains),
 }
 """By name, as `control.position.law` has it."""
+FOREIGN = Law(_FOREIGN, backstepping.acceleration_command, backstepping.gains)
+"""Stands for a law of another package, whose command takes the place of this one's."""
 
 
 @compiled

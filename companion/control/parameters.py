@@ -1,6 +1,8 @@
 """What the compiled controller needs of the settings and of the vehicle, as one record."""
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +10,7 @@ from numpy.typing import NDArray
 
 from companion.config import Control, Estimation, Limits, Settings
 from companion.control import disturbance_observer, laws, lqr
-from companion.control.laws import GAINS, LAWS
+from companion.control.laws import FOREIGN, GAINS, LAWS
 from companion.control.margin import Design
 from companion.control.tracking_error import TrackingError
 from companion.outputs import OUTPUTS, TurningInput
@@ -94,7 +96,7 @@ def controller_parameters(settings: Settings, body: VehicleParameters, output: O
 
 def _position(control: Control, body: VehicleParameters) -> dict[str, Any]:
     """The position law, and what is fed forward to it."""
-    position, law = control.position, LAWS[control.position.law]
+    position, law = control.position, LAWS.get(control.position.law, FOREIGN)
     gains = np.zeros((GAINS, 3))
     rows = law.gains(control)
     gains[: len(rows)] = rows
@@ -184,11 +186,16 @@ def _attitude_gains(settings: Settings, body: VehicleParameters) -> tuple[Array,
     return torque_gain, rates_gain
 
 
-def design_of(p: Any) -> Design:
-    """The design of a record of PARAMETERS along north, which turns the vehicle about its pitch axis."""
+def design_of(p: Any, law: Callable[[TrackingError], Array] | None = None) -> Design:
+    """The design of a record of PARAMETERS along north, which turns the vehicle about its pitch axis.
+
+    `law`: the acceleration (3,) in m/s2 for an error, of a law of another package.
+    """
     small, none = np.array([1.0, 0.0, 0.0]) * _SMALL, np.zeros(3)
+    if law is None:
+        law = partial(_compiled_law, p)
     moved, moving = (
-        float(laws.acceleration_command(p["law"], error, none, p["gains"])[0]) / _SMALL
+        float(law(error)[0]) / _SMALL
         for error in (TrackingError(small, none, -p["c1"] * small, none), TrackingError(none, small, -small, none))
     )
     takes_torque = p["turning_input"] == TurningInput.ANGULAR_ACCELERATION
@@ -202,6 +209,11 @@ def design_of(p: Any) -> Design:
         angle_loop = float(p["assumed_attitude_loop"])
         strength = rate_loop * angle_loop
     return Design(moved, moving, tuple(attitude.tolist()), strength, rate_loop, angle_loop, float(p["rotor_lag"]))
+
+
+def _compiled_law(p: Any, error: TrackingError) -> Array:
+    command: Array = laws.acceleration_command(p["law"], error, np.zeros(3), p["gains"])
+    return command
 
 
 def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:

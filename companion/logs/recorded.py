@@ -12,6 +12,7 @@ import msgspec
 
 from companion.config import Log, Settings
 from companion.mission.plan import Mission
+from companion.plugins import Kind, installed
 from companion.renamed_settings import RENAMED_SETTINGS
 from companion.runtime.files import load_settings, recorded_settings
 from companion.runtime.flight import AUTO, git_hash
@@ -60,11 +61,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
     if flight is None:
         raise FlightLogError(f"{path}: no flight of this companion, it does not say how it was flown")
     changes = toml_files.by_first_word(overrides, ("mission",))
-    if settings is not None:
-        chosen = load_settings(settings, changes[""])
-    else:
-        tables: dict[str, Any] = _json(f"{path}, settings.json", _attachment(log, "settings.json"), dict[str, Any])
-        chosen = recorded_settings(tables, f"{path}, settings.json", changes[""])
+    chosen = _own_settings(log, changes[""]) if settings is None else load_settings(settings, changes[""])
     flown_with = toml_files.by_first_word(flown_overrides(log), ("mission",))
     try:
         output = None if flight["output"] == AUTO else Output(flight["output"])
@@ -87,6 +84,21 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
     )
 
 
+def _own_settings(log: LogReader, overrides: Sequence[str]) -> Settings:
+    """Those of the flight. Raises TomlFileError, which says what of other packages was flown and is not here."""
+    source = f"{log.path}, settings.json"
+    tables: dict[str, Any] = _json(source, _attachment(log, "settings.json"), dict[str, Any])
+    try:
+        return recorded_settings(tables, source, overrides)
+    except toml_files.TomlFileError as error:
+        flown = {kind: log.metadata["flight"][kind.value] for kind in Kind if kind.value in log.metadata["flight"]}
+        here = {kind: [each.text for each in installed(kind).values()] for kind in flown}
+        missing = [f"{kind.value} {text}" for kind, text in flown.items() if text not in here[kind]]
+        if not missing:
+            raise
+        raise toml_files.TomlFileError(f"{error}; it was flown with the {' and the '.join(missing)}") from None
+
+
 def flown_overrides(log: LogReader) -> list[str]:
     """The overrides of a flight, by the settings' present names. Raises FlightLogError if the log's are damaged."""
     text = log.metadata.get("flight", {}).get("overrides", "[]")
@@ -94,11 +106,12 @@ def flown_overrides(log: LogReader) -> list[str]:
     return [toml_files.override_with_new_name(each, RENAMED_SETTINGS) for each in recorded]
 
 
-def other_versions(flight: Mapping[str, str]) -> list[str]:
+def other_versions(flight: Mapping[str, str], settings: Settings) -> list[str]:
     """What differs between the software that flew (the log's metadata "flight") and this one, a line each."""
     here = {"courier": metadata.version("courier-autopilot"), "python": platform.python_version()}
     for name in ("control", "numba", "numpy", "pymavlink", "ruckig", "scipy"):
         here[name] = metadata.version(name)
+    here |= {each.kind.value: each.text for each in settings.plugins}
     return [
         f"flown with {name} {flight[name]}, this is {version}"
         for name, version in here.items()

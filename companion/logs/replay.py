@@ -87,9 +87,10 @@ def replay(
     if not differ.datagrams:
         raise FlightLogError(f"{path}: there is nothing in it that was sent")
     flown = flight.log.metadata["flight"]
+    commit = other_commit(flown) if differ.differences else []
     return Replay(
         differences=differ.differences,
-        notes=[*other_versions(flown), *(other_commit(flown) if differ.differences else ()), *second.notes],
+        notes=[*other_versions(flown, flight.settings), *commit, *second.notes],
         datagrams=differ.datagrams,
         bytes=differ.bytes,
         traces=differ.traces,

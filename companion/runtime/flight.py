@@ -346,6 +346,7 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
         "git": git_hash(),
         "courier": metadata.version("courier-autopilot"),
         **{library: metadata.version(library) for library in LIBRARIES},
+        **{each.kind.value: each.text for each in plan.settings.plugins},
     }
 
 

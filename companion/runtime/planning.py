@@ -12,7 +12,6 @@ import signal
 from collections import deque
 from typing import TYPE_CHECKING, Protocol
 
-import msgspec
 import numpy as np
 
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
@@ -161,7 +160,7 @@ def rehearse(settings: Avoidance) -> None:
     bearings = np.radians(np.arange(0.0, 360.0, 5.0))
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     for method in methods_in_use(settings.method):
-        pipeline = PlanningPipeline(msgspec.structs.replace(settings, method=method))
+        pipeline = PlanningPipeline(settings.by(method))
         for k in range(16):
             time_ns = k * 66_000_000
             ranges = np.full(72, 15.0)

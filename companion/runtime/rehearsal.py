@@ -58,8 +58,8 @@ def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, outp
     _judge()
     for hold_s in _HOLDS_S if output is None else _HOLDS_S[:1]:
         for method in methods_in_use(settings.avoidance.method):
-            avoidance = msgspec.structs.replace(settings.avoidance, method=method)
-            _fly(msgspec.structs.replace(settings, avoidance=avoidance), body, mission, output, hold_s)
+            chosen = msgspec.structs.replace(settings, avoidance=settings.avoidance.by(method))
+            _fly(chosen, body, mission, output, hold_s)
 
 
 def _judge() -> None:

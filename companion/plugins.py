@@ -1,0 +1,88 @@
+"""Laws and planners of other packages, found by their entry points (docs/extend.md).
+
+They are looked for when a setting names something that is not built in. So a package that is installed and broken stops
+no flight but its own.
+"""
+
+import functools
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+Options = dict[str, float | bool | str]
+"""Of a plug-in, by name."""
+
+
+class Kind(Enum):
+    """What a plug-in is, in words; each has its group of entry points."""
+
+    POSITION_LAW = "position law"
+    ATTITUDE_LAW = "attitude law"
+    PLANNER = "planner"
+
+    @property
+    def group(self) -> str:
+        """Of the entry points."""
+        return f"courier.{self.value.replace(' ', '_')}s"
+
+
+class PluginError(Exception):
+    """A plug-in can't be loaded or made, or gives something that can't be flown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """An entry point."""
+
+    kind: Kind
+    name: str
+    package: str
+    """With its version."""
+    entry: EntryPoint
+
+    @property
+    def text(self) -> str:
+        """Its name and its package."""
+        return f'"{self.name}" of {self.package}'
+
+    def make(self, settings: Any, options: Options) -> Any:
+        """Call its factory with the settings of its stage and its own options. Raises PluginError."""
+        try:
+            return self.entry.load()(settings, **options)
+        except Exception as error:
+            raise self.broken(error) from error
+
+    def broken(self, reason: object) -> PluginError:
+        """The error that names it."""
+        text = repr(reason) if isinstance(reason, Exception) else reason
+        return PluginError(f"{self.kind.value} {self.text}: {text}")
+
+
+@functools.cache
+def installed(kind: Kind) -> Mapping[str, Plugin]:
+    """By name. Where two packages have the same name, the first on the path counts."""
+    found: dict[str, Plugin] = {}
+    for entry in entry_points(group=kind.group):
+        package = "?" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
+        found.setdefault(entry.name, Plugin(kind, entry.name, package, entry))
+    return found
+
+
+def plugin(kind: Kind, key: str, name: str, built_in: Collection[str]) -> Plugin | None:
+    """The plug-in that a setting names; None for what is built in. Raises ValueError, which lists what there is, for
+    what is neither."""
+    if name in built_in:
+        return None
+    found = installed(kind).get(name)
+    if found is None:
+        known = (*built_in, *installed(kind))
+        raise ValueError(f"{key} {name!r}: there are " + ", ".join(f'"{each}"' for each in known))
+    return found
+
+
+def options_for(chosen: Plugin | None, options: Options) -> None:
+    """Raises ValueError for options of something that is built in."""
+    if chosen is None and options:
+        raise ValueError("options: they are for what comes from another package")

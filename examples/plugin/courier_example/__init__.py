@@ -1,0 +1,1 @@
+"""A position law and a planner for Courier."""
