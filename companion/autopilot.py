@@ -7,7 +7,7 @@ from companion.avoidance.guard import Guard
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.config import Settings
 from companion.control.controller import Controller
-from companion.entering import entered, follow_delay
+from companion.entering import entered, follow_delay, ordered
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
@@ -57,7 +57,7 @@ class Autopilot:
             case PlanReady():
                 self._plan = event.result
             case _:
-                self._say(self.own.take(event))
+                self._say(self.own.take(event), ordered(event, self.navigator, self.guidance, self.sensing))
         datagram = self.link.outbox.flush()
         said, self._said = tuple(self._said), []
         return Reaction(datagram, trace, said, request) if datagram or said or trace or request else NOTHING

@@ -1,12 +1,15 @@
-"""What happens when a state of the flight is left and another one is entered, and when the link becomes later."""
+"""What happens when a state of the flight is left and another one is entered, when the link becomes later, and when an
+order comes."""
 
 from companion.control.controller import Controller
 from companion.guidance import Guidance
 from companion.link.delays import Delays
 from companion.link.vehicle_link import VehicleLink
 from companion.mission.navigator import Navigator
+from companion.mission.orders import OrderError, obey
 from companion.sensing import Sensing
-from companion.state import Announcement
+from companion.state import Announcement, Severity
+from companion.supervision.operations import Operation, OrderRequest
 from companion.supervision.states import AWAY, COMMANDED, State
 
 
@@ -59,3 +62,18 @@ def follow_delay(
     navigator.slow_down(delays.known.total)
     sensing.plausibility.late_s = delays.known.total
     return delays.words(*pace)
+
+
+def ordered(event: Operation, navigator: Navigator, guidance: Guidance, sensing: Sensing) -> Announcement | None:
+    """Follow an order, if the event is one; what is to be said of it."""
+    if not isinstance(event, OrderRequest):
+        return None
+    try:
+        if sensing.state is None:
+            raise OrderError("where the vehicle is is not known")
+        here, now = sensing.state.position_ned, event.time_ns
+        said = obey(event.text, navigator, here, guidance.fence, now)
+    except OrderError as error:
+        return Announcement(Severity.WARNING, f"order refused: {error}")
+    guidance.begin_leg(navigator.leg(here), now)
+    return said

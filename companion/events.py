@@ -8,7 +8,7 @@ import msgspec
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.records import LEGACY_REQUEST, OPERATION, TICK, OperationKind
 from companion.state import Announcement
-from companion.supervision.operations import LandRequest, LogFault, LogRecovered, Operation, PlannerFault
+from companion.supervision.operations import LandRequest, LogFault, LogRecovered, Operation, OrderRequest, PlannerFault
 from protocol.flightlog import RecordType
 
 
@@ -59,6 +59,7 @@ _KINDS: dict[type[Operation], OperationKind] = {
     LogFault: OperationKind.LOG_FAULT,
     LogRecovered: OperationKind.LOG_RECOVERED,
     PlannerFault: OperationKind.PLANNER_FAULT,
+    OrderRequest: OperationKind.ORDER,
 }
 _LEGACY_LOG_FAULT, _LEGACY_PLANNER_FAULT, _LEGACY_RECOVERED = "log fault: ", "planner fault: ", "log recovered"
 """How logs of version 0.1 begin the text of a LEGACY_REQUEST."""
@@ -66,7 +67,7 @@ _LEGACY_LOG_FAULT, _LEGACY_PLANNER_FAULT, _LEGACY_RECOVERED = "log fault: ", "pl
 
 def operation_record(event: Operation) -> bytes:
     """The payload of an OPERATION record."""
-    text = event.text if isinstance(event, LogFault | PlannerFault) else ""
+    text = event.text if isinstance(event, LogFault | PlannerFault | OrderRequest) else ""
     return OPERATION.pack(_KINDS[type(event)], text)
 
 
@@ -85,6 +86,8 @@ def operation_of(kind: RecordType, time_ns: int, record: bytes) -> Operation:
             return LogRecovered(time_ns)
         case OperationKind.PLANNER_FAULT:
             return PlannerFault(time_ns, fields["text"])
+        case OperationKind.ORDER:
+            return OrderRequest(time_ns, fields["text"])
 
 
 def _legacy_operation(time_ns: int, what: str) -> Operation:

@@ -93,6 +93,11 @@ class Guidance:
         """s that the track of each step of the mission takes; None for a step without one."""
         return tuple(None if track is None else track.duration_s for track in self._tracks)
 
+    @property
+    def fence(self) -> Fence | None:
+        """What the reference keeps to, once the place of the start is known."""
+        return self._fence
+
     def outside(self, own: OwnFence) -> str | None:
         """The first place of the mission beyond the fence, of which the vehicle's own is a part, in words; None if it
         keeps inside."""

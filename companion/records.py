@@ -114,6 +114,7 @@ class OperationKind(IntEnum):
     LOG_FAULT = 1
     LOG_RECOVERED = 2
     PLANNER_FAULT = 3
+    ORDER = 4
 
 
 OPERATION = record_type(
@@ -122,7 +123,7 @@ OPERATION = record_type(
     [("kind", "uint8"), ("text", "string")],
     {
         "kind": ", ".join(f"{kind} {kind.name.lower().replace('_', ' ')}" for kind in OperationKind),
-        "text": "of a fault: what is wrong",
+        "text": "of a fault: what is wrong; of an order: what to fly, as JSON",
     },
 )
 """An event that is neither a tick nor a datagram nor a plan: what the operator asks for, and faults around the

@@ -4,6 +4,8 @@ from pathlib import PurePosixPath
 
 SLOW: dict[str, float] = {
     "tests/companion/view/test_live.py::test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider": 22,
+    "tests/companion/api/test_companion.py": 6,
+    "tests/companion/api/test_companion.py::test_the_example_delivers": 12,
     "tests/companion/avoidance/test_rrt.py::test_ways_are_the_same_in_any_order_and_process": 3,
     "tests/companion/logs/test_ahead.py": 3,
     "tests/companion/logs/test_ahead.py::test_in_a_copy_of_the_process": 12,

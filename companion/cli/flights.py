@@ -1,6 +1,7 @@
 """The commands that fly: demo, fly."""
 
 import json
+import sys
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -155,6 +156,13 @@ class FlyOptions:
             "step on. Without it an armed vehicle is refused.",
         ),
     ] = False
+    orders: Annotated[
+        bool,
+        typer.Option(
+            "--orders",
+            help="Take orders on standard input (docs/api.md), with a mission that waits for them. Its end lands.",
+        ),
+    ] = False
     land: Annotated[bool, typer.Option("--land", help="With --adopt: land the vehicle where it is.")] = False
     report: Report = True
     as_json: AsJson = False
@@ -209,12 +217,19 @@ def fly(asked: FlyOptions) -> None:
         for place in beside.places():
             say(f"companion: {place}")
     with _abandoned("; a vehicle in the air holds and lands by itself"):
-        result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside)
+        opened = _say_log if asked.orders else None
+        result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside, opened=opened)
     if result.landed is not None or asked.as_json:
         print_end(result, as_json=asked.as_json, verbose=asked.verbose)
         with _abandoned():
             print_next(result.log, report=asked.report and result.landed is not None)
     _exit_by(result.verdict)
+
+
+def _say_log(log: Path) -> None:
+    from companion.runtime.orders import LOG_AT
+
+    say(f"{LOG_AT}{log}")
 
 
 def _located(asked: FlyOptions, plan: "Plan", transport: "Transport") -> "Plan":
@@ -256,11 +271,15 @@ def pinned(vehicle: int | None) -> list[str]:
 def _beside(asked: FlyOptions, transport: "Transport", security: "Security") -> "SideLinks":
     """Open what is beside the vehicle's link. Raises TransportError and PlanError."""
     from companion.runtime.flight import PlanError
+    from companion.runtime.orders import Orders
     from companion.runtime.side_links import open_side_links
 
     if asked.pace == "lockstep" and (asked.gcs or asked.lidar):
         raise PlanError("--gcs and --lidar: not with --pace lockstep, in which time is the vehicle's alone")
-    return open_side_links(transport, asked.gcs or (), asked.lidar, security)
+    beside = open_side_links(transport, asked.gcs or (), asked.lidar, security)
+    if asked.orders:
+        beside.orders = Orders(sys.stdin.fileno())
+    return beside
 
 
 def _abandoned(consequence: str = "") -> AbstractContextManager[None]:

@@ -334,7 +334,7 @@ def to_toml(mission: Mission) -> str:
     """The text of a file in `missions/`, without what is as it is left out."""
     tables = msgspec.to_builtins(mission)
     waypoints = tables.pop("waypoints")
-    lines = _lines(tables, msgspec.to_builtins(Mission("x", waypoints=mission.waypoints)))
+    lines = _lines(tables, {**msgspec.to_builtins(Mission("x", waits=True)), "waits": False})
     plain = msgspec.to_builtins(Waypoint(0.0, 0.0, 1.0))
     for waypoint in waypoints:
         lines += ["", "[[waypoints]]", *_lines(waypoint, {name: plain[name] for name in plain if name not in _PLACE})]
@@ -343,7 +343,13 @@ def to_toml(mission: Mission) -> str:
 
 def _lines(table: dict[str, Any], defaults: dict[str, Any]) -> list[str]:
     kept = {name: value for name, value in table.items() if name not in defaults or value != defaults[name]}
-    return [f"{name} = {json.dumps(value)}" for name, value in kept.items()]
+    return [f"{name} = {_value(value)}" for name, value in kept.items()]
+
+
+def _value(value: Any) -> str:
+    if not isinstance(value, dict):
+        return json.dumps(value)
+    return "{ " + ", ".join(f"{name} = {_value(each)}" for name, each in value.items() if each is not None) + " }"
 
 
 def _time(seconds: float) -> float:

@@ -101,7 +101,7 @@ class Navigator:
         self._leg: Leg | None = None
         """As it was said last, until anything about it may have changed."""
         self._gave_up = False
-        self._cut_short = False
+        self.cut_short = False
         """What is left is the way home."""
         self._step_since_ns = 0
         self._length = 0.0
@@ -214,7 +214,7 @@ class Navigator:
         if phase in _ALONG:
             self._trail.add(here)
         way = self._trail.length(here, home)
-        homeward = self._cut_short or phase in (Phase.RETURN, Phase.LAND)
+        homeward = self.cut_short or phase in (Phase.RETURN, Phase.LAND)
         if not (self.mission.return_home or homeward):
             rest = self._rest(here)
             homeward = rest <= way
@@ -345,9 +345,11 @@ class Navigator:
 
     def _cut(self, rest: list[Step], now_ns: int) -> Announcement:
         """Fly the `rest` in place of what was to follow the present step, and land."""
-        self._leg = None
-        self._cut_short = True
-        rest = [*rest, Step(Phase.LAND)]
+        self.cut_short = True
+        return self.fly([*rest, Step(Phase.LAND)], now_ns)
+
+    def fly(self, rest: Sequence[Step], now_ns: int) -> Announcement:
+        """Fly the `rest`, which has no curves, in place of what was to follow the present step."""
         self.steps = (*self.steps[: self.step_index + 1], *rest)
         self._durations = self._durations[: self.step_index + 1] + (None,) * len(rest)
         return self.next_step(now_ns)

@@ -55,6 +55,8 @@ class Mission(Table, frozen=True):
     delivery: Delivery | None = None
     return_home: bool = True
     """Back along the route after the last waypoint; otherwise land there."""
+    waits: bool = False
+    """Stay at the last waypoint, or above the take-off point, and wait for orders (`companion.mission.orders`)."""
     profile: str = "smooth"
     """"smooth": jerk-limited references; "step": the reference jumps, as in the paper's closed-loop tests;
     "minimum_snap": one curve through the waypoints up to each hold, at up to `speed` and within the settings' limits of
@@ -70,7 +72,9 @@ class Mission(Table, frozen=True):
             raise ValueError('waypoints: speed, yaw_deg and release are for the profile "smooth"')
         if self.profile not in ("smooth", "step", "minimum_snap"):
             raise ValueError(f'profile {self.profile!r}: there are "smooth", "step" and "minimum_snap"')
-        if bool(self.waypoints) == (self.trajectory is not None):
+        if self.waits and (self.trajectory is not None or self.profile != "smooth"):
+            raise ValueError('waits: it is for waypoints with the profile "smooth"')
+        if bool(self.waypoints) == (self.trajectory is not None) and not self.waits:
             raise ValueError("waypoints: a mission has either these or a [trajectory]")
         if self.trajectory is not None and self.profile != "smooth":
             raise ValueError(f"profile {self.profile!r}: it is for waypoints, a [trajectory] has its own")
@@ -91,6 +95,7 @@ class Phase(IntEnum):
     LAND = 7
     DONE = 8
     TRACK = 9
+    WAIT = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +142,10 @@ def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
             if waypoint.release:
                 plan.append(Step(Phase.RELEASE))
     if mission.delivery is not None:
-        plan.append(Step(Phase.DESCEND, np.array([*targets[-1][:2], start_ned[2] - mission.delivery.release_height])))
-        plan.append(Step(Phase.RELEASE))
-        plan.append(Step(Phase.CLIMB, targets[-1]))
-    if mission.return_home:
+        plan += delivery(mission.delivery, [over_home, *targets][-1], start_ned)
+    if mission.waits:
+        plan.append(wait([over_home, *targets][-1]))
+    elif mission.return_home:
         if curved:
             plan += _curves(Phase.RETURN, [*reversed(targets), over_home], [0.0] * len(targets), mission.speed)
         else:
@@ -148,6 +153,17 @@ def steps(mission: Mission, start_ned: Array) -> tuple[Step, ...]:
         plan.append(Step(Phase.RETURN, over_home, avoids=not curved))
     plan.append(Step(Phase.LAND))
     return tuple(plan)
+
+
+def delivery(wanted: Delivery, above_ned: Array, start_ned: Array) -> list[Step]:
+    """The delivery below a place (3,), and back to it."""
+    low = np.array([*above_ned[:2], start_ned[2] - wanted.release_height])
+    return [Step(Phase.DESCEND, low), Step(Phase.RELEASE), Step(Phase.CLIMB, above_ned)]
+
+
+def wait(place_ned: Array) -> Step:
+    """Stay at a place (3,), out of the way of what comes near."""
+    return Step(Phase.WAIT, place_ned, hold_s=math.inf, avoids=True)
 
 
 def nearest_step(plan: Sequence[Step], start_ned: Array, here_ned: Array) -> int:

@@ -20,7 +20,7 @@ from companion.config import Settings
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
 from companion.mission.files import to_toml
-from companion.mission.plan import Mission
+from companion.mission.plan import Mission, Phase
 from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.compiling import compiling_shown
@@ -146,8 +146,10 @@ def fly(
     console: bool,
     beside: SideLinks = NONE,
     witness: Callable[[], Testimony] | None = None,
+    opened: Callable[[Path], None] | None = None,
 ) -> Result:
-    """Fly a prepared plan and leave a log in a new folder of `logs`. `witness` is heard before the log is closed.
+    """Fly a prepared plan and leave a log in a new folder of `logs`. `witness` is heard before the log is closed,
+    `opened` is told where the log is.
 
     Raises, before anything is sent, FlightLogError if the log can't be written and PlanError if the planner's process
     does not start.
@@ -174,6 +176,8 @@ def fly(
             epoch_ns=round(began * 1e9),
             preserves_datagrams=transport.preserves_datagrams,
         )
+        if opened is not None:
+            opened(log.path)
         if note:
             log.text(0, logging.INFO, "companion", note)
         runner = Runner(autopilot, transport, log, clock, planning, console=console, beside=beside)
@@ -234,7 +238,8 @@ def _judge(
     plan: Plan, autopilot: Autopilot, runner: Runner, testimony: Testimony | None
 ) -> tuple[Verdict, bool | None]:
     """The verdict, and whether the parcel was delivered, if there was one to deliver."""
-    delivers = plan.mission.delivers and plan.adoption is not Adoption.LAND
+    ordered = any(step.phase is Phase.RELEASE for step in autopilot.navigator.steps)
+    delivers = (plan.mission.delivers or ordered) and plan.adoption is not Adoption.LAND
     delivered = autopilot.navigator.released if delivers else None
     found = autopilot.supervisor.verdict
     if found is not None and found.outcome is Outcome.NOT_STARTED and autopilot.link.vehicle is None and plan.connect:

@@ -13,7 +13,7 @@ from companion.config_avoidance import AvoidanceAltitudeSearch
 from companion.events import Datagram, Event, Reaction
 from companion.link.audit import LONGEST_HOLD_OF_RATES_S
 from companion.link.firmware.px4 import FIRMWARE as PX4
-from companion.mission.plan import Mission
+from companion.mission.plan import Delivery, Mission, Waypoint
 from companion.perception.ring_check import RingCheck
 from companion.plausibility import Plausibility
 from companion.reports import AttitudeReport, PositionReport
@@ -175,7 +175,10 @@ class _CannedVehicle:
 
 
 def _hurried(mission: Mission) -> Mission:
-    """The same with short holds and short curves."""
+    """The same with short holds and short curves; one that waits for orders is ordered all that there is."""
+    if mission.waits:
+        ordered = [*mission.waypoints, Waypoint(_REHEARSED_REACH_M, 0.0, mission.takeoff_height)]
+        mission = msgspec.structs.replace(mission, waits=False, waypoints=ordered, delivery=Delivery())
     waypoints = [msgspec.structs.replace(waypoint, hold_s=min(waypoint.hold_s, 0.1)) for waypoint in mission.waypoints]
     shape = mission.trajectory
     if shape is not None:

@@ -74,6 +74,7 @@ class Runner:
         self._transport = transport
         self._router = beside.router
         self._sensor = beside.sensor
+        self._orders = beside.orders
         self._log = log
         self._clock = clock
         self._landing_requested = False
@@ -224,6 +225,8 @@ class Runner:
         if now - self._checked_log_ns >= _LOG_CHECK_NS:
             self._checked_log_ns = now
             answer += self._look_around(now)
+        for order in self._orders.take(now):
+            answer += self._driver.handle(order)
         if self._sensor is not None:
             answer += self._sense(self._sensor, now)
         return answer + self._driver.tick(now, late_ns)

@@ -1,10 +1,11 @@
-"""The links of a flight beside the vehicle's: to ground stations, and to a sensor."""
+"""The links of a flight beside the vehicle's: to ground stations, to a sensor, and to a program that gives orders."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from companion.link.candidates import Candidates
+from companion.runtime.orders import Orders
 from companion.runtime.router import STATION_BYTES_PER_S, Router, Station
 from protocol.guarded_link import GuardedLink, inmost, refuse_exposed
 from protocol.key_files import Keeper
@@ -45,6 +46,7 @@ class SideLinks:
     router: Router | None = None
     sensor: Transport | None = None
     sensor_url: str = ""
+    orders: Orders = field(default_factory=Orders)
 
     def places(self) -> list[str]:
         """Where each is, as a line for whoever starts the flight."""

@@ -38,7 +38,16 @@ class PlannerFault:
     text: str
 
 
-Operation = LandRequest | LogFault | LogRecovered | PlannerFault
+@dataclass(frozen=True, slots=True)
+class OrderRequest:
+    """Somebody orders what is flown next."""
+
+    time_ns: int
+    text: str
+    """An `Order` of `companion.mission.orders` as JSON."""
+
+
+Operation = LandRequest | LogFault | LogRecovered | PlannerFault | OrderRequest
 
 
 class OwnReport:

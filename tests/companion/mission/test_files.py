@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pymavlink import mavutil, mavwp
 
+from companion.curves import Shape
 from companion.mission.files import (
     MissionFileError,
     fence_radius,
@@ -17,7 +18,7 @@ from companion.mission.files import (
     to_toml,
     to_waypoints,
 )
-from companion.mission.plan import Mission, Phase, steps
+from companion.mission.plan import Delivery, Mission, Phase, Waypoint, steps
 from companion.runtime.files import load_mission
 from companion.runtime.station_files import load_of_station, origin_of
 from protocol.frames import to_geodetic, to_local
@@ -223,6 +224,22 @@ def test_a_mission_of_a_plan_is_a_mission_file(tmp_path: Path) -> None:
     found = load_of_station(str(tmp_path / "trip.plan"), ["speed=2"], lambda planned: (ORIGIN[0], ORIGIN[1] + 1e-4))
     assert found.mission.speed == 2.0 and found.mission.name == "trip"
     assert found.mission.waypoints[0].east == pytest.approx(-1e-4 * 75_500.0, rel=0.01), "around where it stands"
+
+
+@pytest.mark.parametrize(
+    "mission",
+    [
+        Mission("up", waits=True, takeoff_height=2.0),
+        Mission(
+            "parcel", waypoints=[Waypoint(1.0, 2.0, 3.0, speed=1.0)], delivery=Delivery(0.7), description='"a" = b'
+        ),
+        Mission("round", trajectory=Shape("helix", 2.0, radius=3.0, laps=2.0), return_home=False),
+    ],
+    ids=lambda mission: str(mission.name),
+)
+def test_a_mission_made_in_code_is_a_mission_file(mission: Mission, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(to_toml(mission))
+    assert load_mission(str(tmp_path / "own.toml"))[0] == mission
 
 
 def test_it_is_flown_within_a_metre_of_its_items() -> None:

@@ -88,6 +88,7 @@ def test_the_numbers_of_the_phases_stay() -> None:
         "LAND": 7,
         "DONE": 8,
         "TRACK": 9,
+        "WAIT": 10,
     }
 
 

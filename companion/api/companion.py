@@ -1,0 +1,198 @@
+"""A vehicle that is flown by a program. The flight itself is `companion fly` in a process of its own, which is given
+orders by a pipe: nothing that the program does can delay it, and if the program dies the vehicle lands."""
+
+import asyncio
+import logging
+import sys
+import tempfile
+from collections import deque
+from collections.abc import AsyncIterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+
+from companion.api.telemetry import Event, State, Telemetry, event_of, state_of
+from companion.mission.files import to_toml
+from companion.mission.orders import Order
+from companion.mission.plan import Delivery, Mission, Phase, Waypoint
+from companion.outcomes import Verdict, recorded
+from companion.records import LOGGED
+from companion.runtime.orders import LOG_AT
+from protocol.flightlog import TEXT, LogReader
+
+_log = logging.getLogger(__name__)
+
+
+class FlightError(Exception):
+    """The flight did not begin, ended before what was asked for was done, or refused an order."""
+
+
+class Companion:
+    """One flight of one vehicle; made by `connect`, and used as an asynchronous context manager.
+
+    Each command returns when it is done. One that is cancelled (as by `asyncio.timeout`) leaves the vehicle holding its
+    place. Leaving the block, for whatever reason, lands the vehicle where it is.
+    """
+
+    def __init__(self, url: str, arguments: tuple[str, ...], vehicle: str, logs: Path) -> None:
+        self._url, self._arguments, self._vehicle, self._logs = url, arguments, vehicle, logs
+        self._telemetry = Telemetry()
+        self._process: asyncio.subprocess.Process | None = None
+        self._flight: asyncio.Task[None] | None = None
+        self._words: deque[str] = deque(maxlen=20)
+        """What the process said last."""
+        self.log: Path | None = None
+        """Of the flight, once that has begun."""
+        self.verdict: Verdict | None = None
+        """How it came out, once it has ended."""
+
+    @classmethod
+    def connect(cls, url: str, *arguments: str, vehicle: str = "paper_quad", logs: Path = Path("logs")) -> Self:
+        """A vehicle at a URL (as of `companion fly --connect`), which is opened at the take-off.
+
+        `arguments`: more of `companion fly`, such as "--set", "avoidance.method=vfh". `vehicle`: the name or path of
+        its file. `logs`: where the flight's folder is made.
+        """
+        return cls(url, arguments, vehicle, logs)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process is not None and self._process.stdin is not None and self._flight is not None:
+            self._process.stdin.close()
+            await asyncio.shield(self._flight)
+
+    # -- commands ------------------------------------------------------------------------------------------------------
+
+    async def take_off(self, height: float) -> None:
+        """Take off to a height (m above the ground), and wait there. Raises FlightError."""
+        await self.fly(Mission("script", takeoff_height=height, waits=True))
+
+    async def go_to(self, north: float, east: float, height: float, speed: float | None = None) -> None:
+        """Fly around whatever is in the way to a place (m from the take-off), at most at `speed` (m/s), and wait there.
+        Raises FlightError."""
+        place = Waypoint(north, east, height, speed=speed)
+        await self.fly(Mission("go-to", waypoints=[place], waits=True))
+
+    async def deliver(self, release_height: float = 0.5) -> None:
+        """Descend to a height (m above the take-off), release the parcel and climb back. Raises FlightError."""
+        await self._order(Order("deliver", delivery=Delivery(release_height)))
+
+    async def hold(self) -> None:
+        """Stop, and wait. Raises FlightError."""
+        await self._order(Order("hold"))
+
+    async def fly(self, mission: Mission) -> Verdict | None:
+        """Fly a mission; in the air, all of it but the take-off. Returns how the flight came out, or None if the
+        mission ends with waiting. Raises FlightError."""
+        if self._flight is not None:
+            await self._order(Order("fly", msgspec.structs.replace(mission, vehicle=self._vehicle)))
+            return self.verdict
+        await self._begin(msgspec.structs.replace(mission, vehicle=self._vehicle))
+        await self._done(-1, waits=mission.waits)
+        return self.verdict
+
+    async def land(self) -> Verdict:
+        """Land where the vehicle is. Returns how the flight came out. Raises FlightError."""
+        await self._order(Order("land"))
+        assert self.verdict is not None
+        return self.verdict
+
+    # -- telemetry -----------------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> State | None:
+        """The latest; None before the flight."""
+        return self._telemetry.state
+
+    async def states(self) -> AsyncIterator[State]:
+        """From now on, until the flight ends; some 50 a second, up to 0.2 s late."""
+        async for time_ns, fields in self._telemetry.records(LOGGED.topic):
+            yield state_of(time_ns, fields)
+
+    async def events(self) -> AsyncIterator[Event]:
+        """What companion and vehicle say from now on, until the flight ends."""
+        async for time_ns, fields in self._telemetry.records(TEXT.topic):
+            yield event_of(time_ns, fields)
+
+    async def messages(self, name: str) -> AsyncIterator[dict[str, Any]]:
+        """The fields of each MAVLink message of that name, such as "BATTERY_STATUS", from now on."""
+        async for _, fields in self._telemetry.records(f"/{name}"):
+            yield fields
+
+    # -- the process ---------------------------------------------------------------------------------------------------
+
+    async def _begin(self, mission: Mission) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / f"{mission.name}.toml"
+            file.write_text(to_toml(mission))
+            options = ("--connect", self._url, "--log", str(self._logs), "--orders", *self._arguments)
+            self._process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "companion", "fly", str(file), *options),
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.DEVNULL,
+                stderr=asyncio.subprocess.PIPE,
+                start_new_session=True,  # an interrupt at the terminal is the program's, which then lands the vehicle
+            )
+            opened = asyncio.Event()
+            self._flight = asyncio.create_task(self._attend(self._process, opened))
+            await opened.wait()
+
+    async def _attend(self, process: asyncio.subprocess.Process, opened: asyncio.Event) -> None:
+        """Listen to the process until it ends."""
+        assert process.stderr is not None
+        following: asyncio.Task[None] | None = None
+        over = asyncio.ensure_future(process.wait())
+        try:
+            async for data in process.stderr:
+                line = data.decode(errors="replace").strip()
+                self._words.append(line)
+                _log.debug(line)
+                if line.startswith(LOG_AT):
+                    self.log = Path(line.removeprefix(LOG_AT))
+                    following = asyncio.create_task(self._telemetry.follow(self.log, over))
+                    opened.set()
+            await over
+            if following is not None and self.log is not None:
+                await following
+                self.verdict = recorded(LogReader(self.log).metadata.get("result", {}))
+        finally:
+            self._telemetry.end()
+            opened.set()
+
+    async def _order(self, order: Order) -> None:
+        """Give an order, and wait until it is done. An order that is not awaited to its end becomes a hold."""
+        step = -1 if self.state is None else self.state.step
+        self._telemetry.refused = ""
+        self._send(order)
+        try:
+            ends = order.do == "land" or (order.mission is not None and not order.mission.waits)
+            await self._done(step, waits=not ends)
+        except asyncio.CancelledError:
+            self._send(Order("hold"))
+            raise
+
+    def _send(self, order: Order) -> None:
+        if self._process is None or self._process.stdin is None or self._telemetry.ended:
+            raise FlightError("the vehicle is not in the air")
+        self._process.stdin.write(msgspec.json.encode(order) + b"\n")
+
+    async def _done(self, step: int, *, waits: bool) -> None:
+        """Until the flight waits at a later step, or has ended. Raises FlightError."""
+        telemetry = self._telemetry
+
+        def is_waiting() -> bool:
+            state = telemetry.state
+            return waits and state is not None and state.phase is Phase.WAIT and state.step > step
+
+        while not (telemetry.ended or telemetry.refused or is_waiting()):
+            await telemetry.news()
+        if telemetry.refused:
+            raise FlightError(telemetry.refused)
+        if telemetry.ended and (waits or self.verdict is None):
+            raise FlightError(self.verdict.text if self.verdict else " / ".join(self._words))

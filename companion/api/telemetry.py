@@ -1,0 +1,141 @@
+"""What a flight says while it is flown, read from its log as that grows. The flight takes no notice."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from companion.mission.plan import Phase
+from companion.records import LOGGED
+from protocol.flightlog import DATAGRAM, TEXT, LogFollower
+
+Triple = tuple[float, float, float]
+
+_LOOK_S = 0.05
+"""The log grows each tenth of a second."""
+_MOST_WAITING = 2000
+"""Records that wait for a listener: one that does not keep up loses the oldest."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The vehicle, some 50 times a second."""
+
+    time_s: float
+    """On the companion's clock."""
+    phase: Phase
+    step: int
+    """Of what is flown, counted from 0; it never falls."""
+    position_ned: Triple
+    """m, in the vehicle's own frame."""
+    velocity_ned: Triple
+    """m/s"""
+    attitude_ned_frd: tuple[float, float, float, float]
+    """Quaternion w, x, y, z."""
+    target_ned: Triple
+    """m; where it flies to at the moment."""
+    clearance_m: float
+    """From the hull to the nearest thing seen; inf if there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A sentence of companion or vehicle."""
+
+    time_s: float
+    level: int
+    """1 debug, 2 info, 3 warning, 4 error, 5 fatal."""
+    source: str
+    text: str
+
+
+class Telemetry:
+    """Follows the log of a flight, and hands out its records."""
+
+    def __init__(self) -> None:
+        self.ended = False
+        self.state: State | None = None
+        """The latest."""
+        self.refused = ""
+        """What was said to the latest order, if that was refused."""
+        self._listeners: list[tuple[str, asyncio.Queue[tuple[int, dict[str, Any]] | None]]] = []
+        self._news = asyncio.Event()
+
+    async def follow(self, path: Path, flight: "asyncio.Future[Any]") -> None:
+        """Read the log until the flight is over. Raises FlightLogError if it is damaged."""
+        log, over = LogFollower(path, lambda topic: topic != DATAGRAM.topic), False
+        while not over:
+            over = flight.done()  # what was written before is read in this round
+            for records in log.poll():
+                kinds = log.topics
+                for topic, time_ns, _, data in records:
+                    self._take(topic, time_ns, kinds[topic].unpack, data)
+            self._tell()
+            await asyncio.sleep(_LOOK_S)
+
+    def end(self) -> None:
+        """Nothing more will come."""
+        self.ended = True
+        for _, queue in self._listeners:
+            _put(queue, None)
+        self._tell()
+
+    def _tell(self) -> None:
+        self._news.set()
+        self._news = asyncio.Event()
+
+    async def news(self) -> None:
+        """Wait until the log was looked at again, or has ended."""
+        if not self.ended:
+            await self._news.wait()
+
+    def _take(self, topic: str, time_ns: int, unpack: Any, data: bytes) -> None:
+        wanted = [queue for end, queue in self._listeners if topic.endswith(end)]
+        if not wanted and topic not in (LOGGED.topic, TEXT.topic):
+            return
+        fields = unpack(data)
+        if topic == LOGGED.topic:
+            self.state = state_of(time_ns, fields)
+        elif topic == TEXT.topic and fields["message"].startswith("order refused: "):
+            self.refused = fields["message"]
+        for queue in wanted:
+            _put(queue, (time_ns, fields))
+
+    async def records(self, topic: str) -> AsyncIterator[tuple[int, dict[str, Any]]]:
+        """The time (ns) and the fields of each record from now on whose topic ends so, until the flight ends."""
+        if self.ended:
+            return
+        queue: asyncio.Queue[tuple[int, dict[str, Any]] | None] = asyncio.Queue(_MOST_WAITING)
+        listener = topic, queue
+        self._listeners.append(listener)
+        try:
+            while (record := await queue.get()) is not None:
+                yield record
+        finally:
+            self._listeners.remove(listener)
+
+
+def _put(queue: "asyncio.Queue[Any]", record: Any) -> None:
+    if queue.full():
+        queue.get_nowait()
+    queue.put_nowait(record)
+
+
+def state_of(time_ns: int, fields: dict[str, Any]) -> State:
+    """A record of the trace as a state."""
+    return State(
+        time_ns * 1e-9,
+        Phase(fields["phase"]),
+        fields["step"],
+        fields["position_ned"],
+        fields["velocity_ned"],
+        fields["attitude_ned_frd"],
+        fields["target_ned"],
+        fields["clearance"],
+    )
+
+
+def event_of(time_ns: int, fields: dict[str, Any]) -> Event:
+    """A line of the log as an event."""
+    return Event(time_ns * 1e-9, fields["level"], fields["name"], fields["message"])

@@ -1,0 +1,35 @@
+"""Orders to a flight, as lines of a pipe: each is an `Order` of `companion.mission.orders` as JSON."""
+
+import os
+
+from companion.supervision.operations import LandRequest, OrderRequest
+
+LOG_AT = "companion: log at "
+"""Said by a flight that takes orders, before the path of its log."""
+_MOST_BYTES = 1 << 16
+"""Of a line, and of what is read at a tick."""
+
+
+class Orders:
+    """Reads without waiting. `descriptor`: the reading end of a pipe; None for a flight that takes no orders."""
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        if descriptor is not None:
+            os.set_blocking(descriptor, False)
+        self._descriptor = descriptor
+        self._rest = b""
+
+    def take(self, now_ns: int) -> list[OrderRequest | LandRequest]:
+        """What has come since the last call. The end of the pipe, when whoever gave the orders has gone, lands."""
+        if self._descriptor is None:
+            return []
+        try:
+            data = os.read(self._descriptor, _MOST_BYTES)
+        except BlockingIOError:
+            return []
+        if not data:
+            self._descriptor = None
+            return [LandRequest(now_ns)]
+        *lines, rest = (self._rest + data).split(b"\n")
+        self._rest = rest[-_MOST_BYTES:]
+        return [OrderRequest(now_ns, line.decode(errors="replace")) for line in lines if line.strip()]

@@ -1,0 +1,135 @@
+"""Flights by a program, each with two processes beside it."""
+
+import asyncio
+import logging
+import re
+import runpy
+import subprocess
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import msgspec
+import pytest
+
+from companion import Companion, Delivery, FlightError, Mission, Outcome, Phase, State, Waypoint
+from companion.logs.replay import replay
+from companion.logs.verdict import verdict_of
+from companion.mission.orders import Order
+from protocol.flightlog import LogReader
+from tests.flights.processes import PATIENT, ROOT, simulator_for
+
+LOCKSTEP = ("--pace", "lockstep", "--output", "rates", *PATIENT)
+ANY_PORT = "udpin:127.0.0.1:0"
+
+
+class Port(logging.Handler):
+    """The port at which a flight waits for its vehicle."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if "waiting at" in record.getMessage():
+            self.found.set_result(int(record.getMessage().rpartition(":")[2]))
+
+
+async def beside_a_vehicle(flight: Awaitable[None], world: str) -> None:
+    """The flight, with a simulator that joins it."""
+    logger, port = logging.getLogger("companion.api"), Port()
+    logger.addHandler(port)
+    logger.setLevel(logging.DEBUG)
+    try:
+        flying = asyncio.ensure_future(flight)
+        ends: list[asyncio.Future[Any]] = [flying, port.found]
+        await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+        if not flying.done():
+            with simulator_for(port.found.result(), "lockstep", world):
+                await flying
+        await flying
+    finally:
+        logger.removeHandler(port)
+
+
+def fly(flight: Awaitable[None], world: str = "empty") -> None:
+    async def run() -> None:
+        await beside_a_vehicle(flight, world)
+
+    asyncio.run(run())
+
+
+def test_the_example_delivers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Around the street lamp; and the flight is flown again with its orders."""
+    script = ROOT / "examples" / "deliver.py"
+    assert len(script.read_text().splitlines()) <= 25
+    deliver: Callable[..., Awaitable[None]] = runpy.run_path(str(script))["deliver"]
+    monkeypatch.chdir(tmp_path)
+    small_map = ("--set", "avoidance.map.cells=160", "--set", "avoidance.map.cell=0.25")
+    fly(deliver(ANY_PORT, *LOCKSTEP, *small_map), "neighbourhood")
+    printed = capsys.readouterr().out
+    assert "parcel released" in printed and printed.splitlines()[-1].endswith("outcome: delivered")
+    (log,) = tmp_path.glob("logs/*_script/flight.mcap")
+    again = replay(log)
+    assert again.differences == [] and again.datagrams > 1000
+
+
+def test_who_is_cancelled_leaves_the_vehicle_holding_and_who_leaves_lands_it(tmp_path: Path) -> None:
+    states: list[State] = []
+
+    async def flight() -> None:
+        options = (*LOCKSTEP, "--set", "avoidance.method=none", "--set", "geofence.radius=30.0")
+        async with Companion.connect(ANY_PORT, *options, logs=tmp_path) as vehicle:
+            with pytest.raises(FlightError, match="not in the air"):
+                await vehicle.land()
+            await vehicle.take_off(2.0)
+            with pytest.raises(FlightError, match="beyond"):
+                await vehicle.go_to(40.0, 0.0, 2.0)
+            going = asyncio.create_task(vehicle.go_to(20.0, 0.0, 2.0))
+            async for state in vehicle.states():
+                states.append(state)
+                if state.position_ned[0] > 4.0:
+                    going.cancel()
+                if state.phase is Phase.WAIT and state.position_ned[0] > 4.0 and abs(state.velocity_ned[0]) < 0.1:
+                    break
+            assert going.cancelled()
+            async for message in vehicle.messages("HEARTBEAT"):
+                assert message["mavlink_version"] == 3
+                break
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        fly(flight())
+    assert states[-1].position_ned[0] < 15.0, "it did not fly on"
+    assert [state.time_s for state in states] == sorted(state.time_s for state in states)
+    (log,) = tmp_path.glob("*/flight.mcap")
+    verdict = verdict_of(log, LogReader(log).metadata)
+    assert verdict is not None and verdict.outcome is Outcome.CALLED_OFF
+    assert LogReader(log).metadata["result"]["landed"] == "True"
+
+
+def test_a_flight_that_can_not_begin_says_why(tmp_path: Path) -> None:
+    async def flight(*options: str) -> None:
+        async with Companion.connect(ANY_PORT, *options, logs=tmp_path) as vehicle:
+            await vehicle.fly(Mission("hop", waits=True))
+
+    with pytest.raises(FlightError, match=r"avoidance\.method|magic"):
+        asyncio.run(flight("--avoid", "magic"))
+
+
+def test_the_page_shows_the_example_and_the_orders_as_they_are() -> None:
+    page = (ROOT / "docs" / "api.md").read_text()
+    assert f"```python\n{(ROOT / 'examples' / 'deliver.py').read_text()}```" in page
+    orders = [msgspec.json.decode(line, type=Order) for line in page.splitlines() if line.startswith('    {"do"')]
+    assert {order.do for order in orders} == set(get_args(get_type_hints(Order)["do"]))
+    (mission,) = re.findall(r"^    (Mission\(.*\))$", page, re.MULTILINE)
+    assert eval(mission, {"Mission": Mission, "Waypoint": Waypoint, "Delivery": Delivery}).delivers
+
+
+def test_importing_the_package_loads_nothing_else() -> None:
+    code = "import sys, companion; print([name for name in sys.modules if name.split('.')[0] in ('numpy', 'asyncio')])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,89 @@
+"""The vehicle for programs, and as an environment."""
+
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import vehicle_sim.gym
+from vehicle_sim.gym import TargetEnv
+from vehicle_sim.library import Setpoint, Simulation, State
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Simulation:
+    return Simulation()
+
+
+def test_it_hovers_after_a_reset_and_falls_without_thrust(simulation: Simulation) -> None:
+    state = simulation.reset(height=3.0)
+    assert state.position_ned == pytest.approx([0.0, 0.0, -3.0], abs=0.3) and state.crash is None
+    assert np.linalg.norm(state.velocity_ned) < 0.05 and state.clearance_m == np.inf
+    hovers = simulation.step(Setpoint(thrust=simulation.hover_thrust), ticks=100)
+    assert hovers.time_s == pytest.approx(state.time_s + 0.4)
+    assert hovers.velocity_ned[2] == pytest.approx(state.velocity_ned[2], abs=0.1)
+    falls = simulation.step(Setpoint(), ticks=75)
+    assert falls.velocity_ned[2] - hovers.velocity_ned[2] == pytest.approx(9.81 * 0.3, rel=0.15)
+
+
+def test_it_turns_as_it_is_told(simulation: Simulation) -> None:
+    for axis, rate in ((0, 0.3), (1, -0.3), (2, 0.5)):
+        simulation.reset()
+        rates = [0.0, 0.0, 0.0]
+        rates[axis] = rate
+        state = simulation.step(Setpoint((rates[0], rates[1], rates[2]), simulation.hover_thrust), ticks=150)
+        assert state.rates_frd == pytest.approx(rates, abs=0.05)
+        assert 2.0 * state.attitude_ned_frd[1 + axis] == pytest.approx(rate * 0.6, rel=0.25)
+
+
+def test_the_seed_repeats_a_flight_and_nothing_is_left_of_the_one_before() -> None:
+    noisy = Simulation(vehicle_overrides=['estimator.sensors="gnss"'])
+
+    def flown(seed: int) -> State:
+        noisy.reset(seed)
+        return noisy.step(Setpoint((0.1, 0.0, 0.0), 0.5), ticks=50)
+
+    first, other, again = flown(3), flown(4), flown(3)
+    assert np.array_equal(first.position_ned, again.position_ned)
+    assert not np.array_equal(first.position_ned, other.position_ned)
+
+
+def test_without_a_reset_there_is_nothing_to_step() -> None:
+    with pytest.raises(RuntimeError, match="reset"):
+        Simulation().step(Setpoint())
+
+
+def test_the_environment_is_one_of_gymnasiums() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        check_env(TargetEnv(), skip_render_check=True)
+    env: gymnasium.Env[Any, Any] = gymnasium.make("Courier-v0", world="neighbourhood")
+    assert vehicle_sim.gym.HEIGHT == 3.0 and env.reset(seed=1)[0].shape == (14,)
+
+
+def test_the_way_is_the_reward_and_a_crash_ends_it() -> None:
+    env = TargetEnv()
+    observation, _ = env.reset(seed=1, options={"target": (0.0, 0.0, 1.0)})
+    assert observation[2] == pytest.approx(2.0, abs=0.3), "below: down"
+    way, total, ended = float(np.linalg.norm(observation[:3])), 0.0, False
+    for _ in range(500):
+        observation, reward, ended, _, info = env.step(np.array([0.0, 0.0, 0.0, -1.0], np.float32))
+        total += reward
+        if ended:
+            break
+    assert ended and info["crash"] == "ground"
+    assert total == pytest.approx(way - float(np.linalg.norm(observation[:3])) - 10.0, abs=1e-3)
+
+
+def test_the_programs_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "vehicle-sim.md").read_text()
+    programs = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert len(programs) == 2
+    for program in programs:
+        exec(program, {})
+    assert "None" in capsys.readouterr().out, "it hit nothing"
