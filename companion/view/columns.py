@@ -1,5 +1,6 @@
 """The quantities that are drawn of the companion's trace and of MAVLink messages, in SI units and degrees."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,10 @@ Columns = dict[str, Floats]
 
 _NO_ATTITUDE, _NO_RATES, _NO_POSITION, _NO_VELOCITY = 0x80, 0x07, 0x07, 0x38
 """Bits of the setpoints' `type_mask` that say that a quantity is not used."""
+
+
+_MILLI_G = 9.80665e-3
+"""m/s2"""
 
 
 def stacked(table: Table, *names: str) -> Floats:
@@ -134,6 +139,7 @@ def _battery(table: Table) -> Columns:
         "volts": np.where(volts > 0.0, volts, np.nan),
         "amperes": np.where(table["current_battery"] < 0, np.nan, table["current_battery"] * 0.01),
         "remaining": np.where(table["battery_remaining"] < 0, np.nan, table["battery_remaining"]).astype(np.float64),
+        "temperature": np.where(table["temperature"] == 32767, np.nan, table["temperature"] * 0.01),
     }
 
 
@@ -164,12 +170,45 @@ def _satellites(table: Table) -> Columns:
     return {
         "satellites": np.where(table["satellites_visible"] == 255, np.nan, table["satellites_visible"]),
         "fix": table["fix_type"].astype(np.float64),
+        "hdop": np.where(table["eph"] == 65535, np.nan, table["eph"] * 0.01),
+        "vdop": np.where(table["epv"] == 65535, np.nan, table["epv"] * 0.01),
     }
 
 
 def _vibration(table: Table) -> Columns:
     clips = stacked(table, "clipping_0", "clipping_1", "clipping_2").sum(axis=1)
     return {"vibration": stacked(table, "vibration_x", "vibration_y", "vibration_z"), "clips": clips}
+
+
+def _centidegrees(name: str, unknown: int) -> Callable[[Table], Columns]:
+    return lambda table: {"temperature": np.where(table[name] == unknown, np.nan, table[name] * 0.01)}
+
+
+def _imu(acceleration: float, rate: float) -> Callable[[Table], Columns]:
+    """`acceleration` and `rate`: what one unit of the message is in m/s2 and deg/s."""
+    return lambda table: {
+        "acceleration": acceleration * stacked(table, "xacc", "yacc", "zacc"),
+        "gyro_deg": rate * stacked(table, "xgyro", "ygyro", "zgyro"),
+        "temperature": _imu_temperature(table),
+    }
+
+
+def _imu_temperature(table: Table) -> Floats:
+    """°C; HIGHRES_IMU has it as a float, the others in hundredths, where 0 is unknown."""
+    if "temperature" not in (table.dtype.names or ()):
+        return np.full(len(table), np.nan)
+    told: Floats = table["temperature"]
+    known = told if told.dtype.kind == "f" else told * 0.01
+    return np.where(told == 0, np.nan, known)
+
+
+def _channels(table: Table) -> Columns:
+    pulses = stacked(table, *(f"chan{number}_raw" for number in range(1, 9)))
+    strength = table["rssi"]
+    return {
+        "pulses": np.where((pulses == 0.0) | (pulses == 65535.0), np.nan, pulses),
+        "strength": np.where(strength == 255, np.nan, strength / 2.54),
+    }
 
 
 def _fields(*names: str) -> Callable[[Table], Columns]:
@@ -190,6 +229,11 @@ _MESSAGES: dict[str, Callable[[Table], Columns]] = {
     "SYS_STATUS": _system,
     "GPS_RAW_INT": _satellites,
     "VIBRATION": _vibration,
+    "HIGHRES_IMU": _imu(1.0, math.degrees(1.0)),
+    "RAW_IMU": _imu(_MILLI_G, math.degrees(1e-3)),
+    "SCALED_IMU": _imu(_MILLI_G, math.degrees(1e-3)),
+    "SCALED_PRESSURE": _centidegrees("temperature", 0),
+    "RC_CHANNELS": _channels,
     "EKF_STATUS_REPORT": _fields(
         "velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance", "flags"
     ),

@@ -1,31 +1,20 @@
 """What a report says about a flight in words, each finding with the figures behind it."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from enum import Enum
-from itertools import pairwise
+import math
+from collections.abc import Callable
 
 import numpy as np
 
-from companion.mission.plan import Phase
 from companion.outcomes import Outcome
 from companion.state import Reason
 from companion.supervision.states import State
 from companion.view.accumulators.exceedances import Exceedances
-from companion.view.batches import sender_and_name
+from companion.view.events import phase_name
+from companion.view.finding import Finding, Level, at_text, times_text
+from companion.view.findings_of_streams import setpoint_gaps, setpoints, telemetry
 from companion.view.gather import GatheredFlight
-from companion.view.lines import Regularity, Stretch
-from protocol.signing import REFUSED
+from companion.view.lines import Stretch
 
-_SLOWEST_STREAM_S = 0.05
-"""Longest usual interval (s) of the streams whose gaps are looked for: slower ones do not control the flight."""
-_SHORTEST_GAP = 10.0
-"""Shortest gap, in usual intervals."""
-_SHORTEST_GAP_S = 0.1
-_LONG_GAP_S = 0.25
-"""A gap that is longer than this (s) is a warning."""
-_SILENT_END_S = 0.5
-"""A stream that ends this long (s) before the log does has stopped."""
 _SATURATED = 0.98
 """A command is at the end of its range from this fraction of it on."""
 _LONG_LIMIT_S = 0.5
@@ -39,15 +28,9 @@ _ERROR_WARNING_M = 0.5
 _CONTACT_M = 0.1
 _LOW_BATTERY = 20.0
 """%"""
-_MOST_EVENTS = 600
-_IMPLAUSIBLE = (("motion", "implausible pose"), ("rings", "implausible ring"))
-_LINK_COUNTERS = (
-    ("frames_bad", "damaged frame"),
-    ("duplicates", "duplicate"),
-    ("messages_late", "late message"),
-    ("sequence_restarts", "sequence restart"),
-)
-"""Counters of the link in the log's result, without those that have a sentence of their own."""
+_CAUSES_WITHIN_S = 5.0
+_WINDY_M_S2 = 0.5
+_AT_LIMIT = 0.97
 _GUARD_REASONS = {
     Reason.BARRIER: "too near to something",
     Reason.STOP: "no way to stop was left",
@@ -56,50 +39,18 @@ _GUARD_REASONS = {
 }
 
 
-class Level(Enum):
-    """How much a finding matters, the worst first."""
-
-    PROBLEM = "problem"
-    WARNING = "warning"
-    NOTE = "note"
-    GOOD = "good"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One sentence that stands by itself, and the figures behind it."""
-
-    level: Level
-    about: str
-    text: str
-    evidence: tuple[str, ...] = ()
-    at: tuple[float, ...] = ()
-    """Times (s) to look at, the most telling first."""
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something that was said or that changed."""
-
-    time: float
-    """s"""
-    level: int
-    """As in `logging`, by tens."""
-    source: str
-    text: str
-
-
 def findings(flight: GatheredFlight) -> list[Finding]:
     """All findings about a flight, the worst first."""
     judges: tuple[Callable[[GatheredFlight], list[Finding]], ...] = (
         _outcome,
         _file,
+        setpoints,
         _failsafes,
         _clearance,
         _tracking,
         _saturation,
         _outputs,
-        _telemetry,
+        telemetry,
         _deadlines,
         _interventions,
         _guard,
@@ -112,14 +63,6 @@ def findings(flight: GatheredFlight) -> list[Finding]:
     return sorted(found, key=lambda finding: order.index(finding.level))
 
 
-def _at(seconds: float) -> str:
-    return f"{seconds:.2f} s"
-
-
-def _times(count: int, what: str) -> str:
-    return f"one {what}" if count == 1 else f"{count} {what}s"
-
-
 def _outcome(flight: GatheredFlight) -> list[Finding]:
     verdict = flight.verdict
     if verdict is None:
@@ -129,7 +72,7 @@ def _outcome(flight: GatheredFlight) -> list[Finding]:
     level = Level.GOOD if outcome.succeeded else Level.NOTE if outcome.wanted else Level.PROBLEM
     if outcome is Outcome.UNFINISHED:
         level = Level.WARNING
-    return [Finding(level, "outcome", verdict.sentence, at=tuple(at[:1]))]
+    return [Finding(level, "outcome", verdict.sentence, at=tuple(at[:1]), chart="Height")]
 
 
 def _file(flight: GatheredFlight) -> list[Finding]:
@@ -157,15 +100,23 @@ def _failsafes(flight: GatheredFlight) -> list[Finding]:
     for stretch in flight.states.finish():
         if stretch.value in bad:
             text = f"The companion {bad[stretch.value]} for {stretch.seconds:.1f} s."
-            found.append(Finding(Level.WARNING, "failsafe", text, (f"from {_at(stretch.start)}",), (stretch.start,)))
+            found.append(
+                Finding(
+                    Level.WARNING, "failsafe", text, (f"from {at_text(stretch.start)}",), (stretch.start,), "Height"
+                )
+            )
     for sender, stretches in flight.senders.critical.items():
         for stretch in stretches.finish():
             if stretch.value:
                 lasting = f" for {stretch.seconds:.1f} s" if stretch.seconds >= 0.05 else ""
-                text = f"The vehicle {sender} reported a critical state{lasting}."
-                found.append(
-                    Finding(Level.PROBLEM, "failsafe", text, (f"from {_at(stretch.start)}",), (stretch.start,))
-                )
+                text = f"The {flight.senders.name(sender)} reported a critical state{lasting}."
+                evidence = [f"from {at_text(stretch.start)}"]
+                evidence += [
+                    f"setpoints had stopped at {at_text(start)}"
+                    for _, start in setpoint_gaps(flight)
+                    if start < stretch.start < start + _CAUSES_WITHIN_S
+                ]
+                found.append(Finding(Level.PROBLEM, "failsafe", text, tuple(evidence), (stretch.start,), "Height"))
     return found[:20]
 
 
@@ -178,7 +129,7 @@ def _clearance(flight: GatheredFlight) -> list[Finding]:
     percent = 100.0 * clearance.near_steps / clearance.total
     share = f"{percent:.1f} % of the steps with something near were within {wanted:g} m"
     level = Level.PROBLEM if least <= _CONTACT_M else Level.WARNING if least < 0.5 * wanted else Level.GOOD
-    return [Finding(level, "clearance", text, (f"at {_at(at)}", share), (at,))]
+    return [Finding(level, "clearance", text, (f"at {at_text(at)}", share), (at,), "Clearance")]
 
 
 def _tracking(flight: GatheredFlight) -> list[Finding]:
@@ -190,11 +141,24 @@ def _tracking(flight: GatheredFlight) -> list[Finding]:
         north, east, down = 100.0 * errors.rms_ned
         rows.append(
             f"{phase_name(number)}: rms {north:.1f}, {east:.1f}, {down:.1f} cm (north, east, down), "
-            f"largest {100.0 * errors.largest:.1f} cm at {_at(errors.largest_at)}"
+            f"largest {100.0 * errors.largest:.1f} cm at {at_text(errors.largest_at)}"
         )
     level = Level.WARNING if worst.largest > _ERROR_WARNING_M else Level.GOOD
     text = f"The reference was followed to within {100.0 * worst.largest:.1f} cm."
-    return [Finding(level, "tracking", text, tuple(rows), (worst.largest_at,))]
+    if level is Level.WARNING:
+        rows += _wind(flight)
+    return [Finding(level, "tracking", text, tuple(rows), (worst.largest_at,), "Distance from the reference")]
+
+
+def _wind(flight: GatheredFlight) -> list[str]:
+    """What pushed the vehicle, as the disturbance observer had it."""
+    lines = [flight.lines.get(f"trace:disturbance_ned.{axis}") for axis in range(2)]
+    means = [float(line.points()[1].mean()) for line in lines if line is not None and len(line.points()[1])]
+    push = math.hypot(*means)
+    if len(means) < 2 or push < _WINDY_M_S2:
+        return []
+    from_deg = math.degrees(math.atan2(-means[1], -means[0])) % 360.0
+    return [f"wind, it seems: a push of {push:.1f} m/s² on average, from {from_deg:.0f}°"]
 
 
 def _saturation(flight: GatheredFlight) -> list[Finding]:
@@ -208,10 +172,25 @@ def _saturation(flight: GatheredFlight) -> list[Finding]:
         return [Finding(Level.GOOD, "saturation", "No limit on thrust or tilt was reached.")]
     longest = max(stretches, key=lambda stretch: stretch.seconds)
     total = seconds + limited.seconds.get(0, 0.0)
-    text = f"A limit on thrust or tilt was reached {_times(count, 'time')}, {seconds:.2f} s in all."
-    evidence = f"{100.0 * seconds / max(total, 1e-9):.1f} % of the flight; longest {longest.seconds:.2f} s"
-    level = Level.WARNING if longest.seconds > _LONG_LIMIT_S else Level.NOTE
-    return [Finding(level, "saturation", text, (f"{evidence} from {_at(longest.start)}",), (longest.start,))]
+    text = f"A limit on thrust or tilt was reached {times_text(count, 'time')}, {seconds:.2f} s in all."
+    share = f"{100.0 * seconds / max(total, 1e-9):.1f} % of the flight; longest {longest.seconds:.2f} s"
+    evidence = [f"{share} from {at_text(longest.start)}"]
+    level, chart = Level.NOTE, "Roll"
+    if longest.seconds > _LONG_LIMIT_S:
+        level = Level.WARNING
+        cause, chart = _cause_of_limit(flight, longest)
+        evidence.append(cause)
+    return [Finding(level, "saturation", text, tuple(evidence), (longest.start,), chart)]
+
+
+def _cause_of_limit(flight: GatheredFlight, stretch: Stretch) -> tuple[str, str]:
+    """What a long stretch at a limit is likely to come from, and the chart that shows it."""
+    line = flight.lines.get("trace:thrust_command")
+    times, values = line.points() if line is not None else (np.empty(0), np.empty(0))
+    during = values[(times >= stretch.start) & (times <= stretch.stop)]
+    if len(during) and np.median(during) >= _AT_LIMIT * flight.settings.limits.highest_thrust:
+        return "thrust was at its upper limit: too heavy, a weak battery, or a climb that is too hard", "Thrust"
+    return "tilt was at its limit: wind, or a manoeuvre that needs a larger limits.tilt_deg", "Roll"
 
 
 def _outputs(flight: GatheredFlight) -> list[Finding]:
@@ -219,6 +198,8 @@ def _outputs(flight: GatheredFlight) -> list[Finding]:
     found = []
     sent = flight.output or "actuators"
     for name, quantity in (("torque", "worst_torque"), ("thrust", "worst_thrust")):
+        if name == "torque" and sent != "actuators":  # the vehicle makes its own from what is sent
+            continue
         for key, line in flight.lines.items():
             if not key.startswith(f"trace:{quantity}"):
                 continue
@@ -227,88 +208,10 @@ def _outputs(flight: GatheredFlight) -> list[Finding]:
             if len(full):
                 axis = {"0": "roll ", "1": "pitch ", "2": "yaw "}.get(key.rpartition(".")[2], "")
                 text = f"The {axis}{name} command reached the end of its range."
-                evidence = [f"{np.abs(values).max():.2f} of the whole, first at {_at(times[full[0]])}"]
-                level = Level.WARNING
-                if name == "torque" and sent != "actuators":
-                    level = Level.NOTE
-                    evidence.append(f"not sent: the output was {sent}, from which the vehicle makes its own torque")
-                found.append(Finding(level, "saturation", text, tuple(evidence), (float(times[full[0]]),)))
+                evidence = (f"{np.abs(values).max():.2f} of the whole, first at {at_text(times[full[0]])}",)
+                at = (float(times[full[0]]),)
+                found.append(Finding(Level.WARNING, "saturation", text, evidence, at, name.capitalize()))
     return found
-
-
-def _telemetry(flight: GatheredFlight) -> list[Finding]:
-    judged, found = _gaps(flight)
-    found += _link(flight.log.metadata.get("result", {}))
-    if judged and not found:
-        found.append(Finding(Level.GOOD, "telemetry", f"No gap in {_times(judged, 'stream')} of telemetry."))
-    return found
-
-
-def _gaps(flight: GatheredFlight) -> tuple[int, list[Finding]]:
-    """How many streams of the vehicle were judged, and a finding for each that has gaps."""
-    found = []
-    judged = 0
-    for topic, clock in sorted(flight.clocks.items()):
-        message = sender_and_name(topic)
-        if message is None or message[0] != flight.vehicle or clock.count < 20:
-            continue
-        if clock.usual > _SLOWEST_STREAM_S:
-            continue
-        judged += 1
-        gaps = _gaps_of(clock, flight.end)
-        if gaps:
-            rows = tuple(f"{seconds * 1e3:.0f} ms from {_at(start)}" for seconds, start in gaps)
-            longest, usual_ms = gaps[0][0], clock.usual * 1e3
-            text = f"{message[1]} paused for up to {longest:.2f} s; it usually comes every {usual_ms:.1f} ms."
-            level = Level.WARNING if longest > _LONG_GAP_S else Level.NOTE
-            found.append(Finding(level, "telemetry", text, rows, tuple(start for _, start in gaps)))
-    return judged, found
-
-
-def _gaps_of(clock: Regularity, end: float) -> list[tuple[float, float]]:
-    """The gaps of a stream up to the log's end, longest first: (length in s, start in s)."""
-    limit = max(_SHORTEST_GAP * clock.usual, _SHORTEST_GAP_S)
-    gaps = [gap for gap in clock.gaps if gap[0] > limit]
-    silence = end - clock.last
-    if silence > max(limit, _SILENT_END_S):
-        gaps.append((silence, clock.last))
-    return sorted(gaps, reverse=True)
-
-
-def _link(result: Mapping[str, str]) -> list[Finding]:
-    """About the counters of the companion's link, as far as the log's result has them."""
-    found = []
-    if lost := _count(result, "messages_lost"):
-        text = f"{lost} messages of the vehicle were lost on the way, by their sequence numbers."
-        found.append(Finding(Level.WARNING, "telemetry", text))
-    if reboots := _count(result, "reboots"):
-        text = f"The vehicle's autopilot rebooted {_times(reboots, 'time')}, by its time since boot."
-        found.append(Finding(Level.WARNING, "telemetry", text))
-    counted = [(_count(result, key), words) for key, words in _LINK_COUNTERS]
-    rows = tuple(_times(count, words) for count, words in counted if count)
-    if rows:
-        level = Level.WARNING if _count(result, "frames_bad") else Level.NOTE
-        text = "Not every message of the vehicle came whole, once and in order."
-        found.append(Finding(level, "telemetry", text, rows))
-    unlikely = [(_count(result, f"{what}_implausible"), words) for what, words in _IMPLAUSIBLE]
-    rows = tuple(_times(count, words) for count, words in unlikely if count)
-    if rows:
-        text = "What the vehicle said could not always be true, and was not followed."
-        found.append(Finding(Level.WARNING, "telemetry", text, rows))
-    refused = {
-        key.removeprefix(REFUSED).replace("_", " "): _count(result, key) for key in result if key.startswith(REFUSED)
-    }
-    if total := sum(refused.values()):
-        text = f"{_times(total, 'message')} did not pass the check of signatures: of somebody else, or on a wrong way."
-        rows = tuple(f"{reason}: {count}" for reason, count in refused.items() if count)
-        found.append(Finding(Level.WARNING, "signing", text, rows))
-    return found
-
-
-def _count(result: Mapping[str, str], key: str) -> int:
-    """A counter of the log's result; 0 if it is not there or not a number."""
-    value = result.get(key, "0")
-    return int(value) if value.isdigit() else 0
 
 
 def _deadlines(flight: GatheredFlight) -> list[Finding]:
@@ -318,10 +221,10 @@ def _deadlines(flight: GatheredFlight) -> list[Finding]:
     late = timing.late_ticks
     if late.count:
         worst, at = late.examples[0]
-        text = f"The loop was more than 2 ms late {_times(late.count, 'time')}, {worst * 1e3:.1f} ms at most."
-        rows = tuple(f"{seconds * 1e3:.1f} ms at {_at(when)}" for seconds, when in late.examples)
+        text = f"The loop was more than 2 ms late {times_text(late.count, 'time')}, {worst * 1e3:.1f} ms at most."
+        rows = tuple(f"{seconds * 1e3:.1f} ms at {at_text(when)}" for seconds, when in late.examples)
         level = Level.WARNING if worst > _VERY_LATE_S else Level.NOTE
-        return [Finding(level, "deadlines", text, (*rows, *evidence), (at,))]
+        return [Finding(level, "deadlines", text, (*rows, *evidence), (at,), "Lateness of the loop's ticks")]
     if flight.has_trace:
         return [Finding(Level.GOOD, "deadlines", "No deadline of the loop was missed.", evidence)]
     return []
@@ -334,9 +237,9 @@ def _interventions(flight: GatheredFlight) -> list[Finding]:
         return []
     count, seconds = blocked.count[1], blocked.seconds[1]
     longest = sorted(stretches, key=lambda stretch: -stretch.seconds)[:5]
-    rows = tuple(f"{stretch.seconds:.1f} s from {_at(stretch.start)}" for stretch in longest)
-    text = f"Avoidance steered away from the route {_times(count, 'time')}, {seconds:.1f} s in all."
-    return [Finding(Level.NOTE, "avoidance", text, rows, tuple(stretch.start for stretch in longest))]
+    rows = tuple(f"{stretch.seconds:.1f} s from {at_text(stretch.start)}" for stretch in longest)
+    text = f"Avoidance steered away from the route {times_text(count, 'time')}, {seconds:.1f} s in all."
+    return [Finding(Level.NOTE, "avoidance", text, rows, tuple(stretch.start for stretch in longest), "Clearance")]
 
 
 def _guard(flight: GatheredFlight) -> list[Finding]:
@@ -347,12 +250,15 @@ def _guard(flight: GatheredFlight) -> list[Finding]:
     seconds, count = guard.seconds, guard.count
     reasons = [reason for reason in Reason if reason is not Reason.NONE and count.get(reason)]
     changes, total_s = sum(count[reason] for reason in reasons), sum(seconds[reason] for reason in reasons)
-    text = f"The guard changed the command {_times(changes, 'time')}, {total_s:.2f} s in all."
-    rows = [f"{_GUARD_REASONS[reason]}: {_times(count[reason], 'time')}, {seconds[reason]:.2f} s" for reason in reasons]
-    rows += [f"by {size:.2f} m/s² at {_at(at)}" for size, at in flight.interventions.guard_changes.examples[:1]]
+    text = f"The guard changed the command {times_text(changes, 'time')}, {total_s:.2f} s in all."
+    rows = [
+        f"{_GUARD_REASONS[reason]}: {times_text(count[reason], 'time')}, {seconds[reason]:.2f} s" for reason in reasons
+    ]
+    rows += [f"by {size:.2f} m/s² at {at_text(at)}" for size, at in flight.interventions.guard_changes.examples[:1]]
     longest = sorted(stretches, key=lambda stretch: -stretch.seconds)[:5]
     level = Level.WARNING if Reason.NO_STOP in reasons or Reason.STALE in reasons else Level.NOTE
-    return [Finding(level, "guard", text, tuple(rows), tuple(stretch.start for stretch in longest))]
+    at = tuple(stretch.start for stretch in longest)
+    return [Finding(level, "guard", text, tuple(rows), at, "Guard change")]
 
 
 def _jumps(flight: GatheredFlight) -> list[Finding]:
@@ -364,9 +270,10 @@ def _jumps(flight: GatheredFlight) -> list[Finding]:
         jumps = by_sender.get(flight.vehicle, Exceedances())
         if not jumps.count:
             continue
-        rows = tuple(f"{size * scale:.2f} {unit} at {_at(at)}" for size, at in jumps.examples)
-        text = f"The estimated {what} jumped {_times(jumps.count, 'time')} by more than its {source} can explain."
-        found.append(Finding(Level.WARNING, "estimator", text, rows, tuple(at for _, at in jumps.examples)))
+        rows = tuple(f"{size * scale:.2f} {unit} at {at_text(at)}" for size, at in jumps.examples)
+        text = f"The estimated {what} jumped {times_text(jumps.count, 'time')} by more than its {source} can explain."
+        at, chart = tuple(at for _, at in jumps.examples), "Position north" if what == "position" else "Roll"
+        found.append(Finding(Level.WARNING, "estimator", text, rows, at, chart))
     if not found and flight.vehicle in flight.jumps.position:
         found.append(Finding(Level.GOOD, "estimator", "The estimated position and attitude never jumped."))
     return found
@@ -386,7 +293,8 @@ def _vibration(flight: GatheredFlight) -> list[Finding]:
             else Level.GOOD
         )
         text = f"Vibration of the inertial sensors reached {level_m_s2:.1f} m/s²."
-        found.append(Finding(level, "vibration", text, (f"at {_at(at)}; up to {_VIBRATION_NOTE:g} is usual",), (at,)))
+        evidence = (f"at {at_text(at)}; up to {_VIBRATION_NOTE:g} is usual",)
+        found.append(Finding(level, "vibration", text, evidence, (at,), "Vibration"))
     spectrum = flight.body_rates.spectrum(flight.vehicle)
     if spectrum is not None:
         rms = spectrum.rms_above(_SHAKING_FROM_HZ)
@@ -408,37 +316,6 @@ def _battery(flight: GatheredFlight) -> list[Finding]:
         lowest = float(values.min())
         level = Level.WARNING if lowest < _LOW_BATTERY else Level.GOOD
         text = f"The battery went from {values[0]:.0f} % to {values[-1]:.0f} %."
-        return [Finding(level, "power", text, (f"lowest {lowest:.0f} %",), (float(times[values.argmin()]),))]
+        at = (float(times[values.argmin()]),)
+        return [Finding(level, "power", text, (f"lowest {lowest:.0f} %",), at, "Battery left")]
     return []
-
-
-def phase_name(number: int) -> str:
-    """The name of a phase by its number in the trace."""
-    known = {phase.value: phase.name.lower() for phase in Phase}
-    return known.get(number, f"phase {number}")
-
-
-def state_name(number: int) -> str:
-    """The name of a state of the supervisor by its number in the trace."""
-    known = {state.value: state.name.lower() for state in State}
-    return known.get(number, f"state {number}")
-
-
-def events(flight: GatheredFlight) -> list[Event]:
-    """What was said and what changed, in order of time, the first 600 of them."""
-    senders = flight.senders
-    said = flight.texts.companion or flight.texts.vehicle
-    story = [Event(text.time, text.level, text.source, text.text) for text in said]
-    story += _changes(flight.phases.finish(), "phase", phase_name)
-    for sender, stretches in senders.modes.items():
-        story += _changes(stretches.finish(), f"mode of {sender}", lambda mode: senders.mode_names.get(mode, str(mode)))
-    for sender, stretches in senders.armed.items():
-        story += _changes(stretches.finish(), sender, lambda armed: "armed" if armed else "disarmed")
-    return sorted(story, key=lambda event: event.time)[:_MOST_EVENTS]
-
-
-def _changes(stretches: list[Stretch], source: str, name: Callable[[int], str]) -> list[Event]:
-    """The first value and each change, as events that a source of that name tells."""
-    changes = [(after.start, after.value) for before, after in pairwise(stretches) if before.value != after.value]
-    first = [(stretches[0].start, stretches[0].value)] if stretches else []
-    return [Event(at, 2, source, name(value)) for at, value in (*first, *changes)]

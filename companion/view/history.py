@@ -13,7 +13,7 @@ from companion.view.accumulators.texts import Text
 from companion.view.attitudes import euler_deg, quaternions
 from companion.view.batches import Batch, Table, sender_and_name
 from companion.view.columns import stacked
-from companion.view.findings import phase_name, state_name
+from companion.view.events import phase_name, state_name
 from companion.view.lines import Floats, Track
 from companion.view.mapping import PosedScan
 from protocol.arrays import Array, BoolArray

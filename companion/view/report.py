@@ -10,7 +10,8 @@ import numpy as np
 
 from companion.logs.recordings import as_date, started_unix_s
 from companion.logs.target import output
-from companion.view.findings import events, findings
+from companion.view.events import events
+from companion.view.findings import findings
 from companion.view.gather import GatheredFlight
 from companion.view.report_charts import charts
 from companion.view.report_page import Page
@@ -68,7 +69,15 @@ def compose(flight: GatheredFlight) -> Page:
     return Page(
         title=flown.get("mission", "") or flight.log.path.stem,
         subtitle=" · ".join(
-            filter(None, (_date(when), *_how(flown, flight.output), flown.get("source") or str(flight.log.path)))
+            filter(
+                None,
+                (
+                    _date(when),
+                    _vehicle(flight),
+                    *_how(flown, flight.output),
+                    flown.get("source") or str(flight.log.path),
+                ),
+            )
         ),
         tiles=tiles(flight),
         findings=tuple(findings(flight)),
@@ -84,6 +93,13 @@ def compose(flight: GatheredFlight) -> Page:
         parameters=tuple((name, f"{value:.7g}") for name, value in sorted(flight.parameters.items())),
         versions=tuple((name, value) for name, value in flown.items() if value),
     )
+
+
+def _vehicle(flight: GatheredFlight) -> str:
+    """What flew, with its version if the log has it."""
+    name = flight.senders.names.get(flight.vehicle, "")
+    version = flight.log.metadata.get("vehicle", {}).get("version", "")
+    return f"{name} {version}".strip()
 
 
 def _date(unix_s: float) -> str:

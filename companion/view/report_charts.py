@@ -2,13 +2,14 @@
 
 import math
 
+import msgspec
 import numpy as np
 
 from companion.view.accumulators.clearance import BIN_M
 from companion.view.accumulators.timing import latency_of_bin
 from companion.view.gather import GatheredFlight
 from companion.view.lines import Line
-from companion.view.report_page import AMBER, BLUE, GREEN, GREY, RED, TEAL, VIOLET, Chart, Curve, packed
+from companion.view.report_page import AMBER, BLUE, GREEN, GREY, RED, TEAL, VIOLET, Chart, Curve, packed, unpacked
 
 AXES = (BLUE, GREEN, VIOLET)
 _NED = ("north", "east", "down")
@@ -110,7 +111,21 @@ def charts(flight: GatheredFlight) -> tuple[Chart, ...]:
         *_spectra(flight),
         *_health(flight),
     ]
-    return tuple(chart for chart in found if chart.curves or chart.values)
+    return tuple(msgspec.structs.replace(chart, flat=_flat(chart)) for chart in found if chart.curves or chart.values)
+
+
+def _flat(chart: Chart) -> str:
+    """What the curves of a chart over time stay at, if none of them ever moves; else empty."""
+    if chart.kind != "time":
+        return ""
+    levels = []
+    for curve in chart.curves:
+        values = unpacked(curve.y)
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        if high - low > 1e-4 * max(abs(low), abs(high)):
+            return ""
+        levels.append(f"{curve.name} {high:.4g}".strip())
+    return f"always {', '.join(levels)}"
 
 
 def _motion(flight: GatheredFlight) -> list[Chart]:
@@ -266,6 +281,14 @@ def _health(flight: GatheredFlight) -> list[Chart]:
         for field, (name, color) in zip(fields, _ESTIMATOR_NAMES, strict=True)
     ]
     satellites = ("GPS_RAW_INT:satellites", "used", BLUE), ("GPS_RAW_INT:fix", "fix type", AMBER)
+    dilution = ("GPS_RAW_INT:hdop", "horizontal", BLUE), ("GPS_RAW_INT:vdop", "vertical", GREEN)
+    sticks = [(f"RC_CHANNELS:pulses.{index}", f"channel {index + 1}", _OUTPUTS[index]) for index in range(8)]
+    temperatures = (
+        ("HIGHRES_IMU:temperature", "inertial sensors", BLUE),
+        ("RAW_IMU:temperature", "inertial sensors", BLUE),
+        ("SCALED_PRESSURE:temperature", "barometer", GREEN),
+        ("BATTERY_STATUS:temperature", "battery", RED),
+    )
     radio = (
         ("RADIO_STATUS:rssi", "strength", BLUE),
         ("RADIO_STATUS:remrssi", "remote strength", GREEN),
@@ -278,9 +301,22 @@ def _health(flight: GatheredFlight) -> list[Chart]:
             ("Battery current", "A", [(f"{battery}:amperes", "current", RED)]),
             ("Battery left", "%", [(f"{battery}:remaining", "left", GREEN)]),
             ("Load of the autopilot", "%", [("SYS_STATUS:load", "load", VIOLET)]),
+            ("Temperature", "°C", temperatures),
             ("Vibration", "m/s²", vibration),
+            ("Acceleration, raw", "m/s²", _inertial(flight, "acceleration")),
+            ("Gyroscope, raw", "deg/s", _inertial(flight, "gyro_deg")),
             ("Estimator: innovations against their bounds", "1 is the bound", innovations),
             ("Satellites", "", satellites),
+            ("Dilution of the satellites' precision", "", dilution),
+            ("Sticks and switches (RC)", "µs", sticks),
+            ("Strength of RC", "%", [("RC_CHANNELS:strength", "strength", BLUE)]),
             ("Radio", "", radio),
         )
     ]
+
+
+def _inertial(flight: GatheredFlight, quantity: str) -> list[tuple[str, str, str]]:
+    """The parts of the best message that has a quantity of the inertial sensors."""
+    names = ("HIGHRES_IMU", "SCALED_IMU", "RAW_IMU")
+    best = next((name for name in names if f"{flight.vehicle}/{name}:{quantity}.0" in flight.lines), "")
+    return [(f"{best}:{quantity}.{axis}", name, AXES[axis]) for axis, name in enumerate("xyz")]

@@ -5,7 +5,8 @@ import base64
 import msgspec
 import numpy as np
 
-from companion.view.findings import Event, Finding
+from companion.view.events import Event
+from companion.view.finding import Finding
 from companion.view.lines import Floats
 
 BLUE, RED, GREEN, AMBER, VIOLET, TEAL, GREY = (
@@ -22,6 +23,11 @@ BLUE, RED, GREEN, AMBER, VIOLET, TEAL, GREY = (
 def packed(values: Floats) -> str:
     """Numbers (m,) as base64 of little-endian float32."""
     return base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()
+
+
+def unpacked(text: str) -> Floats:
+    """The numbers (m,) of `packed`."""
+    return np.frombuffer(base64.b64decode(text), "<f4")
 
 
 class Curve(msgspec.Struct, frozen=True):
@@ -45,7 +51,8 @@ class Chart(msgspec.Struct, frozen=True):
     x_unit: str = "s"
     values: str = ""
     """The ranges of scans, `packed`, a row for each bearing."""
-    note: str = ""
+    flat: str = ""
+    """Nothing in it ever moves: what it stays at, in words. It is shown folded."""
 
 
 class Solid(msgspec.Struct, frozen=True):

@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.config import Settings
 from companion.renamed_settings import RENAMED_SETTINGS
-from companion.view.findings import phase_name
+from companion.view.events import phase_name
 from companion.view.gather import GatheredFlight
 from companion.view.lines import Floats
 from companion.view.report_charts import best_line

@@ -23,7 +23,7 @@ from companion.state import FlightMode, Output
 from companion.supervision.health import Health, Plight
 from companion.supervision.states import State
 from companion.supervision.supervisor import Supervisor
-from companion.view.findings import Level
+from companion.view.finding import Level
 from companion.view.gather import GatheredFlight
 from companion.view.history import History
 from companion.view.live_words import words

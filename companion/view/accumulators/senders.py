@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from companion.link.firmware import firmware_of
 from companion.view.batches import Table
 from companion.view.lines import Floats, Stretches
+from companion.view.vehicle_names import mode_name, vehicle_name
 from protocol.messages import dialect
 
 _CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
@@ -17,7 +17,9 @@ class Senders:
         self.modes: dict[str, Stretches] = {}
         """Stretches of HEARTBEAT.custom_mode."""
         self.mode_names: dict[int, str] = {}
-        """By custom_mode."""
+        """By custom_mode, as its maker calls it."""
+        self.names: dict[str, str] = {}
+        """What the sender is."""
         self.armed: dict[str, Stretches] = {}
         """1 while armed."""
         self.critical: dict[str, Stretches] = {}
@@ -25,17 +27,21 @@ class Senders:
         self.bytewise: set[str] = set()
         """Senders that put the bits of an integer parameter into PARAM_VALUE's float, as PX4 does."""
 
+    def name(self, sender: str) -> str:
+        """What the sender is, with its number where there are several."""
+        return self.names[sender] if len(self.names) == 1 else f"{self.names[sender]} {sender}"
+
     def add_heartbeats(self, sender: str, times: Floats, table: Table) -> None:
         """Times (n,) in s and fields of HEARTBEAT (n,)."""
         flown = table["autopilot"] != dialect.MAV_AUTOPILOT_INVALID
         times, table = times[flown], table[flown]
         if not len(table):
             return
-        for autopilot, mode in {(int(row["autopilot"]), int(row["custom_mode"])) for row in table}:
+        for autopilot, kind, mode in {(int(r["autopilot"]), int(r["type"]), int(r["custom_mode"])) for r in table}:
             if autopilot == dialect.MAV_AUTOPILOT_PX4:
                 self.bytewise.add(sender)
-            firmware = firmware_of(autopilot)
-            self.mode_names[mode] = firmware.mode_of(mode).value if firmware else f"mode {mode}"
+            self.mode_names[mode] = mode_name(autopilot, kind, mode)
+            self.names[sender] = vehicle_name(autopilot, kind)
         armed = (table["base_mode"] & dialect.MAV_MODE_FLAG_SAFETY_ARMED) != 0
         critical = np.isin(table["system_status"], _CRITICAL)
         self.modes.setdefault(sender, Stretches()).add(times, table["custom_mode"].astype(np.int64))

@@ -169,7 +169,7 @@ def test_only_autopilots_are_senders() -> None:
     assert set(senders.modes) == set(senders.armed) == set(senders.critical) == senders.bytewise == {"1/1"}
     assert [stretch.value for stretch in senders.armed["1/1"].finish()] == [0, 1]
     assert [stretch.value for stretch in senders.critical["1/1"].finish()] == [0, 1]
-    assert list(senders.mode_names.values()) == ["external control"]
+    assert list(senders.mode_names.values()) == ["Offboard"]
 
 
 def test_integer_parameters_are_bits_or_values_by_their_sender() -> None:

@@ -11,11 +11,16 @@ from companion.logs.writer import Writer
 from companion.mission.plan import Phase
 from companion.state import Reason
 from companion.supervision.states import State
-from companion.view.findings import Finding, Level, events, findings
+from companion.view.events import events
+from companion.view.finding import Finding, Level
+from companion.view.findings import findings
 from companion.view.gather import GatheredFlight
+from companion.view.report_charts import charts
 from protocol.flightlog import Direction
 from protocol.messages import Encoder, dialect
-from tests.companion.view.made_logs import Values, make
+from tests.companion.view.made_logs import Values, from_tlog, make
+
+DATA = Path(__file__).resolve().parents[2] / "data"
 
 
 def about(found: list[Finding], subject: str) -> Finding:
@@ -37,7 +42,7 @@ def test_a_clean_flight_has_no_warning(tmp_path: Path) -> None:
     assert [event.text for event in events(flight)] == [
         "armed, taking off",
         "route",
-        "external control",
+        "Offboard",
         "armed",
         "return",
     ]
@@ -90,7 +95,7 @@ def test_what_one_step_saw_is_said_of_a_thinned_trace(tmp_path: Path) -> None:
     assert "within 70.0 cm" in about(found, "tracking").text
 
 
-@pytest.mark.parametrize(("thrust", "torque", "levels"), [(1.0, 0.5, [Level.WARNING]), (0.5, -1.0, [Level.NOTE])])
+@pytest.mark.parametrize(("thrust", "torque", "levels"), [(1.0, 0.5, [Level.WARNING]), (0.5, -1.0, [])])
 def test_a_command_at_the_end_of_its_range_is_said(
     tmp_path: Path, thrust: float, torque: float, levels: list[Level]
 ) -> None:
@@ -101,7 +106,7 @@ def test_a_command_at_the_end_of_its_range_is_said(
     found = findings(GatheredFlight(make(tmp_path, 6.0, change=change)))
     ends = [finding for finding in found if finding.text.endswith("reached the end of its range.")]
     assert [finding.level for finding in ends] == levels, "the torque is not what is sent with rates"
-    assert ends[0].at == pytest.approx((3.0,))
+    assert [finding.at for finding in ends] == [pytest.approx((3.0,))] * len(levels)
 
 
 @pytest.mark.parametrize(("state", "counts"), [(State.RELINQUISHED, False), (State.FLY, True)])
@@ -138,19 +143,18 @@ def test_a_vehicle_that_falls_silent_for_good_has_a_gap_to_the_log_s_end(tmp_pat
         for finding in findings(GatheredFlight(make(tmp_path, silent=(16.0, 20.0))))
         if finding.about == "telemetry"
     ]
-    assert [finding.level for finding in found] == [Level.WARNING] * 2
-    assert all(finding.evidence[0].startswith("4016 ms from 15.98 s") for finding in found)
+    assert [finding.level for finding in found] == [Level.WARNING], "one cause"
+    assert found[0].evidence[0].startswith("4016 ms from 15.98 s")
 
 
 def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) -> None:
     flight = GatheredFlight(make(tmp_path, silent=(12.0, 12.6), late_ms={750: 7.0, 1000: 1.9}))
     found = findings(flight)
-    gaps = {finding.text.split()[0]: finding for finding in found if finding.about == "telemetry"}
-    assert set(gaps) == {"LOCAL_POSITION_NED", "ATTITUDE_QUATERNION"}, "scans come too seldom to be judged"
-    for gap in gaps.values():
-        assert gap.level is Level.WARNING
-        assert gap.at[0] == pytest.approx(11.98)
-        assert gap.evidence[0].startswith("620 ms from 11.98 s")
+    gap = about(found, "telemetry")
+    assert gap.evidence[-1] == "ATTITUDE_QUATERNION, LOCAL_POSITION_NED", "scans come too seldom to be judged"
+    assert gap.level is Level.WARNING and "2 streams at once" in gap.text and gap.chart == "Roll"
+    assert gap.at[0] == pytest.approx(11.98)
+    assert gap.evidence[0].startswith("620 ms from 11.98 s")
     deadlines = about(found, "deadlines")
     assert deadlines.at == (3.0,)
     assert "one time, 7.0 ms" in deadlines.text
@@ -276,3 +280,29 @@ def test_a_log_cut_short_is_reported_on_as_far_as_it_goes(tmp_path: Path) -> Non
     path.write_bytes(data[: len(data) // 2])
     found = findings(GatheredFlight(path))
     assert any(finding.about == "log" and "cut off" in finding.text for finding in found)
+
+
+def test_a_stop_of_the_setpoints_is_the_cause_of_the_failsafe(tmp_path: Path) -> None:
+    """PX4's own recording, in which the stream stops for 3 s."""
+    found = findings(GatheredFlight(from_tlog(DATA / "px4_offboard.tlog", tmp_path)))
+    stop, critical = about(found, "setpoints"), about(found, "failsafe")
+    assert stop.level is Level.PROBLEM and stop.chart == "Thrust" and stop.at[0] < critical.at[0] < stop.at[0] + 3.0
+    assert critical.text.startswith("The PX4 quadrotor reported a critical state")
+    assert critical.evidence[-1] == f"setpoints had stopped at {stop.at[0]:.2f} s"
+
+
+@pytest.mark.parametrize(("thrust", "cause", "chart"), [(1.0, "too heavy", "Thrust"), (0.5, "wind", "Roll")])
+def test_a_long_limit_is_told_with_its_likely_cause(tmp_path: Path, thrust: float, cause: str, chart: str) -> None:
+    def change(time: float, values: Values) -> None:
+        if 3.0 <= time < 5.0:
+            values |= {"thrust_command": thrust, "limited": True}
+
+    found = findings(GatheredFlight(make(tmp_path, 6.0, change=change)))
+    (limit,) = (each for each in found if each.text.startswith("A limit"))
+    assert limit.level is Level.WARNING and cause in limit.evidence[-1] and limit.chart == chart
+
+
+def test_each_chart_to_look_at_exists(tmp_path: Path) -> None:
+    flight = GatheredFlight(make(tmp_path, jump_at=15.0))
+    titles = {chart.title for chart in charts(flight)}
+    assert {finding.chart for finding in findings(flight) if finding.at} <= titles

@@ -39,6 +39,7 @@ def test_the_report_opens_draws_every_chart_and_follows_a_look(tmp_path: Path) -
     report = write(make(tmp_path, jump_at=15.0)).path
     assert report == tmp_path / "report.html"
     with opened(report.as_uri()) as (page, errors):
+        page.eval_on_selector_all(".flat h3", "all => all.forEach(heading => heading.click())")
         plots = page.locator(".plot")
         for index in range(plots.count()):
             plots.nth(index).scroll_into_view_if_needed()
@@ -58,6 +59,12 @@ def test_the_report_opens_draws_every_chart_and_follows_a_look(tmp_path: Path) -
         )
         page.locator(".finding.warning button").first.click()
         page.wait_for_function(SHOWS, arg=[10.0, 20.0])
+        looked = page.locator(".card.looked")
+        assert looked.locator("h3").inner_text().startswith("Position north") and looked.is_visible()
+        mark = looked.locator(".plot").evaluate("plot => plot.layout.shapes.at(-1).x0")
+        assert mark == pytest.approx(15.0, abs=0.02)
+        top, height = looked.evaluate("card => [card.getBoundingClientRect().top, window.innerHeight]")
+        assert 0.0 <= top < height, "scrolled to"
         page.locator("#whole").click()
         page.wait_for_function(SHOWS, arg=[0.0, 19.996])
         page.locator(".finding.warning button").first.click()
@@ -65,7 +72,7 @@ def test_the_report_opens_draws_every_chart_and_follows_a_look(tmp_path: Path) -
         plots.nth(2).locator(".nsewdrag").dblclick()
         page.wait_for_function(SHOWS, arg=[0.0, 19.996])
         assert not page.locator("#whole").is_visible()
-        assert page.locator("#title").inner_text() == "made"
+        assert page.locator("#title").inner_text() == "made" and page.locator(".banner.good").count() == 1
         assert errors == []
 
 
@@ -80,7 +87,7 @@ def test_the_motion_is_drawn_to_its_end_though_the_trace_ends_before(tmp_path: P
     assert [(band.name, round(band.start), round(band.stop)) for band in page.bands] == [
         ("route", 0, 10),
         ("return", 10, 12),
-        ("external control", 12, 19),
+        ("Offboard", 12, 19),
     ]
 
 
@@ -148,7 +155,8 @@ def test_flights_of_other_systems_are_reported_on(tmp_path: Path, name: str) -> 
     assert len(page.ways) == 1
     said = [event.text for event in page.events]
     assert "armed" in said and "disarmed" in said
-    assert "external control" in {band.name for band in page.bands}
+    assert {"px4_offboard": "Offboard", "ardupilot_guided": "Guided"}[name] in {band.name for band in page.bands}
+    assert name == "ardupilot_guided" or {"Satellites", "Temperature", "Acceleration, raw"} <= titles
     report = write(path).path
     assert report.stat().st_size < 12_000_000
 
@@ -158,6 +166,7 @@ def test_a_report_of_another_system_draws(tmp_path: Path) -> None:
     report = write(from_tlog(DATA / "px4_offboard.tlog", tmp_path)).path
     with opened(report.as_uri()) as (page, errors):
         page.wait_for_selector(".plot[data-drawn]")
+        page.eval_on_selector_all(".flat h3", "all => all.forEach(heading => heading.click())")
         last = page.locator(".plot").last
         last.scroll_into_view_if_needed()
         page.wait_for_function("Array.from(document.querySelectorAll('.plot')).at(-1).dataset.drawn !== undefined")
