@@ -4,7 +4,9 @@ Each vehicle is a row of every array. A tick of one is `vehicle_sim.tick.advance
 vehicle, so a row flies as a vehicle by itself does, to the bit.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -21,13 +23,21 @@ from vehicle_sim.physics.rigid_body import STATES
 from vehicle_sim.tick import EXACT, advance
 from vehicle_sim.timing import TICK_NS
 
+F = TypeVar("F", bound=Callable[..., Any])
+
 TICK_S = TICK_NS * 1e-9
 SPEED_LIMITS = (5.0, 3.0, 3.0)
 """m/s: horizontal, up, down."""
 _SETTLED_M = 0.05
 
 
-@numba.njit(parallel=True, cache=CACHE_FOLDER is not None, error_model="numpy")
+def _parallel(function: F) -> F:
+    """As protocol.jit.compiled, with numba's loops over all cores."""
+    result: F = numba.njit(parallel=True, cache=CACHE_FOLDER is not None, error_model="numpy")(function)
+    return result
+
+
+@_parallel
 def fly(
     states: Array,
     commands: NDArray[np.void],

@@ -6,6 +6,7 @@ drawn anew for each flight. Each failure becomes a file of its own, which flies 
 """
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ from studies.worlds import toml
 GENERATION = 8
 """Flights that are chosen together."""
 _SEEDS = 1_000_000
+_NAMED = re.compile(r"\{(\w+)\}")
 
 Values = Mapping[str, float]
 
@@ -75,6 +77,10 @@ class SearchFile:
         for name, (low, high) in search.ranges.items():
             if not low < high:
                 raise TomlFileError(f"{path}: search.ranges.{name}: {low} is not below {high}")
+        named = set(_NAMED.findall(repr(tables)))
+        for name in named ^ set(search.ranges):
+            lacks = "the table search.ranges" if name in named else "the rest of the file"
+            raise TomlFileError(f"{path}: {name} is not in {lacks}")
         found = cls(search, tables)
         middle = {name: 0.5 * (low + high) for name, (low, high) in search.ranges.items()}
         found.flight("middle", middle, 1).setups()
