@@ -8,6 +8,7 @@ waypoints.
 
 import dataclasses
 import math
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -42,6 +43,7 @@ GOAL_M = 2.0
 DEFAULT = Avoidance().method
 REACHED = "reached"
 
+_LONGEST_NAME = 80
 _ON_ROUTE = (Phase.ROUTE,)
 
 
@@ -88,8 +90,11 @@ class Job:
 
     @property
     def case(self) -> str:
-        """Name of the flights that share a row of the report."""
-        return f"{self.setup.name}_{self.method}_{self.speed:.3g}"
+        """Name of the flights that share a row of the report, of a folder's length and letters."""
+        words = re.sub(r"[^A-Za-z0-9_.,+-]+", "_", self.setup.name)
+        if len(words) > _LONGEST_NAME:
+            words = words[:_LONGEST_NAME] + sha256(self.setup.name.encode()).hexdigest()[:8]
+        return f"{words}_{self.method}_{self.speed:.3g}"
 
     @property
     def key(self) -> Key:

@@ -82,7 +82,7 @@ class Site:
 
 
 def toml(tables: Mapping[str, Any]) -> str:
-    """TOML with one level of tables and arrays of tables, which is enough for worlds and missions."""
+    """TOML with one level of tables and arrays of tables, which is enough for worlds, missions and campaigns."""
     lines = [f"{key} = {_value(value)}" for key, value in tables.items() if not _is_table(value)]
     for key, value in tables.items():
         if not _is_table(value):
@@ -106,6 +106,8 @@ def _value(value: object) -> str:
             return f'"{escaped}"'
         case list() | tuple():
             return f"[{', '.join(_value(each) for each in value)}]"
+        case dict():
+            return f"{{ {', '.join(f'{name} = {_value(each)}' for name, each in value.items())} }}"
         case _:
             return repr(value)
 

@@ -366,7 +366,7 @@ def lockstep_time(datagram: bytes) -> int | None:
 
 @contextlib.contextmanager
 def _landing_on_signal(request: Callable[[], None]) -> Iterator[None]:
-    """The first Ctrl-C or SIGTERM asks for a landing, the second ends the program. Only the main thread gets signals."""
+    """The first Ctrl-C or SIGTERM asks for a landing, the second ends the program. The main thread alone gets them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

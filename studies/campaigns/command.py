@@ -82,6 +82,31 @@ def _fly(flying: "Campaign", client: "Client", limit_s: float) -> None:
 
 
 @app.command()
+def search(
+    file: Annotated[str, typer.Argument(help="A name in campaigns/, or a path; it has a [search] table.")],
+    sampler: Annotated[str, typer.Option(help="cma, or random.")] = "cma",
+    scheduler: Scheduler = None,
+    workers: Workers = None,
+    into: Annotated[Path, typer.Option(help="Where each failure is written as a campaign's file.")] = Path("campaigns"),
+) -> None:
+    """Search for flights that fail, and write each as a file that flies it again."""
+    with _errors():
+        from studies.campaigns.search import SAMPLERS, SearchFile, keep
+        from studies.campaigns.search import search as tries
+        from studies.engine import cluster
+
+        given = SearchFile.load(toml_files.find("campaigns", file))
+        if sampler not in SAMPLERS:
+            _refuse(f"--sampler {sampler}: there are {', '.join(SAMPLERS)}")
+        with cluster(scheduler, workers) as client:
+            for tried in tries(given, sampler, client):
+                values = ", ".join(f"{name} {value:g}" for name, value in tried.values.items())
+                typer.echo(f"{tried.number:4} {tried.score:7.3f} m  {tried.outcome}  ({values}, seed {tried.seed})")
+                if tried.score <= 0.0:
+                    _say(f"written: {keep(tried, into)}")
+
+
+@app.command()
 def compare(
     first: Annotated[Path, typer.Argument(help="Folder of a campaign.")],
     second: Annotated[Path, typer.Argument(help="Folder of another one over the same seeds.")],

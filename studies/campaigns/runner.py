@@ -84,10 +84,10 @@ class Campaign:
 
     def __init__(self, jobs: Sequence[Job], folder: Path, stop: Stop | None = None) -> None:
         self.table = Table(folder)
-        by_case: dict[str, list[Job]] = {}
+        by_case: dict[tuple[str, str, float], list[Job]] = {}
         for job in jobs:
-            by_case.setdefault(job.case, []).append(job)
-        self.cases = {name: Case(chosen, stop) for name, chosen in by_case.items()}
+            by_case.setdefault(job.key[:3], []).append(job)
+        self.cases = {case: Case(chosen, stop) for case, chosen in by_case.items()}
         for case in self.cases.values():
             case.update(self.table)
         self.jobs = jobs
@@ -95,15 +95,15 @@ class Campaign:
     @property
     def todo(self) -> list[Job]:
         """What has not been flown, unless there are enough of its case."""
-        return [job for job in self.jobs if self.table.row(job) is None and not self.cases[job.case].over]
+        return [job for job in self.jobs if self.table.row(job) is None and not self.cases[job.key[:3]].over]
 
     def fly(self, client: Client, limit_s: float = LIMIT_S, fly: Callable[[Job], Flown] = fly_afar) -> Iterator[Row]:
         """Fly what is to do, and yield each row when it is on disk. Raises EngineError."""
-        todo = (job for job in self.todo if not self.cases[job.case].over)  # a case may be over by then
+        todo = (job for job in self.todo if not self.cases[job.key[:3]].over)  # a case may be over by then
         for ended in as_they_end(client, fly, todo, limit_s):
             rows = [self._keep(each) for each in ended]
             self.table.add(rows)
-            for case in {each.job.case for each in ended}:
+            for case in {each.job.key[:3] for each in ended}:
                 self.cases[case].update(self.table)
             yield from rows
 

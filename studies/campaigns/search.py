@@ -1,0 +1,194 @@
+"""A search for flights that fail: the file of a campaign with ranges in place of numbers, and an optimiser that comes
+nearer to contact from generation to generation.
+
+A `[search]` table has the ranges by name; "{name}" stands for the number anywhere in the rest of the file. The seed is
+drawn anew for each flight. Each failure becomes a file of its own, which flies again by its name.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import cma
+import msgspec
+import numpy as np
+from distributed import Client
+
+from protocol import toml_files as toml_files
+from protocol.arrays import Array
+from protocol.toml_files import TomlFileError
+from studies.campaign import Row
+from studies.campaigns.files import AT_LEAST_ONE, CampaignFile, Count
+from studies.campaigns.runner import fly_afar
+from studies.engine import Failed, as_they_end
+from studies.worlds import toml
+
+GENERATION = 8
+"""Flights that are chosen together."""
+_SEEDS = 1_000_000
+_NAMED = re.compile(r"\{(\w+)\}")
+
+Values = Mapping[str, float]
+
+
+class SearchTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[search]` table."""
+
+    ranges: Annotated[dict[str, tuple[float, float]], AT_LEAST_ONE]
+    budget: Count = 200
+    """Flights."""
+    failures: Count = 1
+    """That are enough."""
+    seed: Count = 1
+    """Of the search."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A flight of a search."""
+
+    number: int
+    values: dict[str, float]
+    seed: int
+    score: float
+    """m from a failure, which is 0 or less."""
+    outcome: str
+    file: dict[str, Any]
+    """The tables of a campaign of this flight alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchFile:
+    """A file with a `[search]` table, and the other tables."""
+
+    search: SearchTable
+    tables: dict[str, Any]
+
+    @classmethod
+    def load(cls, path: Path) -> "SearchFile":
+        """Raises TomlFileError for a file that can't be searched, also for one whose middle can't be flown."""
+        tables = toml_files.load(path, dict)
+        if "search" not in tables:
+            raise TomlFileError(f"{path}: it has no table [search]")
+        search = toml_files.convert(tables.pop("search"), SearchTable, f"{path}: search")
+        for name, (low, high) in search.ranges.items():
+            if not low < high:
+                raise TomlFileError(f"{path}: search.ranges.{name}: {low} is not below {high}")
+        named = set(_NAMED.findall(repr(tables)))
+        for name in named ^ set(search.ranges):
+            lacks = "the table search.ranges" if name in named else "the rest of the file"
+            raise TomlFileError(f"{path}: {name} is not in {lacks}")
+        found = cls(search, tables)
+        middle = {name: 0.5 * (low + high) for name, (low, high) in search.ranges.items()}
+        found.flight("middle", middle, 1).setups()
+        return found
+
+    def flight(self, name: str, values: Values, seed: int) -> CampaignFile:
+        """The campaign of one flight. Raises TomlFileError."""
+        return toml_files.convert(self.filled(name, values, seed), CampaignFile, name)
+
+    def filled(self, name: str, values: Values, seed: int) -> dict[str, Any]:
+        """The tables of its file."""
+        tables: dict[str, Any] = _filled(self.tables, values)
+        return {**tables, "name": name, "seeds": 1, "first_seed": seed}
+
+
+def _filled(value: Any, values: Values) -> Any:
+    """A text that is nothing but a name in braces becomes its number."""
+    match value:
+        case dict():
+            return {key: _filled(each, values) for key, each in value.items()}
+        case list():
+            return [_filled(each, values) for each in value]
+        case str():
+            for name, number in values.items():
+                if value == f"{{{name}}}":
+                    return number
+                value = value.replace(f"{{{name}}}", repr(number))
+    return value
+
+
+def score(row: Row, limit_s: float) -> float:
+    """How far a flight is from failing: its least clearance (m), or twice the share of its time that is left, if that
+    is less; -1 for a failure."""
+    if not row.succeeded:
+        return -1.0
+    spare = 2.0 * (1.0 - row.route_s / limit_s)
+    return max(min(spare, math.inf if row.least_clearance is None else row.least_clearance), 1e-6)
+
+
+Ask = Callable[[], list[Array]]
+Tell = Callable[[list[Array], list[float]], None]
+"""Points of the unit cube, and their scores."""
+
+
+def at_random(dimensions: int, seed: int) -> tuple[Ask, Tell]:
+    """Sampling: it learns nothing."""
+    rng = np.random.default_rng(seed)
+    return lambda: list(rng.random((GENERATION, dimensions))), lambda points, scores: None
+
+
+def by_cma(dimensions: int, seed: int) -> tuple[Ask, Tell]:
+    """CMA-ES (Hansen), from the middle of the ranges."""
+    options = {"bounds": [0.0, 1.0], "popsize": GENERATION, "seed": seed, "verbose": -9}
+    strategy = cma.CMAEvolutionStrategy(dimensions * [0.5], 0.3, options)
+    return strategy.ask, strategy.tell
+
+
+SAMPLERS: dict[str, Callable[[int, int], tuple[Ask, Tell]]] = {"cma": by_cma, "random": at_random}
+
+
+def search(file: SearchFile, sampler: str, client: Client) -> Iterator[Tried]:
+    """Fly, generation by generation, until there are enough failures or the budget is used up; yields each flight, in
+    the order of their numbers. The same search tries the same flights. Raises EngineError."""
+    asked, names = file.search, list(file.search.ranges)
+    ask, tell = SAMPLERS[sampler](len(names), asked.seed)
+    low, high = np.array(list(asked.ranges.values())).T
+    rng = np.random.default_rng(asked.seed)
+    number = failures = 0
+    while number < asked.budget and failures < asked.failures:
+        points = ask()
+        trials = {}
+        for point in points:
+            number += 1
+            found = [float(f"{each:.4g}") for each in low + point * (high - low)]
+            trials[number] = dict(zip(names, found, strict=True)), int(rng.integers(1, _SEEDS))
+        tried = _fly(file, trials, client)
+        tell(points, [each.score for each in tried])
+        failures += sum(each.score <= 0.0 for each in tried)
+        yield from tried
+
+
+def _fly(file: SearchFile, trials: dict[int, tuple[dict[str, float], int]], client: Client) -> list[Tried]:
+    """A generation, by its numbers."""
+    numbers, limits = {}, {}
+    for number, (values, seed) in trials.items():
+        flight = file.flight(f"{number}", values, seed)
+        (job,) = flight.jobs(flight.setups(), Path())
+        numbers[job] = number
+        limits[number] = flight.limit_s
+    tried = {}
+    for batch in as_they_end(client, fly_afar, list(numbers)):
+        for done in batch:
+            number = numbers[done.job]
+            values, seed = trials[number]
+            if isinstance(done.result, Failed):
+                points, outcome = -1.0, done.result.why
+            else:
+                points, outcome = score(done.result.row, limits[number]), done.result.row.outcome
+            name = f"{file.tables['name']}-{number}"
+            tried[number] = Tried(number, values, seed, points, outcome, file.filled(name, values, seed))
+    return [tried[number] for number in trials]
+
+
+def keep(tried: Tried, folder: Path) -> Path:
+    """Write a flight as a campaign's file, which flies it again by its name."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{tried.file['name']}.toml"
+    path.write_text(
+        f"# Found by a search, as flight {tried.number}: {tried.outcome}.\n{toml(tried.file)}", encoding="utf-8"
+    )
+    return path

@@ -1,0 +1,100 @@
+"""The search for failures: its file, its score, its samplers, and what it finds as a file."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from protocol.toml_files import TomlFileError
+from studies import worlds
+from studies.campaign import Job, Setup
+from studies.campaigns import files
+from studies.campaigns.runner import lost
+from studies.campaigns.search import SAMPLERS, SearchFile, Tried, keep, score
+
+FILE = """
+name = "near"
+speeds = ["{speed}"]
+
+[[place]]
+world = "popup"
+options = { ahead = "{ahead}" }
+set = ["wind.mean_ned=[{along}, 0.0, 0.0]"]
+
+[[vehicle]]
+set = ["telemetry.delay_s={late}"]
+
+[search]
+budget = 20
+
+[search.ranges]
+ahead = [2.0, 3.0]
+speed = [1.0, 4.0]
+along = [-5.0, 5.0]
+late = [0.0, 0.05]
+"""
+VALUES = {"ahead": 2.25, "speed": 3.5, "along": -1.5, "late": 0.02}
+
+
+def written(folder: Path, text: str = FILE) -> Path:
+    path = folder / "near.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_what_is_found_is_a_file_that_is_that_flight(tmp_path: Path) -> None:
+    found = SearchFile.load(written(tmp_path))
+    tried = Tried(7, VALUES, 42, -1.0, "contact", found.filled("near-7", VALUES, 42))
+    again = files.load(keep(tried, tmp_path / "campaigns"))
+    assert again == found.flight("near-7", VALUES, 42)
+    (job,) = again.jobs(again.setups(), tmp_path)
+    assert (job.seed, job.speed, job.setup.vehicle_overrides) == (42, 3.5, ("telemetry.delay_s=0.02",))
+    site = job.setup.site(42)
+    assert site.world().wind.mean_ned == (-1.5, 0.0, 0.0)
+    assert site.tables["cylinder"] == worlds.pop_up(42, ahead=2.25).tables["cylinder"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (FILE.replace("[2.0, 3.0]", "[3.0, 3.0]"), "ahead: 3.0 is not below 3.0"),
+        (FILE.replace("late = [", "extra = [1.0, 2.0]\nlate = ["), "extra is not in the rest of the file"),
+        (FILE.replace("late = [0.0, 0.05]", ""), "late is not in the table search.ranges"),
+        (FILE.replace("budget", "bugdet"), "bugdet"),
+        (FILE.split("[search]")[0], "no table [search]"),
+    ],
+)
+def test_what_can_not_be_searched_is_said_before_anything_flies(tmp_path: Path, text: str, says: str) -> None:
+    with pytest.raises(TomlFileError) as raised:
+        SearchFile.load(written(tmp_path, text))
+    assert says in str(raised.value)
+
+
+def test_the_score_falls_towards_contact_and_towards_the_end_of_time() -> None:
+    job = Job(Setup("pole", "pole", worlds.pole, (3.0,)), "none", 3.0, 1, Path())
+    row = dataclasses.replace(lost(job, "reached"), least_clearance=0.8, route_s=12.0)
+    assert score(row, 60.0) == 0.8
+    assert score(dataclasses.replace(row, least_clearance=None), 60.0) == pytest.approx(1.6)
+    assert score(dataclasses.replace(row, route_s=54.0), 60.0) == pytest.approx(0.2)
+    assert 0.0 < score(dataclasses.replace(row, route_s=60.0), 60.0) < 1e-3
+    assert score(dataclasses.replace(row, outcome="contact"), 60.0) == -1.0
+
+
+def nearest(sampler: str, seed: int) -> float:
+    """The least of a bowl, whose bottom is in a corner, after 80 points."""
+    ask, tell = SAMPLERS[sampler](4, seed)
+    best = np.inf
+    for _ in range(10):
+        points = ask()
+        scores = [float(np.linalg.norm(point - (0.1, 0.9, 0.1, 0.9))) for point in points]
+        assert len(points) == 8 and all((point >= 0.0).all() and (point <= 1.0).all() for point in points)
+        tell(points, scores)
+        best = min(best, *scores)
+    return best
+
+
+def test_the_optimiser_comes_nearer_than_chance() -> None:
+    by_cma, at_random = ([nearest(sampler, seed) for seed in range(1, 6)] for sampler in ("cma", "random"))
+    assert np.median(by_cma) < 0.5 * np.median(at_random)
+    assert nearest("cma", 1) == nearest("cma", 1)
