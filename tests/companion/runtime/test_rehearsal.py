@@ -85,6 +85,11 @@ def test_every_mission_gets_through_its_rehearsal(mission: str, output: Output |
     rehearse(load_settings(None, []), load_body("paper_quad"), load_mission(mission)[0], output)
 
 
+def test_a_vehicle_of_another_system_is_rehearsed_as_such() -> None:
+    settings = load_settings(None, ["identity.vehicle=6"])
+    rehearse(settings, load_body("paper_quad"), load_mission("hover")[0], Output.RATES)
+
+
 def test_a_rehearsal_that_does_not_end_is_an_error() -> None:
     """A companion that waits for a rate that nobody can send would wait in the air as well."""
     settings = load_settings(None, ["rates.attitude=100000.0"])
