@@ -124,6 +124,9 @@ NOT_QUICK = (
     "tests/companion/control/test_observer_noise.py",
     "tests/companion/control/test_tilt.py",
     "tests/vehicle_sim/estimation/test_delayed_truth.py",
+    "tests/vehicle_sim/test_mavsdk.py",
+    "tests/vehicle_sim/test_pymavlink_user.py",
+    "tests/vehicle_sim/test_vehicle_page.py",
 )
 """Beginnings of the ids of tests that are quick one by one, and not all together: `make quick` leaves them out."""
 FLOWN = {"fly", "flown"}

@@ -115,6 +115,15 @@ class DemoOptions:
     truth: Annotated[
         bool, typer.Option("--truth", help="Leave the true motion of every tick beside the log, as truth.npy.")
     ] = False
+    gcs: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--gcs",
+            help="A ground station to which the vehicle shows itself, not in lockstep: qgc (where QGroundControl "
+            "listens, udpout:127.0.0.1:14550), or a URL.",
+            metavar="URL",
+        ),
+    ] = None
     report: Report = True
     as_json: AsJson = False
     verbose: Verbose = False
@@ -183,7 +192,15 @@ def demo(asked: DemoOptions) -> None:
         say(_GETTING_READY)
         from companion.runtime.demo import demo as fly_demo
 
-        result = exit_on_user_error(fly_demo, plan, asked.log, console=True, truth=asked.truth, key=asked.signing_key)
+        result = exit_on_user_error(
+            fly_demo,
+            plan,
+            asked.log,
+            console=True,
+            truth=asked.truth,
+            key=asked.signing_key,
+            stations=asked.gcs or (),
+        )
     print_end(result, as_json=asked.as_json, verbose=asked.verbose)
     with _abandoned():
         print_next(result.log, report=asked.report)

@@ -5,11 +5,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from companion.outcomes import Testimony
 from companion.runtime.flight import Plan, PlanError, Result, fly, prepare
+from companion.runtime.side_links import NAMES
 from companion.state import Output
 from protocol.guarded_link import GuardedLink
 from protocol.key_files import Keeper
@@ -24,28 +26,41 @@ _GRACE_S = 60.0
 """Time (s) that the simulator has to end after the flight."""
 
 
-def demo(plan: Plan, logs: Path, *, console: bool, truth: bool = False, key: Path | None = None) -> Result:
+def demo(
+    plan: Plan,
+    logs: Path,
+    *,
+    console: bool,
+    truth: bool = False,
+    key: Path | None = None,
+    stations: Sequence[str] = (),
+) -> Result:
     """Start the simulator, fly the plan against it, and end it.
 
-    `key`: the file of signing, for both sides. `truth`: the simulator writes the true motion to truth.npy beside the
+    `key`: the file of signing, for both sides. `stations`: URLs or names of ground stations, to which the vehicle shows
+    itself. `truth`: the simulator writes the true motion to truth.npy beside the
     log. Overrides of vehicle and world go to the simulator only. Raises PlanError and RehearsalError if the plan can't
     be flown, PlanError if the simulator does not start or can't write, KeyFileError, and FlightLogError if the log
     can't be written.
     """
+    if stations and plan.pace == "lockstep":
+        raise PlanError("--gcs: not with --pace lockstep, in which time is the companion's alone; --pace realtime")
     prepare(plan)  # before the simulator starts, or both would compile the same functions at the same time
     if not truth:
-        return _fly(plan, logs, None, key, console=console)
+        return _fly(plan, logs, None, key, stations, console=console)
     with tempfile.TemporaryDirectory() as folder:  # the log's own folder is made after the simulator has answered
         file = Path(folder) / TRUTH_NAME
-        result = _fly(plan, logs, file, key, console=console)
+        result = _fly(plan, logs, file, key, stations, console=console)
         shutil.move(file, result.log.parent / TRUTH_NAME)
     return result
 
 
-def _fly(plan: Plan, logs: Path, truth: Path | None, key: Path | None, *, console: bool) -> Result:
+def _fly(
+    plan: Plan, logs: Path, truth: Path | None, key: Path | None, stations: Sequence[str], *, console: bool
+) -> Result:
     keeper = None if key is None else Keeper.of(key)
     link = Udp("127.0.0.1", 0, bind=True)
-    simulator = _start_simulator(plan, link.port, truth, key)
+    simulator = _start_simulator(plan, link.port, truth, key, stations)
     try:
         while not link.waiting(0.1):
             if simulator.poll() is not None:
@@ -62,7 +77,9 @@ def _fly(plan: Plan, logs: Path, truth: Path | None, key: Path | None, *, consol
     return result
 
 
-def _start_simulator(plan: Plan, port: int, truth: Path | None, key: Path | None) -> "subprocess.Popen[str]":
+def _start_simulator(
+    plan: Plan, port: int, truth: Path | None, key: Path | None, stations: Sequence[str]
+) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
     # The companion's clock is the vehicle's, at any pace: the times of the failsafes are not to be scaled.
     command += ["--param", "NAV_DLL_ACT=3", "--param", "COM_OF_LOSS_T=1", "--param", "COM_DL_LOSS_T=10"]
@@ -70,6 +87,7 @@ def _start_simulator(plan: Plan, port: int, truth: Path | None, key: Path | None
     command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
     command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]
     command += [part for override in simulator_overrides(plan) for part in ("--set", override)]
+    command += [part for station in stations for part in ("--gcs", NAMES.get(station, station))]
     if truth is not None:
         command += ["--truth", str(truth)]
     if key is not None:

@@ -88,7 +88,8 @@ def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: 
         if reaction.trace is not None:
             thinning.step(event.time_ns, reaction.trace)
 
-    driver, vehicle = Driver(autopilot, planning, after=thin), _CannedVehicle(autopilot, hold_s)
+    driver = Driver(autopilot, planning, after=thin)
+    vehicle = _CannedVehicle(autopilot, hold_s, settings.identity.vehicle or 1)
     for tick in range(1, _LONGEST_TICKS):
         driver.handle(Datagram(tick * _TICK_NS, vehicle.telemetry(tick)))
         driver.tick(tick * _TICK_NS)
@@ -102,10 +103,10 @@ def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: 
 class _CannedVehicle:
     """Telemetry of a vehicle that is in the mode and at the place where the autopilot wants it."""
 
-    def __init__(self, autopilot: Autopilot, hold_s: float) -> None:
+    def __init__(self, autopilot: Autopilot, hold_s: float, system: int) -> None:
         self._autopilot = autopilot
         self._parameters = {name: _UNKNOWN_PARAMETER for (name, *_) in PX4.parameters} | {PX4.hold_parameter: hold_s}
-        self._encoder = Encoder(1, 1)
+        self._encoder = Encoder(system, 1)
         self._step, self._step_began = -1, 0
 
     def telemetry(self, tick: int) -> bytes:

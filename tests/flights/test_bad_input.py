@@ -71,6 +71,10 @@ def test_options(option: tuple[str, str]) -> None:
     assert option[1] in refused(*FLY, *option)
 
 
+def test_a_demo_in_lockstep_shows_itself_to_nobody() -> None:
+    assert "--pace realtime" in refused("companion", "demo", "--gcs", "qgc")
+
+
 @pytest.mark.parametrize(
     "url", ["udpin:127.0.0.1", "carrier-pigeon:home:1", "udpin:127.0.0.1:99999", "serial:/dev/nothing:57600"]
 )

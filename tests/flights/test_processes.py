@@ -31,6 +31,7 @@ from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
+from protocol.transport import Udp
 from studies.paper_settings import paper_settings
 from tests.flights import table_3
 from tests.flights.processes import HOP, PATIENT, Process, Relay, pair, run, simulator_for, waiting_companion
@@ -176,8 +177,13 @@ def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
 
 
 def test_demo_in_real_time(tmp_path: Path) -> None:
-    """Deadlines are absolute: no drift between the clocks of the two, and it lands like in lockstep."""
-    verdict = demo(tmp_path, HOP, "--pace", "1", *PATIENT)
+    """Deadlines are absolute: no drift between the clocks of the two, and it lands like in lockstep. A ground station
+    is shown the vehicle meanwhile."""
+    station = Udp("127.0.0.1", 0, bind=True)
+    verdict = demo(tmp_path, HOP, "--pace", "1", "--gcs", f"udpout:127.0.0.1:{station.port}", *PATIENT)
+    shown = Framer().datagram(station.receive(0.0) or b"")
+    station.close()
+    assert {(frame.system, frame.component) for frame in shown} == {(1, 1)}
     assert verdict["outcome"] == "flown"
     log = LogReader(verdict["log"])
     assert log.complete

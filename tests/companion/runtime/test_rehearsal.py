@@ -82,7 +82,9 @@ def test_nothing_is_compiled_or_imported_in_flight(
     ],
 )
 def test_every_mission_gets_through_its_rehearsal(mission: str, output: Output | None) -> None:
-    rehearse(load_settings(None, []), load_body("paper_quad"), load_mission(mission)[0], output)
+    """Also where it is to fly another system than the first alone."""
+    settings = load_settings(None, ["identity.vehicle=6"])
+    rehearse(settings, load_body("paper_quad"), load_mission(mission)[0], output)
 
 
 def test_a_rehearsal_that_does_not_end_is_an_error() -> None:

@@ -1,0 +1,120 @@
+"""An unmodified MAVProxy flies the simulated vehicle, where COURIER_MAVPROXY names the program mavproxy.py of an
+installation. What it needs (vtk, opencv) is too large to be installed for this alone."""
+
+import os
+import queue
+import re
+import subprocess
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from protocol.toml_files import ROOT
+from tests.vehicle_sim.mission_uploader import Row, at
+from tests.vehicle_sim.served import HOST, PATIENCE_S, served
+from vehicle_sim.services.parameter_table import TABLE
+from vehicle_sim.services.telemetry import Profile
+
+PAGE = (ROOT / "docs" / "vehicle-sim.md").read_text(encoding="utf-8")
+TAKEOFF, WAYPOINT, LAND, CORNER, RALLY = 22, 16, 21, 5001, 5100
+MODULES = "link,log,wp,rally,fence,param,arm,cmdlong"
+
+
+class Console:
+    """Its prompt: what is typed, and what it has said."""
+
+    def __init__(self, program: str, port: int, folder: Path) -> None:
+        command = [program, f"--master=udpout:{HOST}:{port}", f"--default-modules={MODULES}", "--state-basedir=."]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.STDOUT, cwd=folder)
+        self._said: queue.Queue[str] = queue.Queue()
+        self._text = ""
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        while data := os.read(self.process.stdout.fileno(), 4096):
+            self._said.put(data.decode("ascii", "replace"))
+
+    def wait_for(self, pattern: str) -> re.Match[str]:
+        """Until it has said this since the last time."""
+        while (found := re.search(pattern, self._text)) is None:
+            try:
+                self._text += self._said.get(timeout=PATIENCE_S)
+            except queue.Empty:
+                raise AssertionError(f"not said: {pattern}: {self._text[-500:]}") from None
+        self._text = self._text[found.end() :]
+        return found
+
+    def shown(self, name: str) -> float:
+        """A parameter. It is told of a change a moment after it has asked for it."""
+        return float(self.type(f"param show {name}", rf"{name}\s+([-.\d]+)\s")[1])
+
+    def type(self, line: str, answer: str) -> re.Match[str]:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{line}\n".encode())
+        self.process.stdin.flush()
+        return self.wait_for(answer)
+
+
+@pytest.fixture(params=[1.0, 5.0])
+def console(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Console]:
+    program = os.environ.get("COURIER_MAVPROXY")
+    if program is None:
+        pytest.skip("COURIER_MAVPROXY names no mavproxy.py")
+    with served(request.param, profile=Profile.GROUND) as vehicle:
+        console = Console(program, vehicle.port, tmp_path)
+        console.wait_for(f"Received {len(TABLE)} parameters")
+        yield console
+        console.process.kill()
+        console.process.wait()
+
+
+def save(path: Path, *rows: Row) -> str:
+    """A file of its form."""
+    lines = ["QGC WPL 110"]
+    for number, (command, _, params, x, y, z) in enumerate(rows):
+        numbers = [0.0 if each != each else each for each in params]
+        lines.append("\t".join(map(str, (number, 0, 3, command, *numbers, x * 1e-7, y * 1e-7, z, 1))))
+    path.write_text("\n".join(lines) + "\n")
+    return str(path)
+
+
+def test_it_sets_parameters_and_flies_a_mission_within_a_fence(console: Console, tmp_path: Path) -> None:
+    assert console.shown("MPC_XY_CRUISE") == 5.0
+    for name, value in (("MPC_XY_CRUISE", 4.0), ("COM_OBL_RC_ACT", 3.0)):
+        console.type(f"param set {name} {value:g}", "")
+        assert any(console.shown(name) == value for _ in range(1000)), name
+    corners = [at(CORNER, n, e, 0.0, 4.0) for n, e in ((90.0, 90.0), (-90.0, 90.0), (-90.0, -90.0), (90.0, -90.0))]
+    items = (
+        at(TAKEOFF, 0.0, 0.0, 5.0),
+        at(WAYPOINT, 9.0, 0.0, 5.0),
+        at(WAYPOINT, 9.0, 7.0, 5.0),
+        at(LAND, 0.0, 0.0, 0.0),
+    )
+    console.type(f"wp load {save(tmp_path / 'items', *items)}", "TYPE_MISSION: ACCEPTED")
+    console.type("wp list", "Saved 4 waypoints")
+    console.type(f"fence load {save(tmp_path / 'corners', *corners)}", "TYPE_FENCE: ACCEPTED")
+    console.type("fence list", "Saved 4 fence")
+    console.type(f"rally load {save(tmp_path / 'rally', at(RALLY, 5.0, 0.0, 9.0))}", "TYPE_RALLY: ACCEPTED")
+    console.type("rally list", "Saved 1 rally")
+    console.type("log list", "No logs")
+    console.type("long MAV_CMD_DO_SET_MODE 1 4 4", "DO_SET_MODE: ACCEPTED")
+    console.type("arm throttle", "COMPONENT_ARM_DISARM: ACCEPTED")
+    console.wait_for("Landing detected")
+    console.wait_for("Disarmed by landing")
+
+
+def test_the_commands_of_the_page_fly(console: Console) -> None:
+    match = re.search(r"```text\n(.*?)```", PAGE, re.DOTALL)
+    assert match is not None
+    take_off, arm, land = match[1].splitlines()
+    console.type(take_off, "DO_SET_MODE: ACCEPTED")
+    console.type(arm, "COMPONENT_ARM_DISARM: ACCEPTED")
+    console.wait_for("Takeoff height reached")
+    console.type("long MAV_CMD_DO_SET_MODE 1 4 5", "DO_SET_MODE: ACCEPTED")
+    console.type("long MAV_CMD_DO_SET_MODE 1 4 3", "DO_SET_MODE: ACCEPTED")
+    console.type(land, "DO_SET_MODE: ACCEPTED")
+    console.wait_for("Disarmed by landing")
