@@ -38,13 +38,13 @@ class AvoidancePlan(Table, frozen=True):
     """m; the inflation of tight paths, which are planned where the path that keeps `inflation` is a long way round."""
     max_detour: Positive = 12.0
     """m; a path that keeps `inflation` is a long way round if it costs this much more than the least expected."""
-    unconfirmed_cost: Positive = 150.0
+    unconfirmed_cost: Positive = 400.0
     """Cost of a cell at an obstacle that may not be there; falls to 0 at `tight_inflation`. The vehicle flies up to
     such obstacles to see whether there is a gap."""
-    tight_cost: NotNegative = 80.0
+    tight_cost: NotNegative = 40.0
     """Cost of a cell at the obstacle, for tight paths; falls to 0 at `inflation`, so that they keep to the middle."""
-    switch_cost: NotNegative = 5.0
-    """m by which another path must be cheaper than the tight one that is being flown."""
+    switch_cost: NotNegative = 0.4
+    """Share by which a metre costs more away from the path that was chosen last, where tight paths are planned."""
     proximity_radius: Positive = 2.0
     """m; beyond this, obstacles cost nothing."""
     proximity_cost: NotNegative = 3.0

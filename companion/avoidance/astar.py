@@ -31,8 +31,6 @@ Memory = tuple[Array, Nodes, Nodes, Array, Nodes]
 _NEIGHBOURS = 8
 _MAX_ENCLOSED_CELLS = 12_000
 """A goal from which more cells than this can be reached does not count as enclosed."""
-_OFF_PATH_M = 0.5
-"""m from an earlier path; a vehicle farther away has left it."""
 _SQRT2 = math.sqrt(2.0)
 
 
@@ -112,35 +110,6 @@ class AStar:
             return None
         cells, costs = _trace_back(found, self._memory[1], self._memory[0], view.states.shape[1])
         return GridPath(cells, costs, cost, self._detour(cost, view, first, last, frontier))
-
-    def reevaluate(
-        self,
-        cells: Integers,
-        view: MapView,
-        costmap: Floats,
-        start: Array,
-        goal: Array,
-        inflation: float,
-        to_occupied: Floats,
-    ) -> GridPath | None:
-        """The rest of an earlier path with the present costs, from its nearest cell to `start` on.
-
-        `cells` (n, 2) are those of this view; see `plan` for the rest. None if the vehicle has left the path, if the
-        path can't be flown any more, or if it does not end near the goal, since nothing is known of the way between.
-        """
-        first, last = view.cell_of(start), view.cell_of(goal)
-        away = np.hypot(cells[:, 0] - first[0], cells[:, 1] - first[1])
-        nearest = int(np.argmin(away))
-        rest = cells[nearest:]
-        if away[nearest] * view.cell > _OFF_PATH_M or rest.min() < 0 or rest.max() >= len(costmap):
-            return None
-        if view.cell * math.hypot(*(rest[-1] - last).tolist()) > self._settings.proximity_radius:
-            return None
-        costs = _costs_along(rest, costmap, to_occupied, inflation, view.cell)
-        cost = float(costs[-1])
-        if cost == math.inf:
-            return None
-        return GridPath(rest, costs, cost, self._detour(cost, view, first, last, _frontier(view.states, first, last)))
 
     def _detour(self, cost: float, view: MapView, first: Cell, last: Cell, frontier: Frontier) -> float:
         return cost - view.cell * _to_go(first[0], first[1], last, self._settings.unknown_cost, frontier)
@@ -363,18 +332,6 @@ def _search(
                     left = _to_go(i, j, last, unknown_cost, frontier)
                     size = _push(keys, nodes, size, new + cell * left, other)
     return -1, math.inf
-
-
-@compiled
-def _costs_along(cells: Integers, costmap: Floats, to_occupied: Floats, inflation: float, cell: float) -> Array:
-    """(n,) cost (m) from the first of the cells (n, 2) to each, as in the search; inf from the first forbidden step."""
-    costs = np.zeros(cells.shape[0])
-    for k in range(1, cells.shape[0]):
-        row, column, i, j = cells[k - 1, 0], cells[k - 1, 1], cells[k, 0], cells[k, 1]
-        length = cell * (_SQRT2 if i != row and j != column else 1.0)
-        allowed = to_occupied[i, j] >= min(inflation, to_occupied[row, column])
-        costs[k] = costs[k - 1] + 0.5 * length * (costmap[row, column] + costmap[i, j]) if allowed else math.inf
-    return costs
 
 
 @compiled

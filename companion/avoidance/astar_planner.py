@@ -1,6 +1,7 @@
 """The method "astar": the cheapest path over the map with room to spare, or a tight one where that is much shorter."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -12,70 +13,79 @@ from companion.config_avoidance import Avoidance
 from companion.perception.distance_field import Floats
 from companion.perception.map_view import MapView, to_certain
 from protocol.arrays import Array
+from protocol.jit import compiled
 
 _STANDOFF = 0.08
 """m of room beyond a tight passage's own: the stand-off from which the width of the passage can be seen."""
+_LOOK_AHEAD = 0.5
+"""m of path from where a part of a passage can be seen, inside of which there is no such room."""
+
+
+_BESIDE_M = 0.5
+"""m from the path from before; what is farther costs more."""
+
+
+class _Chosen(NamedTuple):
+    """A path that was chosen, kept for the next choice."""
+
+    cells: Integers
+    """(n, 2) cells of the world."""
+    goal: Array
+    """(2,) or (3,) m, NED"""
+    tight: bool
 
 
 class AStarPlanner:
-    """Plans by `AStar`; remembers the tight path that it chose last."""
+    """Plans by `AStar`; remembers the path that it chose last."""
 
     def __init__(self, settings: Avoidance) -> None:
         self._settings = settings
         self._search = AStar(settings.plan, settings.map.cells)
-        self._tight: Integers | None = None
-        """(n, 2) cells of the world along the last path, if it was tight."""
+        self._chosen: _Chosen | None = None
 
     def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
         """See `methods.PathPlanner`.
 
-        The path keeps the inflation if that is no long detour. Otherwise it is a tight one, or leads to what may be
-        a gap, if that costs less. A tight path is kept until there is room again or another one is much cheaper.
+        The path keeps the inflation if that is no long detour. Otherwise it may be a tight one, or lead to what may be
+        a gap, if that costs less. Then it keeps to where the last one led, unless another is cheaper by a share.
         """
         settings = self._settings.plan
         costmap = self._search.costmap(view)
         roomy = self._search.plan(view, costmap, position, goal)
-        before, self._tight = self._tight, None
+        before, self._chosen = self._chosen, None
+        if before is not None and math.dist(before.goal[:2], goal[:2]) > settings.proximity_radius:
+            before = None
         cell = view.cell_of(position)
-        in_tight = before is not None and view.contains(cell) and view.to_occupied[cell] < settings.inflation
+        near = view.contains(cell) and view.to_occupied[cell] < settings.inflation
+        in_tight = near and before is not None and before.tight
         if roomy is not None and roomy.detour <= settings.max_detour and not in_tight:
+            self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, costmap, (position, goal), settings.inflation)
             return timed_path(vertices, view, speed, self._settings.course, roomy.detour)
-        tight_costmap = self._tight_costmap(view, costmap)
-        tight, cost = self._tight_path(view, tight_costmap, before, position, goal)
-        if tight is not None and (roomy is None or cost < roomy.cost):
-            self._tight = tight.cells + np.array(view.corner)
-            tight = _up_to_unconfirmed(tight, view, settings.tight_inflation)
-            vertices = self._vertices(tight, view, tight_costmap, (position, goal), settings.tight_inflation)
-            return replace(timed_path(vertices, view, speed, self._settings.course, tight.detour), tight=True)
-        if roomy is None:
+        costmap = self._tight_costmap(view, costmap, before)
+        certain = to_certain(view, settings.tight_inflation)
+        path = self._search.plan(view, costmap, position, goal, settings.tight_inflation, certain) or roomy
+        if path is None:
             return None
-        if in_tight:
-            self._tight = roomy.cells + np.array(view.corner)
-        vertices = self._vertices(roomy, view, costmap, (position, goal), settings.inflation)
-        return replace(timed_path(vertices, view, speed, self._settings.course, roomy.detour), tight=in_tight)
+        tight = bool(in_tight or view.to_occupied[tuple(path.cells.T)].min() < settings.inflation)
+        self._chosen = _Chosen(path.cells + np.array(view.corner), goal, tight)
+        if tight:
+            path = _up_to_unconfirmed(path, view, settings.tight_inflation)
+        inflation = settings.tight_inflation if tight else settings.inflation
+        vertices = self._vertices(path, view, costmap, (position, goal), inflation)
+        return replace(timed_path(vertices, view, speed, self._settings.course, path.detour), tight=tight)
 
-    def _tight_costmap(self, view: MapView, costmap: Floats) -> Floats:
-        """(cells, cells) with the extra costs within the inflation and within the tight inflation."""
+    def _tight_costmap(self, view: MapView, costmap: Floats, before: _Chosen | None) -> Floats:
+        """(cells, cells) with the extra costs within the inflation and within the tight inflation, and beside the path
+        from before."""
         settings, near = self._settings.plan, view.to_occupied
         result: Floats = costmap + settings.tight_cost * np.maximum(1.0 - near / settings.inflation, 0.0) ** 2
         result += settings.unconfirmed_cost * np.maximum(1.0 - near / settings.tight_inflation, 0.0) ** 2
-        return result
-
-    def _tight_path(
-        self, view: MapView, costmap: Floats, before: Integers | None, position: Array, goal: Array
-    ) -> tuple[GridPath | None, float]:
-        """The cheapest tight path, or the one from before if it is not much dearer; and what it counts as (m)."""
-        settings = self._settings.plan
-        certain = to_certain(view)
-        path = self._search.plan(view, costmap, position, goal, settings.tight_inflation, certain)
-        cost = math.inf if path is None else path.cost
         if before is not None:
-            cells = before - np.array(view.corner)
-            same = self._search.reevaluate(cells, view, costmap, position, goal, settings.tight_inflation, certain)
-            if same is not None and same.cost < cost + settings.switch_cost:
-                return same, same.cost - settings.switch_cost
-        return path, cost
+            beside = np.full_like(result, 1.0 + settings.switch_cost)
+            _fill_along(beside, before.cells - np.array(view.corner), math.ceil(_BESIDE_M / view.cell))
+            result *= beside
+        return result
 
     def _vertices(
         self, path: GridPath, view: MapView, costmap: Floats, ends: tuple[Array, Array], inflation: float
@@ -95,11 +105,20 @@ class AStarPlanner:
         return vertices
 
 
+@compiled
+def _fill_along(factors: Floats, cells: Integers, reach: int) -> None:
+    """Set the factors to 1 within `reach` rows and columns of cells (n, 2), which may lie outside."""
+    for k in range(cells.shape[0]):
+        top, left = max(cells[k, 0] - reach, 0), max(cells[k, 1] - reach, 0)
+        factors[top : max(cells[k, 0] + reach + 1, 0), left : max(cells[k, 1] + reach + 1, 0)] = 1.0
+
+
 def _up_to_unconfirmed(path: GridPath, view: MapView, inflation: float) -> GridPath:
     """The part of a path up to the stand-off before the first obstacle that may not be there.
 
     That is the first cell nearer to an occupied one than the inflation (m), after the path has left such cells. The
-    part holds the start at least, and ends right before that cell if there is no room for the stand-off.
+    part holds the start at least; in a passage it ends `_LOOK_AHEAD` before that cell, where there is no room for the
+    stand-off.
     """
     near = view.to_occupied[path.cells[:, 0], path.cells[:, 1]]
     outside = np.flatnonzero(near >= inflation)
@@ -108,5 +127,7 @@ def _up_to_unconfirmed(path: GridPath, view: MapView, inflation: float) -> GridP
     if not len(unconfirmed):
         return path
     with_standoff = np.flatnonzero(near[: unconfirmed[0]] >= inflation + _STANDOFF)
-    end = int(with_standoff[-1]) + 1 if len(with_standoff) else max(int(unconfirmed[0]), 1)
+    end = max(int(unconfirmed[0]) - round(_LOOK_AHEAD / view.cell), 1)
+    if len(with_standoff):
+        end = max(end, int(with_standoff[-1]) + 1)
     return replace(path, cells=path.cells[:end], costs=path.costs[:end], complete=False)

@@ -308,7 +308,8 @@ class Navigator:
         if self._search.busy:
             self._progress = Progress()
         distance = math.hypot(*(goal - position_ned)[:2].tolist())
-        stuck = self._progress.stalled_s(self.step_index, distance, now_ns) > self._settings.avoidance.give_up_s
+        stalled_s = self._progress.stalled_s(self.step_index, distance, position_ned, now_ns)
+        stuck = stalled_s > self._settings.avoidance.give_up_s
         if distance < NEAR_M:
             return _GOING_ON
         change = self._change_altitude(position_ned, detour, stuck, now_ns)

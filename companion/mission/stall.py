@@ -15,6 +15,8 @@ _ASIDE = 1.0
 """m that a place may lie beside a straight stretch of the way back."""
 _PROGRESS = 1.0
 """m by which the vehicle must come nearer to the goal than ever before."""
+_SQUARE = 2.0
+"""m, side of the squares of which the vehicle must enter a new one."""
 
 
 class Trail:
@@ -70,15 +72,23 @@ def _corners(way: Array) -> list[Array]:
 
 
 class Progress:
-    """Progress towards one goal after the other."""
+    """Progress towards one goal after the other: the vehicle comes nearer to it, or to where it has not looked yet."""
 
     def __init__(self) -> None:
         self._goal: int | None = None
         self._nearest = math.inf
+        self._visited: set[tuple[int, int]] = set()
+        """Squares of `_SQUARE`."""
         self._since_ns = 0
 
-    def stalled_s(self, goal: int, distance: float, now_ns: int) -> float:
-        """Time (s) without progress towards the goal of that number, which is `distance` (m) away."""
-        if goal != self._goal or distance < self._nearest - _PROGRESS:
-            self._goal, self._nearest, self._since_ns = goal, distance, now_ns
+    def stalled_s(self, goal: int, distance: float, here: Array, now_ns: int) -> float:
+        """Time (s) without progress towards the goal of that number, which is `distance` (m) away from `here` (2,) or
+        (3,) (m, NED)."""
+        square = math.floor(here[0] / _SQUARE), math.floor(here[1] / _SQUARE)
+        if goal != self._goal:
+            self._goal, self._nearest = goal, math.inf
+            self._visited.clear()
+        if distance < self._nearest - _PROGRESS or square not in self._visited:
+            self._nearest, self._since_ns = min(distance, self._nearest), now_ns
+            self._visited.add(square)
         return (now_ns - self._since_ns) * 1e-9

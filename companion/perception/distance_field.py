@@ -185,3 +185,27 @@ def _below(row: NDArray[np.int16], limit: np.int16) -> tuple[int, int]:
     while last >= first and row[last] >= limit:
         last -= 1
     return first, last
+
+
+@compiled
+def lower_to_blurred(
+    distances: Floats, returns: Array, blurs: Array, corner: tuple[int, int], cell: float, within: float
+) -> None:
+    """Lower the distances to those from the returns (k, 2), NED (m), plus their blurs (k,) (m), where that is less than
+    `within` (m). `corner` is the world index of `distances[0, 0]`."""
+    rows, columns = distances.shape
+    for k in range(returns.shape[0]):
+        reach = within - blurs[k]
+        if reach <= 0.0:
+            continue
+        row, column, cells = (
+            returns[k, 0] / cell - corner[0] - 0.5,
+            returns[k, 1] / cell - corner[1] - 0.5,
+            reach / cell,
+        )
+        first, last = max(math.ceil(column - cells), 0), min(math.floor(column + cells) + 1, columns)
+        for i in range(max(math.ceil(row - cells), 0), min(math.floor(row + cells) + 1, rows)):
+            for j in range(first, last):
+                distance = cell * math.sqrt((i - row) ** 2 + (j - column) ** 2)
+                if distance < reach:
+                    distances[i, j] = min(distances[i, j], np.float32(distance + blurs[k]))

@@ -30,7 +30,10 @@ def with_fence(view: MapView, fence: Flat) -> MapView:
     occupied = before | band
     cells = np.argwhere(occupied)
     hits = (cells + np.array(view.corner) + 0.5) * view.cell
+    blurs = np.zeros(len(hits))
     if view.hits is not None:
         hits[before[occupied]] = view.hits
+    if view.blurs is not None:
+        blurs[before[occupied]] = view.blurs
     fill_distances_to_returns(view.to_occupied, occupied, hits, view.corner, view.cell)
-    return replace(view, hits=hits, certain=None if view.certain is None else view.certain | band)
+    return replace(view, hits=hits, blurs=None if view.blurs is None else blurs)

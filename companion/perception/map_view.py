@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.perception.distance_field import Floats, fill_distances, fill_distances_to_returns
-from protocol.arrays import Array, BoolArray
+from companion.perception.distance_field import FAR_M, Floats, lower_to_blurred
+from protocol.arrays import Array
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 """States of a cell in a `MapView`."""
@@ -35,9 +35,9 @@ class MapView:
     """Size of a cell (m)."""
     hits: Array | None = None
     """(k, 2) m, NED: the return in each occupied cell, in the cells' order; None: the cells' centres stand for them."""
-    certain: BoolArray | None = None
-    """(rows, columns) occupied and confirmed from close range, so that there is no gap in it; None: all that are
-    occupied."""
+    blurs: Array | None = None
+    """(k,) m along the arc in which each of `hits` lies, as of the nearest look at it: the obstacle is no farther from
+    it; inf where nothing says so. None: all are where they seem to be."""
 
     def cell_of(self, place: Array) -> Cell:
         """Row and column of a place (2,) or (3,) NED (m); outside of the window if the place is."""
@@ -73,14 +73,12 @@ class MapView:
         return centres
 
 
-def to_certain(view: MapView) -> Floats:
-    """(rows, columns) m as `view.to_occupied`, but to the certain cells only."""
-    if view.certain is None:
+def to_certain(view: MapView, within: float) -> Floats:
+    """(rows, columns) m within which there is an obstacle for certain: the distance from a return and its blur. FAR_M
+    where that is more than `within` (m)."""
+    if view.blurs is None:
         return view.to_occupied
-    distances = np.empty_like(view.to_occupied)
-    if view.hits is None:
-        fill_distances(distances, view.certain, view.cell)
-    else:
-        hits = view.hits[view.certain[view.states == OCCUPIED]]
-        fill_distances_to_returns(distances, view.certain, hits, view.corner, view.cell)
+    distances = np.full_like(view.to_occupied, FAR_M)
+    hits = view.obstacle_centres() if view.hits is None else view.hits
+    lower_to_blurred(distances, hits, view.blurs, view.corner, view.cell, within)
     return distances

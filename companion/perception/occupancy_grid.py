@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.perception.distance_field import Floats
 from companion.perception.map_view import FREE, OCCUPIED, Bytes
-from protocol.arrays import Array, BoolArray
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 CEILING = 4.0
@@ -24,7 +24,7 @@ OCCUPIED_ABOVE = 0.4
 """Log-odds above which a cell is occupied."""
 FREE_BELOW = -0.3
 """Log-odds below which a cell is free."""
-_CERTAIN_M = 0.7
+CERTAIN_M = 0.7
 """m of range below which a sector is so narrow that it shows any gap that the vehicle fits through."""
 
 
@@ -90,16 +90,16 @@ def set_disc(
             dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
             row, column = i % size, j % size
             occupied = log_odds[row, column] > 0.0
-            kept = value == 0.0 and occupied and grid.returns[row, column, 2] < _CERTAIN_M
+            kept = value == 0.0 and occupied and grid.returns[row, column, 2] < CERTAIN_M
             if dn * dn + de * de <= radius * radius and (occupied or not occupied_only) and not kept:
                 log_odds[row, column] = value
                 updated_s[row, column] = grid.now_s
 
 
 @compiled
-def classify(cells: tuple[Any, ...], states: Bytes, certain: BoolArray) -> Array:
-    """Fill `states` and `certain` (size, size) of the cells (a Grid) in the window's order; the result (k, 2) are the
-    returns (m, NED) in the occupied cells, row by row."""
+def classify(cells: tuple[Any, ...], states: Bytes) -> Array:
+    """Fill `states` (size, size) of the cells (a Grid) in the window's order; the result (k, 3) are the returns in the
+    occupied cells, row by row: north, east (m, NED) and the shortest range (m) that each was seen from."""
     grid = Grid(*cells)
     log_odds, updated_s, returns = grid.log_odds, grid.updated_s, grid.returns
     corner_row, corner_column = grid.corner_row, grid.corner_column
@@ -112,8 +112,7 @@ def classify(cells: tuple[Any, ...], states: Bytes, certain: BoolArray) -> Array
         _classify_run(log_odds[row, size - wrap :], updated_s[row, size - wrap :], now, rate, states[i, :wrap])
         _classify_run(log_odds[row, : size - wrap], updated_s[row, : size - wrap], now, rate, states[i, wrap:])
         counts[i] = _occupied(states[i])
-    hits = np.empty((counts.sum(), 2))
-    certain[:] = False
+    hits = np.empty((counts.sum(), 3))
     count = 0
     for i in range(size):
         if counts[i] == 0:
@@ -122,8 +121,7 @@ def classify(cells: tuple[Any, ...], states: Bytes, certain: BoolArray) -> Array
         for j in range(size):
             if states[i, j] == OCCUPIED:
                 column = (corner_column + j) % size
-                certain[i, j] = returns[row, column, 2] < _CERTAIN_M
-                hits[count, 0], hits[count, 1] = returns[row, column, 0], returns[row, column, 1]
+                hits[count] = returns[row, column]
                 count += 1
     return hits
 

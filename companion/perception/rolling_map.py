@@ -14,13 +14,15 @@ from companion.config_avoidance import AvoidanceMap
 from companion.perception.distance_field import fill_distances_to_returns
 from companion.perception.inverse_sensor_model import Beams, Layer, add_beams
 from companion.perception.map_view import OCCUPIED, Cell, MapView
-from companion.perception.occupancy_grid import CEILING, FLOOR, Grid, classify, move_window, set_disc
+from companion.perception.occupancy_grid import CEILING, CERTAIN_M, FLOOR, Grid, classify, move_window, set_disc
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
 
 _CLOCK_NS = 4096 * 1_000_000_000
 """ns. Each map's clock starts at a multiple of this before its first scan: 32-bit floats resolve absolute time only to
 two minutes."""
+_LEAST_WIDTH = math.radians(5.0)
+"""rad for which the blur of a return counts, however narrow its sector is: an error of the heading moves it, too."""
 
 
 class RollingMap:
@@ -37,11 +39,12 @@ class RollingMap:
         self._returns = np.zeros((*shape, 3))
         # Allocating these anew for each view would cost more than filling them.
         self._states = np.empty(shape, np.uint8)
-        self._certain = np.empty(shape, np.bool_)
         self._to_occupied = np.empty(shape, np.float32)
         self._first_corner = -settings.cells // 2, -settings.cells // 2
         self._corner: Cell | None = None
         self._start_ns: int | None = None
+        self._width = _LEAST_WIDTH
+        """rad of a beam's sector."""
         self._height = 0.0
         """m, NED: down coordinate of the layer's middle."""
 
@@ -73,6 +76,7 @@ class RollingMap:
         if self._start_ns is None:
             self._start_ns = time_ns - time_ns % _CLOCK_NS
         self._follow(here)
+        self._width = max(beams.width, _LEAST_WIDTH)
         grid = self._grid(time_ns)
         add_beams(grid, tuple(beams), tuple(Layer(self._height, self._settings.layer, ground_down)))
         set_disc(grid, float(here[0]), float(here[1]), self._hull_radius, FLOOR, False)
@@ -91,11 +95,13 @@ class RollingMap:
 
     def view(self, time_ns: int) -> MapView:
         """The window at a time; all unknown before the first scan. The next view overwrites its arrays."""
-        grid, states, certain, to_occupied = self._grid(time_ns), self._states, self._certain, self._to_occupied
+        grid, states, to_occupied = self._grid(time_ns), self._states, self._to_occupied
         corner, cell = self._corner or self._first_corner, self._settings.cell
-        hits = classify(grid, states, certain)
+        returns = classify(grid, states)
+        hits, ranges = np.ascontiguousarray(returns[:, :2]), returns[:, 2]
         fill_distances_to_returns(to_occupied, states == OCCUPIED, hits, corner, cell)
-        return MapView(states, to_occupied, corner, cell, hits, certain)
+        blurs = np.where(ranges < CERTAIN_M, 0.0, self._width * ranges)
+        return MapView(states, to_occupied, corner, cell, hits, blurs)
 
     def _grid(self, time_ns: int) -> tuple[Any, ...]:
         """A Grid to be read or written at a time, as a plain tuple."""

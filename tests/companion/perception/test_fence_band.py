@@ -25,7 +25,7 @@ def view_with(*returns: tuple[float, float]) -> MapView:
         states[math.floor(place[0] / CELL) - corner[0], math.floor(place[1] / CELL) - corner[1]] = OCCUPIED
     distances = np.empty((side, side), np.float32)
     fill_distances_to_returns(distances, states == OCCUPIED, hits, corner, CELL)
-    return MapView(states, distances, corner, CELL, hits, states == OCCUPIED)
+    return MapView(states, distances, corner, CELL, hits, np.full(len(hits), 0.2))
 
 
 def beyond(place: tuple[float, float], fence: Flat) -> float:
@@ -56,8 +56,9 @@ def test_the_distances_are_those_to_the_fence(fence: Flat) -> None:
 def test_returns_inside_keep_their_places() -> None:
     returns = [(2.06, 1.03), (-3.2, -2.9), (4.9, 0.1)]
     view = with_fence(view_with(*returns), CIRCLE)
-    assert view.hits is not None and view.certain is not None
-    assert len(view.hits) == np.count_nonzero(view.states == OCCUPIED)
+    assert view.hits is not None and view.blurs is not None
+    assert len(view.hits) == len(view.blurs) == np.count_nonzero(view.states == OCCUPIED)
+    assert (view.blurs > 0.0).sum() == len(returns), "the fence itself is where it is"
     for place in returns:
         assert np.abs(view.hits - np.array(place)).max(axis=1).min() < 1e-12
     centres = view.obstacle_centres()

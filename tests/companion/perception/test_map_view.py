@@ -1,4 +1,6 @@
-"""A view of the map by position: states, distances, and the certain cells."""
+"""A view of the map by position: states, distances, and what of them is certain."""
+
+import dataclasses
 
 import numpy as np
 import pytest
@@ -34,14 +36,15 @@ def test_outside_of_the_window_nothing_is_known() -> None:
         assert view.state_at(np.array(place)) == UNKNOWN and view.distance_at(np.array(place)) is None
 
 
-def test_distances_to_the_certain_cells_alone() -> None:
+def test_what_is_certain() -> None:
+    """The disc around a return, less the blur, holds the obstacle wherever in the blur it is."""
     view = view_with((3, 5), (12, 20))
-    assert to_certain(view) is view.to_occupied, "without more knowledge all are certain"
-    certain = np.zeros(view.states.shape, np.bool_)
-    certain[12, 20] = True
-    with_centres = MapView(view.states, view.to_occupied, CORNER, CELL, certain=certain)
-    assert np.array_equal(to_certain(with_centres), distance_to(certain, CELL))
-    hits = view.obstacle_centres()
-    with_hits = MapView(view.states, view.to_occupied, CORNER, CELL, hits, certain)
-    assert to_certain(with_hits)[12, 20] == 0.0 and to_certain(with_hits)[3, 5] == FAR_M
-    assert to_certain(with_hits)[12, 21] == pytest.approx(CELL)
+    assert to_certain(view, 0.8) is view.to_occupied, "without more knowledge all are where they seem to be"
+    rows, columns = np.indices(view.states.shape)
+    for blur in (0.0, 0.3, 0.8):
+        certain = to_certain(dataclasses.replace(view, blurs=np.array([np.inf, blur])), 0.8)
+        away = CELL * np.hypot(rows - 12, columns - 20) + blur
+        assert certain == pytest.approx(np.where(away < 0.8, away, FAR_M), abs=1e-6)
+    hits = np.array([view.centre_of((0, 23)), view.centre_of((12, 20)) + np.array([0.1, 0.0])])
+    certain = to_certain(dataclasses.replace(view, hits=hits, blurs=np.zeros(2)), 0.8)
+    assert certain[0, 23] == 0.0 and certain[12, 20] == pytest.approx(0.1) and certain[3, 5] == FAR_M

@@ -362,10 +362,18 @@ def test_short_distances_are_measured_to_the_return() -> None:
         assert view.to_occupied[view.cell_of(place)] == pytest.approx(exact, abs=0.03)
 
 
-def test_only_what_was_seen_from_near_by_is_certain() -> None:
-    for distance, sure in ((0.6, True), (3.0, False)):
+@pytest.mark.parametrize(
+    ("ranges_m", "blur"), [((0.6,), 0.0), ((3.0,), 0.262), ((3.0, 2.0), 0.175), ((2.0, 3.0), 0.175)]
+)
+def test_a_return_is_as_blurred_as_from_the_nearest_look(ranges_m: tuple[float, ...], blur: float) -> None:
+    """A sector of 5 degrees is 0.262 m wide at 3 m; the obstacle is 3 m north of the first place in each look."""
+    rolling = RollingMap(SETTINGS, HULL)
+    for distance in ranges_m:
         ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
         ranges[[71, 0, 1]], hit[[71, 0, 1]] = distance, True
-        view = seen(ranges, hit, scans=5)
-        assert view.certain is not None
-        assert view.certain[view.cell_of(HERE + np.array([distance, 0.0, 0.0]))] == sure
+        place = HERE + np.array([ranges_m[0] - distance, 0.0, 0.0])
+        rolling.add(scan_of(ranges, hit), place, LEVEL, GROUND)
+    view = rolling.view(0)
+    assert view.hits is not None and view.blurs is not None
+    nearest = np.hypot(*(view.hits - HERE[:2] - [ranges_m[0], 0.0]).T).argmin()
+    assert view.blurs[nearest] == pytest.approx(blur, abs=1e-3)
