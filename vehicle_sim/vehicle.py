@@ -28,7 +28,7 @@ from vehicle_sim.services.parameter_store import Parameters
 from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.services import Services
 from vehicle_sim.services.snapshot import Snapshot
-from vehicle_sim.services.telemetry import Profile, Telemetry
+from vehicle_sim.services.telemetry import Profile, Senses, Telemetry
 from vehicle_sim.tick import EXACT, advance
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import TruthRecorder
@@ -111,8 +111,8 @@ class Vehicle:
         self._scan_poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
         self._now = Snapshot(self.motion, self.motion, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
-        scans = Scans(lidar, self._scene)
-        self._services = Services(identity, airframe, self.flight, self.parameters, scans, world.origin, self._release)
+        senses = Senses(Scans(lidar, self._scene), self._estimator)
+        self._services = Services(identity, airframe, self.flight, self.parameters, senses, world.origin, self._release)
         self.channel = self.open_channel(datagrams=datagrams)
         """The first link."""
         self._released_at_ned: Vector | None = None

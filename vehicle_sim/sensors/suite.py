@@ -11,6 +11,7 @@ from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.physics.rigid_body import to_world
+from vehicle_sim.sensors.faults import Fault
 from vehicle_sim.sensors.settings import SensorSettings, Wander
 from vehicle_sim.timing import TICK_NS
 
@@ -22,6 +23,12 @@ _BLOCK = 250
 """Ticks for which noise is drawn at once."""
 MOTION = 13
 """Velocity (3) in the world, position (3), attitude (4), rates (3)."""
+_WRONG_HEIGHT_M = 20.0
+_WRONG_FIELD_GAUSS = 0.3
+_WRONG_FIX = (20.0, 20.0, 20.0, 2.0, 2.0, 2.0)
+"""By how much a failed sensor is wrong: position (m) and velocity (m/s) of a fix."""
+_SMOOTHING = 0.01
+"""Share of a tick's difference in the vibration, as in PX4."""
 
 
 class Fix(NamedTuple):
@@ -97,10 +104,23 @@ def _read(before: Array, now: Array, errors: Array, walk: Array, noise: Array, o
 
 
 @compiled
-def _add(white: Array, noise: Array, most: Array, out: Array) -> None:
-    """Add white noise of these deviations (6,), and saturate at `most` (6,)."""
+def _add(white: Array, noise: Array, most: Array, out: Array, shaken: Array) -> None:
+    """Add white noise of these deviations (6,), and saturate at `most` (6,).
+
+    `shaken` (11,): the smoothed size of what angle and speed change from tick to tick (2), how often each axis of the
+    accelerometer saturated (3), and the last reading (6).
+    """
     for i in range(6):
-        out[i] = min(max(out[i] + white[i] * noise[i], -most[i]), most[i])
+        read = out[i] + white[i] * noise[i]
+        out[i] = min(max(read, -most[i]), most[i])
+        if i >= 3 and out[i] != read:
+            shaken[i - 1] += 1.0
+    for kind in range(2):
+        square = 0.0
+        for i in range(3 * kind, 3 * kind + 3):
+            square += (out[i] - shaken[5 + i]) ** 2
+            shaken[5 + i] = out[i]
+        shaken[kind] += _SMOOTHING * (math.sqrt(square) - shaken[kind])
 
 
 class SensorSuite:
@@ -127,6 +147,11 @@ class SensorSuite:
         self._next = 0
         self.gained = np.zeros(6)
         """(6,): angle (rad) and speed (m/s) of the last tick."""
+        self._shaken = np.zeros(11)
+        self._shaken[-1] = -GRAVITY * TICK_S  # at rest, so that the first tick does not count as a jolt
+        self.barometer = Fault(np.array((_WRONG_HEIGHT_M,)), rng)
+        self.magnetometer = Fault(np.full(3, _WRONG_FIELD_GAUSS), rng)
+        self.gnss = Fault(np.array(_WRONG_FIX), rng)
 
     def advance(self, now: Array) -> None:
         """One more tick, at whose end the vehicle moves so (13,)."""
@@ -135,26 +160,41 @@ class SensorSuite:
         noise = self._noise[self._next]
         self._next += 1
         _read(self._before, now, self.errors, self.walk, noise, self.gained)
-        _add(self._white, noise[_WANDERS:], self._most, self.gained)
+        _add(self._white, noise[_WANDERS:], self._most, self.gained, self._shaken)
         self._before = now
 
-    def height(self) -> float:
+    @property
+    def vibration(self) -> tuple[float, float]:
+        """Of gyroscope (rad/s) and accelerometer (m/s2): the smoothed change from tick to tick."""
+        return float(self._shaken[0] / TICK_S), float(self._shaken[1] / TICK_S)
+
+    @property
+    def clipped(self) -> tuple[int, int, int]:
+        """How often each axis of the accelerometer has saturated."""
+        x, y, z = self._shaken[2:5].astype(int).tolist()
+        return x, y, z
+
+    def height(self, time_ns: int) -> float | None:
         """The barometer's (m), above the origin."""
         s = self.settings.barometer
-        return float(-self._before[5] + self.errors[BAROMETER] + s.noise * self._rng.standard_normal())
+        read = -self._before[5] + self.errors[BAROMETER] + s.noise * self._rng.standard_normal()
+        found = self.barometer.read(np.array((read,)), time_ns)
+        return None if found is None else float(found[0])
 
-    def field_frd(self) -> Array:
+    def field_frd(self, time_ns: int) -> Array | None:
         """The magnetometer's (3,), in gauss."""
         q0, q1, q2, q3 = self._before[6:10].tolist()
         field = np.array(to_world(q0, -q1, -q2, -q3, *self._field_ned.tolist()))
         noise = self.settings.magnetometer.noise * self._rng.standard_normal(3)
-        return field + self.errors[HARD_IRON] + noise
+        return self.magnetometer.read(field + self.errors[HARD_IRON] + noise, time_ns)
 
     def fix(self, time_ns: int) -> Fix | None:
-        """The receiver's; None in an outage."""
+        """The receiver's; None without a fix."""
         s, noise = self.settings.gnss, self._rng.standard_normal(6)
         if any(begin <= time_ns * 1e-9 < end for begin, end in s.outages_s):
             return None
         (level, up), (slow, climbing) = s.position_noise, s.velocity_noise
-        error = self.errors[POSITION] + np.array((level, level, up)) * noise[:3]
-        return Fix(time_ns, self._before[3:6] + error, self._before[:3] + np.array((slow, slow, climbing)) * noise[3:])
+        position = self._before[3:6] + self.errors[POSITION] + np.array((level, level, up)) * noise[:3]
+        velocity = self._before[:3] + np.array((slow, slow, climbing)) * noise[3:]
+        found = self.gnss.read(np.concatenate((position, velocity)), time_ns)
+        return None if found is None else Fix(time_ns, found[:3], found[3:])

@@ -20,11 +20,10 @@ from vehicle_sim.services.outbox import Channel, Outbox
 from vehicle_sim.services.parameter_store import Parameters, text_of
 from vehicle_sim.services.parameters import ParameterService
 from vehicle_sim.services.places import Geodetic
-from vehicle_sim.services.sensor_messages import Scans
 from vehicle_sim.services.setpoints import SetpointService
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.status_text import StatusTexts
-from vehicle_sim.services.telemetry import Profile, Source, Telemetry
+from vehicle_sim.services.telemetry import Profile, Senses, Source, Telemetry
 
 PARAMETER_FILE = "parameters.params"
 """The file with all parameters, for MAVLink FTP."""
@@ -50,7 +49,7 @@ class Services:
         airframe: Airframe,
         flight: FlightControl,
         parameters: Parameters,
-        scans: Scans,
+        senses: Senses,
         origin: Geodetic,
         release: Callable[[], bool],
     ) -> None:
@@ -71,7 +70,7 @@ class Services:
         )
         self._handlers = {key: handler for service in services for key, handler in service.handlers.items()}
         capabilities: int = reduce(or_, (each.capabilities for each in services))
-        self._source = Source(airframe, scans, flight, origin, identity.version, capabilities)
+        self._source = Source(airframe, senses, flight, origin, identity.version, capabilities)
 
     @property
     def ended(self) -> bool:

@@ -31,6 +31,10 @@ class Snapshot(NamedTuple):
     def now_us(self) -> int:
         return self.truth.time_ns // 1000
 
+    @property
+    def now_ns(self) -> int:
+        return self.truth.time_ns
+
 
 def int16(value: float) -> int:
     """Rounded, within 16 bits."""
