@@ -17,6 +17,7 @@ from vehicle_sim.sensors.settings import SensorSettings
 PERFECT = "perfect"
 
 Axes = tuple[Positive, Positive, Positive]
+Four = tuple[Positive, Positive, Positive, Positive]
 
 
 class Rotors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -28,6 +29,10 @@ class Rotors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Jr: of one rotor with the bell of its motor, about its axis."""
     time_constant_up_s: Positive
     time_constant_down_s: Positive
+    thrust_share: Four = (1.0, 1.0, 1.0, 1.0)
+    """Thrust and torque of each rotor (front, right, back, left) as a share of those of a sound propeller."""
+    lag_share: Four = (1.0, 1.0, 1.0, 1.0)
+    """The time constants of each rotor, as a share of those above."""
 
 
 class Ground(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -171,6 +176,9 @@ PARAMETERS = np.dtype(
         ("torque_per_thrust_m", "f8"),
         ("thrust_constant_ns2", "f8"),
         ("rotor_max_speed", "f8"),
+        ("rotor_running", "f8", 4),  # 1: as commanded, 0: a motor that has failed; changes in flight
+        ("rotor_thrust_share", "f8", 4),
+        ("rotor_lag_share", "f8", 4),
         ("rotor_inertia_kgm2", "f8"),
         ("time_constant_up_s", "f8"),
         ("time_constant_down_s", "f8"),
@@ -212,6 +220,9 @@ def parameters(airframe: Airframe) -> NDArray[np.void]:
         "torque_per_thrust_m": body.torque_per_thrust_m,
         "thrust_constant_ns2": rotors.thrust_constant_ns2,
         "rotor_max_speed": math.sqrt(body.rotor_max_thrust_n / rotors.thrust_constant_ns2),
+        "rotor_running": 1.0,
+        "rotor_thrust_share": rotors.thrust_share,
+        "rotor_lag_share": rotors.lag_share,
         "rotor_inertia_kgm2": rotors.inertia_kgm2,
         "time_constant_up_s": rotors.time_constant_up_s,
         "time_constant_down_s": rotors.time_constant_down_s,

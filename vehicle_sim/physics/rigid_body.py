@@ -82,8 +82,8 @@ def _attitude_derivative(state: Array, out: Array) -> None:
 def _rotor_derivative(state: Array, rotor_commands: Array, p: Any, out: Array) -> None:
     """Rate of change of the rotor speeds into `out` 13:17: a first-order lag, faster up than down."""
     for i in range(4):
-        lack = min(max(rotor_commands[i], 0.0), p.rotor_max_speed) - state[13 + i]
-        out[13 + i] = lack / (p.time_constant_up_s if lack > 0.0 else p.time_constant_down_s)
+        lack = p.rotor_running[i] * min(max(rotor_commands[i], 0.0), p.rotor_max_speed) - state[13 + i]
+        out[13 + i] = lack / (p.rotor_lag_share[i] * (p.time_constant_up_s if lack > 0.0 else p.time_constant_down_s))
 
 
 @compiled
@@ -94,10 +94,10 @@ def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out:
     wx, wy, wz = state[10], state[11], state[12]
     ix, iy, iz = p.inertia_kgm2[0], p.inertia_kgm2[1], p.inertia_kgm2[2]
 
-    front = p.thrust_constant_ns2 * state[13] * state[13]
-    right = p.thrust_constant_ns2 * state[14] * state[14]
-    back = p.thrust_constant_ns2 * state[15] * state[15]
-    left = p.thrust_constant_ns2 * state[16] * state[16]
+    front = p.rotor_thrust_share[0] * p.thrust_constant_ns2 * state[13] * state[13]
+    right = p.rotor_thrust_share[1] * p.thrust_constant_ns2 * state[14] * state[14]
+    back = p.rotor_thrust_share[2] * p.thrust_constant_ns2 * state[15] * state[15]
+    left = p.rotor_thrust_share[3] * p.thrust_constant_ns2 * state[16] * state[16]
     tx = p.arm_length_m * (left - right)
     ty = p.arm_length_m * (front - back)
     tz = p.torque_per_thrust_m * (front + back - right - left)

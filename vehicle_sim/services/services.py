@@ -12,6 +12,7 @@ from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.services.commands import CommandService
 from vehicle_sim.services.files import FileService
+from vehicle_sim.services.flight_commands import Actions
 from vehicle_sim.services.identity import COMPONENT, Identity
 from vehicle_sim.services.link import LinkService
 from vehicle_sim.services.logs import LogService
@@ -20,10 +21,11 @@ from vehicle_sim.services.outbox import Channel, Outbox
 from vehicle_sim.services.parameter_store import Parameters, text_of
 from vehicle_sim.services.parameters import ParameterService
 from vehicle_sim.services.places import Geodetic
+from vehicle_sim.services.sensor_messages import Senses
 from vehicle_sim.services.setpoints import SetpointService
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.status_text import StatusTexts
-from vehicle_sim.services.telemetry import Profile, Senses, Source, Telemetry
+from vehicle_sim.services.telemetry import Profile, Source, Telemetry
 
 PARAMETER_FILE = "parameters.params"
 """The file with all parameters, for MAVLink FTP."""
@@ -38,7 +40,7 @@ class Service(Protocol):
 
 
 class Services:
-    """Of one vehicle, on all its links. `origin` is the place of the local axes on earth, `release` drops the parcel.
+    """Of one vehicle, on all its links. `origin` is the place of the local axes on earth.
 
     A new service is one more entry here.
     """
@@ -51,13 +53,13 @@ class Services:
         parameters: Parameters,
         senses: Senses,
         origin: Geodetic,
-        release: Callable[[], bool],
+        actions: Actions,
     ) -> None:
         self._identity = identity
         self._flight = flight
         self.outbox = outbox = Outbox()
         self._status_texts = StatusTexts(outbox)
-        self._commands = commands = CommandService(flight, outbox, identity, origin, release)
+        self._commands = commands = CommandService(flight, outbox, identity, origin, actions)
         self._missions = missions = MissionService(flight, outbox, identity, origin)
         services: tuple[Service, ...] = (
             LinkService(flight, outbox),

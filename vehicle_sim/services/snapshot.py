@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 from vehicle_sim.physics.motion import Motion
 
+NOTHING = b""
+"""Instead of a message whose values are not known."""
+
 
 class Snapshot(NamedTuple):
     estimate: Motion

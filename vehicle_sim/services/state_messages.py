@@ -11,12 +11,10 @@ from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.estimation.delayed_truth import DelayedTruth
 from vehicle_sim.estimation.estimator import Estimator
-from vehicle_sim.services.snapshot import Snapshot, int16
+from vehicle_sim.services.snapshot import NOTHING, Snapshot, int16
 
 _NO_COVARIANCE = (0.0,) * 21
 _UPPER = np.triu_indices(6)
-NOTHING = b""
-"""Instead of a message whose values are not known."""
 _UNIT = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -48,10 +46,7 @@ class StateMessages:
 
     def attitude(self, now: Snapshot) -> bytes:
         m = now.estimate
-        q0, q1, q2, q3 = m.attitude_ned_frd
-        roll = math.atan2(2.0 * (q0 * q1 + q2 * q3), 1.0 - 2.0 * (q1 * q1 + q2 * q2))
-        pitch = math.asin(min(1.0, max(-1.0, 2.0 * (q0 * q2 - q3 * q1))))
-        return self._encode(dialect.MAVLink_attitude_message, now.estimate_ms, roll, pitch, m.yaw, *m.rates_frd)
+        return self._encode(dialect.MAVLink_attitude_message, now.estimate_ms, *m.roll_pitch, m.yaw, *m.rates_frd)
 
     def local_position_ned(self, now: Snapshot) -> bytes:
         """Nothing while the position is lost, as PX4."""

@@ -8,11 +8,10 @@ from protocol.messages import AvailableModes, CurrentMode, Encoder, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import LandedState, Mode
-from vehicle_sim.estimation.delayed_truth import DelayedTruth
 from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.services.estimator_messages import EstimatorMessages
 from vehicle_sim.services.mode_messages import ModeMessages
-from vehicle_sim.services.sensor_messages import Scans, SensorMessages
+from vehicle_sim.services.sensor_messages import Senses, SensorMessages
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.state_messages import StateMessages
 from vehicle_sim.services.status_messages import StatusMessages
@@ -20,13 +19,6 @@ from vehicle_sim.services.streams import Schedule
 
 Build = Callable[[Snapshot], bytes]
 """Encodes one message."""
-
-
-class Senses(NamedTuple):
-    """What the vehicle knows of itself and of its surroundings."""
-
-    scans: Scans
-    estimator: DelayedTruth | Estimator
 
 
 Row = tuple[int, Build, int, int, int]
@@ -60,7 +52,9 @@ class Telemetry:
         self._reported: tuple[Mode, bool, bool, bool] | None = None
         self._reported_landed: LandedState | None = None
         state = StateMessages(encoder, flight, source.senses.estimator, source.origin)
-        self._status = status = StatusMessages(encoder, source.airframe, flight, source.version, source.capabilities)
+        self._status = status = StatusMessages(
+            encoder, source.airframe, flight, source.senses, source.version, source.capabilities
+        )
         self._modes = modes = ModeMessages(encoder, flight, source.origin)
         sensors = SensorMessages(encoder, source.senses.scans)
         scan_us = round(1e6 / source.airframe.lidar.rate_hz)
