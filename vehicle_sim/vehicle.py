@@ -191,7 +191,7 @@ class Vehicle:
         if self.flight.armed and is_empty(self.airframe, truth):
             self.flight.lose_power()
         if self.tick % _BATTERY_TICKS == 0:
-            self.flight.watch.health.charge = battery_state(self.airframe, truth).remaining
+            self._look_at_battery(truth)
         present, told = self._estimator.update(truth)
         self.flight.watch.health.position_lost = self._estimator.position_lost
         self.flight.step(present)
@@ -213,6 +213,12 @@ class Vehicle:
         if self._lockstep and channel is self.channel:
             frames.append(channel.encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
         return _datagrams(frames)
+
+    def _look_at_battery(self, truth: Motion) -> None:
+        state, battery = battery_state(self.airframe, truth), self.airframe.battery
+        self.flight.watch.health.charge = state.remaining
+        if battery.drives_speed:
+            self._parameters["voltage_share"] = state.volts / battery.full_v
 
     def _move_world(self) -> None:
         self._scene.update(self.time_ns, self.motion.position_ned)

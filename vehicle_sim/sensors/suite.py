@@ -91,7 +91,7 @@ def gained(before: Array, now: Array, angle: Array, speed: Array) -> None:
 
 
 @compiled
-def _read(before: Array, now: Array, errors: Array, walk: Array, noise: Array, out: Array) -> None:
+def read(before: Array, now: Array, errors: Array, walk: Array, noise: Array, out: Array) -> None:
     """Let the errors (13,) wander, and read the inertial unit: angle and speed (6,).
 
     `walk` (2, 13) is what an error keeps in a tick and how far it walks, `noise` (19,) of unit deviation.
@@ -159,7 +159,7 @@ class SensorSuite:
             self._noise, self._next = self._rng.standard_normal((_BLOCK, _WANDERS + _WHITE)), 0
         noise = self._noise[self._next]
         self._next += 1
-        _read(self._before, now, self.errors, self.walk, noise, self.gained)
+        read(self._before, now, self.errors, self.walk, noise, self.gained)
         _add(self._white, noise[_WANDERS:], self._most, self.gained, self._shaken)
         self._before = now
 
