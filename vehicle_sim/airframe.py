@@ -44,6 +44,8 @@ class Unmodelled(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Along each axis of the body, beside the linear drag: N for 1 m/s, growing with the square."""
     propeller_radius_m: NotNegative = 0.0
     """For the ground effect; 0: there is none."""
+    imbalance_kg_m: NotNegative = 0.0
+    """Of each propeller: mass times distance from its axis, which shakes the accelerometer."""
 
 
 class Ground(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -280,7 +280,8 @@ def _estimator(airframe: Airframe, start: Motion, rngs: list[np.random.Generator
     if sensors is None:
         return DelayedTruth(delay_s, start)
     sensing, alignment = rngs
-    return Estimator(SensorSuite(sensors, start, sensing), delay_s, start, alignment)
+    imbalance_m = airframe.unmodelled.imbalance_kg_m / airframe.takeoff_mass_kg
+    return Estimator(SensorSuite(sensors, start, sensing, imbalance_m), delay_s, start, alignment)
 
 
 def _faults(senses: Senses) -> dict[int, tuple[Fault, ...]]:

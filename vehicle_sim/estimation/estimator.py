@@ -113,7 +113,7 @@ class Estimator:
     def update(self, truth: Motion) -> tuple[Motion, Motion]:
         """What the vehicle flies on after one more tick, at whose end it moves so, and what it tells."""
         suite, now = self.suite, as_row(truth)
-        suite.advance(now)
+        suite.advance(now, truth.rotor_speeds)
         kalman.predict(self.nominal, suite.gained, TICK_S, self._since)
         tick = truth.time_ns // TICK_NS
         if tick % _SPREAD_TICKS == 0:

@@ -1,6 +1,7 @@
 """Gyroscope, accelerometer, barometer, magnetometer and satellite receiver: the truth with each one's errors."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ _WRONG_HEIGHT_M = 20.0
 _WRONG_FIELD_GAUSS = 0.3
 _WRONG_FIX = (20.0, 20.0, 20.0, 2.0, 2.0, 2.0)
 """By how much a failed sensor is wrong: position (m) and velocity (m/s) of a fix."""
+_SPINS = np.array((-1.0, 1.0, -1.0, 1.0))
+"""Directions in which the rotors turn, about the body's z axis."""
 _SMOOTHING = 0.01
 """Share of a tick's difference in the vibration, as in PX4."""
 
@@ -127,7 +130,10 @@ class SensorSuite:
     """All sensors of a vehicle. Errors begin as the wander has them, but for the receiver's: its first fixes say where
     the origin is."""
 
-    def __init__(self, settings: SensorSettings, start: Motion, rng: np.random.Generator) -> None:
+    def __init__(
+        self, settings: SensorSettings, start: Motion, rng: np.random.Generator, imbalance_m: float = 0.0
+    ) -> None:
+        """`imbalance_m`: a propeller's imbalance (kg m) over the vehicle's mass."""
         self.settings = settings
         self._rng = rng
         self._field_ned = field_ned(settings)
@@ -143,6 +149,8 @@ class SensorSuite:
         self._white = np.repeat((s.gyro_noise, s.accelerometer_noise), 3) * math.sqrt(TICK_S)
         self._most = np.repeat((s.gyro_range, s.accelerometer_range), 3) * TICK_S
         self._before = as_row(start)
+        self._imbalance_m = imbalance_m
+        self._phases = 2.0 * math.pi * rng.random(4) if imbalance_m else np.zeros(4)
         self._noise = np.empty((0, _WANDERS + _WHITE))
         self._next = 0
         self.gained = np.zeros(6)
@@ -153,15 +161,27 @@ class SensorSuite:
         self.magnetometer = Fault(np.full(3, _WRONG_FIELD_GAUSS), rng)
         self.gnss = Fault(np.array(_WRONG_FIX), rng)
 
-    def advance(self, now: Array) -> None:
-        """One more tick, at whose end the vehicle moves so (13,)."""
+    def advance(self, now: Array, rotor_speeds: Sequence[float] = ()) -> None:
+        """One more tick, at whose end the vehicle moves so (13,) and the rotors turn so (rad/s)."""
         if self._next == len(self._noise):
             self._noise, self._next = self._rng.standard_normal((_BLOCK, _WANDERS + _WHITE)), 0
         noise = self._noise[self._next]
         self._next += 1
         read(self._before, now, self.errors, self.walk, noise, self.gained)
+        if self._imbalance_m:
+            self.gained[3:5] += self._shake(np.array(rotor_speeds))
         _add(self._white, noise[_WANDERS:], self._most, self.gained, self._shaken)
         self._before = now
+
+    def _shake(self, speeds: Array) -> Array:
+        """What the propellers' imbalances add in a tick to the speed (2,) along the body's x and y: the integrals of
+        forces that turn with the rotors."""
+        before = self._phases
+        self._phases = (before + _SPINS * speeds * TICK_S) % (2.0 * math.pi)
+        turned = self._imbalance_m * speeds * _SPINS
+        x = turned @ (np.sin(self._phases) - np.sin(before))
+        y = turned @ (np.cos(before) - np.cos(self._phases))
+        return np.array((x, y))
 
     @property
     def vibration(self) -> tuple[float, float]:
