@@ -17,6 +17,7 @@ from vehicle_sim.sensors.settings import SensorSettings
 PERFECT = "perfect"
 
 Axes = tuple[Positive, Positive, Positive]
+Four = tuple[Positive, Positive, Positive, Positive]
 
 
 class Rotors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -28,6 +29,23 @@ class Rotors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Jr: of one rotor with the bell of its motor, about its axis."""
     time_constant_up_s: Positive
     time_constant_down_s: Positive
+    thrust_share: Four = (1.0, 1.0, 1.0, 1.0)
+    """Thrust and torque of each rotor (front, right, back, left) as a share of those of a sound propeller."""
+    lag_share: Four = (1.0, 1.0, 1.0, 1.0)
+    """The time constants of each rotor, as a share of those above."""
+
+
+class Unmodelled(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The `[unmodelled]` table: what the companion's model of the vehicle leaves out."""
+
+    centre_of_mass_m: tuple[float, float] = (0.0, 0.0)
+    """Ahead and to the right of the middle of the rotors. Feet and drag stay where they are."""
+    quadratic_drag_kg_m: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    """Along each axis of the body, beside the linear drag: N for 1 m/s, growing with the square."""
+    propeller_radius_m: NotNegative = 0.0
+    """For the ground effect; 0: there is none."""
+    imbalance_kg_m: NotNegative = 0.0
+    """Of each propeller: mass times distance from its axis, which shakes the accelerometer."""
 
 
 class Ground(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -101,6 +119,9 @@ class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     idle_w: NotNegative
     charge: Annotated[float, msgspec.Meta(gt=0, le=1)] = 1.0
     """Of a full battery, at the start."""
+    internal_resistance_ohm: NotNegative = 0.0
+    drives_speed: bool = False
+    """The rotors' speed falls with the voltage, as behind a controller that compensates nothing."""
 
 
 class FenceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -127,6 +148,7 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     telemetry: TelemetrySettings = TelemetrySettings()
     fence: FenceSettings = FenceSettings()
     estimator: EstimatorSettings = EstimatorSettings()
+    unmodelled: Unmodelled = Unmodelled()
 
     def sensors(self) -> SensorSettings | None:
         """What its estimator flies on; None is the truth. Raises TomlFileError."""
@@ -171,6 +193,13 @@ PARAMETERS = np.dtype(
         ("torque_per_thrust_m", "f8"),
         ("thrust_constant_ns2", "f8"),
         ("rotor_max_speed", "f8"),
+        ("rotor_running", "f8", 4),  # 1: as commanded, 0: a motor that has failed; changes in flight, as the next
+        ("voltage_share", "f8"),  # of the commanded speed that the battery's voltage gives
+        ("centre_of_mass_m", "f8", 2),
+        ("quadratic_drag_kg_m", "f8", 3),
+        ("propeller_radius_m", "f8"),
+        ("rotor_thrust_share", "f8", 4),
+        ("rotor_lag_share", "f8", 4),
         ("rotor_inertia_kgm2", "f8"),
         ("time_constant_up_s", "f8"),
         ("time_constant_down_s", "f8"),
@@ -212,6 +241,13 @@ def parameters(airframe: Airframe) -> NDArray[np.void]:
         "torque_per_thrust_m": body.torque_per_thrust_m,
         "thrust_constant_ns2": rotors.thrust_constant_ns2,
         "rotor_max_speed": math.sqrt(body.rotor_max_thrust_n / rotors.thrust_constant_ns2),
+        "rotor_running": 1.0,
+        "voltage_share": 1.0,
+        "centre_of_mass_m": airframe.unmodelled.centre_of_mass_m,
+        "quadratic_drag_kg_m": airframe.unmodelled.quadratic_drag_kg_m,
+        "propeller_radius_m": airframe.unmodelled.propeller_radius_m,
+        "rotor_thrust_share": rotors.thrust_share,
+        "rotor_lag_share": rotors.lag_share,
         "rotor_inertia_kgm2": rotors.inertia_kgm2,
         "time_constant_up_s": rotors.time_constant_up_s,
         "time_constant_down_s": rotors.time_constant_down_s,

@@ -16,16 +16,19 @@ from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Mode, Severity
 from vehicle_sim.estimation.delayed_truth import DelayedTruth
 from vehicle_sim.estimation.estimator import Estimator
-from vehicle_sim.physics.battery import is_empty
+from vehicle_sim.failures import Failures, Unit
+from vehicle_sim.physics.battery import battery_state, is_empty
 from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.physics.motion import FEEDBACK, Motion
 from vehicle_sim.physics.rigid_body import STATES
+from vehicle_sim.sensors.faults import Fault
 from vehicle_sim.sensors.lidar import Lidar
 from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.services.flight_commands import Actions
 from vehicle_sim.services.identity import FIRST, Identity
 from vehicle_sim.services.outbox import Channel
 from vehicle_sim.services.parameter_store import Parameters
-from vehicle_sim.services.sensor_messages import Scans
+from vehicle_sim.services.sensor_messages import Scans, Senses
 from vehicle_sim.services.services import Services
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.telemetry import Profile, Telemetry
@@ -39,6 +42,8 @@ from vehicle_sim.world.wind import Wind
 DATAGRAM_BYTES = 1400
 """Frames are put into one datagram up to this size."""
 
+_BATTERY_TICKS = 25
+"""Between two looks at the battery."""
 _NO_FORCE = (0.0, 0.0, 0.0)
 
 
@@ -111,8 +116,13 @@ class Vehicle:
         self._scan_poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
         self._now = Snapshot(self.motion, self.motion, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
-        scans = Scans(lidar, self._scene)
-        self._services = Services(identity, airframe, self.flight, self.parameters, scans, world.origin, self._release)
+        senses = Senses(Scans(lidar, self._scene, lidar_rng), self._estimator)
+        health = self.flight.watch.health
+        health.charge, health.full_speed = airframe.battery.charge, self._parameters["rotor_max_speed"].item()
+        running = self._parameters["rotor_running"][0]
+        failures = Failures(_faults(senses), running, health, enabled=lambda: bool(self.parameters["SYS_FAILURE_EN"]))
+        actions = Actions(self._release, failures.inject)
+        self._services = Services(identity, airframe, self.flight, self.parameters, senses, world.origin, actions)
         self.channel = self.open_channel(datagrams=datagrams)
         """The first link."""
         self._released_at_ned: Vector | None = None
@@ -180,7 +190,10 @@ class Vehicle:
         self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
         if self.flight.armed and is_empty(self.airframe, truth):
             self.flight.lose_power()
+        if self.tick % _BATTERY_TICKS == 0:
+            self._look_at_battery(truth)
         present, told = self._estimator.update(truth)
+        self.flight.watch.health.position_lost = self._estimator.position_lost
         self.flight.step(present)
         if self.world.force_ned != _NO_FORCE:
             self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned
@@ -200,6 +213,12 @@ class Vehicle:
         if self._lockstep and channel is self.channel:
             frames.append(channel.encoder.encode_fields(dialect.MAVLink_timesync_message, 0, self.time_ns))
         return _datagrams(frames)
+
+    def _look_at_battery(self, truth: Motion) -> None:
+        state, battery = battery_state(self.airframe, truth), self.airframe.battery
+        self.flight.watch.health.charge = state.remaining
+        if battery.drives_speed:
+            self._parameters["voltage_share"] = state.volts / battery.full_v
 
     def _move_world(self) -> None:
         self._scene.update(self.time_ns, self.motion.position_ned)
@@ -261,7 +280,22 @@ def _estimator(airframe: Airframe, start: Motion, rngs: list[np.random.Generator
     if sensors is None:
         return DelayedTruth(delay_s, start)
     sensing, alignment = rngs
-    return Estimator(SensorSuite(sensors, start, sensing), delay_s, start, alignment)
+    imbalance_m = airframe.unmodelled.imbalance_kg_m / airframe.takeoff_mass_kg
+    return Estimator(SensorSuite(sensors, start, sensing, imbalance_m), delay_s, start, alignment)
+
+
+def _faults(senses: Senses) -> dict[int, tuple[Fault, ...]]:
+    """Of the sensors that the vehicle has."""
+    scans, estimator = senses
+    found: dict[int, tuple[Fault, ...]] = {Unit.LIDAR: scans.faults}
+    if isinstance(estimator, Estimator):
+        suite = estimator.suite
+        found |= {
+            Unit.MAGNETOMETER: (suite.magnetometer,),
+            Unit.BAROMETER: (suite.barometer,),
+            Unit.GNSS: (suite.gnss,),
+        }
+    return found
 
 
 def _datagrams(frames: list[bytes]) -> list[bytes]:

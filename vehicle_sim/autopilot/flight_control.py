@@ -20,11 +20,13 @@ from vehicle_sim.autopilot.plan import Limits
 from vehicle_sim.autopilot.setpoints import OffboardSetpoints
 from vehicle_sim.autopilot.settings import SECOND_NS, Settings
 from vehicle_sim.autopilot.sticks import StickFlight
+from vehicle_sim.autopilot.watch import Watch
 from vehicle_sim.physics.motion import Motion
 
 BOOT_NS = 1 * SECOND_NS
 """Time after boot from which the vehicle can be armed."""
 
+_LANDS = (Mode.LAND, Mode.DESCEND)
 _ARMING_TILT = math.radians(30.0)
 
 
@@ -58,10 +60,7 @@ class FlightControl:
         self._land_detector = LandDetector(airframe.ground.foot_height_m)
         self._stopped: Command = np.zeros(1, COMMAND)
         self._stopped["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
-        self._stream_lost_ns: int | None = None
-        """When the failsafe for that began."""
-        self._link_alive_ns = 0
-        """The latest of a heartbeat and a change of mode."""
+        self.watch = Watch(self.settings, self.announce)
         self._armed_since_ns = 0
         self._landed_since_ns = 0
 
@@ -77,7 +76,7 @@ class FlightControl:
             return self.setpoints.command
         if flies is Flies.STICKS:
             return self.sticks.command
-        if (self.landed and phase is not Mode.TAKEOFF) or (phase is Mode.LAND and self.motion.touching):
+        if (self.landed and phase is not Mode.TAKEOFF) or (phase in _LANDS and self.motion.touching):
             return self._stopped
         return self.guidance.flown
 
@@ -93,13 +92,13 @@ class FlightControl:
             return LandedState.ON_GROUND
         if self.phase is Mode.TAKEOFF:
             return LandedState.TAKEOFF
-        return LandedState.LANDING if self.phase is Mode.LAND else LandedState.IN_AIR
+        return LandedState.LANDING if self.phase in _LANDS else LandedState.IN_AIR
 
     # --- commands ---
 
     def heartbeat(self) -> None:
         """A HEARTBEAT arrived."""
-        self._link_alive_ns = self.motion.time_ns
+        self.watch.alive_ns = self.motion.time_ns
 
     def announce(self, severity: Severity, text: str) -> None:
         """Queue a STATUSTEXT."""
@@ -143,6 +142,9 @@ class FlightControl:
 
     def missing(self, mode: Mode) -> str | None:
         """What a mode flies by and is not there, or None."""
+        lost = self.watch.navigation_problem(mode)
+        if lost is not None:
+            return lost
         if mode.flies is Flies.SETPOINTS:
             return self.setpoints.problem(self.motion.time_ns)
         if mode.flies is Flies.STICKS:
@@ -164,7 +166,7 @@ class FlightControl:
             return "not level"
         if not self.mode.arms:
             return f"mode {self.mode.name.lower()}"
-        return self.missing(self.mode)
+        return self.watch.arming_problem(self.mode) or self.missing(self.mode)
 
     def arm(self, *, force: bool = False) -> Result:
         """Start the motors. `force` skips all checks but that for a crash."""
@@ -175,6 +177,7 @@ class FlightControl:
             return self.refuse(f"Arming denied: {problem}")
         self.armed = True
         self._armed_since_ns = self.motion.time_ns
+        self.watch.arm(self.motion.time_ns)
         self.flown = False
         if self.landed:
             self.home_ned = self.motion.position_ned
@@ -228,10 +231,21 @@ class FlightControl:
             return
         if self.armed:
             self._fly(motion)
-            if not self.landed and self.limits.breaks_out(motion.position_ned) and self.settings.fence_breach:
-                self._fire(self.settings.fence_breach)
+            self._look_after(motion)
+        beyond = self.settings.fence_breach
+        if beyond and self.armed and not self.landed and self.limits.breaks_out(motion.position_ned):
+            self._fire(beyond)
         if self.armed and self.landed:
             self._disarm_when_idle(motion.time_ns)
+
+    def _look_after(self, motion: Motion) -> None:
+        share = float(self.command["thrust_n"][0]) / self.airframe.body.max_thrust_n
+        lost = self.mode.needs_position or (self.mode is Mode.OFFBOARD and self.setpoints.needs_position)
+        trigger = self.watch.update(motion, share, needs_position=lost, failsafe=self.failsafe)
+        if trigger is Trigger.ATTITUDE_FAILED_EARLY:
+            self._disarm("Disarmed: attitude failure")
+        elif trigger is not None and not self.landed:
+            self._fire(trigger)
 
     def _fly(self, motion: Motion) -> None:
         """Let the mode prepare the next tick, and see whether it has reached its end."""
@@ -248,7 +262,9 @@ class FlightControl:
                 if trigger is not None:
                     self._fire(trigger)
             case Flies.TARGET if self.mode is Mode.HOLD:
-                self._watch_link(motion.time_ns)
+                trigger = self.watch.in_hold(motion.time_ns, failsafe=self.failsafe)
+                if trigger is not None:
+                    self._fire(trigger)
             case Flies.TARGET:
                 arrival = self.guidance.update(self.mode, motion, self._haven, landed=self.landed)
                 if arrival is not None:
@@ -265,7 +281,9 @@ class FlightControl:
         idle = False
         if motion.touching and not was_landed:
             idle = self.command["thrust_n"][0] < 0.5 * self.mass_kg * GRAVITY
-        self.landed = self._land_detector.update(motion, landed=was_landed, idle=idle)
+        self.landed = self._land_detector.update(
+            motion, landed=was_landed, idle=idle, lost=self.watch.health.position_lost
+        )
         if self.landed and not was_landed:
             self._landed_since_ns = motion.time_ns
             self.announce(Severity.INFO, "Landing detected")
@@ -277,14 +295,6 @@ class FlightControl:
             stop_ned = self.guidance.stopping_point(motion, landed=self.landed)
             self.setpoints.brake(stop_ned, motion.yaw, landed=self.landed)
             self.announce(Severity.WARNING, "Offboard setpoint stale: braking")
-
-    def _watch_link(self, now_ns: int) -> None:
-        settings, lost_ns = self.settings, self._stream_lost_ns
-        still, lost = settings.stream_loss, settings.link_loss
-        if still and self.failsafe and lost_ns is not None and now_ns - lost_ns >= settings.failsafe_hold_ns:
-            self._fire(still)
-        elif lost and now_ns - self._link_alive_ns >= settings.link_loss_ns:
-            self._fire(lost)
 
     def _disarm_when_idle(self, now_ns: int) -> None:
         after_landing_ns, before_ns = self.settings.disarm_landed_ns, self.settings.disarm_preflight_ns
@@ -305,14 +315,14 @@ class FlightControl:
         mode, severity, text = row
         if trigger in FAILSAFES and self.armed:
             self.failsafe = True
-            self._stream_lost_ns = self.motion.time_ns if trigger is Trigger.STREAM_LOST else None
+            self.watch.begin(trigger, self.motion.time_ns)
         self.announce(severity, text)
         self.enter(mode)
 
     def enter(self, mode: Mode) -> None:
         """Begin to fly in a mode."""
         self.mode = mode
-        self._link_alive_ns = self.motion.time_ns
+        self.watch.alive_ns = self.motion.time_ns
         self.guidance.start(mode, self.motion, self._haven, landed=self.landed)
         if mode is Mode.MISSION:
             self.mission.start(self.motion, self.home_ned, landed=self.landed)

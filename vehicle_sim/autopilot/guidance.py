@@ -11,7 +11,7 @@ from vehicle_sim.autopilot.circle import Circle
 from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
 from vehicle_sim.autopilot.modes import Mode, Trigger
 from vehicle_sim.autopilot.settings import Settings
-from vehicle_sim.autopilot.tracking import Tracker
+from vehicle_sim.autopilot.tracking import Target, Tracker
 from vehicle_sim.physics.motion import Motion
 
 STILL_M_S = 0.3
@@ -46,11 +46,13 @@ class Guidance:
         self.circle: Circle | None = None
         """Flown instead of the position target."""
         self._tracker = Tracker(airframe, settings)
+        self._tracks = False
+        """More than a place: a circle, or a descent without any."""
 
     @property
     def flown(self) -> Command:
         """The command to fly."""
-        return self.command if self.circle is None else self._tracker.command
+        return self._tracker.command if self._tracks else self.command
 
     @property
     def _auto(self) -> Auto:
@@ -72,15 +74,21 @@ class Guidance:
         self.command["speed_limits"] = self._auto.speed_limits_m_s
         if mode is Mode.ORBIT:
             self.go_round(Circle(target), motion)
+        elif mode is Mode.DESCEND:
+            self._track(motion)
 
     def go_round(self, circle: Circle, motion: Motion) -> None:
         """Fly a circle, until the next target."""
         self.circle = circle
+        self._track(motion)
+
+    def _track(self, motion: Motion) -> None:
+        self._tracks = True
         self._tracker.start(motion)
 
     def aim(self, target_ned: Vector) -> None:
         """Set the position target (m)."""
-        self.circle = None
+        self.circle, self._tracks = None, False
         self.command["position_ned"] = target_ned
 
     def turn(self, yaw: float) -> None:
@@ -109,6 +117,9 @@ class Guidance:
         if self.circle is not None:
             self._tracker.follow(self.circle.target(motion), motion, landed=landed)
             return None
+        if mode is Mode.DESCEND:
+            descent = Target(velocity_ned=(None, None, self._auto.land_speed_m_s), acceleration_ned=(0.0, 0.0, None))
+            self._tracker.follow(descent, motion, landed=landed)
         if mode is Mode.TAKEOFF:
             return self._update_takeoff(motion, landed=landed)
         if mode is Mode.RETURN:

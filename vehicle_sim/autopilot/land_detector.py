@@ -17,14 +17,16 @@ class LandDetector:
         self._foot_height_m = foot_height_m
         self._still_since_ns: int | None = None
 
-    def update(self, motion: Motion, *, landed: bool, idle: bool) -> bool:
-        """Whether the vehicle is on the ground now. `landed`: it was before; `idle`: its commanded thrust is low."""
+    def update(self, motion: Motion, *, landed: bool, idle: bool, lost: bool = False) -> bool:
+        """Whether the vehicle is on the ground now. `landed`: it was before; `idle`: its commanded thrust is low;
+        `lost`: its horizontal speed is not known."""
+        speed = abs(motion.velocity_ned[2]) if lost else motion.speed
         if not motion.touching:
             self._still_since_ns = None
             return landed and -motion.position_ned[2] <= self._foot_height_m + _LIFTED_M
         if landed:
             return True
-        if not idle or motion.speed > STILL_M_S:
+        if not idle or speed > STILL_M_S:
             self._still_since_ns = None
         elif self._still_since_ns is None:
             self._still_since_ns = motion.time_ns

@@ -25,6 +25,7 @@ class Mode(Enum):
     MISSION = (4, 4, "Mission", Flies.MISSION, 6, True)
     RETURN = (4, 5, "Return", Flies.TARGET, 5, False)
     LAND = (4, 6, "Land", Flies.TARGET, 7, False)
+    DESCEND = (4, 6, "Descend", Flies.TARGET, 0, False)
     ACRO = (5, 0, "Acro", Flies.STICKS, 0, True)
     OFFBOARD = (6, 0, "Offboard", Flies.SETPOINTS, 0, True)
     STABILIZED = (7, 0, "Stabilized", Flies.STICKS, 0, True)
@@ -56,7 +57,12 @@ class Mode(Enum):
     @property
     def is_selectable(self) -> bool:
         """A user can ask for it."""
-        return self.flies is not Flies.NOTHING
+        return self.flies is not Flies.NOTHING and self is not Mode.DESCEND
+
+    @property
+    def needs_position(self) -> bool:
+        """It can't be flown without an estimate of the position."""
+        return self is Mode.POSITION or (self.flies in (Flies.TARGET, Flies.MISSION) and self is not Mode.DESCEND)
 
 
 _AUTO = 4
@@ -81,6 +87,12 @@ class Trigger(Enum):
     CLIMBED = "at the take-off height"
     ABOVE_HOME = "above home"
     DISARMED = "motors off"
+    POSITION_LOST = "no position to fly by"
+    BATTERY_HOLDS = "a low battery: hold first"
+    BATTERY_RETURNS = "a low battery: return"
+    BATTERY_LANDS = "a low battery: land"
+    ATTITUDE_FAILED = "too much tilt"
+    ATTITUDE_FAILED_EARLY = "too much tilt just after arming"
 
 
 _BEYOND_FENCE = {
@@ -91,7 +103,18 @@ _BEYOND_FENCE = {
 }
 """The mode that follows, and what is said."""
 FAILSAFES = frozenset(
-    {Trigger.STREAM_LOST, Trigger.LINK_LOST, Trigger.LINK_LOST_RETURN, Trigger.STICKS_LOST, *_BEYOND_FENCE}
+    {
+        Trigger.STREAM_LOST,
+        Trigger.LINK_LOST,
+        Trigger.LINK_LOST_RETURN,
+        Trigger.STICKS_LOST,
+        *_BEYOND_FENCE,
+        Trigger.POSITION_LOST,
+        Trigger.BATTERY_HOLDS,
+        Trigger.BATTERY_RETURNS,
+        Trigger.BATTERY_LANDS,
+        Trigger.ATTITUDE_FAILED,
+    }
 )
 """Triggers that stand for something that is wrong."""
 
@@ -124,6 +147,9 @@ class LandedState(IntEnum):
     LANDING = 4
 
 
+_ENDING = (Mode.RETURN, Mode.LAND, Mode.DESCEND, Mode.TERMINATION)
+"""Modes that end the flight: a low battery changes none of them for one that takes longer."""
+
 TRANSITIONS: dict[tuple[Mode, Trigger], tuple[Mode, Severity, str]] = {
     (Mode.OFFBOARD, Trigger.STREAM_LOST): (Mode.HOLD, Severity.CRITICAL, "Failsafe: offboard stream lost, holding"),
     (Mode.HOLD, Trigger.STILL_LOST): (Mode.LAND, Severity.CRITICAL, "Failsafe: offboard stream lost, landing"),
@@ -151,7 +177,28 @@ TRANSITIONS: dict[tuple[Mode, Trigger], tuple[Mode, Severity, str]] = {
         (mode, trigger): (following, Severity.CRITICAL, f"Failsafe: geofence breached, {what}")
         for trigger, (following, what) in _BEYOND_FENCE.items()
         for mode in Mode
-        if mode not in (Mode.RETURN, Mode.LAND, Mode.TERMINATION)
+        if mode not in _ENDING
+    },
+    (Mode.DESCEND, Trigger.DISARMED): (Mode.HOLD, Severity.INFO, "Disarmed, mode hold"),
+    **{
+        (mode, Trigger.POSITION_LOST): (Mode.DESCEND, Severity.CRITICAL, "Failsafe: no position, descending")
+        for mode in Mode
+        if mode is not Mode.DESCEND
+    },
+    **{
+        (mode, trigger): (to, Severity.CRITICAL, f"Failsafe: low battery, {text}")
+        for trigger, to, text in (
+            (Trigger.BATTERY_HOLDS, Mode.HOLD, "holding"),
+            (Trigger.BATTERY_RETURNS, Mode.RETURN, "returning"),
+            (Trigger.BATTERY_LANDS, Mode.LAND, "landing"),
+        )
+        for mode in Mode
+        if mode not in _ENDING or (mode, to) == (Mode.RETURN, Mode.LAND)
+    },
+    **{
+        (mode, Trigger.ATTITUDE_FAILED): (Mode.TERMINATION, Severity.EMERGENCY, "Failsafe: attitude, terminating")
+        for mode in Mode
+        if mode is not Mode.TERMINATION
     },
 }
 """All changes of mode without a command: the next mode and what is said. None of them enters OFFBOARD."""

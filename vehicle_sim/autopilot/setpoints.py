@@ -89,6 +89,11 @@ class OffboardSetpoints:
         self._target = target
         self.stream.observe(now_ns)
 
+    @property
+    def needs_position(self) -> bool:
+        """The latest setpoint can't be followed without an estimate of the position."""
+        return self._target is not None
+
     def start(self, motion: Motion) -> None:
         """OFFBOARD begins."""
         self._tracker.start(motion)

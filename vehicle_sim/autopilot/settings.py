@@ -52,6 +52,23 @@ class Settings:
     disarm_preflight_ns: int = 10 * SECOND_NS
     """Time armed without a take-off after which the vehicle disarms, COM_DISARM_PRFLT; 0 or less: never."""
 
+    low_battery_action: int = 3
+    """COM_LOW_BAT_ACT: 0 a warning, 1 return, 2 land, 3 return when critical and land in the emergency."""
+    battery_low: float = 0.15
+    battery_critical: float = 0.07
+    battery_emergency: float = 0.05
+    """Charges below which the battery is so: BAT_LOW_THR, BAT_CRIT_THR, BAT_EMERGEN_THR."""
+    roll_failure_deg: int = 0
+    pitch_failure_deg: int = 0
+    """Beyond which the attitude has failed, FD_FAIL_R and FD_FAIL_P; 0: never."""
+    circuit_breaker: int = 121212
+    """CBRK_FLIGHTTERM; 121212: nothing but a command terminates a flight."""
+
+    @property
+    def terminates(self) -> bool:
+        """A failed attitude stops the motors in flight."""
+        return self.circuit_breaker != 121212
+
     @classmethod
     def of(cls, airframe: Airframe) -> "Settings":
         return cls(airframe.auto, airframe.fence)

@@ -11,6 +11,8 @@ class DelayedTruth:
     """The vehicle flies on the truth, and tells it late: as it was `delay_s` ago, rounded up to whole ticks."""
 
     error = EXACT
+    reset_counter = 0
+    position_lost = False
 
     def __init__(self, delay_s: float, start: Motion) -> None:
         # in nanoseconds, so that a delay of whole ticks is not rounded up

@@ -2,11 +2,12 @@
 
 import math
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
 from protocol.arrays import Array
-from protocol.frames import product
+from protocol.frames import product, rotate
 from protocol.jit import compiled
 from vehicle_sim.estimation import kalman
 from vehicle_sim.physics.motion import Motion
@@ -15,8 +16,16 @@ from vehicle_sim.sensors.suite import TICK_S, Fix, SensorSuite, as_row, field_ne
 from vehicle_sim.timing import TICK_NS
 
 _SPREAD_TICKS = 5
-_GATE = 5.0
+GATE = 5.0
 """Standard deviations of an innovation: EKF2_GPS_P_GATE, EKF2_BARO_GATE."""
+LOST_NS = 5_000_000_000
+"""Without a fix for this time the position is lost: EKF2_NOAID_TOUT."""
+_LOST_M = 5.0
+"""Or beyond this horizontal standard deviation: COM_POS_FS_EPH."""
+_RESET_NS = 7_000_000_000
+"""After no fix was taken for this time, the next one that is refused is believed: PX4's reset_timeout_max."""
+_FAILED_NS = 1_000_000_000
+"""A sensor that has been silent for this time, or more than two of its periods, has failed."""
 _ALIGNED = (0.01, 0.02, 0.01)
 """Standard deviations at the start, after the alignment at rest: attitude (rad), velocity (m/s), position (m)."""
 
@@ -37,6 +46,17 @@ def compare(nominal: Array, gained: Array, truth: Array, estimate: Array, error:
     error[6], error[7], error[8], error[9] = product((truth[6], -truth[7], -truth[8], -truth[9]), nominal)
 
 
+@dataclass(slots=True)
+class Readings:
+    """What each sensor read last, and when (ns). Before it has read anything: zero."""
+
+    field_frd: Array
+    field_ns: int = 0
+    height_m: float = 0.0
+    height_ns: int = 0
+    fix: Fix | None = None
+
+
 class Estimator:
     """Flies on what it estimates, and tells it `delay_s` late.
 
@@ -45,7 +65,7 @@ class Estimator:
     """
 
     def __init__(self, suite: SensorSuite, delay_s: float, start: Motion, rng: np.random.Generator) -> None:
-        self._suite = suite
+        self.suite = suite
         s = suite.settings
         every = wanders(s)
         self._deviations = np.array([each.deviation for each in every])
@@ -60,8 +80,16 @@ class Estimator:
         )
         self._fixes: deque[tuple[Fix, Array]] = deque()
         """On their way, each with the nominal state of its time."""
-        self.test_ratios = [0.0, 0.0, 0.0]
-        """Of the last field, height and fix."""
+        self.field_ratios, self.height_ratios, self.fix_ratios = np.zeros(3), np.zeros(1), np.zeros(6)
+        """Squared innovations over their variances, of the last field, height and fix (position, velocity)."""
+        self.read = Readings(np.zeros(3))
+        self.reset_counter = 0
+        """How often the position has jumped to a fix."""
+        self.position_lost = False
+        """Nobody should fly by its position: it has had no fix for long, or does not believe in it."""
+        self._taken_ns = 0
+        """Time of the last fix that was taken as a whole."""
+        self._now_ns = 0
         self.nominal, self.covariance = np.zeros(kalman.NOMINAL), np.zeros((kalman.ERROR, kalman.ERROR))
         self._align(start, rng)
         self._since = np.zeros(kalman.SINCE)
@@ -84,8 +112,8 @@ class Estimator:
 
     def update(self, truth: Motion) -> tuple[Motion, Motion]:
         """What the vehicle flies on after one more tick, at whose end it moves so, and what it tells."""
-        suite, now = self._suite, as_row(truth)
-        suite.advance(now)
+        suite, now = self.suite, as_row(truth)
+        suite.advance(now, truth.rotor_speeds)
         kalman.predict(self.nominal, suite.gained, TICK_S, self._since)
         tick = truth.time_ns // TICK_NS
         if tick % _SPREAD_TICKS == 0:
@@ -97,28 +125,46 @@ class Estimator:
         return present, self._past[0]
 
     def _measure(self, tick: int, time_ns: int) -> None:
-        suite, s, before = self._suite, self._suite.settings, self.nominal.copy()
+        """Read what is due, and fuse what has come."""
+        suite, read, before = self.suite, self.read, self.nominal.copy()
+        self._now_ns = time_ns
         if _due(tick, self._field_ticks):
-            self.test_ratios[0] = kalman.take_field(
-                self.nominal, self.covariance, self._field, suite.field_frd(), s.magnetometer.noise, _GATE
-            )
+            field = suite.field_frd(time_ns)
+            if field is not None:
+                read.field_frd, read.field_ns = field, time_ns
+                noise = suite.settings.magnetometer.noise
+                self.field_ratios = kalman.take_field(self.nominal, self.covariance, self._field, field, noise, GATE)
         if _due(tick, self._height_ticks):
-            self.test_ratios[1] = kalman.take_height(
-                self.nominal, self.covariance, suite.height(), s.barometer.noise, _GATE
-            )
+            height = suite.height(time_ns)
+            if height is not None:
+                read.height_m, read.height_ns = height, time_ns
+                noise = suite.settings.barometer.noise
+                self.height_ratios = kalman.take_height(self.nominal, self.covariance, height, noise, GATE)
         self._correct_fixes(before, time_ns)
         if self._fixes and time_ns - self._fixes[0][0].time_ns >= self._fix_delay_ns:
-            fix, then = self._fixes.popleft()
-            before = self.nominal.copy()
-            read, late = np.concatenate((fix.position_ned, fix.velocity_ned)), (time_ns - fix.time_ns) * 1e-9
-            self.test_ratios[2] = kalman.take_fix(
-                self.nominal, self.covariance, then, late, read, self._fix_noise, _GATE
-            )
-            self._correct_fixes(before, time_ns)
+            self._take_fix(*self._fixes.popleft(), time_ns)
         if _due(tick, self._fix_ticks):  # with what has just become known: nothing of it is to be corrected again
             made = suite.fix(time_ns)
             if made is not None:
                 self._fixes.append((made, self.nominal.copy()))
+        self.position_lost = time_ns - self._taken_ns > LOST_NS or self.deviations[0] > _LOST_M
+
+    def _take_fix(self, fix: Fix, then: Array, time_ns: int) -> None:
+        """Fuse a fix of a time at which the nominal state was `then` (23,); or, after a long time, believe it alone."""
+        self.read.fix = fix
+        before, uncertain, late = self.nominal.copy(), self.covariance.copy(), (time_ns - fix.time_ns) * 1e-9
+        read = np.concatenate((fix.position_ned, fix.velocity_ned))
+        ratios = kalman.take_fix(self.nominal, self.covariance, then, late, read, self._fix_noise, GATE)
+        self.fix_ratios = ratios
+        if not (ratios > GATE * GATE).any():
+            self._taken_ns = time_ns
+        elif time_ns - self._taken_ns >= _RESET_NS:
+            self.nominal[:], self.covariance[:] = before, uncertain
+            wander = self._deviations[6:9]
+            kalman.reset_to_fix(self.nominal, self.covariance, then, late, read, self._fix_noise, wander)
+            self._taken_ns = time_ns
+            self.reset_counter += 1
+        self._correct_fixes(before, time_ns)
 
     def _correct_fixes(self, before: Array, time_ns: int) -> None:
         """What has become known of the present was so at the fixes' times, too."""
@@ -144,6 +190,39 @@ class Estimator:
         """Standard deviations (m) that it believes of its place, horizontal and vertical."""
         P = self.covariance
         return math.sqrt(P[6, 6] + P[7, 7]), math.sqrt(P[8, 8])
+
+    @property
+    def failed(self) -> tuple[bool, bool, bool]:
+        """Whether magnetometer, barometer and receiver are silent."""
+        s, read, now_ns = self.suite.settings, self.read, self._now_ns
+        last = (s.magnetometer, read.field_ns), (s.barometer, read.height_ns), (s.gnss, self.fix_ns)
+        field, height, fix = (now_ns - at_ns > max(_FAILED_NS, 2e9 / each.rate_hz) for each, at_ns in last)
+        return field, height, fix
+
+    @property
+    def fix_ns(self) -> int:
+        """Time of the last fix, 0 before the first."""
+        return 0 if self.read.fix is None else self.read.fix.time_ns
+
+    @property
+    def pose_covariance(self) -> Array:
+        """(6, 6): of the position (m, NED), and of the attitude as a turn (rad, FRD)."""
+        order = np.r_[6:9, 0:3]
+        found: Array = self.covariance[np.ix_(order, order)]
+        return found
+
+    @property
+    def velocity_covariance(self) -> Array:
+        """(6, 6): of velocity (m/s, FRD) and rates (rad/s, FRD)."""
+        u, v, w = self._estimate[13:16].tolist()
+        none = np.zeros((3, 3))
+        R = np.array([rotate(self.nominal[:4], axis) for axis in np.eye(3)])
+        turned = np.array(((0.0, -w, v), (w, 0.0, -u), (-v, u, 0.0)))
+        J = np.block([[turned, R, none], [none, none, -np.eye(3)]])
+        order = np.r_[0:6, 9:12]
+        found: Array = J @ self.covariance[np.ix_(order, order)] @ J.T
+        found[3:, 3:] += np.eye(3) * self._densities[0] ** 2 / TICK_S
+        return found
 
 
 def _due(tick: int, every: int) -> bool:

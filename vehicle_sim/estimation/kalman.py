@@ -123,10 +123,10 @@ def spread(nominal: Array, P: Array, since: Array, densities: Array, deviations:
 
 
 @compiled
-def _correct(nominal: Array, P: Array, H: Array, innovation: Array, variance: Array, gate: float) -> float:
+def _correct(nominal: Array, P: Array, H: Array, innovation: Array, variance: Array, gate: float) -> Array:
     """Take measurements one after another: rows H (n, 22), innovations and variances (n,). Those beyond `gate` standard
-    deviations are left. The greatest squared ratio of innovation and its deviation (the test ratio)."""
-    change, Ph, worst = np.zeros(ERROR), np.empty(ERROR), 0.0
+    deviations are left. Of each the squared ratio (n,) of the innovation and its deviation: the test ratios."""
+    change, Ph, ratios = np.zeros(ERROR), np.empty(ERROR), np.empty(len(innovation))
     for row in range(len(innovation)):
         S, left = variance[row], innovation[row]
         for i in range(ERROR):
@@ -135,7 +135,7 @@ def _correct(nominal: Array, P: Array, H: Array, innovation: Array, variance: Ar
                 Ph[i] += P[i, j] * H[row, j]
             S += H[row, i] * Ph[i]
             left -= H[row, i] * change[i]
-        worst = max(worst, left * left / S)
+        ratios[row] = left * left / S
         if left * left > gate * gate * S:
             continue
         for i in range(ERROR):
@@ -149,12 +149,12 @@ def _correct(nominal: Array, P: Array, H: Array, innovation: Array, variance: Ar
     turn(nominal, change[0], change[1], change[2])
     for i in range(3, ERROR):
         nominal[1 + i] += change[i]
-    return worst
+    return ratios
 
 
 @compiled
-def take_field(nominal: Array, P: Array, field_ned: Array, read_frd: Array, noise: float, gate: float) -> float:
-    """The magnetometer's reading (3,) of a known field (3,). The test ratio."""
+def take_field(nominal: Array, P: Array, field_ned: Array, read_frd: Array, noise: float, gate: float) -> Array:
+    """The magnetometer's reading (3,) of a known field (3,). The test ratios (3,)."""
     q = nominal
     x, y, z = to_world(q[0], -q[1], -q[2], -q[3], field_ned[0], field_ned[1], field_ned[2])
     H, innovation, variance = np.zeros((3, ERROR)), np.empty(3), np.full(3, noise * noise)
@@ -168,8 +168,8 @@ def take_field(nominal: Array, P: Array, field_ned: Array, read_frd: Array, nois
 
 
 @compiled
-def take_height(nominal: Array, P: Array, height: float, noise: float, gate: float) -> float:
-    """The barometer's. The test ratio."""
+def take_height(nominal: Array, P: Array, height: float, noise: float, gate: float) -> Array:
+    """The barometer's. The test ratio (1,)."""
     H, innovation = np.zeros((1, ERROR)), np.empty(1)
     H[0, 8], H[0, 21] = -1.0, 1.0
     innovation[0] = height + nominal[9] - nominal[22]
@@ -177,9 +177,9 @@ def take_height(nominal: Array, P: Array, height: float, noise: float, gate: flo
 
 
 @compiled
-def take_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, noise: Array, gate: float) -> float:
+def take_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, noise: Array, gate: float) -> Array:
     """Position and velocity (6,) of the receiver, with their standard deviations (6,), from a time `late` (s) ago, when
-    the nominal state was `then` (23,). The test ratio."""
+    the nominal state was `then` (23,). The test ratios (6,)."""
     R, gained, turned = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     _matrix(nominal[:4], R)
     for i in range(3):
@@ -200,3 +200,19 @@ def take_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, no
         innovation[i] = read[i] - then[7 + i] - then[16 + i]
         innovation[3 + i] = read[3 + i] - then[4 + i]
     return _correct(nominal, P, H, innovation, noise * noise, gate)
+
+
+def reset_to_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, noise: Array, wander: Array) -> None:
+    """Believe the receiver alone: position and velocity (6,), with their standard deviations (6,), from a time `late`
+    (s) ago, when the nominal state was `then` (23,). Nothing is known of its wandering error but its deviation (3,)."""
+    nominal[4:7] += read[3:] - then[4:7]
+    nominal[7:10] += read[:3] - then[7:10] + late * (read[3:] - then[4:7])
+    nominal[16:19] = 0.0
+    known = np.r_[SPEED : PLACE + 3, 15:18]
+    P[known, :] = P[:, known] = 0.0
+    for i in range(3):
+        P[SPEED + i, SPEED + i] = noise[3 + i] ** 2
+        P[PLACE + i, PLACE + i] = noise[i] ** 2 + wander[i] ** 2 + (late * noise[3 + i]) ** 2
+        P[PLACE + i, SPEED + i] = P[SPEED + i, PLACE + i] = late * noise[3 + i] ** 2
+        P[15 + i, 15 + i] = wander[i] ** 2
+        P[PLACE + i, 15 + i] = P[15 + i, PLACE + i] = -(wander[i] ** 2)

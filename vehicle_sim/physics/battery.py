@@ -1,5 +1,6 @@
-"""The battery: its voltage falls linearly with the energy that has been used."""
+"""The battery: its voltage falls linearly with the energy that has been used, and with the current."""
 
+import math
 from typing import NamedTuple
 
 from vehicle_sim.airframe import Airframe
@@ -25,10 +26,17 @@ def battery_state(airframe: Airframe, motion: Motion) -> BatteryState:
     b = airframe.battery
     used_wh = (motion.shaft_energy_j / b.efficiency + b.idle_w * motion.time_ns * 1e-9) / 3600.0
     remaining = max(0.0, b.charge - used_wh / b.capacity_wh)
-    volts = b.empty_v + (b.full_v - b.empty_v) * remaining
+    open_v = b.empty_v + (b.full_v - b.empty_v) * remaining
     shaft_w = (
         airframe.body.torque_per_thrust_m
         * airframe.rotors.thrust_constant_ns2
         * sum(speed**3 for speed in motion.rotor_speeds)
     )
-    return BatteryState(volts, (shaft_w / b.efficiency + b.idle_w) / volts, used_wh, remaining)
+    watts = shaft_w / b.efficiency + b.idle_w
+    volts = _at_load(open_v, watts, b.internal_resistance_ohm) if b.internal_resistance_ohm else open_v
+    return BatteryState(volts, watts / volts, used_wh, remaining)
+
+
+def _at_load(open_v: float, watts: float, ohms: float) -> float:
+    """The voltage that gives a power behind a resistance; half of the open one where it can't."""
+    return 0.5 * (open_v + math.sqrt(max(0.0, open_v * open_v - 4.0 * ohms * watts)))

@@ -71,6 +71,13 @@ class Motion(NamedTuple):
         return math.atan2(2.0 * (q0 * q3 + q1 * q2), 1.0 - 2.0 * (q2 * q2 + q3 * q3))
 
     @property
+    def roll_pitch(self) -> tuple[float, float]:
+        """Euler's angles (rad)."""
+        q0, q1, q2, q3 = self.attitude_ned_frd
+        roll = math.atan2(2.0 * (q0 * q1 + q2 * q3), 1.0 - 2.0 * (q1 * q1 + q2 * q2))
+        return roll, math.asin(min(1.0, max(-1.0, 2.0 * (q0 * q2 - q3 * q1))))
+
+    @property
     def tilt(self) -> float:
         """Between the body's down axis and the world's (rad)."""
         _, q1, q2, _ = self.attitude_ned_frd

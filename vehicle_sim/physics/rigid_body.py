@@ -82,8 +82,18 @@ def _attitude_derivative(state: Array, out: Array) -> None:
 def _rotor_derivative(state: Array, rotor_commands: Array, p: Any, out: Array) -> None:
     """Rate of change of the rotor speeds into `out` 13:17: a first-order lag, faster up than down."""
     for i in range(4):
-        lack = min(max(rotor_commands[i], 0.0), p.rotor_max_speed) - state[13 + i]
-        out[13 + i] = lack / (p.time_constant_up_s if lack > 0.0 else p.time_constant_down_s)
+        reached = p.voltage_share * min(max(rotor_commands[i], 0.0), p.rotor_max_speed)
+        lack = p.rotor_running[i] * reached - state[13 + i]
+        out[13 + i] = lack / (p.rotor_lag_share[i] * (p.time_constant_up_s if lack > 0.0 else p.time_constant_down_s))
+
+
+@compiled
+def _ground_effect(height: float, radius: float) -> float:
+    """Thrust of a rotor at a height (m), as a share of that far above the ground: I. Cheeseman and W. Bennett, "The
+    effect of the ground on a helicopter rotor in forward flight", ARC R&M 3021 (1955), down to half a radius."""
+    if radius == 0.0:
+        return 1.0
+    return 1.0 / (1.0 - (radius / (4.0 * max(height, 0.5 * radius))) ** 2)
 
 
 @compiled
@@ -94,13 +104,17 @@ def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out:
     wx, wy, wz = state[10], state[11], state[12]
     ix, iy, iz = p.inertia_kgm2[0], p.inertia_kgm2[1], p.inertia_kgm2[2]
 
-    front = p.thrust_constant_ns2 * state[13] * state[13]
-    right = p.thrust_constant_ns2 * state[14] * state[14]
-    back = p.thrust_constant_ns2 * state[15] * state[15]
-    left = p.thrust_constant_ns2 * state[16] * state[16]
+    cushion = _ground_effect(-state[2], p.propeller_radius_m)
+    front = p.rotor_thrust_share[0] * p.thrust_constant_ns2 * state[13] * state[13]
+    right = p.rotor_thrust_share[1] * p.thrust_constant_ns2 * state[14] * state[14]
+    back = p.rotor_thrust_share[2] * p.thrust_constant_ns2 * state[15] * state[15]
+    left = p.rotor_thrust_share[3] * p.thrust_constant_ns2 * state[16] * state[16]
     tx = p.arm_length_m * (left - right)
     ty = p.arm_length_m * (front - back)
     tz = p.torque_per_thrust_m * (front + back - right - left)
+    thrust = cushion * (front + right + back + left)
+    tx += p.centre_of_mass_m[1] * thrust
+    ty -= p.centre_of_mass_m[0] * thrust
 
     spin = p.rotor_inertia_kgm2 * (state[14] + state[16] - state[13] - state[15])  # angular momentum along z
     tx -= wy * spin
@@ -109,12 +123,11 @@ def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out:
     # drag and thrust in the body, then all forces in the world
     ax, ay, az = state[3] - p.wind_ned[0], state[4] - p.wind_ned[1], state[5] - p.wind_ned[2]
     bx, by, bz = to_world(q0, -q1, -q2, -q3, ax, ay, az)
-    dx, dy = -p.drag_kg_s[0] * bx, -p.drag_kg_s[1] * by
-    dz = -p.drag_kg_s[2] * bz - (front + right + back + left)
+    dx = -(p.drag_kg_s[0] + p.quadratic_drag_kg_m[0] * abs(bx)) * bx
+    dy = -(p.drag_kg_s[1] + p.quadratic_drag_kg_m[1] * abs(by)) * by
+    dz = -(p.drag_kg_s[2] + p.quadratic_drag_kg_m[2] * abs(bz)) * bz - thrust
     fx, fy, fz = to_world(q0, q1, q2, q3, dx, dy, dz)
-    fx += p.force_ned[0]
-    fy += p.force_ned[1]
-    fz += p.force_ned[2]
+    fx, fy, fz = fx + p.force_ned[0], fy + p.force_ned[1], fz + p.force_ned[2]
 
     if state[2] + p.foot_radius_m + p.foot_height_m > 0.0:
         for number in range(4):

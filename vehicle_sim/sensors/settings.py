@@ -69,6 +69,8 @@ class Satellites(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     horizontal_error: Wander
     """m; what the atmosphere and reflections do."""
     vertical_error: Wander
+    fix_type: Annotated[int, msgspec.Meta(ge=2, le=6)] = 3
+    """GPS_FIX_TYPE: 3 in space, 6 RTK, fixed."""
     outages_s: list[Interval] = []
     """Times since boot, from and until, without any fix."""
 

@@ -1,6 +1,7 @@
 """Gyroscope, accelerometer, barometer, magnetometer and satellite receiver: the truth with each one's errors."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.physics.rigid_body import to_world
+from vehicle_sim.sensors.faults import Fault
 from vehicle_sim.sensors.settings import SensorSettings, Wander
 from vehicle_sim.timing import TICK_NS
 
@@ -22,6 +24,14 @@ _BLOCK = 250
 """Ticks for which noise is drawn at once."""
 MOTION = 13
 """Velocity (3) in the world, position (3), attitude (4), rates (3)."""
+_WRONG_HEIGHT_M = 20.0
+_WRONG_FIELD_GAUSS = 0.3
+_WRONG_FIX = (20.0, 20.0, 20.0, 2.0, 2.0, 2.0)
+"""By how much a failed sensor is wrong: position (m) and velocity (m/s) of a fix."""
+_SPINS = np.array((-1.0, 1.0, -1.0, 1.0))
+"""Directions in which the rotors turn, about the body's z axis."""
+_SMOOTHING = 0.01
+"""Share of a tick's difference in the vibration, as in PX4."""
 
 
 class Fix(NamedTuple):
@@ -84,7 +94,7 @@ def gained(before: Array, now: Array, angle: Array, speed: Array) -> None:
 
 
 @compiled
-def _read(before: Array, now: Array, errors: Array, walk: Array, noise: Array, out: Array) -> None:
+def read(before: Array, now: Array, errors: Array, walk: Array, noise: Array, out: Array) -> None:
     """Let the errors (13,) wander, and read the inertial unit: angle and speed (6,).
 
     `walk` (2, 13) is what an error keeps in a tick and how far it walks, `noise` (19,) of unit deviation.
@@ -97,17 +107,33 @@ def _read(before: Array, now: Array, errors: Array, walk: Array, noise: Array, o
 
 
 @compiled
-def _add(white: Array, noise: Array, most: Array, out: Array) -> None:
-    """Add white noise of these deviations (6,), and saturate at `most` (6,)."""
+def _add(white: Array, noise: Array, most: Array, out: Array, shaken: Array) -> None:
+    """Add white noise of these deviations (6,), and saturate at `most` (6,).
+
+    `shaken` (11,): the smoothed size of what angle and speed change from tick to tick (2), how often each axis of the
+    accelerometer saturated (3), and the last reading (6).
+    """
     for i in range(6):
-        out[i] = min(max(out[i] + white[i] * noise[i], -most[i]), most[i])
+        read = out[i] + white[i] * noise[i]
+        out[i] = min(max(read, -most[i]), most[i])
+        if i >= 3 and out[i] != read:
+            shaken[i - 1] += 1.0
+    for kind in range(2):
+        square = 0.0
+        for i in range(3 * kind, 3 * kind + 3):
+            square += (out[i] - shaken[5 + i]) ** 2
+            shaken[5 + i] = out[i]
+        shaken[kind] += _SMOOTHING * (math.sqrt(square) - shaken[kind])
 
 
 class SensorSuite:
     """All sensors of a vehicle. Errors begin as the wander has them, but for the receiver's: its first fixes say where
     the origin is."""
 
-    def __init__(self, settings: SensorSettings, start: Motion, rng: np.random.Generator) -> None:
+    def __init__(
+        self, settings: SensorSettings, start: Motion, rng: np.random.Generator, imbalance_m: float = 0.0
+    ) -> None:
+        """`imbalance_m`: a propeller's imbalance (kg m) over the vehicle's mass."""
         self.settings = settings
         self._rng = rng
         self._field_ned = field_ned(settings)
@@ -123,38 +149,72 @@ class SensorSuite:
         self._white = np.repeat((s.gyro_noise, s.accelerometer_noise), 3) * math.sqrt(TICK_S)
         self._most = np.repeat((s.gyro_range, s.accelerometer_range), 3) * TICK_S
         self._before = as_row(start)
+        self._imbalance_m = imbalance_m
+        self._phases = 2.0 * math.pi * rng.random(4) if imbalance_m else np.zeros(4)
         self._noise = np.empty((0, _WANDERS + _WHITE))
         self._next = 0
         self.gained = np.zeros(6)
         """(6,): angle (rad) and speed (m/s) of the last tick."""
+        self._shaken = np.zeros(11)
+        self._shaken[-1] = -GRAVITY * TICK_S  # at rest, so that the first tick does not count as a jolt
+        self.barometer = Fault(np.array((_WRONG_HEIGHT_M,)), rng)
+        self.magnetometer = Fault(np.full(3, _WRONG_FIELD_GAUSS), rng)
+        self.gnss = Fault(np.array(_WRONG_FIX), rng)
 
-    def advance(self, now: Array) -> None:
-        """One more tick, at whose end the vehicle moves so (13,)."""
+    def advance(self, now: Array, rotor_speeds: Sequence[float] = ()) -> None:
+        """One more tick, at whose end the vehicle moves so (13,) and the rotors turn so (rad/s)."""
         if self._next == len(self._noise):
             self._noise, self._next = self._rng.standard_normal((_BLOCK, _WANDERS + _WHITE)), 0
         noise = self._noise[self._next]
         self._next += 1
-        _read(self._before, now, self.errors, self.walk, noise, self.gained)
-        _add(self._white, noise[_WANDERS:], self._most, self.gained)
+        read(self._before, now, self.errors, self.walk, noise, self.gained)
+        if self._imbalance_m:
+            self.gained[3:5] += self._shake(np.array(rotor_speeds))
+        _add(self._white, noise[_WANDERS:], self._most, self.gained, self._shaken)
         self._before = now
 
-    def height(self) -> float:
+    def _shake(self, speeds: Array) -> Array:
+        """What the propellers' imbalances add in a tick to the speed (2,) along the body's x and y: the integrals of
+        forces that turn with the rotors."""
+        before = self._phases
+        self._phases = (before + _SPINS * speeds * TICK_S) % (2.0 * math.pi)
+        turned = self._imbalance_m * speeds * _SPINS
+        x = turned @ (np.sin(self._phases) - np.sin(before))
+        y = turned @ (np.cos(before) - np.cos(self._phases))
+        return np.array((x, y))
+
+    @property
+    def vibration(self) -> tuple[float, float]:
+        """Of gyroscope (rad/s) and accelerometer (m/s2): the smoothed change from tick to tick."""
+        return float(self._shaken[0] / TICK_S), float(self._shaken[1] / TICK_S)
+
+    @property
+    def clipped(self) -> tuple[int, int, int]:
+        """How often each axis of the accelerometer has saturated."""
+        x, y, z = self._shaken[2:5].astype(int).tolist()
+        return x, y, z
+
+    def height(self, time_ns: int) -> float | None:
         """The barometer's (m), above the origin."""
         s = self.settings.barometer
-        return float(-self._before[5] + self.errors[BAROMETER] + s.noise * self._rng.standard_normal())
+        read = -self._before[5] + self.errors[BAROMETER] + s.noise * self._rng.standard_normal()
+        found = self.barometer.read(np.array((read,)), time_ns)
+        return None if found is None else float(found[0])
 
-    def field_frd(self) -> Array:
+    def field_frd(self, time_ns: int) -> Array | None:
         """The magnetometer's (3,), in gauss."""
         q0, q1, q2, q3 = self._before[6:10].tolist()
         field = np.array(to_world(q0, -q1, -q2, -q3, *self._field_ned.tolist()))
         noise = self.settings.magnetometer.noise * self._rng.standard_normal(3)
-        return field + self.errors[HARD_IRON] + noise
+        return self.magnetometer.read(field + self.errors[HARD_IRON] + noise, time_ns)
 
     def fix(self, time_ns: int) -> Fix | None:
-        """The receiver's; None in an outage."""
+        """The receiver's; None without a fix."""
         s, noise = self.settings.gnss, self._rng.standard_normal(6)
         if any(begin <= time_ns * 1e-9 < end for begin, end in s.outages_s):
             return None
         (level, up), (slow, climbing) = s.position_noise, s.velocity_noise
-        error = self.errors[POSITION] + np.array((level, level, up)) * noise[:3]
-        return Fix(time_ns, self._before[3:6] + error, self._before[:3] + np.array((slow, slow, climbing)) * noise[3:])
+        position = self._before[3:6] + self.errors[POSITION] + np.array((level, level, up)) * noise[:3]
+        velocity = self._before[:3] + np.array((slow, slow, climbing)) * noise[3:]
+        found = self.gnss.read(np.concatenate((position, velocity)), time_ns)
+        return None if found is None else Fix(time_ns, found[:3], found[3:])

@@ -7,14 +7,14 @@ from typing import Any
 from protocol.messages import dialect
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Result
-from vehicle_sim.services.flight_commands import Command, FlightCommands, whole
+from vehicle_sim.services.flight_commands import Actions, Command, FlightCommands, whole
 from vehicle_sim.services.identity import Identity
 from vehicle_sim.services.outbox import Outbox
 from vehicle_sim.services.places import Geodetic
 
 
 class CommandService:
-    """Executes commands. `origin` is the place of the local axes on earth, `release` drops the parcel, if any."""
+    """Executes commands. `origin` is the place of the local axes on earth."""
 
     capabilities = (
         dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -28,14 +28,14 @@ class CommandService:
         outbox: Outbox,
         identity: Identity,
         origin: Geodetic,
-        release: Callable[[], bool],
+        actions: Actions,
     ) -> None:
         self._flight = flight
         self._outbox = outbox
         self._identity = identity
         self.ended = False
         """The vehicle was asked to shut down."""
-        self._flying = FlightCommands(flight, origin, release)
+        self._flying = FlightCommands(flight, origin, actions)
         self.handlers: dict[int, Callable[[Any], None]] = {
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._command,
             dialect.MAVLINK_MSG_ID_COMMAND_INT: self._command,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from protocol.arrays import Vector
 from protocol.messages import dialect
@@ -39,13 +39,22 @@ def _given(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-class FlightCommands:
-    """`table` has them by number. `origin`: the place of the local axes on earth; `release` drops the parcel."""
+class Actions(NamedTuple):
+    """What is done to the vehicle itself."""
 
-    def __init__(self, flight: FlightControl, origin: Geodetic, release: Callable[[], bool]) -> None:
+    release: Callable[[], bool]
+    """Drops the parcel; False if there is none."""
+    inject: Callable[[int, int, int], Result]
+    """Lets a part fail: unit, failure, instance."""
+
+
+class FlightCommands:
+    """`table` has them by number. `origin`: the place of the local axes on earth."""
+
+    def __init__(self, flight: FlightControl, origin: Geodetic, actions: Actions) -> None:
         self._flight = flight
         self._origin = origin
-        self._release = release
+        self._actions = actions
         flight.mission.release = self._open_gripper
         self.table: dict[int, Command] = {
             dialect.MAV_CMD_NAV_TAKEOFF: lambda m: flight.take_off(self._height_above_home(m)),
@@ -73,6 +82,9 @@ class FlightCommands:
             dialect.MAV_CMD_DO_SET_ROI_LOCATION: self._look_at,
             dialect.MAV_CMD_DO_SET_ROI_NONE: lambda _: orders.look_at(flight, None),
             dialect.MAV_CMD_DO_SET_ROI: self._set_roi,
+            dialect.MAV_CMD_INJECT_FAILURE: lambda m: actions.inject(
+                whole(m.param1), whole(m.param2), 0 if math.isnan(m.param3) else whole(m.param3)
+            ),
         }
 
     def _height_above_home(self, message: Any) -> float | None:
@@ -224,7 +236,7 @@ class FlightCommands:
         return Result.ACCEPTED  # also the second time: it may be the same command, sent again for lack of an answer
 
     def _open_gripper(self) -> bool:
-        released = self._release()
+        released = self._actions.release()
         self._flight.announce(Severity.INFO, "Parcel released" if released else "Gripper: no parcel left")
         return released
 

@@ -21,7 +21,6 @@ from vehicle_sim.services.parameter_table import TABLE
 Value = float | int
 
 _NO_TRANSMITTER_NEEDED = 7
-_NO_TERMINATION = 121212
 _VOLATILE = frozenset({"COM_FLIGHT_UUID"})
 """Changes by itself, and does not count for the hash."""
 
@@ -83,14 +82,28 @@ def _of(table: str, field: str) -> Bound:
     return Bound(lambda flight: float(getattr(getattr(flight.settings, table), field)), write)
 
 
+def _field(field: str) -> Bound:
+    """A field of the settings that has the parameter's own type."""
+    return Bound(
+        lambda flight: getattr(flight.settings, field), lambda flight, value: setattr(flight.settings, field, value)
+    )
+
+
 OBEYED: dict[str, Bound] = {
+    "BAT_CRIT_THR": _field("battery_critical"),
+    "BAT_EMERGEN_THR": _field("battery_emergency"),
+    "BAT_LOW_THR": _field("battery_low"),
+    "CBRK_FLIGHTTERM": _field("circuit_breaker"),
     "COM_DISARM_LAND": _seconds("disarm_landed_ns"),
     "COM_DISARM_PRFLT": _seconds("disarm_preflight_ns"),
     "COM_DL_LOSS_T": _seconds("link_loss_ns", int),
     "COM_FAIL_ACT_T": _seconds("failsafe_hold_ns"),
+    "COM_LOW_BAT_ACT": _field("low_battery_action"),
     "COM_OBL_RC_ACT": _action("stream_loss", {3: Trigger.STILL_LOST_RETURN, 4: Trigger.STILL_LOST, 5: None}),
     "COM_OF_LOSS_T": _seconds("stream_loss_ns"),
     "COM_RC_LOSS_T": _seconds("stick_loss_ns"),
+    "FD_FAIL_P": _field("pitch_failure_deg"),
+    "FD_FAIL_R": _field("roll_failure_deg"),
     "GF_ACTION": _action(
         "fence_breach",
         {
@@ -125,10 +138,7 @@ OBEYED: dict[str, Bound] = {
 def _facts(airframe: Airframe) -> dict[str, Value]:
     """What is so about this vehicle, and can't be changed."""
     return {
-        "CBRK_FLIGHTTERM": _NO_TERMINATION,
         "COM_RCL_EXCEPT": _NO_TRANSMITTER_NEEDED,
-        "FD_FAIL_P": 0,
-        "FD_FAIL_R": 0,
         "MPC_THR_HOVER": airframe.body.hover_thrust,
         "MPC_TILTMAX_AIR": math.degrees(math.atan(airframe.auto.acceleration_limit_m_s2 / GRAVITY)),
     }

@@ -19,6 +19,7 @@ from vehicle_sim.services.component_metadata import (
     parameter_metadata,
 )
 from vehicle_sim.services.files import FileService, Tree
+from vehicle_sim.services.flight_commands import Actions
 from vehicle_sim.services.identity import COMPONENT, Identity
 from vehicle_sim.services.link import LinkService
 from vehicle_sim.services.logs import LogService
@@ -27,7 +28,7 @@ from vehicle_sim.services.outbox import Channel, Outbox
 from vehicle_sim.services.parameter_store import Parameters, text_of
 from vehicle_sim.services.parameters import ParameterService
 from vehicle_sim.services.places import Geodetic
-from vehicle_sim.services.sensor_messages import Scans
+from vehicle_sim.services.sensor_messages import Senses
 from vehicle_sim.services.setpoints import SetpointService
 from vehicle_sim.services.shell import ShellService
 from vehicle_sim.services.snapshot import Snapshot
@@ -47,7 +48,7 @@ class Service(Protocol):
 
 
 class Services:
-    """Of one vehicle, on all its links. `origin` is the place of the local axes on earth, `release` drops the parcel.
+    """Of one vehicle, on all its links. `origin` is the place of the local axes on earth.
 
     A new service is one more entry here.
     """
@@ -58,15 +59,15 @@ class Services:
         airframe: Airframe,
         flight: FlightControl,
         parameters: Parameters,
-        scans: Scans,
+        senses: Senses,
         origin: Geodetic,
-        release: Callable[[], bool],
+        actions: Actions,
     ) -> None:
         self._identity = identity
         self._flight = flight
         self.outbox = outbox = Outbox()
         self._status_texts = StatusTexts(outbox)
-        self._commands = commands = CommandService(flight, outbox, identity, origin, release)
+        self._commands = commands = CommandService(flight, outbox, identity, origin, actions)
         self._missions = missions = MissionService(flight, outbox, identity, origin)
         described = parameter_metadata(parameters)
         general = general_metadata(described)
@@ -87,7 +88,7 @@ class Services:
         )
         self._handlers = {key: handler for service in services for key, handler in service.handlers.items()}
         capabilities: int = reduce(or_, (each.capabilities for each in services))
-        self._source = Source(airframe, scans, flight, origin, identity.version, capabilities, checksum(general))
+        self._source = Source(airframe, senses, flight, origin, identity.version, capabilities, checksum(general))
 
     @property
     def ended(self) -> bool:

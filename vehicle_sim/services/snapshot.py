@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 from vehicle_sim.physics.motion import Motion
 
+NOTHING = b""
+"""Instead of a message whose values are not known."""
+
 
 class Snapshot(NamedTuple):
     estimate: Motion
@@ -30,6 +33,10 @@ class Snapshot(NamedTuple):
     @property
     def now_us(self) -> int:
         return self.truth.time_ns // 1000
+
+    @property
+    def now_ns(self) -> int:
+        return self.truth.time_ns
 
 
 def int16(value: float) -> int:

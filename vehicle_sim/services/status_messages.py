@@ -7,8 +7,10 @@ from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import Level
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Flies
-from vehicle_sim.physics.battery import battery_state
+from vehicle_sim.estimation.estimator import Estimator
+from vehicle_sim.physics.battery import BatteryState, battery_state
 from vehicle_sim.services.component_metadata import GENERAL_URI
+from vehicle_sim.services.sensor_messages import Senses
 from vehicle_sim.services.snapshot import Snapshot, int16
 
 _HEALTHY = (
@@ -29,14 +31,24 @@ _HEALTHY = (
     | dialect.MAV_SYS_STATUS_SENSOR_BATTERY
     | dialect.MAV_SYS_STATUS_SENSOR_PROXIMITY
 )
+_PARTS = (
+    dialect.MAV_SYS_STATUS_SENSOR_3D_MAG,
+    dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,
+    dialect.MAV_SYS_STATUS_SENSOR_GPS,
+    dialect.MAV_SYS_STATUS_SENSOR_PROXIMITY | dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION,
+    dialect.MAV_SYS_STATUS_SENSOR_BATTERY,
+    dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL,
+)
+"""What can fail: magnetometer, barometer, receiver, LiDAR, battery, and what needs the position."""
 _ARMABLE = dialect.MAV_SYS_STATUS_PREARM_CHECK
 
-_CHARGE_STATES: tuple[tuple[float, int], ...] = (
-    (0.05, dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY),
-    (0.07, dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL),
-    (0.15, dialect.MAV_BATTERY_CHARGE_STATE_LOW),
+_CHARGE_STATES = (
+    dialect.MAV_BATTERY_CHARGE_STATE_OK,
+    dialect.MAV_BATTERY_CHARGE_STATE_LOW,
+    dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL,
+    dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
 )
-"""Below which charge; PX4's BAT_EMERGEN_THR, BAT_CRIT_THR, BAT_LOW_THR."""
+"""By the stage of the battery."""
 
 _STABILIZED = dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
 _AUTO_FLAGS = dialect.MAV_MODE_FLAG_AUTO_ENABLED | dialect.MAV_MODE_FLAG_GUIDED_ENABLED | _STABILIZED
@@ -59,6 +71,7 @@ class StatusMessages:
         encoder: Encoder,
         airframe: Airframe,
         flight: FlightControl,
+        senses: Senses,
         version: int,
         capabilities: int,
         metadata_crc: int,
@@ -70,6 +83,7 @@ class StatusMessages:
         self._system = encoder.system
         self._airframe = airframe
         self._flight = flight
+        self._senses = senses
 
     def heartbeat(self, now: Snapshot) -> bytes:
         flight = self._flight
@@ -92,9 +106,9 @@ class StatusMessages:
         )
 
     def sys_status(self, now: Snapshot) -> bytes:
-        volts, amperes, _, remaining = battery_state(self._airframe, now.truth)
+        volts, amperes, _, remaining = self._battery(now)
         ready = self._flight.armed or self._flight.arming_problem() is None
-        health = _HEALTHY | (_ARMABLE if ready else 0)
+        health = (_HEALTHY | (_ARMABLE if ready else 0)) & ~self._failed
         everything = _HEALTHY | _ARMABLE
         return self._encode(
             dialect.MAVLink_sys_status_message,
@@ -109,8 +123,21 @@ class StatusMessages:
             *(0,) * 3,
         )
 
+    @property
+    def _failed(self) -> int:
+        """The bits of what does not work."""
+        scans, estimator = self._senses
+        silent = (False,) * 3 + (scans.silent, self._flight.watch.health.drained, estimator.position_lost)
+        if isinstance(estimator, Estimator):
+            silent = estimator.failed + silent[3:]
+        return sum(bits for bits, failed in zip(_PARTS, silent, strict=True) if failed)
+
+    def _battery(self, now: Snapshot) -> BatteryState:
+        state = battery_state(self._airframe, now.truth)
+        return state._replace(remaining=0.0) if self._flight.watch.health.drained else state
+
     def battery_status(self, now: Snapshot) -> bytes:
-        volts, amperes, used_wh, remaining = battery_state(self._airframe, now.truth)
+        volts, amperes, used_wh, remaining = self._battery(now)
         return self._encode(
             dialect.MAVLink_battery_status_message,
             0,
@@ -123,7 +150,7 @@ class StatusMessages:
             round(used_wh * 36.0),
             round(remaining * 100.0),
             0,
-            _charge_state(remaining),
+            _CHARGE_STATES[self._flight.watch.stage],
             (0,) * 4,
             0,
             0,
@@ -177,10 +204,3 @@ class StatusMessages:
         full = math.sqrt(self._airframe.body.rotor_max_thrust_n / rotors.thrust_constant_ns2)
         pulses = [round(1000.0 + 1000.0 * speed / full) for speed in now.truth.rotor_speeds]
         return self._encode(dialect.MAVLink_servo_output_raw_message, now.now_us & 0xFFFFFFFF, 0, *pulses, *(0,) * 12)
-
-
-def _charge_state(remaining: float) -> int:
-    for threshold, state in _CHARGE_STATES:
-        if remaining < threshold:
-            return state
-    return int(dialect.MAV_BATTERY_CHARGE_STATE_OK)

@@ -8,8 +8,10 @@ from protocol.messages import AvailableModes, ComponentMetadata, CurrentMode, En
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import LandedState, Mode
+from vehicle_sim.estimation.estimator import Estimator
+from vehicle_sim.services.estimator_messages import EstimatorMessages
 from vehicle_sim.services.mode_messages import ModeMessages
-from vehicle_sim.services.sensor_messages import Scans, SensorMessages
+from vehicle_sim.services.sensor_messages import Senses, SensorMessages
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.state_messages import StateMessages
 from vehicle_sim.services.status_messages import StatusMessages
@@ -19,11 +21,15 @@ Build = Callable[[Snapshot], bytes]
 """Encodes one message."""
 
 
+Row = tuple[int, Build, int, int, int]
+"""A message: id, builder, and intervals (us): default onboard and on the ground, least."""
+
+
 class Source(NamedTuple):
     """What telemetry reports on, for all links."""
 
     airframe: Airframe
-    scans: Scans
+    senses: Senses
     flight: FlightControl
     origin: tuple[float, float, float]
     version: int
@@ -47,15 +53,20 @@ class Telemetry:
         self._now = start
         self._reported: tuple[Mode, bool, bool, bool] | None = None
         self._reported_landed: LandedState | None = None
-        state = StateMessages(encoder, flight, source.origin)
+        state = StateMessages(encoder, flight, source.senses.estimator, source.origin)
         self._status = status = StatusMessages(
-            encoder, source.airframe, flight, source.version, source.capabilities, source.metadata_crc
+            encoder,
+            source.airframe,
+            flight,
+            source.senses,
+            source.version,
+            source.capabilities,
+            source.metadata_crc,
         )
         self._modes = modes = ModeMessages(encoder, flight, source.origin)
-        sensors = SensorMessages(encoder, source.scans)
+        sensors = SensorMessages(encoder, source.senses.scans)
         scan_us = round(1e6 / source.airframe.lidar.rate_hz)
-        table: tuple[tuple[int, Build, int, int, int], ...] = (
-            # id, builder, intervals (us): default onboard and on the ground, least
+        table: tuple[Row, ...] = (
             (dialect.MAVLINK_MSG_ID_HEARTBEAT, status.heartbeat, 1_000_000, 1_000_000, 0),
             (dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, state.attitude_quaternion, 20_000, 100_000, 0),
             (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, state.local_position_ned, 20_000, 1_000_000, 0),
@@ -63,6 +74,9 @@ class Telemetry:
             (dialect.MAVLINK_MSG_ID_ATTITUDE, state.attitude, 100_000, 66_667, 0),
             (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, state.global_position_int, 100_000, 200_000, 0),
             (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, state.gps_raw_int, 200_000, 200_000, 0),
+            (dialect.MAVLINK_MSG_ID_ALTITUDE, state.altitude, 0, 1_000_000, 0),
+            (dialect.MAVLINK_MSG_ID_VFR_HUD, state.vfr_hud, 0, 250_000, 0),
+            (dialect.MAVLINK_MSG_ID_SYSTEM_TIME, state.system_time, 0, 0, 0),
             (dialect.MAVLINK_MSG_ID_SYS_STATUS, status.sys_status, 1_000_000, 1_000_000, 0),
             (dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, status.extended_sys_state, 200_000, 1_000_000, 0),
             (dialect.MAVLINK_MSG_ID_BATTERY_STATUS, status.battery_status, 2_000_000, 2_000_000, 0),
@@ -77,6 +91,7 @@ class Telemetry:
             (dialect.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS, modes.orbit_execution_status, 200_000, 200_000, 0),
             (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version, 0, 0, 0),
             (ComponentMetadata.id, status.component_metadata, 0, 0, 0),
+            *_sensed(encoder, source),
         )
         self._builders = {message_id: build for message_id, build, *_ in table}
         onboard = profile is Profile.ONBOARD
@@ -122,3 +137,17 @@ class Telemetry:
             yield self._status.extended_sys_state(now)
         for message_id in self._schedule.due(tick):
             yield self._builders[message_id](now)
+
+
+def _sensed(encoder: Encoder, source: Source) -> tuple[Row, ...]:
+    """What a vehicle that knows the truth does not have."""
+    estimator = source.senses.estimator
+    if not isinstance(estimator, Estimator):
+        return ()
+    made = EstimatorMessages(encoder, estimator, source.origin[2])
+    return (
+        (dialect.MAVLINK_MSG_ID_HIGHRES_IMU, made.highres_imu, 0, 0, 0),
+        (dialect.MAVLINK_MSG_ID_SCALED_PRESSURE, made.scaled_pressure, 0, 0, 0),
+        (dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS, made.estimator_status, 0, 2_000_000, 0),
+        (dialect.MAVLINK_MSG_ID_VIBRATION, made.vibration, 0, 10_000_000, 0),
+    )

@@ -9,6 +9,7 @@ import pytest
 from protocol.arrays import Array
 from tests.vehicle_sim.estimation.flown_paths import hover, lemniscate, settings_of
 from vehicle_sim.estimation import kalman
+from vehicle_sim.sensors.settings import Wander
 from vehicle_sim.sensors.suite import TICK_S, SensorSuite, as_row, gained, wanders
 
 
@@ -57,6 +58,25 @@ def test_wanders_keep_their_deviation_and_forget_in_their_time() -> None:
     expected = np.array([each.deviation for each in wanders(settings)])
     expected[6:9] = 0.0
     assert starts.std(axis=0) == pytest.approx(expected, rel=0.15)
+
+
+def test_an_imbalance_shakes_with_the_square_of_the_speed_and_carries_nowhere() -> None:
+    """One rotor alone: a force that turns with it, whose integral over a tick is that of a sine."""
+    settings, imbalance_m, deviations = settings_of("gnss"), 1e-6, []
+    still = msgspec.structs.replace(settings.inertial, accelerometer_noise=0.0, accelerometer_bias=Wander(0.0, 1.0))
+    quiet = msgspec.structs.replace(settings, inertial=still)
+    motion, *_ = hover(0.004)
+    for speed in (200.0, 400.0):
+        suite, reads = SensorSuite(quiet, motion, np.random.default_rng(1), imbalance_m), []
+        for _ in range(5000):
+            suite.advance(as_row(motion), (0.0, speed, 0.0, 0.0))
+            reads.append(suite.gained[3:5].copy())
+        gains = np.array(reads)
+        mean = imbalance_m * speed**2 * np.sinc(speed * TICK_S / (2.0 * np.pi)) / np.sqrt(2.0)
+        assert gains.std(axis=0) / TICK_S == pytest.approx((mean, mean), rel=0.01)
+        assert np.abs(gains.cumsum(axis=0)).max() <= 2.01 * imbalance_m * speed, "a circle's diameter"
+        deviations.append(suite.vibration[1])
+    assert deviations[1] > 2.0 * deviations[0] > 0.0
 
 
 def test_it_saturates() -> None:
