@@ -15,6 +15,7 @@ import json
 import math
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -120,7 +121,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     settings = load(find("vehicles/sensors", options.sensors), SensorSettings)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, (period, samples, density, wander) in measured(settings, options.seed).items():
         for t in TIMES_S:
             every = max(1, round(t / period))
@@ -131,7 +132,7 @@ def main() -> None:
         print(json.dumps({"allan": rows, "step_us": cost}))
         return
     for row in rows:
-        found, wanted = float(row["allan"]), float(row["configured"])
+        found, wanted = row["allan"], row["configured"]
         beside = f"{found:.3e}  configured {wanted:.3e}  {found / wanted - 1:+.1%}"
         print(f"{row['sensor']:14} {row['time_s']:5.1f} s  {beside}")
     print(f"sensors and filter: {cost:.2f} us a step of 1 ms")

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -26,6 +27,7 @@ class Master:
         self.source_system, self.source_component = 255, 190
         self.mav = mavlink.MAVLink(self, self.source_system, self.source_component)
         self.heard = 0
+        self.ticks = 0
         self._lost = frozenset(lost)
         self._queue: list[Any] = []
         self._reader = mavlink.MAVLink(None)
@@ -37,6 +39,7 @@ class Master:
         for _ in range(round(timeout * 1e9 / TICK_NS)):
             if self._queue:
                 break
+            self.ticks += 1
             for datagram in self.vehicle.advance():
                 for message in self._reader.parse_buffer(datagram) or []:
                     if message.get_type() in type:
@@ -46,13 +49,16 @@ class Master:
         return self._queue.pop(0) if self._queue else None
 
 
-def client(master: Master) -> mavftp.MAVFTP:
+def client(master: Master, monkeypatch: pytest.MonkeyPatch) -> mavftp.MAVFTP:
+    """On the vehicle's clock."""
+    clock = SimpleNamespace(time=lambda: master.ticks * TICK_NS * 1e-9, sleep=lambda seconds: None)
+    monkeypatch.setattr(mavftp, "time", clock)
     return mavftp.MAVFTP(master, target_system=1, target_component=1)
 
 
-def test_pymavlinks_client_lists_and_reads() -> None:
+def test_pymavlinks_client_lists_and_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     master = Master(Vehicle(AIRFRAME, EMPTY))
-    ftp = client(master)
+    ftp = client(master, monkeypatch)
     listed = ftp.cmd_list(["/"]) and ftp.list_result
     content = text_of(master.vehicle.parameters).encode()
     assert [each.name for each in listed] == ["general.json", "parameters.json", PATH]
@@ -63,9 +69,9 @@ def test_pymavlinks_client_lists_and_reads() -> None:
     assert got == [content] and len(content) > 3000
 
 
-def test_lost_pieces_are_read_again() -> None:
+def test_lost_pieces_are_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
     master = Master(Vehicle(AIRFRAME, EMPTY), lost={4, 9, 10})
-    ftp = client(master)
+    ftp = client(master, monkeypatch)
     got: list[bytes] = []
     ftp.cmd_get([PATH], callback=lambda file: got.append(file.read()))
     ftp.process_ftp_reply("OpenFileRO", timeout=8)
