@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from companion.cli.shell import exit_on_user_error, say
+from companion.cli.shell import note, say
+from protocol.flightlog import FlightLogError
 
 if TYPE_CHECKING:
     from companion.runtime.flight import Result
@@ -47,7 +48,10 @@ def print_next(log: Path, *, report: bool) -> None:
     if report:
         from companion.view.report import write
 
-        say(f"report: {exit_on_user_error(write, log).path}")
+        try:
+            say(f"report: {write(log).path}")
+        except FlightLogError as error:  # how the flight came out counts for the exit code, not this
+            note(str(error))
     else:
         steps.insert(1, f"companion report {target}")
     say("\n  ".join((f"log: {log}; look at it with", *steps)))

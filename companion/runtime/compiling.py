@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from numba.core.event import Event, Listener, install_listener
 
@@ -19,9 +19,14 @@ class _Compilations(Listener):  # type: ignore[misc]
     def on_start(self, event: Event) -> None:
         self.count += 1
         if self.terminal:
-            os.write(2, f"\r\x1b[K{_TAKES}, {self.count} functions".encode())
+            self.say(f"\r\x1b[K{_TAKES}, {self.count} functions")
         elif self.count == 1:
-            os.write(2, f"{_TAKES}\n".encode())
+            self.say(f"{_TAKES}\n")
+
+    def say(self, text: str) -> None:
+        """Write it, if anybody reads."""
+        with suppress(OSError):
+            os.write(2, text.encode())
 
     def on_end(self, event: Event) -> None:
         """Nothing: the next one begins."""
@@ -36,4 +41,4 @@ def compiling_shown() -> Iterator[None]:
             yield
         finally:
             if compilations.terminal and compilations.count:
-                os.write(2, b"\n")
+                compilations.say("\n")

@@ -117,7 +117,9 @@ def ahead(
 
 
 def clock_text(seconds: float) -> str:
-    """As 1:05, or 1:00:05."""
+    """As 1:05, or 1:00:05; "-" for no time."""
+    if not math.isfinite(seconds):
+        return "-"
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -131,8 +131,8 @@ def fly(
     """A flight in real time, both processes to their end; meanwhile `watch` is called again and again. The vehicle's
     truth is at truth.npy in `folder`."""
     companion = Console(
-        "companion", "fly", mission, "--connect", "udpin:127.0.0.1:0", "--output", "rates", "--log", str(folder),
-        "--json",
+        "companion", "fly", mission, "--connect", "udpin:127.0.0.1:0", "--output", "rates", "--no-report",
+        "--log", str(folder), "--json",
     )  # fmt: skip
     proxy = vehicle = None
     try:

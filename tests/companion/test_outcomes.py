@@ -197,6 +197,9 @@ def test_the_last_words_are_where_the_flight_can_be_looked_at(
     assert f"  companion view {log}\n" in said and f"companion report {log}" not in said
     print_next(log, report=False)
     assert f"  companion report {log}\n" in capsys.readouterr().err
+    log.unlink()
+    print_next(log, report=True)
+    assert "No such file" in capsys.readouterr().err, "no reason to end otherwise than the flight"
 
 
 def test_a_log_without_its_end_is_judged_by_what_the_vehicle_said(

@@ -41,7 +41,7 @@ def test_holds_speeds_and_tracks_take_their_time() -> None:
 
 
 def test_clock() -> None:
-    assert [clock_text(at) for at in (0.4, 65.0, 3605.0, 59.6)] == ["0:00", "1:05", "1:00:05", "1:00"]
+    assert [clock_text(at) for at in (0.4, 65.0, 3605.0, 59.6, math.nan)] == ["0:00", "1:05", "1:00:05", "1:00", "-"]
 
 
 def test_a_flight_is_shown_from_its_start_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

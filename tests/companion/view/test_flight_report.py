@@ -187,3 +187,8 @@ def test_a_report_that_can_t_be_written_is_said_in_one_line(tmp_path: Path) -> N
         write(path, tmp_path / "nowhere" / "report.html")
     with pytest.raises(FlightLogError, match="missing"):
         write(tmp_path / "missing.mcap")
+
+
+def test_what_never_moves_is_folded_and_says_where_it_stays(tmp_path: Path) -> None:
+    flat = {chart.title: chart.flat for chart in compose(GatheredFlight(make(tmp_path, 4.0))).charts}
+    assert flat["Position north"] == "" and flat["Height"] == "always wanted 3, is 3"
