@@ -1,7 +1,7 @@
 """Many vehicles in one compiled step: the responses of disturbed hovers and steps, and vehicle-steps a second of
 one core's time.
 
-    pip install rotorpy==3.0.0 torch        # for RotorPy's figures
+    pip install rotorpy==3.0.0 torch torchdiffeq roma        # for RotorPy's figures
     python bench/batch.py [--vehicles 10000] [--json]
 
 A vehicle-step is one step of the integration with the control laws: of 1 ms by classical Runge-Kutta here; RotorPy's

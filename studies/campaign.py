@@ -154,8 +154,6 @@ class Row:
     straight_m: float
     shortest_m: float | None
     """Shortest way of the hull with the map known; None where it was not computed."""
-    path_speed: float
-    """path_m / route_s"""
     goal_speed: float
     """Mean speed towards the goal: straight_m / route_s; 0 if it was not reached."""
     top_speed: float
@@ -185,9 +183,14 @@ class Row:
         return self.setup, self.method, self.speed, self.seed
 
     @property
+    def path_speed(self) -> float:
+        return self.path_m / self.route_s if self.route_s else 0.0
+
+    @property
     def way_over_shortest(self) -> float:
-        """The flown way and its rest over the shortest way, or over the straight one where that was not computed."""
-        return (self.path_m + GOAL_M) / (self.shortest_m or self.straight_m)
+        """The flown way and its rest over the shortest way, or over the straight one where that was not computed.
+        NaN, which is shown as a dash, where the goal is the start."""
+        return (self.path_m + GOAL_M) / (self.shortest_m or self.straight_m or math.nan)
 
     @property
     def succeeded(self) -> bool:
@@ -313,7 +316,6 @@ class _Watch:
             path_m=path,
             straight_m=straight,
             shortest_m=shortest(site, HULL) if job.setup.has_way else None,
-            path_speed=path / route_s,
             goal_speed=(straight - GOAL_M) / route_s if reached else 0.0,
             top_speed=float(speeds.max()),
             least_clearance=summary.least_clearance_m,

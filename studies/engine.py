@@ -79,12 +79,8 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
 
 
 def dashboard(client: Client) -> str | None:
-    """The address of the scheduler's dashboard; None if it has none."""
-    return str(client.dashboard_link) if client.cluster is None or _has_bokeh() else None
-
-
-def _has_bokeh() -> bool:
-    return importlib.util.find_spec("bokeh") is not None
+    """The address of the scheduler's dashboard; None without bokeh, by which it draws."""
+    return str(client.dashboard_link) if importlib.util.find_spec("bokeh") is not None else None
 
 
 def slots(client: Client) -> int:

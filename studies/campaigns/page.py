@@ -12,7 +12,7 @@ from studies.campaign import Row, Setup
 from studies.campaign_report import Case, tell
 from studies.campaigns.statistics import wilson
 from studies.campaigns.table import digest
-from studies.report import Report, Text, markdown
+from studies.report import Report, markdown
 
 PAGE = "README.md"
 _WORST = 10
@@ -43,10 +43,8 @@ def write(title: str, command: str, folder: Path, setups: Sequence[Setup], rows:
     tell(report, told, (), logs=Path("failed"))
     report.figure(_distributions(told), "distributions", "Distributions of the flights that arrived")
     _worst(report, told)
-    section = report.section()
-    assert isinstance(section.blocks[0], Text)
     path = folder / PAGE
-    path.write_text(markdown(section, "pictures"), encoding="utf-8")
+    path.write_text(markdown(report.section(), "pictures"), encoding="utf-8")
     return path
 
 

@@ -131,7 +131,7 @@ def lost(job: Job, why: str) -> Row:
     """The row of a flight that failed in all attempts."""
     return Row(
         setup=job.setup.name, method=job.method, speed=job.speed, seed=job.seed, outcome=why, met=None, avoidable=None,
-        contact_speed=None, route_s=0.0, path_m=0.0, straight_m=0.0, shortest_m=None, path_speed=0.0, goal_speed=0.0,
+        contact_speed=None, route_s=0.0, path_m=0.0, straight_m=0.0, shortest_m=None, goal_speed=0.0,
         top_speed=0.0, least_clearance=None, blocked_share=None, guarded_share=None, simulated_s=0.0, wall_s=0.0,
         log=None, code=job.code,
     )  # fmt: skip

@@ -91,6 +91,11 @@ def read(folder: Path) -> list[Row]:
     """All rows in a folder, sorted, each flight once."""
     from pyarrow import parquet
 
-    rows = [Row(**row) for path in _files(folder) for row in parquet.read_table(path).to_pylist()]
+    names = {field.name for field in dataclasses.fields(Row)}  # older files have more
+    rows = [
+        Row(**{name: value for name, value in row.items() if name in names})
+        for path in _files(folder)
+        for row in parquet.read_table(path).to_pylist()
+    ]
     latest: dict[Key, Row] = {row.key: row for row in rows}
     return [latest[key] for key in sorted(latest)]

@@ -35,7 +35,7 @@ FOREST = Setup("forest25", "forest", worlds.forest, (3.0,), 60.0)
 def row(**changes: Any) -> Row:
     plain = Row(
         setup="forest25", method="astar", speed=3.0, seed=1, outcome="reached", met=None, avoidable=None,
-        contact_speed=None, route_s=10.0, path_m=41.0, straight_m=40.0, shortest_m=None, path_speed=4.1, goal_speed=3.8,
+        contact_speed=None, route_s=10.0, path_m=41.0, straight_m=40.0, shortest_m=None, goal_speed=3.8,
         top_speed=5.0, least_clearance=1.2, blocked_share=0.1, guarded_share=None, simulated_s=20.0, wall_s=2.0,
         log=None,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from protocol.toml_files import TomlFileError, convert
 from studies import worlds
 from studies.campaign import Job, Row, Setup
-from studies.campaigns import command, files, smoke
+from studies.campaigns import command, files, page, smoke
 from studies.campaigns.runner import Campaign, Case, Flown, Stop, lost
 from studies.campaigns.statistics import compared, paired, wilson
 from studies.campaigns.table import MERGED, PARTS, Table, digest, read, write
@@ -207,6 +207,20 @@ def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     done = CliRunner().invoke(command.app, ["fly", "swamp"])
     assert done.exit_code == command.UNUSABLE and done.output.count("\n") == 1
     assert "swamp: no such file" in done.output and "forest" in done.output
+
+
+# --- the page ---
+
+
+def test_the_page_has_intervals_distributions_and_the_worst_flights_first(tmp_path: Path) -> None:
+    todo = jobs(6, tmp_path)
+    rows = [outcome(job).row for job in todo[:5]] + [lost(todo[5], "its worker died")]
+    text = page.write("Campaign test", "campaign test", tmp_path, [POLE], rows).read_text()
+    assert "| pole, none, 3 m/s | 4 of 6 (30-90 %) |" in text and digest(rows) in text
+    worst = [line for line in text.splitlines() if line.startswith("| pole, none, 3 m/s, seed")]
+    assert [line.split("|")[1].split()[-1] for line in worst] == ["3", "6", "1", "2", "4", "5"]
+    assert "[folder](failed/3/)" in worst[0] and "its worker died" in worst[1]
+    assert {path.stem for path in (tmp_path / "pictures").iterdir()} == {"campaign", "distributions"}
 
 
 # --- two campaigns ---
