@@ -38,10 +38,9 @@ def demo(
     """Start the simulator, fly the plan against it, and end it.
 
     `key`: the file of signing, for both sides. `stations`: URLs or names of ground stations, to which the vehicle shows
-    itself. `truth`: the simulator writes the true motion to truth.npy beside the
-    log. Overrides of vehicle and world go to the simulator only. Raises PlanError and RehearsalError if the plan can't
-    be flown, PlanError if the simulator does not start or can't write, KeyFileError, and FlightLogError if the log
-    can't be written.
+    itself. `truth`: the simulator writes the true motion to truth.npy beside the log. Overrides of vehicle and world go
+    to the simulator only. Raises PlanError and RehearsalError if the plan can't be flown, PlanError if the simulator
+    does not start or can't write, KeyFileError, and FlightLogError if the log can't be written.
     """
     if stations and plan.pace == "lockstep":
         raise PlanError("--gcs: not with --pace lockstep, in which time is the companion's alone; --pace realtime")

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from pymavlink import mavutil
 
 from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 
@@ -47,8 +48,8 @@ Point3 = tuple[float, float, float]
 class User:
     """Its program: the plug-ins, and what telemetry said last."""
 
-    def __init__(self, system: Any) -> None:
-        self.system = system
+    def __init__(self, mavsdk: Any, system: Any, port: int) -> None:
+        self.mavsdk, self.system, self.port = mavsdk, system, port
         self.action, self.telemetry = Action(system), Telemetry(system)
         self.said: dict[str, Any] = {}
         self._news = threading.Condition()
@@ -101,7 +102,7 @@ def user() -> Iterator[User]:
         mavsdk.add_any_connection(f"udpout://{HOST}:{vehicle.port}")
         system = mavsdk.first_autopilot(PATIENCE_S)
         assert system is not None
-        user = User(system)
+        user = User(mavsdk, system, vehicle.port)
         user.wait(lambda: bool(user.said.get("health_all_ok")) and len(user.said) == 6)
         yield user
         mavsdk.destroy()
@@ -206,6 +207,34 @@ def test_it_goes_round_goes_to_a_place_and_obeys_sticks(user: User) -> None:
     manual.start_position_control()
     user.wait(lambda: user.speed > 1.5, lambda: manual.set_manual_control_input(0.5, 0.0, 0.5, 0.0))
     user.wait(lambda: user.speed < 0.3, lambda: manual.set_manual_control_input(0.0, 0.0, 0.5, 0.0))
+
+
+def script(port: int) -> Any:
+    """Another program, at a port of its own, which has told the vehicle of itself."""
+    connection = mavutil.mavlink_connection(f"udpout:{HOST}:{port}", source_system=77)
+    connection.mav.heartbeat_send(mavutil.mavlink.MAV_TYPE_GCS, 8, 0, 0, 4)
+    heard: set[int] = set()
+    while len(heard) < 2:  # the vehicle, and MAVSDK
+        beat = connection.recv_match(type="HEARTBEAT", blocking=True, timeout=PATIENCE_S)
+        assert beat is not None, heard
+        heard.add(beat.get_srcSystem())
+    return connection
+
+
+def test_another_program_is_seen_obeyed_killed_and_back_at_another_port(user: User) -> None:
+    """The flight goes on meanwhile."""
+    user.fly()
+    first = script(user.port)
+    first.set_mode_px4(1, 4, 5)
+    user.wait_for_mode(FlightMode.RETURN_TO_LAUNCH)
+    assert 77 in [each.get_system_id() for each in user.mavsdk.get_systems()]
+    first.close()
+    user.action.hold()
+    user.wait_for_mode(FlightMode.HOLD)
+    second = script(user.port)
+    second.set_mode_px4(1, 4, 6)
+    user.wait_for_mode(FlightMode.LAND)
+    second.close()
 
 
 def test_it_returns_lands_and_disarms(user: User) -> None:

@@ -76,7 +76,7 @@ class ShellService:
             for name in parameters.names
             if name == pattern or (name.startswith(beginning) and pattern != beginning)
         ]
-        lines = [f"{name} : {parameters[name]:g}" for name in found[:_MOST_SHOWN]]
+        lines = [f"{name} : {parameters[name]:.9g}" for name in found[:_MOST_SHOWN]]
         if len(found) > _MOST_SHOWN:
             lines.append(f"... {len(found) - _MOST_SHOWN} more: param show BEGINNING*")
         return "\n".join(lines) or f"{pattern}: no such parameter"

@@ -36,6 +36,7 @@ def test_parameters_are_shown_and_set_and_what_is_unknown_is_said() -> None:
     assert run(pilot, "param set COM_OF_LOSS_T 99") == "COM_OF_LOSS_T: value out of range"
     assert run(pilot, "param set MAV_SYS_ID 9") == "MAV_SYS_ID: read only"
     assert run(pilot, "param set COM_OF_LOSS_T soon") == "COM_OF_LOSS_T: soon is no value"
+    assert run(pilot, "param show CAL_ACC0_ID") == "CAL_ACC0_ID : 1310988"
     assert run(pilot, "param show NO_SUCH") == "NO_SUCH: no such parameter"
     assert run(pilot, "top") == "top: command not found, try help"
     assert "1.16" in run(pilot, "ver all")
