@@ -1,13 +1,17 @@
 """The commands that show flights: report, view, foxglove."""
 
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from companion.cli.logs import LogFile, LogOrNewest
+from companion.cli.options import options
 from companion.cli.shell import (
     exit_as_unusable,
     exit_if_damaged,
@@ -45,64 +49,79 @@ def report(
     exit_if_damaged(shown.problem or written.problem)
 
 
-def view(
+@dataclass(frozen=True, slots=True)
+class ViewOptions:
+    """The options of `companion view`."""
+
     source: Annotated[
         str | None,
         typer.Argument(metavar="[LOG|URL]", help="A log, finished or being written, or udpin:HOST:PORT; none: newest."),
-    ] = None,
-    port: Annotated[int, typer.Option(help="Of the page.", min=0, max=65535)] = 8080,
-    address: Annotated[str, typer.Option(help="An IPv4 address of this machine, for the page.")] = "127.0.0.1",
+    ] = None
+    port: Annotated[int, typer.Option(help="Of the page.", min=0, max=65535)] = 8080
+    address: Annotated[str, typer.Option(help="An IPv4 address of this machine, for the page.")] = "127.0.0.1"
     remote: Annotated[
         bool, typer.Option("--allow-remote", help="Let --address be one that other machines reach, unencrypted.")
-    ] = False,
-    world: Annotated[str | None, typer.Option(help="What to draw around a link's vehicle: a file in worlds/.")] = None,
+    ] = False
+    world: Annotated[str | None, typer.Option(help="What to draw around a link's vehicle: a file in worlds/.")] = None
     control: Annotated[
         bool, typer.Option("--control", help="Offer hold, resume, land, return and go to, sent to the vehicle at URL.")
-    ] = False,
+    ] = False
     logs: Annotated[Path, typer.Option("--log", help="The folder in which the newest flight is looked for.")] = Path(
         "logs"
-    ),
-) -> None:
-    """Show a flight in the browser, in the air or from its log. It only looks, unless --control is given."""
+    )
+    wait: Annotated[bool, typer.Option("--wait", help="Show the flight that begins next, not the newest.")] = False
+    opens: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser, where there is a screen.")] = True
+
+
+@options(ViewOptions)
+def view(chosen: ViewOptions) -> None:
+    """Show a flight in the browser, in the air or from its log; where there is none yet, the next one. It only looks,
+    unless --control is given."""
     from companion.view.door import check_address
 
-    exit_on_user_error(check_address, address, remote=remote)
-    place = (port, address)
+    exit_on_user_error(check_address, chosen.address, remote=chosen.remote)
+    source = chosen.source
     if source is not None and ":" in source and not Path(source).exists():
-        _view_link(source, place, world, control=control)
+        _view_link(source, chosen)
         return
-    if control:
+    if chosen.control:
         exit_as_unusable("--control needs the URL of a vehicle")
-    if world is not None:
+    if chosen.world is not None:
         exit_as_unusable("--world is for a link; a log has its own")
-    from companion.logs.recordings import newest
-    from companion.view.sources import open_log
+    from companion.logs.recordings import flights, newest
+    from companion.view.sources import NextFlight, open_log
 
-    log = Path(source) if source is not None else exit_on_user_error(newest, logs)
+    if source is None and (chosen.wait or not flights(chosen.logs)):
+        _serve(NextFlight(chosen.logs), chosen)
+        return
+    log = Path(source) if source is not None else exit_on_user_error(newest, chosen.logs)
     with flight_log(log) as shown:
         opened = exit_on_user_error(open_log, shown.path)
         opened.name = str(log)
-        _serve(opened, place)
+        _serve(opened, chosen)
 
 
-def _view_link(url: str, place: tuple[int, str], world: str | None, *, control: bool) -> None:
-    """Show the vehicle at a URL, in a world if one is named, with buttons if `control`."""
+def _view_link(url: str, chosen: ViewOptions) -> None:
+    """Show the vehicle at a URL, in a world if one is named, with buttons if they are chosen."""
     from companion.view.control import Control
     from companion.view.sources import Link
     from protocol.clock import RealClock
     from protocol.toml_files import find
     from protocol.transport import open_url
 
-    drawn = exit_on_user_error(find, "worlds", world).read_bytes() if world is not None else b""
+    drawn = exit_on_user_error(find, "worlds", chosen.world).read_bytes() if chosen.world is not None else b""
     transport = exit_on_user_error(open_url, url)
-    _serve(Link(url, transport, drawn), place, Control(transport.send, RealClock().now_ns) if control else None)
+    control = Control(transport.send, RealClock().now_ns) if chosen.control else None
+    _serve(Link(url, transport, drawn), chosen, control)
 
 
-def _serve(source: "Source", place: tuple[int, str], control: "Control | None" = None) -> None:
-    """Show a source at a `place`, a port and an address of this machine."""
+def _serve(source: "Source", chosen: ViewOptions, control: "Control | None" = None) -> None:
+    """Show a source, in a browser too if somebody sits at this machine's screen."""
     from companion.view.live import Page, serve
 
-    serve(exit_on_user_error(Page, source, *place, control), typer.echo)
+    page = exit_on_user_error(Page, source, chosen.port, chosen.address, control)
+    has_screen = sys.platform != "linux" or bool({"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ))
+    serve(page, typer.echo, opens=chosen.opens and has_screen and sys.stdout.isatty())
 
 
 def foxglove(

@@ -25,9 +25,14 @@ _LATEST_S = 253_402_214_400.0
 """End of the year 9999, the last that `datetime` has, in seconds since 1970."""
 
 
+def flights(logs: Path) -> set[Path]:
+    """The logs in a folder of flights."""
+    return set(logs.glob(f"*/{FILE_NAME}"))
+
+
 def newest(logs: Path) -> Path:
     """The log that was written to last in a folder of flights. Raises FlightLogError if there is none."""
-    found = max(logs.glob(f"*/{FILE_NAME}"), key=lambda path: path.stat().st_mtime, default=None)
+    found = max(flights(logs), key=lambda path: path.stat().st_mtime, default=None)
     if found is None:
         raise FlightLogError(f"{logs}: there is no flight in it")
     return found

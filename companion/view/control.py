@@ -17,6 +17,7 @@ from companion.link.firmware.firmware import Firmware
 from companion.state import FlightMode
 from companion.view.batches import Batch, sender_and_name
 from companion.view.lines import Floats
+from companion.view.live_scene import FLAG
 from companion.view.live_words import paragraphs
 from companion.view.scene import in_the_way
 from protocol.arrays import Array
@@ -39,13 +40,15 @@ _CONFIRMATIONS = {
     "sends setpoints.",
     "return": "The vehicle flies home by itself. It looks out for nothing on its way.",
 }
+_SAFE = frozenset({"hold", "land", "return"})
+"""What makes a flight safer. The others begin something."""
+_HINT = "hold, land, return and resume ask for confirmation; go to takes the next click on the ground"
 _HEARTBEAT_NS = 1_000_000_000
 _RETRY_NS = 500_000_000
 _TRIES = 6
 _FARTHEST_M = 1000.0
 """A click farther than this (m) from the vehicle, near the horizon, is not taken for a place."""
 _LOWEST_M, _HIGHEST_M = 0.5, 120.0
-_FLAG = (190, 60, 200)
 _RESULTS = {
     dialect.MAV_RESULT_ACCEPTED: "accepted",
     dialect.MAV_RESULT_TEMPORARILY_REJECTED: "rejected for now",
@@ -193,20 +196,24 @@ class Panel:
         self._aim_says = ""
         """What to click; empty unless a click is expected."""
         with server.gui.add_folder("Control"):
-            for request in REQUESTS:
-                button = server.gui.add_button(request)
-                button.on_click(lambda _, request=request: self._confirm(request))
-            aim = server.gui.add_button(f"{GO_TO} …", hint="a place on the ground, which is clicked next")
-            aim.on_click(lambda _: self._aim())
+            buttons = server.gui.add_button_group("ask to", (*REQUESTS, f"{GO_TO} …"), hint=_HINT)
+            buttons.on_click(lambda event: self._press(event.target.value))
             self._answer = server.gui.add_html("")
         self._flag = server.scene.add_line_segments(
-            "/asked", np.zeros((1, 2, 3)), _FLAG, thickness=4.0, thickness_units="screen", visible=False
+            "/asked", np.zeros((1, 2, 3)), FLAG, thickness=4.0, thickness_units="screen", visible=False
         )
-        self._spot = server.scene.add_icosphere("/asked_spot", 0.25, color=_FLAG, visible=False)
+        self._spot = server.scene.add_icosphere("/asked_spot", 0.25, color=FLAG, visible=False)
+        self._name = server.scene.add_label("/asked_name", "", visible=False, anchor="bottom-center")
 
     def show(self) -> None:
         """Show the latest answer, and what to click."""
         self._answer.content = paragraphs(self._control.answer, self._aim_says)
+
+    def _press(self, button: str) -> None:
+        if button in REQUESTS:
+            self._confirm(button)
+        else:
+            self._aim()
 
     def _confirm(self, request: str) -> None:
         self._stop_aiming()
@@ -219,7 +226,7 @@ class Panel:
         self._mark(None)
 
     def _buttons(self, dialog: Any, request: str, confirmed: Callable[[], None], cancelled: Callable[[], None]) -> None:
-        yes = self._server.gui.add_button(f"yes, {request}", color="red")
+        yes = self._server.gui.add_button(f"yes, {request}", color="blue" if request in _SAFE else "orange")
         no = self._server.gui.add_button("no")
 
         def close(then: Callable[[], None]) -> None:
@@ -273,11 +280,12 @@ class Panel:
 
     def _mark(self, target_ned: Floats | None) -> None:
         """Mark the place (3,) that the vehicle was asked to fly to; None removes the mark."""
-        self._flag.visible = self._spot.visible = target_ned is not None
+        self._flag.visible = self._spot.visible = self._name.visible = target_ned is not None
         if target_ned is not None:
             top = enu_to_ned(np.asarray(target_ned, np.float64))
             self._flag.points = np.array([[[top[0], top[1], 0.0], top]])
-            self._spot.position = top
+            self._spot.position = self._name.position = top
+            self._name.text = f"{GO_TO}: {place_words(target_ned)}"
 
 
 def on_ground(origin_enu: tuple[float, ...], direction_enu: tuple[float, ...]) -> Floats | None:

@@ -67,7 +67,8 @@ class Door:
         self.address = address
         self.token = secrets.token_urlsafe(32)
         self._names = {address} | (_LOOPBACK_NAMES if ipaddress.IPv4Address(address).is_loopback else set())
-        self._page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+        page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+        self._page = page.replace(b"<title>Viser</title>", b"<title>Courier</title>")
         self._policy = _policy(self._page)
         self._is_used = False
 

@@ -1,6 +1,6 @@
 """What a live page knows of a flight: as much of its past as is worth drawing, and the flight at any moment of it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +9,8 @@ from companion.link.firmware import firmware_of
 from companion.perception.distance_field import FAR_M
 from companion.records import PLANNED, TRACE
 from companion.state import Reason, Scan
-from companion.view.accumulators.texts import Text
+from companion.supervision.states import State
+from companion.view.accumulators.texts import Text, level_of
 from companion.view.attitudes import euler_deg, quaternions
 from companion.view.batches import Batch, Table, sender_and_name
 from companion.view.columns import stacked
@@ -23,6 +24,8 @@ from protocol.messages import dialect
 MOST = 10_000
 """Rows of each track; twice as many may be held."""
 MOST_TEXTS = 200
+_TEXTS = 6
+_WARNING = 3
 STALE_S = 1.5
 """A pose or a scan that is older than this (s) is not shown."""
 GUARD_SHOWN_S = 0.5
@@ -33,6 +36,7 @@ _GUARD: dict[int, str] = {
     Reason.NO_STOP: "no room to stop",
     Reason.STALE: "sees nothing",
 }
+_BLIND = (Reason.NO_STOP, Reason.STALE)
 _SECTORS = 72
 _COORDINATES = PLANNED.dtype["way_ned"].shape[0]
 _LARGEST_SCAN_AGE_S = 5.0
@@ -70,8 +74,26 @@ class Plan:
     """Why the guard changed the command within the last GUARD_SHOWN_S; empty if it did not."""
     guard_change: float
     """By how much the guard changed the acceleration (m/s2)."""
+    guard_blind: bool
+    """It could not keep room: there was none to stop in, or no scan."""
     pushed_ned: Floats
     """(3,) the acceleration that the guard let through (m/s2)."""
+
+    @property
+    def doing(self) -> str:
+        """The phase, or the state of a companion that does not fly its mission."""
+        return _doing(self.phase, self.state)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A part of the flight in which something stayed the same."""
+
+    start: float
+    """s"""
+    end: float
+    """s"""
+    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +122,8 @@ class Moment:
     """Charge left (%)."""
     texts: tuple[Text, ...]
     """The last few lines that were said by then."""
+    warnings: tuple[Text, ...]
+    """Those of them that were at least warnings, and earlier ones."""
 
 
 @dataclass(slots=True)
@@ -181,7 +205,8 @@ class History:
             left = table["battery_remaining"].astype(np.float64)
             vehicle.battery.add(times[left >= 0], left[left >= 0, None])
         elif name == "STATUSTEXT" and not self._has_log:
-            self._say([Text(at, 2, sender, row["text"]) for at, row in zip(times.tolist(), table, strict=True)])
+            rows = zip(times.tolist(), table, strict=True)
+            self._say([Text(at, level_of(row["severity"]), sender, row["text"]) for at, row in rows])
 
     def _scan(self, vehicle: _Vehicle, times: Floats, table: Table) -> None:
         last = table[-1]
@@ -241,7 +266,8 @@ class History:
             failsafe=heartbeat is not None and bool(heartbeat[2]),
             link_age=min((age for age in ages if age is not None), default=None),
             battery=None if battery is None else float(battery[0]),
-            texts=tuple([text for text in self.texts if text.time <= time][-6:]),
+            texts=tuple([text for text in self.texts if text.time <= time][-_TEXTS:]),
+            warnings=tuple([text for text in self.warnings() if text.time <= time][-_TEXTS:]),
         )
 
     def _plan(self, time: float) -> Plan | None:
@@ -266,8 +292,23 @@ class History:
             state=state_name(int(state)),
             guard=_GUARD.get(int(worst[14]), ""),
             guard_change=float(worst[15]),
+            guard_blind=int(worst[14]) in _BLIND,
             pushed_ned=worst[16:19],
         )
+
+    def warnings(self) -> list[Text]:
+        """What was said and is at least a warning."""
+        return [text for text in self.texts if text.level >= _WARNING]
+
+    def phases(self) -> list[Span]:
+        """What the companion was doing, from the first to the last time; nothing without one."""
+        rows = self._plans.rows()
+        return _spans(rows[:, 0], rows[:, 11:13], lambda codes: _doing(phase_name(codes[0]), state_name(codes[1])))
+
+    def modes(self) -> list[Span]:
+        """The vehicle's modes of flight, from the first to the last time."""
+        rows = self._vehicle.heartbeats.rows()
+        return _spans(rows[:, 0], rows[:, 1:2], lambda codes: self._modes.get(codes[0], "unknown"))
 
     def path_ned(self) -> Floats:
         """(n, 3) the path of the vehicle so far (m)."""
@@ -320,6 +361,22 @@ class History:
             bearings = vehicle.bearings.astype(np.float64)
             scan = Scan(round(row[0] * 1e9), round(row[1] * 1e6), bearings, ranges, hit, measured)
             yield PosedScan(scan, place, turn / np.linalg.norm(turn))
+
+
+def _doing(phase: str, state: str) -> str:
+    return phase if state == State.FLY.name.lower() else state
+
+
+def _spans(times: Floats, codes: Floats, name: Callable[[list[int]], str]) -> list[Span]:
+    """The spans in which codes (n, k) stayed the same at times (n,) in s; each ends where the next begins."""
+    if not len(times):
+        return []
+    firsts = np.concatenate(([0], 1 + np.nonzero((np.diff(codes, axis=0) != 0.0).any(axis=1))[0]))
+    ends = [*times[firsts[1:]].tolist(), float(times[-1])]
+    return [
+        Span(float(times[first]), end, name([int(code) for code in codes[first]]))
+        for first, end in zip(firsts.tolist(), ends, strict=True)
+    ]
 
 
 def _interpolated(rows: Floats, times: Floats) -> tuple[Array, BoolArray]:

@@ -4,6 +4,7 @@ The page runs in a process of its own and only reads: the log, as it grows, or a
 """
 
 import threading
+import webbrowser
 from collections.abc import Callable
 
 from companion.view.control import Control, Panel
@@ -11,16 +12,18 @@ from companion.view.door import LOOPBACK, Door
 from companion.view.history import History, Moment
 from companion.view.lines import Floats
 from companion.view.live_charts import Charts
-from companion.view.live_scene import Cameras, MapLayer, Stage
+from companion.view.live_hud import PANEL_PX, STYLE, alerts, hud
+from companion.view.live_scene import LEGEND, Cameras, MapLayer, Stage
 from companion.view.live_time import Playback
-from companion.view.live_words import words
+from companion.view.live_words import legend, said, words
 from companion.view.sources import Source
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLogError
 
-FRAME_S = 0.05
-"""Time between two pictures of the vehicle (s). Words and charts are drawn with every fifth of them."""
-_WORDS_EVERY, _MAP_EVERY, _PATHS_EVERY = 5, 10, 20
+FRAME_S = 1.0 / 30.0
+"""Time between two pictures of the vehicle and its instruments (s)."""
+_WORDS_EVERY, _MAP_EVERY, _PATHS_EVERY = 6, 15, 20
+"""Of so many pictures one has new words and charts, a new map, new paths."""
 
 
 class Page:
@@ -39,7 +42,7 @@ class Page:
         self._frame = 0
         self._problem: str | None = None
         door = Door(address)
-        self._server = door.open(port, f"Courier · {source.name}")
+        self._server = door.open(port, "Courier")
         self.wanted_port = port
         self.port: int = self._server.get_port()
         self.url = f"http://{door.address}:{self.port}/{door.token}/"
@@ -48,18 +51,30 @@ class Page:
         self._map = MapLayer(self._server.scene)
         self.cameras = Cameras(self._server)
         gui = self._server.gui
-        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
+        gui.main_panel.set_width(PANEL_PX)
         gui.set_panel_label("Courier")
+        gui.add_html(STYLE)
+        self.hud = gui.add_html("")
         with gui.add_folder("Time"):
             self.playback = Playback(gui)
-            self._chase = gui.add_checkbox("camera follows", True)
-            self._map_shown = gui.add_checkbox("map", True)
-        self.words = gui.add_html("")
         self._panel: Panel | None = None
         if control is not None:
             self._panel = Panel(self._server, control, self.position_ned, lambda: source.world)
-        self._charts = Charts(gui)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Flight"):
+            self.words = gui.add_html("")
+        with tabs.add_tab("Said"):
+            self._said = gui.add_html("")
+        with tabs.add_tab("Charts"):
+            self._charts = Charts(gui)
+        with tabs.add_tab("View"):
+            self._chase = gui.add_checkbox("camera follows", True)
+            self._flat = gui.add_checkbox("map from above", False)
+            self._map_shown = gui.add_checkbox("map", True, hint="what the vehicle knows of free and occupied space")
+            gui.add_html(legend(LEGEND))
+        self._flat.on_update(lambda _: self._flatten())
 
     def run(self) -> None:
         """Serve until `stop` or an interrupt."""
@@ -79,7 +94,7 @@ class Page:
         self._read()
         if self._control is not None:
             self._control.step()
-        self.playback.advance(seconds, self.history, ended=self._source.ended, watched=self.cameras.watched)
+        self.playback.advance(seconds, self.history, self._source, watched=self.cameras.watched)
         moment = self.history.at(self.playback.time)
         with self._server.atomic():
             self._draw(moment)
@@ -94,11 +109,17 @@ class Page:
         except FlightLogError as error:
             self._problem = str(error)
 
+    def _flatten(self) -> None:
+        flat = bool(self._flat.value)
+        self.cameras.flatten(flat=flat)
+        self.stage.flatten(flat=flat)
+
     def _draw(self, moment: Moment) -> None:
         """The vehicle, and in turns what changes more slowly or costs more."""
         if moment.position_ned is not None:
             self.cameras.follow(moment.position_ned, moving=bool(self._chase.value))
         self.stage.draw(moment)
+        self._draw_hud(moment)
         if self._frame % _WORDS_EVERY == 0:
             self._draw_words(moment)
             self._charts.draw(self.history, moment.time)
@@ -106,24 +127,37 @@ class Page:
             self._map.draw(self.history, self._source.settings, moment.time, visible=bool(self._map_shown.value))
         if self._frame % _PATHS_EVERY == 0:
             self.stage.draw_world(self._source.world)
+            self.stage.fade(self.cameras.eye(), moment.position_ned)
             self.stage.draw_paths(self.history)
 
+    def _draw_hud(self, moment: Moment) -> None:
+        is_over = self._source.ended and moment.time >= self.history.end
+        found = alerts(moment, self._trouble, self._source.verdict if is_over else None)
+        self.hud.content = hud(moment, f"{moment.time:.1f} s{self.playback.words()}", found)
+
     def _draw_words(self, moment: Moment) -> None:
-        playback, problem = self.playback, self._problem or self._source.problem
-        verdict, when = self._source.verdict, playback.words()
-        self.words.content = words(moment, self._source.name, when, problem, verdict, quiet=playback.is_quiet)
+        playback, verdict, when = self.playback, self._source.verdict, self.playback.words()
+        self.words.content = words(moment, self._source.name, when, self._trouble, verdict, quiet=playback.is_quiet)
+        self._said.content = said(moment)
+        playback.draw(self.history)
         if self._panel is not None:
             self._panel.show()
+
+    @property
+    def _trouble(self) -> str | None:
+        return self._problem or self._source.problem
 
     def position_ned(self) -> Floats | None:
         """Where the vehicle is now (3,) in m, whatever moment is shown; None if that is not known."""
         return self.history.at(self.history.end).position_ned
 
 
-def serve(page: Page, say: Callable[[str], None]) -> None:
-    """Say where the page is, and serve it until an interrupt."""
+def serve(page: Page, say: Callable[[str], None], *, opens: bool) -> None:
+    """Say where the page is, open a browser there if it `opens`, and serve it until an interrupt."""
     taken = f" ({page.wanted_port} is in use)" if page.wanted_port not in (0, page.port) else ""
     say(f"view: {page.url}{taken}")
+    if opens:
+        webbrowser.open(page.url)
     try:
         page.run()
     except KeyboardInterrupt:

@@ -22,11 +22,9 @@ class Charts:
 
     def __init__(self, gui: "viser.GuiApi") -> None:
         self._gui = gui
-        with gui.add_folder("Attitude, deg"):
-            self._attitude = self._add(170, ("roll", "#3b7ddd"), ("pitch", "#4c9f50"), ("yaw", "#8a5cc9"))
-        with gui.add_folder("Clearance, m, and speed, m/s"):
-            self._clearance = self._add(150, ("clearance", "#4c9f50"))
-            self._speed = self._add(150, ("speed", "#d08a1d"))
+        self._attitude = self._add(112, ("roll, deg", "#3b7ddd"), ("pitch, deg", "#3d8a45"), ("yaw, deg", "#8a5cc9"))
+        self._clearance = self._add(92, ("clearance, m", "#3d8a45"))
+        self._speed = self._add(92, ("speed, m/s", "#b06f0c"))
 
     def _add(self, height: int, *lines: tuple[str, str]) -> Any:
         """A chart of `height` pixels with lines of these names and colors."""
@@ -50,6 +48,7 @@ class Charts:
         start = time - PLOT_S
         times, attitude = history.attitude_deg(start, time)
         pick = evenly(len(times), _POINTS)
+        attitude[:, 2] = np.unwrap(attitude[:, 2], period=360.0)
         self._attitude.data = (times[pick], *attitude[pick].T.copy())
         for chart, (when, values) in (
             (self._clearance, history.clearance(start, time)),

@@ -10,7 +10,7 @@ from companion.view.history import History, Moment, Plan
 from companion.view.lines import Floats
 from companion.view.live_charts import evenly
 from companion.view.mapping import MapAt, avoidance_of, picture
-from companion.view.scene import Prism, mesh, solids
+from companion.view.scene import Prism, between, mesh, solids
 from protocol.arrays import Array
 from protocol.frames import enu_to_ned, multiply
 
@@ -22,22 +22,35 @@ _MAP_HEIGHT = 0.03
 """Height (m) above the ground at which the map is drawn."""
 BEHIND = np.array([-4.0, -9.0, 5.0])
 """Where a camera starts, relative to the vehicle (m, east, north, up)."""
+_LENS, _FLAT_LENS = (math.radians(75.0), 0.05, 1000.0), (0.03, 20.0, 50_000.0)
+"""Field of view (rad) of a camera, and how near and far it sees (m): in space, and from above, where it is nearly a
+parallel projection."""
+_ABOVE = np.array([0.0, -0.2, 2000.0])
+"""Where a camera starts that sees 60 m of the ground from above: as good as upright, so that north is up."""
 _PUSH_M_PER_M_S2 = 0.5
 """Length (m) of the arrow of an acceleration of 1 m/s2."""
 _ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
 _FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
-_OBSTACLE, _GUARD = (190, 30, 60), (226, 0, 122)
-_STONE, _LEAF, _BLUE, _RED, _AMBER, _INK, _RETURN = (
-    (176, 168, 156),
-    (122, 158, 104),
-    (59, 125, 221),
-    (214, 69, 96),
-    (232, 160, 40),
-    (46, 48, 54),
-    (255, 70, 0),
-)
+_STONE, _LEAF, _INK = (176, 168, 156), (122, 158, 104), (46, 48, 54)
+_GLASS = 0.25
+"""Opacity of what stands between the camera and the vehicle."""
+LEGEND = {
+    "vehicle, and its path": (59, 125, 221),
+    "reference's path": (214, 69, 96),
+    "target, and the planned way": (232, 160, 40),
+    "returns of the LiDAR": (255, 70, 0),
+    "map: occupied": (190, 30, 60),
+    "map: free": (150, 190, 235),
+    "guard intervenes": (226, 0, 122),
+    "asked to go to": (190, 60, 200),
+}
+"""What is drawn in which color."""
+_BLUE, _RED, _AMBER, _RETURN, _OBSTACLE, _, _GUARD, FLAG = LEGEND.values()
 _POINT = np.zeros((1, 3))
 _SEGMENT = np.zeros((1, 2, 3))
+_DOT = np.array([[[-0.005, 0.0, 0.0], [0.005, 0.0, 0.0]]])
+"""A line that is shorter than thick, with round ends: a dot of the same size at any distance. Nearby it is inside the
+vehicle."""
 
 
 class Stage:
@@ -46,12 +59,21 @@ class Stage:
     def __init__(self, scene: "viser.SceneApi") -> None:
         self._scene = scene
         self._drawn_world = b""
+        self._obstacles: list[Prism] = []
+        self._faded: frozenset[str] = frozenset()
         scene.set_up_direction("+z")
         scene.configure_default_lights(cast_shadow=False)  # half the work where the browser draws in software
-        scene.add_grid(
+        self._ground = scene.add_grid(
             "/ground", 400.0, 400.0, cell_size=2.0, section_size=10.0, infinite_grid=True, fade_distance=250.0
         )
+        self._map_grid = scene.add_line_segments(
+            "/map_grid", _map_grid(), (150, 156, 164), thickness=1.0, thickness_units="screen", visible=False
+        )
         self._vehicle = scene.add_frame("/vehicle", axes_length=0.6, axes_radius=0.015, visible=False)
+        self._dot = scene.add_line_segments("/vehicle/dot", _DOT, _BLUE, thickness=14.0, thickness_units="screen")
+        self._stem = scene.add_line_segments(
+            "/stem", _SEGMENT, _INK, thickness=1.5, thickness_units="screen", visible=False
+        )
         corners, faces = _airframe()
         scene.add_mesh_simple("/vehicle/frame", corners, faces, color=_INK, flat_shading=True, side="double")
         nose = [Prism("nose", ((0.30, -0.06), (0.44, 0.0), (0.30, 0.06)), -0.02, 0.03, round=False)]
@@ -75,12 +97,37 @@ class Stage:
         """The obstacles of a world's file, once for each file."""
         if world == self._drawn_world:
             return
-        self._drawn_world = world
-        for name, color, is_round in (("houses", _STONE, False), ("trees", _LEAF, True)):
-            chosen = [prism for prism in solids(world) if prism.round is is_round]
-            if chosen:
-                corners, faces = _meshes(chosen, enu=True)
-                self._scene.add_mesh_simple(f"/world/{name}", corners, faces, color=color, flat_shading=True)
+        self._drawn_world, self._obstacles = world, solids(world)
+        self._draw_obstacles()
+
+    def fade(self, eye: Array | None, position_ned: Floats | None) -> None:
+        """Draw what stands between an eye (3,) (m, east, north, up) and the vehicle as glass."""
+        names: frozenset[str] = frozenset()
+        if eye is not None and position_ned is not None:
+            names = frozenset(between(self._obstacles, enu_to_ned(eye), position_ned, 0.3))
+        if names != self._faded:
+            self._faded = names
+            self._draw_obstacles()
+
+    def _draw_obstacles(self) -> None:
+        for kind, color, is_round in (("houses", _STONE, False), ("trees", _LEAF, True)):
+            for name, opacity, is_faded in ((kind, None, False), (f"{kind}_faded", _GLASS, True)):
+                chosen = [
+                    prism
+                    for prism in self._obstacles
+                    if prism.round is is_round and (prism.name in self._faded) is is_faded
+                ]
+                if chosen:
+                    corners, faces = _meshes(chosen, enu=True)
+                    self._scene.add_mesh_simple(
+                        f"/world/{name}", corners, faces, color=color, opacity=opacity, flat_shading=True
+                    )
+                elif self._scene.get_handle_by_name(f"/world/{name}") is not None:
+                    self._scene.remove_by_name(f"/world/{name}")
+
+    def flatten(self, *, flat: bool) -> None:
+        """Draw the ground's grid as that of a map, which is sharp from far above, or as one in space."""
+        self._ground.visible, self._map_grid.visible = not flat, flat
 
     def draw_paths(self, history: History) -> None:
         """The paths of the vehicle and of its reference so far."""
@@ -94,9 +141,10 @@ class Stage:
     def draw(self, moment: Moment) -> None:
         """The vehicle and what belongs to it at a moment."""
         position, attitude, plan = moment.position_ned, moment.attitude_ned_frd, moment.plan
-        self._vehicle.visible = position is not None
+        self._vehicle.visible = self._stem.visible = position is not None
         if position is not None:
-            self._vehicle.position = enu(position)
+            top = self._vehicle.position = enu(position)
+            self._stem.points = np.array([[top, [top[0], top[1], 0.0]]])
             if attitude is not None:
                 self._vehicle.wxyz = multiply(_ENU_NED, multiply(attitude.astype(np.float64), _FRD_FLU))
         self._draw_scan(moment)
@@ -168,11 +216,12 @@ class MapLayer:
 
 
 class Cameras:
-    """The cameras of the people who look: each starts behind the vehicle and follows it."""
+    """The cameras of the people who look: each starts behind the vehicle and follows it, or looks straight down."""
 
     def __init__(self, server: "viser.ViserServer") -> None:
         self._server = server
-        self._looked_at: Floats | None = None
+        self._looked_at: Floats = np.zeros(3)
+        self._flat = False
         self.watched = False
         """Whether anybody has looked yet."""
         server.initial_camera.position = tuple(BEHIND)
@@ -181,10 +230,31 @@ class Cameras:
 
     def _connect(self, client: "viser.ClientHandle") -> None:
         """Whoever comes later starts behind the vehicle, too."""
+        self._set_up(client)
         self.watched = True
-        if self._looked_at is not None:
-            client.camera.position = self._looked_at + BEHIND
+
+    def _set_up(self, client: "viser.ClientHandle") -> None:
+        with client.atomic():
+            camera = client.camera
+            camera.fov, camera.near, camera.far = _FLAT_LENS if self._flat else _LENS
+            self._aim(client, _ABOVE if self._flat else BEHIND)
+
+    def _aim(self, client: "viser.ClientHandle", away: Array) -> None:
+        """Look at the vehicle, from `away` (3,) m of it."""
+        with client.atomic():
+            client.camera.position = self._looked_at + away
             client.camera.look_at = self._looked_at
+
+    def flatten(self, *, flat: bool) -> None:
+        """Look straight down with hardly any perspective, north up; or from behind again."""
+        self._flat = flat
+        for client in self._server.get_clients().values():
+            self._set_up(client)
+
+    def eye(self) -> Array | None:
+        """Where the first of the cameras is (m, east, north, up); None if nobody looks, or from above."""
+        clients = list(self._server.get_clients().values())
+        return clients[0].camera.position if clients and not self._flat else None
 
     def follow(self, position_ned: Floats, *, moving: bool) -> None:
         """Point the cameras at the vehicle, if they are `moving` with it, from the side and distance of each.
@@ -192,16 +262,20 @@ class Cameras:
         The steps are not added up: what a slow browser reports of its camera is some time ago.
         """
         position = enu(position_ned)
-        moved = self._looked_at is not None and bool((self._looked_at != position).any())
+        moved = bool((self._looked_at != position).any())
         self._looked_at = position
         if not moved or not moving:
             return
         for client in self._server.get_clients().values():
-            camera = client.camera
-            away = camera.position - camera.look_at
-            with client.atomic():
-                camera.position = position + away
-                camera.look_at = position
+            self._aim(client, client.camera.position - client.camera.look_at)
+
+
+def _map_grid() -> Array:
+    """(n, 2, 3) the lines of a map's grid (m, east, north, up): 10 m apart, to 500 m."""
+    along = np.arange(-500.0, 501.0, 10.0)
+    far, flat = np.full_like(along, 500.0), np.zeros_like(along)
+    north = np.stack((np.column_stack((along, -far, flat)), np.column_stack((along, far, flat))), axis=1)
+    return np.concatenate((north, north[:, :, [1, 0, 2]]))
 
 
 def ahead(position_ned: Floats, plan: Plan) -> Array:

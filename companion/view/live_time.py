@@ -4,6 +4,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from companion.view.history import History
+from companion.view.live_strip import STYLE, strip
+from companion.view.sources import Source
 
 if TYPE_CHECKING:
     import viser
@@ -29,17 +31,21 @@ class Playback:
         """Where the slider was put by the page itself (s)."""
         self._heard_until = 0.0
         self._slider: Any = gui.add_slider("s", 0.0, 1.0, _STEP_S, 0.0)
+        gui.add_html(STYLE)
+        self._strip = gui.add_html("")
         self._play = gui.add_checkbox("play", True)
         self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1x")
         self._now = gui.add_button("now")
         self._now.on_click(lambda _: self._follow())
         self._play.on_update(lambda _: self._restart())
 
-    def advance(self, seconds: float, history: History, *, ended: bool, watched: bool) -> None:
+    def advance(self, seconds: float, history: History, source: Source, *, watched: bool) -> None:
         """Go on by `seconds`. Time goes on where nothing new comes: what was heard last grows old.
 
-        `ended`: nothing more will come. `watched`: somebody looks; a log is not played before.
+        The page stays behind a source by its delay, so that it moves evenly. `watched`: somebody looks; a log is not
+        played before.
         """
+        ended = source.ended
         self._ended = ended
         self.quiet_s = 0.0 if ended or history.end != self._heard_until else self.quiet_s + seconds
         self._heard_until = history.end
@@ -52,12 +58,19 @@ class Playback:
             self.time, self._following = float(self._slider.value), False
         elif self._play.value:
             if self._following and not ended:
-                self.time = history.end + self.quiet_s
+                live = history.end + self.quiet_s
+                self.time = min(max(self.time + seconds, live - source.delay_s), live)
             elif watched:
                 self.time += seconds * float(self._speed.value.removesuffix("x"))
         self._now.visible = not ended and not (self._following and self._play.value)
         self.time = min(max(self.time, start), end)
         self._slider.value = self._slid_to = round(self.time, 2)
+
+    def draw(self, history: History) -> None:
+        """The strip below the slider."""
+        warnings = [text.time for text in history.warnings()]
+        rows = [history.phases(), history.modes()]
+        self._strip.content = strip(rows, warnings, self._slider.min, self._slider.max, self.time)
 
     @property
     def is_quiet(self) -> bool:

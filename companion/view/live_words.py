@@ -1,6 +1,7 @@
 """The live page's table of figures: the moment that is shown, in words."""
 
 import math
+from collections.abc import Mapping
 from html import escape
 
 import numpy as np
@@ -8,9 +9,9 @@ import numpy as np
 from companion.outcomes import Verdict
 from companion.view.history import Moment, Plan
 
-_SILENT_S = 0.5
+SILENT_S = 0.5
 """A vehicle that was not heard for longer than this (s) is highlighted: the companion waits no longer either."""
-HIGHLIGHT = ' style="color:#e2007a;font-weight:600"'
+HIGHLIGHT = ' style="color:#c4006a;font-weight:600"'
 
 
 def words(
@@ -38,25 +39,38 @@ def words(
         "time": quiet,
         "outcome": verdict is not None and not verdict.outcome.wanted,
         "failsafe": moment.failsafe,
-        "link": moment.link_age is not None and moment.link_age > _SILENT_S,
+        "link": moment.link_age is not None and moment.link_age > SILENT_S,
         "guard": plan is not None and bool(plan.guard),
     }
     cells = "".join(
-        f'<tr><td style="opacity:.65;padding-right:12px">{name}</td>'
+        f'<tr><td style="color:#5a6470;padding-right:12px">{name}</td>'
         f'<td id="{name}"{HIGHLIGHT if highlighted.get(name) else ""}>{escape(value)}</td></tr>'
         for name, value in rows
     )
-    said = "".join(f"<div>{text.time:.1f} {escape(text.text)}</div>" for text in moment.texts)
-    trouble = f'<div style="color:#d64560">{escape(problem)}</div>' if problem else ""
-    style = "font-size:13px;padding:4px 14px;font-variant-numeric:tabular-nums"
-    said_style = "margin-top:6px;opacity:.75;font-size:12px"
-    return f'<div style="{style}">{trouble}<table>{cells}</table><div style="{said_style}">{said}</div></div>'
+    trouble = f'<div style="color:#b3173a">{escape(problem)}</div>' if problem else ""
+    style = "font-size:13px;line-height:1.38;padding:4px 14px;font-variant-numeric:tabular-nums"
+    return f'<div style="{style}">{trouble}<table style="border-spacing:0">{cells}</table></div>'
+
+
+def said(moment: Moment) -> str:
+    """The last few lines that were said, as HTML, the newest first."""
+    return paragraphs(*(f"{text.time:.1f} {text.text}" for text in reversed(moment.texts)))
 
 
 def paragraphs(*texts: str) -> str:
     """Texts as HTML, a paragraph each; empty ones are left out. Text from outside is escaped."""
-    style = "margin:6px 14px;font-size:13px"
+    style = "margin:6px 14px;font-size:13px;overflow-wrap:anywhere"
     return "".join(f'<p style="{style}">{escape(text)}</p>' for text in texts if text)
+
+
+def legend(colors: Mapping[str, tuple[int, int, int]]) -> str:
+    """What is drawn in which color, as HTML."""
+    rows = "".join(
+        f'<div><span style="display:inline-block;width:12px;height:12px;border-radius:3px;margin-right:8px;'
+        f'vertical-align:-1px;background:rgb{color}"></span>{escape(name)}</div>'
+        for name, color in colors.items()
+    )
+    return f'<div id="legend" style="font-size:13px;margin:4px 14px;line-height:1.6">{rows}</div>'
 
 
 def _link(moment: Moment) -> list[tuple[str, str]]:

@@ -100,20 +100,25 @@ def _tree(table: dict[str, Any]) -> list[Prism]:
 
 def in_the_way(world: bytes, start_ned: Floats, end_ned: Floats) -> list[str]:
     """The names of the obstacles that a straight flight between two places (3,) NED (m) comes nearer to than ROOM."""
-    steps = max(2, ceil(float(np.linalg.norm(end_ned - start_ned)) / (0.5 * ROOM)))
+    return between(solids(world), start_ned, end_ned, ROOM)
+
+
+def between(prisms: list[Prism], start_ned: Floats, end_ned: Floats, room: float) -> list[str]:
+    """The names of the prisms that the line between two places (3,) NED (m) comes nearer to than `room` (m)."""
+    steps = max(2, ceil(float(np.linalg.norm(end_ned - start_ned)) / (0.5 * room)))
     places = start_ned + np.linspace(0.0, 1.0, steps)[:, None] * (end_ned - start_ned)
-    return list(dict.fromkeys(prism.name for prism in solids(world) if _is_near(prism, places)))
+    return list(dict.fromkeys(prism.name for prism in prisms if _is_near(prism, places, room)))
 
 
-def _is_near(prism: Prism, places_ned: Floats) -> bool:
-    """Whether one of the places (n, 3) NED (m) is nearer than ROOM, or at a corner a little farther."""
+def _is_near(prism: Prism, places_ned: Floats, room: float) -> bool:
+    """Whether one of the places (n, 3) NED (m) is nearer than `room` (m), or at a corner a little farther."""
     corners = np.array(prism.outline)
     edges = np.roll(corners, -1, axis=0) - corners
     outwards = np.column_stack((-edges[:, 1], edges[:, 0])) / np.linalg.norm(edges, axis=1)[:, None]
     outwards *= np.sign(((corners - corners.mean(axis=0)) * outwards).sum(axis=1))[:, None]
-    beside = ((places_ned[:, None, :2] - corners) * outwards).sum(axis=2).max(axis=1) < ROOM
+    beside = ((places_ned[:, None, :2] - corners) * outwards).sum(axis=2).max(axis=1) < room
     height = -places_ned[:, 2]
-    return bool((beside & (height > prism.bottom - ROOM) & (height < prism.top + ROOM)).any())
+    return bool((beside & (height > prism.bottom - room) & (height < prism.top + room)).any())
 
 
 def mesh(prism: Prism) -> tuple[list[tuple[float, float, float]], list[tuple[int, int, int]]]:

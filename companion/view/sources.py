@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Protocol
 
+from companion.logs.recordings import flights
 from companion.logs.verdict import verdict_of
 from companion.outcomes import Verdict, recorded
 from companion.view.batches import BATCH, Batch, batch, batches
@@ -21,6 +22,8 @@ from protocol.transport import Transport
 _DATAGRAMS_A_POLL = 5000
 _MOST_KINDS = 4096
 """Pairs of a message and its sender that are shown; noise must not use up the memory."""
+_CHUNK_S = 0.15
+"""Time that a flight's log takes to show a record (s)."""
 _GROWS_S = 10.0
 """A flight's log is written to each tenth of a second; one that was not for so long was cut off."""
 
@@ -48,6 +51,9 @@ class Source(Protocol):
     def ended(self) -> bool:
         """Whether nothing more will come."""
 
+    delay_s: float
+    """How late new records come (s)."""
+
     def poll(self) -> Iterator[Batch]:
         """The new records, without waiting. Raises FlightLogError if the source can't be read any more."""
 
@@ -61,6 +67,7 @@ class FinishedLog:
         self.settings = log.attachments.get("settings.json", b"")
         self.verdict = verdict_of(log.path, log.metadata)
         self.ended = False
+        self.delay_s = 0.0
         self.problem = log.problem
         self._log = log
 
@@ -77,10 +84,15 @@ class GrowingLog:
     """
 
     def __init__(self, path: Path) -> None:
-        self.name = str(path)
         self.problem: str | None = None
-        self._log = LogFollower(path, lambda topic: topic != DATAGRAM.topic)
+        self.delay_s = _CHUNK_S
         self._held: dict[str, tuple[list[int], list[bytes]]] = {}
+        self._open(path)
+
+    def _open(self, path: Path) -> None:
+        """The file is opened when it is read first."""
+        self.name = str(path)
+        self._log = LogFollower(path, lambda topic: topic != DATAGRAM.topic)
 
     @property
     def world(self) -> bytes:
@@ -118,6 +130,26 @@ class GrowingLog:
             yield from batch(kinds[topic], times, parts)
 
 
+class NextFlight(GrowingLog):
+    """The flight that begins next in a folder; nothing until then."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.name = f"none yet: waiting for one in {folder}"
+        self._folder = folder
+        self._earlier = flights(folder)
+        self._waits = True
+
+    def poll(self) -> Iterator[Batch]:
+        if self._waits:
+            begun = flights(self._folder) - self._earlier
+            if not begun:
+                return
+            self._waits = False
+            self._open(begun.pop())
+        yield from super().poll()
+
+
 class Link:
     """A vehicle's telemetry over a transport, as it arrives; times count from the page's start."""
 
@@ -127,6 +159,7 @@ class Link:
         self.settings = b""
         self.verdict = None
         self.ended = False
+        self.delay_s = 0.0
         self.problem: str | None = None
         self._transport = transport
         self._clock = RealClock()

@@ -20,6 +20,11 @@ class Text:
     text: str
 
 
+def level_of(severity: int) -> int:
+    """The level of a text for MAVLink's severity: emergency, alert, critical; error; warning; notice, info; debug."""
+    return (5, 5, 5, 4, 3, 2, 2, 1)[min(int(severity), 7)]
+
+
 class Texts:
     """The first 2000 lines of the companion's own log and of the vehicles' STATUSTEXT."""
 
@@ -36,6 +41,5 @@ class Texts:
     def add_statustexts(self, sender: str, times: Floats, table: list[dict[str, Any]]) -> None:
         """Times (n,) in s and the fields of n messages."""
         for at, row in zip(times.tolist(), table, strict=True):
-            level = max(1, 5 - max(int(row["severity"]) - 1, 0) // 2)
-            self.vehicle.append(Text(at, level, sender, row["text"]))
+            self.vehicle.append(Text(at, level_of(row["severity"]), sender, row["text"]))
         del self.vehicle[_MOST:]

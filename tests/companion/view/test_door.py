@@ -47,7 +47,8 @@ class Session:
         self._socket = socket
         self.titles: list[str] = []
         """Of the questions that were asked."""
-        self._buttons: dict[str, str] = {}
+        self._buttons: dict[str, tuple[str, bool | str]] = {}
+        """The element of each, and its value when the button is pressed."""
 
     def send(self, message: Any) -> None:
         self._socket.send(msgspec.msgpack.encode(message))
@@ -59,7 +60,8 @@ class Session:
     def press(self, label: str) -> None:
         """A button, once the page has it."""
         self.hear(lambda: label in self._buttons)
-        self.send({"type": "GuiUpdateMessage", "uuid": self._buttons[label], "updates": {"value": True}})
+        element, value = self._buttons[label]
+        self.send({"type": "GuiUpdateMessage", "uuid": element, "updates": {"value": value}})
 
     def hear(self, is_right: Callable[[], bool]) -> None:
         """Listen until something holds."""
@@ -69,7 +71,9 @@ class Session:
             data = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + packed])
             for message in msgspec.msgpack.decode(data)["messages"]:
                 if message["type"] == "GuiButtonMessage":
-                    self._buttons[message["props"]["label"]] = message["uuid"]
+                    self._buttons[message["props"]["label"]] = message["uuid"], True
+                elif message["type"] == "GuiButtonGroupMessage":
+                    self._buttons |= {option: (message["uuid"], option) for option in message["props"]["options"]}
                 elif message["type"] == "GuiModalMessage":
                     self.titles.append(message["title"])
 
@@ -192,7 +196,6 @@ def test_who_has_the_token_presses_and_who_has_not_looks_on(page: Page) -> None:
         page._server.on_client_connect(lambda client: arrived.set())
         onlooker.look()
         assert arrived.wait(PATIENCE_S), "what was sent after all of this was heard"
-        assert page.cameras.watched
         operator.press("hold")
         onlooker.hear(lambda: bool(onlooker.titles))
         assert onlooker.titles == ["Ask the vehicle to hold?"]
@@ -202,6 +205,7 @@ def test_who_has_the_token_presses_and_who_has_not_looks_on(page: Page) -> None:
         operator.hear(lambda: len(operator.titles) == 2)
         assert isinstance(page._control, Asked) and page._control.asked.get(timeout=PATIENCE_S) == "land"
         assert page._control.asked.empty()
+        assert page.cameras.watched
 
 
 def test_nobody_shares_the_page_with_the_internet(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,7 +270,7 @@ def test_texts_from_outside_are_text() -> None:
         page.step(0.1)
         expect(browser.get_by_text("In the way")).to_contain_text(HOSTILE)
         expect(browser.locator("#flight")).to_have_text(HOSTILE)
-        expect(browser.get_by_text(HOSTILE)).to_have_count(4)
+        expect(browser.get_by_text(HOSTILE)).to_have_count(5)
         assert browser.evaluate("document.hit") is None
         assert browser.locator("a[href^=javascript]").count() == 0
         assert errors == []

@@ -215,12 +215,13 @@ def test_time_goes_on_where_a_vehicle_falls_silent_and_the_page_says_so() -> Non
         assert HIGHLIGHT not in live.words.content
         for _ in range(20):
             live.step(0.25)
-        live.step(0.0)
+        for _ in range(6):
+            live.step(0.0)
         text = live.words.content
         assert "heard 5000 ms ago" in text and "nothing new for 5 s" in text and "north" not in text
         assert text.count(HIGHLIGHT) == 2, "the time and the link"
         theirs.send(telemetry(vehicle, 25, 1.0))
-        for _ in range(5):
+        for _ in range(6):
             live.step(0.0)
         assert ", live" in live.words.content
     finally:
@@ -236,7 +237,7 @@ def wait_for(look: Callable[[], T], is_right: Callable[[T], bool]) -> T:
         seen = look()
         if is_right(seen):
             return seen
-    raise AssertionError("never seen")
+    raise AssertionError(f"never seen, but {seen}")
 
 
 def returns_on(picture: bytes) -> NDArray[np.int64]:
@@ -274,11 +275,53 @@ class Looked:
         slider.press("Enter")
         self.waits_for("#time", f"{time}.00 s")
 
+    def show(self, tab: str) -> None:
+        self.browser.get_by_role("tab", name=tab).click()
+
     def tick(self, label: str) -> None:
         self.browser.get_by_label(label, exact=True).evaluate("box => box.click()")
 
     def text(self, element: str) -> str:
-        return str(self.browser.locator(element).inner_text())
+        return str(self.browser.locator(element).text_content())
+
+
+SHOWN_AT_5 = {
+    "#bar-phase": "route",
+    "#bar-mode": "external control",
+    "#bar-armed": "armed",
+    "#bar-time": "5.0 s of 20.0 s",
+    "#speed-value": "2.0",
+    "#height-value": "3.0",
+    "#climb-value": "+0.0",
+    "#heading-value": "000°",
+}
+SIZES = ((1280, 720), (1920, 1080), (820, 1180))
+UNTIDY = """() => {
+  const box = id => document.getElementById(id).getBoundingClientRect();
+  const panel = document.querySelector('[role=tablist]').getBoundingClientRect();
+  const parts = [box('bar'), box('alerts'), box('pfd'), new DOMRect(panel.x, 0, panel.width, innerHeight)];
+  const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
+  const wrong = [];
+  parts.forEach((a, i) => {
+    if (a.left < 0 || a.top < 0 || a.right > innerWidth || a.bottom > innerHeight) wrong.push('outside ' + i);
+    parts.slice(i + 1).forEach((b, k) => { if (!apart(a, b)) wrong.push(`${i} on ${i + 1 + k}`); });
+  });
+  for (const e of document.querySelectorAll('*'))
+    if (e.scrollHeight > e.clientHeight + 1 && ['auto', 'scroll'].includes(getComputedStyle(e).overflowY))
+      wrong.push('scrolls: ' + e.className);
+  return wrong;
+}"""
+
+
+def assert_tidy(looked: Looked) -> None:
+    """Each tab at each size: nothing is outside, on top of another thing, or to be scrolled to."""
+    for width, height in SIZES:
+        looked.browser.set_viewport_size({"width": width, "height": height})
+        for tab in ("Flight", "Said", "Charts", "View"):
+            looked.show(tab)
+            wait_for(
+                lambda: (looked.browser.screenshot(), looked.browser.evaluate(UNTIDY))[1], lambda wrong: wrong == []
+            )
 
 
 @pytest.fixture
@@ -312,9 +355,20 @@ def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: 
             and bool(np.linalg.norm(seen[1] - seen[0]) == pytest.approx(away, rel=0.05))
         ),
     )
+    looked.show("View")
     looked.tick("camera follows")
+    looked.tick("map from above")
+    down = wait_for(
+        lambda: (page.screenshot(), client.camera.position - client.camera.look_at)[1], lambda at: at[2] > 1e3
+    )
+    assert abs(down[:2]).max() < 1.0 and client.camera.fov < 0.1
+    looked.tick("map from above")
+    looked.show("Flight")
     looked.tick("play")
     looked.go_to("5")
+    assert page.title() == "Courier"
+    for element, text in SHOWN_AT_5.items():
+        assert looked.text(element) == text
     assert looked.text("#place") == "north 10.0, east 0.0, height 3.0 m"
     assert looked.text("#phase") == "route"
     first = wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) > 10)
@@ -325,10 +379,13 @@ def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: 
         lambda found: len(found) > 5 and abs(found.mean() - first.mean()) > 3.0,
     )
     looked.go_to("15")
-    assert page.locator("#place").count() == 0
+    assert looked.text("#alerts") == "link lost: nothing heard for 3 s"
+    assert page.locator("#place, #speed-value, #height-value, #heading-value").count() == 0
     assert looked.text("#phase") == "return"
     wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) == 0)
+    looked.show("Charts")
     assert page.locator(".uplot").count() == 3
+    assert_tidy(looked)
 
 
 @needs_chromium

@@ -156,7 +156,9 @@ def go_to_a_place(watched: Watched, browser: Browser) -> None:
 @needs_chromium
 def test_each_button_reaches_the_vehicle(watched: Watched) -> None:
     with opened(watched.page.url, fine=0.4) as (browser, errors):
+        browser.get_by_role("tab", name="View").click()
         browser.get_by_label("camera follows", exact=True).evaluate("box => box.click()")
+        browser.get_by_role("tab", name="Flight").click()
         watched.take_off()
         mode = browser.locator("#mode")
         expect(mode).to_have_text("hold, armed")
