@@ -139,6 +139,17 @@ def test_without_fixes_the_position_is_lost_and_the_vehicle_descends() -> None:
     assert "Arming denied: Navigation error: No valid position estimate" in "".join(pilot.texts)
 
 
+def test_before_the_first_fix_nothing_is_armed() -> None:
+    pilot = ForeignPilot(airframe=GNSS)
+    pilot.command(INJECT, GPS, OFF)
+    pilot.fly(2.0)
+    assert pilot.arm() != ACCEPTED
+    assert "Arming denied: Navigation error: No valid position estimate" in "".join(pilot.texts)
+    pilot.command(INJECT, GPS, OK)
+    pilot.fly(1.0)
+    assert pilot.arm() == ACCEPTED
+
+
 def test_an_attitude_is_flown_without_a_position() -> None:
     pilot = aloft(sensors=True)
     pilot.go_offboard()

@@ -37,6 +37,8 @@ class Settings:
     roll_failure_deg: int = 0
     pitch_failure_deg: int = 0
     """Beyond which the attitude has failed, FD_FAIL_R and FD_FAIL_P; 0: never."""
+    failures_allowed: int = 1
+    """SYS_FAILURE_EN: parts can be made to fail by a command."""
     circuit_breaker: int = 121212
     """CBRK_FLIGHTTERM; 121212: nothing but a command terminates a flight."""
 

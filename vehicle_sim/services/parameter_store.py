@@ -101,6 +101,7 @@ OBEYED: dict[str, Bound] = {
     "MPC_Z_V_AUTO_DN": _of("auto", "descent_speed_m_s"),
     "NAV_DLL_ACT": _action("link_loss", {0: None, 2: Trigger.LINK_LOST_RETURN, 3: Trigger.LINK_LOST}),
     "RTL_RETURN_ALT": _of("auto", "return_height_m"),
+    "SYS_FAILURE_EN": _field("failures_allowed"),
 }
 
 
