@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.vehicle_sim.foreign_pilot import HOLD, LAND, ForeignPilot, airframe_with, tilted
+from tests.vehicle_sim.foreign_pilot import HOLD, LAND, RETURN, ForeignPilot, airframe_with, tilted
 from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.sensors.faults import BLINK_NS, LATE_NS, SLOW_NS, Failure, Fault
 
@@ -207,6 +207,17 @@ def test_a_battery_that_was_low_at_arming_acts_when_it_is_lower() -> None:
     drained(pilot, 0.06)
     pilot.fly(5.3)
     assert mode_of(pilot) is Mode.RETURN
+
+
+def test_a_return_becomes_a_landing_in_the_emergency_and_no_hold() -> None:
+    pilot = aloft(0.2)
+    pilot.set_mode(RETURN)
+    drained(pilot, 0.06)
+    pilot.fly(0.2)
+    assert mode_of(pilot) is Mode.RETURN
+    drained(pilot, 0.04)
+    pilot.fly(0.2)
+    assert mode_of(pilot) is Mode.LAND
 
 
 def test_a_critical_battery_arms_nothing() -> None:

@@ -27,7 +27,6 @@ class Settings:
     """Time on the ground after which the vehicle disarms, COM_DISARM_LAND; 0 or less: never."""
     disarm_preflight_ns: int = 10 * SECOND_NS
     """Time armed without a take-off after which the vehicle disarms, COM_DISARM_PRFLT; 0 or less: never."""
-
     low_battery_action: int = 3
     """COM_LOW_BAT_ACT: 0 a warning, 1 return, 2 land, 3 return when critical and land in the emergency."""
     battery_low: float = 0.15
