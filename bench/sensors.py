@@ -120,7 +120,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     settings = load(find("vehicles/sensors", options.sensors), SensorSettings)
-    rows = []
+    rows: list[dict[str, float | str]] = []
     for name, (period, samples, density, wander) in measured(settings, options.seed).items():
         for t in TIMES_S:
             every = max(1, round(t / period))

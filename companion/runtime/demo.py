@@ -64,6 +64,12 @@ def _fly(plan: Plan, logs: Path, truth: Path | None, key: Path | None, *, consol
 
 def _start_simulator(plan: Plan, port: int, truth: Path | None, key: Path | None) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
+    command += [
+        "--param",
+        "BAT_CRIT_THR=0.05",
+        "--param",
+        "BAT_EMERGEN_THR=0.03",
+    ]  # the second net below the companion's
     command += ["--param", "NAV_DLL_ACT=3", "--firmware", "1.13" if plan.output is Output.ACTUATORS else "1.16"]
     command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
     command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]
