@@ -64,7 +64,9 @@ class Joined:
         self.vehicle = Vehicle(
             frame, world, seed=self.seed, lockstep=self.injector.keeps_step, identity=Identity(firmware=firmware)
         )
-        self.vehicle.parameters.set("NAV_DLL_ACT", 3)  # as in `companion demo`: land when the companion has gone
+        # as in `companion demo`: land when the companion has gone, and act on the battery after the companion has
+        for name, value in (("NAV_DLL_ACT", 3), ("BAT_CRIT_THR", 0.05), ("BAT_EMERGEN_THR", 0.03)):
+            self.vehicle.parameters.set(name, value)
         self.planner = InProcessPlanner(settings.avoidance)
         self.fly_with(self.planner)
 

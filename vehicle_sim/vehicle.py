@@ -120,7 +120,9 @@ class Vehicle:
         health = self.flight.watch.health
         health.charge, health.full_speed = airframe.battery.charge, self._parameters["rotor_max_speed"].item()
         running = self._parameters["rotor_running"][0]
-        failures = Failures(_faults(senses), running, health, enabled=lambda: bool(self.parameters["SYS_FAILURE_EN"]))
+        failures = Failures(
+            _faults(senses), running, health, enabled=lambda: bool(self.flight.settings.failures_allowed)
+        )
         actions = Actions(self._release, failures.inject)
         self._services = Services(identity, airframe, self.flight, self.parameters, senses, world.origin, actions)
         self.channel = self.open_channel(datagrams=datagrams)

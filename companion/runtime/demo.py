@@ -24,6 +24,16 @@ SIMULATOR_FILES = ("vehicle", "world")
 
 _GRACE_S = 60.0
 """Time (s) that the simulator has to end after the flight."""
+_PARAMETERS = (
+    "NAV_DLL_ACT=3",
+    # The companion's clock is the vehicle's, at any pace: the times of the failsafes are not to be scaled.
+    "COM_OF_LOSS_T=1",
+    "COM_DL_LOSS_T=10",
+    # Below the companion's own limits: the second net.
+    "BAT_CRIT_THR=0.05",
+    "BAT_EMERGEN_THR=0.03",
+)
+"""Of the simulator: the vehicle's failsafes."""
 
 
 def demo(
@@ -80,8 +90,7 @@ def _start_simulator(
     plan: Plan, port: int, truth: Path | None, key: Path | None, stations: Sequence[str]
 ) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
-    # The companion's clock is the vehicle's, at any pace: the times of the failsafes are not to be scaled.
-    command += ["--param", "NAV_DLL_ACT=3", "--param", "COM_OF_LOSS_T=1", "--param", "COM_DL_LOSS_T=10"]
+    command += [part for each in _PARAMETERS for part in ("--param", each)]
     command += ["--firmware", "1.13" if plan.output is Output.ACTUATORS else "1.16"]
     command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
     command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]

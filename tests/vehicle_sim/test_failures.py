@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.vehicle_sim.foreign_pilot import HOLD, LAND, ForeignPilot, airframe_with, tilted
+from tests.vehicle_sim.foreign_pilot import HOLD, LAND, RETURN, ForeignPilot, airframe_with, tilted
 from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.sensors.faults import BLINK_NS, LATE_NS, SLOW_NS, Failure, Fault
 
@@ -139,6 +139,17 @@ def test_without_fixes_the_position_is_lost_and_the_vehicle_descends() -> None:
     assert "Arming denied: Navigation error: No valid position estimate" in "".join(pilot.texts)
 
 
+def test_before_the_first_fix_nothing_is_armed() -> None:
+    pilot = ForeignPilot(airframe=GNSS)
+    pilot.command(INJECT, GPS, OFF)
+    pilot.fly(2.0)
+    assert pilot.arm() != ACCEPTED
+    assert "Arming denied: Navigation error: No valid position estimate" in "".join(pilot.texts)
+    pilot.command(INJECT, GPS, OK)
+    pilot.fly(1.0)
+    assert pilot.arm() == ACCEPTED
+
+
 def test_an_attitude_is_flown_without_a_position() -> None:
     pilot = aloft(sensors=True)
     pilot.go_offboard()
@@ -196,6 +207,17 @@ def test_a_battery_that_was_low_at_arming_acts_when_it_is_lower() -> None:
     drained(pilot, 0.06)
     pilot.fly(5.3)
     assert mode_of(pilot) is Mode.RETURN
+
+
+def test_a_return_becomes_a_landing_in_the_emergency_and_no_hold() -> None:
+    pilot = aloft(0.2)
+    pilot.set_mode(RETURN)
+    drained(pilot, 0.06)
+    pilot.fly(0.2)
+    assert mode_of(pilot) is Mode.RETURN
+    drained(pilot, 0.04)
+    pilot.fly(0.2)
+    assert mode_of(pilot) is Mode.LAND
 
 
 def test_a_critical_battery_arms_nothing() -> None:

@@ -241,7 +241,9 @@ class FlightControl:
     def _look_after(self, motion: Motion) -> None:
         share = float(self.command["thrust_n"][0]) / self.airframe.body.max_thrust_n
         lost = self.mode.needs_position or (self.mode is Mode.OFFBOARD and self.setpoints.needs_position)
-        trigger = self.watch.update(motion, share, needs_position=lost, failsafe=self.failsafe)
+        trigger = self.watch.update(
+            motion, share, needs_position=lost, failsafe=self.failsafe or self.mode is Mode.RETURN
+        )
         if trigger is Trigger.ATTITUDE_FAILED_EARLY:
             self._disarm("Disarmed: attitude failure")
         elif trigger is not None and not self.landed:
@@ -281,9 +283,8 @@ class FlightControl:
         idle = False
         if motion.touching and not was_landed:
             idle = self.command["thrust_n"][0] < 0.5 * self.mass_kg * GRAVITY
-        self.landed = self._land_detector.update(
-            motion, landed=was_landed, idle=idle, lost=self.watch.health.position_lost
-        )
+        lost = self.watch.health.position_lost
+        self.landed = self._land_detector.update(motion, landed=was_landed, idle=idle, lost=lost)
         if self.landed and not was_landed:
             self._landed_since_ns = motion.time_ns
             self.announce(Severity.INFO, "Landing detected")

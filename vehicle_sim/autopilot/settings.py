@@ -51,7 +51,6 @@ class Settings:
     """Time on the ground after which the vehicle disarms, COM_DISARM_LAND; 0 or less: never."""
     disarm_preflight_ns: int = 10 * SECOND_NS
     """Time armed without a take-off after which the vehicle disarms, COM_DISARM_PRFLT; 0 or less: never."""
-
     low_battery_action: int = 3
     """COM_LOW_BAT_ACT: 0 a warning, 1 return, 2 land, 3 return when critical and land in the emergency."""
     battery_low: float = 0.15
@@ -61,6 +60,8 @@ class Settings:
     roll_failure_deg: int = 0
     pitch_failure_deg: int = 0
     """Beyond which the attitude has failed, FD_FAIL_R and FD_FAIL_P; 0: never."""
+    failures_allowed: int = 1
+    """SYS_FAILURE_EN: parts can be made to fail by a command."""
     circuit_breaker: int = 121212
     """CBRK_FLIGHTTERM; 121212: nothing but a command terminates a flight."""
 

@@ -40,7 +40,7 @@ class Health:
     """Of a full battery."""
     drained: bool = False
     """The battery says that it is empty."""
-    full_speed: float = math.inf
+    full_speed: float = 0.0
     """Of a rotor (rad/s)."""
 
 
@@ -107,7 +107,7 @@ class Watch:
 
     def update(self, motion: Motion, share: float, *, needs_position: bool, failsafe: bool) -> Trigger | None:
         """What has gone wrong by the end of a tick, if anything. `share`: of full thrust, commanded; `failsafe`: one is
-        being flown already, so that another one needs no hold before it."""
+        being flown already, or a return, so that nothing needs a hold before it."""
         if self.health.position_lost and needs_position:
             return Trigger.POSITION_LOST
         trigger = self._attitude(motion)

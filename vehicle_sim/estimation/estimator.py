@@ -85,10 +85,10 @@ class Estimator:
         self.read = Readings(np.zeros(3))
         self.reset_counter = 0
         """How often the position has jumped to a fix."""
-        self.position_lost = False
+        self.position_lost = True
         """Nobody should fly by its position: it has had no fix for long, or does not believe in it."""
-        self._taken_ns = 0
-        """Time of the last fix that was taken as a whole."""
+        self._taken_ns = -_RESET_NS
+        """Time of the last fix that was taken as a whole; long ago before the first."""
         self._now_ns = 0
         self.nominal, self.covariance = np.zeros(kalman.NOMINAL), np.zeros((kalman.ERROR, kalman.ERROR))
         self._align(start, rng)

@@ -31,7 +31,7 @@ class ModeMessages:
 
     def available_modes(self, number: int) -> bytes | None:
         """A mode by its number, from 1; 0: all of them. None if there is none with this number."""
-        modes = list(Mode)
+        modes = [mode for mode in Mode if mode is not Mode.DESCEND]  # on the wire it is a landing
         if not 0 <= number <= len(modes):
             return None
         numbers = range(1, len(modes) + 1) if number == 0 else [number]

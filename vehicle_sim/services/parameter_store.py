@@ -132,6 +132,7 @@ OBEYED: dict[str, Bound] = {
     "NAV_DLL_ACT": _action("link_loss", {0: None, 2: Trigger.LINK_LOST_RETURN, 3: Trigger.LINK_LOST}),
     "NAV_MC_ALT_RAD": _number("height_acceptance_m"),
     "RTL_RETURN_ALT": _of("auto", "return_height_m"),
+    "SYS_FAILURE_EN": _field("failures_allowed"),
 }
 
 

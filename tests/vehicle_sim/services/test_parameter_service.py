@@ -187,8 +187,9 @@ def obeying() -> Iterator[tuple[str, float]]:
         if bound.choices:
             yield name, next(each for each in bound.choices if each != Vehicle(AIRFRAME, EMPTY).parameters[name])
         else:
-            most = TABLE[name].most
-            yield name, TABLE[name].default + 1 if most is None else (TABLE[name].default + most) / 2
+            entry = TABLE[name]
+            more = entry.default + (1 if entry.most is None else min(1, entry.most - entry.default))
+            yield name, more if more != entry.default else entry.default - 1
 
 
 def test_what_is_obeyed_reaches_the_autopilot_and_comes_back() -> None:
