@@ -307,10 +307,11 @@ class Navigator:
         self._trail.add(position_ned)
         if self._search.busy:
             self._progress = Progress()
-        distance = math.hypot(*(goal - position_ned)[:2].tolist())
-        stalled_s = self._progress.stalled_s(self.step_index, distance, position_ned, now_ns)
-        stuck = stalled_s > self._settings.avoidance.give_up_s
-        if distance < NEAR_M:
+        away = math.hypot(*(goal - position_ned)[:2].tolist())
+        stuck = (
+            self._progress.stalled_s(self.step_index, away, position_ned, now_ns) > self._settings.avoidance.give_up_s
+        )
+        if away < NEAR_M:
             return _GOING_ON
         change = self._change_altitude(position_ned, detour, stuck, now_ns)
         if change is not None:

@@ -72,9 +72,8 @@ class Runner:
         self._commanded = False
         """A control step was taken since this was asked last."""
         self._transport = transport
-        self._router = beside.router
+        self._beside = beside
         self._sensor = beside.sensor
-        self._orders = beside.orders
         self._log = log
         self._clock = clock
         self._landing_requested = False
@@ -176,8 +175,8 @@ class Runner:
         autopilot, transport = self._autopilot, self._transport
         drain(transport)  # what queued up before the start is old
         overrun_ns = round(autopilot.settings.supervision.overrun * 1e9)
-        if self._router is not None:
-            self._router.begin()
+        if self._beside.router is not None:
+            self._beside.router.begin()
         due = clock.now_ns() + TICK_NS
         while not autopilot.ended:
             wait = clock.wall_seconds_until(due)
@@ -191,8 +190,8 @@ class Runner:
                 began = time.perf_counter_ns()
                 self._send(now, self._datagram(now, data))
                 self._took(now, began)
-                if self._router is not None:
-                    self._router.heard(data)
+                if self._beside.router is not None:
+                    self._beside.router.heard(data)
             if now >= due:
                 due = self._beat(now, due, clock)
 
@@ -202,8 +201,8 @@ class Runner:
         if late > LATE_NS * clock.factor:
             self.missed_deadlines += 1
         self._send(now, self._tick(now, late))
-        if self._router is not None:
-            self._route(self._router, now)
+        if self._beside.router is not None:
+            self._route(self._beside.router, now)
         return due + TICK_NS * (1 + late // TICK_NS)
 
     # -- events --------------------------------------------------------------------------------------------------------
@@ -225,7 +224,7 @@ class Runner:
         if now - self._checked_log_ns >= _LOG_CHECK_NS:
             self._checked_log_ns = now
             answer += self._look_around(now)
-        for order in self._orders.take(now):
+        for order in self._beside.orders.take(now):
             answer += self._driver.handle(order)
         if self._sensor is not None:
             answer += self._sense(self._sensor, now)
@@ -347,8 +346,8 @@ class Runner:
         if data and self._transport.peer:  # before anybody is known there is nobody to send to
             self._transport.send(data)
             self._log.datagram(now, Direction.OUT, self._transport.peer, data)
-            if self._router is not None:
-                self._router.said(data)
+            if self._beside.router is not None:
+                self._beside.router.said(data)
 
 
 def lockstep_time(datagram: bytes) -> int | None:

@@ -2,10 +2,23 @@
 
 from dataclasses import dataclass
 
+import msgspec
+
 from vehicle_sim.airframe import Airframe, Auto, FenceSettings
 from vehicle_sim.autopilot.modes import Trigger
 
 SECOND_NS = 1_000_000_000
+
+
+class BatteryFailsafe(msgspec.Struct, frozen=True):
+    """What a low battery leads to."""
+
+    action: int = 3
+    """COM_LOW_BAT_ACT: 0 a warning, 1 return, 2 land, 3 return when critical and land in the emergency."""
+    low: float = 0.15
+    critical: float = 0.07
+    emergency: float = 0.05
+    """Charges below which the battery is so: BAT_LOW_THR, BAT_CRIT_THR, BAT_EMERGEN_THR."""
 
 
 @dataclass(slots=True)
@@ -51,12 +64,7 @@ class Settings:
     """Time on the ground after which the vehicle disarms, COM_DISARM_LAND; 0 or less: never."""
     disarm_preflight_ns: int = 10 * SECOND_NS
     """Time armed without a take-off after which the vehicle disarms, COM_DISARM_PRFLT; 0 or less: never."""
-    low_battery_action: int = 3
-    """COM_LOW_BAT_ACT: 0 a warning, 1 return, 2 land, 3 return when critical and land in the emergency."""
-    battery_low: float = 0.15
-    battery_critical: float = 0.07
-    battery_emergency: float = 0.05
-    """Charges below which the battery is so: BAT_LOW_THR, BAT_CRIT_THR, BAT_EMERGEN_THR."""
+    battery: BatteryFailsafe = BatteryFailsafe()
     roll_failure_deg: int = 0
     pitch_failure_deg: int = 0
     """Beyond which the attitude has failed, FD_FAIL_R and FD_FAIL_P; 0: never."""

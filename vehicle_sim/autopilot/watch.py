@@ -76,7 +76,7 @@ class Watch:
     def stage(self) -> int:
         """Of the battery: 0 good, 1 low, 2 critical, 3 emergency."""
         s, charge = self._settings, 0.0 if self.health.drained else self.health.charge
-        below = (charge < s.battery_low, charge < s.battery_critical, charge < s.battery_emergency)
+        below = (charge < s.battery.low, charge < s.battery.critical, charge < s.battery.emergency)
         return max(stage * is_so for stage, is_so in zip((_LOW, _CRITICAL, _EMERGENCY), below, strict=True))
 
     def arming_problem(self, mode: Mode) -> str | None:
@@ -118,7 +118,7 @@ class Watch:
 
     @property
     def _battery_action(self) -> Trigger | None:
-        return _LOW_BATTERY.get((self._stage, self._settings.low_battery_action))
+        return _LOW_BATTERY.get((self._stage, self._settings.battery.action))
 
     def _battery(self, *, failsafe: bool) -> Trigger | None:
         stage = self.stage

@@ -72,14 +72,14 @@ def _action(field: str, triggers: Mapping[int, Trigger | None]) -> Bound:
     )
 
 
-def _of(table: str, field: str) -> Bound:
-    """A field of one of the vehicle file's tables."""
+def _of(table: str, field: str, kind: type[float] | type[int] = float) -> Bound:
+    """A field of one of the settings' tables."""
 
     def write(flight: FlightControl, value: Value) -> None:
-        changed = msgspec.structs.replace(getattr(flight.settings, table), **{field: value})
+        changed = msgspec.structs.replace(getattr(flight.settings, table), **{field: kind(value)})
         setattr(flight.settings, table, changed)
 
-    return Bound(lambda flight: float(getattr(getattr(flight.settings, table), field)), write)
+    return Bound(lambda flight: kind(getattr(getattr(flight.settings, table), field)), write)
 
 
 def _field(field: str) -> Bound:
@@ -90,15 +90,15 @@ def _field(field: str) -> Bound:
 
 
 OBEYED: dict[str, Bound] = {
-    "BAT_CRIT_THR": _field("battery_critical"),
-    "BAT_EMERGEN_THR": _field("battery_emergency"),
-    "BAT_LOW_THR": _field("battery_low"),
+    "BAT_CRIT_THR": _of("battery", "critical"),
+    "BAT_EMERGEN_THR": _of("battery", "emergency"),
+    "BAT_LOW_THR": _of("battery", "low"),
     "CBRK_FLIGHTTERM": _field("circuit_breaker"),
     "COM_DISARM_LAND": _seconds("disarm_landed_ns"),
     "COM_DISARM_PRFLT": _seconds("disarm_preflight_ns"),
     "COM_DL_LOSS_T": _seconds("link_loss_ns", int),
     "COM_FAIL_ACT_T": _seconds("failsafe_hold_ns"),
-    "COM_LOW_BAT_ACT": _field("low_battery_action"),
+    "COM_LOW_BAT_ACT": _of("battery", "action", int),
     "COM_OBL_RC_ACT": _action("stream_loss", {3: Trigger.STILL_LOST_RETURN, 4: Trigger.STILL_LOST, 5: None}),
     "COM_OF_LOSS_T": _seconds("stream_loss_ns"),
     "COM_RC_LOSS_T": _seconds("stick_loss_ns"),
