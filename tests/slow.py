@@ -35,6 +35,7 @@ SLOW: dict[str, float] = {
     "tests/companion/test_plugins.py::test_a_foreign_law_and_a_foreign_planner_deliver_and_fly_again_to_the_byte": 4,
     "tests/companion/mission/test_wander.py::test_a_noisy_estimate_does_not_hold_the_mission_up": 4,
     "tests/companion/runtime/test_planning.py": 2,
+    "tests/companion/runtime/test_progress.py::test_a_flight_is_shown_from_its_start_to_its_end": 3,
     "tests/companion/runtime/test_rehearsal.py": 2,
     "tests/companion/runtime/test_rehearsal.py::test_nothing_is_compiled_or_imported_in_flight": 10,
     "tests/companion/runtime/test_runner.py": 2,

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from companion.cli.shell import note, say
-from protocol.flightlog import FlightLogError
 
 if TYPE_CHECKING:
     from companion.runtime.flight import Result
@@ -47,6 +46,7 @@ def print_next(log: Path, *, report: bool) -> None:
     steps = [f"companion view {target}", f"companion info {target}"]
     if report:
         from companion.view.report import write
+        from protocol.flightlog import FlightLogError
 
         try:
             say(f"report: {write(log).path}")
