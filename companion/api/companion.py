@@ -33,7 +33,8 @@ class Companion:
     """One flight of one vehicle; made by `connect`, and used as an asynchronous context manager.
 
     Each command returns when it is done. One that is cancelled (as by `asyncio.timeout`) leaves the vehicle holding its
-    place. Leaving the block, for whatever reason, lands the vehicle where it is.
+    place; only a flight that began with a mission without `waits` then lands. Leaving the block, for whatever reason,
+    lands the vehicle where it is.
     """
 
     def __init__(self, url: str, arguments: tuple[str, ...], vehicle: str, logs: Path) -> None:
@@ -63,9 +64,14 @@ class Companion:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._process is not None and self._process.stdin is not None and self._flight is not None:
-            self._process.stdin.close()
+        self._hang_up()
+        if self._flight is not None:
             await asyncio.shield(self._flight)
+
+    def _hang_up(self) -> None:
+        """Give no more orders: the vehicle lands."""
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.close()
 
     # -- commands ------------------------------------------------------------------------------------------------------
 
@@ -94,7 +100,12 @@ class Companion:
             await self._order(Order("fly", msgspec.structs.replace(mission, vehicle=self._vehicle)))
             return self.verdict
         await self._begin(msgspec.structs.replace(mission, vehicle=self._vehicle))
-        await self._done(-1, waits=mission.waits)
+        try:
+            await self._done(-1, waits=mission.waits)
+        except asyncio.CancelledError:
+            if not mission.waits:  # it takes no orders
+                self._hang_up()
+            raise
         return self.verdict
 
     async def land(self) -> Verdict:
