@@ -20,8 +20,8 @@ from companion.view.sources import Source
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLogError
 
-FRAME_S = 1.0 / 30.0
-"""Time between two pictures of the vehicle and its instruments (s)."""
+_FRAME_NS = 1_000_000_000 // 30
+"""Time between two pictures of the vehicle and its instruments."""
 _WORDS_EVERY, _MAP_EVERY, _PATHS_EVERY = 6, 15, 20
 """Of so many pictures one has new words and charts, a new map, new paths."""
 
@@ -78,11 +78,11 @@ class Page:
 
     def run(self) -> None:
         """Serve until `stop` or an interrupt."""
-        before_ns = self._clock.now_ns()
-        while not self._stop.wait(FRAME_S):
+        before_ns = due_ns = self._clock.now_ns()
+        while not self._stop.wait(max(due_ns - self._clock.now_ns(), 0) * 1e-9):
             now_ns = self._clock.now_ns()
             self.step((now_ns - before_ns) * 1e-9)
-            before_ns = now_ns
+            before_ns, due_ns = now_ns, max(due_ns + _FRAME_NS, now_ns)
 
     def stop(self) -> None:
         """End `run` and the server."""
