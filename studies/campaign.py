@@ -163,11 +163,7 @@ def wilson(successes: int, total: int, z: float = 1.959964) -> Interval:
 def fly(job: Job) -> Row:
     """Fly one flight; log, world and picture of a failure are written to the job's folder."""
     began = time.perf_counter()
-    site = job.setup.site(job.seed)
-    _, mission_file = site.save(job.folder / "worlds", job.speed)
-    mission = site.mission(job.speed, job.folder / "worlds" / f"{site.name}.toml")
-    vehicle = job.setup.vehicle_overrides
-    joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, remembers=False)
+    site, mission_file, joined = _prepared(job)
     watch, stages = _Watch(job, site), _Stages(joined)
     joined.fly(limit_s=job.setup.limit_s + 30.0, until=watch.over)
     row = watch.row(joined)
@@ -175,6 +171,25 @@ def fly(job: Job) -> Row:
         folder = keep(job, site, mission_file, joined)
         row = dataclasses.replace(row, log=str(folder.relative_to(job.folder)))
     return dataclasses.replace(row, wall_s=time.perf_counter() - began, **stages.medians())
+
+
+def end_of_flight(job: Job) -> tuple[Site, Joined]:
+    """Fly one flight; both sides as they are at its end."""
+    site, _, joined = _prepared(job)
+    return site, joined.fly(limit_s=job.setup.limit_s + 30.0, until=_Watch(job, site).over)
+
+
+def _prepared(job: Job) -> tuple[Site, Path, Joined]:
+    """The place, the file of its mission, and both sides before the flight."""
+    site = job.setup.site(job.seed)
+    _, mission_file = site.save(job.folder / "worlds", job.speed)
+    mission = site.mission(job.speed, job.folder / "worlds" / f"{site.name}.toml")
+    vehicle = job.setup.vehicle_overrides
+    return (
+        site,
+        mission_file,
+        Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, remembers=False),
+    )
 
 
 class _Stages:
@@ -397,7 +412,7 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
     near.add_patch(Circle((east, north), HULL, facecolor="none", ec=style.PALETTE[1], lw=1.4))
     seen = _seen(joined)
     near.plot(seen[:, 1], seen[:, 0], ".", color=style.PALETTE[1], ms=3, label="last scan")
-    _draw_map(near, joined)
+    draw_map(near, joined)
     near.set(xlim=(east - 4.0, east + 4.0), ylim=(north - 4.0, north + 4.0))
     near.legend(loc="lower right")
     whole.plot(site.goal[1], site.goal[0], "*", color=style.PALETTE[1], ms=9)
@@ -406,7 +421,7 @@ def _contact_picture(job: Job, site: Site, joined: Joined) -> Any:
     return figure
 
 
-def _draw_map(axes: Any, joined: Joined) -> None:
+def draw_map(axes: Any, joined: Joined) -> None:
     """Draw the companion's map at the end; grey is free."""
     view = joined.planner.pipeline.local_map.view
     if view is None:
