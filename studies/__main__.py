@@ -93,7 +93,7 @@ def worlds(
 ) -> None:
     """Make a place by its seed: NAME_SEED.toml, and NAME_SEED_mission.toml that flies through it."""
     from studies import style
-    from studies.worlds import SITES
+    from studies.sites import SITES
     from studies.worlds import picture as draw
 
     if name not in SITES:

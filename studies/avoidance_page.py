@@ -15,7 +15,32 @@ success if the vehicle came within 2 m of the goal, in time, and touched nothing
 for (20, 50 or 100), hours on a small machine; `python -m studies forest --seeds 5 --method astar` a part of it. Each
 case that is flown is kept as Parquet, one row a flight, in `logs/avoidance/`; a page tells of all that is kept there,
 and `--seeds 0` writes it without flying. A floor is compared with the share itself; Wilson's 95 % interval stands
-beside it.
+beside it. Pictures of single flights are flown again each time.
+
+## What the sensor can't see
+
+The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle out of places with the rest.
+
+| what | why | in flight | safe at |
+| --- | --- | --- | --- |
+| wire 15-20 cm above or below the plane | no beam meets it | 0 of 9 flights passed it | no speed |
+| beam that hangs 5-40 cm above the plane | only a tilted scan may meet it | 4 of 4 flights hit it | no speed |
+| wall that ends below the plane | no beam meets it | a descent ends on it | the route's height |
+| glass that lets the beams through | they return from behind it | it is flown into | no speed |
+| glass or mirrors without a return | the sector stays unknown, not free | the hull stays out | any speed |
+| pole thinner than the beams' spacing | one beam in 5 degrees may miss it | 5 cm at 4.3 m/s: some hit | see below |
+
+With one beam in each sector of 5 degrees a pole is met by a beam, however the vehicle stands, from `width / 0.087` on.
+The speed is that from which the guard's braking (5.5 m/s2 after 0.25 s) stops the hull (0.36 m) within that distance. A
+LiDAR that reports the nearest of many beams in each sector, as most do, sees thin poles from farther away.
+
+| width of the pole (cm) | seen for certain from (m) | stops from (m/s) |
+| --- | --- | --- |
+| 5 | 0.57 | 0.7 |
+| 10 | 1.15 | 1.9 |
+| 20 | 2.3 | 3.4 |
+| 30 | 3.4 | 4.6 |
+| 50 | 5.7 | 6.4 |
 """,
     studies=("studies.forest", "studies.traps", "studies.narrow", "studies.enclosed", "studies.moving", "studies.barn"),
 )

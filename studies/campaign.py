@@ -203,12 +203,7 @@ class Row:
 def fly(job: Job) -> Row:
     """Fly one flight; log, world and picture of a failure are written to the job's folder."""
     began = time.perf_counter()
-    site = job.setup.site(job.seed)
-    world, own = site.save(job.folder / "worlds", job.speed)
-    mission, mission_file = load_mission(job.setup.mission or str(own), job.mission_overrides(world.absolute()))
-    vehicle = job.setup.vehicle_overrides
-    joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, injector=_injector(job),
-                    remembers=False)  # fmt: skip
+    site, mission_file, joined = _prepared(job)
     watch, stages = _Watch(job, site), _Stages(joined)
     joined.fly(limit_s=job.setup.limit_s + 30.0, until=watch.over)
     row = watch.row(joined)
@@ -216,6 +211,23 @@ def fly(job: Job) -> Row:
         folder = keep(job, site, mission_file, joined)
         row = dataclasses.replace(row, log=str(folder.relative_to(job.folder)))
     return dataclasses.replace(row, wall_s=time.perf_counter() - began, code=job.code, **stages.medians())
+
+
+def end_of_flight(job: Job) -> tuple[Site, Joined]:
+    """Fly one flight; both sides as they are at its end."""
+    site, _, joined = _prepared(job)
+    return site, joined.fly(limit_s=job.setup.limit_s + 30.0, until=_Watch(job, site).over)
+
+
+def _prepared(job: Job) -> tuple[Site, Path, Joined]:
+    """The place, the file of its mission, and both sides before the flight."""
+    site = job.setup.site(job.seed)
+    world, own = site.save(job.folder / "worlds", job.speed)
+    mission, mission_file = load_mission(job.setup.mission or str(own), job.mission_overrides(world.absolute()))
+    vehicle = job.setup.vehicle_overrides
+    joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, injector=_injector(job),
+                    remembers=False)  # fmt: skip
+    return site, mission_file, joined
 
 
 def _injector(job: Job) -> Injector:

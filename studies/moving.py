@@ -1,6 +1,6 @@
 """Obstacles that appear before the vehicle, and walkers that cross its way."""
 
-from studies import escape, worlds
+from studies import crowded, escape, worlds
 from studies.campaign import DEFAULT, Setup
 from studies.campaign_report import Case, fly_and_tell
 from studies.report import Report
@@ -12,6 +12,9 @@ AT_REST_M_S = 0.2
 SETUPS = (
     Setup("popup", "pillar 2 m ahead", worlds.pop_up, (3.0,), 60.0, 20),
     Setup("street", "street with walkers", worlds.street, (3.0,), 120.0, 50),
+    Setup("oncoming", "mover ahead on", crowded.oncoming, (6.0,), 60.0, 100),
+    Setup("crossing", "mover across", crowded.crossing, (6.0,), 60.0, 100),
+    Setup("overtaking", "mover from behind", crowded.overtaking, (6.0,), 60.0, 100),
 )
 
 
@@ -20,7 +23,8 @@ def run(report: Report) -> None:
         f"""
 A pillar of 0.2 m appears when the vehicle's centre is 2 m from its side. In a street of 12 m between walls ten walkers
 of 0.6 m go to and fro at 0.6 to 1.5 m/s, half of them across it, without avoiding anything; they are taller than
-people, whom a tilted scan would miss.
+people, whom a tilted scan would miss. In the open a mover of 0.6 m comes ahead on at 2 to 4 m/s, crosses the way at 0.7
+to 4 m/s, or comes from behind at 3 to 5 m/s; it avoids nothing.
 
 A contact is **avoidable** if there was an escape. {_how()}
 

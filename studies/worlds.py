@@ -6,7 +6,7 @@ so that there is no way over it. Flights read the world from its file.
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,11 +116,11 @@ def _m(value: float) -> float:
     return round(float(value), 2)
 
 
-def _place(north: float, east: float) -> list[float]:
+def make_place(north: float, east: float) -> list[float]:
     return [_m(north), _m(east)]
 
 
-def _site(name: str, seed: int, solids: Solids, *waypoints: Place, height: float = 3.0) -> Site:
+def make_site(name: str, seed: int, solids: Solids, *waypoints: Place, height: float = 3.0) -> Site:
     named = {
         kind: [{"name": f"{kind} {number}", **solid} for number, solid in enumerate(rows, start=1)]
         for kind, rows in solids.items()
@@ -130,12 +130,12 @@ def _site(name: str, seed: int, solids: Solids, *waypoints: Place, height: float
     return Site(full_name, {"name": full_name, "origin": dict(_ORIGIN), **named}, waypoints, height)
 
 
-def _disc(north: float, east: float, radius: float) -> dict[str, Any]:
-    return {"center": _place(north, east), "radius": _m(radius), "height": TALL}
+def make_disc(north: float, east: float, radius: float) -> dict[str, Any]:
+    return {"center": make_place(north, east), "radius": _m(radius), "height": TALL}
 
 
-def _wall(start: Place, end: Place, thickness: float = 0.2, height: float = TALL) -> dict[str, Any]:
-    return {"start": _place(*start), "end": _place(*end), "thickness": thickness, "height": height}
+def make_wall(start: Place, end: Place, thickness: float = 0.2, height: float = TALL) -> dict[str, Any]:
+    return {"start": make_place(*start), "end": make_place(*end), "thickness": thickness, "height": height}
 
 
 # --- kinds of worlds ---
@@ -150,8 +150,8 @@ def forest(seed: int, density: float = 1 / 25, diameter: float = 0.6) -> Site:
     places = np.stack((rng.uniform(-10.0, 50.0, count), rng.uniform(-15.0, 15.0, count)), axis=1)
     free = 2.5 + 0.5 * diameter
     kept = [p for p in places.tolist() if math.hypot(*p) > free and math.dist(p, goal) > free]
-    return _site(
-        f"forest{round(1 / density)}", seed, {"cylinder": [_disc(n, e, 0.5 * diameter) for n, e in kept]}, goal
+    return make_site(
+        f"forest{round(1 / density)}", seed, {"cylinder": [make_disc(n, e, 0.5 * diameter) for n, e in kept]}, goal
     )
 
 
@@ -162,11 +162,11 @@ def u_trap(seed: int) -> Site:
     aside = rng.uniform(-0.6, 0.6) * half
     left, right = aside - half, aside + half
     walls = [
-        _wall((back, left), (back, right)),
-        _wall((back - depth, left), (back, left)),
-        _wall((back - depth, right), (back, right)),
+        make_wall((back, left), (back, right)),
+        make_wall((back - depth, left), (back, left)),
+        make_wall((back - depth, right), (back, right)),
     ]
-    return _site("utrap", seed, {"wall": walls}, (32.0, 0.0))
+    return make_site("utrap", seed, {"wall": walls}, (32.0, 0.0))
 
 
 def court(seed: int) -> Site:
@@ -175,8 +175,8 @@ def court(seed: int) -> Site:
     goal, half, turn, height = (22.0, 0.0), rng.uniform(4.0, 6.0), rng.uniform(0.0, math.pi / 2), rng.uniform(4.0, 6.0)
     away, angles = math.sqrt(2.0) * half, turn + 0.5 * math.pi * np.arange(5)
     corners = [(goal[0] + away * math.cos(angle), goal[1] + away * math.sin(angle)) for angle in angles.tolist()]
-    walls = [_wall(start, end, 0.3, _m(height)) for start, end in itertools.pairwise(corners)]
-    return _site("court", seed, {"wall": walls}, goal)
+    walls = [make_wall(start, end, 0.3, _m(height)) for start, end in itertools.pairwise(corners)]
+    return make_site("court", seed, {"wall": walls}, goal)
 
 
 def gap(seed: int, width: float = 0.9) -> Site:
@@ -198,16 +198,16 @@ def gap(seed: int, width: float = 0.9) -> Site:
         {"start": at(left), "end": at(-0.5 * width), "thickness": 0.2, "height": TALL},
         {"start": at(0.5 * width), "end": at(right), "thickness": 0.2, "height": TALL},
     ]
-    yard = [_wall((back, side), (front, side)) for side in (-half, half)]
-    yard += [_wall((end, -half), (end, half)) for end in (back, front)]
-    return _site("gap", seed, {"wall": across + yard}, (35.0, 0.0))
+    yard = [make_wall((back, side), (front, side)) for side in (-half, half)]
+    yard += [make_wall((end, -half), (end, half)) for end in (back, front)]
+    return make_site("gap", seed, {"wall": across + yard}, (35.0, 0.0))
 
 
 def pole(seed: int) -> Site:
     """A pole of 1.5 m on the way, up to 0.5 m to its side, far enough that the vehicle has reached its speed."""
     rng = np.random.default_rng(seed)
-    return _site(
-        "pole", seed, {"cylinder": [_disc(rng.uniform(24.0, 28.0), rng.uniform(-0.5, 0.5), 0.75)]}, (45.0, 0.0)
+    return make_site(
+        "pole", seed, {"cylinder": [make_disc(rng.uniform(24.0, 28.0), rng.uniform(-0.5, 0.5), 0.75)]}, (45.0, 0.0)
     )
 
 
@@ -228,14 +228,14 @@ def maze(seed: int, cells: int = 6, cell: float = 4.0) -> Site:
         path.append(room)
     standing = [pair for pair in sorted(walls) if rng.random() >= 0.1]
     low, high = -0.5 * cell, (cells - 0.5) * cell
-    rows = [_wall((low, low), (low, high)), _wall((high, low), (high, high)), _wall((low, low), (high, low)),
-            _wall((low, high), (high, high))]  # fmt: skip
+    corners = [(low, low), (low, high), (high, high), (high, low), (low, low)]
+    rows = [make_wall(start, end) for start, end in itertools.pairwise(corners)]
     for (i, j), (k, m) in standing:
         north, east = 0.5 * (i + k) * cell, 0.5 * (j + m) * cell
         along = (0.0, 0.5 * cell) if i != k else (0.5 * cell, 0.0)
-        rows.append(_wall((north - along[0], east - along[1]), (north + along[0], east + along[1])))
+        rows.append(make_wall((north - along[0], east - along[1]), (north + along[0], east + along[1])))
     goal = (cells - 1) * cell
-    return _site("maze", seed, {"wall": rows}, (goal, goal))
+    return make_site("maze", seed, {"wall": rows}, (goal, goal))
 
 
 def _rooms(cells: int) -> list[tuple[int, int]]:
@@ -251,8 +251,8 @@ def _neighbours(room: tuple[int, int], cells: int) -> list[tuple[int, int]]:
 def pop_up(seed: int, ahead: float = 2.0) -> Site:
     """A pillar of 0.2 m that appears when the vehicle is at a distance of `ahead` (m, to its surface); after IPC."""
     rng = np.random.default_rng(seed)
-    pillar = {**_disc(rng.uniform(12.0, 18.0), rng.uniform(-0.2, 0.2), 0.1), "appears_within": ahead}
-    return _site("popup", seed, {"cylinder": [pillar]}, (30.0, 0.0))
+    pillar = {**make_disc(rng.uniform(12.0, 18.0), rng.uniform(-0.2, 0.2), 0.1), "appears_within": ahead}
+    return make_site("popup", seed, {"cylinder": [pillar]}, (30.0, 0.0))
 
 
 def street(seed: int, walkers: int = 10) -> Site:
@@ -265,16 +265,16 @@ def street(seed: int, walkers: int = 10) -> Site:
     for number in range(walkers):
         speed = _m(rng.uniform(0.6, 1.5))
         if number % 2:
-            ends = [_place(rng.uniform(5.0, length - 5.0), side * (half - 0.5)) for side in (-1.0, 1.0)]
+            ends = [make_place(rng.uniform(5.0, length - 5.0), side * (half - 0.5)) for side in (-1.0, 1.0)]
         else:
             north, east = rng.uniform(5.0, length - 5.0, 2), rng.uniform(0.5 - half, half - 0.5)
-            ends = [_place(each, east) for each in np.sort(north)]
+            ends = [make_place(each, east) for each in np.sort(north)]
         share = rng.uniform()
         (north_a, east_a), (north_b, east_b) = ends
         start = (north_a + share * (north_b - north_a), east_a + share * (east_b - east_a))
-        rows.append({**_disc(*start, 0.3), "speed": speed, "route": ends})
-    walls = [_wall((-5.0, side * half), (length + 5.0, side * half)) for side in (-1.0, 1.0)]
-    return _site("street", seed, {"wall": walls, "cylinder": rows}, (length, 0.0), height=WALKING_HEIGHT)
+        rows.append({**make_disc(*start, 0.3), "speed": speed, "route": ends})
+    walls = [make_wall((-5.0, side * half), (length + 5.0, side * half)) for side in (-1.0, 1.0)]
+    return make_site("street", seed, {"wall": walls, "cylinder": rows}, (length, 0.0), height=WALKING_HEIGHT)
 
 
 def barn(seed: int) -> Site:
@@ -288,10 +288,12 @@ def barn(seed: int) -> Site:
     share, rounds = rng.choice([0.15, 0.2, 0.25, 0.3]), int(rng.integers(2, 5))
     for _ in range(_TRIES):
         field = _automaton(rng, share, rounds)
-        rows = [_disc(0.275 * total + (i + 0.5) * cell, (j - 14.5) * cell, 0.5 * cell) for i, j in np.argwhere(field)]
-        walls = [_wall((-1.5, side * 15.5 * cell), (total + 1.5, side * 15.5 * cell)) for side in (-1.0, 1.0)]
-        walls += [_wall((end, -15.5 * cell), (end, 15.5 * cell)) for end in (-1.5, total + 1.5)]
-        site = _site("barn", seed, {"cylinder": rows, "wall": walls}, (_m(total), 0.0))
+        rows = [
+            make_disc(0.275 * total + (i + 0.5) * cell, (j - 14.5) * cell, 0.5 * cell) for i, j in np.argwhere(field)
+        ]
+        walls = [make_wall((-1.5, side * 15.5 * cell), (total + 1.5, side * 15.5 * cell)) for side in (-1.0, 1.0)]
+        walls += [make_wall((end, -15.5 * cell), (end, 15.5 * cell)) for end in (-1.5, total + 1.5)]
+        site = make_site("barn", seed, {"cylinder": rows, "wall": walls}, (_m(total), 0.0))
         if math.isfinite(shortest(site, HULL + 0.05, margin=5.0)):
             return site
     raise ValueError(f"barn {seed}: no field with a way through in {_TRIES}")
@@ -330,7 +332,7 @@ def shaft(seed: int) -> Site:
     ends = [((-behind, near), (ahead + 0.1, near)), ((-behind, right), (ahead + 0.1, right)),
             ((ahead + 0.1, near), (ahead + 0.1, right))]  # fmt: skip
     walls = [{"start": at(*a), "end": at(*b), "thickness": 0.2, "height": TALL} for a, b in ends]
-    return _site("shaft", seed, {"wall": walls}, (20.0, 0.0))
+    return make_site("shaft", seed, {"wall": walls}, (20.0, 0.0))
 
 
 def corridor(seed: int) -> Site:
@@ -341,9 +343,9 @@ def corridor(seed: int) -> Site:
     half, front, back, middle = 12.0, 32.0, -4.0, 10.0 + 0.5 * depth
     sides = ((-half, aside - 0.5 * width), (aside + 0.5 * width, half))
     block = [{"start": [middle, a], "end": [middle, b], "thickness": depth, "height": TALL} for a, b in sides]
-    yard = [_wall((back, side), (front, side)) for side in (-half, half)]
-    yard += [_wall((end, -half), (end, half)) for end in (back, front)]
-    return _site("corridor", seed, {"wall": block + yard}, (28.0, 0.0))
+    yard = [make_wall((back, side), (front, side)) for side in (-half, half)]
+    yard += [make_wall((end, -half), (end, half)) for end in (back, front)]
+    return make_site("corridor", seed, {"wall": block + yard}, (28.0, 0.0))
 
 
 def alley(seed: int) -> Site:
@@ -353,9 +355,9 @@ def alley(seed: int) -> Site:
     depth, width, aside = rng.uniform(4.0, 8.0), rng.uniform(1.2, 1.3), rng.uniform(-3.0, 3.0)
     end, half = 10.0 + depth, 0.5 * width + 0.1
     left, right = aside - half, aside + half
-    walls = [_wall((10.0, side), (end + 0.2, side)) for side in (left, right)]
-    walls.append(_wall((end + 0.1, left), (end + 0.1, right)))
-    return _site("alley", seed, {"wall": walls}, (_m(end - rng.uniform(0.8, 1.0)), _m(aside)), (0.0, 0.0))
+    walls = [make_wall((10.0, side), (end + 0.2, side)) for side in (left, right)]
+    walls.append(make_wall((end + 0.1, left), (end + 0.1, right)))
+    return make_site("alley", seed, {"wall": walls}, (_m(end - rng.uniform(0.8, 1.0)), _m(aside)), (0.0, 0.0))
 
 
 def office(seed: int) -> Site:
@@ -380,9 +382,9 @@ def office(seed: int) -> Site:
             if j:
                 doored(north, east, (1.0, 0.0))
     top, right = low + rows * side, low + columns * side
-    walls += [_wall((low, low), (low, right)), _wall((top, low), (top, right)), _wall((low, low), (top, low)),
-              _wall((low, right), (top, right))]  # fmt: skip
-    return _site("office", seed, {"wall": walls}, ((rows - 1) * side, (columns - 1) * side))
+    corners = [(low, low), (low, right), (top, right), (top, low), (low, low)]
+    walls += [make_wall(start, end) for start, end in itertools.pairwise(corners)]
+    return make_site("office", seed, {"wall": walls}, ((rows - 1) * side, (columns - 1) * side))
 
 
 def fig6(seed: int) -> Site:
@@ -395,25 +397,6 @@ def fig6(seed: int) -> Site:
     flown, _ = load_mission("paper_fig6")
     points = tuple((point.north, point.east) for point in flown.waypoints)
     return Site(f"fig6_{seed}", tables, points, flown.takeoff_height)
-
-
-SITES: dict[str, Callable[[int], Site]] = {
-    "forest": forest,
-    "utrap": u_trap,
-    "court": court,
-    "gap": gap,
-    "pole": pole,
-    "maze": maze,
-    "popup": pop_up,
-    "street": street,
-    "barn": barn,
-    "shaft": shaft,
-    "corridor": corridor,
-    "alley": alley,
-    "office": office,
-    "fig6": fig6,
-}
-"""By name on the command line."""
 
 
 # --- ground truth ---

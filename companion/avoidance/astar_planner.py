@@ -7,6 +7,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.avoidance.astar import AStar, GridPath, Integers
+from companion.avoidance.moving import add_moving
 from companion.avoidance.path import Path
 from companion.avoidance.shortcut import shorten, timed_path
 from companion.config_avoidance import Avoidance
@@ -19,8 +20,6 @@ _STANDOFF = 0.08
 """m of room beyond a tight passage's own: the stand-off from which the width of the passage can be seen."""
 _LOOK_AHEAD = 0.5
 """m of path from where a part of a passage can be seen, inside of which there is no such room."""
-
-
 _BESIDE_M = 0.5
 """m from the path from before; what is farther costs more."""
 
@@ -51,6 +50,9 @@ class AStarPlanner:
         """
         settings = self._settings.plan
         costmap = self._search.costmap(view)
+        if view.moving is not None:
+            speeds = math.hypot(velocity[0], velocity[1]), speed
+            add_moving(costmap, view.moving, (position[0], position[1]), speeds, view.corner, view.cell)
         roomy = self._search.plan(view, costmap, position, goal)
         before, self._chosen = self._chosen, None
         if before is not None and math.dist(before.goal[:2], goal[:2]) > settings.proximity_radius:

@@ -16,7 +16,7 @@ _ASIDE = 1.0
 _PROGRESS = 1.0
 """m by which the vehicle must come nearer to the goal than ever before."""
 _SQUARE = 2.0
-"""m, side of the squares of which the vehicle must enter a new one."""
+"""m, side of the squares of the plane, of which a new one counts."""
 
 
 class Trail:
@@ -72,7 +72,7 @@ def _corners(way: Array) -> list[Array]:
 
 
 class Progress:
-    """Progress towards one goal after the other: the vehicle comes nearer to it, or to where it has not looked yet."""
+    """Progress towards one goal after the other: the vehicle comes nearer to it, or to where it has not been."""
 
     def __init__(self) -> None:
         self._goal: int | None = None

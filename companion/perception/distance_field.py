@@ -198,11 +198,8 @@ def lower_to_blurred(
         reach = within - blurs[k]
         if reach <= 0.0:
             continue
-        row, column, cells = (
-            returns[k, 0] / cell - corner[0] - 0.5,
-            returns[k, 1] / cell - corner[1] - 0.5,
-            reach / cell,
-        )
+        cells = reach / cell
+        row, column = returns[k, 0] / cell - corner[0] - 0.5, returns[k, 1] / cell - corner[1] - 0.5
         first, last = max(math.ceil(column - cells), 0), min(math.floor(column + cells) + 1, columns)
         for i in range(max(math.ceil(row - cells), 0), min(math.floor(row + cells) + 1, rows)):
             for j in range(first, last):

@@ -1,6 +1,7 @@
 """What is known of the surroundings: scans -> tracks and map -> free space and clearance."""
 
 import math
+from dataclasses import replace
 
 from companion.config_avoidance import Avoidance
 from companion.perception.distance_field import FAR_M
@@ -40,7 +41,8 @@ class LocalMap:
 
     def look(self, now_ns: int, fence: Flat | None = None) -> MapView:
         """The map at a time, with the fence in it if there is one."""
-        view = self._map.view(now_ns)
+        moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving)
+        view = replace(self._map.view(now_ns), moving=moving if len(moving) else None)
         self.view = view = view if fence is None else with_fence(view, fence)
         return view
 
@@ -48,8 +50,7 @@ class LocalMap:
         """Free space of the last `look` around a place (3,) NED (m), for the guard."""
         assert self.view is not None
         guard = self._settings.guard
-        moving = self._tracker.points(0.0, guard.keep_out_moving)
-        return free_space(self.view, here, now_ns, guard, moving, tight=tight, empty=self._empty)
+        return free_space(self.view, here, now_ns, guard, self.view.moving, tight=tight, empty=self._empty)
 
     def clearance(self, here: Array) -> float:
         """m from the hull at a place (3,) NED (m) to the nearest obstacle; inf if that is FAR_M away or more."""

@@ -32,7 +32,7 @@ def of_the_end(job: Job, site: Site, joined: Joined) -> Any:
     near.add_patch(Circle((east, north), HULL, facecolor="none", ec=style.PALETTE[1], lw=1.4))
     seen = _seen(joined)
     near.plot(seen[:, 1], seen[:, 0], ".", color=style.PALETTE[1], ms=3, label="last scan")
-    _draw_map(near, joined)
+    draw_map(near, joined)
     near.set(xlim=(east - 4.0, east + 4.0), ylim=(north - 4.0, north + 4.0))
     near.legend(loc="lower right")
     whole.plot(site.goal[1], site.goal[0], "*", color=style.PALETTE[1], ms=9)
@@ -41,7 +41,7 @@ def of_the_end(job: Job, site: Site, joined: Joined) -> Any:
     return figure
 
 
-def _draw_map(axes: Any, joined: Joined) -> None:
+def draw_map(axes: Any, joined: Joined) -> None:
     """Draw the companion's map at the end; grey is free."""
     view = joined.planner.pipeline.local_map.view
     if view is None:

@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 from companion.runtime.files import load_mission
 from studies import __main__ as command_line
 from studies import worlds
-from studies.worlds import HULL, SITES, shortest
+from studies.sites import SITES
+from studies.worlds import HULL, shortest
 from vehicle_sim.world import Scene, World
 
 KINDS = sorted(SITES)
@@ -49,7 +50,8 @@ def test_start_and_goal_are_free(kind: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", ["forest", "utrap", "gap", "pole", "maze", "barn", "fig6", "shaft", "corridor", "alley", "office"]
+    "kind",
+    ["forest", "utrap", "gap", "pole", "maze", "barn", "fig6", "shaft", "corridor", "alley", "office", "warehouse"],
 )
 @pytest.mark.parametrize("seed", [1, 2])
 def test_there_is_a_way_and_it_is_no_shorter_than_straight(kind: str, seed: int) -> None:

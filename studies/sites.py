@@ -1,0 +1,27 @@
+"""The places that can be made, by name: `python -m studies worlds NAME`."""
+
+from collections.abc import Callable
+
+from studies import crowded, worlds
+from studies.worlds import Site
+
+SITES: dict[str, Callable[[int], Site]] = {
+    "forest": worlds.forest,
+    "utrap": worlds.u_trap,
+    "court": worlds.court,
+    "gap": worlds.gap,
+    "pole": worlds.pole,
+    "maze": worlds.maze,
+    "popup": worlds.pop_up,
+    "street": worlds.street,
+    "barn": worlds.barn,
+    "shaft": worlds.shaft,
+    "corridor": worlds.corridor,
+    "alley": worlds.alley,
+    "office": worlds.office,
+    "fig6": worlds.fig6,
+    "warehouse": crowded.warehouse,
+    "oncoming": crowded.oncoming,
+    "crossing": crowded.crossing,
+    "overtaking": crowded.overtaking,
+}
