@@ -5,7 +5,7 @@ from collections.abc import Callable
 from studies import crowded, worlds
 from studies.worlds import Site
 
-SITES: dict[str, Callable[[int], Site]] = {
+SITES: dict[str, Callable[..., Site]] = {
     "forest": worlds.forest,
     "utrap": worlds.u_trap,
     "court": worlds.court,

@@ -295,8 +295,7 @@ class Navigator:
         """Go on to the next step."""
         self._search.next_leg(stopped=not self.step.passes)
         self._enter(self.step_index + 1)
-        self._step_since_ns = now_ns
-        self._arrived_ns = None
+        self._step_since_ns, self._arrived_ns = now_ns, None
         text = f"{self.step.phase.name.lower()}, step {self.step_index + 1} of {len(self.steps)}"
         return Announcement(Severity.INFO, text)
 
@@ -308,9 +307,8 @@ class Navigator:
         if self._search.busy:
             self._progress = Progress()
         away = math.hypot(*(goal - position_ned)[:2].tolist())
-        stuck = (
-            self._progress.stalled_s(self.step_index, away, position_ned, now_ns) > self._settings.avoidance.give_up_s
-        )
+        stalled_s = self._progress.stalled_s(self.step_index, away, position_ned, now_ns)
+        stuck = stalled_s > self._settings.avoidance.give_up_s
         if away < NEAR_M:
             return _GOING_ON
         change = self._change_altitude(position_ned, detour, stuck, now_ns)

@@ -19,7 +19,8 @@ from studies.campaign import DEFAULT, Job, Setup
 from studies.campaigns.runner import AT_LEAST, Stop
 from studies.engine import LIMIT_S
 from studies.faults.catalogue import FAULTS
-from studies.worlds import SITES, Site
+from studies.sites import SITES
+from studies.worlds import Site
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.world import World
 

@@ -155,7 +155,7 @@ def fly(soak: Soak) -> Row:
             duration_s=soak.duration_s,
             code=soak.code,
             outcome=end["outcome"],
-            simulated_s=end["simulated_s"],
+            simulated_s=end["duration_s"],
             wall_s=wall_s,
             log_mb=log.stat().st_size / 1e6,
             processes=tuple(by_process(samples)),

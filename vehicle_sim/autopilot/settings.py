@@ -21,6 +21,9 @@ class BatteryFailsafe(msgspec.Struct, frozen=True):
     """Charges below which the battery is so: BAT_LOW_THR, BAT_CRIT_THR, BAT_EMERGEN_THR."""
 
 
+_PX4_BATTERY = BatteryFailsafe()
+
+
 @dataclass(slots=True)
 class Settings:
     """The autopilot reads them at each tick; the parameters of the names below change them. PX4's defaults, but for
@@ -64,7 +67,7 @@ class Settings:
     """Time on the ground after which the vehicle disarms, COM_DISARM_LAND; 0 or less: never."""
     disarm_preflight_ns: int = 10 * SECOND_NS
     """Time armed without a take-off after which the vehicle disarms, COM_DISARM_PRFLT; 0 or less: never."""
-    battery: BatteryFailsafe = BatteryFailsafe()
+    battery: BatteryFailsafe = _PX4_BATTERY
     roll_failure_deg: int = 0
     pitch_failure_deg: int = 0
     """Beyond which the attitude has failed, FD_FAIL_R and FD_FAIL_P; 0: never."""
