@@ -40,7 +40,7 @@ def main() -> None:
             "real_time_factor": statistics.median(flight["real_time_factor"] for flight in flown),
             "best": max(flight["real_time_factor"] for flight in flown),
             "tick_us": round(4000.0 / statistics.median(flight["real_time_factor"] for flight in flown), 1),
-            "simulated_s": flown[0]["simulated_s"],
+            "simulated_s": flown[0]["duration_s"],
             "messages": flown[0]["messages_in"] + flown[0]["messages_out"],
         }
         for output, flown in flights.items()
