@@ -33,9 +33,10 @@ _STILL_S, _STILL_COUNT = 0.1, 4
 _MOVED_M, _TURNED, _PUSHED = 0.1, 0.012, 0.06
 """and should have, by so much (m, rad, m/s), is stuck."""
 _NOISY = 100
-"""So many messages in a row that all differ, from a vehicle that stands, show noise: none repeats the one before."""
+"""So many messages in a row of which none goes on as those before it, from a vehicle that stands, show noise."""
 _MOVING = 1e-6
-"""rad and rad/s; so far, 16 times a float's resolution, an attitude that is under way moves in 0.1 to 0.2 s."""
+"""rad, rad/s, m and m/s: 16 times a float's resolution. So far an attitude that is under way moves in 0.1 to 0.2 s, and
+so far noise bends what messages say from one to the next: in recordings at least by twice that."""
 _LEVEL = 0.005
 """sin of a tilt that pushes nowhere,"""
 _FLIES = 0.002
@@ -102,6 +103,32 @@ class Motion:
             self._marks = [*self._marks[-1:], (time_ms, values)]
 
 
+class Noise:
+    """Whether the messages of a vehicle that stands have noise on them. Without it a vehicle sways on its feet or is
+    pushed along by the wind, and each message differs from the last; but it goes on as those before it."""
+
+    def __init__(self) -> None:
+        self._due = 0
+        """So many messages must still bend; 0: it was not asked, or there is none."""
+        self.seen = False
+        self._before: list[list[float]] = []
+
+    def look(self) -> None:
+        """From the next message on."""
+        self.__init__()  # type: ignore[misc]
+        self._due = _NOISY
+
+    def take(self, values: list[float]) -> None:
+        """The next message."""
+        if not self._due:
+            return
+        if len(self._before) == 2:
+            bends = max(abs(a - 2.0 * b + c) for a, b, c in zip(*self._before, values, strict=True)) > _MOVING
+            self._due = self._due - 1 if bends else 0
+            self.seen = bends and not self._due
+        self._before = [*self._before[-1:], values]
+
+
 class AskedTurn:
     """By what angle the vehicle was asked to turn while its attitude has not changed. Times in ms of its clock."""
 
@@ -150,8 +177,7 @@ class Plausibility:
         """The first and the latest jump of those that have not settled."""
         self._refused_ns: dict[str, int] = {}
         """Since when a kind of report is refused without a break."""
-        self._attitude_noise_due = self._place_noise_due = -1
-        """So many messages must still differ; 0: they have noise, -1: they have none, or it is not known."""
+        self._attitude_noise, self._place_noise = Noise(), Noise()
         self._still_attitude, self._still_turn = Unchanged(), Unchanged()
         self._still_place, self._still_motion = Unchanged(), Unchanged()
         self._stuck: set[str] = set()
@@ -168,7 +194,9 @@ class Plausibility:
     def watch(self, *, stands: bool) -> None:
         """Judge from now on. Where the vehicle `stands`, it is seen whether its telemetry has noise on it."""
         self.watches = True
-        self._attitude_noise_due = self._place_noise_due = _NOISY if stands else -1
+        if stands:
+            self._attitude_noise.look()
+            self._place_noise.look()
 
     def restart(self) -> None:
         """The vehicle has rebooted: nothing leads from what it said before to what it says now."""
@@ -206,8 +234,7 @@ class Plausibility:
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
             same = before is not None and quaternion == before[1]
             self._motion.take(quaternion + rates, time_ms)
-            if self._attitude_noise_due > 0 and before is not None:
-                self._attitude_noise_due = -1 if same else self._attitude_noise_due - 1
+            self._attitude_noise.take(quaternion + rates)
             if same:
                 self._look_for_stuck_attitude(quaternion, rates, time_ms)
             elif self._still_turn.count:
@@ -257,8 +284,7 @@ class Plausibility:
                 self._shift_on(place, before[1], before[2], dt, now_ns)
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
             same = before is not None and place == before[1]
-            if self._place_noise_due > 0 and before is not None:
-                self._place_noise_due = -1 if same else self._place_noise_due - 1
+            self._place_noise.take(place + velocity)
             if same:
                 self._look_for_stuck_position(place, velocity, time_ms)
             elif self._still_place.count:
@@ -357,7 +383,7 @@ class Plausibility:
         still = self._still_attitude
         alike = self._still_turn.seconds(quaternion, time_ms, speed)
         wholly = still.seconds(quaternion + rates, time_ms, speed)
-        stuck = bool(alike) and (self._attitude_noise_due == 0 or math.hypot(*rates) * alike > 4.0 * _TURNED)
+        stuck = bool(alike) and (self._attitude_noise.seen or math.hypot(*rates) * alike > 4.0 * _TURNED)
         stuck = stuck or (wholly > 0.0 and self._motion.broke_off)
         if wholly and speed is not None:
             still.witness = still.witness or speed
@@ -371,7 +397,7 @@ class Plausibility:
         turned = None if self._attitude is None else tuple(self._attitude[1])
         alike = self._still_place.seconds(place, time_ms, turned)
         wholly = self._still_motion.seconds(place + velocity, time_ms, turned)
-        stuck = bool(alike) and (self._place_noise_due == 0 or math.hypot(*velocity) * alike > _MOVED_M)
+        stuck = bool(alike) and (self._place_noise.seen or math.hypot(*velocity) * alike > _MOVED_M)
         if wholly and turned is not None and self._still_motion.witness is not None:
             along = abs(sum(a * b for a, b in zip(turned, self._still_motion.witness, strict=True)))
             stuck = stuck or 8.0 * (1.0 - along) > _TURNED * _TURNED
