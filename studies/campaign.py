@@ -163,7 +163,11 @@ def wilson(successes: int, total: int, z: float = 1.959964) -> Interval:
 def fly(job: Job) -> Row:
     """Fly one flight; log, world and picture of a failure are written to the job's folder."""
     began = time.perf_counter()
-    site, mission_file, joined = _prepared(job)
+    site = job.setup.site(job.seed)
+    _, mission_file = site.save(job.folder / "worlds", job.speed)
+    mission = site.mission(job.speed, job.folder / "worlds" / f"{site.name}.toml")
+    vehicle = job.setup.vehicle_overrides
+    joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, remembers=False)
     watch, stages = _Watch(job, site), _Stages(joined)
     joined.fly(limit_s=job.setup.limit_s + 30.0, until=watch.over)
     row = watch.row(joined)
@@ -171,25 +175,6 @@ def fly(job: Job) -> Row:
         folder = keep(job, site, mission_file, joined)
         row = dataclasses.replace(row, log=str(folder.relative_to(job.folder)))
     return dataclasses.replace(row, wall_s=time.perf_counter() - began, **stages.medians())
-
-
-def end_of_flight(job: Job) -> tuple[Site, Joined]:
-    """Fly one flight; both sides as they are at its end."""
-    site, _, joined = _prepared(job)
-    return site, joined.fly(limit_s=job.setup.limit_s + 30.0, until=_Watch(job, site).over)
-
-
-def _prepared(job: Job) -> tuple[Site, Path, Joined]:
-    """The place, the file of its mission, and both sides before the flight."""
-    site = job.setup.site(job.seed)
-    _, mission_file = site.save(job.folder / "worlds", job.speed)
-    mission = site.mission(job.speed, job.folder / "worlds" / f"{site.name}.toml")
-    vehicle = job.setup.vehicle_overrides
-    return (
-        site,
-        mission_file,
-        Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, remembers=False),
-    )
 
 
 class _Stages:

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from studies.campaign import DEFAULT, Job, Setup, draw_map, end_of_flight
+from studies.campaign import DEFAULT, Job, Setup, draw_map
+from studies.joined import Joined
 from studies.report import Report
 
 _SEED = 1
@@ -31,7 +32,10 @@ def _draw(axes: Any, job: Job, fastest: float) -> Any:
     from studies import style
     from studies.route import draw_world
 
-    site, joined = end_of_flight(job)
+    site = job.setup.site(job.seed)
+    site.save(job.folder / "worlds", job.speed)
+    mission = site.mission(job.speed, job.folder / "worlds" / f"{site.name}.toml")
+    joined = Joined(mission, overrides=job.settings, seed=job.seed, remembers=False).fly(job.setup.limit_s + 30.0)
     truth = np.array([*joined.truths, joined.vehicle.state])[::10]
     draw_world(axes, joined.vehicle.world, site.height)
     draw_map(axes, joined)
