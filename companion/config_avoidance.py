@@ -43,7 +43,7 @@ class AvoidancePlan(Table, frozen=True):
     such obstacles to see whether there is a gap."""
     tight_cost: NotNegative = 40.0
     """Cost of a cell at the obstacle, for tight paths; falls to 0 at `inflation`, so that they keep to the middle."""
-    switch_cost: NotNegative = 0.4
+    switch_cost: NotNegative = 1.0
     """Share by which a metre costs more away from the path that was chosen last, where tight paths are planned."""
     proximity_radius: Positive = 2.0
     """m; beyond this, obstacles cost nothing."""

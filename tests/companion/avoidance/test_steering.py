@@ -254,8 +254,8 @@ def test_a_tight_way_is_gone_on_with_unless_another_is_much_cheaper() -> None:
             assert path.tight and fresh.tight
             assert np.sign(crossing(fresh, 4.1)) == np.sign(here[1])
             assert np.sign(crossing(path, 4.1)) == first
-        far = np.array([1.5, -6.0 * first, -3.0])
-        assert np.sign(crossing(planner.path(view, far, np.zeros(3), goal, 5.0), 4.1)) == -first, "it was left"
+        far = np.array([3.9, -3.0 * first, -3.0])
+        assert np.sign(crossing(planner.path(view, far, np.zeros(3), goal, 5.0), 4.1)) == -first, "it is in the other"
 
 
 def test_an_earlier_tight_way_counts_for_its_own_goal_alone() -> None:
