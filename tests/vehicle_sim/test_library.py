@@ -80,9 +80,11 @@ def test_the_way_is_the_reward_and_a_crash_ends_it() -> None:
     assert total == pytest.approx(way - float(np.linalg.norm(observation[:3])) - 10.0, abs=1e-3)
 
 
-def test_the_programs_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_programs_of_the_page_without_a_link_run(capsys: pytest.CaptureFixture[str]) -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "vehicle-sim.md").read_text()
-    programs = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    programs = re.findall(
+        r"^```python\n((?:from|import) (?:vehicle_sim|gymnasium).*?)^```$", page, re.MULTILINE | re.DOTALL
+    )
     assert len(programs) == 2
     for program in programs:
         exec(program, {})

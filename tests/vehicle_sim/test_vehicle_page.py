@@ -11,7 +11,7 @@ from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 
 PACE = 5.0
 PAGE = (ROOT / "docs" / "vehicle-sim.md").read_text(encoding="utf-8")
-MAVSDK, PYMAVLINK = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+MAVSDK, PYMAVLINK, *_ = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
 def test_mavsdk() -> None:

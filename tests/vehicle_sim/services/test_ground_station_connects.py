@@ -110,7 +110,7 @@ def test_it_connects() -> None:
 
     modes = [station.message(435, 1)]
     modes += [station.message(435, number) for number in range(2, modes[0].number_modes + 1)]
-    assert [mode.custom_mode for mode in modes] == [mode.custom_mode for mode in Mode]
+    assert [mode.custom_mode for mode in modes] == list(dict.fromkeys(mode.custom_mode for mode in Mode))
 
     _, crc, uri = struct.unpack("<I4s100s", station.message(397).get_msgbuf()[10:-2].ljust(108, b"\0"))
     general = station.file(uri.rstrip(b"\0").decode())
