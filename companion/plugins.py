@@ -19,7 +19,6 @@ class Kind(Enum):
     """What a plug-in is, in words; each has its group of entry points."""
 
     POSITION_LAW = "position law"
-    ATTITUDE_LAW = "attitude law"
     PLANNER = "planner"
 
     @property
