@@ -5,7 +5,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 LOCK := uv pip compile pyproject.toml - --universal --python-version 3.11 --generate-hashes \
-	--no-annotate --no-header --no-emit-index-url --quiet
+	--no-annotate --no-header --quiet
 
 # Each process would compile all sources and rewrite all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
