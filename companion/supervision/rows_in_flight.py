@@ -5,6 +5,31 @@ from companion.state import BatteryLevel, FlightMode
 from companion.supervision.rows import CRITICAL, ERROR, NOTICE, WARNING, Row, disarmed, elsewhere, left, row
 from companion.supervision.states import OWN, State
 
+
+def _others_fly(state: State) -> tuple[Row, ...]:
+    """The ends of a flight in a state in which others have the vehicle."""
+    return (
+        row(
+            state,
+            lambda h, s, t: h.land_requested,
+            State.ENDED,
+            WARNING,
+            "leaving: others fly",
+            ends=Outcome.LEFT,
+            cause="left to others, who fly",
+        ),
+        row(
+            state,
+            lambda h, s, t: not h.armed,
+            State.ENDED,
+            NOTICE,
+            "the vehicle is disarmed",
+            ends=Outcome.OPERATOR,
+            cause=Outcome.OPERATOR.value,
+        ),
+    )
+
+
 IN_FLIGHT: tuple[Row, ...] = (
     # faults in flight, the worst first
     row(
@@ -242,24 +267,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         ends=Outcome.LANDED_EARLY,
     ),
     # others fly, and may give control back
-    row(
-        State.RELINQUISHED,
-        lambda h, s, t: h.land_requested,
-        State.ENDED,
-        WARNING,
-        "leaving: others fly",
-        ends=Outcome.LEFT,
-        cause="left to others, who fly",
-    ),
-    row(
-        State.RELINQUISHED,
-        lambda h, s, t: not h.armed,
-        State.ENDED,
-        NOTICE,
-        "the vehicle is disarmed",
-        ends=Outcome.OPERATOR,
-        cause=Outcome.OPERATOR.value,
-    ),
+    *_others_fly(State.RELINQUISHED),
     row(
         State.RELINQUISHED,
         lambda h, s, t: h.landed,
@@ -371,22 +379,5 @@ IN_FLIGHT: tuple[Row, ...] = (
         "landing not confirmed within {settings.landing_timeout:g} s",
         ends=Outcome.LOST,
     ),
-    row(
-        State.RELEASED,
-        lambda h, s, t: h.land_requested,
-        State.ENDED,
-        WARNING,
-        "leaving: others fly",
-        ends=Outcome.LEFT,
-        cause="left to others, who fly",
-    ),
-    row(
-        State.RELEASED,
-        lambda h, s, t: not h.armed,
-        State.ENDED,
-        NOTICE,
-        "the vehicle is disarmed",
-        ends=Outcome.OPERATOR,
-        cause=Outcome.OPERATOR.value,
-    ),
+    *_others_fly(State.RELEASED),
 )
