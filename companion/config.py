@@ -49,9 +49,16 @@ class PositionControl(Table, frozen=True):
         return plugin(Kind.POSITION_LAW, "law", self.law, POSITION_LAWS)
 
 
+ATTITUDE_LAWS = ("lqr",)
+
+
 class AttitudeControl(Table, frozen=True):
     """LQR of the attitude: roll, pitch, yaw."""
 
+    law: str = "lqr"
+    """Or a law of another package (docs/extend.md)."""
+    options: Options = msgspec.field(default_factory=dict)
+    """Of a law of another package."""
     angle_weight: Vector = (400.0, 400.0, 50.0)
     """Weights of the angles on the diagonal of Q (8)."""
     rate_weight: Vector = (1.0, 1.0, 1.0)
@@ -68,7 +75,34 @@ class AttitudeControl(Table, frozen=True):
     """Feed forward the reference's rates and angular acceleration, from its jerk and snap."""
 
     def __post_init__(self) -> None:
+        options_for(self.plugin, self.options)
         one_of("design", self.design, "continuous", "sampled")
+
+    @property
+    def plugin(self) -> Plugin | None:
+        """The law, if it is one of another package."""
+        return plugin(Kind.ATTITUDE_LAW, "law", self.law, ATTITUDE_LAWS)
+
+
+OUTPUT_MESSAGES = ("standard",)
+
+
+class OutputControl(Table, frozen=True):
+    """The message that carries what is commanded; which layer that is, `--output` says."""
+
+    message: str = "standard"
+    """"standard": SET_ATTITUDE_TARGET, of actuators SET_ACTUATOR_CONTROL_TARGET; or what a package's output makes
+    (docs/extend.md)."""
+    options: Options = msgspec.field(default_factory=dict)
+    """Of an output of another package."""
+
+    def __post_init__(self) -> None:
+        options_for(self.plugin, self.options)
+
+    @property
+    def plugin(self) -> Plugin | None:
+        """The output, if it is one of another package."""
+        return plugin(Kind.OUTPUT, "message", self.message, OUTPUT_MESSAGES)
 
 
 class Prediction(Table, frozen=True):
@@ -261,6 +295,7 @@ class Log(Table, frozen=True):
 class Control(Table, frozen=True):
     position: PositionControl = PositionControl()
     attitude: AttitudeControl = AttitudeControl()
+    output: OutputControl = OutputControl()
     prediction: Prediction = Prediction()
     estimation: Estimation = Estimation()
     se3: GeometricControl = GeometricControl()
@@ -285,5 +320,6 @@ class Settings(Table, frozen=True):
     @property
     def plugins(self) -> tuple[Plugin, ...]:
         """What of other packages flies."""
-        chosen = self.control.position.plugin, self.avoidance.plugin
+        control = self.control
+        chosen = control.position.plugin, control.attitude.plugin, control.output.plugin, self.avoidance.plugin
         return tuple(each for each in chosen if each is not None)

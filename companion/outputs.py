@@ -2,14 +2,19 @@
 can command.
 
 To add an output: give it a member in `companion.state.Output` and an entry to `OUTPUTS` here. A make of vehicle that
-does not follow it refuses it in `companion.link.firmware`.
+does not follow it refuses it in `companion.link.firmware`. An output of another package makes another message of what
+is commanded on one of these layers.
 """
 
+import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, Protocol
 
+from companion.config import Control
+from companion.plugins import Plugin
 from companion.state import Output, Setpoint
 from protocol.messages import dialect
 
@@ -19,6 +24,8 @@ RATES_IGNORE_ATTITUDE = 0x80
 
 Message = tuple[type[Any], tuple[Any, ...]]
 """A message's class and its fields."""
+Encode = Callable[[Setpoint, int, tuple[int, int]], Message]
+"""The message for a setpoint, the vehicle's time since boot (ms) and the target (system, component)."""
 
 
 class TurningInput(IntEnum):
@@ -37,8 +44,7 @@ class OutputEntry:
     """What an output consists of."""
 
     turning_input: TurningInput
-    encode: Callable[[Setpoint, int, tuple[int, int]], Message]
-    """The message for a setpoint, the vehicle's time since boot (ms) and the target (system, component)."""
+    encode: Encode
 
 
 def _attitude_target(mask: int, setpoint: Setpoint, boot_time_ms: int, target: tuple[int, int]) -> Message:
@@ -72,3 +78,53 @@ OUTPUTS = {
     Output.RATES: OutputEntry(TurningInput.RATES, _rates),
     Output.ACTUATORS: OutputEntry(TurningInput.ANGULAR_ACCELERATION, _actuators),
 }
+
+
+# -- of other packages -------------------------------------------------------------------------------------------------
+
+SETPOINTS = frozenset(
+    {
+        dialect.MAVLINK_MSG_ID_MANUAL_CONTROL,
+        dialect.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE,
+        dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+        dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+        dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+        dialect.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET,
+    }
+)
+"""What an output of another package may send: nothing that arms, changes a mode or sets a parameter."""
+
+
+class SetpointOutput(Protocol):
+    """An output. Its factory takes [control] and the options of [control.output.options] by name."""
+
+    def message(self, output: Output, setpoint: Setpoint, boot_time_ms: int, target: tuple[int, int]) -> Message:
+        """The message for a setpoint that has passed the last gate: its class in `protocol.messages.dialect`, and its
+        fields in that class's order. `output` is the layer that the prediction takes the vehicle to follow."""
+
+
+def encoders(settings: Control) -> Callable[[Output], Encode]:
+    """How setpoints are encoded on each layer, by the message that the settings name. Raises PluginError."""
+    plugin = settings.output.plugin
+    if plugin is None:
+        return lambda output: OUTPUTS[output].encode
+    made: SetpointOutput = plugin.make(settings, settings.output.options)
+    return lambda output: functools.partial(_foreign, plugin, made, output)
+
+
+def _foreign(
+    plugin: Plugin, made: SetpointOutput, output: Output, setpoint: Setpoint, boot_time_ms: int, target: tuple[int, int]
+) -> Message:
+    """What an output of another package makes of a setpoint. Raises PluginError for what is no sound setpoint."""
+    try:
+        message, fields = made.message(output, setpoint, boot_time_ms, target)
+        number, name = message.id, message.msgname
+        flat = [value for field in fields for value in (field if isinstance(field, list | tuple) else (field,))]
+        sound = all(map(math.isfinite, flat))
+    except Exception as error:
+        raise plugin.broken(error) from error
+    if number not in SETPOINTS:
+        raise plugin.broken(f"{name} is no setpoint")
+    if not sound:
+        raise plugin.broken(f"{name} with {flat}")
+    return message, tuple(fields)

@@ -1,4 +1,4 @@
-"""Laws and planners of other packages, found by their entry points (docs/extend.md).
+"""Laws, planners and outputs of other packages, found by their entry points (docs/extend.md).
 
 They are looked for when a setting names something that is not built in. So a package that is installed and broken stops
 no flight but its own.
@@ -19,12 +19,14 @@ class Kind(Enum):
     """What a plug-in is, in words; each has its group of entry points."""
 
     POSITION_LAW = "position law"
+    ATTITUDE_LAW = "attitude law"
     PLANNER = "planner"
+    OUTPUT = "output message"
 
     @property
     def group(self) -> str:
         """Of the entry points."""
-        return f"courier.{self.value.replace(' ', '_')}s"
+        return f"courier.{self.name.lower()}s"
 
 
 class PluginError(Exception):

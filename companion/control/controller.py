@@ -6,7 +6,6 @@
 Between the two steps the guard may change the acceleration.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import msgspec
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 
 from companion.config import Settings
 from companion.control import backstepping, disturbance_observer, flatness, laws, lqr, prediction, se3, thrust, tilt
-from companion.control.foreign import ForeignPosition
+from companion.control.foreign import foreign_laws
+from companion.control.jumps import fade_jumps
 from companion.control.lift_off import LiftOff
 from companion.control.margin import Pace, pace_for, paced
 from companion.control.parameters import PARAMETERS, controller_parameters, design_of
@@ -58,6 +58,8 @@ MEMORY = np.dtype(
         ("e2", "f8", 3),
         ("velocity_error", "f8", 3),
         ("wanted", "f8", 3),
+        ("attitude_error", "f8", 3),
+        ("turning_reference", "f8", (3, 3)),
         ("disturbance", "f8", 3),
         ("thrust_scale", "f8"),
         ("drag_scale", "f8"),
@@ -66,8 +68,9 @@ MEMORY = np.dtype(
 )
 """What the controller remembers from step to step. `turning` is an angular acceleration (rad/s2, FRD); `count` the
 number of commands that were ever sent, `poses_count` that of poses; `rate_jump` and its `rate_jump_change` see
-`_fade_jumps`; `velocity_error` (m/s) and `wanted` (the reference's acceleration, m/s2) are what the position law takes,
-in the time that it runs in."""
+`fade_jumps`; `velocity_error` (m/s) and `wanted` (the reference's acceleration, m/s2) are what the position law takes,
+in the time that it runs in; `attitude_error` (rad, FRD) and `turning_reference` (a `_Turning`) what the attitude law
+takes."""
 
 CONTROLLER = np.dtype([("parameters", PARAMETERS), ("memory", MEMORY)], align=True)
 
@@ -76,8 +79,6 @@ ATTITUDE, RATES, TORQUE, THRUST = slice(15, 19), slice(19, 22), slice(22, 25), 2
 """Places in CONTROL_FIELDS."""
 
 _LONGEST_STEP_S = 0.1
-_FADING_S = 0.05
-"""Time constant with which jumps of the reference's rates are let through."""
 _ITERATIONS = 2
 """Of the flatness of the reference, which start from the last step's result."""
 _ATTITUDE, _ANGULAR_ACCELERATION = int(TurningInput.ATTITUDE), int(TurningInput.ANGULAR_ACCELERATION)
@@ -100,10 +101,7 @@ class Controller:
         """Of the link, as it is flown with."""
         self._acts_after_ns = self._counted_ns()
         self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
-        plugin = settings.control.position.plugin
-        self._foreign: ForeignPosition | None = None
-        if plugin is not None:
-            self._foreign = ForeignPosition(plugin, settings.control, self._parameters, self._memory)
+        self._foreign_position, self._foreign_attitude = foreign_laws(settings.control, self._parameters, self._memory)
         self._lag_ns = round(body.rotor_time_constant_s * 1e9) if self._predicts else 0
 
     def use(self, output: Output) -> None:
@@ -140,7 +138,7 @@ class Controller:
         delay, left = self.delay.total, self.delay.unsteady
         if not self._predicts:
             delay, left = 0.0, delay + left
-        law = None if self._foreign is None else self._foreign.small
+        law = None if self._foreign_position is None else self._foreign_position.small
         pace = pace_for(design_of(self._configured[0], law), delay, left)
         self._parameters["pace"] = pace.share
         self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace.share, torque=False)
@@ -150,8 +148,9 @@ class Controller:
     def reset(self) -> None:
         """Forget the flight so far: nothing is flown."""
         self._memory_bytes[:] = self._at_first
-        if self._foreign is not None:
-            self._foreign.reset()
+        for law in (self._foreign_position, self._foreign_attitude):
+            if law is not None:
+                law.reset()
 
     def take_off(self) -> None:
         """The vehicle was armed on the ground."""
@@ -187,8 +186,8 @@ class Controller:
         rows = np.ascontiguousarray(reference.rows)
         times = now_ns, measured_ns, measured_ns - max(state.position_age_ns, 0)
         acceleration_command(measured, times, rows, mass, airborne, self._record)
-        if self._foreign is not None:
-            self._foreign.command(airborne)
+        if self._foreign_position is not None:
+            self._foreign_position.command(airborne)
         acceleration: Array = self._acceleration.copy()
         return acceleration
 
@@ -203,6 +202,8 @@ class Controller:
         """
         rows, out = np.ascontiguousarray(ahead.rows), np.empty(SIZE)
         limited = attitude_command(acceleration_ned, now_ns, rows, mass, changed, self._record, out)
+        if self._foreign_attitude is not None:
+            turn_otherwise(*self._foreign_attitude.command(limited or changed), self._record, out)
         return out, limited
 
     def setpoint(self, control: Array, *, idle: bool = False) -> Setpoint:
@@ -374,6 +375,18 @@ def attitude_command(
 
 
 @compiled
+def turn_otherwise(rates: Array, turning: Array, controller: NDArray[np.void], out: Array) -> None:
+    """Put other rates (3,) in rad/s, and another angular acceleration (3,) in rad/s2, in the place of those of the last
+    `attitude_command`, within the limits; both are changed to what these allow."""
+    p, m = controller[0].parameters, controller[0].memory
+    rates, torque, turning_input = _limited(rates, turning, p, m)
+    out[19:22] = rates
+    out[22:25] = torque
+    if p.turning_input != _ATTITUDE:
+        m.commands[(m.count - 1) % prediction.HISTORY].input[:] = turning_input
+
+
+@compiled
 def _flat_motion(reference: Array, disturbance: Array) -> flatness.FlatMotion:
     """The reference's motion (6, 3), flown against a disturbance (3,) in m/s2, NED."""
     return flatness.FlatMotion(
@@ -399,33 +412,13 @@ def _reference_turning(command: Array, ahead: Array, mass: float, drag: Array, p
             m.flatness_guess.copy(), motion_ahead, mass, drag, _ITERATIONS
         )
         attitude, thrust_change = from_axes(*axes), thrust_ahead - thrust_now
-    _fade_jumps(rates, turning, m.dt, m)
+    fade_jumps(rates, turning, m.dt, m)
     return _Turning(
         to_body(m.attitude, to_world(attitude, _difference(rates, m.rate_jump))),
         to_body(m.attitude, to_world(attitude, _sum(turning, m.rate_jump_change))),
         to_body(m.attitude, to_world(attitude, _sum(turning_ahead, m.rate_jump_change))),
         thrust_change,
     )
-
-
-@compiled
-def _fade_jumps(rates: Vector, turning: Vector, dt: float, memory: Any) -> None:
-    """Hold back jumps of the reference's rates (rad/s), which come where its jerk jumps.
-
-    `memory.rate_jump` is what is held back. It decays like the step response of a critically damped filter, so neither
-    the rates nor their derivative (`memory.rate_jump_change`) have a step. Rates that agree with their own derivative
-    `turning` (rad/s2) pass unchanged.
-    """
-    left = math.exp(-dt / _FADING_S)
-    for i in range(3):
-        if dt > 0.0:
-            expected = memory.reference_rates[i] + 0.5 * dt * (memory.reference_turning[i] + turning[i])
-            jump = memory.rate_jump[i] + rates[i] - expected
-            pull = (jump / _FADING_S - memory.rate_jump_change[i]) * dt
-            memory.rate_jump[i] = left * (jump + pull)
-            memory.rate_jump_change[i] = left * (memory.rate_jump_change[i] + pull / _FADING_S)
-        memory.reference_rates[i] = rates[i]
-        memory.reference_turning[i] = turning[i]
 
 
 @compiled
@@ -456,8 +449,8 @@ def _inner_loop(command: Array, reference: _Turning, p: Any, m: Any) -> tuple[Ar
     `prediction.remember` takes."""
     error = se3.attitude_error(m.attitude, command) if p.lee_attitude_error else lqr.attitude_error(m.attitude, command)
     turns, inertia = m.rates, p.inertia
-    gyroscopic = flatness.cross(turns, (inertia[0] * turns[0], inertia[1] * turns[1], inertia[2] * turns[2]))
-    rates, turning, torque, turning_input = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    rates, turning = np.empty(3), np.empty(3)
+    m.attitude_error[:] = error
     for i in range(3):
         rate_error, turning_error = reference.rates[i] - turns[i], reference.acceleration[i] - m.turning[i]
         rate = reference.rates[i] + lqr.feedback(error[i], rate_error, turning_error, p.rates_gain[i])
@@ -466,6 +459,18 @@ def _inner_loop(command: Array, reference: _Turning, p: Any, m: Any) -> tuple[Ar
         rates[i] = rate
         push = lqr.feedback(error[i], rate_error, turning_error, p.torque_gain[i]) * p.torque_scale[i]
         turning[i] = push * p.full_torque[i] / inertia[i] + reference.acceleration_ahead[i]
+        m.turning_reference[0, i], m.turning_reference[1, i] = reference.rates[i], reference.acceleration[i]
+        m.turning_reference[2, i] = reference.acceleration_ahead[i]
+    return _limited(rates, turning, p, m)
+
+
+@compiled
+def _limited(rates: Array, turning: Array, p: Any, m: Any) -> tuple[Array, Array, Array]:
+    """What `_inner_loop` returns, for rates (3,) in rad/s and an angular acceleration (3,) in rad/s2 that are wanted;
+    both are changed to what the limits allow."""
+    turns, inertia = m.rates, p.inertia
+    gyroscopic = flatness.cross(turns, (inertia[0] * turns[0], inertia[1] * turns[1], inertia[2] * turns[2]))
+    torque, turning_input = np.empty(3), np.empty(3)
     ahead = tilt.tilt_ahead(m.attitude, turns, p.max_tilt, p.tilt_braking)
     _limit(rates, p.rate_limit)
     tilt.limit_rates(rates, ahead)

@@ -4,7 +4,7 @@ The compiled controller computes everything around the law as ever. The law itse
 command takes the place of a built-in law's. Disturbance observer, prediction, guard, limits and gate stay as they are.
 """
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -29,12 +29,40 @@ class PositionLaw(Protocol):
         """
 
 
+class AttitudeError(NamedTuple):
+    """How the vehicle turns against its reference, along its own axes (FRD); each (3,)."""
+
+    attitude: Array
+    """rad; the rotation vector from the vehicle's attitude to the wanted one."""
+    rates: Array
+    """rad/s, reference minus measured."""
+    reference_rates: Array
+    """rad/s"""
+    reference_acceleration: Array
+    """rad/s2"""
+
+
+class AttitudeLaw(Protocol):
+    """An attitude law. Its factory takes [control] and the options of [control.attitude.options] by name."""
+
+    def reset(self) -> None:
+        """Forget the flight so far, as of a position law."""
+
+    def turning_command(self, error: AttitudeError, dt: float) -> tuple[Array, Array]:
+        """Rates (3,) in rad/s and an angular acceleration (3,) in rad/s2, FRD, both within the limits later on.
+
+        The output "rates" sends the first, "actuators" makes torques of the second; "attitude" leaves turning to the
+        vehicle, and asks for neither. `dt` as of a position law.
+        """
+
+
 class ForeignPosition:
     """A position law of another package on the memory of a controller."""
 
     def __init__(self, plugin: Plugin, control: Control, parameters: Any, memory: Any) -> None:
         self._plugin, self._control = plugin, control
         self._law = self._made()
+        self.reset = self._law.reset
         self._pace, self._limited, self._dt = parameters["pace"], memory["limited"], memory["dt"]
         names = ("e1", "velocity_error", "e2", "integral", "wanted", "acceleration")
         self._e1, self._velocity, self._e2, self._integral, self._wanted, self._out = (memory[n][0] for n in names)
@@ -42,10 +70,6 @@ class ForeignPosition:
     def _made(self) -> PositionLaw:
         law: PositionLaw = self._plugin.make(self._control, self._control.position.options)
         return law
-
-    def reset(self) -> None:
-        """Nothing is flown."""
-        self._law.reset()
 
     def command(self, airborne: bool) -> None:
         """Put the law's acceleration in the place of the compiled one. Raises PluginError."""
@@ -66,3 +90,39 @@ class ForeignPosition:
         if command.shape != (3,):
             raise self._plugin.broken(f"an acceleration of shape {command.shape} in place of (3,)")
         return command
+
+
+class ForeignAttitude:
+    """An attitude law of another package on the memory of a controller."""
+
+    def __init__(self, plugin: Plugin, control: Control, memory: Any) -> None:
+        self._plugin = plugin
+        self._law: AttitudeLaw = plugin.make(control, control.attitude.options)
+        self.reset = self._law.reset
+        names = ("attitude_error", "turning_reference", "rates")
+        self._error, self._reference, self._rates = (memory[name][0] for name in names)
+        self._dt = memory["dt"]
+
+    def command(self, limited: bool) -> tuple[Array, Array]:
+        """The law's rates (3,) in rad/s and angular acceleration (3,) in rad/s2. Raises PluginError."""
+        rates, acceleration, _ = self._reference
+        error = AttitudeError(self._error.copy(), rates - self._rates, rates.copy(), acceleration.copy())
+        dt = 0.0 if limited else float(self._dt[0])
+        try:
+            turn, turning = (np.array(each, np.float64) for each in self._law.turning_command(error, dt))
+        except Exception as error_raised:
+            raise self._plugin.broken(error_raised) from error_raised
+        if turn.shape != (3,) or turning.shape != (3,):
+            raise self._plugin.broken(f"a turn of shapes {turn.shape} and {turning.shape} in place of (3,) and (3,)")
+        return turn, turning
+
+
+def foreign_laws(
+    control: Control, parameters: Any, memory: Any
+) -> tuple[ForeignPosition | None, ForeignAttitude | None]:
+    """The laws of other packages that the settings name, on the memory of a controller. Raises PluginError."""
+    position, attitude = control.position.plugin, control.attitude.plugin
+    return (
+        None if position is None else ForeignPosition(position, control, parameters, memory),
+        None if attitude is None else ForeignAttitude(attitude, control, memory),
+    )

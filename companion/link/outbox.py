@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from typing import Any
 
-from companion.config import Identity
+from companion.config import Settings
 from companion.link import wire
-from companion.outputs import OUTPUTS
+from companion.outputs import encoders
 from companion.state import Announcement, Output, Setpoint
 from protocol.messages import Encoder, dialect
 
@@ -13,12 +13,15 @@ from protocol.messages import Encoder, dialect
 class Outbox:
     """What waits to be sent to one vehicle, in order."""
 
-    def __init__(self, identity: Identity, output: Output) -> None:
+    def __init__(self, settings: Settings, output: Output) -> None:
+        """Raises PluginError."""
+        identity = settings.identity
         self.vehicle: tuple[int, int] | None = None
         """(system, component) of whom it is meant for, once it was found."""
         self._identity = identity
         self._encoder = Encoder(identity.system or 1, identity.component)
-        self._encode_setpoint = OUTPUTS[output].encode
+        self._encoders = encoders(settings.control)
+        self.use(output)
         self._waiting: list[bytes] = []
 
     def address(self, vehicle: tuple[int, int]) -> None:
@@ -43,7 +46,7 @@ class Outbox:
 
     def use(self, output: Output) -> None:
         """Setpoints go out on this layer from now on."""
-        self._encode_setpoint = OUTPUTS[output].encode
+        self._encode_setpoint = self._encoders(output)
 
     # -- messages in ---------------------------------------------------------------------------------------------------
 

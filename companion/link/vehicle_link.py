@@ -80,7 +80,7 @@ class VehicleLink:
         self.motors = Motors()
         self.framer = Framer()
         self.telemetry = Telemetry(settings)
-        self.outbox = Outbox(settings.identity, self.readiness.output)
+        self.outbox = Outbox(settings, self.readiness.output)
         self.requests = Requests(settings.supervision)
         self._settings = settings
         self._needs_home = needs_home

@@ -12,27 +12,36 @@ import pytest
 
 from companion import plugins
 from companion.avoidance.methods import path_planner
-from companion.control.controller import Controller
+from companion.control.controller import RATES, TORQUE, Controller
 from companion.logs.info import info
 from companion.logs.recorded import open_flight
 from companion.logs.replay import replay
 from companion.outcomes import Outcome
+from companion.outputs import encoders
 from companion.perception.map_view import MapView
 from companion.plugins import PluginError
 from companion.reports import LinkDelay
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.flight import Plan, Result, fly
 from companion.runtime.planning import PlannerProcess
-from companion.state import Output, Reference, VehicleState
+from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol import toml_files
+from protocol.framing import Framer
+from protocol.messages import Encoder, decode
 from protocol.toml_files import TomlFileError
+from protocol.vehicle_parameters import GRAVITY
 from tests.companion.installed import EXAMPLE, installed
 from tests.companion.runtime.hop import InMemory
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
-BOTH = ("control.position.law=saturated", "avoidance.method=detour")
+ALL = (
+    "control.position.law=saturated",
+    "control.attitude.law=cascade",
+    "control.output.message=both",
+    "avoidance.method=detour",
+)
 SMALL_MAP = ("avoidance.map.cells=160", "avoidance.map.cell=0.25")
 PACKAGE = "courier-example 0.1.0"
 
@@ -59,8 +68,8 @@ def example(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def errand(example: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The log of a delivery by the example's law and planner."""
-    result = flown(tmp_path_factory.mktemp("flight"), BOTH)
+    """The log of a delivery by the example's laws, planner and output."""
+    result = flown(tmp_path_factory.mktemp("flight"), ALL)
     assert result.verdict.outcome is Outcome.DELIVERED
     return result.log
 
@@ -70,6 +79,8 @@ def test_a_foreign_law_and_a_foreign_planner_deliver_and_fly_again_to_the_byte(e
     assert again.differences == [] and again.datagrams > 1000 and again.notes == []
     flight = info(errand).flight
     assert flight["position law"] == f'"saturated" of {PACKAGE}' and flight["planner"] == f'"detour" of {PACKAGE}'
+    assert flight["attitude law"] == f'"cascade" of {PACKAGE}' and flight["output message"] == f'"both" of {PACKAGE}'
+    assert flight["output"] == "rates"
 
 
 def test_a_replay_without_the_package_says_what_is_missing(errand: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,9 +88,10 @@ def test_a_replay_without_the_package_says_what_is_missing(errand: Path, monkeyp
     monkeypatch.setattr(plugins, "entry_points", lambda group: ())
     with pytest.raises(TomlFileError) as refused:
         open_flight(errand)
-    both = f'position law "saturated" of {PACKAGE} and the planner "detour" of {PACKAGE}'
-    assert str(refused.value).endswith(f"; it was flown with the {both}")
-    overrides = ["control.position.law=pid", "avoidance.method=none"]
+    flew = ('position law "saturated"', 'attitude law "cascade"', 'planner "detour"', 'output message "both"')
+    assert str(refused.value).endswith(" and the ".join(f"{each} of {PACKAGE}" for each in flew))
+    overrides = ["control.position.law=pid", "control.attitude.law=lqr", "avoidance.method=none"]
+    overrides += ["control.output.message=standard"]
     assert open_flight(errand, overrides=overrides).settings.plugins == ()
     plugins.installed.cache_clear()
 
@@ -87,11 +99,40 @@ def test_a_replay_without_the_package_says_what_is_missing(errand: Path, monkeyp
 def test_an_unknown_name_is_refused_with_what_is_installed(example: None) -> None:
     for override, names in (
         ("control.position.law=saturate", ("pid", "saturated")),
+        ("control.attitude.law=cascades", ("lqr", "cascade")),
+        ("control.output.message=bot", ("standard", "both")),
         ("avoidance.method=detours", ("astar", "detour")),
     ):
         with pytest.raises(TomlFileError) as refused:
             load_settings(None, [override])
         assert all(f'"{name}"' in str(refused.value) for name in names)
+
+
+def test_an_attitude_law_turns_the_vehicle_within_the_limits(example: None) -> None:
+    """The position law wants the vehicle to tilt; the example asks for `angle_gain` times the angle."""
+    sideways = np.zeros((6, 3))
+    sideways[2, 1] = 1.0
+    upright = VehicleState(0, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
+    rolls, pushes = {}, {}
+    for gain in (3.0, 6.0, 600.0):
+        flies = controller(
+            "control.attitude.law=cascade",
+            f"control.attitude.options.angle_gain={gain}",
+            "control.attitude.feedforward=false",
+            "control.attitude.options.rate_gain=2.0",
+        )
+        flies.acceleration_command(upright, 4_000_000, 0, Reference(sideways), 1.0, airborne=False)
+        control, _ = flies.attitude_command(np.array([0.0, 1.0, 0.0]), 4_000_000, Reference(sideways), 1.0)
+        rolls[gain] = control[RATES][0]
+        assert flies._memory["commands"][0, 0]["input"] == pytest.approx(control[RATES]), "predicted with"
+        flies.use(Output.ACTUATORS)
+        control, _ = flies.attitude_command(np.array([0.0, 1.0, 0.0]), 8_000_000, Reference(sideways), 1.0)
+        pushes[gain] = flies._memory["commands"][0, 1]["input"][0]
+        assert control[TORQUE][0] > 0.0
+    angle = np.arctan2(1.0, GRAVITY)
+    assert rolls[3.0] == pytest.approx(3.0 * angle) and rolls[6.0] == pytest.approx(6.0 * angle)
+    assert pushes[3.0] == pytest.approx(2.0 * rolls[3.0]) and pushes[6.0] == pytest.approx(2.0 * rolls[6.0])
+    assert rolls[600.0] <= np.radians(load_settings(None).limits.roll_pitch_rate_deg) + 1e-9
 
 
 def test_options_are_the_factorys(example: None) -> None:
@@ -122,6 +163,16 @@ class Law:
     def acceleration_command(self, error, reference_acceleration, dt):
         return 1 / 0 if self.answer == 0.0 else self.answer
 
+    def turning_command(self, error, dt):
+        return (1 / 0, 0.0) if self.answer == 0.0 else ([self.answer] * 3, self.answer)
+
+class Output:
+    def __init__(self, control, answer="1 / 0"):
+        self.answer = answer
+
+    def message(self, output, setpoint, boot_time_ms, target):
+        return eval(self.answer, {"nan": float("nan"), "dialect": __import__("protocol.messages").messages.dialect})
+
 class Planner:
     def __init__(self, settings, answer=""):
         self.answer = answer
@@ -140,6 +191,8 @@ def broken(tmp_path: Path) -> Iterator[None]:
     (package / "pyproject.toml").write_text(
         '[project]\nname = "broken"\nversion = "1"\n'
         '[project.entry-points."courier.position_laws"]\nbroken = "broken:law"\nnot_there = "broken:missing"\n'
+        '[project.entry-points."courier.attitude_laws"]\nbroken = "broken:law"\n'
+        '[project.entry-points."courier.outputs"]\nbroken = "broken:Output"\n'
         '[project.entry-points."courier.planners"]\nbroken = "broken:Planner"\n'
     )
     with installed(package, site):
@@ -160,6 +213,21 @@ def test_a_broken_law_is_named_and_stops_no_flight_but_its_own(broken: None) -> 
             asked = [f"control.position.law={name}", *filter(None, [options])]
             controller(*asked).follow(LinkDelay(command=0.1))
     controller("control.position.law=pid").follow(LinkDelay(command=0.1))
+
+
+def test_a_broken_attitude_law_is_named(broken: None) -> None:
+    level = VehicleState(0, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
+    still = Reference(np.zeros((6, 3)))
+    for options, words in (
+        (["control.attitude.law=broken"], "ZeroDivisionError"),
+        (["control.attitude.law=broken", "control.attitude.options.answer=1.0"], r"\(3,\) and \(\) in place of"),
+    ):
+        flies = controller(*options)
+        acceleration = flies.acceleration_command(level, 4_000_000, 0, still, 1.0, airborne=False)
+        with pytest.raises(PluginError, match=f'^attitude law "broken" of broken 1: .*{words}'):
+            flies.attitude_command(acceleration, 4_000_000, still, 1.0)
+    with pytest.raises(TomlFileError, match="options"):
+        load_settings(None, ["control.attitude.options.angle_gain=1"])
 
 
 @pytest.mark.parametrize(
@@ -184,6 +252,38 @@ def test_a_path_that_can_not_be_flown_is_refused(answer: str, words: str, broken
         planner.plan(cast(MapView, None), np.zeros(3), np.zeros(3), np.ones(3), 2.0)
 
 
+SETPOINT = Setpoint([1.0, 0.0, 0.0, 0.0], [0.2, -0.1, 0.4], [0.0, 0.0, 0.0], 0.4)
+
+
+def test_an_output_makes_the_message(example: None) -> None:
+    control = load_settings(None, ["control.output.message=both", "control.output.options.share=0.5"]).control
+    message, fields = encoders(control)(Output.ATTITUDE)(SETPOINT, 7, (1, 1))
+    sent = decode(Framer().datagram(Encoder(1, 191).encode_fields(message, *fields))[0])
+    assert sent is not None and sent.type_mask == 0 and sent.time_boot_ms == 7 and sent.q == [1.0, 0.0, 0.0, 0.0]
+    rates = sent.body_roll_rate, sent.body_pitch_rate, sent.body_yaw_rate
+    assert rates == pytest.approx((0.1, -0.05, 0.2)) and sent.thrust == pytest.approx(0.4)
+    with pytest.raises(PluginError, match=f'^output message "both" of {PACKAGE}: .*not for --output actuators'):
+        encoders(control)(Output.ACTUATORS)(SETPOINT, 7, (1, 1))
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ("1 / 0", "ZeroDivisionError"),
+        ("7", "TypeError"),
+        ("(dialect.MAVLink_command_long_message, (1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))", "COMMAND_LONG is no setpoint"),
+        ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0, nan], 0, 0, 0, 0))", "nan"),
+        ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0, 0], 0, 0, nan, 0))", "nan"),
+    ],
+)
+def test_what_is_no_sound_setpoint_is_not_sent(answer: str, words: str, broken: None) -> None:
+    control = load_settings(
+        None, ["control.output.message=broken", f"control.output.options.answer={answer!r}"]
+    ).control
+    with pytest.raises(PluginError, match=f'^output message "broken" of broken 1: .*{words}'):
+        encoders(control)(Output.ATTITUDE)(SETPOINT, 0, (1, 1))
+
+
 def test_the_planners_process_has_it_too(example: None) -> None:
     planner = PlannerProcess(load_settings(None, ["avoidance.method=detour", *SMALL_MAP]).avoidance)
     with closing(planner):
@@ -193,5 +293,5 @@ def test_the_planners_process_has_it_too(example: None) -> None:
 def test_the_page_shows_the_example_as_it_is_flown() -> None:
     page = (EXAMPLE.parents[1] / "docs" / "extend.md").read_text()
     blocks = re.findall(r"^```(?:toml|python)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    files = ("pyproject.toml", "courier_example/law.py", "courier_example/planner.py")
+    files = ["pyproject.toml", *(f"courier_example/{name}.py" for name in ("law", "attitude", "planner", "output"))]
     assert blocks == [(EXAMPLE / file).read_text() for file in files]

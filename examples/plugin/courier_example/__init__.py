@@ -1,1 +1,1 @@
-"""A position law and a planner for Courier."""
+"""Control laws, a planner and an output for Courier."""

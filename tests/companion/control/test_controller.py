@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from companion.control import disturbance_observer, prediction
-from companion.control.controller import MEMORY, RATES, SIZE, THRUST, TORQUE, Controller, _fade_jumps
+from companion.control.controller import MEMORY, RATES, SIZE, THRUST, TORQUE, Controller
+from companion.control.jumps import fade_jumps
 from companion.control.laws import LAWS
 from companion.control.lqr import attitude_error
 from companion.outputs import TurningInput
@@ -334,10 +335,10 @@ def test_rates_that_their_own_derivative_explains_pass_untouched() -> None:
     dt, rate = 0.004, 2.0 * math.pi
     for tick in range(500):
         phase = rate * tick * dt + np.array([0.0, 1.0, 2.0])
-        _fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt if tick else 0.0, memory[0])
+        fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt if tick else 0.0, memory[0])
         assert np.abs(memory["rate_jump"]).max() < 1e-3 and np.abs(memory["rate_jump_change"]).max() < 2e-2
     memory["reference_rates"] += 0.5
-    _fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt, memory[0])
+    fade_jumps(tuple(np.sin(phase)), tuple(rate * np.cos(phase)), dt, memory[0])
     assert np.abs(memory["rate_jump"]).max() > 0.4
 
 
