@@ -206,7 +206,7 @@ class Vehicle:
             self._truth.record(self.time_ns, self.state, self._wind_ned)
         self._scan_poses.append(truth)
         self._now = Snapshot(told, truth, self._scan_poses[0])
-        self._services.tell()
+        self._services.tell(self._now)
 
     def collect(self, channel: Channel) -> list[bytes]:
         """The datagrams to send on a link at the end of a tick."""

@@ -1,11 +1,12 @@
 """Several links of one vehicle: streams, routing, peers that come and go. Unmodified pymavlink at the other ends."""
 
+import math
 import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -306,6 +307,79 @@ def test_a_port_in_use_says_which_instance_to_take() -> None:
         assert ports == [14580 + 231, 18570 + 231]
     finally:
         first.close()
+
+
+class Instance:
+    """A vehicle at PX4's ports, and a companion at its own."""
+
+    def __init__(self, number: int, stack: ExitStack) -> None:
+        self.number = number
+        self.vehicle = Vehicle(AIRFRAME, EMPTY, identity=Identity(number + 1))
+        self.vehicle.close_channel(self.vehicle.channel)
+        opened = open_instance(number, None, lockstep=False)
+        stack.callback(opened.close)
+        links = opened.links(self.vehicle)
+        assert links is not None
+        self.links = links
+        self.end = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        self.end.bind((HOST, 14540 + number))
+        self.end.setblocking(False)
+        self.heard: list[Any] = []
+        self.sources: set[tuple[int, int]] = set()
+        """System and port."""
+        self._out, self._in = mavlink.MAVLink(None, number + 1, 191), mavlink.MAVLink(None)
+
+    def tick(self) -> None:
+        self.links.receive(0.0)
+        self.vehicle.step()
+        self.links.send()
+        with suppress(BlockingIOError):
+            while True:
+                data, (_, port) = self.end.recvfrom(65535)
+                messages = self._in.parse_buffer(data) or []
+                self.heard += messages
+                self.sources |= {(system_of(message), port) for message in messages}
+
+    def send(self, message: Any) -> None:
+        self.end.sendto(message.pack(self._out), (HOST, 14580 + self.number))
+
+    def command(self, number: int, *params: float) -> None:
+        rest = (0.0,) * (7 - len(params))
+        self.send(mavlink.MAVLink_command_long_message(self.number + 1, 1, number, 0, *params, *rest))
+
+    def all(self, name: str) -> list[Any]:
+        return [message for message in self.heard if message.get_type() == name]
+
+
+def test_two_instances_have_ids_ports_and_logs_of_their_own() -> None:
+    with ExitStack() as stack:
+        flies, rests = both = [Instance(number, stack) for number in (236, 237)]
+
+        def fly(until: Callable[[], bool]) -> None:
+            for _ in range(5000):
+                for each in both:
+                    each.tick()
+                if until():
+                    return
+            raise AssertionError("not flown")
+
+        for each in both:
+            each.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, LOCAL_POSITION, 10_000)
+        fly(lambda: flies.vehicle.tick > 300)
+        flies.command(mavlink.MAV_CMD_NAV_TAKEOFF, *(math.nan,) * 7)
+        flies.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        fly(lambda: flies.vehicle.motion.position_ned[2] < -1.0)
+        assert not rests.vehicle.flight.armed
+        flies.command(mavlink.MAV_CMD_NAV_LAND)
+        fly(lambda: not flies.vehicle.flight.armed)
+        for each in both:
+            each.send(mavlink.MAVLink_log_request_list_message(each.number + 1, 1, 0, 0xFFFF))
+        fly(lambda: all(each.all("LOG_ENTRY") for each in both))
+        assert [each.all("LOG_ENTRY")[0].num_logs for each in both] == [1, 0]
+        for each in both:
+            assert each.sources == {(each.number + 1, 14580 + each.number)}
+            stamps = [message.time_boot_ms for message in each.all("LOCAL_POSITION_NED")][1:]
+            assert len(stamps) > 500 and max(np.diff(stamps)) <= 12
 
 
 def test_an_exposed_port_is_refused_and_nothing_stays_open() -> None:

@@ -5,10 +5,12 @@ import math
 import queue
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pymavlink import mavutil
+from pyulog import ULog
 
 from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 
@@ -23,6 +25,7 @@ from mavsdk.plugins.geofence import Geofence
 from mavsdk.plugins.geofence.geofence import FenceType, GeofenceData, Point, Polygon
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.log_files import LogFiles
+from mavsdk.plugins.log_files.log_files import LogFilesResult
 from mavsdk.plugins.manual_control import ManualControl
 from mavsdk.plugins.mission import Mission
 from mavsdk.plugins.mission.mission import MissionItem, MissionPlan
@@ -134,7 +137,7 @@ def test_its_shell_answers_and_its_parameters_are_described(user: User) -> None:
     assert len(json.loads(update.json_metadata)["parameters"]) > 150
 
 
-def test_files_are_listed_and_there_are_no_logs(user: User) -> None:
+def test_files_are_listed_and_there_are_no_logs_yet(user: User) -> None:
     listed = Ftp(user.system).list_directory("/")
     assert [each.name for each in listed.entries] == ["general.json", "parameters.json", "parameters.params"]
     with pytest.raises(Exception, match=r"(?i)no.?log"):
@@ -149,7 +152,8 @@ def test_a_mission_is_uploaded_flown_paused_and_cleared(user: User) -> None:
         return home.latitude_deg + north / 111_200.0, home.longitude_deg + east / east_m
 
     def item(north: float, east: float) -> MissionItem:
-        return MissionItem(*place(north, east), 4.0, NAN, True, NAN, NAN, 0, NAN, NAN, 1.0, NAN, NAN)
+        """With a gimbal turned and a picture taken, as MAVSDK's own example has them."""
+        return MissionItem(*place(north, east), 4.0, NAN, True, 20.0, 60.0, 1, NAN, NAN, 1.0, NAN, NAN)
 
     corners = [Point(*place(*corner)) for corner in ((50, 50), (-50, 50), (-50, -50), (50, -50))]
     fence.upload_geofence(GeofenceData([Polygon(corners, FenceType.INCLUSION)], []))
@@ -237,13 +241,24 @@ def test_another_program_is_seen_obeyed_killed_and_back_at_another_port(user: Us
     second.close()
 
 
-def test_it_returns_lands_and_disarms(user: User) -> None:
+def test_it_returns_lands_disarms_and_gives_its_log(user: User, tmp_path: Path) -> None:
     user.fly()
     user.action.return_to_launch()
     user.wait_for_mode(FlightMode.RETURN_TO_LAUNCH)
     user.action.land()
     user.wait(lambda: not user.said["armed"])
     assert not user.said["in_air"]
+    logs, ended = LogFiles(user.system), threading.Event()
+    entry, path = logs.get_entries()[-1], tmp_path / "flight.ulg"
+
+    def hear(result: Any, progress: Any, _: Any) -> None:
+        if result != LogFilesResult.NEXT:
+            ended.set()
+
+    logs.download_log_file_async(entry, str(path), hear)
+    assert ended.wait(PATIENCE_S)
+    assert path.stat().st_size == entry.size_bytes
+    assert "Landing detected" in [each.message for each in ULog(str(path)).logged_messages]
 
 
 def test_its_motors_are_stopped_in_the_air_when_it_is_told_to(user: User) -> None:

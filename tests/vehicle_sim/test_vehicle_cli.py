@@ -53,6 +53,11 @@ def test_a_wrong_option_is_one_line_and_exit_code_2(arguments: list[str], names:
     assert result.stdout == ""
 
 
+def test_to_warm_up_opens_nothing_and_flies_nothing() -> None:
+    result = CliRunner().invoke(app, ["--warm-up", "--bind", "pigeon:1:2"])
+    assert (result.exit_code, result.output) == (0, "")
+
+
 def test_a_port_in_use_is_named() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

@@ -267,7 +267,30 @@ class Mission:
 
 
 _DELAY = Kind(False, Mission._do_nothing, Mission._has_waited, needs=(1,))
-KINDS: dict[int, Kind] = {
+_FOR_OTHER_PARTS = (
+    dialect.MAV_CMD_DO_SET_ACTUATOR,
+    dialect.MAV_CMD_DO_CONTROL_VIDEO,
+    dialect.MAV_CMD_DO_DIGICAM_CONTROL,
+    dialect.MAV_CMD_DO_MOUNT_CONFIGURE,
+    dialect.MAV_CMD_DO_MOUNT_CONTROL,
+    dialect.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+    dialect.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL,
+    dialect.MAV_CMD_OBLIQUE_SURVEY,
+    dialect.MAV_CMD_SET_CAMERA_MODE,
+    dialect.MAV_CMD_SET_CAMERA_ZOOM,
+    dialect.MAV_CMD_SET_CAMERA_FOCUS,
+    dialect.MAV_CMD_SET_CAMERA_SOURCE,
+    dialect.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+    dialect.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE,
+    dialect.MAV_CMD_IMAGE_START_CAPTURE,
+    dialect.MAV_CMD_IMAGE_STOP_CAPTURE,
+    dialect.MAV_CMD_DO_TRIGGER_CONTROL,
+    dialect.MAV_CMD_VIDEO_START_CAPTURE,
+    dialect.MAV_CMD_VIDEO_STOP_CAPTURE,
+    dialect.MAV_CMD_DO_WINCH,
+)
+"""What PX4 takes for cameras, gimbals, winches and actuators, whether they are there or not. Here they are not."""
+KINDS: dict[int, Kind] = dict.fromkeys(_FOR_OTHER_PARTS, Kind(False, Mission._do_nothing, Mission._at_once)) | {
     dialect.MAV_CMD_NAV_WAYPOINT: Kind(True, Mission._go, Mission._is_held),
     dialect.MAV_CMD_NAV_LOITER_UNLIM: Kind(True, Mission._go, Mission._never),
     dialect.MAV_CMD_NAV_LOITER_TURNS: Kind(True, Mission._go_round, Mission._has_turned, needs=(1,)),

@@ -84,7 +84,7 @@ def start_mission(flight: FlightControl, first: int) -> Result:
 def terminate(flight: FlightControl) -> Result:
     """Stop the motors for good."""
     if not flight.armed:
-        return Result.DENIED
+        return flight.refuse("Termination rejected: not armed", Result.DENIED)
     flight.enter(Mode.TERMINATION)
     return Result.ACCEPTED
 

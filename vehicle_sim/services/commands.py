@@ -6,11 +6,20 @@ from typing import Any
 
 from protocol.messages import dialect
 from vehicle_sim.autopilot.flight_control import FlightControl
-from vehicle_sim.autopilot.modes import Result
+from vehicle_sim.autopilot.modes import Result, Severity
 from vehicle_sim.services.flight_commands import Actions, Command, FlightCommands, whole
 from vehicle_sim.services.identity import Identity
 from vehicle_sim.services.outbox import Outbox
 from vehicle_sim.services.places import Geodetic
+
+_QUESTIONS = frozenset(
+    {
+        dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+        dialect.MAV_CMD_GET_MESSAGE_INTERVAL,
+        dialect.MAV_CMD_REQUEST_MESSAGE,
+    }
+)
+"""Ground stations ask for much that may not be there. All other refusals come with a text."""
 
 
 class CommandService:
@@ -54,8 +63,12 @@ class CommandService:
         }
 
     def _command(self, message: Any) -> None:
-        command = self._commands.get(message.command)
-        self._answer(message, message.command, Result.UNSUPPORTED if command is None else command(message))
+        command, said = self._commands.get(message.command), len(self._flight.texts)
+        result = Result.UNSUPPORTED if command is None else command(message)
+        self._answer(message, message.command, result)
+        if result is not Result.ACCEPTED and len(self._flight.texts) == said and message.command not in _QUESTIONS:
+            why = "not supported" if command is None else f"{result.name.lower()}, for its parameters"
+            self._flight.announce(Severity.WARNING, f"Command {message.command}: {why}")
 
     def _set_mode(self, message: Any) -> None:
         """SET_MODE is answered as the command for the same is, as by PX4."""
@@ -79,8 +92,10 @@ class CommandService:
         """0: nothing. 1: restart, 2: shut down; either ends the program, as it does PX4's simulation."""
         if message.param1 == 0.0:
             return Result.ACCEPTED
-        if self._flight.armed or message.param1 not in (1.0, 2.0):
+        if message.param1 not in (1.0, 2.0):
             return Result.DENIED
+        if self._flight.armed:
+            return self._flight.refuse("Shutdown rejected: armed", Result.DENIED)
         self.ended = True
         return Result.ACCEPTED
 

@@ -82,9 +82,7 @@ class FlightCommands:
             dialect.MAV_CMD_DO_SET_ROI_LOCATION: self._look_at,
             dialect.MAV_CMD_DO_SET_ROI_NONE: lambda _: orders.look_at(flight, None),
             dialect.MAV_CMD_DO_SET_ROI: self._set_roi,
-            dialect.MAV_CMD_INJECT_FAILURE: lambda m: actions.inject(
-                whole(m.param1), whole(m.param2), 0 if math.isnan(m.param3) else whole(m.param3)
-            ),
+            dialect.MAV_CMD_INJECT_FAILURE: self._inject,
         }
 
     def _height_above_home(self, message: Any) -> float | None:
@@ -168,7 +166,9 @@ class FlightCommands:
         if message.param1 == 1.0:
             return orders.set_home(self._flight, self._flight.motion.position_ned)
         home = self._over_sea(message, (math.nan,) * 3)
-        return Result.DENIED if home is None or any(map(math.isnan, home)) else orders.set_home(self._flight, home)
+        if home is None or any(map(math.isnan, home)):
+            return self._flight.refuse("Home rejected: no such place", Result.DENIED)
+        return orders.set_home(self._flight, home)
 
     def _over_sea(self, message: Any, else_ned: Vector) -> Vector | None:
         """Where a command's place is (m), its altitude above mean sea level in any frame, as for PX4 (MAVSDK relies on
@@ -207,7 +207,9 @@ class FlightCommands:
         if message.param2 == 1.0:
             mission.rewind()
         number = whole(message.param1)
-        return Result.ACCEPTED if mission.go_to(mission.current if number == -1 else number) else Result.DENIED
+        if mission.go_to(mission.current if number == -1 else number):
+            return Result.ACCEPTED
+        return self._flight.refuse(f"Mission item {number} is not in the list", Result.DENIED)
 
     def _pause_or_continue(self, message: Any) -> Result:
         modes = {0: Mode.HOLD, 1: Mode.MISSION}
@@ -228,11 +230,21 @@ class FlightCommands:
                 return orders.look_at(self._flight, None)
         return Result.DENIED
 
+    def _inject(self, message: Any) -> Result:
+        instance = 0 if math.isnan(message.param3) else whole(message.param3)
+        result = self._actions.inject(whole(message.param1), whole(message.param2), instance)
+        if result is Result.DENIED:
+            return self._flight.refuse("Failure injection rejected: SYS_FAILURE_EN is 0", result)
+        return result
+
     def _gripper(self, message: Any) -> Result:
-        if whole(message.param2) != dialect.GRIPPER_ACTION_RELEASE:
-            self._flight.announce(Severity.WARNING, "Gripper: release is all it can do")
-            return Result.DENIED
-        self._open_gripper()
+        match whole(message.param2):
+            case dialect.GRIPPER_ACTION_RELEASE:
+                self._open_gripper()
+            case dialect.GRIPPER_ACTION_GRAB:
+                self._flight.announce(Severity.INFO, "Gripper closed")
+            case _:
+                return Result.DENIED
         return Result.ACCEPTED  # also the second time: it may be the same command, sent again for lack of an answer
 
     def _open_gripper(self) -> bool:

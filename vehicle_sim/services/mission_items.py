@@ -39,9 +39,10 @@ def check(message: Any, origin: Geodetic) -> None:
         if message.param1 < 3.0:
             raise ItemError(dialect.MAV_MISSION_ERROR)
     elif kind == dialect.MAV_MISSION_TYPE_FENCE and command in _CIRCLES:
-        placed(message, origin)
-        if not message.param1 > 0.0:
+        if not message.param1 >= 0.0:
             raise ItemError(dialect.MAV_MISSION_INVALID_PARAM1)
+        if not _is_nothing(message):
+            placed(message, origin)
     elif kind == dialect.MAV_MISSION_TYPE_RALLY and command == dialect.MAV_CMD_NAV_RALLY_POINT:
         placed(message, origin)
     else:
@@ -83,10 +84,15 @@ def to_item(message: Any, origin: Geodetic) -> Item:
     return Item(command, params, place, bool(message.autocontinue))
 
 
+def _is_nothing(message: Any) -> bool:
+    """A circle without a radius: MAVSDK's way to send a fence without circles."""
+    return message.command in _CIRCLES and message.param1 == 0.0
+
+
 def zones(messages: list[Any], origin: Geodetic) -> tuple[Zone, ...]:
     """A fence: circles, and polygons whose corners follow each other. Raises ItemError for one that is cut off."""
     found: list[Zone] = []
-    rest = list(messages)
+    rest = [message for message in messages if not _is_nothing(message)]
     while rest:
         first = rest[0]
         size = 1 if first.command in _CIRCLES else round(first.param1)

@@ -125,8 +125,10 @@ class MissionService:
                 self._answer(partner, kind, _ERROR)
                 return
         if kind not in ROOM:
+            self._say(f"Mission upload rejected: type {kind}")
             self._answer(partner, kind, dialect.MAV_MISSION_INVALID)
         elif message.count > ROOM[kind]:
+            self._say(f"Mission upload rejected: {message.count} items, room for {ROOM[kind]}")
             self._answer(partner, kind, dialect.MAV_MISSION_NO_SPACE)
         elif message.count == 0:
             self._store(kind, [])
@@ -187,6 +189,7 @@ class MissionService:
             try:
                 flight.limits.zones = zones(messages, self._origin)
             except ItemError:
+                self._say("Fence rejected: a polygon is cut off")
                 return False
         else:
             flight.limits.rally = tuple(placed(message, self._origin) for message in messages)

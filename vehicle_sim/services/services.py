@@ -1,5 +1,6 @@
 """All MAVLink services of the vehicle: received frames go to them, their frames go out with the next tick."""
 
+from collections import ChainMap
 from collections.abc import Callable
 from functools import reduce
 from operator import or_
@@ -18,8 +19,9 @@ from vehicle_sim.services.component_metadata import (
     general_metadata,
     parameter_metadata,
 )
-from vehicle_sim.services.files import FileService, Tree
+from vehicle_sim.services.files import FileService
 from vehicle_sim.services.flight_commands import Actions
+from vehicle_sim.services.flight_logs import FlightLogs
 from vehicle_sim.services.identity import COMPONENT, Identity
 from vehicle_sim.services.link import LinkService
 from vehicle_sim.services.logs import LogService
@@ -71,7 +73,8 @@ class Services:
         self._missions = missions = MissionService(flight, outbox, identity, origin)
         described = parameter_metadata(parameters)
         general = general_metadata(described)
-        files: Tree = {
+        self._logs = FlightLogs(parameters, flight, identity)
+        files: dict[str, Callable[[], bytes]] = {
             VALUE_FILE: lambda: text_of(parameters).encode(),
             GENERAL_FILE: lambda: general,
             PARAMETER_FILE: lambda: described,
@@ -80,8 +83,8 @@ class Services:
             LinkService(flight, outbox),
             SetpointService(flight, identity, origin),
             ParameterService(parameters, outbox),
-            FileService(files, outbox),
-            LogService(outbox),
+            FileService(ChainMap(self._logs.files, files), outbox),
+            LogService(self._logs, outbox),
             ShellService(parameters, identity, outbox),
             commands,
             missions,
@@ -120,9 +123,10 @@ class Services:
             handler(decode(frame))
         self.outbox.answer(None)
 
-    def tell(self) -> None:
-        """How the mission goes and the autopilot's texts, to all."""
+    def tell(self, now: Snapshot) -> None:
+        """How the mission goes and the autopilot's texts, to all, and to the log."""
         self._missions.update()
+        self._logs.update(now)
         for severity, text in self._flight.texts:
             self._status_texts.send(severity, text)
         self._flight.texts.clear()

@@ -13,21 +13,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from companion.logs.recordings import has_texts, records, unpack
+from protocol import ulog
 from protocol.flightlog import SCALARS, TEXT, LogReader, Record, RecordType
 from protocol.messages import dialect, layout
 
-_HEADER = b"ULog\x01\x12\x35\x01"
-_HEAD = struct.Struct("<HB")
-_STAMP = struct.Struct("<Q")
-_DATA = struct.Struct("<HQ")
-_MOST_BYTES = 0xFFFF
-"""Of a ULog message."""
-_LONGEST_INFO = 1024
-"""Bytes of an information message's text."""
 _NAMES = {"bool": "bool", "float32": "float", "float64": "double"}
 _MOST_INSTANCES = 256
-_LEVELS = (ord("6"), ord("7"), ord("6"), ord("4"), ord("3"), ord("2"))
-"""syslog's digit for each level of a text: 0 unknown, 1 debug, ... 5 fatal."""
+_LEVELS = (6, 7, 6, 4, 3, 2)
+"""syslog's severity for each level of a text: 0 unknown, 1 debug, ... 5 fatal."""
 
 
 class _Equivalent(NamedTuple):
@@ -51,13 +44,9 @@ class _Conversion(NamedTuple):
     convert: Callable[[Record], bytes]
 
     @property
-    def definition(self) -> bytes:
-        return f"{self.name}:uint64_t timestamp;{self.fields}".encode()
-
-    @property
     def fits(self) -> bool:
         """Whether it fits a ULog message."""
-        return max(len(self.definition), _DATA.size + self.size) <= _MOST_BYTES
+        return ulog.fits(self.name, self.fields, self.size)
 
 
 def to_ulog(log: LogReader, target: Path) -> int:
@@ -85,41 +74,40 @@ class _Ulog:
         kinds = {topic: self._kinds[topic] for topic in {*self._targets, *self._texts}}
         first_us = min((record.time_ns // 1000 for record in self._log.records(kinds)), default=0)
         before_us = max(-first_us, 0)  # stamps are unsigned
-        yield _HEADER + _STAMP.pack(first_us + before_us)
-        yield _message("B", bytes(40))
+        yield ulog.header(first_us + before_us)
         flight = self._log.metadata.get("flight", {})
         for key, value in {"sys_name": "Courier", "ver_sw": flight.get("courier", ""), **_plain(flight)}.items():
-            yield _info(key, value)
+            yield ulog.information(key, value)
         yield from definitions
         for record in records(self._log, kinds):
             yield from self._data(record, record.time_ns // 1000 + before_us)
 
     def _definitions(self) -> Iterator[bytes]:
-        formats: dict[str, bytes] = {}
+        formats: dict[str, str] = {}
         topics = [
             (topic, conversion)
             for topic, kind in self._kinds.items()
             for conversion in self._conversions(topic, kind)
             # The same name with other fields is from a sender of another dialect.
-            if conversion.fits and formats.setdefault(conversion.name, conversion.definition) == conversion.definition
+            if conversion.fits and formats.setdefault(conversion.name, conversion.fields) == conversion.fields
         ]
-        for definition in formats.values():
-            yield _message("F", definition)
+        for name, fields in formats.items():
+            yield ulog.definition(name, fields)
         instances: dict[str, int] = {}
         for number, (topic, conversion) in enumerate(topics):
             instance = instances[conversion.name] = instances.get(conversion.name, -1) + 1
             if instance < _MOST_INSTANCES:
                 self._targets.setdefault(topic, []).append((number, conversion.convert))
-                yield _message("A", struct.pack("<BH", instance, number) + conversion.name.encode())
+                yield ulog.subscription(number, conversion.name, instance)
 
     def _data(self, record: Record, time_us: int) -> Iterator[bytes]:
         for number, convert in self._targets.get(record.topic, ()):
             self.count += 1
-            yield _message("D", _DATA.pack(number, time_us) + convert(record))
+            yield ulog.record(number, time_us, convert(record))
         said = self._texts.get(record.topic)
         if said is not None:
             level, text = said(unpack(self._log, self._kinds[record.topic], record))
-            yield _message("L", (bytes((level,)) + _STAMP.pack(time_us) + text.encode())[:_MOST_BYTES])
+            yield ulog.text(level, time_us, text)
 
     def _conversions(self, topic: str, kind: RecordType) -> Iterator[_Conversion]:
         """What a topic's records become: the same fields, and PX4's own topic if there is an equivalent."""
@@ -157,12 +145,12 @@ class _Ulog:
 
 
 def _texts(log: LogReader) -> dict[str, Callable[[dict[str, Any]], tuple[int, str]]]:
-    """Topics with texts, and for each a function from a record's fields to its level (syslog's digit) and its text."""
+    """Topics with texts, and for each a function from a record's fields to its severity (as syslog's) and its text."""
     kinds = log.topics
     if has_texts(log) and kinds[TEXT.topic].definition == TEXT.definition:
         return {TEXT.topic: lambda said: (_LEVELS[min(said["level"], 5)], said["message"])}
     return {
-        topic: lambda said: (ord("0") + min(said["severity"], 7), said["text"])
+        topic: lambda said: (min(said["severity"], 7), said["text"])
         for topic, kind in kinds.items()
         if kind.schema_name == "mavlink/STATUSTEXT"
     }
@@ -200,16 +188,6 @@ def _type(kind: str, length: int | None) -> str:
 
 def _plain(flight: dict[str, str]) -> dict[str, str]:
     return {name: flight[name] for name in ("mission", "output", "pace", "seed", "git") if flight.get(name)}
-
-
-def _message(kind: str, content: bytes) -> bytes:
-    return _HEAD.pack(len(content), ord(kind)) + content
-
-
-def _info(key: str, value: str) -> bytes:
-    text = value.encode()[:_LONGEST_INFO]
-    name = f"char[{len(text)}] {key}".encode()
-    return _message("I", bytes((len(name),)) + name + text)
 
 
 _MESSAGES = {f"mavlink/{message.msgname}": number for number, message in dialect.mavlink_map.items()}

@@ -1,5 +1,7 @@
 """The delay of the estimate: what it makes late, and what not."""
 
+from functools import lru_cache
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -22,6 +24,7 @@ PRESENT = {
 }
 
 
+@lru_cache
 def flown_late(delay_s: float) -> dict[str, list[bytes]]:
     """A flight told late: the payloads of each message in turn."""
     pilot = ForeignPilot(airframe=airframe_with(f"telemetry.delay_s={delay_s}"), seed=2)
@@ -38,7 +41,7 @@ def flown_late(delay_s: float) -> dict[str, list[bytes]]:
     return {name: [bytes(message.get_payload()) for message in pilot.all(name)] for name in names}
 
 
-@pytest.mark.parametrize(("delay_s", "ticks"), [(0.004, 1), (0.025, 7), (0.028, 7), (0.03, 8)])
+@pytest.mark.parametrize(("delay_s", "ticks"), [(0.004, 1), (0.025, 7), (0.028, 7)])
 def test_the_delay_is_that_of_the_estimate_alone(delay_s: float, ticks: int) -> None:
     """Byte for byte, times included, what an undelayed vehicle on the same flight said so many ticks before."""
     prompt, late = flown_late(0.0), flown_late(delay_s)

@@ -172,13 +172,3 @@ def test_folders_are_listed_in_pieces_that_fit() -> None:
         assert len(answer[2]) <= files.DATA_BYTES
         found += answer[2].split(b"\0")[:-1]
     assert found == [f"Fflight_{number:03}.txt\t3".encode() for number in range(40)]
-
-
-def test_there_are_no_logs_and_it_says_so() -> None:
-    pilot = ForeignPilot()
-    pilot.send(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
-    pilot.send(mavlink.MAVLink_log_request_data_message(1, 1, 3, 90, 90))
-    pilot.fly(0.02)
-    entry, data = pilot.last("LOG_ENTRY"), pilot.last("LOG_DATA")
-    assert (entry.num_logs, entry.last_log_num, entry.size) == (0, 0, 0)
-    assert (data.id, data.ofs, data.count) == (3, 90, 0)

@@ -173,3 +173,65 @@ def test_the_nose_points_at_what_is_of_interest_in_hold_and_in_a_mission() -> No
     assert pilot.fly(4.0, until=lambda: abs(pilot.vehicle.motion.yaw) < 0.1)
     assert pilot.command(mavlink.MAV_CMD_DO_SET_ROI, 1) == DENIED
     assert pilot.command(roi, *(UNSET,) * 7) == DENIED
+
+
+REFUSED = (
+    (mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 99),
+    (mavlink.MAV_CMD_DO_SET_MODE, UNSET, 4, 2),
+    (mavlink.MAV_CMD_DO_SET_STANDARD_MODE, 99),
+    (mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, -9),
+    (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 7),
+    (mavlink.MAV_CMD_DO_REPOSITION, -1, 0),
+    (mavlink.MAV_CMD_DO_REPOSITION, -1, 1, 0, UNSET, UNSET, UNSET, 10),
+    (mavlink.MAV_CMD_DO_ORBIT, 5, 1, 0, 0, 95, 200, 10),
+    (mavlink.MAV_CMD_DO_CHANGE_ALTITUDE, 10, 3),
+    (mavlink.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, 95, 0, 0),
+    (mavlink.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, 10, 10, 0),
+    (mavlink.MAV_CMD_MISSION_START, 0, 0),
+    (mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 5),
+    (mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 2),
+    (mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1),
+    (mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0),
+    (mavlink.MAV_CMD_DO_GRIPPER, 1, 9),
+    (mavlink.MAV_CMD_DO_SET_ROI, 2),
+    (mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 95, 0, 0),
+    (mavlink.MAV_CMD_INJECT_FAILURE, 99, 0, 0),
+    (mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 9),
+    (mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 1),
+)
+"""Commands that a vehicle at rest on its pad refuses."""
+
+
+def test_each_refusal_comes_with_a_text() -> None:
+    pilot = ForeignPilot()
+    pilot.fly(1.2)
+    for number, *params in REFUSED:
+        before = pilot.time_s
+        assert pilot.command(number, *params) != ACCEPTED, number
+        assert len(pilot.all("STATUSTEXT", before)) == 1, number
+    before = pilot.time_s
+    assert pilot.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HIGHRES_IMU) == DENIED
+    assert not pilot.all("STATUSTEXT", before), "a question"
+    commands = pilot.vehicle._services._commands._commands
+    always = {
+        mavlink.MAV_CMD_NAV_LAND,
+        mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        mavlink.MAV_CMD_DO_CHANGE_SPEED,
+        mavlink.MAV_CMD_DO_SET_ROI_NONE,
+        mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+        mavlink.MAV_CMD_GET_HOME_POSITION,
+    }
+    asked = {
+        mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+        mavlink.MAV_CMD_GET_MESSAGE_INTERVAL,
+        mavlink.MAV_CMD_REQUEST_MESSAGE,
+    }
+    assert commands.keys() == {row[0] for row in REFUSED} - {mavlink.MAV_CMD_PREFLIGHT_CALIBRATION} | always | asked
+
+
+def test_a_reboot_and_an_injected_failure_are_refused_with_their_reasons(aloft: ForeignPilot) -> None:
+    assert aloft.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1) == DENIED
+    assert aloft.texts[-1] == "Shutdown rejected: armed"
+    aloft.vehicle.parameters.set("SYS_FAILURE_EN", 0)
+    assert aloft.command(mavlink.MAV_CMD_INJECT_FAILURE, 101, 1, 0) == DENIED
+    assert aloft.texts[-1] == "Failure injection rejected: SYS_FAILURE_EN is 0"

@@ -63,7 +63,7 @@ def test_the_loader_of_pymavlink_gets_its_items_in_real_numbers(pilot: ForeignPi
 @pytest.mark.parametrize(
     ("row", "kind", "result"),
     [
-        (do(mavlink.MAV_CMD_IMAGE_START_CAPTURE), MISSION, mavlink.MAV_MISSION_UNSUPPORTED),
+        (do(mavlink.MAV_CMD_DO_PARACHUTE), MISSION, mavlink.MAV_MISSION_UNSUPPORTED),
         (do(WAYPOINT), MISSION, mavlink.MAV_MISSION_UNSUPPORTED),
         (at(mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, 0, 0, 1, 3), MISSION, mavlink.MAV_MISSION_UNSUPPORTED),
         (at(POINT, 0.0, 0.0, 1.0), MISSION, mavlink.MAV_MISSION_UNSUPPORTED),
@@ -79,7 +79,7 @@ def test_the_loader_of_pymavlink_gets_its_items_in_real_numbers(pilot: ForeignPi
         (at(WAYPOINT, 0.0, 0.0, math.nan), MISSION, mavlink.MAV_MISSION_INVALID_PARAM7),
         (do(mavlink.MAV_CMD_NAV_DELAY, math.nan), MISSION, mavlink.MAV_MISSION_INVALID_PARAM1),
         (do(mavlink.MAV_CMD_DO_SET_ROI, 2.0), MISSION, mavlink.MAV_MISSION_INVALID_PARAM1),
-        (at(CIRCLE, 0.0, 0.0, 0.0, 0.0), FENCE, mavlink.MAV_MISSION_INVALID_PARAM1),
+        (at(CIRCLE, 0.0, 0.0, 0.0, -1.0), FENCE, mavlink.MAV_MISSION_INVALID_PARAM1),
         (at(CORNER, 0.0, 0.0, 0.0, 2.0), FENCE, ERROR),
         (at(CORNER, 0.0, 0.0, 0.0, 3.0), FENCE, ERROR),
     ],
@@ -89,6 +89,15 @@ def test_an_item_that_can_not_be_taken_ends_the_upload(pilot: ForeignPilot, row:
     assert upload(pilot, [row], kind) == result
     assert len(download(pilot, kind)) == len(ROWS[kind]), "what was there before stays"
     assert upload(pilot, ROWS[kind], kind) == ACCEPTED, "and the next upload is not kept up"
+
+
+def test_a_circle_without_a_radius_is_kept_and_means_nothing(pilot: ForeignPilot) -> None:
+    """MAVSDK's example of a fence has one at 0 N 0 E."""
+    inclusion = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
+    nowhere = (inclusion, RELATIVE, (0.0,) * 4, 0, 0, 0.0)
+    assert upload(pilot, [*ROWS[FENCE], nowhere], FENCE) == ACCEPTED
+    assert len(download(pilot, FENCE)) == len(ROWS[FENCE]) + 1
+    assert len(pilot.vehicle.flight.limits.zones) == 2
 
 
 def test_a_lost_item_is_requested_four_times_a_second_until_nobody_answers(pilot: ForeignPilot) -> None:

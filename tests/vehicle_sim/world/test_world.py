@@ -211,7 +211,7 @@ def test_ray_hits_by_hand() -> None:
     assert world.range_along(at(10.0, 0.0, 3.0), east, 50.0) == 0.0  # from inside
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_rays_end_on_the_first_surface(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)
     world, text = random_world(rng)
