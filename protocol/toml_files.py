@@ -50,13 +50,17 @@ def load(path: Path, record: type[T], overrides: Sequence[str] = (), renamed: Ma
     Raises TomlFileError for a file that can't be read, is not TOML, holds nan or inf, has old names, or does not fit
     the record.
     """
+    return convert(read(path), record, str(path), overrides, renamed)
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The tables of a file as they are written. Raises TomlFileError."""
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise TomlFileError(f"{path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, a number or a nesting without end
         raise TomlFileError(f"{path}: {error}") from error
-    return convert(tables, record, str(path), overrides, renamed)
 
 
 def convert(

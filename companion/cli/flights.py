@@ -5,6 +5,7 @@ import sys
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,7 +13,15 @@ import typer
 from companion.avoidance_methods import listed
 from companion.cli.ending import print_end, print_next
 from companion.cli.options import options
-from companion.cli.shell import exit_as_failed, exit_as_undone, exit_on_interrupt, exit_on_user_error, note, say
+from companion.cli.shell import (
+    exit_as_failed,
+    exit_as_undone,
+    exit_as_unusable,
+    exit_on_interrupt,
+    exit_on_user_error,
+    note,
+    say,
+)
 
 if TYPE_CHECKING:
     from companion.mission.files import Place
@@ -60,6 +69,8 @@ VehicleSystem = Annotated[
 Insecure = Annotated[
     bool, typer.Option("--insecure", help="Bind addresses beyond this machine though there is no key.")
 ]
+STORED = "vehicle"
+"""In place of a mission: the vehicle's own."""
 DEFAULT_URL = "udpin:127.0.0.1:14540"
 _GETTING_READY = "getting ready"
 PaceName = Annotated[
@@ -133,7 +144,15 @@ class DemoOptions:
 class FlyOptions:
     """What `companion fly` is asked for."""
 
-    mission: MissionName
+    mission: MissionName = ""
+    named: Annotated[
+        str,
+        typer.Option(
+            "--mission",
+            help=f"MISSION, as an option; {STORED}: the one that the vehicle has stored, which is downloaded.",
+            metavar="MISSION",
+        ),
+    ] = ""
     connect: ConnectUrl = DEFAULT_URL
     vehicle: VehicleSystem = None
     signing_key: KeyFile = None
@@ -210,13 +229,21 @@ def demo(asked: DemoOptions) -> None:
 @options(FlyOptions)
 def fly(asked: FlyOptions) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
+    if bool(asked.mission) is bool(asked.named):
+        exit_as_unusable("one mission: fly MISSION, or fly --mission MISSION")
+    asked = replace(asked, mission=asked.mission or asked.named)
+    with TemporaryDirectory(prefix="companion-") as folder:  # of a mission that is downloaded, until the log has it
+        _fly(asked, Path(folder))
+
+
+def _fly(asked: FlyOptions, folder: Path) -> None:
     with _abandoned():
         plan, adoption = exit_on_user_error(_plan, asked, None), exit_on_user_error(_adoption, asked)
         plan = replace(plan, adoption=adoption, connect=asked.connect)
+        from companion.runtime.files import is_geodetic
         from companion.runtime.flight import fly as fly_plan
         from companion.runtime.flight import prepare
         from companion.runtime.side_links import open_vehicle_link
-        from companion.runtime.station_files import is_of_station
         from protocol.guarded_link import inmost
         from protocol.transport import Udp
 
@@ -225,8 +252,8 @@ def fly(asked: FlyOptions) -> None:
         transport = exit_on_user_error(open_vehicle_link, asked.connect, security, wanted, lockstep=lockstep)
         beside = exit_on_user_error(_beside, asked, transport, security)
         say(_GETTING_READY)
-        if is_of_station(asked.mission):
-            plan = exit_on_user_error(_located, asked, plan, transport)
+        if asked.mission == STORED or is_geodetic(asked.mission):
+            plan = exit_on_user_error(_located, asked, plan, transport, folder)
         exit_on_user_error(prepare, plan)
         end = inmost(transport)
         if isinstance(end, Udp) and asked.connect.endswith(":0"):
@@ -249,18 +276,28 @@ def _say_log(log: Path) -> None:
     say(f"{LOG_AT}{log}")
 
 
-def _located(asked: FlyOptions, plan: "Plan", transport: "Transport") -> "Plan":
-    """The plan around where the vehicle stands. Raises PlanError and TomlFileError."""
+def _located(asked: FlyOptions, plan: "Plan", transport: "Transport", folder: Path) -> "Plan":
+    """The plan around where the vehicle stands, of its own mission if that is asked for, which gets a file in `folder`.
+    Raises PlanError, TomlFileError and TransportError."""
+    from companion.mission.files import MissionFileError, to_waypoints
     from companion.runtime.flight import PlanError
-    from companion.runtime.locate import locate
+    from companion.runtime.locate import download, locate
 
     if plan.pace == "lockstep":
-        raise PlanError(f"{asked.mission}: in lockstep it is flown by companion demo")
+        raise PlanError(f"{asked.mission}: not with --pace lockstep; companion demo flies files so")
     place = locate(plan.settings, transport)
     if place is None:
         raise PlanError(f"{asked.mission}: the vehicle does not say where on earth it stands (GLOBAL_POSITION_INT)")
-    around = _plan(asked, None, place)
-    return replace(plan, mission=around.mission, settings=around.settings)
+    if asked.mission == STORED:
+        try:
+            file = download(plan.settings, transport, place)
+        except MissionFileError as error:
+            raise PlanError(f"the vehicle's mission: {error}") from error
+        path = folder / f"{STORED}.waypoints"
+        path.write_text(to_waypoints(file), encoding="utf-8")
+        say(f"companion: downloaded the vehicle's mission, {len(file.items)} items")
+        asked = replace(asked, mission=str(path))
+    return replace(_plan(asked, None, place), adoption=plan.adoption, connect=plan.connect)
 
 
 def _exit_by(verdict: "Verdict") -> None:
@@ -306,14 +343,15 @@ def _abandoned(consequence: str = "") -> AbstractContextManager[None]:
 
 def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | None" = None) -> "Plan":
     """Read and check all that a flight needs. `seed`: the simulator's; None for a vehicle that is no simulator of ours.
-    `place`: where the vehicle stands, for the mission of a ground station.
+    `place`: where the vehicle stands, for a mission with places on earth.
 
     Raises TomlFileError and PlanError.
     """
+    from companion.mission.plan import Mission
     from companion.runtime.demo import SIMULATOR_FILES
-    from companion.runtime.files import load_body, load_mission, load_settings
+    from companion.runtime.files import at_pad, load_body, load_mission, load_settings
     from companion.runtime.flight import Plan, PlanError, check
-    from companion.runtime.station_files import fenced, is_of_station, load_of_station, origin_of
+    from companion.runtime.station_files import fenced, is_of_station, load_of_station
     from protocol import toml_files as toml_files
 
     overrides = list(asked.overrides or ())
@@ -325,17 +363,19 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     if seed is None and any(changes[word] for word in SIMULATOR_FILES):
         raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
     settings = load_settings(asked.settings, changes[""])
-    if is_of_station(asked.mission):
-        origin = None if place is None else (lambda mission: place)
-        origin = origin if seed is None else (lambda mission: origin_of(mission.world))
+    origin = None if place is None else (lambda mission: place)
+    origin = origin if seed is None else at_pad
+    if asked.mission == STORED:
+        mission, path = Mission(STORED, waits=True), None  # as long as the vehicle's is not known
+    elif is_of_station(asked.mission):
         mission, path, radius, notes = load_of_station(asked.mission, changes["mission"], origin)
         settings = fenced(settings, radius)
-        for each in notes:
+        for each in notes if place or seed is not None else ():  # once
             note(f"{path}: {each}")
     else:
-        mission, path = load_mission(asked.mission, changes["mission"])
+        mission, path = load_mission(asked.mission, changes["mission"], origin)
     files = {
-        "mission": path,
+        **({} if path is None else {"mission": path}),
         "vehicle": toml_files.find("vehicles", mission.vehicle),
         "world": toml_files.find("worlds", mission.world),
     }

@@ -21,15 +21,24 @@ def register(app: typer.Typer) -> None:
 
 
 @mission.command()
-def show(file: File) -> None:
-    """List what is flown, step by step, with the places around the take-off. Exit code 2 if it can't be flown."""
+def show(
+    file: File,
+    html: Annotated[
+        Path | None, typer.Option("--html", help="Write a page with a map of it, a new file.", metavar="FILE")
+    ] = None,
+) -> None:
+    """List what is flown, step by step, with the places around the take-off, and draw it from above. Exit code 2 if it
+    can't be flown."""
     import numpy as np
 
     from companion.cli.logs import table
     from companion.mission.plan import steps
+    from companion.view.mission_map import page, sketch
+    from protocol.toml_files import find
 
-    found, rows = _mission(file), []
-    for number, step in enumerate(steps(found, np.zeros(3)), 1):
+    (found, fence_radius), rows = _mission(file), []
+    plan = steps(found, np.zeros(3))
+    for number, step in enumerate(plan, 1):
         north, east, height = ("", "", "")
         if step.target_ned is not None:
             x, y, z = step.target_ned.tolist()
@@ -38,6 +47,11 @@ def show(file: File) -> None:
         hold = f"{step.hold_s:g}" if step.hold_s else ""
         rows.append((str(number), step.phase.name.lower(), north, east, height, speed, hold))
     table(("step", "what", "north, m", "east, m", "height, m", "speed, m/s", "hold, s"), rows)
+    typer.echo(f"\n{sketch(plan)}")
+    if html is not None:
+        world = exit_on_user_error(find, "worlds", found.world).read_bytes()
+        exit_on_user_error(_write, html, page(found, plan, world, fence_radius))
+        typer.echo(f"map: {html}")
 
 
 @mission.command()
@@ -47,32 +61,34 @@ def convert(
 ) -> None:
     """Write a ground station's mission as a file for missions/, with its places around where it was planned from; or a
     .plan as .waypoints."""
-    from companion.logs.target import output
     from companion.mission.files import to_toml, to_waypoints
     from companion.runtime.station_files import is_of_station, read_of_station
 
     if to.suffix == ".toml":
-        text = to_toml(_mission(file))
+        text = to_toml(_mission(file)[0])
     elif to.suffix == ".waypoints" and is_of_station(file):
         text = to_waypoints(exit_on_user_error(read_of_station, file))
     else:
         exit_as_unusable(f"{to}: what is written is a .toml, and a .waypoints from a ground station's file")
-
-    def write() -> None:
-        with output(to) as draft:
-            draft.write_text(text, encoding="utf-8")
-
-    exit_on_user_error(write)
+    exit_on_user_error(_write, to, text)
     typer.echo(f"mission: {to}")
 
 
-def _mission(file: str) -> "Mission":
+def _write(to: Path, text: str) -> None:
+    from companion.logs.target import output
+
+    with output(to) as draft:
+        draft.write_text(text, encoding="utf-8")
+
+
+def _mission(file: str) -> "tuple[Mission, float | None]":
+    """The mission, and the radius (m) of its fence around the take-off."""
     from companion.runtime.files import load_mission
     from companion.runtime.station_files import is_of_station, load_of_station
 
     if not is_of_station(file):
-        return exit_on_user_error(load_mission, file)[0]
+        return exit_on_user_error(load_mission, file)[0], None
     found = exit_on_user_error(load_of_station, file)
     for each in found.notes:
         note(f"{file}: {each}")
-    return found.mission
+    return found.mission, found.fence_radius

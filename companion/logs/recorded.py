@@ -11,10 +11,11 @@ from typing import Any, TypeVar
 import msgspec
 
 from companion.config import Log, Settings
+from companion.logs.settings import recorded_settings
 from companion.mission.plan import Mission
 from companion.plugins import Kind, installed
 from companion.renamed_settings import RENAMED_SETTINGS
-from companion.runtime.files import load_settings, recorded_settings
+from companion.runtime.files import load_settings
 from companion.runtime.flight import AUTO, git_hash
 from companion.state import Adoption, Output
 from protocol import toml_files as toml_files

@@ -1,5 +1,6 @@
 """Missions as ground stations write them: QGroundControl's .plan, and the .waypoints of Mission Planner and MAVProxy
-(QGC WPL 110). Read into items, and made into a `Mission` around the place where the vehicle stands.
+(QGC WPL 110), and as vehicles store them. Read into items, and made into a `Mission` around the place where the vehicle
+stands.
 
 Formats: https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html,
 https://mavlink.io/en/file_formats/. What can't be flown as it is meant is refused with the item's number.
@@ -8,7 +9,7 @@ https://mavlink.io/en/file_formats/. What can't be flown as it is meant is refus
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
@@ -21,8 +22,20 @@ Place = tuple[float, float]
 """Latitude, longitude (deg)."""
 
 _ABOVE_HOME = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
+_ON_EARTH = _ABOVE_HOME | {
+    dialect.MAV_FRAME_GLOBAL,
+    dialect.MAV_FRAME_GLOBAL_INT,
+    dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+    dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
+}
+_NO_PLACE = 2**31 - 1
+"""In an item's x or y: wherever the vehicle is."""
 _MOST_ITEMS = 1000
 _HEAD = "QGC WPL 110"
+_PLAN_VERSIONS = 1, 2
+"""Of the plan and of the mission in it."""
+_AT_HOME_M = 1.0
+"""A take-off from so near is from its place."""
 _PLACE = frozenset({"north", "east", "height"})
 
 
@@ -116,13 +129,36 @@ def to_waypoints(file: MissionFile) -> str:
     return "\n".join(lines) + "\n"
 
 
+# -- stored in a vehicle -----------------------------------------------------------------------------------------------
+
+
+def stored(messages: Sequence[Any], home: Place, *, first_is_home: bool) -> MissionFile:
+    """The items MISSION_ITEM_INT (73) of a vehicle that stands at `home`. `first_is_home`: the first is no item."""
+    return MissionFile(tuple(map(_stored_item, messages[1:] if first_is_home else messages)), home)
+
+
+def _stored_item(message: Any) -> Item:
+    x, y = (math.nan if value == _NO_PLACE else float(value) for value in (message.x, message.y))
+    if message.frame in _ON_EARTH:
+        x, y = x * 1e-7, y * 1e-7
+    params = message.param1, message.param2, message.param3, message.param4, x, y, message.z
+    return Item(message.seq, message.frame, message.command, params)
+
+
 # -- .plan -------------------------------------------------------------------------------------------------------------
 
 
 def _plan(tables: dict[str, Any]) -> MissionFile:
     if tables["fileType"] != "Plan":
         raise MissionFileError(f"a file of the type {tables['fileType']}, not a Plan")
+    if "mission" not in tables:
+        raise MissionFileError("there is no mission in it")
     mission, items = tables["mission"], []
+    versions = tables["version"], mission["version"]
+    if versions != _PLAN_VERSIONS:
+        raise MissionFileError(
+            f"a plan of version {versions[0]}, its mission of version {versions[1]}: 1 and 2 are read"
+        )
     for index, table in enumerate(mission["items"], 1):
         number = table.get("doJumpId", index)
         if table["type"] != "SimpleItem":
@@ -152,6 +188,13 @@ def _plan(tables: dict[str, Any]) -> MissionFile:
 # -- a mission ---------------------------------------------------------------------------------------------------------
 
 
+def offset(place: Place, origin: Place) -> tuple[float, float]:
+    """m north and east of `origin`, to the millimetre."""
+    there, around = ((math.radians(latitude), math.radians(longitude), 0.0) for latitude, longitude in (place, origin))
+    north, east, _ = to_local(there, around).tolist()
+    return round(north, 3), round(east, 3)
+
+
 class _Maker:
     """Flies the items in mind, one after the other."""
 
@@ -160,15 +203,13 @@ class _Maker:
         self.takeoff_height: float | None = None
         self.speed: float | None = None
         self.ended = False
-        self._origin = math.radians(origin[0]), math.radians(origin[1]), 0.0
+        self._origin = origin
         self._items = {item.number: index for index, item in enumerate(file.items)}
         self._jumps: dict[int, int] = {}
 
     def offset(self, place: Place) -> Place:
         """m north and east of the origin."""
-        there = math.radians(place[0]), math.radians(place[1]), 0.0
-        north, east, _ = to_local(there, self._origin).tolist()
-        return round(north, 3), round(east, 3)
+        return offset(place, self._origin)
 
     def take(self, item: Item) -> int | None:
         """Take an item in; the index of the item that follows if it is not the next. Raises MissionFileError."""
@@ -210,6 +251,8 @@ class _Maker:
         if item.frame not in _ABOVE_HOME or not 0.0 < height < math.inf:
             raise MissionFileError(f"a take-off to {height:g} m in frame {item.frame}: give a height above the ground")
         self.takeoff_height = height
+        if item.place is not None and math.hypot(*self.offset(item.place)) > _AT_HOME_M:
+            self._fly_to(self.offset(item.place), height)
 
     def waypoint(self, item: Item) -> None:
         self._add(item, _time(item.params[0]))
@@ -218,7 +261,10 @@ class _Maker:
 
     def loiter(self, item: Item) -> None:
         if item.place is None:
-            self.delay(item)
+            last, height = self._last, item.params[6]
+            if item.frame in _ABOVE_HOME and height > 0.0 and height != last["height"]:
+                self._fly_to((last["north"], last["east"]), height)
+            self._last["hold_s"] += _time(item.params[0])
         else:
             self._add(item, _time(item.params[0]))
 

@@ -14,15 +14,20 @@ from companion.curves import Curve, Route, Shape
 from protocol.arrays import Array
 
 _AS_NEAR_M = 1.0
-Metres = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
+FARTHEST_M = 10_000
+"""From the take-off to a waypoint, along each axis."""
+Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 
 class Waypoint(Table, frozen=True):
-    """North and east of the take-off point and height above it (m)."""
+    """A place on the way."""
 
     north: Metres
+    """m north of the take-off point."""
     east: Metres
+    """m east of it."""
     height: Positive
+    """m above it."""
     hold_s: NotNegative = 0.0
     """Stop there for so long; 0: pass through."""
     speed: Positive | None = None
@@ -37,22 +42,30 @@ class Delivery(Table, frozen=True):
     """At the last waypoint: descend, release the parcel, climb."""
 
     release_height: Positive = 0.5
+    """m above the take-off point."""
 
 
 class Mission(Table, frozen=True):
-    """A file in `missions/`."""
+    """What is flown: a file in `missions/`, or made in code."""
 
     name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
     """Of letters, digits, - and _: the log's folder carries it."""
     waypoints: list[Waypoint] = msgspec.field(default_factory=list)
+    """In the order in which they are flown."""
     trajectory: Shape | None = None
     """In place of waypoints."""
     world: str = "empty"
+    """Name or path of the file of the world that a simulator flies in."""
     vehicle: str = "paper_quad"
+    """Name or path of the vehicle's file."""
     description: str = ""
+    """For people."""
     takeoff_height: Positive = 3.0
+    """m; to where the vehicle climbs first."""
     speed: Positive = 4.0
+    """m/s, at most."""
     delivery: Delivery | None = None
+    """Of a parcel, at the last waypoint; None: there is none."""
     return_home: bool = True
     """Back along the route after the last waypoint; otherwise land there."""
     waits: bool = False
@@ -86,16 +99,27 @@ class Phase(IntEnum):
     """What the flight is about at the moment; the numbers go into the log."""
 
     PREPARE = 0
+    """On the ground, before the take-off."""
     TAKEOFF = 1
+    """Up to the height of the mission."""
     ROUTE = 2
+    """To a waypoint."""
     DESCEND = 3
+    """Down to where the parcel is released."""
     RELEASE = 4
+    """The parcel is let go."""
     CLIMB = 5
+    """Up again, without the parcel."""
     RETURN = 6
+    """Back to above the take-off point."""
     LAND = 7
+    """Down to the ground."""
     DONE = 8
+    """Nothing is left to do."""
     TRACK = 9
+    """Along a curve: a shape, or a spline through waypoints."""
     WAIT = 10
+    """In the air, for orders."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,17 +52,18 @@ def load_of_station(
     name: str, overrides: Sequence[str] = (), origin: Callable[[Mission], Place] | None = None
 ) -> FromStation:
     """The mission of such a file, changed by overrides. `origin` says where its take-off is; left out, where it was
-    planned. Raises TomlFileError."""
+    planned from, or its first place. Raises TomlFileError."""
     file = read_of_station(name)
 
     def around(place: Place) -> Mission:
         tables = msgspec.to_builtins(to_mission(file, place, Path(name).stem))
         return toml_files.convert(tables, Mission, name, overrides)
 
-    if file.home is None:
-        raise TomlFileError(f"{name}: it does not say where it was planned from")
+    home = file.home or next((item.place for item in file.items if item.place is not None), None)
+    if home is None:
+        raise TomlFileError(f"{name}: it does not say where it was planned from, nor any place")
     try:
-        place, mission = file.home, around(file.home)
+        place, mission = home, around(home)
         if origin is not None:
             place = origin(mission)
             mission = around(place)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
+from companion.logs.settings import recorded_settings
 from companion.logs.verdict import verdict_of
 from companion.records import LOOP, TICK, TRACE
-from companion.runtime.files import recorded_settings
 from companion.view.accumulators.clearance import Clearance
 from companion.view.accumulators.estimator import EstimatorJumps
 from companion.view.accumulators.interventions import Interventions

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from companion.config_avoidance import Avoidance
 from companion.estimate import Estimator
 from companion.link import wire
+from companion.logs.settings import recorded_settings
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.reports import AttitudeReport
-from companion.runtime.files import recorded_settings
 from companion.state import Scan
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError

@@ -166,6 +166,7 @@ FIRMWARE = Firmware(
     settings=_settings,
     position_flags=dialect.EKF_POS_HORIZ_ABS,
     telemetry={dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0},
+    first_item_is_home=True,
     silent_when_free=True,
     spools_on_ground=True,
 )

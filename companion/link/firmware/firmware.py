@@ -53,6 +53,8 @@ class Firmware:
     """Of EKF_STATUS_REPORT or ESTIMATOR_STATUS, which have the same: any of them says that there is a position."""
     telemetry: Mapping[int, float]
     """Rates (Hz) by message, of what is good to have in the log and for the words of a refusal."""
+    first_item_is_home: bool = False
+    """The item 0 of a stored mission is where it was planned from."""
     silent_when_free: bool = False
     """A ring of sectors is not sent while all of them are empty."""
     spools_on_ground: bool = False

@@ -22,7 +22,11 @@ def test_a_plan_is_shown_and_converted(tmp_path: Path) -> None:
     file = tmp_path / "trip.plan"
     file.write_text(plan([UP, at(*A, 2.0), at(*B), HOME]))
     code, shown = ran("mission", "show", file)
-    assert code == 0 and [line.split()[1] for line in shown.splitlines()[1:]] == ["takeoff", *["route"] * 3, "land"]
+    assert code == 0 and [line.split()[1] for line in shown.split("\n\n")[0].splitlines()[1:]] == [
+        "takeoff",
+        *["route"] * 3,
+        "land",
+    ]
     assert "10.0" in shown and "20.0" in shown
     assert ran("mission", "convert", file, tmp_path / "trip.toml")[0] == 0
     assert load_mission(str(tmp_path / "trip.toml"))[0].waypoints[0].hold_s == 2.0

@@ -9,9 +9,11 @@ from protocol.framing import Framer
 from protocol.messages import dialect
 from studies.joined import Joined, mission_of
 
+FREE = ("avoidance.method=none",)
 
-def flown(mission: str) -> Joined:
-    joined = Joined(mission_of(mission)).fly()
+
+def flown(mission: str, *changes: str) -> Joined:
+    joined = Joined(mission_of(mission, *changes), overrides=FREE, remembers=False).fly()
     assert joined.autopilot.supervisor.fault is None
     assert joined.vehicle.summary().outcome == "landed"
     return joined
@@ -21,7 +23,7 @@ def flown(mission: str) -> Joined:
     ("mission", "within"), [("circle", 0.05), ("lemniscate", 0.05), ("helix", 0.05), ("ellipse", 0.05), ("square", 0.5)]
 )
 def test_a_shape_is_flown_to_its_end(mission: str, within: float) -> None:
-    joined = flown(mission)
+    joined = flown(mission, "trajectory.laps=1")
     trace = joined.trace()
     track = trace[trace["phase"] == Phase.TRACK.value]
     shape = joined.mission.trajectory
