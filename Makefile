@@ -3,14 +3,15 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# Python writes the bytecode of what it imports. To write all of it takes half a minute, most of it for nothing.
+INSTALL := $(BIN)/python -m pip install --no-compile --disable-pip-version-check
 LOCK := uv pip compile pyproject.toml - --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --quiet
 
 # Each process would compile all sources and rewrite all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check compiled paper control campaign-smoke locked clean
+.PHONY: demo test quick check compiled docs paper control campaign-smoke locked clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
@@ -27,6 +28,14 @@ quick: check
 # A flight: it compiles what is compiled once, before the tests would do so side by side.
 compiled: .venv/tested
 	$(BIN)/companion demo hover --log .cache/warm-up
+
+# The pages and the reference of the Python names as a site, into build/site.
+docs: .venv/documented
+	rm -rf .cache/pages
+	mkdir -p .cache/pages
+	cp -r *.md LICENSE docs .cache/pages
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo 'open build/site/index.html, or, to search in it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory build/site'
 
 # The paper's experiments, into docs/paper.md.
 paper: .venv/tested
@@ -60,11 +69,16 @@ check: .venv/tested
 	$(INSTALL) --require-hashes --requirement constraints/dev.txt
 	touch $@
 
+.venv/documented: .venv/installed constraints/docs.txt
+	$(INSTALL) --require-hashes --requirement constraints/docs.txt
+	touch $@
+
 # After a change of the dependencies: the locks, with uv. Versions stay as they are where they may.
 locked:
 	echo 'setuptools>=77' | $(LOCK) --output-file constraints/run.txt
 	echo 'setuptools>=77' | $(LOCK) --extra dev --constraint constraints/run.txt --output-file constraints/dev.txt
 	echo 'setuptools>=77' | $(LOCK) --extra dev --extra peers --constraint constraints/dev.txt --output-file constraints/peers.txt
+	echo 'setuptools>=77' | $(LOCK) --extra docs --constraint constraints/dev.txt --output-file constraints/docs.txt
 
 clean:
 	rm -rf .venv .cache build *.egg-info

@@ -10,6 +10,7 @@ can be written to, each process compiles for itself. NUMBA_CACHE_DIR replaces bo
 
 import contextlib
 import hashlib
+import importlib
 import os
 import re
 import tempfile
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.np import linalg
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -77,7 +79,18 @@ def _cache_folder() -> Path | None:
     return None
 
 
+def _load_numba_without_scipy() -> None:
+    """numba's module of array functions asks at its import whether SciPy can be imported, which takes 0.2 s. A function
+    that multiplies matrices by BLAS still asks when it is compiled."""
+    asked, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = asked
+
+
 CACHE_FOLDER = _cache_folder()
+_load_numba_without_scipy()
 numba.config.CACHE_DIR = str(CACHE_FOLDER or "")
 
 

@@ -76,6 +76,9 @@ class Options:
     pace: Annotated[str, typer.Option(metavar="realtime|lockstep|FACTOR", help="How time passes.")] = "realtime"
     seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0
     once: Annotated[bool, typer.Option("--once", help="End after one flight.")] = False
+    warm_up: Annotated[bool, typer.Option("--warm-up", help="Compile what is compiled once on a machine, and end.")] = (
+        False
+    )
     overrides: Annotated[
         list[str] | None,
         typer.Option(
@@ -115,12 +118,15 @@ def vehicle_sim(options: Options) -> None:
     from vehicle_sim.parameter_files import ParameterFileError, keep
     from vehicle_sim.services.identity import Identity
     from vehicle_sim.truth import TruthRecorder
-    from vehicle_sim.vehicle import Vehicle
+    from vehicle_sim.vehicle import Vehicle, warm_up
 
     factor = _factor(options.pace)
     identity = Identity(options.instance + 1, _release(options.firmware))
     try:
         airframe, world = _load(options)
+        if options.warm_up:
+            warm_up(airframe, world)
+            return
         recorder = None if options.truth is None else TruthRecorder(options.truth)
         keeper = None if options.signing_key is None else Keeper.of(options.signing_key)
         opened = _open(options, keeper, lockstep=factor is None)

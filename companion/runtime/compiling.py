@@ -1,10 +1,17 @@
-"""Progress of the first start on a machine, which compiles the numerical code."""
+"""The first start on a machine, which compiles the numerical code: on two cores, and with its progress shown."""
 
+import functools
+import multiprocessing
 import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from numba.core.event import Event, Listener, install_listener
+
+from companion.config_avoidance import Avoidance
+from companion.runtime.planning import rehearse
+from protocol.jit import CACHE_FOLDER
 
 _TAKES = "compiling the numerical code, once on a machine: a minute of computing"
 
@@ -42,3 +49,29 @@ def compiling_shown() -> Iterator[None]:
         finally:
             if compilations.terminal and compilations.count:
                 compilations.say("\n")
+
+
+@functools.cache
+def first_start() -> bool:
+    """Whether nothing is compiled yet, though it would be kept."""
+    return CACHE_FOLDER is not None and next(CACHE_FOLDER.rglob("*.nbi"), None) is None
+
+
+@contextmanager
+def planner_compiled_beside(settings: Avoidance) -> Iterator[None]:
+    """A block during which a process of its own compiles the map and the planner into the cache; it ends with both.
+
+    What that process leaves uncompiled, also if it fails, is compiled where it is called first.
+    """
+    process = multiprocessing.get_context("spawn").Process(target=_compile_planner, args=(settings,), daemon=True)
+    process.start()
+    try:
+        yield
+        process.join()
+    finally:
+        process.kill()
+
+
+def _compile_planner(settings: Avoidance) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with its parent
+    rehearse(settings)

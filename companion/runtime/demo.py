@@ -5,11 +5,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from companion.outcomes import Testimony
+from companion.runtime.compiling import first_start
 from companion.runtime.flight import Plan, PlanError, Result, fly, prepare
 from companion.runtime.side_links import NAMES
 from companion.state import Output
@@ -22,6 +24,7 @@ TRUTH_NAME = "truth.npy"
 SIMULATOR_FILES = ("vehicle", "world")
 """First words of the overrides that only the simulator is told."""
 
+_SIMULATOR = (sys.executable, "-m", "vehicle_sim")
 _GRACE_S = 60.0
 """Time (s) that the simulator has to end after the flight."""
 _PARAMETERS = (
@@ -54,7 +57,8 @@ def demo(
     """
     if stations and plan.pace == "lockstep":
         raise PlanError("--gcs: not with --pace lockstep, in which time is the companion's alone; --pace realtime")
-    prepare(plan)  # before the simulator starts, or both would compile the same functions at the same time
+    with _simulator_compiled_beside(plan):
+        prepare(plan)
     if not truth:
         return _fly(plan, logs, None, key, stations, console=console)
     with tempfile.TemporaryDirectory() as folder:  # the log's own folder is made after the simulator has answered
@@ -86,15 +90,37 @@ def _fly(
     return result
 
 
+@contextmanager
+def _simulator_compiled_beside(plan: Plan) -> Iterator[None]:
+    """A block during which the simulator compiles its own code, at the first start on a machine. What it can't do, it
+    says when it flies."""
+    if not first_start():
+        yield
+        return
+    command = [*_SIMULATOR, "--warm-up", *_model(plan)]
+    compiler = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
+    try:
+        yield
+        compiler.wait()
+    finally:
+        compiler.kill()
+        compiler.wait()
+
+
+def _model(plan: Plan) -> list[str]:
+    """The options that name the vehicle and the world."""
+    return ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])] + [
+        part for override in simulator_overrides(plan) for part in ("--set", override)
+    ]
+
+
 def _start_simulator(
     plan: Plan, port: int, truth: Path | None, key: Path | None, stations: Sequence[str]
 ) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-m", "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{port}"]
+    command = [*_SIMULATOR, "--once", "--bind", f"udpout:127.0.0.1:{port}", *_model(plan)]
     command += [part for each in _PARAMETERS for part in ("--param", each)]
     command += ["--firmware", "1.13" if plan.output is Output.ACTUATORS else "1.16"]
-    command += ["--world", str(plan.files["world"]), "--vehicle", str(plan.files["vehicle"])]
     command += ["--pace", "realtime" if plan.pace == 1.0 else str(plan.pace), "--seed", str(plan.seed or 0)]
-    command += [part for override in simulator_overrides(plan) for part in ("--set", override)]
     command += [part for station in stations for part in ("--gcs", NAMES.get(station, station))]
     if truth is not None:
         command += ["--truth", str(truth)]

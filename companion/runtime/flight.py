@@ -23,11 +23,13 @@ from companion.mission.files import to_toml
 from companion.mission.plan import Mission, Phase
 from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
-from companion.runtime.compiling import compiling_shown
+from companion.runtime.compiling import compiling_shown, first_start, planner_compiled_beside
+from companion.runtime.files import is_geodetic
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
 from companion.runtime.runner import Runner
 from companion.runtime.side_links import NONE, SideLinks, unheard
+from companion.runtime.station_files import is_of_station
 from companion.runtime.summary import Axes, Summary
 from companion.state import Adoption, Output
 from protocol import toml_files as toml_files
@@ -103,8 +105,13 @@ class PlanError(Exception):
 def prepare(plan: Plan) -> None:
     """Check the plan and rehearse it, so that all is compiled. Raises PlanError and RehearsalError."""
     check(plan)
+    settings = plan.settings
     with compiling_shown():
-        rehearse(plan.settings, plan.body, plan.mission, plan.output)
+        if first_start() and settings.avoidance.looks_around:
+            straight = msgspec.structs.replace(settings, avoidance=settings.avoidance.by("none"))
+            with planner_compiled_beside(settings.avoidance):
+                rehearse(straight, plan.body, plan.mission, plan.output)
+        rehearse(settings, plan.body, plan.mission, plan.output)
 
 
 def check(plan: Plan) -> None:
@@ -367,6 +374,7 @@ def git_hash() -> str:
 def _attachments(plan: Plan) -> dict[str, bytes]:
     files = {f"{kind}.toml": path.read_bytes() for kind, path in plan.files.items()}
     mission = plan.files["mission"]
-    if mission.suffix != ".toml":  # of a ground station: kept as it is, beside what was made of it
-        files |= {mission.name: mission.read_bytes(), "mission.toml": to_toml(plan.mission).encode()}
+    if is_geodetic(str(mission)):  # kept as it is, beside what was made of it
+        name = mission.name if is_of_station(mission.name) else "mission.geodetic.toml"
+        files |= {name: mission.read_bytes(), "mission.toml": to_toml(plan.mission).encode()}
     return {**files, "settings.json": msgspec.json.encode(plan.settings)}

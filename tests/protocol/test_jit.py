@@ -127,3 +127,17 @@ def test_with_nowhere_to_write_it_compiles_without_a_cache(checkout: Path, tmp_p
     (tmp_path / "home").touch()
     assert run() == (22.0, False)
     assert not list(checkout.rglob("*.nb?"))
+
+
+def test_calling_compiled_code_loads_no_linear_algebra() -> None:
+    """SciPy's takes a tenth of a warm start."""
+    script = """
+import sys
+import numpy as np
+from protocol.frames import multiply
+assert multiply(np.ones(4), np.ones(4))[0] == -2.0
+print("numba.np.arraymath" in sys.modules, "scipy.linalg" in sys.modules)
+"""
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=compiled.ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "True False\n"

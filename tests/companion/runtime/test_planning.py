@@ -29,7 +29,7 @@ from companion.state import Scan
 from companion.supervision.states import State
 from studies.joined import Joined, mission_of
 
-SETTINGS = Avoidance(method="astar")
+SETTINGS = Avoidance(method="astar", map=AvoidanceMap(cells=160, cell=0.25))
 BEARINGS = np.radians(np.arange(0.0, 360.0, 5.0))
 PERIOD_NS = 66_000_000
 PATIENCE_S = 60.0
@@ -67,21 +67,28 @@ def told(answer: PlanResult | None) -> tuple[object, ...]:
     return (*plain, *rest, *((each.shape, each.dtype.str, each.tobytes()) for each in arrays))
 
 
-def test_another_process_answers_the_same(elsewhere: PlannerProcess) -> None:
-    """All asked at once, more than a pipe's usual 64 KiB hold, and answered in their order, to the bit."""
-    here = InProcessPlanner(SETTINGS)
-    for question in questions():
-        here.ask(question)
-        elsewhere.ask(question)
-    for question in questions():
+def test_another_process_answers_the_same_also_all_that_waited(elsewhere: PlannerProcess) -> None:
+    """What it was asked while it stood, more than a pipe holds, is answered in order, to the bit."""
+    assert elsewhere.pid is not None
+    here, asked = InProcessPlanner(SETTINGS), questions(_MOST_UNANSWERED + 20)
+    os.kill(elsewhere.pid, signal.SIGSTOP)
+    try:
+        for question in asked:
+            here.ask(question)
+            elsewhere.ask(question)
+    finally:
+        os.kill(elsewhere.pid, signal.SIGCONT)
+    for question in asked:
         mine, theirs = here.take(0.0), elsewhere.take(20.0)
         assert mine is not None and mine.number == question.number and len(mine.path.vertices) > 1
         assert told(mine) == told(theirs)
     assert elsewhere.take(0.0) is None and elsewhere.fault is None
+    holds_what_was_taken_last(elsewhere)
 
 
-def test_what_was_taken_last_holds_while_as_many_are_open_as_may_be(elsewhere: PlannerProcess) -> None:
-    """The loop that flies looks at an answer's arrays where they lie, until it has taken another one up."""
+def holds_what_was_taken_last(elsewhere: PlannerProcess) -> None:
+    """The loop that flies looks at an answer's arrays where they lie, until it has taken another one up, also while as
+    many are open as may be."""
     asked = questions(_MOST_UNANSWERED + 2)
     for question in asked[:2]:
         elsewhere.ask(question)
@@ -136,22 +143,6 @@ def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: PlannerProcess)
         assert elsewhere.fault is not None and "100 requests unanswered" in elsewhere.fault
     finally:
         os.kill(elsewhere.pid, signal.SIGCONT)
-
-
-def test_a_planner_that_goes_on_answers_all_that_waited(elsewhere: PlannerProcess) -> None:
-    assert elsewhere.pid is not None
-    here = InProcessPlanner(SETTINGS)
-    os.kill(elsewhere.pid, signal.SIGSTOP)
-    try:
-        for question in questions(60):
-            here.ask(question)
-            elsewhere.ask(question)
-    finally:
-        os.kill(elsewhere.pid, signal.SIGCONT)
-    for _ in questions(60):
-        mine, theirs = here.take(0.0), elsewhere.take(20.0)
-        assert told(mine) == told(theirs)
-    assert elsewhere.take(0.0) is None and elsewhere.fault is None
 
 
 def test_the_planner_ends_with_its_companion() -> None:
@@ -211,7 +202,10 @@ class Failing(InProcessPlanner):
 
 def test_without_answers_the_vehicle_stops_and_lands_by_itself() -> None:
     """The planner's process dies on the way: the guard brakes, the companion holds, the vehicle lands unhurt."""
-    joined = Joined(mission_of("courier"), overrides=('avoidance.method="astar"',))
+    joined = Joined(
+        mission_of("courier"),
+        overrides=('avoidance.method="astar"', "avoidance.map.cells=160", "avoidance.map.cell=0.25"),
+    )
     joined.fly_with(Failing(130))
     joined.fly(until=lambda flight: flight.autopilot.supervisor.state is State.HOLD, limit_s=60.0)
     assert joined.autopilot.navigator.phase is Phase.ROUTE

@@ -51,9 +51,10 @@ print(sorted(compiled() - before), sorted(set(sys.modules) - modules))
     ("mission", "output", "unheard_ns"),
     [
         ("errand", Output.RATES, 0),
-        ("lemniscate", Output.ATTITUDE, 500_000_000),
-        ("hover", Output.ACTUATORS, 500_000_000),
+        (str(ROOT / "tests" / "data" / "eight.toml"), Output.ATTITUDE, 500_000_000),
+        (str(ROOT / "tests" / "data" / "hover.toml"), Output.ACTUATORS, 500_000_000),
     ],
+    ids=["errand", "eight", "hover"],
 )
 def test_nothing_is_compiled_or_imported_in_flight(
     tmp_path: Path, mission: str, output: Output, unheard_ns: int
@@ -83,7 +84,7 @@ def test_nothing_is_compiled_or_imported_in_flight(
 )
 def test_every_mission_gets_through_its_rehearsal(mission: str, output: Output | None) -> None:
     """Also where it is to fly another system than the first alone."""
-    settings = load_settings(None, ["identity.vehicle=6"])
+    settings = load_settings(None, ["identity.vehicle=6", *SMALL_MAP])
     rehearse(settings, load_body("paper_quad"), load_mission(mission)[0], output)
 
 

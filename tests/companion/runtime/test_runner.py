@@ -15,7 +15,7 @@ from companion.autopilot import Autopilot
 from companion.events import operation_of
 from companion.logs.replay import replay
 from companion.records import OPERATION, RECORD_TYPES
-from companion.runtime.files import load_body, load_settings
+from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.runtime.runner import Runner, lockstep_time
 from companion.state import Output
@@ -24,12 +24,12 @@ from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.flightlog import FlightLog, LogReader
 from protocol.messages import Encoder, dialect
-from studies.joined import mission_of
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
-HOVER = mission_of("hover")
+HOVER_FILE = toml_files.ROOT / "tests" / "data" / "hover.toml"
+HOVER = load_mission(str(HOVER_FILE))[0]
 SETTINGS = load_settings(None, ["avoidance.method=none"])
 
 
@@ -83,7 +83,7 @@ class Faulty:
 def opened(folder: Path, *, console: bool = False) -> FlightLog:
     flight = {"mission": HOVER.name, "output": "rates", "pace": "lockstep", "overrides": "[]"}
     kinds = {"mission": "missions", "vehicle": "vehicles", "world": "worlds"}
-    names = {"mission": HOVER.name, "vehicle": HOVER.vehicle, "world": HOVER.world}
+    names = {"mission": str(HOVER_FILE), "vehicle": HOVER.vehicle, "world": HOVER.world}
     files = {f"{kind}.toml": toml_files.find(kinds[kind], names[kind]).read_bytes() for kind in kinds}
     return FlightLog.open(
         folder,
