@@ -14,6 +14,7 @@ class Outcome(Enum):
     """How a flight came out, the best first: of several that apply, the last counts."""
 
     DELIVERED = "delivered"
+    """To its end, and the parcel was released."""
     FLOWN = "flown"
     """To its end; the mission has no parcel."""
     NOT_DELIVERED = "not delivered"
@@ -21,18 +22,25 @@ class Outcome(Enum):
     EMERGENCY = "emergency"
     """Flown to its end, but the vehicle reported a critical state or an emergency."""
     CALLED_OFF = "called off"
+    """By Ctrl-C, or by the end of the program that gave the orders."""
     OPERATOR = "landed by the operator"
+    """By a ground station or the live page."""
     NOT_STARTED = "not started"
+    """Refused, or given up before the take-off."""
     NO_TAKE_OFF = "could not take off"
+    """Armed, and it stayed on the ground."""
     RETURNED = "returned"
     """Before the mission was done."""
     LANDED_EARLY = "landed early"
+    """Before the end of the mission, because something failed."""
     LEFT = "left to others"
+    """In the air, to whoever flies it, or to its own failsafe."""
     FAILED = "failed"
     """The companion itself."""
     LOST = "lost"
     """How the vehicle ended is not known."""
     CRASHED = "crashed"
+    """It hit something, or the ground too hard."""
     UNFINISHED = "unfinished"
     """The log ends before the flight does, or is still being written."""
 
@@ -60,7 +68,9 @@ class Verdict(msgspec.Struct, frozen=True):
     """How a flight came out, and why."""
 
     outcome: Outcome
+    """In a word."""
     cause: str = ""
+    """In a few; empty where the word says it all."""
 
     @property
     def text(self) -> str:

@@ -37,9 +37,11 @@ class TargetEnv(gymnasium.Env[Floats, Floats]):
     def __init__(self, vehicle: str = "paper_quad", world: str = "empty", *, overrides: Sequence[str] = ()) -> None:
         """`overrides` of the vehicle's file."""
         self.simulation = Simulation(vehicle, world, vehicle_overrides=overrides)
+        """What flies."""
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (4,), np.float32)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (14,), np.float32)
         self.target_ned = np.zeros(3)
+        """(3,) m; drawn anew by each `reset`."""
         self._distance = 0.0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
@@ -53,6 +55,8 @@ class TargetEnv(gymnasium.Env[Floats, Floats]):
         return self._observation(state), {"time_s": state.time_s, "crash": state.crash}
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Fly on for 20 ms: the observation, the reward, whether the episode has ended, False (it has no limit of
+        time), and the vehicle's time and what it hit."""
         rates, thrust = RATES * np.clip(action[:3], -1.0, 1.0), 0.5 * (float(np.clip(action[3], -1.0, 1.0)) + 1.0)
         state = self.simulation.step(Setpoint((rates[0], rates[1], rates[2]), thrust), ticks=5)
         before, self._distance = self._distance, float(np.linalg.norm(self.target_ned - state.position_ned))

@@ -68,7 +68,9 @@ class Simulation:
         world_overrides: Sequence[str] = (),
     ) -> None:
         self.airframe = Airframe.load(find("vehicles", vehicle), vehicle_overrides)
+        """The vehicle's file."""
         self.world = World.load(find("worlds", world), world_overrides)
+        """The obstacles and the air."""
         self._encoder = Encoder(1, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
         self._vehicle: Vehicle | None = None
 

@@ -25,6 +25,7 @@ class State:
     time_s: float
     """On the companion's clock."""
     phase: Phase
+    """What the flight is about."""
     step: int
     """Of what is flown, counted from 0; it never falls."""
     position_ned: Triple
@@ -44,10 +45,13 @@ class Event:
     """A sentence of companion or vehicle."""
 
     time_s: float
+    """On the companion's clock."""
     level: int
     """1 debug, 2 info, 3 warning, 4 error, 5 fatal."""
     source: str
+    """Who said it: a part of the companion, or the vehicle."""
     text: str
+    """The sentence."""
 
 
 class Telemetry:
