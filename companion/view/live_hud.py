@@ -19,6 +19,9 @@ WARNING, ERROR = 3, 4
 """Levels of alerts, as those of texts."""
 _GOOD, _WARN, _BAD = "#5fd38d", "#ffc14d", "#ff8080"
 STYLE = f"""<style>
+:root {{--mantine-color-dimmed:#5a6470 !important; --mantine-primary-color-filled:#1864ab !important;
+  --mantine-color-blue-filled:#1864ab !important; --mantine-color-blue-outline:#1864ab !important;
+  --mantine-color-orange-filled:#a84300 !important}}
 .hud {{position:fixed; left:10px; z-index:5; pointer-events:none; color:#fff; font:13px/1.35 system-ui,sans-serif;
   font-variant-numeric:tabular-nums}}
 #bar, #alerts {{right:{PANEL_PX + 10}px}}

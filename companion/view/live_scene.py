@@ -8,7 +8,6 @@ import numpy as np
 from companion.view.attitudes import rotated
 from companion.view.history import History, Moment, Plan
 from companion.view.lines import Floats
-from companion.view.live_charts import evenly
 from companion.view.mapping import MapAt, avoidance_of, picture
 from companion.view.scene import Prism, between, mesh, solids
 from protocol.arrays import Array
@@ -17,7 +16,8 @@ from protocol.frames import enu_to_ned, multiply
 if TYPE_CHECKING:
     import viser
 
-_PATH_POINTS = 1500
+_PATH_POINTS, _PATH_STEP_M = 1500, 0.05
+"""Number of points of a path at most, and how far apart they are at least."""
 _MAP_HEIGHT = 0.03
 """Height (m) above the ground at which the map is drawn."""
 BEHIND = np.array([-4.0, -9.0, 5.0])
@@ -25,6 +25,8 @@ BEHIND = np.array([-4.0, -9.0, 5.0])
 _LENS, _FLAT_LENS = (math.radians(75.0), 0.05, 1000.0), (0.03, 20.0, 50_000.0)
 """Field of view (rad) of a camera, and how near and far it sees (m): in space, and from above, where it is nearly a
 parallel projection."""
+_AS_ASKED = 0.05
+"""How far from where it was put a camera may be, as a share of its distance, to be there."""
 _ABOVE = np.array([0.0, -0.2, 2000.0])
 """Where a camera starts that sees 60 m of the ground from above: as good as upright, so that north is up."""
 _PUSH_M_PER_M_S2 = 0.5
@@ -88,6 +90,10 @@ class Stage:
         self._way = scene.add_line_segments(
             "/way", _SEGMENT, _AMBER, thickness=1.5, thickness_units="screen", visible=False
         )
+        self._flown, self._wanted = (
+            scene.add_line_segments(name, _SEGMENT, color, thickness=width, thickness_units="screen", visible=False)
+            for name, color, width in (("/flown", _BLUE, 3.0), ("/wanted", _RED, 1.5))
+        )
         self._guard: Any = scene.add_icosphere("/guard", 0.6, color=_GUARD, opacity=0.5, visible=False)
         self._push: Any = scene.add_arrows(
             "/push", _SEGMENT, _GUARD, shaft_radius=0.05, head_radius=0.14, head_length=0.3, visible=False
@@ -131,12 +137,11 @@ class Stage:
 
     def draw_paths(self, history: History) -> None:
         """The paths of the vehicle and of its reference so far."""
-        flown, wanted = history.path_ned(), history.reference_ned()
-        for name, path, color, width in (("/flown", flown, _BLUE, 3.0), ("/wanted", wanted, _RED, 1.5)):
-            picked = enu(path[evenly(len(path), _PATH_POINTS)])
+        for line, path in ((self._flown, history.path_ned()), (self._wanted, history.reference_ned())):
+            picked = enu(spaced(path))
+            line.visible = len(picked) > 1
             if len(picked) > 1:
-                segments = np.stack((picked[:-1], picked[1:]), axis=1)
-                self._scene.add_line_segments(name, segments, color, thickness=width, thickness_units="screen")
+                line.points = np.stack((picked[:-1], picked[1:]), axis=1)
 
     def draw(self, moment: Moment) -> None:
         """The vehicle and what belongs to it at a moment."""
@@ -222,6 +227,8 @@ class Cameras:
         self._server = server
         self._looked_at: Floats = np.zeros(3)
         self._flat = False
+        self._asked: dict[int, Array] = {}
+        """Where a camera was put (3,) relative to the vehicle (m, east, north, up), until it says that it is there."""
         self.watched = False
         """Whether anybody has looked yet."""
         server.initial_camera.position = tuple(BEHIND)
@@ -230,14 +237,22 @@ class Cameras:
 
     def _connect(self, client: "viser.ClientHandle") -> None:
         """Whoever comes later starts behind the vehicle, too."""
+        client.camera.on_update(lambda camera: self._hear(client.client_id, camera.position - camera.look_at))
         self._set_up(client)
         self.watched = True
+
+    def _hear(self, number: int, away: Array) -> None:
+        """A browser says where its camera is (3,), perhaps from before it was put elsewhere."""
+        asked = self._asked.get(number, away)
+        if np.linalg.norm(away - asked) <= _AS_ASKED * np.linalg.norm(asked):
+            self._asked.pop(number, None)
 
     def _set_up(self, client: "viser.ClientHandle") -> None:
         with client.atomic():
             camera = client.camera
             camera.fov, camera.near, camera.far = _FLAT_LENS if self._flat else _LENS
-            self._aim(client, _ABOVE if self._flat else BEHIND)
+            away = self._asked[client.client_id] = _ABOVE if self._flat else BEHIND
+            self._aim(client, away)
 
     def _aim(self, client: "viser.ClientHandle", away: Array) -> None:
         """Look at the vehicle, from `away` (3,) m of it."""
@@ -267,7 +282,8 @@ class Cameras:
         if not moved or not moving:
             return
         for client in self._server.get_clients().values():
-            self._aim(client, client.camera.position - client.camera.look_at)
+            away = client.camera.position - client.camera.look_at
+            self._aim(client, self._asked.get(client.client_id, away))
 
 
 def _map_grid() -> Array:
@@ -287,6 +303,16 @@ def ahead(position_ned: Floats, plan: Plan) -> Array:
     corners = np.column_stack((way, np.full(len(way), target[2]))) if len(way) else [target]
     points = enu(np.vstack((position_ned, corners)))
     return np.stack((points[:-1], points[1:]), axis=1)
+
+
+def spaced(path: Floats) -> Floats:
+    """Points of a path (n, 3), evenly along its length, with its first and its last one."""
+    if len(path) < 2:
+        return path
+    along = np.append(0.0, np.linalg.norm(np.diff(path, axis=0), axis=1).cumsum())
+    step = max(along[-1] / _PATH_POINTS, _PATH_STEP_M)
+    firsts = np.unique(along[:-1] // step, return_index=True)[1]
+    return np.vstack((path[firsts], path[-1:]))
 
 
 def enu(vectors_ned: Floats) -> Array:

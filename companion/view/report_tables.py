@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from companion.config import Settings
+from companion.logs.message_names import with_name
 from companion.renamed_settings import RENAMED_SETTINGS
 from companion.view.events import phase_name
 from companion.view.gather import GatheredFlight
@@ -126,7 +127,7 @@ def bands(flight: GatheredFlight) -> tuple[Band, ...]:
 def topics(flight: GatheredFlight) -> tuple[Row, ...]:
     """The table of the log's topics."""
     return tuple(
-        Row(topic, clock.count, clock.rate, 1e3 * clock.usual, 1e3 * clock.gaps[0][0] if clock.gaps else 0.0)
+        Row(with_name(topic), clock.count, clock.rate, 1e3 * clock.usual, 1e3 * clock.gaps[0][0] if clock.gaps else 0.0)
         for topic, clock in sorted(flight.clocks.items())
     )
 

@@ -85,7 +85,7 @@ def test_what_one_step_saw_is_said_of_a_thinned_trace(tmp_path: Path) -> None:
         if step == 1503:
             values["thrust_command"] = 0.99
 
-    flight = GatheredFlight(make(tmp_path, change=change, trace_rate=50.0))
+    flight = GatheredFlight(make(tmp_path, 8.0, change=change, trace_rate=50.0))
     found = findings(flight)
     texts = {finding.text: finding for finding in found}
     assert any(text.startswith("A limit on thrust or tilt was reached one time, 0.02 s") for text in texts)
@@ -148,25 +148,25 @@ def test_a_vehicle_that_falls_silent_for_good_has_a_gap_to_the_log_s_end(tmp_pat
 
 
 def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) -> None:
-    flight = GatheredFlight(make(tmp_path, silent=(12.0, 12.6), late_ms={750: 7.0, 1000: 1.9}))
+    flight = GatheredFlight(make(tmp_path, 8.0, silent=(6.0, 6.6), late_ms={750: 7.0, 1000: 1.9}))
     found = findings(flight)
     gap = about(found, "telemetry")
     assert gap.evidence[-1] == "ATTITUDE_QUATERNION, LOCAL_POSITION_NED", "scans come too seldom to be judged"
     assert gap.level is Level.WARNING and "2 streams at once" in gap.text and gap.chart == "Roll"
-    assert gap.at[0] == pytest.approx(11.98)
-    assert gap.evidence[0].startswith("620 ms from 11.98 s")
+    assert gap.at[0] == pytest.approx(5.98)
+    assert gap.evidence[0].startswith("620 ms from 5.98 s")
     deadlines = about(found, "deadlines")
     assert deadlines.at == (3.0,)
     assert "one time, 7.0 ms" in deadlines.text
 
 
 def test_a_position_that_jumps_is_told_from_one_that_moves(tmp_path: Path) -> None:
-    flight = GatheredFlight(make(tmp_path, jump_at=15.0, silent=(4.0, 4.5)))
+    flight = GatheredFlight(make(tmp_path, 8.0, jump_at=6.0, silent=(3.0, 3.5)))
     jump = about(findings(flight), "estimator")
     assert jump.level is Level.WARNING
     assert "position jumped one time" in jump.text
-    assert jump.at == pytest.approx((15.0,))
-    assert jump.evidence == ("1.50 m at 15.00 s",)
+    assert jump.at == pytest.approx((6.0,))
+    assert jump.evidence == ("1.50 m at 6.00 s",)
 
 
 def test_shaking_is_measured_above_its_frequency(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_the_guard_s_changes_are_counted_by_their_reason(tmp_path: Path) -> None
         if 8.0 <= time < 8.1:
             values["guard_reason"], values["guard_change"] = Reason.STALE.value, 0.5
 
-    guard = about(findings(GatheredFlight(make(tmp_path, change=change))), "guard")
+    guard = about(findings(GatheredFlight(make(tmp_path, 10.0, change=change))), "guard")
     assert guard.level is Level.WARNING
     assert "3 times, 1.60 s in all" in guard.text
     assert guard.evidence[0] == "no way to stop was left: 2 times, 1.50 s"
@@ -267,7 +267,7 @@ def test_an_error_in_one_phase_is_said_of_that_phase(tmp_path: Path) -> None:
         if values["phase"] == Phase.RETURN.value:
             values["reference_position_ned"] = (2.0 * time, 0.8, -3.0)
 
-    tracking = about(findings(GatheredFlight(make(tmp_path, change=change))), "tracking")
+    tracking = about(findings(GatheredFlight(make(tmp_path, 13.0, change=change))), "tracking")
     assert tracking.level is Level.WARNING
     assert "rms 10.0, 0.0, 0.0 cm" in tracking.evidence[0]
     assert "rms 0.0, 80.0, 0.0 cm" in tracking.evidence[1]
@@ -303,6 +303,6 @@ def test_a_long_limit_is_told_with_its_likely_cause(tmp_path: Path, thrust: floa
 
 
 def test_each_chart_to_look_at_exists(tmp_path: Path) -> None:
-    flight = GatheredFlight(make(tmp_path, jump_at=15.0))
+    flight = GatheredFlight(make(tmp_path, 5.0, jump_at=3.0))
     titles = {chart.title for chart in charts(flight)}
     assert {finding.chart for finding in findings(flight) if finding.at} <= titles

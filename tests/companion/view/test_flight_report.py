@@ -20,7 +20,7 @@ from companion.view.scene import solids
 from protocol.flightlog import Direction, FlightLogError
 from protocol.frames import to_euler
 from protocol.messages import Encoder, dialect
-from tests.companion.view.browser import needs_chromium, opened
+from tests.companion.view.browser import assert_legible, needs_chromium, opened
 from tests.companion.view.made_logs import SPEED, WORLD, from_tlog, make
 
 SHOWS = """([start, stop]) => Array.from(document.querySelectorAll(".plot"))
@@ -170,6 +170,9 @@ def test_a_report_of_another_system_draws(tmp_path: Path) -> None:
         last = page.locator(".plot").last
         last.scroll_into_view_if_needed()
         page.wait_for_function("Array.from(document.querySelectorAll('.plot')).at(-1).dataset.drawn !== undefined")
+        assert_legible(page)
+        page.emulate_media(color_scheme="dark")
+        assert_legible(page)
         assert errors == []
 
 

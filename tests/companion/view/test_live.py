@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page as Browser
+from viser import ClientHandle
 
 from companion.logs.recordings import newest
 from companion.perception.distance_field import FAR_M
@@ -19,14 +20,15 @@ from companion.state import Reason
 from companion.view.attitudes import quaternions, rotated
 from companion.view.history import History, Moment
 from companion.view.live import Page
-from companion.view.live_scene import BEHIND, ahead
+from companion.view.live_scene import BEHIND, ahead, spaced
 from companion.view.live_words import HIGHLIGHT, words
 from companion.view.sources import GrowingLog, Link, Source, open_log
+from protocol.arrays import Array
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
 from protocol.messages import Encoder
 from protocol.transport import Memory
-from tests.companion.view.browser import needs_chromium, opened
+from tests.companion.view.browser import assert_legible, needs_chromium, opened
 from tests.companion.view.made_logs import SPEED, STEP_NS, Values, make, telemetry
 
 
@@ -88,6 +90,18 @@ def test_the_planned_way_is_that_of_the_moment(tmp_path: Path) -> None:
         assert segments[:-1, 1] == pytest.approx(segments[1:, 0])
         if corners:
             assert segments[:, 1] == pytest.approx(np.array([(east, north, 0.0) for north, east in around[1:]]))
+
+
+def test_a_path_is_drawn_by_points_along_its_length() -> None:
+    """Wherever the vehicle flew slowly or stood."""
+    north = np.concatenate((np.zeros(5000), np.linspace(0.0, 1.0, 5000), np.linspace(1.0, 300.0, 600)))
+    path = np.column_stack((north, np.zeros((len(north), 2))))
+    drawn = spaced(path)[:, 0]
+    assert (drawn[0], drawn[-1]) == (0.0, 300.0) and len(drawn) < 620
+    gaps = np.diff(drawn)
+    assert gaps.min() > 0.0 and gaps.max() < 0.8
+    assert len(spaced(path[:9000])) < 20 and len(spaced(path[:5000])) == 2
+    assert len(spaced(path[:1])) == 1
 
 
 def test_what_has_become_too_old_is_not_shown(tmp_path: Path) -> None:
@@ -233,7 +247,7 @@ T = TypeVar("T")
 
 def wait_for(look: Callable[[], T], is_right: Callable[[T], bool]) -> T:
     """What is seen, once it is right; each look takes its time."""
-    for _ in range(60):
+    for _ in range(200):
         seen = look()
         if is_right(seen):
             return seen
@@ -295,8 +309,11 @@ SHOWN_AT_5 = {
     "#climb-value": "+0.0",
     "#heading-value": "000°",
 }
+TURNED = np.array([7.0, -6.0, 4.0])
+"""Where somebody has turned a camera to (m, east, north, up of the vehicle)."""
 SIZES = ((1280, 720), (1920, 1080), (820, 1180))
-UNTIDY = """() => {
+UNTIDY = """async () => {
+  await new Promise(requestAnimationFrame);
   const box = id => document.getElementById(id).getBoundingClientRect();
   const panel = document.querySelector('[role=tablist]').getBoundingClientRect();
   const parts = [box('bar'), box('alerts'), box('pfd'), new DOMRect(panel.x, 0, panel.width, innerHeight)];
@@ -313,15 +330,32 @@ UNTIDY = """() => {
 }"""
 
 
+def away_of(client: ClientHandle) -> Array:
+    """(3,) from what a camera looks at to the camera (m, east, north, up)."""
+    away: Array = client.camera.position - client.camera.look_at
+    return away
+
+
+def is_at(reported: list[Array], away: Array) -> bool:
+    """Whether the browser has said, and last of all, that its camera is `away` (3,) from what it looks at."""
+    return bool(reported) and np.allclose(reported[-1], away, atol=0.1)
+
+
+def turn(client: ClientHandle, away: Array) -> None:
+    """Put a camera `away` (3,) from what it looks at (m, east, north, up)."""
+    look_at = client.camera.look_at
+    with client.atomic():
+        client.camera.position = look_at + away
+        client.camera.look_at = look_at  # which the line above has moved along
+
+
 def assert_tidy(looked: Looked) -> None:
     """Each tab at each size: nothing is outside, on top of another thing, or to be scrolled to."""
     for width, height in SIZES:
         looked.browser.set_viewport_size({"width": width, "height": height})
         for tab in ("Flight", "Said", "Charts", "View"):
             looked.show(tab)
-            wait_for(
-                lambda: (looked.browser.screenshot(), looked.browser.evaluate(UNTIDY))[1], lambda wrong: wrong == []
-            )
+            wait_for(lambda: looked.browser.evaluate(UNTIDY), lambda wrong: wrong == [])
 
 
 @pytest.fixture
@@ -340,7 +374,8 @@ def looked(tmp_path: Path) -> Iterator[Looked]:
 
 
 @needs_chromium
-def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: Looked) -> None:
+def test_a_camera_follows_the_vehicle_from_where_it_was_put(looked: Looked) -> None:
+    """From behind at first, from above if asked, and from wherever somebody has turned it to."""
     page, live = looked.browser, looked.live
     looked.step(2.0)
     looked.waits_for("#place", "north 4.0")
@@ -348,6 +383,8 @@ def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: 
     looked.waits_for("#place", "north 6.0")
     (client,) = live._server.get_clients().values()
     away = np.linalg.norm(BEHIND)
+    reports: list[Array] = []
+    client.camera.on_update(lambda camera: reports.append(camera.position - camera.look_at))
     wait_for(  # the page tells where its camera is and what it looks at one after the other
         lambda: (page.screenshot(), (client.camera.look_at, client.camera.position))[1],
         lambda seen: (
@@ -358,12 +395,27 @@ def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: 
     looked.show("View")
     looked.tick("camera follows")
     looked.tick("map from above")
-    down = wait_for(
-        lambda: (page.screenshot(), client.camera.position - client.camera.look_at)[1], lambda at: at[2] > 1e3
-    )
+    down = wait_for(lambda: (page.screenshot(), away_of(client))[1], lambda at: at[2] > 1e3)
     assert abs(down[:2]).max() < 1.0 and client.camera.fov < 0.1
     looked.tick("map from above")
-    looked.show("Flight")
+    wait_for(lambda: (page.screenshot(), reports[-1:])[1], lambda last: is_at(last, BEHIND))
+    turn(client, TURNED)  # as by a hand, while the vehicle stands
+    wait_for(lambda: (page.screenshot(), reports[-1:])[1], lambda last: is_at(last, TURNED))
+    looked.tick("camera follows")
+    looked.step(1.0)
+    looked.waits_for("#place", "north 8.0")
+    wait_for(
+        lambda: (page.screenshot(), client.camera.look_at, away_of(client))[1:],
+        lambda seen: np.allclose(seen[0], (0.0, 8.0, 3.0), atol=0.05) and np.allclose(seen[1], TURNED, atol=0.1),
+    )
+
+
+@needs_chromium
+def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: Looked) -> None:
+    """And begins again when a log is played at its end."""
+    page = looked.browser
+    looked.step(2.0)
+    looked.waits_for("#place", "north 4.0")
     looked.tick("play")
     looked.go_to("5")
     assert page.title() == "Courier"
@@ -383,15 +435,6 @@ def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: 
     assert page.locator("#place, #speed-value, #height-value, #heading-value").count() == 0
     assert looked.text("#phase") == "return"
     wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) == 0)
-    looked.show("Charts")
-    assert page.locator(".uplot").count() == 3
-    assert_tidy(looked)
-
-
-@needs_chromium
-def test_a_log_that_is_played_at_its_end_starts_from_the_beginning(looked: Looked) -> None:
-    looked.step()
-    looked.tick("play")
     looked.go_to("19")
     looked.tick("play")
     looked.waits_for("#time", "19.00 s of 20.0 s")
@@ -401,3 +444,9 @@ def test_a_log_that_is_played_at_its_end_starts_from_the_beginning(looked: Looke
         looked.tick("play")
         looked.step()
     looked.waits_for("#time", "0.00 s")
+    looked.show("Charts")
+    assert page.locator(".uplot").count() == 3
+    assert_tidy(looked)
+    for tab in ("Flight", "View"):
+        looked.show(tab)
+        assert_legible(page)

@@ -18,7 +18,7 @@ from protocol.frames import rotate
 from protocol.messages import Encoder, dialect
 from protocol.toml_files import find
 from protocol.transport import Udp
-from tests.companion.view.browser import PATIENCE_MS, needs_chromium, opened
+from tests.companion.view.browser import PATIENCE_MS, assert_legible, needs_chromium, opened
 from tests.flights.processes import Process
 from vehicle_sim.airframe import Airframe
 
@@ -168,9 +168,13 @@ def test_each_button_reaches_the_vehicle(watched: Watched) -> None:
         confirm(browser, "hold")
         expect(mode).to_have_text("hold, armed")
 
-        click(browser, "land")
-        click(browser, "no")
-        expect(browser.get_by_text("Ask the vehicle to")).to_have_count(0)
+        for request in ("return", "land"):
+            click(browser, request)
+            expect(browser.get_by_text(f"Ask the vehicle to {request}?")).to_be_visible()
+            if request == "land":
+                assert_legible(browser)
+            click(browser, "no")
+            expect(browser.get_by_text("Ask the vehicle to")).to_have_count(0)
         assert watched.control.answer == "hold: accepted", "a no sends nothing"
 
         aims = browser.get_by_text("click on the ground")
