@@ -188,6 +188,8 @@ def _info_table(found: "Info") -> dict[str, Any]:
 
 
 def _show_info(found: "Info") -> None:
+    from companion.logs.message_names import with_name
+
     started = "unknown"
     if found.started_unix_s is not None:
         started = datetime.fromtimestamp(found.started_unix_s).astimezone().isoformat(" ", "seconds")
@@ -205,7 +207,7 @@ def _show_info(found: "Info") -> None:
     ]
     table(None, head)
     rate = 1.0 / found.duration_s if found.duration_s > 0.0 else 0.0
-    rows = [(topic, str(count), f"{count * rate:.1f}") for topic, count in found.topics.items()]
+    rows = [(with_name(topic), str(count), f"{count * rate:.1f}") for topic, count in found.topics.items()]
     table(("topic", "messages", "a second"), rows)
 
 

@@ -73,7 +73,7 @@ def test_the_log_says_what_was_asked(fly: Flyer) -> None:
 
 
 def test_in_a_copy_of_the_process(fly: Flyer) -> None:
-    path = fly("--output", "rates", "--pace", "2")
+    path = fly()
     done = subprocess.run([sys.executable, "-c", ALONE, str(path)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     result = replay(path)

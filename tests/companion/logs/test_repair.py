@@ -20,7 +20,7 @@ from tests.flights.processes import run
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 DESCRIPTORS = Path("/proc/self/fd")
-DAMAGES = 200
+DAMAGES = 80
 A_CHUNK = 50
 
 
@@ -64,7 +64,7 @@ def test_a_cut_flight_is_kept_to_just_before_the_cut(fly: Flyer, tmp_path: Path)
     chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
     generator = random.Random(6)
     source, target = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
-    for _ in range(DAMAGES // 10):
+    for _ in range(DAMAGES // 8):
         cut = generator.randrange(chunks[0].chunk_start_offset + 1000, len(content))
         source.write_bytes(content[:cut])
         chunk = [each for each in chunks if each.chunk_start_offset <= cut][-1]
@@ -103,7 +103,7 @@ def test_many_bytes_of_noise(many_chunks: Path, tmp_path: Path) -> None:
     content = many_chunks.read_bytes()
     whole = {record.data for record in LogReader(many_chunks).records()}
     generator = random.Random(4)
-    for number in range(60):
+    for number in range(40):
         damaged = bytearray(content)
         for _ in range(generator.randrange(1, 6)):
             place = generator.randrange(len(content))

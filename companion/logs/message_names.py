@@ -1,0 +1,42 @@
+"""The names of messages that the dialect lacks, from the definitions of pymavlink's other dialects.
+
+A log carries such messages as UNKNOWN_{id}: their checksums could not be verified. The definitions are read as text,
+and only where a log has one: to import them takes a second.
+"""
+
+import importlib.util
+import re
+from functools import cache
+from pathlib import Path
+
+_UNKNOWN = re.compile(r"(.*/)UNKNOWN_(\d+)")
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_MESSAGE = re.compile(r'<message(?=[^>]*\sid="(\d+)")(?=[^>]*\sname="(\w+)")')
+_INCLUDE = re.compile(r"<include>([\w.]+)</include>")
+
+
+def with_name(topic: str) -> str:
+    """The topic of a message with its name, where any dialect has one; others as they are."""
+    unknown = _UNKNOWN.fullmatch(topic)
+    name = None if unknown is None else _names().get(int(unknown[2]))
+    return topic if unknown is None or name is None else f"{unknown[1]}{name}"
+
+
+@cache
+def _names() -> dict[int, str]:
+    """By id, of all dialects that pymavlink's `all` includes."""
+    found = importlib.util.find_spec("pymavlink")
+    if found is None or found.origin is None:
+        return {}
+    folder = Path(found.origin).parent / "dialects" / "v20"
+    names: dict[int, str] = {}
+    waiting, seen = ["all.xml"], set[str]()
+    while waiting:
+        file = waiting.pop()
+        if file in seen or not (folder / file).is_file():
+            continue
+        seen.add(file)
+        text = _COMMENT.sub("", (folder / file).read_text(encoding="utf-8"))
+        names |= {int(number): name for number, name in _MESSAGE.findall(text)}
+        waiting += _INCLUDE.findall(text)
+    return names
