@@ -140,6 +140,6 @@ class Joined:
         return np.frombuffer(b"".join(self.traces), TRACE.dtype)
 
 
-def mission_of(name: str) -> Mission:
-    """One of the project's missions."""
-    return load_mission(name)[0]
+def mission_of(name: str, *overrides: str) -> Mission:
+    """One of the project's missions, as "trajectory.laps=1" changes it."""
+    return load_mission(name, list(overrides))[0]

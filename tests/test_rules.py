@@ -200,7 +200,8 @@ def excesses(text: str) -> Iterator[str]:
     def inside(parent: ast.AST, prefix: str) -> Iterator[str]:
         for node in ast.iter_child_nodes(parent):
             if not isinstance(node, ast.ClassDef | Function):
-                yield from inside(node, prefix)
+                if not isinstance(node, ast.expr):  # in which nothing is defined
+                    yield from inside(node, prefix)
                 continue
             name = f"{prefix}{node.name}"
             length = (node.end_lineno or node.lineno) - node.lineno + 1

@@ -11,7 +11,7 @@ from protocol.framing import Framer
 from protocol.messages import dialect
 from studies.joined import Joined, mission_of
 
-HOVER, CIRCLE = mission_of("hover"), mission_of("circle")
+HOVER, CIRCLE = mission_of("hover"), mission_of("circle", "trajectory.laps=2")
 NO_WAY_TO_FIND = ('avoidance.method="none"',)
 
 
@@ -41,7 +41,7 @@ def setpoints(joined: Joined, since: int) -> int:
 
 
 @pytest.mark.parametrize(("mission", "phase"), [(HOVER, Phase.ROUTE), (CIRCLE, Phase.TRACK)])
-@pytest.mark.parametrize("seconds", [0.3, 0.9, 1.0, 2.5, 10.0])
+@pytest.mark.parametrize("seconds", [0.9, 1.0, 10.0])
 def test_a_gap_ends_in_the_mission_or_on_the_ground(mission: Mission, phase: Phase, seconds: float) -> None:
     joined = frozen(mission, phase, seconds).fly(limit_s=200.0)
     summary, supervisor = joined.vehicle.summary(), joined.autopilot.supervisor

@@ -25,7 +25,11 @@ from vehicle_sim.world import World
 COURIER = mission_of("courier")
 QUICK = ('avoidance.method="paper"',)
 """Where the way does not matter: without the map, which takes half of a flight's time."""
+FREE = ("avoidance.method=none",)
+SMALL_MAP = ("avoidance.map.cells=128",)
+"""16 m."""
 HOVER, SHORT = mission_of("hover"), mission_of("errand")
+BRIEF = msgspec.structs.replace(HOVER, waypoints=[msgspec.structs.replace(HOVER.waypoints[0], hold_s=2.5)])
 
 
 def in_phase(phase: Phase) -> Callable[[Joined], bool]:
@@ -53,7 +57,10 @@ def fly_then_lose(*message_ids: int, mission: Mission = COURIER) -> Joined:
 
 
 def test_the_courier_delivers() -> None:
-    joined = Joined(COURIER, seed=2).fly()
+    """Who has battery enough hears nothing of it; the clearance seen in the map, up to 3 m, is near the truth."""
+    joined = Joined(COURIER, seed=2)
+    gaps = clearance_gaps(joined, 2.2)
+    joined.fly()
     summary = joined.vehicle.summary()
     assert joined.autopilot.supervisor.fault is None and joined.autopilot.navigator.released
     assert summary.outcome == "landed" and summary.contacts == 0 and summary.released
@@ -65,6 +72,31 @@ def test_the_courier_delivers() -> None:
     shaking = np.diff(rates, axis=0)  # deg/s from one control step to the next
     assert np.sqrt((shaking**2).mean(axis=0)).max() < 5.0 and np.abs(shaking).max() < 40.0
     assert_sound_setpoints(joined)
+    assert not any("battery" in text for text in joined.said)
+    assert_near(gaps)
+
+
+def clearance_gaps(joined: Joined, sees_m: float) -> list[float]:
+    """By how much what the companion takes for its clearance is too large, in 30 s of a flight, where the truth is
+    below `sees_m`."""
+    gaps = []
+    while joined.vehicle.time_ns < 30e9:
+        joined.tick()
+        seen = joined.autopilot.guidance.decision.clearance
+        true = joined.vehicle.world.clearance(joined.vehicle.state[:3]) - 0.36
+        if (
+            joined.autopilot.supervisor.state is State.FLY
+            and true < sees_m
+            and joined.vehicle.motion.position_ned[2] < -2.9
+        ):
+            gaps.append(seen - true)
+    return gaps
+
+
+def assert_near(gaps: list[float]) -> None:
+    assert len(gaps) > 500
+    assert np.percentile(gaps, 1) > -1.0  # seen is level: below and above it the truth is farther
+    assert np.median(np.abs(gaps)) < 0.3
 
 
 def assert_sound_setpoints(joined: Joined) -> None:
@@ -79,18 +111,18 @@ def assert_sound_setpoints(joined: Joined) -> None:
 
 @pytest.mark.parametrize("output", Output)
 def test_hover_on_each_output(output: Output) -> None:
-    joined = Joined(HOVER, output=output).fly()
+    joined = Joined(BRIEF, output=output, overrides=FREE).fly()
     assert joined.autopilot.supervisor.fault is None
     assert joined.vehicle.summary().outcome == "landed"
     trace = joined.trace()
-    hover = trace[trace["phase"] == Phase.ROUTE.value][500:]
+    hover = trace[trace["phase"] == Phase.ROUTE.value][300:]
     assert np.abs(hover["position_ned"] - hover["reference_position_ned"]).max() < 0.01
     weight = (joined.autopilot.body.mass_kg + joined.autopilot.body.parcel_mass_kg) * 9.81
     assert hover["thrust_command"].mean() == pytest.approx(weight / joined.autopilot.body.max_thrust_n, rel=0.005)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not() -> None:
-    first, second, other = (Joined(COURIER, seed=seed).fly(limit_s=12.0) for seed in (3, 3, 4))
+    first, second, other = (Joined(SHORT, seed=seed, overrides=SMALL_MAP).fly(limit_s=8.0) for seed in (3, 3, 4))
     heard, again, else_heard = (
         [each for each in flight.events if not isinstance(each, PlanReady)] for flight in (first, second, other)
     )
@@ -115,7 +147,7 @@ def sent_ids(joined: Joined) -> set[int]:
 
 def test_pilot_takes_over() -> None:
     """Nothing is commanded, and what is sent would keep the vehicle where it is; after a time nothing is sent."""
-    joined = Joined(COURIER, overrides=("supervision.resume_within=5.0",)).fly(until=in_phase(Phase.ROUTE))
+    joined = Joined(COURIER, overrides=(*QUICK, "supervision.resume_within=5.0")).fly(until=in_phase(Phase.ROUTE))
     ask_mode(joined, 4.0, 3.0)
     joined.fly(limit_s=1.0)
     assert state_of(joined) is State.RELINQUISHED
@@ -132,7 +164,7 @@ def test_pilot_takes_over() -> None:
 
 
 def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
-    joined = Joined(SHORT, seed=2)
+    joined = Joined(SHORT, seed=2, overrides=SMALL_MAP)
     joined.fly(until=lambda joined: in_phase(Phase.ROUTE)(joined) and joined.vehicle.motion.position_ned[0] > 6.0)
     step = joined.autopilot.navigator.step_index
     ask_mode(joined, 4.0, 3.0)
@@ -152,10 +184,10 @@ def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
 
 @pytest.mark.parametrize("output", Output)
 def test_control_changes_hands_without_a_jerk_and_its_time_counts_for_nothing(output: Output) -> None:
-    overrides = ("avoidance.method=none", "supervision.step_timeout=6.0")
-    joined = Joined(HOVER, output=output, overrides=overrides).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=1.0)
+    overrides = (*FREE, "supervision.step_timeout=3.0")
+    joined = Joined(BRIEF, output=output, overrides=overrides).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=1.0)
     ask_mode(joined, 4.0, 3.0)
-    joined.fly(limit_s=20.0)  # longer than the step may take
+    joined.fly(limit_s=7.0)  # longer than the step may take
     assert state_of(joined) is State.RELINQUISHED and joined.vehicle.motion.speed < 0.02
     place, farthest = np.array(joined.vehicle.motion.position_ned), 0.0
     ask_mode(joined, 6.0, 0.0)
@@ -169,7 +201,7 @@ def test_control_changes_hands_without_a_jerk_and_its_time_counts_for_nothing(ou
 
 def test_a_vehicle_given_back_at_speed_and_elsewhere_brakes_first() -> None:
     """Others sent it 12 m aside, and give it back while it moves."""
-    joined = Joined(COURIER).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=2.0)
+    joined = Joined(COURIER, overrides=QUICK).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=2.0)
     north, east, down = joined.vehicle.motion.position_ned
     orders.reposition(joined.vehicle.flight, (north, east + 12.0, down - 1.0), None, None)
     joined.fly(limit_s=30.0, until=lambda joined: joined.vehicle.motion.velocity_ned[1] > 3.0)
@@ -209,7 +241,7 @@ def test_a_vehicle_that_restarts_in_other_hands_is_given_back(known: bool) -> No
                 heard += frame.raw
         return heard
 
-    joined = Joined(HOVER, overrides=QUICK, meddle=meddle).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=1.0)
+    joined = Joined(BRIEF, overrides=QUICK, meddle=meddle).fly(until=in_phase(Phase.ROUTE)).fly(limit_s=1.0)
     ask_mode(joined, 4.0, 3.0)
     joined.fly(limit_s=1.0)
     restart_ns[0] = joined.vehicle.time_ns
@@ -261,7 +293,7 @@ def test_ring_back_in_time_goes_on() -> None:
     joined.fly(limit_s=2.0)
     assert joined.autopilot.supervisor.state is State.HOLD
     joined.meddle = lambda time_ns, data: data
-    joined.fly()
+    joined.fly(until=in_phase(Phase.RETURN))
     assert joined.autopilot.navigator.released and joined.autopilot.supervisor.fault is None
 
 
@@ -284,9 +316,10 @@ def test_silent_vehicle_ends_the_companion() -> None:
     assert "silent" in joined.said[-1]
 
 
-@pytest.mark.parametrize("field", range(1, 8))
+@pytest.mark.parametrize("field", [1, 4, 5, 7])
 def test_nan_in_the_telemetry_never_reaches_the_output(field: int) -> None:
-    """Each field of the attitude in turn; the vehicle is handed over, nothing unsound is sent."""
+    """The first and the last of the attitude's and of the rates' fields in turn; the vehicle is handed over, nothing
+    unsound is sent."""
     joined = Joined(COURIER, overrides=QUICK).fly(until=in_phase(Phase.ROUTE))
     spoiler = Encoder(1, 1)
 
@@ -318,27 +351,6 @@ def test_crash_is_a_crash() -> None:
     assert joined.autopilot.supervisor.fault is not None
 
 
-@pytest.mark.parametrize(("method", "sees_m"), [("paper", 5.0), ("astar", 2.2)])
-def test_seen_clearance_agrees_with_the_truth(method: str, sees_m: float) -> None:
-    """The companion's own clearance, from a flat ring of 5 degree sectors or from the map, is near the world's at the
-    same moments; the map's ends at 3 m from the centre."""
-    joined = Joined(COURIER, seed=6, overrides=(f'avoidance.method="{method}"',))
-    gaps = []
-    while not joined.autopilot.ended and joined.vehicle.time_ns < 40e9:
-        joined.tick()
-        seen = joined.autopilot.guidance.decision.clearance
-        true = joined.vehicle.world.clearance(joined.vehicle.state[:3]) - 0.36
-        if (
-            joined.autopilot.supervisor.state is State.FLY
-            and true < sees_m
-            and joined.vehicle.motion.position_ned[2] < -2.9
-        ):
-            gaps.append(seen - true)
-    assert len(gaps) > 1000
-    assert np.percentile(gaps, 1) > -1.0  # seen is level: below and above it the truth is farther
-    assert np.median(np.abs(gaps)) < 0.3
-
-
 class Watched:
     """A method of avoidance that keeps what it is shown."""
 
@@ -354,11 +366,12 @@ class Watched:
 
 
 def test_ring_world_agrees_with_the_world() -> None:
-    """Every return that the companion placed in the world, with the pose of the scan's own time, lies on a surface."""
-    joined = Joined(COURIER, overrides=('avoidance.method="paper"',), seed=7)
+    """Every return that the companion placed in the world, with the pose of the scan's own time, lies on a surface; and
+    the clearance that it sees in a flat ring of 5 degree sectors is near the world's at the same moments."""
+    joined = Joined(COURIER, overrides=QUICK, seed=7)
     watched = Watched(joined.autopilot.guidance.method)
     joined.autopilot.guidance.method = watched
-    joined.fly(limit_s=30.0)
+    assert_near(clearance_gaps(joined, 5.0))
     world: World = joined.vehicle.world
     distances = [world.clearance(point) for points in watched.seen for point in points]
     assert len(distances) > 2000
@@ -367,18 +380,20 @@ def test_ring_world_agrees_with_the_world() -> None:
 
 @pytest.mark.parametrize(
     ("mission", "until_s", "output"),
-    [*(("square", 36.0, output) for output in Output), ("courier", 40.0, Output.ATTITUDE)],
+    [*(("square", 18.0, output) for output in Output), ("courier", 22.0, Output.ATTITUDE)],
 )
 def test_the_vehicle_survives_its_companion(mission: str, until_s: float, output: Output) -> None:
     """The companion dies at random moments, on any output: the vehicle holds, lands and disarms, unhurt. In the street
     at moments at which nothing stands where it brakes: it is blind without its companion."""
     joined = Joined(mission_of(mission), output=output, overrides=QUICK)
-    moments = np.sort(np.random.default_rng(4).uniform(2.0, until_s, 5))
+    moments = np.sort(np.random.default_rng(4).uniform(2.0, until_s, 3))
     for moment in moments:
         joined.fly(limit_s=moment - joined.vehicle.time_ns * 1e-9)
         orphan = copy.deepcopy(joined.vehicle)
-        heard = b"".join(data for _ in range(5000) for data in orphan.advance() if not orphan.finished)
-        assert orphan.finished
+        heard, limit_ns = b"", orphan.time_ns + 20_000_000_000
+        while not orphan.finished:
+            assert orphan.time_ns < limit_ns
+            heard += b"".join(orphan.advance())
         summary = orphan.summary()
         assert (summary.outcome, summary.contacts) == ("landed", 0)
         said = [
@@ -420,11 +435,12 @@ def test_a_blind_or_frozen_ring_is_no_ring(repeat: bool) -> None:
 
 
 def test_a_pilot_who_stops_the_landing_is_not_fought() -> None:
-    joined = Joined(HOVER).fly(until=lambda joined: joined.autopilot.supervisor.state is State.LAND).fly(limit_s=0.5)
-    hold = Encoder(1, 190).encode_fields(
-        dialect.MAVLink_command_long_message, 1, 1, 176, 0, 1.0, 4.0, 3.0, 0.0, 0.0, 0.0, 0.0
+    joined = (
+        Joined(BRIEF, overrides=FREE)
+        .fly(until=lambda joined: joined.autopilot.supervisor.state is State.LAND)
+        .fly(limit_s=0.5)
     )
-    joined.vehicle.receive(hold)
+    ask_mode(joined, 4.0, 3.0)
     joined.fly(limit_s=0.5)
     joined.sent.clear()
     joined.fly(limit_s=5.0)
@@ -443,24 +459,19 @@ def test_an_answer_to_somebody_else_delivers_nothing() -> None:
         assert autopilot.link.requests.answer(VehicleRequest.RELEASE).accepted is accepted
 
 
-def test_a_goal_without_progress_is_given_up_and_the_way_back_flown() -> None:
-    """VFH+ alone is caught behind what stands in the street; it comes home as it went, with the parcel."""
+@pytest.mark.parametrize("back", [True, False])
+def test_a_goal_without_progress_is_given_up(back: bool) -> None:
+    """VFH+ alone is caught behind what stands in the street; it comes home as it went, with the parcel. Without return
+    it lands there."""
+    mission = COURIER if back else msgspec.structs.replace(COURIER, return_home=False, delivery=None)
     overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0", "avoidance.map.cells=192")
-    joined = Joined(COURIER, overrides=overrides).fly()
+    joined = Joined(mission, overrides=overrides, remembers=False).fly()
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0 and not summary.released
-    assert np.hypot(*summary.final_position_ned[:2]) < 0.3
-    assert "given up" in (joined.autopilot.supervisor.fault or "")
+    assert ("given up" if back else "landing") in (joined.autopilot.supervisor.fault or "")
     assert joined.trace()["position_ned"][:, 0].max() > 20.0
-
-
-def test_without_return_a_goal_that_is_given_up_ends_in_a_landing_there() -> None:
-    mission = msgspec.structs.replace(COURIER, return_home=False, delivery=None)
-    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0", "avoidance.map.cells=192")
-    joined = Joined(mission, overrides=overrides).fly()
-    assert joined.vehicle.summary().outcome == "landed" and joined.vehicle.summary().contacts == 0
-    assert joined.vehicle.summary().final_position_ned[0] > 20.0
-    assert "landing" in (joined.autopilot.supervisor.fault or "")
+    north, east, _ = summary.final_position_ned
+    assert np.hypot(north, east) < 0.3 if back else north > 20.0
 
 
 def test_the_guard_stops_what_no_method_would() -> None:
@@ -468,7 +479,7 @@ def test_the_guard_stops_what_no_method_would() -> None:
     winds up against what it does not let through."""
     joined = Joined(COURIER, overrides=('avoidance.method="paper"', "avoidance.guard.enabled=true"))
     joined.autopilot.guidance.method = NoAvoidance(joined.autopilot.settings.avoidance)
-    joined.fly(limit_s=40.0)
+    joined.fly(limit_s=26.0)
     trace = joined.trace()
     assert joined.vehicle.summary().contacts == 0 and joined.vehicle.flight.crash is None
     stopped = trace["guard_reason"] > 0
@@ -480,9 +491,9 @@ def test_the_guard_stops_what_no_method_would() -> None:
 
 
 def test_no_progress_ends_in_a_landing() -> None:
-    """A goal inside a closed yard: it holds before the wall, and lands when the step is overdue."""
-    waypoint = msgspec.structs.replace(COURIER.waypoints[0], north=128.0)  # within the customer's house
+    """A goal inside an obstacle: it holds before it, and lands when the step is overdue."""
+    waypoint = msgspec.structs.replace(COURIER.waypoints[0], north=12.0, east=0.2)  # within the lamp's post
     mission = msgspec.structs.replace(COURIER, waypoints=[waypoint], delivery=None)
-    joined = Joined(mission, overrides=("supervision.step_timeout=5.0", "avoidance.map.cells=192")).fly()
+    joined = Joined(mission, overrides=("supervision.step_timeout=5.0", *SMALL_MAP)).fly()
     assert joined.vehicle.summary().outcome == "landed" and joined.vehicle.summary().contacts == 0
     assert "no progress" in (joined.autopilot.supervisor.fault or "")

@@ -13,6 +13,7 @@ from studies.faults.changes import POSITION, late
 from studies.faults.injector import Change, Injector, Link
 from studies.joined import Joined, mission_of
 
+SQUARE = mission_of("square", "trajectory.laps=1")
 TILT_DEG = 45.0
 """The limit."""
 
@@ -33,7 +34,7 @@ def steepest_deg(joined: Joined) -> float:
     ids=["100 ms each way", "asymmetric, jitter, losses", "position 150 ms"],
 )
 def test_a_square_over_a_late_link(link: Link, change: Change | None) -> None:
-    joined = Joined(mission_of("square"), injector=Injector(link, change), remembers=False).fly()
+    joined = Joined(SQUARE, injector=Injector(link, change), remembers=False).fly()
     assert joined.vehicle.summary().outcome == "landed" and joined.autopilot.supervisor.fault is None
     assert steepest_deg(joined) < TILT_DEG
     flown = joined.trace()["state"][:-1] == State.FLY.value
@@ -55,7 +56,7 @@ def test_too_late_a_link_is_not_flown() -> None:
 
 def test_a_link_that_becomes_too_late_is_withdrawn_from() -> None:
     between = Injector(Link(there=0.02, back=0.02))
-    joined = Joined(mission_of("square"), injector=between, remembers=False)
+    joined = Joined(SQUARE, injector=between, remembers=False)
     joined.fly(until=lambda joined: joined.vehicle.time_ns > 8 * 10**9)
     assert joined.autopilot.supervisor.state is State.FLY
     between.link = Link(there=0.3, back=0.3)
@@ -67,12 +68,12 @@ def test_a_link_that_becomes_too_late_is_withdrawn_from() -> None:
 
 def test_a_link_that_becomes_late_in_flight_is_flown_on() -> None:
     between = Injector(Link(there=0.02, back=0.02))
-    joined = Joined(mission_of("square"), injector=between, remembers=False)
-    joined.fly(until=lambda joined: joined.vehicle.time_ns > 12 * 10**9)
+    joined = Joined(SQUARE, injector=between, remembers=False)
+    joined.fly(until=lambda joined: joined.vehicle.time_ns > 8 * 10**9)
     between.link = Link(there=0.15, back=0.15)
     joined.fly(limit_s=0.3)
     assert joined.autopilot.link.delays.known.total == pytest.approx(0.3, abs=0.02), "no round trip could tell yet"
-    joined.fly(limit_s=12.0)
+    joined.fly(limit_s=8.0)
     assert joined.autopilot.supervisor.state is State.FLY and joined.autopilot.supervisor.fault is None
     assert steepest_deg(joined) < TILT_DEG
 
@@ -91,7 +92,7 @@ class CommandsLost(Injector):
 def test_a_vehicle_that_has_not_heard_of_its_landing_comes_to_rest() -> None:
     between = CommandsLost()
     joined = Joined(mission_of("circle"), injector=between, remembers=False)
-    joined.fly(until=lambda joined: joined.vehicle.time_ns > 12 * 10**9)
+    joined.fly(until=lambda joined: joined.vehicle.time_ns > 9 * 10**9)
     assert np.linalg.norm(joined.vehicle.motion.velocity_ned) > 1.0
     between.lost = True
     joined.autopilot.handle(LandRequest(joined.vehicle.time_ns))

@@ -1,4 +1,4 @@
-"""A whole flight over a serial line, with a scanner on a link of its own, and one over TCP."""
+"""A whole flight over a serial line, with a scanner on a link of its own, and one over TCP beside a flood."""
 
 import os
 import select
@@ -9,15 +9,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from companion.logs.replay import replay
+from companion.runtime.router import STATION_BYTES_PER_S
 from protocol.flightlog import Direction, LogReader, datagrams
 from protocol.framing import Framer
-from protocol.messages import dialect
+from protocol.messages import Encoder, dialect
 from tests.flights.processes import HOP, PATIENT, Process, simulator_for
 
 RING = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
+RUBBISH = 600
+"""Bytes that a flood has beside each heartbeat. They are not sent on, and count."""
 
 
 class Line:
@@ -77,7 +81,8 @@ def companion(logs: Path, url: str, *more: str) -> Iterator[Process]:
 
 def test_over_a_serial_line_with_a_scanner_of_its_own(tmp_path: Path) -> None:
     """The rates fit the line, the scans come by the scanner's link, and the log replays to the byte."""
-    with Line() as line, companion(tmp_path, f"serial:{line.device}:115200", "--lidar", "udpin:127.0.0.1:0") as flying:
+    lidar = ("--lidar", "udpin:127.0.0.1:0", "--set", "avoidance.method=paper")
+    with Line() as line, companion(tmp_path, f"serial:{line.device}:115200", *lidar) as flying:
         line.scanner_port = int(flying.wait_for("sensor at udpin:").rpartition(":")[2])
         with simulator_for(line.port, "realtime") as simulator:
             flying.wait_for("11520 bytes a second")
@@ -91,21 +96,33 @@ def test_over_a_serial_line_with_a_scanner_of_its_own(tmp_path: Path) -> None:
     assert result.differences == [] and result.datagrams > 100
 
 
-def test_over_tcp(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        with companion(tmp_path, f"tcp:127.0.0.1:{port}", "--set", "avoidance.method=none") as flying:
+def test_over_tcp_beside_a_ground_station_that_floods(tmp_path: Path) -> None:
+    """Everything that it throws at the companion, while that flies: what reaches the vehicle is a trickle of it."""
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flood:
+        url, more = f"tcp:127.0.0.1:{server.getsockname()[1]}", ("--set", "avoidance.method=none")
+        with companion(tmp_path, url, *more, "--gcs", "udpin:127.0.0.1:0") as flying:
+            flood.connect(("127.0.0.1", int(flying.wait_for("ground station at udpin:").rpartition(":")[2])))
+            flood.setblocking(False)
             end, _ = server.accept()
             with end, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
                 udp.bind(("127.0.0.1", 0))
                 with simulator_for(udp.getsockname()[1], "realtime") as simulator:
-                    _relay(end, udp, simulator)
+                    _relay(end, udp, simulator, flood)
                     assert simulator.end() == 0 and flying.end() == 0
+    report = flying.report()
+    assert report["outcome"] == "flown"
+    logged = list(datagrams(report["log"]))
+    forwarded = b"".join(data for _, way, _, data in logged if way is Direction.FORWARDED)
+    frames, passed_s = Framer().datagram(forwarded), (logged[-1][0] - logged[0][0]) * 1e-9
+    assert {frame.system for frame in frames} == {255}
+    assert len(forwarded) + len(frames) * RUBBISH < STATION_BYTES_PER_S * (passed_s + 1.0)
+    assert replay(Path(report["log"])).differences == []
 
 
-def _relay(end: socket.socket, udp: socket.socket, simulator: Process) -> None:
-    """Between a stream and a simulator, until that ends."""
+def _relay(end: socket.socket, udp: socket.socket, simulator: Process, flood: socket.socket) -> None:
+    """Between a stream and a simulator, until that ends; whenever something comes, the flood gets more."""
     address: tuple[str, int] | None = None
+    encoder, rubbish = Encoder(255, 190), np.random.default_rng(1).bytes(RUBBISH)
     while not simulator.ended_within(0.0):
         for ready in select.select([end, udp], [], [], 0.1)[0]:
             with suppress(ConnectionError):
@@ -116,6 +133,10 @@ def _relay(end: socket.socket, udp: socket.socket, simulator: Process) -> None:
                 data = end.recv(1200)
                 if address is not None and data:
                     udp.sendto(data, address)
+        beat = encoder.encode_fields(dialect.MAVLink_heartbeat_message, 6, 8, 0, 0, 4, 3)
+        with suppress(BlockingIOError, ConnectionRefusedError):
+            for data in (beat, rubbish) * 5:
+                flood.send(data)
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def flown(folder: Path, height: object, *overrides: str, route_height: float = 3
     mission = site.mission(4.0, site.save(folder)[0])
     changes = (
         "avoidance.give_up_s=3.0",
-        "avoidance.map.cells=192",
+        "avoidance.map.cells=128",
         *(f"avoidance.altitude_search.{each}" for each in overrides),
     )
     return Joined(mission, overrides=changes, remembers=False).fly(limit_s=150.0)

@@ -21,10 +21,10 @@ def test_a_vehicle_other_than_the_companion_thinks(tmp_path: Path) -> None:
     given = [
         "vehicle.body.mass_kg=1.35",
         "vehicle.telemetry.delay_s=0.012",
-        "mission.takeoff_height=4",
+        "mission.takeoff_height=3",
         "rates.scan=10",
     ]
-    given += ["mission.waypoints=[{north=0.0, east=0.0, height=4.0, hold_s=4.0}]"]
+    given += ["mission.waypoints=[{north=0.0, east=0.0, height=3.0, hold_s=3.0}]"]
     options = [part for override in given for part in ("--set", override)]
     done = run("companion", "demo", "hover", "--truth", "--json", "--log", str(tmp_path), "--avoid", "paper", *options)
     assert done.returncode == 0, done.stderr
@@ -35,8 +35,8 @@ def test_a_vehicle_other_than_the_companion_thinks(tmp_path: Path) -> None:
     assert flown_with["rates"]["scan"] == 10 and flown_with["avoidance"]["method"] == "paper"
     rows = np.load(path.parent / "truth.npy")
     height = -rows["state"][:, 2]
-    assert height.max() == pytest.approx(4.0, abs=0.5)
-    hovering = (height > 3.5) & (np.abs(rows["state"][:, 3:6]).max(axis=1) < 0.02)
+    assert height.max() == pytest.approx(3.0, abs=0.5)
+    hovering = (height > 2.7) & (np.abs(rows["state"][:, 3:6]).max(axis=1) < 0.02)
     thrust = AIRFRAME.rotors.thrust_constant_ns2 * (rows["state"][hovering, 13:17] ** 2).sum(axis=1)
     assert len(thrust) > 100
     parcel = AIRFRAME.body.parcel_mass_kg

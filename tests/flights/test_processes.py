@@ -32,14 +32,12 @@ from protocol import toml_files as toml_files
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
 from protocol.transport import Udp
-from studies.paper_settings import paper_settings
-from tests.flights import table_3
 from tests.flights.processes import HOP, PATIENT, Process, Relay, pair, run, simulator_for, waiting_companion
 from tests.flights.shared import once
 
 EVERY_STEP = "log.trace_rate=250"
-FLOWN = ("--seed", "3", "--set", EVERY_STEP)
-KILLS = 4
+FLOWN = ("errand", "--seed", "3", "--set", EVERY_STEP)
+KILLS = 2
 """bench/log.py kills fifty."""
 KILL_PACES = ("2", "lockstep")
 STEPS_IN_A_FIFTH_OF_A_SECOND = 100
@@ -61,16 +59,14 @@ def demo(logs: Path, *arguments: str) -> dict[str, Any]:
     return verdict
 
 
-def test_demo_in_lockstep_repeats_to_the_byte(tmp_path: Path) -> None:
+def test_demo_in_lockstep_repeats_to_the_byte(flown: dict[str, Any], tmp_path: Path) -> None:
     """Two runs of one seed, in different folders, at other ports; the second one by `python -m`."""
-    first = demo(tmp_path / "first", "errand", *FLOWN)
-    again = demo_command(tmp_path / "second", "errand", *FLOWN)
-    done = subprocess.run([sys.executable, "-m", *again], capture_output=True, check=True)
-    second = json.loads(done.stdout)
-    assert digest(first["log"]) == digest(second["log"])
-    hashes = [run("companion", "digest", str(verdict["log"])).stdout for verdict in (first, second)]
+    command = [sys.executable, "-m", *demo_command(tmp_path, *FLOWN)]
+    second = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+    assert digest(flown["log"]) == digest(second["log"])
+    hashes = [run("companion", "digest", str(verdict["log"])).stdout for verdict in (flown, second)]
     assert hashes[0] == hashes[1] and len(hashes[0].split()) == 4
-    assert_delivered(first, second)
+    assert_delivered(second)
 
 
 def test_demo_in_lockstep_delivers(flown: dict[str, Any]) -> None:
@@ -85,15 +81,6 @@ def assert_delivered(*verdicts: dict[str, Any]) -> None:
         assert verdict["duration_s"] > 0 and verdict["real_time_factor"] > 0
 
 
-def test_step_of_one_metre_over_udp_is_table_3(tmp_path: Path) -> None:
-    """One of its rows; test_steps.py flies all of them in one process."""
-    c = 2.5
-    overrides = [part for override in (*paper_settings(c), EVERY_STEP) for part in ("--set", override)]
-    verdict = demo(tmp_path, "step", *overrides)
-    assert verdict["outcome"] == "flown"
-    table_3.check(LogReader(verdict["log"]).array(TRACE.topic), c)
-
-
 @pytest.fixture(scope="session")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """One whole demo."""
@@ -102,7 +89,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         verdict = demo(folder, *FLOWN)
         (folder / "verdict.json").write_text(json.dumps(verdict))
 
-    folder = once(tmp_path_factory, "courier_demo", make)
+    folder = once(tmp_path_factory, "lockstep_demo", make)
     verdict: dict[str, Any] = json.loads((folder / "verdict.json").read_text())
     return verdict
 
@@ -140,7 +127,7 @@ def test_every_datagram_is_whole_frames(flown: dict[str, Any]) -> None:
         assert sum(len(frame.raw) for frame in framer.datagram(data)) == len(data)
         assert address.startswith("127.0.0.1:")
         count[direction] += 1
-    assert abs(count[Direction.IN] - count[Direction.OUT]) < 10 and count[Direction.IN] > 10_000
+    assert abs(count[Direction.IN] - count[Direction.OUT]) < 10 and count[Direction.IN] > 5_000
 
 
 def test_the_log_is_the_flight(flown: dict[str, Any]) -> None:
@@ -226,16 +213,15 @@ def children(parent: Process) -> list[int]:
 
 
 def test_companion_killed_at_random_moments(tmp_path: Path) -> None:
-    """The vehicle holds, then lands, or never leaves the ground; the log opens and has all that was sent up to 0.2 s
+    """The vehicle holds, then lands; the log opens and has all that was sent up to 0.2 s
     before the kill."""
     steps = np.random.default_rng(1).integers(0, 2000, KILLS).tolist()
     folders = [tmp_path / str(index) for index in range(KILLS)]
     with ThreadPoolExecutor(3) as pool:
         results = list(pool.map(killed_companion, folders, itertools.cycle(KILL_PACES), steps))
-    assert sum(report["flight_time_s"] > 0.0 for _, report, _ in results) > KILLS // 2
+    assert all(report["flight_time_s"] > 0.0 for _, report, _ in results)
     for sent, report, path in results:
-        assert report["outcome"] == ("landed" if report["flight_time_s"] > 0.0 else "stopped")
-        assert report["contacts"] == 0
+        assert report["outcome"] == "landed" and report["contacts"] == 0
         assert LogReader(path).problem is None
         logged = {data for _, direction, _, data in datagrams(path) if direction is Direction.OUT}
         lost = [data not in logged for data in sent]
@@ -259,29 +245,43 @@ def test_simulator_killed(tmp_path: Path, pace: str) -> None:
     assert 0 < (silence_s > timeout_s).sum() <= TICKS_TO_NOTICE
 
 
-def test_recorder_killed(tmp_path: Path) -> None:
-    """The flight goes on and says so; what was written is read."""
-    with pair(tmp_path, UNHURRIED, HOP, "--set", "avoidance.method=none") as (simulator, companion):
-        companion.wait_for("armed, taking off")
-        (path,) = tmp_path.glob("*/flight.mcap")
-        (recorder,) = children(companion)
-        os.kill(recorder, signal.SIGKILL)
-        assert companion.end() == 0
-        simulator.end()
-        assert simulator.report()["outcome"] == "landed"
-        (fault,) = (k for k, line in enumerate(companion.lines) if "the flight log fails" in line)
-        for text in ("landed and disarmed", "height"):
-            assert any(text in line for line in companion.lines[fault:]), companion.lines
-        log = LogReader(path)
-        assert not log.complete
-        last_s = max(record.time_ns for record in log.records()) * 1e-9
-        assert companion.report()["duration_s"] > last_s + 5.0, "the flight's, not the log's"
-        assert sum(1 for _ in log.records()) > 100
+def test_recorder_killed_and_garbage(tmp_path: Path) -> None:
+    """Strangers send noise to the companion's port before and during the flight, and its recorder is killed. It flies
+    on and says so; what was written is read."""
+    rng = np.random.default_rng(1)
+    with (
+        waiting_companion(tmp_path, UNHURRIED, HOP, "--set", "avoidance.method=none") as (companion, port),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+
+        def disturb() -> None:
+            stranger.sendto(rng.bytes(int(rng.integers(1, 300))), ("127.0.0.1", port))
+
+        for _ in range(100):
+            disturb()
+        with simulator_for(port, UNHURRIED) as simulator:
+            companion.wait_for("armed, taking off")
+            (path,) = tmp_path.glob("*/flight.mcap")
+            (recorder,) = children(companion)
+            os.kill(recorder, signal.SIGKILL)
+            while not companion.ended_within(0.005):
+                disturb()
+            assert companion.end() == 0, companion.lines
+            simulator.end()
+            assert simulator.report()["outcome"] == "landed"
+    (fault,) = (k for k, line in enumerate(companion.lines) if "the flight log fails" in line)
+    for text in ("landed and disarmed", "height"):
+        assert any(text in line for line in companion.lines[fault:]), companion.lines
+    log = LogReader(path)
+    assert not log.complete
+    last_s = max(record.time_ns for record in log.records()) * 1e-9
+    assert companion.report()["duration_s"] > last_s + 5.0, "the flight's, not the log's"
+    assert sum(1 for _ in log.records()) > 100
 
 
 def test_planner_killed(tmp_path: Path) -> None:
     """On the way: it is said to everybody, the vehicle brakes, holds and lands unhurt, and the log replays."""
-    with pair(tmp_path, UNHURRIED) as (simulator, companion):
+    with pair(tmp_path, UNHURRIED, "errand") as (simulator, companion):
         companion.wait_for("route, step")
         (planner,) = (pid for pid in children(companion) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
         os.kill(planner, signal.SIGKILL)
@@ -302,24 +302,3 @@ def test_planner_killed(tmp_path: Path) -> None:
     assert (trace["guard_reason"] == Reason.STALE).any() and State.HOLD.value in trace["state"]
     result = replay(path)
     assert result.differences == [] and result.datagrams > 1000
-
-
-def test_garbage_does_not_disturb(tmp_path: Path) -> None:
-    """Strangers send noise to the companion's port before and during the flight."""
-    rng = np.random.default_rng(1)
-    with (
-        waiting_companion(tmp_path, UNHURRIED, HOP, "--set", "avoidance.method=none") as (companion, port),
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
-    ):
-
-        def disturb() -> None:
-            stranger.sendto(rng.bytes(int(rng.integers(1, 300))), ("127.0.0.1", port))
-
-        for _ in range(100):
-            disturb()
-        with simulator_for(port, UNHURRIED) as simulator:
-            while not companion.ended_within(0.005):
-                disturb()
-            assert companion.end() == 0, companion.lines
-            simulator.end()
-            assert simulator.report()["outcome"] == "landed"

@@ -51,7 +51,7 @@ class Sectors:
 
 def flown(site: Site, folder: Path, speed: float) -> Joined:
     mission = site.mission(speed, site.save(folder)[0])
-    overrides = ("avoidance.map.cells=192",)
+    overrides = ("avoidance.map.cells=128",)
     return Joined(mission, meddle=Sectors(), overrides=overrides, remembers=True).fly(limit_s=120.0)
 
 
@@ -106,7 +106,7 @@ def test_out_of_open_country_past_a_pole_and_into_it_again(tmp_path: Path) -> No
     """No hold where nothing is to be seen: not before the take-off, not behind the last obstacle."""
     site = pole(1)
     meddle = ArduPilotsSectors()
-    overrides = ("avoidance.map.cells=192",)
+    overrides = ("avoidance.map.cells=128",)
     mission = site.mission(2.0, site.save(tmp_path)[0])
     joined = Joined(mission, meddle=meddle, overrides=overrides, remembers=True)
     joined.fly(limit_s=5.0, until=lambda each: each.autopilot.link.firmware is not None)

@@ -24,7 +24,7 @@ def state_of(joined: Joined) -> State:
 
 def meddled(change: Callable[[int, Fields], Fields], restamp: Callable[[int], int] = lambda stamp: stamp) -> Joined:
     """On the way at speed, from where on position and attitude, or their stamps, are changed."""
-    joined = Joined(mission_of("square"), overrides=QUICK)
+    joined = Joined(mission_of("square", "trajectory.laps=1"), overrides=QUICK)
     joined.fly(
         until=lambda joined: joined.autopilot.navigator.phase is Phase.TRACK and joined.vehicle.motion.speed > 0.7
     )

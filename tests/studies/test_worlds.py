@@ -56,13 +56,13 @@ def test_start_and_goal_are_free(kind: str, seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_there_is_a_way_and_it_is_no_shorter_than_straight(kind: str, seed: int) -> None:
     site = SITES[kind](seed)
-    way = shortest(site, HULL)
+    way = shortest(site, HULL, margin=8.0)
     straight = sum(math.dist(a, b) for a, b in itertools.pairwise([(0.0, 0.0), *site.waypoints]))
     assert straight - 0.2 <= way < math.inf
 
 
 def test_a_forest_has_the_density_it_says() -> None:
-    sites = [worlds.forest(seed) for seed in range(400)]
+    sites = [worlds.forest(seed) for seed in range(150)]
     # what the free circles of 2.8 m around start and goal leave of 30 x 60 m
     expected = (1800.0 - 2.0 * math.pi * 2.8**2) / 25.0
     counts = np.array([len(site.world().cylinders) for site in sites])
@@ -85,7 +85,7 @@ def test_the_shaft_is_as_wide_as_it_says(seed: int) -> None:
     assert HULL + 0.1 < site.world().clearance(at(0.0, 0.0)) <= 0.6
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_gap_is_as_wide_as_it_says(seed: int) -> None:
     site = worlds.gap(seed)
     walls = site.tables["wall"]
@@ -115,7 +115,7 @@ def test_a_court_is_entered_from_above_alone(seed: int) -> None:
     assert site.world().range_along(at(0.0, 0.0, height + 0.01), ahead, 30.0) == math.inf
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_all_rooms_of_the_maze_can_be_reached_and_none_from_outside(seed: int) -> None:
     site = worlds.maze(seed)
     for room in ((0.0, 20.0), (20.0, 0.0), (8.0, 12.0)):

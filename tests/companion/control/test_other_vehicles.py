@@ -12,9 +12,7 @@ from studies.joined import Joined, mission_of
 MASS_KG, PARCEL_KG, ROTOR_N = 1.3, 0.25, 8.0
 
 
-@pytest.mark.parametrize(
-    ("heavier", "stronger"), [(0.3, 1.0), (1.6, 1.0), (1.0, 0.7), (1.0, 3.0), (3.0, 3.0), (0.3, 0.3)]
-)
+@pytest.mark.parametrize(("heavier", "stronger"), [(0.3, 1.0), (1.6, 1.0), (3.0, 3.0), (0.3, 0.3)])
 def test_it_takes_off_and_hovers(heavier: float, stronger: float) -> None:
     """Mass and full thrust from 0.3 to 3 times the believed ones, where that can hover between the lowest and the
     highest thrust."""

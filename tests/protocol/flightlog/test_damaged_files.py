@@ -47,7 +47,7 @@ def test_cuts_lose_little_of_a_chunk_and_nothing_before_it(finished: bytes, tmp_
     assert len(ends) >= 3
     assert ends[-1][1] == len(whole)
     generator = random.Random(10)
-    cuts = [generator.randrange(len(finished)) for _ in range(50)]
+    cuts = [generator.randrange(len(finished)) for _ in range(25)]
     cuts += [0, 1, 8, 9, *(end + by for end, _ in ends for by in (-1, 0, 1)), len(finished) - 1]
     for cut in cuts:
         records, reader = written(finished[:cut], path)
@@ -64,9 +64,9 @@ def test_flipped_bits_are_found(finished: bytes, tmp_path: Path) -> None:
     contents = {(record.topic, record.sequence): record.data for record in whole}
     summary = struct.unpack_from("<Q", finished, len(finished) - 28)[0]
     generator = random.Random(11)
-    bits = [generator.randrange(8 * len(finished)) for _ in range(40)]
-    bits += [generator.randrange(8 * (summary - 13), 8 * len(finished)) for _ in range(60)]
-    bits += [generator.randrange(64, 8 * 1000) for _ in range(40)]
+    bits = [generator.randrange(8 * len(finished)) for _ in range(20)]
+    bits += [generator.randrange(8 * (summary - 13), 8 * len(finished)) for _ in range(30)]
+    bits += [generator.randrange(64, 8 * 1000) for _ in range(20)]
     for bit in bits:
         damaged = bytearray(finished)
         damaged[bit // 8] ^= 1 << bit % 8
@@ -149,8 +149,9 @@ def test_no_content_of_a_chunk_raises_anything(tmp_path: Path) -> None:
     attachment = encoded(Attachment(0, 0, "a", "b", b"c"))
     content = DEFINITION + messages + encoded(Metadata("m", {"k": "v"})) + attachment + messages
     lies = [bytes(8), b"\xff" * 8, b"\xff" * 7 + b"\x7f", b"\x01" + bytes(7)]
-    for place, lie, size in itertools.product(range(len(content)), lies, (1, 2, 4, 8)):
-        damaged = content[:place] + lie[:size] + content[place + size :]
+    lies += [b"\0", b"\1", *(b"\xff" * size for size in (1, 2, 4))]
+    for place, lie in itertools.product(range(len(content)), lies):
+        damaged = content[:place] + lie + content[place + len(lie) :]
         _, reader = written(chunked(damaged), tmp_path / "lie.mcap")
         for topic in reader.topics:
             with contextlib.suppress(FlightLogError):
