@@ -287,7 +287,7 @@ def _estimator(airframe: Airframe, start: Motion, rngs: list[np.random.Generator
 
 
 def _faults(senses: Senses) -> dict[int, tuple[Fault, ...]]:
-    """Of the sensors that the vehicle has."""
+    """The failures that the vehicle's sensors can have, by the sensor."""
     scans, estimator = senses
     found: dict[int, tuple[Fault, ...]] = {Unit.LIDAR: scans.faults}
     if isinstance(estimator, Estimator):

@@ -363,7 +363,7 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
 
 
 def git_hash() -> str:
-    """Of the checkout that this runs from, "+" behind it if it was changed; empty outside one."""
+    """The hash of the checkout that this runs from, "+" behind it if it was changed; empty outside one."""
     command = ["git", "-C", str(toml_files.ROOT), "describe", "--always", "--dirty=+", "--abbrev=40"]
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()

@@ -94,6 +94,6 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
 
 
 def components(mavsdk: Any) -> set[int]:
-    """Of the vehicle's system, as MAVSDK sees them."""
+    """The components of the vehicle's system, as MAVSDK sees them."""
     (own,) = [each for each in mavsdk.get_systems() if each.get_system_id() == 1]
     return set(own.component_ids())

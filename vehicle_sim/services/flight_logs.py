@@ -19,7 +19,8 @@ from vehicle_sim.timing import TICK_NS
 MOST_LOGS = 5
 """The oldest goes first."""
 MOST_BYTES = 1 << 22
-"""Of one log, about 20 min; then the next one begins. So all of them are little beside what the process holds."""
+"""Size of one log at most, about 20 min; then the next one begins. So all of them are little beside what the process
+holds."""
 
 _RECORD_NS = 12 * TICK_NS
 """Between two records: 21 a second, about as often as PX4 logs an attitude."""

@@ -50,7 +50,7 @@ class Service(Protocol):
 
 
 class Services:
-    """Of one vehicle, on all its links. `origin` is the place of the local axes on earth.
+    """The services of one vehicle, on all its links. `origin` is the place of the local axes on earth.
 
     A new service is one more entry here.
     """

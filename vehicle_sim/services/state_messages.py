@@ -98,7 +98,7 @@ class StateMessages:
         )
 
     def gps_raw_int(self, now: Snapshot) -> bytes:
-        """Of the receiver; of a vehicle that has none, from the estimate."""
+        """What the receiver says; of a vehicle that has none, from the estimate."""
         if isinstance(self._estimator, Estimator):
             return self._receiver(self._estimator)
         m = now.estimate

@@ -35,7 +35,7 @@ class Source(NamedTuple):
     version: int
     capabilities: int
     metadata_crc: int
-    """Of the general file of the component metadata."""
+    """Checksum of the general file of the component metadata."""
 
 
 class Profile(Enum):
