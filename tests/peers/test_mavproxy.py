@@ -15,7 +15,7 @@ from protocol.toml_files import ROOT
 from tests.vehicle_sim.mission_uploader import Row, at
 from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 from vehicle_sim.services.parameter_table import TABLE
-from vehicle_sim.services.telemetry import Profile
+from vehicle_sim.services.profiles import Profile
 
 PAGE = (ROOT / "docs" / "vehicle-sim.md").read_text(encoding="utf-8")
 TAKEOFF, WAYPOINT, LAND, CORNER, RALLY = 22, 16, 21, 5001, 5100

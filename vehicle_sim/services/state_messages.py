@@ -182,6 +182,9 @@ class StateMessages:
         """The time since boot; what time of what day it is nobody tells the vehicle."""
         return self._encode(dialect.MAVLink_system_time_message, 0, now.now_ms)
 
+    def gps_global_origin(self, now: Snapshot) -> bytes:
+        return self._encode(dialect.MAVLink_gps_global_origin_message, *self._geodetic((0.0, 0.0, 0.0)), now.now_us)
+
     def home_position(self, now: Snapshot) -> bytes:
         home = self._flight.home_ned
         at = self._geodetic(home)
