@@ -1,7 +1,8 @@
-"""An unmodified MAVSDK flies the vehicle, at five times the speed of real time."""
+"""An unmodified MAVSDK flies the vehicle, at five times the speed of real time, or as COURIER_PACE says."""
 
 import json
 import math
+import os
 import queue
 import threading
 from collections.abc import Callable, Iterator
@@ -43,7 +44,7 @@ from mavsdk.plugins.shell import Shell
 from mavsdk.plugins.telemetry import Telemetry
 from mavsdk.plugins.telemetry.telemetry import FlightMode, TelemetryError, TelemetryResult
 
-PACE = 5.0
+PACE = float(os.environ.get("COURIER_PACE", "5"))
 NAN = math.nan
 Point3 = tuple[float, float, float]
 

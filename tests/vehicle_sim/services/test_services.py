@@ -195,6 +195,15 @@ def test_messages_of_one_instant_travel_together() -> None:
     assert set(pilot.times("LOCAL_POSITION_NED")) <= set(pilot.times("ATTITUDE_QUATERNION"))
 
 
+def test_a_vehicle_that_has_a_home_can_be_armed() -> None:
+    """MAVSDK's `health_all_ok` waits for it, and its users arm then."""
+    pilot = ForeignPilot()
+    home = mavlink.MAVLINK_MSG_ID_HOME_POSITION
+    pilot.interval(home, 4000)
+    assert pilot.fly(2.0, until=lambda: bool(pilot.all("HOME_POSITION")))
+    assert pilot.arm() == ACCEPTED
+
+
 # --- commands ---
 
 
@@ -233,6 +242,8 @@ def test_unknown_modes_are_denied(params: tuple[float, ...]) -> None:
 
 def test_messages_on_request() -> None:
     pilot = ForeignPilot()
+    assert pilot.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == DENIED, "not yet"
+    pilot.fly(1.0)
     for message_id, name in (
         (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, "AUTOPILOT_VERSION"),
         (mavlink.MAVLINK_MSG_ID_HOME_POSITION, "HOME_POSITION"),
