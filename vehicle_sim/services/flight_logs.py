@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from protocol import ulog
 from vehicle_sim.autopilot.flight_control import FlightControl
-from vehicle_sim.autopilot.modes import Mode
+from vehicle_sim.autopilot.modes import Mode, Severity
 from vehicle_sim.services.identity import Identity
 from vehicle_sim.services.parameter_store import Parameters
 from vehicle_sim.services.snapshot import Snapshot
@@ -83,6 +83,7 @@ class FlightLogs:
         """All that have ended."""
         self.whole.clear()
         self._name_files()
+        self._flight.announce(Severity.INFO, "Logs erased")
 
     def _name_files(self) -> None:
         self.files.clear()
