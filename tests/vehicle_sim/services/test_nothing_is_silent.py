@@ -28,7 +28,7 @@ SETPOINTS = {
 }
 """Obeyed; there is no answer to a stream."""
 ENDS = {"MISSION_ACK", "LOG_REQUEST_END", "PING"}
-"""Of an exchange: the last word. A PING to one receiver is an answer."""
+"""The last word of an exchange. A PING to one receiver is an answer."""
 
 
 def answered(pilot: ForeignPilot, question: Any) -> list[Any]:
