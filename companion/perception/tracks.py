@@ -263,8 +263,10 @@ def stand(track: Any, place: Array, sight: Sight) -> None:
 def has_left(track: Any, place: Array, sight: Sight) -> bool:
     """Whether a TRACK that a ring sees at a place (3,) NED (m) was seen to have left the place where it stood: the ring
     sees past that, or the one that saw it there saw past this."""
-    before = Sight(track["free"][: sight.free.size], track["position"], track["attitude"], sight.first, sight.step)
-    return seen_past(sight, track["place"], before.position) or seen_past(before, place, sight.position)
+    # [:]: plain arrays, as a scan's are. A field of a record is another type, and all would be compiled once more.
+    free, position, attitude = track["free"][: sight.free.size], track["position"][:], track["attitude"][:]
+    before = Sight(free, position, attitude, sight.first, sight.step)
+    return seen_past(sight, track["place"][:], position) or seen_past(before, place, sight.position)
 
 
 @compiled
@@ -287,7 +289,7 @@ def predict(tracks: Tracks, dt: float, acceleration: float) -> None:
     place, speed = 0.5 * dt * dt * acceleration, dt * acceleration
     for t in range(tracks.size):
         mean, covariance = tracks[t]["mean"], tracks[t]["covariance"]
-        covariance[:] = _congruent(step, covariance)
+        covariance[:] = _congruent(step, covariance[:])
         for k in range(2):
             covariance[k, k] += place * place
             covariance[k + 2, k + 2] += speed * speed
@@ -312,7 +314,7 @@ def correct(track: Any, centroid: Array, noise: Array, radius: float) -> None:
     left = np.eye(4)
     left[:, :2] -= gain
     north, east = centroid[0] - mean[0], centroid[1] - mean[1]
-    covariance[:] = _congruent(left, covariance) + _congruent(gain, noise)
+    covariance[:] = _congruent(left, covariance[:]) + _congruent(gain, noise)
     mean[:] = mean + gain[:, 0] * north + gain[:, 1] * east
     track["radius"] += _RADIUS_GAIN * (radius - track["radius"])
     track["hits"] += 1
