@@ -185,7 +185,10 @@ def _track(
     clusters = find_clusters(_Returns(points, usable, scan.ranges, scan.position, scan.width), rules[0])
     spans, centroids, covariances, extents, middles = clusters
     step = scan.bearings[1] - scan.bearings[0] if beams > 1 else scan.width
-    free = np.where(scan.known, scan.ranges, 0.0)[:_MOST_BEAMS]
+    free = np.zeros(min(beams, _MOST_BEAMS))  # by a loop: np.where takes a second to compile
+    for k in range(free.size):
+        if scan.known[k]:
+            free[k] = scan.ranges[k]
     sight = Sight(free, scan.position, scan.attitude, scan.bearings[0], step)
     predict(tracks, dt, rules[0]["acceleration_noise"])
     seen_as = associate(tracks, centroids, covariances)
