@@ -32,7 +32,7 @@ HOUR_S = 3600.0
 TIMES_S = (0.4, 10.0)
 BLOCK = 50_000
 PARTS = 10
-"""Of the run that is timed, of which the shortest counts."""
+"""Parts of the run that is timed, of which the shortest counts."""
 
 
 def rest() -> Motion:
@@ -66,7 +66,7 @@ def expected(density: float, wander: Wander, t: float) -> float:
 
 
 def measured(settings: SensorSettings, seed: int) -> dict[str, tuple[float, Array, float, Wander]]:
-    """Of each sensor: its period (s), what it reads in an hour (n, axes), its density and its wander."""
+    """What each sensor does: its period (s), what it reads in an hour (n, axes), its density and its wander."""
     start, rng = rest(), np.random.default_rng(seed)
     suite, inertial, gnss = SensorSuite(settings, start, rng), settings.inertial, settings.gnss
     ticks = round(HOUR_S / TICK_S)

@@ -25,7 +25,7 @@ class PositionControl(Table, frozen=True):
     law: str = "backstepping"
     """"backstepping", for comparison "se3", "sliding_mode" or "pid", or a law of another package (docs/extend.md)."""
     options: Options = msgspec.field(default_factory=dict)
-    """Of a law of another package."""
+    """Settings of the law, if it is one of another package."""
     c1: Vector = (2.5, 2.5, 2.5)
     """1/s; gain on the position error of backstepping."""
     c2: Vector = (2.5, 2.5, 2.5)
@@ -58,7 +58,7 @@ class AttitudeControl(Table, frozen=True):
     law: str = "lqr"
     """Or a law of another package (docs/extend.md)."""
     options: Options = msgspec.field(default_factory=dict)
-    """Of a law of another package."""
+    """Settings of the law, if it is one of another package."""
     angle_weight: Vector = (400.0, 400.0, 50.0)
     """Weights of the angles on the diagonal of Q (8)."""
     rate_weight: Vector = (1.0, 1.0, 1.0)
@@ -94,7 +94,7 @@ class OutputControl(Table, frozen=True):
     """"standard": SET_ATTITUDE_TARGET, of actuators SET_ACTUATOR_CONTROL_TARGET; or what a package's output makes
     (docs/extend.md)."""
     options: Options = msgspec.field(default_factory=dict)
-    """Of an output of another package."""
+    """Settings of the output, if it is one of another package."""
 
     def __post_init__(self) -> None:
         options_for(self.plugin, self.options)
@@ -271,8 +271,8 @@ class Rates(Table, frozen=True):
     heartbeat: Positive = 5.0
     """With the mode; one that is late is asked for."""
     least_share: Fraction = 0.3
-    """Of each rate, that must arrive before a flight begins: of PX4's positions in simulation 0.4 do, less where a link
-    loses some."""
+    """Share of each rate that must arrive before a flight begins: of PX4's positions in simulation 0.4 do, less where a
+    link loses some."""
 
 
 class Identity(Table, frozen=True):
@@ -285,7 +285,7 @@ class Identity(Table, frozen=True):
 
 
 class Log(Table, frozen=True):
-    """Of the flight log."""
+    """The flight log: what it holds."""
 
     trace_rate: Annotated[float, msgspec.Meta(ge=1, le=1000)] = 50.0
     """Hz of the control steps' trace, each with the worst of those in between; `companion replay --trace` makes all of

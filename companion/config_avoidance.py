@@ -63,9 +63,9 @@ class AvoidanceRrt(Table, frozen=True):
     planner: str = "bit*"
     """Or "informed-rrt*"."""
     iterations: Annotated[int, msgspec.Meta(ge=1)] = 2000
-    """Of each plan; what they count depends on the planner."""
+    """Length of the search for each plan; what one iteration is depends on the planner."""
     seed: Annotated[int, msgspec.Meta(ge=1)] = 1
-    """Of each plan."""
+    """Seed of each plan's random numbers."""
 
     def __post_init__(self) -> None:
         one_of("planner", self.planner, *RRT_PLANNERS)
@@ -192,7 +192,7 @@ class Avoidance(Table, frozen=True):
     method: str = "astar"
     """One of those listed at the end of docs/settings.md, or a planner of another package (docs/extend.md)."""
     options: Options = msgspec.field(default_factory=dict)
-    """Of a planner of another package."""
+    """Settings of the planner, if it is one of another package."""
     vehicle_radius: Positive = 0.36
     ground_height: Positive = 0.5
     """m above the take-off point; returns from below are the ground."""

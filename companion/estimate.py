@@ -15,7 +15,7 @@ _AHEAD_MS = 5000
 _LATE_NS, _LATEST_NS, _LATE_INTERVALS = 100_000_000, 400_000_000, 4.0
 """A position is late after so many usual intervals, within these limits."""
 _SHARE = 1 / 16
-"""Of a new interval in the usual one."""
+"""Weight of a new interval in the usual one."""
 
 
 class Estimator:
@@ -68,7 +68,7 @@ class Estimator:
         self._poses = deque(((pose[0] + by_ms, pose[1], pose[2]) for pose in self._poses), _POSES_KEPT)
 
     def age_ns(self, now_ns: int) -> int | None:
-        """Of the older part; None before both have come."""
+        """Age (ns) of the older part; None before both have come."""
         if self._attitude is None or self._position is None:
             return None
         return now_ns - min(self._attitude_ns, self._position_ns)

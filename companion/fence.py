@@ -18,7 +18,7 @@ _ROUNDING_M = 0.01
 
 @dataclass(frozen=True)
 class Fence:
-    """Of one flight, m, NED."""
+    """The fence of one flight, m, NED."""
 
     home: tuple[float, float, float]
     low: tuple[float, float, float]

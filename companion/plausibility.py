@@ -152,7 +152,8 @@ class AskedTurn:
 
 
 class Plausibility:
-    """Of one vehicle. Takes its reports in the order of arrival; gives them in the frame of the flight, or refuses."""
+    """The plausibility of one vehicle's reports. Takes them in the order of arrival; gives them in the frame of the
+    flight, or refuses them."""
 
     def __init__(self) -> None:
         self.watches = False

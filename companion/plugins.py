@@ -12,7 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 Options = dict[str, float | bool | str]
-"""Of a plug-in, by name."""
+"""Options of a plug-in, by name."""
 
 
 class Kind(Enum):
@@ -25,7 +25,7 @@ class Kind(Enum):
 
     @property
     def group(self) -> str:
-        """Of the entry points."""
+        """The group of the entry points."""
         return f"courier.{self.name.lower()}s"
 
 

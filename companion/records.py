@@ -57,15 +57,15 @@ def _vectors(kind: str, vectors: tuple[tuple[str, int], ...]) -> list[tuple[str,
 
 
 TRACE = record_type("/companion/trace", "courier/Trace", [*_FLAGS, *_vectors("float64", _VECTORS)])
-"""Of a control step. `lyapunov` and the commands: see `CONTROL_FIELDS`; `limited`: a limit on thrust or tilt bit;
-`guard_reason`: `avoidance.guard.Reason`, and `guard_change` (m/s2) what the guard made of the acceleration;
+"""The trace of a control step. `lyapunov` and the commands: see `CONTROL_FIELDS`; `limited`: a limit on thrust or tilt
+bit; `guard_reason`: `avoidance.guard.Reason`, and `guard_change` (m/s2) what the guard made of the acceleration;
 `free_distance` (m): of the way seen free, inf if all of it is or none is flown over the map."""
 
 LOGGED = record_type("/companion/trace", "courier/LoggedTrace", [*_FLAGS, *_vectors("float32", (*_VECTORS, *WORST))])
-"""Of a control step and those since the record before it: `blocked` and `limited` at any of them, the greatest
-`guard_reason`, `guard_change` and `position_age`, the least `speed_limit`, `clearance` and `free_distance`; the
-greatest distance from the reference (`worst_error`, m), and torque and thrust where they were greatest in size. All
-else is the step's own."""
+"""The trace of a control step and those since the record before it: `blocked` and `limited` at any of them, the
+greatest `guard_reason`, `guard_change` and `position_age`, the least `speed_limit`, `clearance` and `free_distance`;
+the greatest distance from the reference (`worst_error`, m), and torque and thrust where they were greatest in size.
+All else is the step's own."""
 
 PLANNED_CORNERS = 16
 PLANNED = record_type(

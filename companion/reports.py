@@ -48,13 +48,13 @@ class BatteryReading(msgspec.Struct, frozen=True, gc=False):
     source: int
     """The battery's number, from 0 on, or SYSTEM_BATTERY."""
     time_ns: int
-    """Of arrival."""
+    """Time of arrival."""
     charge: float | None = None
-    """Of a full battery, 0..1."""
+    """Share of a full battery, 0..1."""
     volts: float | None = None
-    """Of the whole battery."""
+    """Voltage of the whole battery."""
     cell_volts: float | None = None
-    """Of the lowest cell."""
+    """Voltage of the lowest cell."""
     level: BatteryLevel = BatteryLevel.FINE
     """What its condition calls for, as the vehicle sees it."""
     condition: str = ""

@@ -98,9 +98,9 @@ class Scan:
     """One ring of ranges: bearing 0 forward, clockwise (FRD)."""
 
     time_ns: int
-    """Of arrival."""
+    """Time of arrival."""
     boot_time_us: int
-    """Of the measurement, on the vehicle's clock."""
+    """Time of the measurement, on the vehicle's clock."""
     bearings_frd: Array
     """(n,) rad."""
     ranges_m: Array

@@ -36,7 +36,7 @@ class ControlStep(msgspec.Struct, frozen=True, gc=False):
     state: State
     phase: Phase
     step: int
-    """Of the mission."""
+    """Index of the mission's step."""
     vehicle: VehicleState
     reference: Reference
     control: Array

@@ -44,7 +44,7 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
     raw: bytes
     """The whole frame, magic to checksum or signature."""
     version: int
-    """Of MAVLink: 1 or 2."""
+    """Version of MAVLink: 1 or 2."""
     signed: bool
     """Carries a signature, which nobody has verified."""
     known: bool

@@ -82,7 +82,7 @@ class Keeper:
 
     @classmethod
     def of(cls, path: Path) -> "Keeper":
-        """Of the key in a file. Raises KeyFileError."""
+        """The keeper of the key in a file. Raises KeyFileError."""
         return cls(read_key(path), path.with_name(f"{path.name}.state"))
 
     def now(self) -> int:

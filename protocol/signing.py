@@ -22,7 +22,7 @@ from protocol.framing import Frame
 
 KEY_SIZE: Final = 32
 SECOND: Final = 100_000
-"""Of a timestamp."""
+"""A second in a timestamp's units."""
 _EPOCH_NS: Final = 1_420_070_400_000_000_000
 """2015-01-01 as Unix time."""
 LAST: Final = 2**48 - 1
@@ -69,9 +69,9 @@ class Refusal(Enum):
     AHEAD = "ahead"
     """More than a minute ahead of our clock."""
     BEHIND = "behind"
-    """Of a new stream, and more than a minute behind our clock."""
+    """Signed for a new stream, and more than a minute behind our clock."""
     CROWDED = "crowded"
-    """Of one stream too many."""
+    """Signed for one stream too many."""
 
 
 IN_WORDS: Final = {
@@ -103,7 +103,7 @@ class Memory:
 
 
 def timestamp(unix_ns: int) -> int:
-    """Of a Unix time; a clock from before 2015 says 0."""
+    """The timestamp of a Unix time; a clock from before 2015 says 0."""
     return min(max((unix_ns - _EPOCH_NS) // 10_000, 0), LAST)
 
 
@@ -158,7 +158,7 @@ class Signing:
         """Those whom we have heard before are at least so far ahead of our clock, which may have lost time since."""
         self._streams = {stream: Window(floor) for stream, floor in memory.heard.items()}
         self._newest: dict[tuple[int, int], int] = {}
-        """Of each sender, whatever the link."""
+        """Newest timestamp of each sender, whatever the link."""
         for (system, component, _), floor in memory.heard.items():
             self._newest[system, component] = max(floor, self._newest.get((system, component), 0))
 

@@ -3,7 +3,7 @@
 import struct
 
 _MOST_BYTES = 0xFFFF
-"""Of one part."""
+"""Size of one part at most."""
 
 _HEADER = b"ULog\x01\x12\x35\x01"
 _HEAD = struct.Struct("<HB")

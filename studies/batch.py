@@ -118,7 +118,7 @@ class Responses:
     offset_m: Array
     """Distance from where it was to hover, at the end of the hover."""
     overshoot_m: Array
-    """Of the step, in its direction, beyond where it came to rest."""
+    """Overshoot of the step, in its direction, beyond where it came to rest."""
     settling_s: Array
     """Until it stays within 5 cm of where it came to rest."""
 

@@ -8,7 +8,8 @@ NOTHING_ADDED = (
     "control.estimation.thrust_scale=false",
     "control.estimation.drag_scale=false",
 )
-"""Of what Courier's controller has beyond the paper's; drag stays made up for, which the paper's vehicle lacks."""
+"""What Courier's controller has beyond the paper's, switched off. Drag stays made up for: the paper's vehicle has
+none."""
 
 
 def paper_settings(c: float, angle_weight: float = 400.0, yaw_weight: float = 50.0) -> tuple[str, ...]:

@@ -230,6 +230,18 @@ def test_nothing_outgrows_its_room() -> None:
     assert sorted(found) == [], "take it apart, or say why above it"
 
 
+def test_docstrings_have_a_subject() -> None:
+    """What begins with "Of" has its subject in the name above it, or nowhere."""
+    found = [
+        f"{path.relative_to(ROOT)}: {line.strip()}"
+        for folder in (*PACKAGES, "studies", "bench", "tests")
+        for path in (ROOT / folder).rglob("*.py")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if line.lstrip().startswith('"""Of ')
+    ]
+    assert found == []
+
+
 def a_function(lines: int, arguments: str = "", above: str = "") -> str:
     return f"{above}def f({arguments}):\n" + "    pass\n" * (lines - 1)
 

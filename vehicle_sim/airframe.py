@@ -45,7 +45,7 @@ class Unmodelled(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     propeller_radius_m: NotNegative = 0.0
     """For the ground effect; 0: there is none."""
     imbalance_kg_m: NotNegative = 0.0
-    """Of each propeller: mass times distance from its axis, which shakes the accelerometer."""
+    """Imbalance of each propeller: mass times distance from its axis, which shakes the accelerometer."""
 
 
 class Ground(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -118,7 +118,7 @@ class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     efficiency: Annotated[float, msgspec.Meta(gt=0, le=1)]
     idle_w: NotNegative
     charge: Annotated[float, msgspec.Meta(gt=0, le=1)] = 1.0
-    """Of a full battery, at the start."""
+    """Share of a full battery at the start."""
     internal_resistance_ohm: NotNegative = 0.0
     drives_speed: bool = False
     """The rotors' speed falls with the voltage, as behind a controller that compensates nothing."""

@@ -112,6 +112,7 @@ def vehicle_sim(options: Options) -> None:
 
     At its end it prints one JSON object: how the flight went.
     """
+    from protocol.compiling import compiling_shown
     from protocol.key_files import Keeper, KeyFileError
     from protocol.toml_files import TomlFileError
     from protocol.transport import TransportError
@@ -125,7 +126,8 @@ def vehicle_sim(options: Options) -> None:
     try:
         airframe, world = _load(options)
         if options.warm_up:
-            warm_up(airframe, world)
+            with compiling_shown():
+                warm_up(airframe, world)
             return
         recorder = None if options.truth is None else TruthRecorder(options.truth)
         keeper = None if options.signing_key is None else Keeper.of(options.signing_key)
@@ -169,7 +171,7 @@ def _load(options: Options) -> "tuple[Airframe, World]":
 def _open(options: Options, keeper: "Keeper | None", *, lockstep: bool) -> "Opened":
     """Raises TransportError."""
     from vehicle_sim.opening import Request, open_instance, open_links
-    from vehicle_sim.services.telemetry import Profile
+    from vehicle_sim.services.profiles import Profile
 
     requests = [Request(url, Profile.ONBOARD) for url in options.bind or []]
     requests += [Request(url, Profile.GROUND) for url in options.gcs or []]
@@ -186,6 +188,7 @@ def _fly(
     recorder: "TruthRecorder | None",
 ) -> None:
     """Fly until the end or a signal, and print the summary."""
+    from protocol.compiling import compiling_shown
     from protocol.transport import TransportError
     from vehicle_sim.runner import Runner
     from vehicle_sim.vehicle import warm_up
@@ -193,7 +196,8 @@ def _fly(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.default_int_handler)
     try:
-        warm_up(vehicle.airframe, vehicle.world)
+        with compiling_shown():
+            warm_up(vehicle.airframe, vehicle.world)
         links = opened.links(vehicle)
         runner = Runner(vehicle, opened.first, once=options.once, links=links, takes_keys=opened.local)
         if factor is None:

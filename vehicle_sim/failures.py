@@ -21,7 +21,7 @@ class Unit(IntEnum):
 
 
 class Failures:
-    """Of one vehicle. `sensors`: those it has; `running` (4,) is 1 for each motor that works; `enabled`:
+    """The failures of one vehicle. `sensors`: those it has; `running` (4,) is 1 for each motor that works; `enabled`:
     SYS_FAILURE_EN."""
 
     def __init__(

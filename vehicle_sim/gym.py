@@ -21,7 +21,7 @@ HEIGHT = 3.0
 """m, at which an episode begins."""
 _NEAR_M, _SLOW_M_S = 0.3, 0.5
 _REACH_M = (8.0, 8.0, 1.5)
-"""Of the targets around the start."""
+"""How far from the start the targets are."""
 _PRIZE = 10.0
 
 

@@ -10,7 +10,7 @@ from protocol.key_files import Keeper
 from protocol.listeners import Listener
 from protocol.transport import Serial, Tcp, Transport, TransportError, Udp
 from vehicle_sim.services.outbox import Channel
-from vehicle_sim.services.telemetry import Profile
+from vehicle_sim.services.profiles import Profile
 from vehicle_sim.vehicle import Vehicle
 
 SILENCE_S = 60.0

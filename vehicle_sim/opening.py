@@ -8,7 +8,7 @@ from protocol.key_files import Keeper
 from protocol.listeners import Listener, TcpListener, UdpListener
 from protocol.transport import Transport, TransportError, Udp, open_url
 from vehicle_sim.links import Links
-from vehicle_sim.services.telemetry import Profile
+from vehicle_sim.services.profiles import Profile
 from vehicle_sim.vehicle import Vehicle
 
 _HERE = "127.0.0.1"

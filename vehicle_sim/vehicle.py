@@ -28,10 +28,11 @@ from vehicle_sim.services.flight_commands import Actions
 from vehicle_sim.services.identity import FIRST, Identity
 from vehicle_sim.services.outbox import Channel
 from vehicle_sim.services.parameter_store import Parameters
+from vehicle_sim.services.profiles import Profile
 from vehicle_sim.services.sensor_messages import Scans, Senses
 from vehicle_sim.services.services import Services
 from vehicle_sim.services.snapshot import Snapshot
-from vehicle_sim.services.telemetry import Profile, Telemetry
+from vehicle_sim.services.telemetry import Telemetry
 from vehicle_sim.tick import EXACT, advance
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import TruthRecorder
@@ -142,7 +143,7 @@ class Vehicle:
         """The streams of the first link."""
         return self.channel.telemetry
 
-    def open_channel(self, profile: Profile = Profile.ONBOARD, *, datagrams: bool = True) -> Channel:
+    def open_channel(self, profile: Profile = Profile.FIRST, *, datagrams: bool = True) -> Channel:
         """One link more."""
         return self._services.open_channel(profile, self.tick, self._now, datagrams=datagrams)
 
@@ -287,7 +288,7 @@ def _estimator(airframe: Airframe, start: Motion, rngs: list[np.random.Generator
 
 
 def _faults(senses: Senses) -> dict[int, tuple[Fault, ...]]:
-    """Of the sensors that the vehicle has."""
+    """The failures that the vehicle's sensors can have, by the sensor."""
     scans, estimator = senses
     found: dict[int, tuple[Fault, ...]] = {Unit.LIDAR: scans.faults}
     if isinstance(estimator, Estimator):

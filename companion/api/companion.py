@@ -45,7 +45,7 @@ class Companion:
         self._words: deque[str] = deque(maxlen=20)
         """What the process said last."""
         self.log: Path | None = None
-        """Of the flight, once that has begun."""
+        """The flight's log, once that has begun."""
         self.verdict: Verdict | None = None
         """How it came out, once it has ended."""
 

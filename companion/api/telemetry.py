@@ -27,7 +27,7 @@ class State:
     phase: Phase
     """What the flight is about."""
     step: int
-    """Of what is flown, counted from 0; it never falls."""
+    """Number of the step of what is flown, from 0; it never falls."""
     position_ned: Triple
     """m, in the vehicle's own frame."""
     velocity_ned: Triple

@@ -157,7 +157,7 @@ class PaperRule:
     def _best(
         self, boxes: Array, points_ned: Array, position_ned: Array, goal: Array, axes: Array, half_width: float
     ) -> Array | None:
-        """Of the setpoints (2,) (m, NED) around the boxes (k, 4) that can be reached, the one with the shortest path to
+        """The reachable one of the setpoints (2,) (m, NED) around the boxes (k, 4) that has the shortest path to
         the goal; `axes` (2, 2): unit vectors along and across the course."""
         settings = self._settings
         here = position_ned[:2]

@@ -80,7 +80,7 @@ ATTITUDE, RATES, TORQUE, THRUST = slice(15, 19), slice(19, 22), slice(22, 25), 2
 
 _LONGEST_STEP_S = 0.1
 _ITERATIONS = 2
-"""Of the flatness of the reference, which start from the last step's result."""
+"""Iterations of the reference's flatness, which start from the last step's result."""
 _ATTITUDE, _ANGULAR_ACCELERATION = int(TurningInput.ATTITUDE), int(TurningInput.ANGULAR_ACCELERATION)
 
 
@@ -98,7 +98,7 @@ class Controller:
         self._predicts = settings.control.prediction.enabled
         self._configured = self._parameters.copy()
         self.delay = LinkDelay()
-        """Of the link, as it is flown with."""
+        """The link's delay, as it is flown with."""
         self._acts_after_ns = self._counted_ns()
         self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
         self._foreign_position, self._foreign_attitude = foreign_laws(settings.control, self._parameters, self._memory)

@@ -52,7 +52,7 @@ velocity (m2/s2) by the innovations."""
 VELOCITY, DISTURBANCE, THRUST_SCALE, DRAG_SCALE = slice(0, 3), slice(3, 6), 6, 7
 """Places in `mean`."""
 _DOWNWARD = 5
-"""Of the vertical disturbance."""
+"""Index of the vertical disturbance."""
 
 THRUST_SCALE_BOUNDS = (0.1, 10.0)
 DRAG_SCALE_BOUNDS = (0.0, 3.0)

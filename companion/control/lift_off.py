@@ -29,7 +29,7 @@ _STEP_NS = 100_000_000
 
 
 class LiftOff:
-    """Of one flight. Until `begin` the vehicle is in the air."""
+    """The lift-off of one flight. Until `begin` the vehicle is in the air."""
 
     def __init__(self, limits: Limits, body: VehicleParameters) -> None:
         self.thrust: float | None = None

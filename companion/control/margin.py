@@ -57,7 +57,7 @@ class Pace(NamedTuple):
     """How fast the loops are with a delay, and what that leaves."""
 
     share: float = 1.0
-    """Of the design's own bandwidth."""
+    """Share of the design's own bandwidth that is flown with."""
     margin: float | None = None
     """Phase margin (rad); None without a delay."""
 

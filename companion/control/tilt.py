@@ -44,7 +44,8 @@ class Tilt(NamedTuple):
 
 @compiled
 def tilt_ahead(attitude_ned_frd: Array, turns: Array, limit: float, braking: float) -> Tilt:
-    """Of a vehicle with an attitude (4,) that turns with `turns` (3,) in rad/s; limit in rad, `braking` in rad/s2."""
+    """The tilt of a vehicle with an attitude (4,) that turns with `turns` (3,) in rad/s; `limit` in rad, `braking` in
+    rad/s2."""
     down = to_body(attitude_ned_frd, (0.0, 0.0, 1.0))
     sine = math.sqrt(down[0] * down[0] + down[1] * down[1])
     size = math.atan2(sine, down[2]) / max(sine, _UPRIGHT)

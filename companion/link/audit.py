@@ -13,7 +13,7 @@ LONGEST_HOLD_OF_RATES_S = 0.3
 
 
 class Audit:
-    """Of one vehicle before one flight."""
+    """The audit of one vehicle before one flight."""
 
     def __init__(self, firmware: Firmware, terms: Terms, settings: Supervision) -> None:
         self.findings: tuple[Finding, ...] = ()

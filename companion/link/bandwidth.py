@@ -5,7 +5,7 @@ import msgspec
 from companion.config import Rates
 
 _SHARE = 0.7
-"""Of a link's bytes; the rest is left for answers, texts and ground stations."""
+"""Part of a link's bytes for telemetry; the rest is left for answers, texts and ground stations."""
 _ATTITUDE, _POSITION, _RING, _SETPOINT = 44.0, 40.0, 300.0, 51.0
 """Bytes on the wire: ATTITUDE_QUATERNION, LOCAL_POSITION_NED, a ring (of eight sectors, which is the larger form) and
 SET_ATTITUDE_TARGET, one of which answers each attitude."""

@@ -8,7 +8,7 @@ from protocol.clock_offset import ClockOffset
 from protocol.peer import Peer
 
 _SHARE = 1 / 64
-"""Of a new age in the mean."""
+"""Weight of a new age in the mean."""
 _STEP_S = 0.004
 """A change by less is none, and what is known is a multiple: a tick of most vehicles."""
 _RISE_NS = 20_000_000
@@ -22,7 +22,7 @@ _WORTH_A_WORD_S = 0.02
 
 
 class Delays:
-    """Of one vehicle. `known` is another object only after a change."""
+    """The delays of one vehicle. `known` is another object only after a change."""
 
     def __init__(self, period: float, longest: float) -> None:
         """`period` (s) of the telemetry. An attitude that is older than `longest` (s) queued up, or has another clock

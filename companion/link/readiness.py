@@ -24,17 +24,17 @@ _FLAGS = {
     dialect.EKF_POS_VERT_ABS: "height",
     dialect.EKF_POS_HORIZ_ABS: "position",
 }
-"""Of EKF_STATUS_REPORT, and of ESTIMATOR_STATUS, which has the same."""
+"""Words for the flags of EKF_STATUS_REPORT, and of ESTIMATOR_STATUS, which has the same."""
 
 
 class Readiness:
-    """Of one vehicle; its messages go in, and sentences come out."""
+    """The readiness of one vehicle; its messages go in, and sentences come out."""
 
     def __init__(self, settings: Settings, output: Output | None) -> None:
         self.version: int | None = None
         """AUTOPILOT_VERSION.flight_sw_version."""
         self.audit: Audit | None = None
-        """Of its parameters, once a vehicle was found."""
+        """The audit of its parameters, once a vehicle was found."""
         self.prearm_ok = True
         self.emergency = ""
         """The first text of an emergency since arming."""

@@ -8,7 +8,7 @@ _WITHIN_NS = 500_000_000
 
 
 class Refusals:
-    """Of one vehicle. Times in ns."""
+    """The refusals of one vehicle. Times in ns."""
 
     def __init__(self) -> None:
         self.count = 0

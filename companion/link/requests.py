@@ -33,7 +33,7 @@ _TITLES = {
 
 
 class Requests:
-    """Of one vehicle, whose firmware is told once it is known."""
+    """The requests to one vehicle, whose firmware is told once it is known."""
 
     def __init__(self, settings: Supervision) -> None:
         self.firmware: Firmware | None = None

@@ -25,7 +25,7 @@ class Source(IntEnum):
 
     AUTOPILOT = 0
     COMPONENT = 1
-    """Of the vehicle's system."""
+    """Component of the vehicle's system."""
     SENSOR_LINK = 2
 
 
@@ -53,7 +53,7 @@ class Rings:
     def __init__(self, count: Callable[[int, int], None]) -> None:
         self._count = count
         self.framer = Framer()
-        """Of the sensor's own link."""
+        """Reads the sensor's own link."""
         self.silent_when_free = False
         """The vehicle sends no sector while all of them are empty."""
         self._sectors = [SectorScans() for _ in Source]

@@ -9,13 +9,14 @@ from companion.state import Scan
 from protocol.arrays import Array
 
 SECTORS = 8
-"""Of a scan that comes as DISTANCE_SENSORs. MAV_SENSOR_ORIENTATION counts them first: 0 forward, clockwise."""
+"""Number of sectors of a scan that comes as DISTANCE_SENSORs. MAV_SENSOR_ORIENTATION counts them first: 0 is forward,
+then clockwise."""
 
 _SILENCE_NS = 150_000_000
 """Twice a scan's period and more; with it and a period, what is seen is not older than the guard tolerates."""
 _LOSSY_SILENCE_NS = 400_000_000
 _SHORTEST_REACH_M = 5.0
-"""Of a sensor that has not said yet how far it sees."""
+"""Reach of a sensor that has not said yet how far it sees."""
 
 
 class SectorReport(msgspec.Struct, frozen=True, gc=False):

@@ -14,7 +14,7 @@ from protocol.peer import Peer
 TOLERANCE_MS: Final = 150
 """By which stamps may lead further than the soonest one, and fall back where messages overtake one another."""
 _DRIFT: Final = 2e-4
-"""Of two clocks, at most."""
+"""Relative drift between two clocks, at most."""
 _TELLING, _TELLING_NS = 4, 50_000_000
 """So many attitudes over so long show that the clock was set."""
 _GAP_NS = 300_000_000
@@ -22,17 +22,18 @@ _GAP_NS = 300_000_000
 
 
 class Stamps:
-    """Of one vehicle's attitudes and positions. Stamps in ms of its clock, times in ns of ours."""
+    """The stamps of one vehicle's attitudes and positions: in ms of its clock; times in ns of ours."""
 
     def __init__(self) -> None:
         self._soonest: tuple[int, int] | None = None
         """The stamp that came soonest, and when."""
         self._latest_ms = self._latest_ns = 0
-        """Of the attitudes that were believed; when the latest came,"""
+        """Stamp of the latest attitude that was believed, and when it came,"""
         self._lead_ns = 0
         """and how far its stamp led the soonest one."""
         self._odd: tuple[int, int, int] | None = None
-        """Of the attitudes in a row that are not: when the first came, the lead of its stamp, and how many they are."""
+        """The run of attitudes that are not believed: when the first came, the lead of its stamp, and how many there
+        are."""
 
     def take(
         self, stamp_ms: int, now_ns: int, peer: Peer, *, of_attitude: bool, flies: bool

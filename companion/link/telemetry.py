@@ -20,7 +20,7 @@ _WELCOME = {
 """Rates (Hz) by message, of what is good to have of any vehicle."""
 
 _STILL_ENOUGH = 0.5
-"""Of the least share, once there was that much."""
+"""Part of the least share that is enough, once that was reached."""
 
 
 class Telemetry:

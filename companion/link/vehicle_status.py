@@ -22,7 +22,7 @@ telemetry says so,"""
 _LONGEST_BACKLOG_NS = 2 * _SECOND_NS
 """but it is not waited for longer than this."""
 _TOLERANCE_NS = _SECOND_NS // 20
-"""Of the vehicle's clock."""
+"""How much (ns) of the vehicle's clock two stamps may be apart."""
 _LATE_PERIODS = 1.5
 """A heartbeat that is older than so many of its periods is asked for."""
 

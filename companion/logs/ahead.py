@@ -66,7 +66,7 @@ class Ahead:
 
     @property
     def pid(self) -> int | None:
-        """Of the process."""
+        """The process's number; None before it was started."""
         pid: int | None = self._process.pid
         return pid
 

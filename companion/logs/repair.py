@@ -11,7 +11,7 @@ from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, tlog
 from protocol.framing import Framer
 
 _LARGEST_STEP = 2
-"""Of the sequence between two records of a whole log: a status line between them has a number, too."""
+"""Step of the sequence between two records of a whole log: a status line between them has a number, too."""
 _MOST_GAPS_LISTED = 10
 
 

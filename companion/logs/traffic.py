@@ -19,7 +19,7 @@ class Datagram(NamedTuple):
     """Since the log's time 0."""
     direction: Direction
     address: str
-    """Of the other end; empty where the log does not say."""
+    """The other end's address; empty where the log does not say."""
     data: bytes
 
 

@@ -33,7 +33,7 @@ _NO_PLACE = 2**31 - 1
 _MOST_ITEMS = 1000
 _HEAD = "QGC WPL 110"
 _PLAN_VERSIONS = 1, 2
-"""Of the plan and of the mission in it."""
+"""Versions of the plan and of the mission in it."""
 _AT_HOME_M = 1.0
 """A take-off from so near is from its place."""
 _PLACE = frozenset({"north", "east", "height"})

@@ -11,7 +11,7 @@ _METRES = "north", "east"
 
 
 def first_place(tables: dict[str, Any]) -> Place | None:
-    """Of a mission's tables: the first waypoint by latitude and longitude; None without one. Raises MissionFileError
+    """The first waypoint by latitude and longitude in a mission's tables; None without one. Raises MissionFileError
     for one that is neither that nor by north and east."""
     places = [_place(table, number) for number, table in enumerate(_waypoints(tables), 1)]
     return next((place for place in places if place is not None), None)

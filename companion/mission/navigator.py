@@ -37,7 +37,7 @@ class Leg(msgspec.Struct, frozen=True, gc=False):
 
     step: Step
     index: int
-    """Of the step in the mission."""
+    """Index of the step in the mission."""
     goal_ned: Array
     """(3,) m: the step's target at the altitude that is flown; the vehicle's place where the step has none."""
     speed: float
@@ -85,7 +85,7 @@ class Navigator:
         self.step: Step
         """The present one."""
         self.phase = Phase.PREPARE
-        """Of the present step; PREPARE before the start, DONE after the end."""
+        """Phase of the present step; PREPARE before the start, DONE after the end."""
         self.released = False
         """The parcel is delivered."""
         self.ground_down = 0.0

@@ -18,9 +18,10 @@ class Order(Table, frozen=True):
 
     do: Literal["fly", "deliver", "hold", "land"]
     mission: Mission | None = None
-    """Of "fly": its waypoints, as from the take-off, and what it does after them; the take-off is not flown again."""
+    """What "fly" flies: its waypoints, as from the take-off, and what it does after them. The take-off is not flown
+    again."""
     delivery: Delivery = Delivery()
-    """Of "deliver": below where the vehicle is."""
+    """What "deliver" does, below where the vehicle is."""
 
 
 class OrderError(ValueError):

@@ -49,7 +49,7 @@ class Mission(Table, frozen=True):
     """What is flown: a file in `missions/`, or made in code."""
 
     name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
-    """Of letters, digits, - and _: the log's folder carries it."""
+    """Letters, digits, - and _: the log's folder carries it."""
     waypoints: list[Waypoint] = msgspec.field(default_factory=list)
     """In the order in which they are flown."""
     trajectory: Shape | None = None
@@ -65,7 +65,7 @@ class Mission(Table, frozen=True):
     speed: Positive = 4.0
     """m/s, at most."""
     delivery: Delivery | None = None
-    """Of a parcel, at the last waypoint; None: there is none."""
+    """Delivery of a parcel at the last waypoint; None: there is none."""
     return_home: bool = True
     """Back along the route after the last waypoint; otherwise land there."""
     waits: bool = False

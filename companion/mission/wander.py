@@ -9,7 +9,7 @@ import math
 from protocol.arrays import Array
 
 _SHARE = 1.0 / 1000.0
-"""Of a control step in the mean squares: a window of 4 s at 250 Hz."""
+"""Weight of a control step in the mean squares: a window of 4 s at 250 Hz."""
 _LIFTING_OFF = 750
 """Control steps in the air that do not count yet: 3 s at 250 Hz."""
 _SIGMAS = 2.5

@@ -28,7 +28,7 @@ _MOST_INCOHERENT = 2
 
 
 class RingCheck:
-    """Of one sensor."""
+    """The check of one sensor's rings."""
 
     def __init__(self) -> None:
         self.sure_ns: int | None = None

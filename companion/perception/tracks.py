@@ -38,7 +38,7 @@ _RANGE_SIGMA_M = 0.08
 _WIDEST_VIEW = math.radians(120.0)
 """rad that a cluster fills at the most: `max_extent` wide, it would have to be within the hull to fill more."""
 _MOST_BEAMS = 72
-"""Of a ring: OBSTACLE_DISTANCE has no more."""
+"""Beams of a ring at most: OBSTACLE_DISTANCE has no more."""
 _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
 _INITIAL_SPEED_SIGMA = 1.5

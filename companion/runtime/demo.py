@@ -36,7 +36,7 @@ _PARAMETERS = (
     "BAT_CRIT_THR=0.05",
     "BAT_EMERGEN_THR=0.03",
 )
-"""Of the simulator: the vehicle's failsafes."""
+"""Parameters of the simulator: the vehicle's failsafes."""
 
 
 def demo(

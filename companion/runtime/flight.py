@@ -23,7 +23,7 @@ from companion.mission.files import to_toml
 from companion.mission.plan import Mission, Phase
 from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
-from companion.runtime.compiling import compiling_shown, first_start, planner_compiled_beside
+from companion.runtime.compiling import first_start, planner_compiled_beside
 from companion.runtime.files import is_geodetic
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
 from companion.runtime.rehearsal import rehearse
@@ -34,6 +34,7 @@ from companion.runtime.summary import Axes, Summary
 from companion.state import Adoption, Output
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
+from protocol.compiling import compiling_shown
 from protocol.flightlog import FlightLog
 from protocol.guarded_link import GuardedLink, inmost
 from protocol.transport import Transport, bytes_per_s
@@ -363,7 +364,7 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
 
 
 def git_hash() -> str:
-    """Of the checkout that this runs from, "+" behind it if it was changed; empty outside one."""
+    """The hash of the checkout that this runs from, "+" behind it if it was changed; empty outside one."""
     command = ["git", "-C", str(toml_files.ROOT), "describe", "--always", "--dirty=+", "--abbrev=40"]
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()

@@ -7,7 +7,7 @@ from companion.supervision.operations import LandRequest, OrderRequest
 LOG_AT = "companion: log at "
 """Said by a flight that takes orders, before the path of its log."""
 _MOST_BYTES = 1 << 16
-"""Of a line, and of what is read at a tick."""
+"""Bytes of a line, and of what is read at a tick."""
 
 
 class Orders:

@@ -102,7 +102,7 @@ class PlannerProcess:
 
     @property
     def pid(self) -> int | None:
-        """Of the process."""
+        """The process's number; None before it was started."""
         return self._process.pid
 
     def ask(self, request: PlanRequest) -> None:

@@ -36,7 +36,7 @@ _EULER_TICKS = 16
 """So long the attitude comes as Euler angles, too, as a vehicle sends it that was not asked for the quaternion yet."""
 _SCAN_EVERY_TICKS = 16
 _SCANS, _SCANS_WITH_A_THING = 16, 14
-"""Of so many scans so many show something. It turns with the vehicle, long enough to be seen to move."""
+"""Number of scans, and how many of them show something. It turns with the vehicle, long enough to be seen to move."""
 _REHEARSED_LAPS = 0.1
 _REHEARSED_RAMP_S = 0.2
 _REHEARSED_REACH_M = 3.0

@@ -51,7 +51,7 @@ class Station:
 
     @property
     def address(self) -> str:
-        """Of the station, or its URL while nobody is there."""
+        """The station's address, or its URL while nobody is there."""
         return (self._transport.peer if self._transport is not None else "") or self.url
 
     def grant(self, seconds: float, bytes_per_s: float) -> None:

@@ -77,7 +77,7 @@ class Security:
     """What the links of a flight are opened with."""
 
     keeper: Keeper | None = None
-    """Of the key that all of them demand."""
+    """Keeper of the key that all of them demand."""
     insecure: bool = False
     """Addresses beyond this machine are bound without a key."""
 

@@ -10,7 +10,7 @@ from companion.supervision.health import Health
 from companion.supervision.states import State
 
 Condition = Callable[[Health, Supervision, float], bool]
-"""Of the health, the settings and the seconds in the state."""
+"""A condition on the health, the settings and the seconds in the state."""
 
 
 @dataclass(frozen=True, slots=True)

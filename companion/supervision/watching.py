@@ -26,7 +26,7 @@ UNWATCHED = Watched(False, 0.0)
 
 
 class Descent:
-    """Of a vehicle in its own failsafe."""
+    """The descent of a vehicle in its own failsafe."""
 
     def __init__(self) -> None:
         self._mode: FlightMode | None = None

@@ -38,7 +38,7 @@ _ONLOOKER_SENDS = frozenset({"ViewerCameraMessage"})
 _OPERATOR_SENDS = _ONLOOKER_SENDS | {"GuiUpdateMessage", "ScenePointerMessage"}
 """What the page's elements need. viser knows more: ShareUrlRequest opens the page to the internet."""
 _LARGEST_MESSAGE = 1 << 16
-"""Of a browser (bytes). A camera's is 0.3 kB."""
+"""Size of a browser's message (bytes) at most. A camera's is 0.3 kB."""
 _ONLOOKER_SIGN = (
     b'<div id="onlooker" style="position:fixed;bottom:0;left:0;z-index:1000;padding:2px 8px;background:#fffc;'
     b'font:13px sans-serif">You look on: the address that was printed has the controls.</div>'

@@ -23,7 +23,7 @@ from protocol.flightlog import FlightLogError
 _FRAME_NS = 1_000_000_000 // 30
 """Time between two pictures of the vehicle and its instruments."""
 _WORDS_EVERY, _MAP_EVERY, _PATHS_EVERY = 6, 15, 20
-"""Of so many pictures one has new words and charts, a new map, new paths."""
+"""One picture in so many has new words and charts, a new map, new paths."""
 
 
 class Page:

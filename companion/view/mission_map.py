@@ -16,12 +16,12 @@ from companion.view.report_page import AMBER, BLUE
 from companion.view.scene import Prism, solids
 
 _SAMPLES = 120
-"""Of a curve."""
+"""Points that a curve is drawn by."""
 _SAME_PLACE_M = 0.5
 _LEAST_M = 10.0
 """Height and width that are shown at least."""
 _NARROWEST = 0.6
-"""Of a page's map: the shorter side, in parts of the longer one."""
+"""Shorter side of a page's map, in parts of the longer one."""
 _BELOW_PX = 44.0
 """For the scale, below the map."""
 _COLUMNS, _ROWS = 61, 21

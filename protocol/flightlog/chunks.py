@@ -29,7 +29,7 @@ class Chunk(NamedTuple):
     """One chunk, or messages outside of chunks."""
 
     offset: int
-    """Of the chunk's record in the file."""
+    """Offset of the chunk's record in the file."""
     start: int
     """Offset of its compressed content."""
     stop: int
@@ -38,7 +38,7 @@ class Chunk(NamedTuple):
     size: int
     """Uncompressed bytes."""
     crc: int
-    """Of the uncompressed content; 0 if there is none."""
+    """Checksum of the uncompressed content; 0 if there is none."""
     truncated: bool = False
     """The file ends within it."""
     unchunked: bool = False

@@ -11,7 +11,7 @@ from protocol.flightlog.status import Status
 _STATUS_INTERVAL_S: Final = 5.0
 """Between two lines of progress where standard error is no terminal."""
 _COLORS: Final = {"WARNING": "33", "ERROR": "31", "FATAL": "1;31"}
-"""Of a level's lines on a terminal."""
+"""Colors of a level's lines on a terminal."""
 
 
 class Console:

@@ -18,7 +18,7 @@ from protocol.flightlog.mcap_format import MAGIC, RECORD_HEADER, UINT32
 from protocol.flightlog.record_types import RecordType
 
 COMPRESSION_LEVEL: Final = 3
-"""Of zstd: level 1 takes half the time, levels up to 9 save nothing more."""
+"""Level of zstd: level 1 takes half the time, levels up to 9 save nothing more."""
 CHUNK_BYTES: Final = 512 << 10
 """Uncompressed size at which a writer ends a chunk, however young it is."""
 LARGE_CHUNK_BYTES: Final = 256 << 10

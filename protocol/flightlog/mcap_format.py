@@ -33,7 +33,7 @@ class FlightLogError(Exception):
 
 
 class Direction(IntEnum):
-    """Of a datagram, as the companion sees it."""
+    """Direction of a datagram, as the companion sees it."""
 
     IN = 0
     """From the vehicle."""

@@ -11,7 +11,7 @@ class Status(NamedTuple):
     figures: tuple[tuple[str, str], ...] = ()
     """Names and values, the units with them."""
     done: float | None = None
-    """Of the whole, 0..1; None while that is not known."""
+    """Share of the whole, 0..1; None while that is not known."""
     hint: str = ""
     """What one can do."""
 

@@ -36,7 +36,7 @@ class PlaceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mission: str | None = None
     """A mission with waypoints; none: the place's own way, from its start to its goal."""
     options: dict[str, float] = {}
-    """Of the kind of place, as density = 0.04."""
+    """Options of the kind of place, as density = 0.04."""
     set: tuple[str, ...] = ()
     """Overrides of the world's file, as "wind.mean_ned=[4.0, 0.0, 0.0]"."""
 
@@ -80,16 +80,16 @@ class CampaignFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     vehicle: Annotated[tuple[VehicleTable, ...], AT_LEAST_ONE] = (VehicleTable(),)
     settings: Annotated[tuple[VariantTable, ...], AT_LEAST_ONE] = (VariantTable("default"),)
     faults: Annotated[tuple[str, ...], AT_LEAST_ONE] = ("",)
-    """Of docs/faults.md; "" is none."""
+    """Faults of docs/faults.md; "" is none."""
     methods: Annotated[tuple[str, ...], AT_LEAST_ONE] = (DEFAULT,)
     speeds: Annotated[tuple[Positive, ...], AT_LEAST_ONE] = (5.0,)
     seeds: Count = 100
-    """Of each case."""
+    """Number of seeds of each case."""
     first_seed: Count = 1
     limit_s: Positive = 60.0
     """Simulated time on the route."""
     wall_limit_s: Positive = LIMIT_S
-    """Of one flight."""
+    """Time limit of one flight."""
     stop: StopTable | None = None
 
     def __post_init__(self) -> None:

@@ -22,7 +22,7 @@ class Stop:
     """A case is over when Wilson's interval of its success is at most so wide."""
 
     width: float
-    """Of 1."""
+    """Width of the interval, as a share of 1."""
     at_least: int = AT_LEAST
     """Flights."""
 
@@ -33,7 +33,7 @@ class Flown:
 
     row: Row
     files: dict[str, bytes]
-    """Of a failure: contents by the path in the campaign's folder."""
+    """Files of a failure: contents by the path in the campaign's folder."""
     folder: str
     """In which the flight was; the files name it."""
 

@@ -43,7 +43,7 @@ class SearchTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     failures: Count = 1
     """That are enough."""
     seed: Count = 1
-    """Of the search."""
+    """Seed of the search."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ FLIGHT_S = {"courier": (3.0, 72.0), "square": (3.0, 39.0)}
 """From when to when after the arming a fault may begin: off the ground, and before the landing."""
 _LIMIT_S = 400.0
 _ROUNDED_S = 0.01
-"""Of the times of what is said."""
+"""Rounding of the times of what is said."""
 _ASTRAY_M = 1.0
 _LANDING_S = 60.0
 """For a vehicle that its companion has left."""
@@ -55,7 +55,7 @@ class Job:
     mission: str
     seed: int
     code: str
-    """Of what flies: see `code`."""
+    """Digest of the code that flies: see `code`."""
 
 
 class Row(msgspec.Struct, frozen=True):

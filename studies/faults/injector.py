@@ -114,7 +114,7 @@ class Injector:
     ) -> None:
         self.link = link
         self.change = change
-        """Of what the vehicle says."""
+        """Changes what the vehicle says."""
         self.began_ns: int | None = None
         """When the onset began; one that changes what the vehicle says begins where that first differs from what the
         vehicle would have said: what stands still anyhow is not frozen yet."""

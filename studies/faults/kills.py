@@ -63,7 +63,7 @@ class Kill:
     signal: str
     seed: int
     code: str
-    """Of what flies: see flights.code."""
+    """Digest of the code that flies: see flights.code."""
 
 
 class Row(msgspec.Struct, frozen=True):
@@ -88,7 +88,7 @@ class Row(msgspec.Struct, frozen=True):
     missing_s: float
     """Before the signal: what was sent that is not in the log."""
     differences: int | None
-    """Of the replay."""
+    """Differences that the replay found."""
     wall_s: float
 
     @property

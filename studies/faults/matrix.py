@@ -24,7 +24,7 @@ CLEARANCE_M = 0.5
 TILT_DEG, STEEP_DEG = 45.0, 50.0
 """The limit, and what a vehicle is taken for out of control at."""
 _LISTED = 4
-"""Of a fault's flights that were not as promised."""
+"""Flights of a fault that are listed, at most, if they were not as promised."""
 _SOONEST_S = 0.003
 """Where the picture's axis of times begins."""
 _COLOURS = dict(

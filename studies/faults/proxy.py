@@ -51,7 +51,7 @@ class Console:
                 raise RuntimeError(f"the companion never said {words!r}: {self.lines[-5:]}")
 
     def end(self) -> dict[str, Any] | None:
-        """Of a process that ends, or has: the JSON object that it printed last."""
+        """The JSON object that a process printed last, once it has ended."""
         while self.read():
             pass
         self.process.wait()

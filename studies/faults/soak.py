@@ -42,7 +42,7 @@ class Soak:
     pace: str
     duration_s: float
     code: str
-    """Of what flies: see flights.code."""
+    """Digest of the code that flies: see flights.code."""
 
 
 class Process(msgspec.Struct, frozen=True):
@@ -65,7 +65,7 @@ class Row(msgspec.Struct, frozen=True):
     log_mb: float
     processes: tuple[Process, ...]
     latency_p50_us: tuple[float, ...]
-    """Of the quarters, as are the others."""
+    """Median latency of each quarter of the flight; the others are by quarters, too."""
     latency_p99_us: tuple[float, ...]
 
     @property

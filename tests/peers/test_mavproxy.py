@@ -10,12 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pyulog import ULog
 
 from protocol.toml_files import ROOT
 from tests.vehicle_sim.mission_uploader import Row, at
 from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 from vehicle_sim.services.parameter_table import TABLE
-from vehicle_sim.services.telemetry import Profile
+from vehicle_sim.services.profiles import Profile
 
 PAGE = (ROOT / "docs" / "vehicle-sim.md").read_text(encoding="utf-8")
 TAKEOFF, WAYPOINT, LAND, CORNER, RALLY = 22, 16, 21, 5001, 5100
@@ -105,6 +106,9 @@ def test_it_sets_parameters_and_flies_a_mission_within_a_fence(console: Console,
     console.type("arm throttle", "COMPONENT_ARM_DISARM: ACCEPTED")
     console.wait_for("Landing detected")
     console.wait_for("Disarmed by landing")
+    size = int(console.type("log list", r"Log 0  numLogs 1 lastLog 0 size (\d+)")[1])
+    console.type(f"log download 0 {tmp_path / 'flight.ulg'}", f"Finished downloading .*{size} bytes")
+    assert "Landing detected" in [each.message for each in ULog(str(tmp_path / "flight.ulg")).logged_messages]
 
 
 def test_the_commands_of_the_page_fly(console: Console) -> None:

@@ -25,7 +25,7 @@ from tests.flights.shared import alone
 
 _INSTANCE = 7
 _PARAMETERS = {"GUID_OPTIONS": 8, "GUID_TIMEOUT": 1, "FS_GCS_ENABLE": 5, "MAV_GCS_SYSID": 1}
-"""Of ArduPilot: what the audit asks for."""
+"""Parameters of ArduPilot: what the audit asks for."""
 _ON_GROUND_S = 60.0
 
 

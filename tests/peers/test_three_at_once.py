@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 
 from tests.flights.processes import PATIENT, Process
 from tests.peers.test_mavproxy import Console
@@ -82,6 +83,7 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
             assert flight.end() == 0, flight.lines[-10:]
             report = flight.report()
         assert report["outcome"] == "flown" and report["landed"]
+        assert {PROGRAM[0], 255} <= heard_by_companion(tmp_path / "logs"), "it, too, sees the others"
         second.wait_for("DISARMED")
         action.arm()
         action.takeoff()
@@ -93,7 +95,17 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
         mavsdk.destroy()
 
 
+def heard_by_companion(logs: Path) -> set[int]:
+    """The systems whose heartbeats are in its log."""
+    (log,) = logs.glob("*/flight.mcap")
+    with log.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    topics = [channel.topic.split("/") for channel in summary.channels.values()]
+    return {int(topic[2]) for topic in topics if topic[1] == "mavlink" and topic[-1] == "HEARTBEAT"}
+
+
 def components(mavsdk: Any) -> set[int]:
-    """Of the vehicle's system, as MAVSDK sees them."""
+    """The components of the vehicle's system, as MAVSDK sees them."""
     (own,) = [each for each in mavsdk.get_systems() if each.get_system_id() == 1]
     return set(own.component_ids())

@@ -62,7 +62,7 @@ def test_pymavlink_with_another_key_refuses_it() -> None:
 
 @pytest.mark.parametrize("length", [0, 1, 2, 9, 254, 255])
 def test_a_frame_comes_back_without_its_signature(length: int) -> None:
-    """Of any length, of messages that the dialect lacks too."""
+    """Frames of any length, of messages that the dialect lacks too."""
     body = bytes((length, 0, 0, 7, 1, 1)) + (60_000).to_bytes(3, "little") + bytes(range(1, length + 1))
     checksum = dialect.x25crc(body + b"\x55").crc
     frame = b"\xfd" + body + checksum.to_bytes(2, "little")

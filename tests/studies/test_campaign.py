@@ -138,7 +138,7 @@ def test_a_section_holds_its_floors_against_the_default_alone(tmp_path: Path) ->
 
 
 def test_a_section_tells_what_each_stage_takes(tmp_path: Path) -> None:
-    """Of the flights that were timed; older rows, without these columns, are read as before."""
+    """Flights that were timed tell it; older rows, without these columns, are read as before."""
     folder = tmp_path / "logs" / "forest"
     timed = [row(seed=seed, map_us=500.0 + seed, way_us=200.0, space_us=100.0, step_us=150.0) for seed in range(1, 4)]
     write(timed, folder / "forest25_astar_3.parquet")

@@ -43,7 +43,7 @@ def said(time_ms: int = 1000) -> bytes:
 
 
 def messages(data: bytes) -> list[object]:
-    """Of a datagram that is nothing but sound frames."""
+    """The messages of a datagram that is nothing but sound frames."""
     framer = Framer()
     frames = framer.datagram(data)
     assert framer.bad_bytes == 0

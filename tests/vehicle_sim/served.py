@@ -8,7 +8,7 @@ from protocol.listeners import Address, UdpListener
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY
 from vehicle_sim.links import Links
 from vehicle_sim.runner import Runner
-from vehicle_sim.services.telemetry import Profile
+from vehicle_sim.services.profiles import Profile
 from vehicle_sim.vehicle import Vehicle, warm_up
 
 HOST = "127.0.0.1"

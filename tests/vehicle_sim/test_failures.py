@@ -33,7 +33,7 @@ def mode_of(pilot: ForeignPilot) -> Mode:
 
 
 def readings(failure: Failure, count: int = 1000) -> list[tuple[int, float] | None]:
-    """Of a sensor that reads the time (s): when it is read, and what; healthy for the first second."""
+    """What a sensor that tells the time (s) reads: when, and what; it is healthy for the first second."""
     fault, found = Fault(np.array((1000.0,)), np.random.default_rng(1)), list[tuple[int, float] | None]()
     for tick in range(250 + count):
         if tick == 250:

@@ -21,7 +21,7 @@ from vehicle_sim.links import Links
 from vehicle_sim.opening import Request, open_instance, open_links
 from vehicle_sim.services.identity import Identity
 from vehicle_sim.services.parameter_table import TABLE
-from vehicle_sim.services.telemetry import Profile
+from vehicle_sim.services.profiles import Profile
 from vehicle_sim.vehicle import Vehicle
 
 HOST = "127.0.0.1"

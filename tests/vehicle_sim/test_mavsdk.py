@@ -1,7 +1,8 @@
-"""An unmodified MAVSDK flies the vehicle, at five times the speed of real time."""
+"""An unmodified MAVSDK flies the vehicle, at five times the speed of real time, or as COURIER_PACE says."""
 
 import json
 import math
+import os
 import queue
 import threading
 from collections.abc import Callable, Iterator
@@ -41,9 +42,9 @@ from mavsdk.plugins.offboard.offboard import (
 from mavsdk.plugins.param import Param
 from mavsdk.plugins.shell import Shell
 from mavsdk.plugins.telemetry import Telemetry
-from mavsdk.plugins.telemetry.telemetry import FlightMode
+from mavsdk.plugins.telemetry.telemetry import FlightMode, TelemetryError, TelemetryResult
 
-PACE = 5.0
+PACE = float(os.environ.get("COURIER_PACE", "5"))
 NAN = math.nan
 Point3 = tuple[float, float, float]
 
@@ -135,6 +136,32 @@ def test_its_shell_answers_and_its_parameters_are_described(user: User) -> None:
     update = heard.get(timeout=PATIENCE_S)
     assert update.type == MetadataType.PARAMETER
     assert len(json.loads(update.json_metadata)["parameters"]) > 150
+
+
+UNMEASURED = {"imu", "raw_imu", "scaled_imu", "scaled_pressure"}
+"""A vehicle without sensors has none of these."""
+NEVER = {"actuator_control_target", "actuator_output_status", "wind"}
+"""Nor has it a wind sensor; and its rotors are in SERVO_OUTPUT_RAW, which MAVSDK does not read."""
+
+
+def test_all_telemetry_comes_but_what_is_not_measured(user: User) -> None:
+    """A rate for what does not come is refused at once, so that nobody waits for it."""
+    kinds = {name.removeprefix("subscribe_") for name in dir(Telemetry) if name.startswith("subscribe_")}
+    heard: set[str] = set()
+    telemetry = Telemetry(user.system)
+    for kind in kinds:
+        getattr(telemetry, f"subscribe_{kind}")(lambda value, _=None, kind=kind: heard.add(kind))
+    user.wait(lambda: kinds - heard <= UNMEASURED | NEVER | {"status_text"})
+    assert not heard & (UNMEASURED | NEVER)
+    refused = {}
+    for kind in kinds:
+        try:
+            getattr(telemetry, f"set_rate_{kind}", lambda rate_hz: None)(10.0)
+        except TelemetryError as error:
+            refused[kind] = error.args[0]
+    assert set(refused.values()) == {TelemetryResult.COMMAND_DENIED}
+    assert refused.keys() == (UNMEASURED | NEVER | {"rc_status"}) - {"scaled_pressure", "wind"}, "these have no rate"
+    assert telemetry.get_gps_global_origin().latitude_deg == pytest.approx(user.said["home"].latitude_deg)
 
 
 def test_files_are_listed_and_there_are_no_logs_yet(user: User) -> None:

@@ -1,4 +1,4 @@
-"""A script of pymavlink's own connection class flies the vehicle, at five times the speed of real time."""
+"""A script of pymavlink's own connection class flies the vehicle, in real time and at five times its speed."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -9,7 +9,6 @@ from pymavlink import mavutil
 
 from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 
-PACE = 5.0
 POSITION, VELOCITY = 0xDF8, 0xDC7
 """Type masks: these alone count."""
 MAIN_MODES = {"POSCTL": 3, "OFFBOARD": 6}
@@ -40,11 +39,11 @@ class Script:
         self.mav.set_position_target_local_ned_send(0, *self.target, 1, mask, *values, *zeros)
 
 
-@pytest.fixture
-def script() -> Iterator[Script]:
+@pytest.fixture(params=[1.0, 5.0])
+def script(request: pytest.FixtureRequest) -> Iterator[Script]:
     """On its pad; the vehicle speaks first, as PX4 does."""
     connection = mavutil.mavlink_connection(f"udpin:{HOST}:0")
-    with served(PACE, connection.port.getsockname()):
+    with served(request.param, connection.port.getsockname()):
         yield Script(connection)
     connection.close()
 

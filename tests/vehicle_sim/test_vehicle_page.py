@@ -9,25 +9,29 @@ from pymavlink import mavutil
 from protocol.toml_files import ROOT
 from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 
-PACE = 5.0
+PACES = pytest.mark.parametrize("pace", [1.0, 5.0])
 PAGE = (ROOT / "docs" / "vehicle-sim.md").read_text(encoding="utf-8")
 MAVSDK, PYMAVLINK, *_ = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 
 
-def test_mavsdk() -> None:
+@PACES
+def test_mavsdk(pace: float) -> None:
     pytest.importorskip("mavsdk")
-    with served(PACE) as vehicle:
+    with served(pace) as vehicle:
         program = MAVSDK.replace("udpin://127.0.0.1:14540", f"udpout://{HOST}:{vehicle.port}")
         names: dict[str, Any] = {}
-        exec(program.replace("(10.0)", f"({PATIENCE_S})"), names)
-        names["mavsdk"].destroy()
+        try:
+            exec(program.replace("(10.0)", f"({PATIENCE_S})"), names)
+        finally:
+            names["mavsdk"].destroy()
         assert vehicle.finished and vehicle.flight.crash is None
 
 
-def test_pymavlink(monkeypatch: pytest.MonkeyPatch) -> None:
+@PACES
+def test_pymavlink(pace: float, monkeypatch: pytest.MonkeyPatch) -> None:
     listening = mavutil.mavlink_connection(f"udpin:{HOST}:0")
     monkeypatch.setattr(mavutil, "mavlink_connection", {"udpin:127.0.0.1:14540": listening}.__getitem__)
-    with served(PACE, listening.port.getsockname()) as vehicle:
+    with served(pace, listening.port.getsockname()) as vehicle:
         exec(PYMAVLINK, {})
         assert vehicle.finished and vehicle.flight.crash is None
     listening.close()

@@ -55,7 +55,7 @@ class OffboardSetpoints:
         self._level, self._thrust = self.command["level"], self.command["thrust_n"]
         self._tracker = Tracker(airframe, settings, self.command)
         self._target: Target | None = None
-        """Of the latest setpoint, if it is one of position, velocity and acceleration."""
+        """The latest setpoint, if it is one of position, velocity and acceleration."""
         self._values = {name: self.command[name][0] for name in ("attitude_ned_frd", "rates_frd", "torque_frd")}
 
     def attitude(self, attitude_ned_frd: Quaternion, thrust: float, now_ns: int) -> None:

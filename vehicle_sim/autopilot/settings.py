@@ -52,13 +52,13 @@ class Settings:
     yaw_rate_deg_s: float = 45.0
     """At which a mission turns the nose, MPC_YAWRAUTO_MAX."""
     max_speed_m_s: float = 12.0
-    """Of setpoints and sticks, level, MPC_XY_VEL_MAX."""
+    """Level speed of setpoints and sticks, MPC_XY_VEL_MAX."""
     max_climb_m_s: float = 3.0
-    """Of the same, MPC_Z_VEL_MAX_UP."""
+    """Climb of setpoints and sticks, MPC_Z_VEL_MAX_UP."""
     max_sink_m_s: float = 1.5
-    """Of the same, MPC_Z_VEL_MAX_DN."""
+    """Descent of setpoints and sticks, MPC_Z_VEL_MAX_DN."""
     stick_tilt_deg: float = 35.0
-    """Of a stick that is pushed to its end, MPC_MAN_TILT_MAX."""
+    """Tilt that a stick at its end asks for, MPC_MAN_TILT_MAX."""
     stick_yaw_rate_deg_s: float = 150.0
     """The same, MPC_MAN_Y_MAX."""
     least_thrust: float = 0.08

@@ -16,7 +16,7 @@ from vehicle_sim.physics.motion import Motion
 _ACRO_RATE = math.radians(100.0)
 """PX4's MC_ACRO_R_MAX."""
 _CENTRE = 0.1
-"""Of a stick's way: below it the stick is let go, PX4's MPC_HOLD_DZ."""
+"""Part of a stick's way below which it is let go, PX4's MPC_HOLD_DZ."""
 
 
 class Sticks(NamedTuple):
@@ -56,7 +56,7 @@ class StickFlight:
 
     @property
     def _tilt(self) -> float:
-        """Of a stick at its end (rad)."""
+        """The tilt (rad) that a stick at its end asks for."""
         return math.radians(self._settings.stick_tilt_deg)
 
     @property

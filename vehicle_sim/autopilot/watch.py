@@ -37,11 +37,11 @@ class Health:
     position_lost: bool = False
     """The estimator has no position to fly by."""
     charge: float = 1.0
-    """Of a full battery."""
+    """Share of a full battery."""
     drained: bool = False
     """The battery says that it is empty."""
     full_speed: float = 0.0
-    """Of a rotor (rad/s)."""
+    """A rotor's highest speed (rad/s)."""
 
 
 class Watch:
@@ -59,7 +59,7 @@ class Watch:
         """Time of the latest heartbeat, or change of mode."""
         self._armed_ns = 0
         self._stage = 0
-        """Of the battery."""
+        """Stage of the battery."""
         self._level_ns = 0
         """When the tilt was small last."""
         self._turning_ns = 0
@@ -74,7 +74,7 @@ class Watch:
 
     @property
     def stage(self) -> int:
-        """Of the battery: 0 good, 1 low, 2 critical, 3 emergency."""
+        """The battery's stage: 0 good, 1 low, 2 critical, 3 emergency."""
         s, charge = self._settings, 0.0 if self.health.drained else self.health.charge
         below = (charge < s.battery.low, charge < s.battery.critical, charge < s.battery.emergency)
         return max(stage * is_so for stage, is_so in zip((_LOW, _CRITICAL, _EMERGENCY), below, strict=True))

@@ -12,7 +12,7 @@ class BatteryState(NamedTuple):
     amperes: float
     used_wh: float
     remaining: float
-    """Of 1.0."""
+    """Charge that remains, 0..1."""
 
 
 def is_empty(airframe: Airframe, motion: Motion) -> bool:

@@ -35,7 +35,7 @@ _SMOOTHING = 0.01
 
 
 class Fix(NamedTuple):
-    """Of the satellite receiver."""
+    """A fix of the satellite receiver."""
 
     time_ns: int
     position_ned: Array
@@ -51,7 +51,7 @@ def field_ned(settings: SensorSettings) -> Array:
 
 
 def wanders(settings: SensorSettings) -> list[Wander]:
-    """Of each wandering error (13,)."""
+    """The wander of each error that wanders (13,)."""
     s, gnss = settings.inertial, settings.gnss
     return [
         *(s.gyro_bias,) * 3,
@@ -185,7 +185,7 @@ class SensorSuite:
 
     @property
     def vibration(self) -> tuple[float, float]:
-        """Of gyroscope (rad/s) and accelerometer (m/s2): the smoothed change from tick to tick."""
+        """Vibration of gyroscope (rad/s) and accelerometer (m/s2): the smoothed change from tick to tick."""
         return float(self._shaken[0] / TICK_S), float(self._shaken[1] / TICK_S)
 
     @property

@@ -115,7 +115,7 @@ class CommandService:
 
     def _send(self, message_id: int, number: int = 0) -> Result:
         data = self._outbox.streams.request(message_id, number)
-        if data is None:
+        if not data:  # there is no such message, or nothing to tell at present
             return Result.DENIED
         self._outbox.here.append(data)
         return Result.ACCEPTED

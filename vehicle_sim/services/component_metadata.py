@@ -17,7 +17,7 @@ _PARAMETER_TYPE = 1
 
 
 def parameter_metadata(parameters: Parameters) -> bytes:
-    """Of each parameter: its type, default, limits, and whether the vehicle does something about it."""
+    """The parameters' file: of each its type, default, limits, and whether the vehicle does something about it."""
     return _json({"version": 1, "parameters": [_described(parameters, name) for name in parameters.names]})
 
 
@@ -42,7 +42,7 @@ def general_metadata(parameters: bytes) -> bytes:
 
 
 def checksum(file: bytes) -> int:
-    """Of a file, as COMPONENT_METADATA tells it."""
+    """The checksum of a file, as COMPONENT_METADATA tells it."""
     return int.from_bytes(crc32(file), "little")
 
 

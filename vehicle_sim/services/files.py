@@ -153,7 +153,7 @@ class FileService:
         return Reply(data) if data else Reply(fault=Fault.END_OF_FILE)
 
     def _entries(self, folder: str) -> list[bytes] | None:
-        """Of a folder; None if there is none."""
+        """The entries of a folder; None if there is none."""
         inside = f"{folder}/" if folder else ""
         names = [path.removeprefix(inside) for path in self._tree if path.startswith(inside)]
         if folder and not names:

@@ -86,7 +86,7 @@ class FlightCommands:
         }
 
     def _height_above_home(self, message: Any) -> float | None:
-        """Of a command's altitude (m); None if it is unset."""
+        """The height (m) that a command's altitude is; None if it is unset."""
         altitude = _altitude(message)
         if not math.isfinite(altitude):
             return None

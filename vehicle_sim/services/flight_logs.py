@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from protocol import ulog
 from vehicle_sim.autopilot.flight_control import FlightControl
-from vehicle_sim.autopilot.modes import Mode
+from vehicle_sim.autopilot.modes import Mode, Severity
 from vehicle_sim.services.identity import Identity
 from vehicle_sim.services.parameter_store import Parameters
 from vehicle_sim.services.snapshot import Snapshot
@@ -19,7 +19,8 @@ from vehicle_sim.timing import TICK_NS
 MOST_LOGS = 5
 """The oldest goes first."""
 MOST_BYTES = 1 << 22
-"""Of one log, about 20 min; then the next one begins. So all of them are little beside what the process holds."""
+"""Size of one log at most, about 20 min; then the next one begins. So all of them are little beside what the process
+holds."""
 
 _RECORD_NS = 12 * TICK_NS
 """Between two records: 21 a second, about as often as PX4 logs an attitude."""
@@ -82,6 +83,7 @@ class FlightLogs:
         """All that have ended."""
         self.whole.clear()
         self._name_files()
+        self._flight.announce(Severity.INFO, "Logs erased")
 
     def _name_files(self) -> None:
         self.files.clear()

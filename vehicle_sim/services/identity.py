@@ -12,7 +12,7 @@ _RELEASE = 255
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Of one vehicle. `firmware`: the release of PX4 that it behaves as."""
+    """The identity of one vehicle. `firmware`: the release of PX4 that it behaves as."""
 
     system: int = 1
     firmware: tuple[int, int] = (1, 16)

@@ -43,10 +43,13 @@ class LogService:
 
 
 def _pieces(number: int, content: bytes | bytearray, start: int, end: int) -> Iterator[Payload]:
-    """A part of a log. If the log ends within it, the last piece is not full, and empty if need be, which says so."""
+    """A part of a log, one piece at least. If the log ends within it, the last piece is not full, and empty if need be,
+    which says so."""
     size = _PIECE_BYTES
-    while size == _PIECE_BYTES and start < end:
+    while size == _PIECE_BYTES:
         piece = bytes(content[start : min(start + _PIECE_BYTES, end)])
         size = len(piece)
         yield dialect.MAVLink_log_data_message, _pack_data(start, number, size, piece)
         start += size
+        if start >= end:
+            return

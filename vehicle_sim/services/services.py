@@ -30,12 +30,14 @@ from vehicle_sim.services.outbox import Channel, Outbox
 from vehicle_sim.services.parameter_store import Parameters, text_of
 from vehicle_sim.services.parameters import ParameterService
 from vehicle_sim.services.places import Geodetic
+from vehicle_sim.services.profiles import Profile
+from vehicle_sim.services.refusals import RefusalService
 from vehicle_sim.services.sensor_messages import Senses
 from vehicle_sim.services.setpoints import SetpointService
 from vehicle_sim.services.shell import ShellService
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.status_text import StatusTexts
-from vehicle_sim.services.telemetry import Profile, Source, Telemetry
+from vehicle_sim.services.telemetry import Source, Telemetry
 
 VALUE_FILE = "parameters.params"
 """The file with all parameters, for MAVLink FTP."""
@@ -50,7 +52,7 @@ class Service(Protocol):
 
 
 class Services:
-    """Of one vehicle, on all its links. `origin` is the place of the local axes on earth.
+    """The services of one vehicle, on all its links. `origin` is the place of the local axes on earth.
 
     A new service is one more entry here.
     """
@@ -80,6 +82,7 @@ class Services:
             PARAMETER_FILE: lambda: described,
         }
         services: tuple[Service, ...] = (
+            RefusalService(flight, outbox, identity),  # first: the others take what they serve from it
             LinkService(flight, outbox),
             SetpointService(flight, identity, origin),
             ParameterService(parameters, outbox),

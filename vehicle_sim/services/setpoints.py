@@ -27,7 +27,7 @@ _FORCE, _YAW_IGNORE, _YAW_RATE_IGNORE = (
     dialect.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE,
 )
 _POSITION_BIT, _VELOCITY_BIT, _ACCELERATION_BIT = 0, 3, 6
-"""Of the type mask, those of the first axis."""
+"""Bits of the type mask, those of the first axis."""
 
 
 class SetpointService:
@@ -147,7 +147,7 @@ def _rates(message: Any) -> tuple[Axes, Axes]:
 
 
 def _in_world(axes: Axes, attitude_ned_frd: Quaternion) -> Axes:
-    """Of axes ahead, to the right and down; all or none of them, as for PX4."""
+    """Axes ahead, to the right and down as those of the world; all or none of them, as for PX4."""
     forward, right, down = axes
     if forward is None or right is None or down is None:
         return FREE

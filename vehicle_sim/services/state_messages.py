@@ -8,7 +8,7 @@ import numpy as np
 from protocol import frames
 from protocol.messages import Encoder, dialect
 from protocol.vehicle_parameters import GRAVITY
-from vehicle_sim.autopilot.flight_control import FlightControl
+from vehicle_sim.autopilot.flight_control import BOOT_NS, FlightControl
 from vehicle_sim.estimation.delayed_truth import DelayedTruth
 from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.services.snapshot import NOTHING, Snapshot, int16
@@ -98,7 +98,7 @@ class StateMessages:
         )
 
     def gps_raw_int(self, now: Snapshot) -> bytes:
-        """Of the receiver; of a vehicle that has none, from the estimate."""
+        """What the receiver says; of a vehicle that has none, from the estimate."""
         if isinstance(self._estimator, Estimator):
             return self._receiver(self._estimator)
         m = now.estimate
@@ -182,7 +182,13 @@ class StateMessages:
         """The time since boot; what time of what day it is nobody tells the vehicle."""
         return self._encode(dialect.MAVLink_system_time_message, 0, now.now_ms)
 
+    def gps_global_origin(self, now: Snapshot) -> bytes:
+        return self._encode(dialect.MAVLink_gps_global_origin_message, *self._geodetic((0.0, 0.0, 0.0)), now.now_us)
+
     def home_position(self, now: Snapshot) -> bytes:
+        """Nothing until the vehicle can be armed there, as PX4, which sets it with its first position."""
+        if now.now_ns < BOOT_NS:
+            return NOTHING
         home = self._flight.home_ned
         at = self._geodetic(home)
         return self._encode(dialect.MAVLink_home_position_message, *at, *home, _UNIT, 0.0, 0.0, 0.0, now.now_us)

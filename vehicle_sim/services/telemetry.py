@@ -1,7 +1,6 @@
 """Telemetry: which messages the vehicle streams, and at which intervals by default."""
 
 from collections.abc import Callable, Iterator
-from enum import Enum
 from typing import NamedTuple
 
 from protocol.messages import AvailableModes, ComponentMetadata, CurrentMode, Encoder, dialect
@@ -11,6 +10,7 @@ from vehicle_sim.autopilot.modes import LandedState, Mode
 from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.services.estimator_messages import EstimatorMessages
 from vehicle_sim.services.mode_messages import ModeMessages
+from vehicle_sim.services.profiles import Profile, interval_us
 from vehicle_sim.services.sensor_messages import Senses, SensorMessages
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.state_messages import StateMessages
@@ -21,8 +21,12 @@ Build = Callable[[Snapshot], bytes]
 """Encodes one message."""
 
 
-Row = tuple[int, Build, int, int, int]
-"""A message: id, builder, and intervals (us): default onboard and on the ground, least."""
+Row = tuple[int, Build]
+"""A message: id and builder."""
+
+
+SCANS = (dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR)
+"""They come no faster than the LiDAR scans."""
 
 
 class Source(NamedTuple):
@@ -35,20 +39,13 @@ class Source(NamedTuple):
     version: int
     capabilities: int
     metadata_crc: int
-    """Of the general file of the component metadata."""
-
-
-class Profile(Enum):
-    """The default streams of a link."""
-
-    ONBOARD = "of a companion"
-    GROUND = "of a ground station: the rates of PX4's mode `normal`"
+    """Checksum of the general file of the component metadata."""
 
 
 class Telemetry:
     """All messages streamed to a link, as frames. `start` is what is reported before the first tick."""
 
-    def __init__(self, encoder: Encoder, source: Source, start: Snapshot, profile: Profile = Profile.ONBOARD) -> None:
+    def __init__(self, encoder: Encoder, source: Source, start: Snapshot, profile: Profile = Profile.FIRST) -> None:
         self._flight = flight = source.flight
         self._now = start
         self._reported: tuple[Mode, bool, bool, bool] | None = None
@@ -65,37 +62,39 @@ class Telemetry:
         )
         self._modes = modes = ModeMessages(encoder, flight, source.origin)
         sensors = SensorMessages(encoder, source.senses.scans)
-        scan_us = round(1e6 / source.airframe.lidar.rate_hz)
         table: tuple[Row, ...] = (
-            (dialect.MAVLINK_MSG_ID_HEARTBEAT, status.heartbeat, 1_000_000, 1_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, state.attitude_quaternion, 20_000, 100_000, 0),
-            (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, state.local_position_ned, 20_000, 1_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_ODOMETRY, state.odometry, 33_333, 0, 0),
-            (dialect.MAVLINK_MSG_ID_ATTITUDE, state.attitude, 100_000, 66_667, 0),
-            (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, state.global_position_int, 100_000, 200_000, 0),
-            (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, state.gps_raw_int, 200_000, 200_000, 0),
-            (dialect.MAVLINK_MSG_ID_ALTITUDE, state.altitude, 0, 1_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_VFR_HUD, state.vfr_hud, 0, 250_000, 0),
-            (dialect.MAVLINK_MSG_ID_SYSTEM_TIME, state.system_time, 0, 0, 0),
-            (dialect.MAVLINK_MSG_ID_SYS_STATUS, status.sys_status, 1_000_000, 1_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, status.extended_sys_state, 200_000, 1_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_BATTERY_STATUS, status.battery_status, 2_000_000, 2_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET, status.attitude_target, 100_000, 500_000, 0),
-            (dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, status.servo_output_raw, 100_000, 1_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_HOME_POSITION, state.home_position, 2_000_000, 2_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, state.hil_state_quaternion, 50_000, 0, 0),
-            (dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, sensors.obstacle_distance, scan_us, 1_000_000, scan_us),
-            (dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, sensors.distance_sensor, scan_us, 2_000_000, scan_us),
-            (dialect.MAVLINK_MSG_ID_MISSION_CURRENT, modes.mission_current, 1_000_000, 1_000_000, 0),
-            (CurrentMode.id, modes.current_mode, 2_000_000, 2_000_000, 0),
-            (dialect.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS, modes.orbit_execution_status, 200_000, 200_000, 0),
-            (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version, 0, 0, 0),
-            (ComponentMetadata.id, status.component_metadata, 0, 0, 0),
+            (dialect.MAVLINK_MSG_ID_HEARTBEAT, status.heartbeat),
+            (dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, state.attitude_quaternion),
+            (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, state.local_position_ned),
+            (dialect.MAVLINK_MSG_ID_ODOMETRY, state.odometry),
+            (dialect.MAVLINK_MSG_ID_ATTITUDE, state.attitude),
+            (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, state.global_position_int),
+            (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, state.gps_global_origin),
+            (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, state.gps_raw_int),
+            (dialect.MAVLINK_MSG_ID_ALTITUDE, state.altitude),
+            (dialect.MAVLINK_MSG_ID_VFR_HUD, state.vfr_hud),
+            (dialect.MAVLINK_MSG_ID_SYSTEM_TIME, state.system_time),
+            (dialect.MAVLINK_MSG_ID_SYS_STATUS, status.sys_status),
+            (dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, status.extended_sys_state),
+            (dialect.MAVLINK_MSG_ID_BATTERY_STATUS, status.battery_status),
+            (dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET, status.attitude_target),
+            (dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, status.servo_output_raw),
+            (dialect.MAVLINK_MSG_ID_HOME_POSITION, state.home_position),
+            (dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, state.hil_state_quaternion),
+            (dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, sensors.obstacle_distance),
+            (dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, sensors.distance_sensor),
+            (dialect.MAVLINK_MSG_ID_MISSION_CURRENT, modes.mission_current),
+            (CurrentMode.id, modes.current_mode),
+            (dialect.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS, modes.orbit_execution_status),
+            (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version),
+            (ComponentMetadata.id, status.component_metadata),
             *_sensed(encoder, source),
         )
-        self._builders = {message_id: build for message_id, build, *_ in table}
-        onboard = profile is Profile.ONBOARD
-        self._schedule = Schedule({row[0]: (row[2] if onboard else row[3], row[4]) for row in table})
+        self._builders = dict(table)
+        least_us = dict.fromkeys(self._builders, 0) | dict.fromkeys(SCANS, round(1e6 / source.airframe.lidar.rate_hz))
+        self._schedule = Schedule(
+            {number: (interval_us(number, profile, least), least) for number, least in least_us.items()}
+        )
 
     def begin(self, tick: int) -> None:
         """See Schedule.begin."""
@@ -146,8 +145,8 @@ def _sensed(encoder: Encoder, source: Source) -> tuple[Row, ...]:
         return ()
     made = EstimatorMessages(encoder, estimator, source.origin[2])
     return (
-        (dialect.MAVLINK_MSG_ID_HIGHRES_IMU, made.highres_imu, 0, 0, 0),
-        (dialect.MAVLINK_MSG_ID_SCALED_PRESSURE, made.scaled_pressure, 0, 0, 0),
-        (dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS, made.estimator_status, 0, 2_000_000, 0),
-        (dialect.MAVLINK_MSG_ID_VIBRATION, made.vibration, 0, 10_000_000, 0),
+        (dialect.MAVLINK_MSG_ID_HIGHRES_IMU, made.highres_imu),
+        (dialect.MAVLINK_MSG_ID_SCALED_PRESSURE, made.scaled_pressure),
+        (dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS, made.estimator_status),
+        (dialect.MAVLINK_MSG_ID_VIBRATION, made.vibration),
     )

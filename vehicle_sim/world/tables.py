@@ -70,7 +70,7 @@ class BoxTable(ObstacleTable, frozen=True, forbid_unknown_fields=True, kw_only=T
     size: tuple[Positive, Positive]
     """Along and across the box's own axis (m)."""
     yaw_deg: float = 0.0
-    """Of that axis, clockwise from north."""
+    """Direction of that axis, clockwise from north."""
 
 
 class CylinderTable(ObstacleTable, frozen=True, forbid_unknown_fields=True, kw_only=True):

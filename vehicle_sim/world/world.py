@@ -29,7 +29,7 @@ class World:
     cylinders: Array
     """(m, 5) of geometry.CYLINDER_COLUMNS."""
     names: tuple[str, ...]
-    """Of the boxes, then of the cylinders."""
+    """Names of the boxes, then of the cylinders."""
     wind: WindSettings = field(default_factory=WindSettings)
     force_ned: Vector = (0.0, 0.0, 0.0)
     """N, on the vehicle while it is in the air."""

@@ -50,7 +50,7 @@ class Firmware:
     settings: Callable[[Values], VehicleSettings]
     """What the parameters say."""
     position_flags: int
-    """Of EKF_STATUS_REPORT or ESTIMATOR_STATUS, which have the same: any of them says that there is a position."""
+    """Flags of EKF_STATUS_REPORT and ESTIMATOR_STATUS, which have the same: any of them tells of a position."""
     telemetry: Mapping[int, float]
     """Rates (Hz) by message, of what is good to have in the log and for the words of a refusal."""
     first_item_is_home: bool = False

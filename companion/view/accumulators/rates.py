@@ -48,18 +48,18 @@ class BodyRates:
             self._sent_response.add_pairs(*self._pairs.commands(times[sent], commands))
 
     def spectrum(self, vehicle: str) -> Spectrum | None:
-        """Of the body rates of a vehicle ("system/component"); None if nothing told them often enough."""
+        """The spectrum of a vehicle's body rates ("system/component"); None if nothing told them often enough."""
         told = [self._told_rates.get(f"{vehicle}/{name}") for name in ("ATTITUDE_QUATERNION", "ATTITUDE")]
         return _fastest(self._traced_rates, *told)
 
     @property
     def torques(self) -> Spectrum | None:
-        """Of the torque commands (1 is the whole range)."""
+        """The spectrum of the torque commands (1 is the whole range)."""
         return _fastest(self._traced_torques, self._sent_torques)
 
     @property
     def response(self) -> Response | None:
-        """Of the body rates to the rate commands."""
+        """The response of the body rates to the rate commands."""
         return _fastest(self._traced_response, self._sent_response)
 
 

@@ -172,7 +172,7 @@ def test_the_way_moves_with_the_window(planner: str) -> None:
 
 
 def digest(order: list[int], planner: str) -> dict[str, str]:
-    """Of the ways through some forests, planned in an order."""
+    """A digest of the ways through some forests, planned in an order."""
     planning = rrt(planner)
     ways = {seed: planning.plan(view_of(forest(seed)), *ACROSS) for seed in order}
     return {str(seed): hashlib.sha256(b"" if way is None else way.tobytes()).hexdigest() for seed, way in ways.items()}

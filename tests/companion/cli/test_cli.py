@@ -63,7 +63,7 @@ def test_a_log_that_can_t_be_used_does_not_load_the_autopilot(tmp_path: Path) ->
 
 @pytest.mark.parametrize("command", [["check"], ["fly", "hover", "--connect", "udpin:127.0.0.1:0"]])
 def test_an_address_beyond_this_machine_is_refused_without_a_key(command: list[str]) -> None:
-    """Of the vehicle, of a ground station, of a scanner."""
+    """The address may be the vehicle's, a ground station's or a scanner's."""
     url = "udpin:0.0.0.0:0"
     for option in ("--connect", "--gcs", "--lidar") if command[0] == "fly" else ("--connect",):
         done = CliRunner().invoke(app, [*command, option, url])

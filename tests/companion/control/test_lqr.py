@@ -33,7 +33,7 @@ def closed_loop(K: Array, axis: int, entry: float, feed: float) -> Any:
 
 
 def feedback(error: Array, rate_error: Array, gain: Array) -> Array:
-    """Of all axes, without an error of angular acceleration."""
+    """Feedback of all axes, without an error of angular acceleration."""
     return np.array([lqr.feedback(error[axis], rate_error[axis], 0.0, gain[axis]) for axis in range(3)])
 
 

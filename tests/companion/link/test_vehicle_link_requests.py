@@ -33,7 +33,7 @@ WELCOME = {
 }
 """What is good to have of a PX4."""
 PERIOD_MS = 20
-"""Of the supervision, which asks for requests and reports."""
+"""Period of the supervision, which asks for requests and reports."""
 
 
 # -- requests ----------------------------------------------------------------------------------------------------------

@@ -83,7 +83,7 @@ def _numbers(item: Planned, home: Place) -> list[float]:
 
 
 def loaded(entry: Entry, home: Place) -> mavwp.MAVWPLoader:
-    """Of pymavlink, with the home as item 0."""
+    """Items in pymavlink's loader, with the home as item 0."""
     loader = mavwp.MAVWPLoader(1, 1)
     loader.add_latlonalt(*home, 488.0)
     for number, item in enumerate(entry.items, 1):

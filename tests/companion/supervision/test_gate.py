@@ -22,7 +22,7 @@ def vectors(size: int, values: st.SearchStrategy[float] = ANY) -> st.SearchStrat
 
 @st.composite
 def quaternions(draw: st.DrawFn) -> list[float]:
-    """Of a length near to 1 or not, or of any numbers."""
+    """Quaternions of a length near to 1 or not, or of any numbers."""
     values = draw(vectors(4, st.floats(-1.0, 1.0)))
     length = math.sqrt(sum(value * value for value in values))
     if length < 1e-3:

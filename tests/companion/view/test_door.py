@@ -46,7 +46,7 @@ class Session:
     def __init__(self, socket: ClientConnection) -> None:
         self._socket = socket
         self.titles: list[str] = []
-        """Of the questions that were asked."""
+        """Titles of the questions that were asked."""
         self._buttons: dict[str, tuple[str, bool | str]] = {}
         """The element of each, and its value when the button is pressed."""
 

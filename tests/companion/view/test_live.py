@@ -295,6 +295,11 @@ class Looked:
     def tick(self, label: str) -> None:
         self.browser.get_by_label(label, exact=True).evaluate("box => box.click()")
 
+    def returns(self) -> NDArray[np.int64]:
+        """`returns_on` the page once it is drawn as it is now: three frames later."""
+        self.browser.evaluate("async () => { for (let i = 0; i < 3; i++) await new Promise(requestAnimationFrame); }")
+        return returns_on(self.browser.screenshot())
+
     def text(self, element: str) -> str:
         return str(self.browser.locator(element).text_content())
 
@@ -416,8 +421,12 @@ def test_a_camera_follows_the_vehicle_from_where_it_was_put(looked: Looked) -> N
 def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: Looked) -> None:
     """And begins again when a log is played at its end."""
     page = looked.browser
-    looked.step(2.0)
-    looked.waits_for("#place", "north 4.0")
+    for place in ("north 4.0", "north 8.0"):
+        looked.step(2.0)
+        looked.waits_for("#place", place)
+    looked.show("View")
+    looked.tick("camera follows")
+    looked.show("Flight")
     looked.tick("play")
     looked.go_to("5")
     assert page.title() == "Courier"
@@ -425,18 +434,15 @@ def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: 
         assert looked.text(element) == text
     assert looked.text("#place") == "north 10.0, east 0.0, height 3.0 m"
     assert looked.text("#phase") == "route"
-    first = wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) > 10)
+    first = wait_for(looked.returns, lambda found: len(found) > 10)
     looked.go_to("6")
     assert looked.text("#place") == "north 12.0, east 0.0, height 3.0 m"
-    wait_for(
-        lambda: returns_on(page.screenshot()),
-        lambda found: len(found) > 5 and abs(found.mean() - first.mean()) > 3.0,
-    )
+    wait_for(looked.returns, lambda found: len(found) > 5 and bool(abs(found.mean() - first.mean()) > 3.0))
     looked.go_to("15")
     assert looked.text("#alerts") == "link lost: nothing heard for 3 s"
     assert page.locator("#place, #speed-value, #height-value, #heading-value").count() == 0
     assert looked.text("#phase") == "return"
-    wait_for(lambda: returns_on(page.screenshot()), lambda found: len(found) == 0)
+    wait_for(looked.returns, lambda found: len(found) == 0)
     looked.go_to("19")
     looked.tick("play")
     looked.waits_for("#time", "19.00 s of 20.0 s")

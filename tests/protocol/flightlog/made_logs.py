@@ -121,7 +121,7 @@ def encoded(*records: McapRecord) -> bytes:
 
 
 DEFINITION = encoded(Schema(1, b"float64 a", "ros1msg", "x/X"), Channel(1, "/x", "ros1", {}, 1))
-"""Of channel 1, as long as a record is."""
+"""The definition of channel 1, as long as a record is."""
 
 
 START = MAGIC + encoded(Header("", ""), Metadata("flightlog", {"epoch_ns": "0"}))

@@ -118,7 +118,7 @@ def test_unknown_messages_at_the_start_are_entries(tmp_path: Path) -> None:
 
 
 def test_no_more_is_searched_than_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a large file full of what could be frames."""
+    """A large file is full of what could be frames."""
     checked = 0
 
     def count(data: bytes) -> bool:

@@ -39,7 +39,7 @@ def pilot() -> ForeignPilot:
 
 @pytest.fixture
 def aloft() -> ForeignPilot:
-    """Of the last PX4 that takes torques."""
+    """A pilot of the last PX4 that takes torques."""
     pilot = ForeignPilot(identity=Identity(firmware=(1, 13)))
     pilot.take_off()
     return pilot

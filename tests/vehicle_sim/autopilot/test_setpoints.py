@@ -45,7 +45,7 @@ def test_a_stream_begins_is_lost_and_begins_again() -> None:
 
 
 def test_the_lower_the_level_the_sooner_a_setpoint_is_stale() -> None:
-    """Of a stream loss that is five times as long, too, since the pace is."""
+    """A stream loss that is five times as long is scaled too, since the pace is."""
     assert STALE[Level.TORQUE] < STALE[Level.RATES] < STALE[Level.ATTITUDE] < 1.0
     settings = Settings.of(AIRFRAME)
     setpoints = OffboardSetpoints(AIRFRAME, settings)

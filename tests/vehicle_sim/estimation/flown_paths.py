@@ -14,17 +14,17 @@ from vehicle_sim.timing import TICK_NS
 
 _WIDTH_M, _PERIOD_S, _YAW_RATE = 8.0, 10.0, 0.3
 _STEP_S = 1e-3
-"""Of differences."""
+"""Step (s) of differences."""
 
 
 def _lemniscate(time_s: float) -> Array:
-    """Of 5 m/s on average."""
+    """A lemniscate of 5 m/s on average."""
     phase = 2.0 * math.pi * time_s / _PERIOD_S
     return np.array((_WIDTH_M * math.sin(phase), _WIDTH_M * math.sin(phase) * math.cos(phase), -3.0))
 
 
 def _attitude(acceleration_ned: Array, yaw: float) -> tuple[float, float, float, float]:
-    """Of a body whose thrust gives the acceleration, with its nose to `yaw`."""
+    """The attitude of a body whose thrust gives the acceleration, with its nose to `yaw`."""
     down = np.array((0.0, 0.0, GRAVITY)) - acceleration_ned
     down /= np.linalg.norm(down)
     right = np.cross(down, (math.cos(yaw), math.sin(yaw), 0.0))

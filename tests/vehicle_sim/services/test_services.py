@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import math
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from tests.vehicle_sim.foreign_pilot import (
     world_with_wall,
 )
 from vehicle_sim.autopilot.modes import Severity
+from vehicle_sim.services.profiles import Profile
 from vehicle_sim.vehicle import DATAGRAM_BYTES
 
 ACCEPTED, DENIED, UNSUPPORTED = (
@@ -51,32 +53,96 @@ def test_a_change_of_mode_or_arming_is_reported_at_once() -> None:
     assert pilot.times("HEARTBEAT")[-1] < pilot.time_s
 
 
-def test_every_stream_at_its_default_rate() -> None:
-    pilot = ForeignPilot(all_streams=True)
-    pilot.fly(8.0)
-    expected = {
-        "HEARTBEAT": 1.0,
-        "ATTITUDE_QUATERNION": 50.0,
-        "LOCAL_POSITION_NED": 50.0,
-        "ODOMETRY": 31.25,  # 30 Hz asked, whole ticks given
-        "GLOBAL_POSITION_INT": 10.0,
-        "SYS_STATUS": 1.0,
-        "EXTENDED_SYS_STATE": 5.0,
-        "BATTERY_STATUS": 0.5,
-        "ATTITUDE_TARGET": 10.0,
-        "ATTITUDE": 10.0,
-        "SERVO_OUTPUT_RAW": 10.0,
-        "HOME_POSITION": 0.5,
-        "HIL_STATE_QUATERNION": 20.75,  # 20 Hz asked: 166 times in 8 s
-        "GPS_RAW_INT": 5.0,
-        "OBSTACLE_DISTANCE": 15.625,
-        "DISTANCE_SENSOR": 2 * 15.625,
-        "MISSION_CURRENT": 1.0,
-        "UNKNOWN_436": 0.5,  # CURRENT_MODE, which pymavlink's dialect does not have
-    }
-    rates = {name: len(times) / 8.0 for name, times in pilot.received.items()}
-    first_too = {"HEARTBEAT", "EXTENDED_SYS_STATE", "UNKNOWN_436"}  # said once at the start as well
-    assert rates == {name: rate + (0.125 if name in first_too else 0.0) for name, rate in expected.items()}
+FIRST_RATES = {
+    "HEARTBEAT": 1.0,
+    "ATTITUDE_QUATERNION": 50.0,
+    "LOCAL_POSITION_NED": 50.0,
+    "ODOMETRY": 31.25,  # 30 Hz asked, whole ticks given
+    "GLOBAL_POSITION_INT": 10.0,
+    "SYS_STATUS": 1.0,
+    "EXTENDED_SYS_STATE": 5.0,
+    "BATTERY_STATUS": 0.5,
+    "ATTITUDE_TARGET": 10.0,
+    "ATTITUDE": 10.0,
+    "SERVO_OUTPUT_RAW": 10.0,
+    "HOME_POSITION": 0.5,
+    "HIL_STATE_QUATERNION": 20.75,  # 20 Hz asked: 166 times in 8 s
+    "GPS_RAW_INT": 5.0,
+    "OBSTACLE_DISTANCE": 15.625,
+    "DISTANCE_SENSOR": 2 * 15.625,
+    "MISSION_CURRENT": 1.0,
+    "UNKNOWN_436": 0.5,  # CURRENT_MODE, which pymavlink's dialect does not have
+}
+ONBOARD_RATES = FIRST_RATES | {
+    "ATTITUDE": 125.0,  # 100 Hz asked
+    "LOCAL_POSITION_NED": 31.25,
+    "GLOBAL_POSITION_INT": 50.0,
+    "GPS_GLOBAL_ORIGIN": 1.0,
+    "ALTITUDE": 10.0,
+    "VFR_HUD": 10.0,
+    "SYSTEM_TIME": 1.0,
+    "SYS_STATUS": 5.0,
+    "OBSTACLE_DISTANCE": 10.0,
+    "DISTANCE_SENSOR": 2 * 10.0,
+}
+GROUND_RATES = {
+    "HEARTBEAT": 1.0,
+    "ATTITUDE": 15.625,  # 15 Hz asked
+    "ATTITUDE_QUATERNION": 10.0,
+    "ATTITUDE_TARGET": 2.0,
+    "BATTERY_STATUS": 0.5,
+    "DISTANCE_SENSOR": 2 * 0.5,
+    "EXTENDED_SYS_STATE": 1.0,
+    "GLOBAL_POSITION_INT": 5.0,
+    "GPS_GLOBAL_ORIGIN": 1.0,
+    "GPS_RAW_INT": 5.0,
+    "HOME_POSITION": 0.5,
+    "LOCAL_POSITION_NED": 1.0,
+    "OBSTACLE_DISTANCE": 1.0,
+    "ALTITUDE": 1.0,
+    "VFR_HUD": 4.0,
+    "SERVO_OUTPUT_RAW": 1.0,
+    "SYS_STATUS": 1.0,
+    "MISSION_CURRENT": 1.0,
+    "UNKNOWN_436": 0.5,
+}
+
+
+@pytest.mark.parametrize(
+    ("profile", "rates"),
+    [(Profile.FIRST, FIRST_RATES), (Profile.ONBOARD, ONBOARD_RATES), (Profile.GROUND, GROUND_RATES)],
+)
+def test_every_stream_at_its_default_rate(profile: Profile, rates: dict[str, float]) -> None:
+    """Those of PX4's mavlink_main.cpp on its two links, in whole ticks."""
+    vehicle, reader = ForeignPilot().vehicle, mavlink.MAVLink(None)
+    channel = vehicle.open_channel(profile)
+    count: Counter[str] = Counter()
+    for _ in range(2000):
+        vehicle.step()
+        for datagram in vehicle.collect(channel):
+            count.update(message.get_type() for message in reader.parse_buffer(datagram) or [])
+    count.subtract({"HEARTBEAT": 1, "EXTENDED_SYS_STATE": 1, "UNKNOWN_436": 1})  # said once at the start as well
+    assert count == {name: round(8.0 * rate) for name, rate in rates.items()}
+
+
+@pytest.mark.parametrize(
+    ("profile", "intervals_s"),
+    [
+        (Profile.FIRST, (None, None, None, None)),
+        (Profile.ONBOARD, (0.02, 1.0, 1.0, 2.0)),
+        (Profile.GROUND, (None, 1.0, 2.0, 10.0)),
+    ],
+)
+def test_what_is_measured_is_sent_by_a_vehicle_that_has_sensors(
+    profile: Profile, intervals_s: tuple[float | None, ...]
+) -> None:
+    names = "HIGHRES_IMU", "SCALED_PRESSURE", "ESTIMATOR_STATUS", "VIBRATION"
+    numbers = [getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for name in names]
+    for airframe, expected in ((airframe_with('estimator.sensors="gnss"'), intervals_s), (AIRFRAME, (0,) * 4)):
+        telemetry = ForeignPilot(airframe=airframe).vehicle.open_channel(profile).telemetry
+        assert [telemetry.interval_us(number) for number in numbers] == [
+            -1 if each is None else round(1e6 * each) for each in expected
+        ]
 
 
 @pytest.mark.parametrize("asked_us", [4000, 8000, 10_000, 20_000, 50_000, 1_000_000, 100])
@@ -129,6 +195,15 @@ def test_messages_of_one_instant_travel_together() -> None:
     assert set(pilot.times("LOCAL_POSITION_NED")) <= set(pilot.times("ATTITUDE_QUATERNION"))
 
 
+def test_a_vehicle_that_has_a_home_can_be_armed() -> None:
+    """MAVSDK's `health_all_ok` waits for it, and its users arm then."""
+    pilot = ForeignPilot()
+    home = mavlink.MAVLINK_MSG_ID_HOME_POSITION
+    pilot.interval(home, 4000)
+    assert pilot.fly(2.0, until=lambda: bool(pilot.all("HOME_POSITION")))
+    assert pilot.arm() == ACCEPTED
+
+
 # --- commands ---
 
 
@@ -167,6 +242,8 @@ def test_unknown_modes_are_denied(params: tuple[float, ...]) -> None:
 
 def test_messages_on_request() -> None:
     pilot = ForeignPilot()
+    assert pilot.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == DENIED, "not yet"
+    pilot.fly(1.0)
     for message_id, name in (
         (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, "AUTOPILOT_VERSION"),
         (mavlink.MAVLINK_MSG_ID_HOME_POSITION, "HOME_POSITION"),
