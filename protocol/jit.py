@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.extending import overload
 from numba.np import linalg
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -89,8 +90,27 @@ def _load_numba_without_scipy() -> None:
         linalg.ensure_blas = asked
 
 
+def _refuse_shapes(source: tuple[int, ...], slices: tuple[int, ...]) -> None:
+    raise NotImplementedError
+
+
+def _compiled_refuse_shapes(source: tuple[int, ...], slices: tuple[int, ...]) -> Callable[..., None]:
+    def refuse(source: tuple[int, ...], slices: tuple[int, ...]) -> None:
+        raise ValueError("cannot assign to a slice of another shape")
+
+    return refuse
+
+
+def _refuse_shapes_in_few_words() -> None:
+    """An array that is assigned to a slice of another shape is an error whose text by numba tells both shapes. To
+    compile what writes them takes each process more than a second, a tenth of the first start."""
+    overload(_refuse_shapes)(_compiled_refuse_shapes)
+    importlib.import_module("numba.np.arrayobj").raise_with_shape_context = _refuse_shapes  # type: ignore[attr-defined]
+
+
 CACHE_FOLDER = _cache_folder()
 _load_numba_without_scipy()
+_refuse_shapes_in_few_words()
 numba.config.CACHE_DIR = str(CACHE_FOLDER or "")
 
 

@@ -30,6 +30,7 @@ SLOW: dict[str, float] = {
     "tests/companion/control/test_lift_off.py::test_a_wrong_hover_thrust_does_not_matter": 4,
     "tests/companion/control/test_lift_off.py::test_the_reference_leaves_with_the_vehicle": 4,
     "tests/companion/control/test_other_vehicles.py": 4,
+    "tests/companion/mission/test_corpus.py::test_what_is_read_is_flown_within_a_metre_of_its_items": 2,
     "tests/companion/mission/test_mission_flights.py": 2,
     "tests/companion/runtime/test_auto_output.py": 3,
     "tests/companion/mission/test_wander.py::test_a_noisy_estimate_does_not_hold_the_mission_up": 4,

@@ -271,8 +271,9 @@ def acceleration_command(
     # the law in a time that runs at the pace: speeds are by 1 / pace, accelerations by 1 / pace^2 greater there
     m.velocity_error[:] = (reference_velocity - m.velocity) / pace
     m.wanted[:] = p.feed_acceleration * reference[2] / (pace * pace)
-    error = TrackingError(m.e1, m.velocity_error, m.e2 / pace, m.integral)
-    m.acceleration[:] = pace * pace * laws.acceleration_command(p.law, error, m.wanted, p.gains)
+    # [:]: plain arrays, as `design_of` calls the law with. A field of a record is another type, compiled once more.
+    error = TrackingError(m.e1[:], m.velocity_error[:], m.e2 / pace, m.integral[:])
+    m.acceleration[:] = pace * pace * laws.acceleration_command(p.law, error, m.wanted[:], p.gains[:])
 
 
 @compiled
@@ -404,13 +405,12 @@ def _reference_turning(command: Array, ahead: Array, mass: float, drag: Array, p
     attitude, thrust_change = command, 0.0
     rates, turning, turning_ahead = (0.0, 0.0, m.reference[5, 1]), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if p.feed_attitude:
-        motion, motion_ahead = _flat_motion(m.reference, m.disturbance), _flat_motion(ahead, m.disturbance)
+        motion, motion_ahead = _flat_motion(m.reference[:], m.disturbance), _flat_motion(ahead, m.disturbance)
         if not m.flatness_guess.any():
             m.flatness_guess[:] = flatness.first_guess(motion, mass, drag)
-        axes, rates, turning, thrust_now = flatness.inverse_from(m.flatness_guess, motion, mass, drag, _ITERATIONS)
-        _, _, turning_ahead, thrust_ahead = flatness.inverse_from(
-            m.flatness_guess.copy(), motion_ahead, mass, drag, _ITERATIONS
-        )
+        guess = m.flatness_guess[:]
+        axes, rates, turning, thrust_now = flatness.inverse_from(guess, motion, mass, drag, _ITERATIONS)
+        _, _, turning_ahead, thrust_ahead = flatness.inverse_from(guess.copy(), motion_ahead, mass, drag, _ITERATIONS)
         attitude, thrust_change = from_axes(*axes), thrust_ahead - thrust_now
     fade_jumps(rates, turning, m.dt, m)
     return _Turning(

@@ -173,7 +173,7 @@ def _share(dt: float, lag: float) -> float:
 
 
 @compiled
-def _turning_asked(command: Array, attitude: Array | Quaternion, rates: Array, model: Model) -> Vector:
+def _turning_asked(command: Array, attitude: Quaternion, rates: Array, model: Model) -> Vector:
     """The angular acceleration (rad/s2, FRD) that a command's input (3,) asks for at an attitude and rates (3,)."""
     x, y, z = command[0], command[1], command[2]
     if model.turning_input == _ANGULAR_ACCELERATION:
@@ -199,6 +199,8 @@ def _follow_lags(
     index = _in_force(commands, count, max(count - HISTORY, 0), time)
     thrust, rate = commands[index % HISTORY].thrust_n, commands[index % HISTORY].input.copy()
     step, share = 0, 0.0
+    attitude = measured.attitude
+    q = attitude[0], attitude[1], attitude[2], attitude[3]
     while time < until_ns:
         index = _in_force(commands, count, index, time)
         end = min(time + _LAG_STEP_NS, until_ns)
@@ -208,13 +210,13 @@ def _follow_lags(
         command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
         if model.turning_input != _ATTITUDE:
-            asked = _turning_asked(command.input, measured.attitude, rate, model)
+            asked = _turning_asked(command.input, q, rate, model)
             for i in range(3):
                 turning[i] += share * (asked[i] - turning[i])
                 rate[i] += dt * turning[i]
         time = end
     if model.turning_input == _ATTITUDE:
-        turning[:] = _turning_asked(commands[index % HISTORY].input, measured.attitude, measured.rates, model)
+        turning[:] = _turning_asked(commands[index % HISTORY].input, q, measured.rates, model)
     return thrust, index
 
 

@@ -94,7 +94,8 @@ def _transform(marked: BoolArray, reach: int, lengths: Floats, result: Floats) -
     top, bottom = max(top - reach, 0), min(bottom + reach + 1, rows)
     result[:top], result[bottom:] = lengths[far], lengths[far]
     up = np.empty((rows, columns), np.int16)
-    up[top] = np.where(marked[top], zero, none)
+    for j in range(columns):
+        up[top, j] = zero if marked[top, j] else none
     for i in range(top + 1, bottom):
         above, row, marks = up[i - 1], up[i], marked[i]
         for j in range(columns):

@@ -185,7 +185,10 @@ def _track(
     clusters = find_clusters(_Returns(points, usable, scan.ranges, scan.position, scan.width), rules[0])
     spans, centroids, covariances, extents, middles = clusters
     step = scan.bearings[1] - scan.bearings[0] if beams > 1 else scan.width
-    free = np.where(scan.known, scan.ranges, 0.0)[:_MOST_BEAMS]
+    free = np.zeros(min(beams, _MOST_BEAMS))  # by a loop: np.where takes a second to compile
+    for k in range(free.size):
+        if scan.known[k]:
+            free[k] = scan.ranges[k]
     sight = Sight(free, scan.position, scan.attitude, scan.bearings[0], step)
     predict(tracks, dt, rules[0]["acceleration_noise"])
     seen_as = associate(tracks, centroids, covariances)
@@ -263,8 +266,10 @@ def stand(track: Any, place: Array, sight: Sight) -> None:
 def has_left(track: Any, place: Array, sight: Sight) -> bool:
     """Whether a TRACK that a ring sees at a place (3,) NED (m) was seen to have left the place where it stood: the ring
     sees past that, or the one that saw it there saw past this."""
-    before = Sight(track["free"][: sight.free.size], track["position"], track["attitude"], sight.first, sight.step)
-    return seen_past(sight, track["place"], before.position) or seen_past(before, place, sight.position)
+    # [:]: plain arrays, as a scan's are. A field of a record is another type, and all would be compiled once more.
+    free, position, attitude = track["free"][: sight.free.size], track["position"][:], track["attitude"][:]
+    before = Sight(free, position, attitude, sight.first, sight.step)
+    return seen_past(sight, track["place"][:], position) or seen_past(before, place, sight.position)
 
 
 @compiled
@@ -287,7 +292,7 @@ def predict(tracks: Tracks, dt: float, acceleration: float) -> None:
     place, speed = 0.5 * dt * dt * acceleration, dt * acceleration
     for t in range(tracks.size):
         mean, covariance = tracks[t]["mean"], tracks[t]["covariance"]
-        covariance[:] = _congruent(step, covariance)
+        covariance[:] = _congruent(step, covariance[:])
         for k in range(2):
             covariance[k, k] += place * place
             covariance[k + 2, k + 2] += speed * speed
@@ -312,7 +317,7 @@ def correct(track: Any, centroid: Array, noise: Array, radius: float) -> None:
     left = np.eye(4)
     left[:, :2] -= gain
     north, east = centroid[0] - mean[0], centroid[1] - mean[1]
-    covariance[:] = _congruent(left, covariance) + _congruent(gain, noise)
+    covariance[:] = _congruent(left, covariance[:]) + _congruent(gain, noise)
     mean[:] = mean + gain[:, 0] * north + gain[:, 1] * east
     track["radius"] += _RADIUS_GAIN * (radius - track["radius"])
     track["hits"] += 1

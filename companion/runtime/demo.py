@@ -97,7 +97,8 @@ def _simulator_compiled_beside(plan: Plan) -> Iterator[None]:
     if not first_start():
         yield
         return
-    command = [*_SIMULATOR, "--warm-up", *_model(plan)]
+    # The companion's two processes, which take longer and wait for each other, go first.
+    command = ["nice", "-n", "5", *_SIMULATOR, "--warm-up", *_model(plan)]
     compiler = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         yield

@@ -37,6 +37,7 @@ STYLE = f"""<style>
 #alerts .warn {{background:#ffc14d; color:#1b1200}}
 #instruments {{display:block}}
 #pfd {{bottom:10px; padding:6px; border-radius:6px; background:#0d1117e6}}
+.mantine-Notifications-root[data-position^=top] {{top:auto !important; bottom:270px !important}}
 @media (max-width:576px) {{ #bar, #alerts {{right:10px}} #pfd {{bottom:auto; top:140px}} }}
 </style>"""
 

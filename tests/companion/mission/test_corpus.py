@@ -3,12 +3,15 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.mission.files import MissionFileError, parse, to_mission
 from companion.mission.plan import Mission
 from companion.runtime.station_files import load_of_station, origin_of
 from protocol.toml_files import TomlFileError
+from studies.joined import Joined
 from tests.companion.mission.corpus import CORPUS, Entry, loaded, plan
 
 HOME = origin_of("empty")
@@ -32,6 +35,21 @@ def test_a_file_is_read_as_its_items_say_or_refused(entry: Entry, tmp_path: Path
         assert mission.takeoff_height == 6.0 and len(mission.waypoints) == len(entry.places)
         for waypoint, place in zip(mission.waypoints, entry.places, strict=True):
             assert (waypoint.north, waypoint.east, waypoint.height) == pytest.approx(place, abs=0.05)
+
+
+@pytest.mark.parametrize("name", [name for name, entry in CORPUS.items() if entry.refused is None])
+def test_what_is_read_is_flown_within_a_metre_of_its_items(name: str) -> None:
+    """The true way comes by each place in its turn, and ends on the ground within a metre of the last one or of the
+    take-off."""
+    entry = CORPUS[name]
+    mission = replace(read_as(json.dumps(plan(entry, HOME))), world="empty")
+    joined = Joined(mission, overrides=("avoidance.method=none",), remembers=False).fly()
+    assert joined.autopilot.supervisor.verdict is None and joined.vehicle.summary().outcome == "landed"
+    way = np.array(joined.truths)[:, :3]
+    for north, east, height in (*entry.places, (*entry.places[-1][:2], 0.0)):
+        near = np.flatnonzero(np.linalg.norm(way - (north, east, -height), axis=1) < 1.0)
+        assert near.size, (north, east, height)
+        way = way[near[0] :]
 
 
 def test_plans_of_other_versions_and_without_a_mission_are_refused() -> None:

@@ -321,7 +321,9 @@ UNTIDY = """async () => {
   await new Promise(requestAnimationFrame);
   const box = id => document.getElementById(id).getBoundingClientRect();
   const panel = document.querySelector('[role=tablist]').getBoundingClientRect();
-  const parts = [box('bar'), box('alerts'), box('pfd'), new DOMRect(panel.x, 0, panel.width, innerHeight)];
+  const notices = [...document.querySelectorAll('.mantine-Notification-root')].map(e => e.getBoundingClientRect());
+  const side = new DOMRect(panel.x, 0, panel.width, innerHeight);
+  const parts = [box('bar'), box('alerts'), box('pfd'), side, ...notices];
   const apart = (a, b) => a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
   const wrong = [];
   parts.forEach((a, i) => {
