@@ -7,7 +7,7 @@ A companion that flies at that time sees its mode changed by others, and waits t
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -59,35 +59,48 @@ _RESULTS = {
 }
 
 
+_Place = tuple[Array, tuple[float, float, float]]
+"""(3,) in the vehicle's NED (m), and latitude, longitude (rad) and altitude (m)."""
+
+
 @dataclass(slots=True)
 class _Request:
     """A command that is sent until it is answered."""
 
     text: str
     command: int
+    target: tuple[int, int]
+    """System and component."""
     encode: Callable[[tuple[int, int], int], bytes]
-    """Makes the datagram from the target's system and component, and how often the command was sent before."""
+    """Makes the datagram from the target, and how often the command was sent before."""
     sent: int = 0
     retry_ns: int = 0
     answered: bool = False
 
 
+@dataclass(slots=True)
+class _Vehicle:
+    """One that is heard, and where it says that it is."""
+
+    firmware: Firmware
+    home: _Place | None = None
+    here: _Place | None = None
+    position_ned: Array = field(default_factory=lambda: np.zeros(3))
+
+
 class Control:
-    """The ground station of one vehicle, the first that is heard. `send` takes a datagram to it, `now_ns` is any
-    monotonic clock."""
+    """The ground station of the vehicles of a link, for one of them at a time. `send` takes a datagram to all, `now_ns`
+    is any monotonic clock."""
 
     def __init__(self, send: Callable[[bytes], None], now_ns: Callable[[], int]) -> None:
         self._send = send
         self._now_ns = now_ns
         self._encoder = Encoder(SYSTEM, COMPONENT)
-        self._vehicle: tuple[int, int, Firmware] | None = None
+        self._vehicles: dict[tuple[int, int], _Vehicle] = {}
+        self._target: tuple[int, int] | None = None
+        """Whom requests go to: the first that was heard, unless another one was chosen."""
         self._heartbeat_due_ns = 0
         self._request: _Request | None = None
-        self._home: tuple[Array, tuple[float, float, float]] | None = None
-        """Where it is (3,) in the vehicle's NED (m), and as latitude, longitude (rad) and altitude (m)."""
-        self._here: tuple[Array, tuple[float, float, float]] | None = None
-        """The vehicle itself, in the same way."""
-        self._position_ned = np.zeros(3)
         self.answer = ""
         """What became of the last request, in words."""
 
@@ -97,27 +110,32 @@ class Control:
         message = sender_and_name(topic)
         if message is None:
             return
-        system, _, component = message[0].partition("/")
-        sender, name = (int(system), int(component)), message[1]
-        if name == "HEARTBEAT" and self._vehicle is None:
+        sender, name = _ids(message[0]), message[1]
+        if name == "HEARTBEAT" and sender not in self._vehicles:
             firmware = firmware_of(int(table[-1]["autopilot"]))
             if firmware is not None and int(table[-1]["autopilot"]) != dialect.MAV_AUTOPILOT_INVALID:
-                self._vehicle = (*sender, firmware)
-        if self._vehicle is None or sender != self._vehicle[:2]:
+                self._vehicles[sender] = _Vehicle(firmware)
+                self._target = self._target or sender
+        vehicle = self._vehicles.get(sender)
+        if vehicle is None:
             return
         if name == "COMMAND_ACK":
-            self._answered(table)
+            self._answered(sender, table)
         elif name == "HOME_POSITION":
-            self._home = _ned(table[-1]), _on_earth(table[-1], "latitude", "longitude", "altitude")
+            vehicle.home = _ned(table[-1]), _on_earth(table[-1], "latitude", "longitude", "altitude")
         elif name == "LOCAL_POSITION_NED":
-            self._position_ned = _ned(table[-1])
+            vehicle.position_ned = _ned(table[-1])
         elif name == "GLOBAL_POSITION_INT":
-            self._here = self._position_ned, _on_earth(table[-1], "lat", "lon", "alt")
+            vehicle.here = vehicle.position_ned, _on_earth(table[-1], "lat", "lon", "alt")
 
-    def _answered(self, table: Any) -> None:
+    def choose(self, sender: str) -> None:
+        """Send what is asked from now on to this vehicle ("system/component"), once it is heard."""
+        self._target = _ids(sender)
+
+    def _answered(self, sender: tuple[int, int], table: Any) -> None:
         """The last answer counts: PX4 answers twice."""
         request = self._request
-        if request is None or not request.sent:
+        if request is None or not request.sent or sender != request.target:
             return
         mine = table[(table["command"] == request.command) & _for_us(table)]
         if not len(mine):
@@ -128,16 +146,17 @@ class Control:
 
     def ask(self, request: str) -> None:
         """Ask for one of REQUESTS. Why it can't be asked for, and every answer, is in `answer`."""
-        if self._vehicle is None:
+        if self._target is None or self._target not in self._vehicles:
             self.answer = f"{request}: no vehicle was heard yet"
             return
-        command, mode = dialect.MAV_CMD_DO_SET_MODE, self._vehicle[2].mode_command(REQUESTS[request])
+        firmware = self._vehicles[self._target].firmware
+        command, mode = dialect.MAV_CMD_DO_SET_MODE, firmware.mode_command(REQUESTS[request])
 
         def encode(target: tuple[int, int], sent: int) -> bytes:
             fields = (*target, command, sent, *mode, 0.0, 0.0, 0.0, 0.0)
             return self._encoder.encode_fields(dialect.MAVLink_command_long_message, *fields)
 
-        self._begin(_Request(request, command, encode))
+        self._begin(_Request(request, command, self._target, encode))
 
     def send_to(self, target_ned: Floats) -> None:
         """Ask the vehicle to fly to a place (3,) in its own NED (m).
@@ -145,8 +164,9 @@ class Control:
         The place is sent in latitude and longitude, relative to the vehicle's home, which PX4 and ArduPilot tell in
         both kinds of coordinates, or else to its present position.
         """
-        known = self._home or self._here
-        if self._vehicle is None or known is None:
+        vehicle = None if self._target is None else self._vehicles.get(self._target)
+        known = None if vehicle is None else vehicle.home or vehicle.here
+        if self._target is None or known is None:
             self.answer = f"{GO_TO}: the vehicle has not said where on earth it is"
             return
         if refused := out_of_bounds(target_ned):
@@ -162,7 +182,7 @@ class Control:
             fields = (*target, frame, command, 0, 0, *wanted)
             return self._encoder.encode_fields(dialect.MAVLink_command_int_message, *fields)
 
-        self._begin(_Request(f"{GO_TO} {place_words(target_ned)}", command, encode))
+        self._begin(_Request(f"{GO_TO} {place_words(target_ned)}", command, self._target, encode))
 
     def _begin(self, request: _Request) -> None:
         self.answer = f"{request.text}: sent"
@@ -175,12 +195,12 @@ class Control:
             self._heartbeat_due_ns = now + _HEARTBEAT_NS
             heartbeat = (dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3)
             self._send(self._encoder.encode_fields(dialect.MAVLink_heartbeat_message, *heartbeat))
-        if request is None or self._vehicle is None or request.answered or now < request.retry_ns:
+        if request is None or request.answered or now < request.retry_ns:
             return
         if request.sent == _TRIES:
             self._request, self.answer = None, f"{request.text}: no answer"
             return
-        self._send(request.encode(self._vehicle[:2], request.sent))
+        self._send(request.encode(request.target, request.sent))
         request.sent += 1
         request.retry_ns = now + _RETRY_NS
 
@@ -320,6 +340,11 @@ def go_to_words(here_ned: Floats, target_ned: Floats, world: bytes) -> str:
     text = f"To {place_words(target_ned)}: {distance:.0f} m, straight. Nothing is avoided on the way."
     standing = in_the_way(world, here_ned, target_ned)
     return paragraphs(text, f"In the way: {', '.join(standing)}." if standing else "")
+
+
+def _ids(sender: str) -> tuple[int, int]:
+    system, _, component = sender.partition("/")
+    return int(system), int(component)
 
 
 def _ned(row: Any) -> Array:

@@ -141,6 +141,7 @@ class _Vehicle:
     battery: Track = field(default_factory=lambda: Track(2, MOST))
     bearings: Floats = field(default_factory=lambda: np.radians(5.0 * np.arange(_SECTORS)))
     is_vehicle: bool = False
+    has_quaternion: bool = False
 
 
 class History:
@@ -155,7 +156,8 @@ class History:
         self._plans = Track(19, MOST)
         self._ways = Track(2 + _COORDINATES, MOST)
         self._modes: dict[int, str] = {}
-        self._has_quaternion = False
+        self.shown: str | None = None
+        """The sender ("system/component") of the vehicle that is shown; None: the first that was heard."""
         self._has_log = False
 
     def take(self, batch: Batch) -> None:
@@ -192,9 +194,9 @@ class History:
         if name == "LOCAL_POSITION_NED":
             vehicle.positions.add(times, stacked(table, "x", "y", "z", "vx", "vy", "vz"))
         elif name == "ATTITUDE_QUATERNION":
-            self._has_quaternion = True
+            vehicle.has_quaternion = True
             vehicle.attitudes.add(times, stacked(table, "q1", "q2", "q3", "q4", "time_boot_ms") * _SECONDS)
-        elif name == "ATTITUDE" and not self._has_quaternion:
+        elif name == "ATTITUDE" and not vehicle.has_quaternion:
             turns = quaternions(stacked(table, "roll", "pitch", "yaw"))
             vehicle.attitudes.add(times, np.column_stack((turns, 1e-3 * table["time_boot_ms"])))
         elif name == "OBSTACLE_DISTANCE":
@@ -231,11 +233,16 @@ class History:
         vehicle.heartbeats.add(times, np.column_stack((table["custom_mode"], armed, critical)))
 
     @property
+    def vehicles(self) -> tuple[str, ...]:
+        """The senders of those that can be shown, as they were heard. A log with a trace is of one vehicle."""
+        heard = tuple(sender for sender, vehicle in self._vehicles.items() if vehicle.is_vehicle)
+        return heard[:1] if len(self._plans.rows()) else heard
+
+    @property
     def _vehicle(self) -> _Vehicle:
-        for vehicle in self._vehicles.values():
-            if vehicle.is_vehicle:
-                return vehicle
-        return next(iter(self._vehicles.values()), _Vehicle())
+        heard = self.vehicles or tuple(self._vehicles)
+        shown = self.shown if self.shown in heard else next(iter(heard), "")
+        return self._vehicles.get(shown) or _Vehicle()
 
     def at(self, time: float) -> Moment:
         """The flight at a time of its own clock (s)."""

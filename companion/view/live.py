@@ -57,6 +57,9 @@ class Page:
         gui.set_panel_label("Courier")
         gui.add_html(STYLE)
         self.hud = gui.add_html("")
+        hint = "system/component of the one that is shown, and that buttons command"
+        self._chosen = gui.add_dropdown("vehicle", ("",), visible=False, hint=hint)
+        self._chosen.on_update(lambda _: self._choose())
         with gui.add_folder("Time"):
             self.playback = Playback(gui)
         self._panel: Panel | None = None
@@ -109,6 +112,13 @@ class Page:
         except FlightLogError as error:
             self._problem = str(error)
 
+    def _choose(self) -> None:
+        """Show another vehicle of the link, and command that one."""
+        self.history.shown = self._chosen.value
+        self._map.forget()
+        if self._control is not None:
+            self._control.choose(self._chosen.value)
+
     def _flatten(self) -> None:
         flat = bool(self._flat.value)
         self.cameras.flatten(flat=flat)
@@ -140,6 +150,8 @@ class Page:
         self.words.content = words(moment, self._source.name, when, self._trouble, verdict, quiet=playback.is_quiet)
         self._said.content = said(moment)
         playback.draw(self.history)
+        if len(self.history.vehicles) > 1 and self._chosen.options != self.history.vehicles:
+            self._chosen.options, self._chosen.visible = self.history.vehicles, True
         if self._panel is not None:
             self._panel.show()
 

@@ -196,6 +196,10 @@ class MapLayer:
         """The settings that the map is made with, and the map."""
         self._drawn_at = -math.inf
 
+    def forget(self) -> None:
+        """Begin anew: another vehicle is shown."""
+        self._made, self._drawn_at = None, -math.inf
+
     def draw(self, history: History, settings: bytes, time: float, *, visible: bool) -> None:
         """The map at a time (s); `settings` are those of the flight, as JSON."""
         if self._made is None or self._made[0] != settings:

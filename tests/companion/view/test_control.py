@@ -10,6 +10,7 @@ from protocol.messages import Encoder, dialect
 from protocol.toml_files import find
 from protocol.transport import Memory
 from vehicle_sim.airframe import Airframe
+from vehicle_sim.services.identity import FIRST, Identity
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
@@ -19,20 +20,27 @@ class Flight:
     """A vehicle, a ground station that watches it and asks it for things, and their clock."""
 
     def __init__(self) -> None:
-        self.vehicle = Vehicle(Airframe.load(find("vehicles", "paper_quad")), World.load(find("worlds", "empty")))
+        self.vehicle = self.another(FIRST)
+        self.vehicles = [self.vehicle]
         ours, self._theirs = Memory.pair()
         self._link = Link("memory", ours, b"")
         self.control = Control(ours.send, lambda: self.vehicle.time_ns)
         self.history = History()
         self.hears = True
 
+    @staticmethod
+    def another(identity: Identity) -> Vehicle:
+        airframe, world = Airframe.load(find("vehicles", "paper_quad")), World.load(find("worlds", "empty"))
+        return Vehicle(airframe, world, identity=identity)
+
     def fly(self, seconds: float) -> None:
         for _ in range(round(seconds * 1e9 / TICK_NS)):
             while (data := self._theirs.receive(0.0)) is not None:
-                if self.hears:
-                    self.vehicle.receive(data)
-            for datagram in self.vehicle.advance():
-                self._theirs.send(datagram)
+                for vehicle in self.vehicles if self.hears else ():
+                    vehicle.receive(data)
+            for vehicle in self.vehicles:
+                for datagram in vehicle.advance():
+                    self._theirs.send(datagram)
             for batch in self._link.poll():
                 self.history.take(batch)
                 self.control.take(batch)
@@ -52,13 +60,14 @@ class Flight:
         ack = (dialect.MAV_CMD_DO_SET_MODE, result, 0, 0, 255, 190)
         self._theirs.send(Encoder(1, 1).encode_fields(dialect.MAVLink_command_ack_message, *ack))
 
-    def take_off(self) -> None:
+    def take_off(self, system: int = 1) -> None:
         """By another ground station, with two commands."""
         other = Encoder(254, 190)
         for command, first in ((dialect.MAV_CMD_NAV_TAKEOFF, 0.0), (dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)):
             nan = float("nan")
-            fields = (1, 1, command, 0, first, 0.0, 0.0, nan, nan, nan, nan)
-            self.vehicle.receive(other.encode_fields(dialect.MAVLink_command_long_message, *fields))
+            fields = (system, 1, command, 0, first, 0.0, 0.0, nan, nan, nan, nan)
+            for vehicle in self.vehicles:
+                vehicle.receive(other.encode_fields(dialect.MAVLink_command_long_message, *fields))
         self.fly(6.0)
 
     @property
@@ -197,3 +206,32 @@ def test_nothing_is_asked_before_a_vehicle_was_heard() -> None:
     control.step()
     assert control.answer == "land: no vehicle was heard yet"
     assert len(sent) == 1, "its own heartbeat alone"
+
+
+def test_of_two_vehicles_the_chosen_one_is_shown_and_commanded() -> None:
+    flight = Flight()
+    flight.fly(1.5)
+    flight.vehicles.append(flight.another(Identity(2)))
+    flight.take_off()
+    history, control = flight.history, flight.control
+    assert history.vehicles == ("1/1", "2/1")
+
+    def height(sender: str) -> float:
+        history.shown = sender
+        position = history.at(history.end).position_ned
+        assert position is not None
+        return -float(position[2])
+
+    assert height("1/1") > 2.0 and height("2/1") < 0.3
+    flight.take_off(2)
+    assert height("2/1") > 2.0
+    control.ask("land")
+    control.choose("2/1")
+    flight.fly(1.0)
+    assert flight.mode == "hold" and control.answer == "land: accepted"
+    history.shown = None
+    assert flight.mode == "land", "who was asked, before the other one was chosen"
+    history.shown = "2/1"
+    control.ask("land")
+    flight.fly(1.0)
+    assert flight.mode == "land"

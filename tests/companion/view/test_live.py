@@ -26,7 +26,7 @@ from companion.view.sources import GrowingLog, Link, Source, open_log
 from protocol.arrays import Array
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
-from protocol.messages import Encoder
+from protocol.messages import Encoder, dialect
 from protocol.transport import Memory
 from tests.companion.view.browser import assert_legible, needs_chromium, opened
 from tests.companion.view.made_logs import SPEED, STEP_NS, Values, make, telemetry
@@ -185,6 +185,27 @@ def test_a_link_shows_what_its_vehicle_says_and_says_nothing_itself() -> None:
     assert moment.nearest == pytest.approx(3.0)
     assert moment.mode == "external control"
     assert theirs.receive(0.0) is None
+
+
+def test_a_page_on_a_link_with_several_vehicles_shows_the_one_that_is_chosen() -> None:
+    ours, theirs = Memory.pair()
+    page = Page(Link("memory", ours, b""), 0)
+    try:
+        for system, north in ((7, 3.0), (9, 40.0)):
+            vehicle = Encoder(system, 1)
+            beat = (dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_PX4, 128, 6 << 16, 4, 3)
+            theirs.send(vehicle.encode_fields(dialect.MAVLink_heartbeat_message, *beat))
+            theirs.send(telemetry(vehicle, 0, north, (0.0, 0.0, 0.0), 1))
+            for _ in range(20):
+                page.step(0.01)
+            assert page._chosen.visible is (system == 9), "there is nothing to choose between one"
+        assert page._chosen.options == ("7/1", "9/1")
+        for sender, north in (("9/1", 40.0), ("7/1", 3.0)):
+            page._chosen.value = sender
+            place = page.position_ned()
+            assert place is not None and place[0] == pytest.approx(north)
+    finally:
+        page.stop()
 
 
 def test_many_vectors_are_rotated_as_one_is() -> None:
