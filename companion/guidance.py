@@ -180,6 +180,8 @@ class Guidance:
                 over_map = self._steer_over_map(leg, state, now_ns)
             else:
                 self._leave_course(now_ns)
+                if step.phase is Phase.TAKEOFF:
+                    generator.rise_with(now_ns, state.position_ned, state.velocity_ned)
                 self._move_straight(leg, state, now_ns)
         track = None if following else self._track_to_join(leg)
         return MotionReport(

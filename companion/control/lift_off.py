@@ -25,6 +25,8 @@ _CLIMB, _CLIMB_SPEED = 0.02, 0.2
 """m above the ground and m/s, together: it flies."""
 _CLEAR = 0.15
 """m above the ground; whatever its speed, it flies."""
+_SINKING_S = 0.3
+"""Time constant with which the ground follows an estimate of the height that sinks: what stands does not."""
 _STEP_NS = 100_000_000
 
 
@@ -67,6 +69,7 @@ class LiftOff:
             self._clock_s += dt
         if self._ground_down is None:
             self._ground_down = down
+        self._ground_down += min(dt / _SINKING_S, 1.0) * max(down - self._ground_down, 0.0)
         thrust = self._raised(hover, dt)
         climb = self._ground_down - down
         if rises and ((climb > _CLIMB and speed < -_CLIMB_SPEED) or climb > _CLEAR) and self.thrust:

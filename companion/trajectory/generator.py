@@ -26,6 +26,8 @@ _UNWINDING_S = 0.25
 """Time in which braking may reduce the present acceleration to zero."""
 _LEAST_SHARE = 0.35
 """Share of the speed that each horizontal axis keeps where the motion is along the other one, so that it can turn."""
+_LEAVING_M = 0.3
+"""m above where the reference stood: up to there a vehicle leaves the ground."""
 
 
 _Moment = tuple[list[float], list[float], list[float]]
@@ -110,6 +112,8 @@ class ReferenceGenerator:
         self._settings = settings
         self._translation = _Motion(3)
         self._heading = _Motion(1)
+        self._stood_down = 0.0
+        """m; where the reference was held last."""
         self._goal: tuple[float, ...] | None = None
         self._yaw_goal: float | None = 0.0
         self._track: Track | None = None
@@ -121,6 +125,7 @@ class ReferenceGenerator:
         """Hold at a position (3,) from now on: a step of the reference. The heading stays unless `yaw` (rad) is
         given."""
         self._translation.hold_at(position_ned.tolist())
+        self._stood_down = float(position_ned[2])
         self._goal = None
         self._track = None
         if yaw is not None:
@@ -180,6 +185,13 @@ class ReferenceGenerator:
         inputs.current_acceleration = acceleration_ned.tolist()
         acceleration = max(self._settings.acceleration, braking)
         self._change(_braking(inputs, acceleration, 2.0 * self._settings.jerk), time_ns, ())
+
+    def rise_with(self, time_ns: int, position_ned: Array, velocity_ned: Array) -> None:
+        """Go along with a vehicle ((3,) each; m, m/s) that leaves the ground faster than the reference: how it got
+        loose was not commanded, and the estimate of its speed may have lagged."""
+        here = self.at(time_ns)
+        if self._stood_down - position_ned[2] < _LEAVING_M and velocity_ned[2] < here.velocity_ned[2]:
+            self.brake_from(time_ns, position_ned, velocity_ned, here.acceleration_ned)
 
     def turn_to(self, time_ns: int, yaw: float) -> None:
         """Turn to a heading (rad) the shorter way."""
