@@ -44,6 +44,13 @@ _SAFE = frozenset({"hold", "land", "return"})
 """What makes a flight safer. The others begin something."""
 _HINT = "hold, land, return and resume ask for confirmation; go to takes the next click on the ground"
 _HEARTBEAT_NS = 1_000_000_000
+_STREAMS = {
+    "LOCAL_POSITION_NED": dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    "ATTITUDE_QUATERNION": dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+}
+"""What moves the picture, by name and number of the message."""
+_SLOW_HZ, _SMOOTH_HZ = 5, 30
+_COUNTED_NS = 2_000_000_000
 _RETRY_NS = 500_000_000
 _TRIES = 6
 _FARTHEST_M = 1000.0
@@ -86,6 +93,11 @@ class _Vehicle:
     home: _Place | None = None
     here: _Place | None = None
     position_ned: Array = field(default_factory=lambda: np.zeros(3))
+    counted_from_ns: int | None = None
+    heard: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_STREAMS, 0))
+    """How many of _STREAMS have come since then."""
+    times_asked: int = 0
+    """For more of them."""
 
 
 class Control:
@@ -119,6 +131,8 @@ class Control:
         vehicle = self._vehicles.get(sender)
         if vehicle is None:
             return
+        if name in _STREAMS:
+            vehicle.heard[name] += len(table)
         if name == "COMMAND_ACK":
             self._answered(sender, table)
         elif name == "HOME_POSITION":
@@ -195,6 +209,8 @@ class Control:
             self._heartbeat_due_ns = now + _HEARTBEAT_NS
             heartbeat = (dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3)
             self._send(self._encoder.encode_fields(dialect.MAVLink_heartbeat_message, *heartbeat))
+            for target, vehicle in self._vehicles.items():
+                self._ask_for_streams(target, vehicle, now)
         if request is None or request.answered or now < request.retry_ns:
             return
         if request.sent == _TRIES:
@@ -203,6 +219,24 @@ class Control:
         self._send(request.encode(request.target, request.sent))
         request.sent += 1
         request.retry_ns = now + _RETRY_NS
+
+    def _ask_for_streams(self, target: tuple[int, int], vehicle: _Vehicle, now_ns: int) -> None:
+        """Ask for position and attitude where they come seldom: PX4 tells a ground station its place once a second.
+        Streams that are fast enough are left alone, as they may be those of a companion on the same link."""
+        since = vehicle.counted_from_ns
+        if since is not None and now_ns - since < _COUNTED_NS:
+            return
+        command, interval_us = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 1e6 / _SMOOTH_HZ
+        for name, number in _STREAMS.items():
+            if (
+                since is not None
+                and vehicle.times_asked < 2 * _TRIES
+                and vehicle.heard[name] * 1e9 < _SLOW_HZ * (now_ns - since)
+            ):
+                fields = (*target, command, 0, number, interval_us, 0.0, 0.0, 0.0, 0.0, 0.0)
+                self._send(self._encoder.encode_fields(dialect.MAVLink_command_long_message, *fields))
+                vehicle.times_asked += 1
+        vehicle.counted_from_ns, vehicle.heard = now_ns, dict.fromkeys(_STREAMS, 0)
 
 
 class Panel:

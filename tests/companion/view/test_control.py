@@ -235,3 +235,19 @@ def test_of_two_vehicles_the_chosen_one_is_shown_and_commanded() -> None:
     control.ask("land")
     flight.fly(1.0)
     assert flight.mode == "land"
+
+
+@pytest.mark.parametrize("period_us", [1_000_000, 100_000])
+def test_position_and_attitude_are_asked_for_where_they_come_seldom(period_us: int) -> None:
+    """And a stream that others have set up is left as it is."""
+    flight, other = Flight(), Encoder(254, 190)
+    for number in (31, 32):
+        fields = (1, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, period_us, 0.0, 0.0, 0.0, 0.0, 0.0)
+        flight.vehicle.receive(other.encode_fields(dialect.MAVLink_command_long_message, *fields))
+    flight.fly(8.0)
+    before = flight.history.end
+    flight.fly(4.0)
+    wanted = 4 * 30 if period_us == 1_000_000 else 4 * 10
+    rows = flight.history._vehicle
+    for track in (rows.positions, rows.attitudes):
+        assert len(track.rows()) and np.sum(track.rows()[:, 0] > before) == pytest.approx(wanted, rel=0.15)
