@@ -30,8 +30,10 @@ _BURSTS_S = (0.35, 0.8)
 _SIGMAS, _ENOUGH_SIGMAS = 2.0, 2.5
 """Standard deviations: with fewer the vehicle evades; with so many a manoeuvre is good enough."""
 _LEAST_SIGMA_M = 0.05
-_AGAIN = 0.5
+_AGAIN = 1.5
 """Standard deviations that a manoeuvre gains by going on with the acceleration from before."""
+_UNSEEN = 1.0
+"""Standard deviations that a manoeuvre loses where it leads through what was not seen free."""
 _FAR = 1e3
 
 Motion = tuple[float, float, float, float]
@@ -121,21 +123,20 @@ def least_sigmas(
 
 
 @compiled
-def is_free(
-    clearances: ClearanceMap, corner: Place, motion: Motion, push: Push, agility: Agility, keep_out: KeepOut
-) -> bool:
-    """Whether a push, and the stop after it, lie in free space. `corner` (m, NED) is the map's."""
-    a, b = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
-    occupied, unseen = min(keep_out.occupied, a), min(keep_out.unseen, b)
+def least_room(
+    clearances: ClearanceMap, corner: Place, motion: Motion, push: Push, agility: Agility
+) -> tuple[float, float]:
+    """The least distances (m) to occupied and to unseen on a push and the stop after it; those at the beginning don't
+    count. `corner` (m, NED) is the map's."""
+    occupied, unseen = math.inf, math.inf
     coasting = Push(0.0, 0.0, _FAR, False)
     motion = _advance(motion, coasting, agility.braking, 0.0, agility.lag)
     since = 0.0
     while True:
         a, b = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
-        if a < occupied or b < unseen or (a == 0.0 and b == 0.0):
-            return False
+        occupied, unseen = min(occupied, a), min(unseen, b)
         if since >= push.duration and motion[2] == 0.0 and motion[3] == 0.0:
-            return True
+            return occupied, unseen
         motion = _advance(motion, push, agility.braking, since, _STEP_S)
         since += _STEP_S
 
@@ -149,13 +150,14 @@ def evade(
     motion: Motion,
     command: Place,
     before: Place,
-    keep_out: KeepOut,
+    keep_outs: tuple[KeepOut, float],
     agility: Agility,
 ) -> tuple[bool, float, float]:
     """Whether the vehicle must evade movers (n, MOVER_COLUMNS) seen `age` (s) ago, and the acceleration (m/s2) to do so.
 
     `command`: what is to be flown otherwise; `before`: the evasion from before, 0 without one; `corner` (m, NED): the
-    map's. A vehicle that has no way to evade in free space does not.
+    map's. `keep_outs`: those that are kept where that is possible, and the least (m) from what is occupied: a vehicle
+    that has no way to evade outside of that does not.
     """
     firsts = movers[:, 0].copy()
     for k in range(movers.shape[0]):
@@ -164,6 +166,8 @@ def evade(
     nominal = Push(command[0], command[1], _NOMINAL_S, False)
     if least_sigmas(movers, firsts, motion, nominal, agility, (age, age + _SOON_S)) >= _SIGMAS:
         return False, command[0], command[1]
+    wide = keep_outs[0]
+    here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
     size = math.sqrt(before[0] * before[0] + before[1] * before[1])
     aim = before if size > 0.0 else command
     best, best_away = -math.inf, math.inf
@@ -180,6 +184,11 @@ def evade(
             kept = min(least_sigmas(movers, firsts, motion, push, agility, (age, age + _HORIZON_S)) + again, _ENOUGH_SIGMAS)
             if kept < best or (kept == best and away >= best_away):
                 continue
-            if is_free(clearances, corner, motion, push, agility, keep_out):
+            occupied, unseen = least_room(clearances, corner, motion, push, agility)
+            if occupied < min(keep_outs[1], here):
+                continue
+            if occupied < min(wide.occupied, here) or unseen < min(wide.unseen, here_unseen):
+                kept -= _UNSEEN
+            if kept > best or (kept == best and away < best_away):
                 found, best, best_away, north, east = True, kept, away, n, e
     return found, north, east

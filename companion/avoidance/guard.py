@@ -43,6 +43,7 @@ PARAMETERS = np.dtype(
         ("corner_n", "f8"),
         ("corner_e", "f8"),
         ("occupied", "f8"),
+        ("least", "f8"),
         ("unseen", "f8"),
         ("braking", "f8"),
         ("evasion", "f8"),
@@ -53,7 +54,7 @@ PARAMETERS = np.dtype(
     ]
 )
 """What the kernels need of the settings and of the map: `corner_n`, `corner_e` (m, NED) of the map, keep-outs (m) from
-`occupied` and `unseen` cells, the rest as in the settings."""
+`occupied` and `unseen` cells and the `least` from occupied ones, the rest as in the settings."""
 
 
 class SpeedLimit(msgspec.Struct, frozen=True, gc=False):
@@ -157,6 +158,7 @@ def _parameters(settings: AvoidanceGuard, keep_out: float, keep_out_unseen: floa
     """(1,) PARAMETERS, those of the map not set yet."""
     values = {
         "occupied": keep_out,
+        "least": settings.keep_out_tight,
         "unseen": keep_out_unseen,
         "braking": settings.braking,
         "evasion": settings.evasion,
@@ -209,7 +211,7 @@ def _filter(
     if movers.shape[0] > 0:
         corner, agility = (p.corner_n, p.corner_e), Agility(p.evasion, p.braking, p.lag)
         motion = position[0], position[1], vn, ve
-        evades, away_n, away_e = evade(movers, age, clearances, corner, motion, (n, e), evasion, keep_out, agility)
+        evades, away_n, away_e = evade(movers, age, clearances, corner, motion, (n, e), evasion, (keep_out, p.least), agility)
         if evades:
             return away_n, away_e, 5
     if evades_only:
