@@ -6,8 +6,8 @@ Shiller 1998) over manoeuvres that the vehicle can fly, each of which ends with 
 
 How near is too near is counted in standard deviations of the obstacle's place, which grow with the time from now as its
 velocity is uncertain (a chance constraint: Zhu and Alonso-Mora 2019). The manoeuvre that is nearest to the command is
-taken of those that keep enough of them; of those that don't, the one that keeps most. The one from before has a bonus,
-so that the vehicle does not waver between the two sides of what comes ahead on.
+taken of those that keep enough of them; of those that don't, the one that keeps most. Those to the side of the first have
+a bonus, so that the vehicle does not waver between the two sides of what comes ahead on.
 """
 
 import math
@@ -30,8 +30,8 @@ _BURSTS_S = (0.35, 0.8)
 _SIGMAS, _ENOUGH_SIGMAS = 2.0, 2.5
 """Standard deviations: with fewer the vehicle evades; with so many a manoeuvre is good enough."""
 _LEAST_SIGMA_M = 0.05
-_AGAIN = 1.5
-"""Standard deviations that a manoeuvre gains by going on with the acceleration from before."""
+_SAME_SIDE = 6.0
+"""Standard deviations that a manoeuvre gains by an acceleration to the side of the first."""
 _UNSEEN = 1.0
 """Standard deviations that a manoeuvre loses where it leads through what was not seen free."""
 _FAR = 1e3
@@ -155,7 +155,8 @@ def evade(
 ) -> tuple[bool, float, float]:
     """Whether the vehicle must evade movers (n, MOVER_COLUMNS) seen `age` (s) ago, and the acceleration (m/s2) to do so.
 
-    `command`: what is to be flown otherwise; `before`: the evasion from before, 0 without one; `corner` (m, NED): the
+    `command`: what is to be flown otherwise; `before`: the first acceleration of an evasion that goes
+    on, else 0; `corner` (m, NED): the
     map's. `keep_outs`: those that are kept where that is possible, and the least (m) from what is occupied: a vehicle
     that has no way to evade outside of that does not.
     """
@@ -178,10 +179,10 @@ def evade(
         if k == _DIRECTIONS:
             n = e = 0.0
         away = math.sqrt((n - aim[0]) ** 2 + (e - aim[1]) ** 2)
-        again = _AGAIN * (n * before[0] + e * before[1]) / (size * agility.acceleration) if size > 0.0 else 0.0
+        same = _SAME_SIDE if size > 0.0 and n * before[0] + e * before[1] >= 0.0 else 0.0
         for burst in _BURSTS_S if k < _DIRECTIONS else (0.0, 0.0):
             push = Push(n, e, burst, True)
-            kept = min(least_sigmas(movers, firsts, motion, push, agility, (age, age + _HORIZON_S)) + again, _ENOUGH_SIGMAS)
+            kept = same + min(least_sigmas(movers, firsts, motion, push, agility, (age, age + _HORIZON_S)), _ENOUGH_SIGMAS)
             if kept < best or (kept == best and away >= best_away):
                 continue
             occupied, unseen = least_room(clearances, corner, motion, push, agility)

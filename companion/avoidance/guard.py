@@ -35,6 +35,8 @@ Maps = tuple[Floats, Floats]
 """Distances (n, m) to occupied and to unseen cells (m)."""
 
 _REASONS = tuple(Reason)
+_SAME_EVASION_NS = 500_000_000
+"""After so long without evading, the next evasion may be to any side."""
 _NO_MAPS: Maps = (np.empty((0, 0), np.float32), np.empty((0, 0), np.float32))
 
 PARAMETERS = np.dtype(
@@ -88,7 +90,8 @@ class Guard:
         self._late_s = 0.0
         self._reaction_s = settings.reaction_time
         self._evasion = 0.0, 0.0
-        """m/s2, the last; 0 without one."""
+        """m/s2, as it began; 0 without one."""
+        self._evaded_ns = 0
 
     def follow(self, late_s: float, pace: float) -> None:
         """From now on what is seen is so much older when a command takes effect, and the vehicle follows at this pace
@@ -146,7 +149,12 @@ class Guard:
                 evades_only,
             )
         reason = _REASONS[number]
-        self._evasion = (north, east) if reason is Reason.EVASION else (0.0, 0.0)
+        if now_ns - self._evaded_ns > _SAME_EVASION_NS:
+            self._evasion = 0.0, 0.0
+        if reason is Reason.EVASION:
+            self._evaded_ns = now_ns
+            if self._evasion == (0.0, 0.0):
+                self._evasion = north, east
         if reason is Reason.NONE:
             return Verdict(acceleration_ned, 0.0, reason)
         command = acceleration_ned.tolist()
@@ -194,7 +202,7 @@ def _filter(
     """Acceleration north and east (m/s2) and the number of the Reason.
 
     `seen`: points and movers of a FreeSpace, which have moved on for `age` (s). `state`: position, velocity and the
-    commanded acceleration; `evasion`: the last (m/s2).
+    commanded acceleration; `evasion`: as it began (m/s2).
     """
     p = parameters[0]
     points, movers = seen
