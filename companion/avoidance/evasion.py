@@ -6,8 +6,8 @@ Shiller 1998) over manoeuvres that the vehicle can fly, each of which ends with 
 
 How near is too near is counted in standard deviations of the obstacle's place, which grow with the time from now as its
 velocity is uncertain (a chance constraint: Zhu and Alonso-Mora 2019). The manoeuvre that is nearest to the command is
-taken of those that keep enough of them; of those that don't, the one that keeps most. Those to the side of the first have
-a bonus, so that the vehicle does not waver between the two sides of what comes ahead on.
+taken of those that keep enough of them; of those that don't, the one that keeps most. Those along
+the first have a bonus, so that the vehicle does not waver between the two sides of what comes ahead on.
 """
 
 import math
@@ -25,13 +25,13 @@ _STEP_S = 0.08
 _NOMINAL_S = 0.4
 """s for which the command is expected to last."""
 _DIRECTIONS = 16
-_BURSTS_S = (0.35, 0.8)
+_BURSTS_S = (0.32, 0.8)
 """s of acceleration, before the stop."""
 _SIGMAS, _ENOUGH_SIGMAS = 2.0, 2.5
 """Standard deviations: with fewer the vehicle evades; with so many a manoeuvre is good enough."""
 _LEAST_SIGMA_M = 0.05
-_SAME_SIDE = 6.0
-"""Standard deviations that a manoeuvre gains by an acceleration to the side of the first."""
+_SAME_WAY = 4.0
+"""Standard deviations that a manoeuvre gains by an acceleration along the first, and loses by one against it."""
 _UNSEEN = 1.0
 """Standard deviations that a manoeuvre loses where it leads through what was not seen free."""
 _FAR = 1e3
@@ -179,7 +179,7 @@ def evade(
         if k == _DIRECTIONS:
             n = e = 0.0
         away = math.sqrt((n - aim[0]) ** 2 + (e - aim[1]) ** 2)
-        same = _SAME_SIDE if size > 0.0 and n * before[0] + e * before[1] >= 0.0 else 0.0
+        same = _SAME_WAY * (n * before[0] + e * before[1]) / (size * agility.acceleration) if size > 0.0 else 0.0
         for burst in _BURSTS_S if k < _DIRECTIONS else (0.0, 0.0):
             push = Push(n, e, burst, True)
             kept = same + min(least_sigmas(movers, firsts, motion, push, agility, (age, age + _HORIZON_S)), _ENOUGH_SIGMAS)
