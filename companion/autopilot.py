@@ -104,8 +104,7 @@ class Autopilot:
         if airborne and not sees:  # brakes on the attitude alone
             acceleration, changed = reference.acceleration_ned, True
         elif airborne and supervised in OWN:
-            held = supervised is State.HOLD
-            verdict = guidance.guarded(acceleration, here, navigator.step, now, held=held)
+            verdict = guidance.guarded(acceleration, here, navigator.step, now, held=supervised is State.HOLD)
         if verdict is not None:
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
             guidance.yield_to(verdict, reference, here, now)

@@ -12,7 +12,7 @@ from companion.avoidance.path import Path
 from companion.avoidance.shortcut import shorten, timed_path
 from companion.config_avoidance import Avoidance
 from companion.perception.distance_field import Floats
-from companion.perception.map_view import Cell, MapView, to_certain
+from companion.perception.map_view import MapView, to_certain
 from protocol.arrays import Array
 from protocol.jit import compiled
 
@@ -20,8 +20,6 @@ _STANDOFF = 0.08
 """m of room beyond a tight passage's own: the stand-off from which the width of the passage can be seen."""
 _LOOK_AHEAD = 0.5
 """m of path from where a part of a passage can be seen, inside of which there is no such room."""
-_LOOKED_M = 0.4
-"""m from the place to look at a passage in doubt from: if it is still in doubt there, another may be looked at."""
 _BESIDE_M = 0.5
 """m from the path from before; what is farther costs more."""
 
@@ -36,37 +34,26 @@ class _Chosen(NamedTuple):
     tight: bool
 
 
-class _Doubt(NamedTuple):
-    """A passage that may be there, and from where it is looked at. It is not left for another before that: seen from
-    elsewhere, both may seem cheaper in turn."""
-
-    stand: Array
-    """(2,) m, NED"""
-    passage: Array
-    """(2,) m, NED: the first place on the path that may not be free."""
-
-
 class AStarPlanner:
-    """Plans by `AStar`; remembers the path that it chose last, and which doubtful passage it is to look at."""
+    """Plans by `AStar`; remembers the path that it chose last."""
 
     def __init__(self, settings: Avoidance) -> None:
         self._settings = settings
         self._search = AStar(settings.plan, settings.map.cells)
         self._chosen: _Chosen | None = None
-        self._doubt: _Doubt | None = None
 
     def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
         """See `methods.PathPlanner`.
 
         The path keeps the inflation if that is no long detour. Otherwise it may be a tight one, or lead to what may be
-        a gap, if that costs less. Then, and with something that moves,
-        it keeps to where the last one led, unless another is cheaper by a share.
+        a gap, if that costs less. Then, and if something moves, it keeps to where the
+        last one led, unless another is cheaper by a share.
         """
         settings = self._settings.plan
         costmap = self._search.costmap(view)
         before, self._chosen = self._chosen, None
         if before is not None and math.dist(before.goal[:2], goal[:2]) > settings.proximity_radius:
-            before = self._doubt = None
+            before = None
         beside = None if before is None else self._beside(before, view)
         if view.moving is not None:
             speeds = math.hypot(velocity[0], velocity[1]), speed
@@ -77,7 +64,7 @@ class AStarPlanner:
         near = view.contains(cell) and view.to_occupied[cell] < settings.inflation
         in_tight = near and before is not None and before.tight
         if roomy is not None and roomy.detour <= settings.max_detour and not in_tight:
-            self._chosen, self._doubt = _Chosen(roomy.cells + np.array(view.corner), goal, False), None
+            self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
             return timed_path(vertices, view, speed, self._settings.course, roomy.detour)
         costmap = self._tight_costmap(view, costmap, beside)
@@ -86,35 +73,12 @@ class AStarPlanner:
         if path is None:
             return None
         tight = bool(in_tight or view.to_occupied[tuple(path.cells.T)].min() < settings.inflation)
-        if tight:
-            path, doubtful = _up_to_unconfirmed(path, view, settings.tight_inflation)
-            path = self._settle(path, doubtful, view, (costmap, certain), position)
         self._chosen = _Chosen(path.cells + np.array(view.corner), goal, tight)
+        if tight:
+            path = _up_to_unconfirmed(path, view, settings.tight_inflation)
         inflation = settings.tight_inflation if tight else settings.inflation
         vertices = self._vertices(path, view, costmap, (position, goal), inflation)
         return replace(timed_path(vertices, view, speed, self._settings.course, path.detour), tight=tight)
-
-    def _settle(
-        self, path: GridPath, doubtful: Cell | None, view: MapView, maps: tuple[Floats, Floats], position: Array
-    ) -> GridPath:
-        """The path to where the passage in doubt is seen, until that is settled; the given one, which ends before a
-        passage in doubt itself or has none, if there is nothing to settle. `doubtful`: row and column of its passage.
-
-        `maps`: the costmap, and the distances to what is certain.
-        """
-        (costmap, certain), inflation, doubt = maps, self._settings.plan.tight_inflation, self._doubt
-        if doubtful is None:
-            self._doubt = None
-            return path
-        if doubt is not None:
-            passage = view.cell_of(doubt.passage)
-            open_yet = view.contains(passage) and view.to_occupied[passage] < inflation <= certain[passage]
-            if open_yet and math.dist(doubt.stand, position[:2].tolist()) > _LOOKED_M:
-                there = self._search.plan(view, costmap, position, doubt.stand, inflation, certain)
-                if there is not None and (cut := _up_to_unconfirmed(there, view, inflation))[1] is None:
-                    return replace(cut[0], complete=False, detour=path.detour)
-        self._doubt = _Doubt(view.centre_of(tuple(path.cells[-1].tolist())), view.centre_of(doubtful))
-        return path
 
     def _beside(self, before: _Chosen, view: MapView) -> Floats:
         """(cells, cells) factors of the cost: more beside the path from before."""
@@ -158,9 +122,8 @@ def _fill_along(factors: Floats, cells: Integers, reach: int) -> None:
         factors[top : max(cells[k, 0] + reach + 1, 0), left : max(cells[k, 1] + reach + 1, 0)] = 1.0
 
 
-def _up_to_unconfirmed(path: GridPath, view: MapView, inflation: float) -> tuple[GridPath, Cell | None]:
-    """The part of a path up to the stand-off before the first obstacle that may not be there, and the first cell at
-    that; the whole path and None without one.
+def _up_to_unconfirmed(path: GridPath, view: MapView, inflation: float) -> GridPath:
+    """The part of a path up to the stand-off before the first obstacle that may not be there.
 
     That is the first cell nearer to an occupied one than the inflation (m), after the path has left such cells. The
     part holds the start at least; in a passage it ends `_LOOK_AHEAD` before that cell, where there is no room for the
@@ -171,10 +134,9 @@ def _up_to_unconfirmed(path: GridPath, view: MapView, inflation: float) -> tuple
     first = int(outside[0]) if len(outside) else len(near)
     unconfirmed = first + np.flatnonzero(near[first:] < inflation)
     if not len(unconfirmed):
-        return path, None
+        return path
     with_standoff = np.flatnonzero(near[: unconfirmed[0]] >= inflation + _STANDOFF)
     end = max(int(unconfirmed[0]) - round(_LOOK_AHEAD / view.cell), 1)
     if len(with_standoff):
         end = max(end, int(with_standoff[-1]) + 1)
-    row, column = path.cells[unconfirmed[0]].tolist()
-    return replace(path, cells=path.cells[:end], costs=path.costs[:end], complete=False), (row, column)
+    return replace(path, cells=path.cells[:end], costs=path.costs[:end], complete=False)

@@ -108,8 +108,8 @@ def _advance(motion: Motion, push: Push, braking: float, since: float, dt: float
 def least_sigmas(
     movers: Array, firsts: Array, motion: Motion, push: Push, agility: Agility, span: tuple[float, float]
 ) -> float:
-    """The least `sigmas` of all movers (n, MOVER_COLUMNS) between two moments, now and the end (s, of the movers'), with
-    a push that begins after the lag. `firsts` (n,) m: their distances now."""
+    """The least `sigmas` of all movers (n, MOVER_COLUMNS) between now and the end of a span (s, of the movers'), with a
+    push that begins after the lag. `firsts` (n,) m: their distances now."""
     least, coasting = _FAR, Push(0.0, 0.0, _FAR, False)
     t = 0.0
     while t < span[1] - span[0]:
@@ -145,21 +145,19 @@ def least_room(
 def evade(
     movers: Array,
     age: float,
-    clearances: ClearanceMap,
-    corner: Place,
+    around: tuple[ClearanceMap, Place],
     motion: Motion,
-    command: Place,
-    before: Place,
+    wish: tuple[Place, Place],
     keep_outs: tuple[KeepOut, float],
     agility: Agility,
 ) -> tuple[bool, float, float]:
-    """Whether the vehicle must evade movers (n, MOVER_COLUMNS) seen `age` (s) ago, and the acceleration (m/s2) to do so.
+    """Whether the vehicle must evade movers (n, MOVER_COLUMNS) seen `age` (s) ago, and the acceleration (m/s2).
 
-    `command`: what is to be flown otherwise; `before`: the first acceleration of an evasion that goes
-    on, else 0; `corner` (m, NED): the
-    map's. `keep_outs`: those that are kept where that is possible, and the least (m) from what is occupied: a vehicle
+    `around`: the map and its corner (m, NED); `wish`: the command, and the first acceleration of an evasion that goes
+    on, else 0. `keep_outs`: those that are kept where that is possible, and the least (m) from what is occupied: a vehicle
     that has no way to evade outside of that does not.
     """
+    (clearances, corner), (command, before) = around, wish
     firsts = movers[:, 0].copy()
     for k in range(movers.shape[0]):
         north = motion[0] - movers[k, 0] - age * movers[k, 2]
@@ -182,7 +180,9 @@ def evade(
         same = _SAME_WAY * (n * before[0] + e * before[1]) / (size * agility.acceleration) if size > 0.0 else 0.0
         for burst in _BURSTS_S if k < _DIRECTIONS else (0.0, 0.0):
             push = Push(n, e, burst, True)
-            kept = same + min(least_sigmas(movers, firsts, motion, push, agility, (age, age + _HORIZON_S)), _ENOUGH_SIGMAS)
+            kept = same + min(
+                least_sigmas(movers, firsts, motion, push, agility, (age, age + _HORIZON_S)), _ENOUGH_SIGMAS
+            )
             if kept < best or (kept == best and away >= best_away):
                 continue
             occupied, unseen = least_room(clearances, corner, motion, push, agility)

@@ -128,10 +128,16 @@ class Guard:
         return SpeedLimit(min(speed, allowed), free)
 
     def filter(
-        self, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, now_ns: int, *, evades_only: bool = False
+        self,
+        position_ned: Array,
+        velocity_ned: Array,
+        acceleration_ned: Array,
+        now_ns: int,
+        *,
+        evades_only: bool = False,
     ) -> Verdict:
-        """What may be flown instead of a commanded acceleration (3,) (m/s2, gravity left out): with `evades_only`, it is
-        changed to evade what moves and for nothing else."""
+        """What may be flown instead of a commanded acceleration (3,) (m/s2, gravity left out); with `evades_only`,
+        it is changed to evade what moves and for nothing else."""
         space = self._space
         if space is None or now_ns - space.seen_ns > self._settings.stale_s * 1e9:
             if evades_only:
@@ -219,7 +225,8 @@ def _filter(
     if movers.shape[0] > 0:
         corner, agility = (p.corner_n, p.corner_e), Agility(p.evasion, p.braking, p.lag)
         motion = position[0], position[1], vn, ve
-        evades, away_n, away_e = evade(movers, age, clearances, corner, motion, (n, e), evasion, (keep_out, p.least), agility)
+        around, wish, keep_outs = (clearances, corner), ((n, e), evasion), (keep_out, p.least)
+        evades, away_n, away_e = evade(movers, age, around, motion, wish, keep_outs, agility)
         if evades:
             return away_n, away_e, 5
     if evades_only:
