@@ -16,7 +16,7 @@ from companion.mission.plan import Mission, Phase
 from companion.sensing import Sensing
 from companion.state import Adoption, Announcement, Output, Reason, VehicleRequest, VehicleState
 from companion.supervision.operations import OwnReport
-from companion.supervision.states import FLYING, FOLLOWING, STREAMING, State
+from companion.supervision.states import FLYING, FOLLOWING, OWN, STREAMING, State
 from companion.supervision.supervisor import Supervisor
 from companion.trace import ControlStep, pack
 from protocol.vehicle_parameters import VehicleParameters
@@ -103,8 +103,9 @@ class Autopilot:
         verdict, changed = None, False
         if airborne and not sees:  # brakes on the attitude alone
             acceleration, changed = reference.acceleration_ned, True
-        elif self.guard is not None and supervised is State.FLY and airborne and guidance.guards(navigator.step):
-            verdict = self.guard.filter(here.position_ned, here.velocity_ned, acceleration, now)
+        elif airborne and supervised in OWN:
+            verdict = guidance.guarded(acceleration, here, navigator.step, now, held=supervised is State.HOLD)
+        if verdict is not None:
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
             guidance.yield_to(verdict, reference, here, now)
         control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)

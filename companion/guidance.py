@@ -331,9 +331,13 @@ class Guidance:
         """Age (s) of the scan that is the latest in the guard's map; before the first, since that was asked for."""
         return 0.0 if self._mapped_ns is None else (now_ns - self._mapped_ns) * 1e-9
 
-    def guards(self, step: Step) -> bool:
-        """The guard has the last word: not on vertical steps, on tracks and where the reference jumps."""
-        return self._guarded and step.avoids
+    def guarded(self, wanted: Array, state: VehicleState, step: Step, now_ns: int, *, held: bool) -> Verdict | None:
+        """What the guard makes of an acceleration (3,): on a vertical step, and `held`, it only evades what moves; on
+        tracks and where the reference jumps it has no say."""
+        only = held or not step.avoids
+        if self._guard is None or not self._guarded or (self._generator.following and only):
+            return None
+        return self._guard.filter(state.position_ned, state.velocity_ned, wanted, now_ns, evades_only=only)
 
     def yield_to(self, verdict: Verdict, reference: Reference, state: VehicleState, now_ns: int) -> None:
         """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up."""

@@ -185,6 +185,8 @@ class Reason(IntEnum):
     """There is no way to stop in free space any more: the best there is."""
     STALE = 4
     """Nothing was seen for too long."""
+    EVASION = 5
+    """Something moving would have met the vehicle soon."""
 
 
 class Safety(IntEnum):

@@ -1,10 +1,19 @@
 """Worlds with shelves, and with a single mover in the open; see `studies.worlds`."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from studies.worlds import TALL, WALKING_HEIGHT, Place, Site, make_disc, make_place, make_site, make_wall
 
 _GOAL: Place = (40.0, 0.0)
+_HALF_WAY = 12.0
+_OWN_SPEED = 6.0
+"""m/s of the vehicle, with which it meets the movers."""
+_GONE = 300.0
+"""m: so far away a mover does not come back before the flight is over."""
+_SETS_OFF_S = 6.4
+"""s: when it would have begun the way at that speed."""
 
 
 def warehouse(seed: int) -> Site:
@@ -42,12 +51,25 @@ def crossing(seed: int) -> Site:
 
 
 def overtaking(seed: int) -> Site:
-    """A mover of 0.6 m at 3-5 m/s follows the vehicle along the way."""
+    """A mover of 0.6 m at 6.5-10 m/s comes from behind along the way and reaches the vehicle on it."""
     rng = np.random.default_rng(seed)
-    east = rng.uniform(-0.5, 0.5)
-    return _mover("overtaking", seed, (-rng.uniform(8.0, 15.0), east), (60.0, east), rng.uniform(3.0, 5.0))
+    east, speed, north = rng.uniform(-0.5, 0.5), rng.uniform(6.5, 10.0), rng.uniform(8.0, 32.0)
+    start = north - speed * (_SETS_OFF_S + north / _OWN_SPEED)
+    return _mover("overtaking", seed, (start, east), (_GONE, east), speed)
 
 
-def _mover(name: str, seed: int, start: Place, end: Place, speed: float) -> Site:
+def waiting(seed: int) -> Site:
+    """The vehicle waits for 12 s at a waypoint, over which a mover of 0.6 m at 0.7-10 m/s comes from any side."""
+    rng = np.random.default_rng(seed)
+    angle, speed = rng.uniform(-np.pi, np.pi), rng.uniform(0.7, 10.0)
+    there = _SETS_OFF_S + _HALF_WAY / _OWN_SPEED + rng.uniform(2.0, 10.0)
+    ahead, aside = np.array([np.cos(angle), np.sin(angle)]), rng.uniform(-0.4, 0.4)
+    over = np.array([_HALF_WAY, 0.0]) + aside * np.array([-ahead[1], ahead[0]])
+    (start_n, start_e), (end_n, end_e) = over - speed * there * ahead, over + _GONE * ahead
+    site = _mover("waiting", seed, (start_n, start_e), (end_n, end_e), speed, (_HALF_WAY, 0.0))
+    return replace(site, hold_s=12.0)
+
+
+def _mover(name: str, seed: int, start: Place, end: Place, speed: float, goal: Place = _GOAL) -> Site:
     row = {**make_disc(*start, 0.3), "speed": round(float(speed), 2), "route": [make_place(*start), make_place(*end)]}
-    return make_site(name, seed, {"cylinder": [row]}, _GOAL, height=WALKING_HEIGHT)
+    return make_site(name, seed, {"cylinder": [row]}, goal, height=WALKING_HEIGHT)

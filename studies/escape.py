@@ -1,7 +1,8 @@
 """Whether a contact with something that moved or appeared could have been avoided.
 
 Escapes are tried from each moment (every 0.1 s, at most 4 s before the contact) at which the obstacle was in sight,
-that is within the LiDAR's range and not hidden. The vehicle continues its motion for the reaction time: a scan period,
+that is within the LiDAR's range and not hidden, and the vehicle higher than 0.5 m: it can't get out of the way on the
+ground, nor see there, as returns from lower count to the ground. The vehicle continues its motion for the reaction time: a scan period,
 the scan's age when it is sent, and the lag of attitude and rotors. Then it may accelerate as hard as its tilt limit
 allows, in any of 36 directions and for up to 1.5 s, and brake as hard to a standstill; or brake at once. If the hull
 stays free of everything in one of these manoeuvres until a second after the contact, while everything else moves as it
@@ -30,6 +31,7 @@ _STEP = 5
 """Ticks between two checks of an escape's way."""
 _TICK_S = TICK_NS * 1e-9
 _IN_THE_WAY_M = 0.05
+_ALOFT_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,9 @@ def avoidable(world: World, truth: Array, met: str, abilities: Abilities, range_
     worlds = _Worlds(scene, contact + round(AFTER_S / _TICK_S))
     first = max(0, contact - round(LOOK_BACK_S / _TICK_S))
     return any(
-        _in_sight(worlds.at(tick), truth[tick, :3], met, range_m) and _escapes(worlds, truth, tick, abilities)
+        truth[tick, 2] <= -_ALOFT_M
+        and _in_sight(worlds.at(tick), truth[tick, :3], met, range_m)
+        and _escapes(worlds, truth, tick, abilities)
         for tick in range(first, contact, _EVERY)
     )
 

@@ -15,6 +15,7 @@ SETUPS = (
     Setup("oncoming", "mover ahead on", crowded.oncoming, (6.0,), 60.0, 100),
     Setup("crossing", "mover across", crowded.crossing, (6.0,), 60.0, 100),
     Setup("overtaking", "mover from behind", crowded.overtaking, (6.0,), 60.0, 100),
+    Setup("waiting", "mover where the vehicle waits", crowded.waiting, (6.0,), 60.0, 100),
 )
 
 

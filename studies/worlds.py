@@ -50,6 +50,8 @@ class Site:
     """The last is the goal."""
     height: float = 3.0
     """m above the ground, of the flight."""
+    hold_s: float = 1.0
+    """At each waypoint."""
 
     @property
     def goal(self) -> Place:
@@ -60,7 +62,7 @@ class Site:
 
     def mission(self, speed: float, world: Path) -> Mission:
         """Take off, go there, land; `world` is where `save` put the world."""
-        points = [Waypoint(north, east, self.height, hold_s=1.0) for north, east in self.waypoints]
+        points = [Waypoint(north, east, self.height, hold_s=self.hold_s) for north, east in self.waypoints]
         return Mission(self.name, points, world=str(world), takeoff_height=self.height, speed=speed, return_home=False)
 
     def save(self, folder: Path, speed: float = 5.0) -> tuple[Path, Path]:
@@ -68,7 +70,7 @@ class Site:
         folder.mkdir(parents=True, exist_ok=True)
         world, mission = folder / f"{self.name}.toml", folder / f"{self.name}_mission.toml"
         world.write_text(toml(self.tables), encoding="utf-8")
-        points = [{"north": n, "east": e, "height": self.height, "hold_s": 1.0} for n, e in self.waypoints]
+        points = [{"north": n, "east": e, "height": self.height, "hold_s": self.hold_s} for n, e in self.waypoints]
         plan = {
             "name": self.name,
             "world": str(world.absolute()),

@@ -46,25 +46,28 @@ class AStarPlanner:
         """See `methods.PathPlanner`.
 
         The path keeps the inflation if that is no long detour. Otherwise it may be a tight one, or lead to what may be
-        a gap, if that costs less. Then it keeps to where the last one led, unless another is cheaper by a share.
+        a gap, if that costs less. Then, and if something moves, it keeps to where the
+        last one led, unless another is cheaper by a share.
         """
         settings = self._settings.plan
         costmap = self._search.costmap(view)
-        if view.moving is not None:
-            speeds = math.hypot(velocity[0], velocity[1]), speed
-            add_moving(costmap, view.moving, (position[0], position[1]), speeds, view.corner, view.cell)
-        roomy = self._search.plan(view, costmap, position, goal)
         before, self._chosen = self._chosen, None
         if before is not None and math.dist(before.goal[:2], goal[:2]) > settings.proximity_radius:
             before = None
+        beside = None if before is None else self._beside(before, view)
+        if view.moving is not None:
+            speeds = math.hypot(velocity[0], velocity[1]), speed
+            add_moving(costmap, view.moving, (position[0], position[1]), speeds, view.corner, view.cell)
+        roomy_costmap = costmap if view.moving is None or beside is None else costmap * beside
+        roomy = self._search.plan(view, roomy_costmap, position, goal)
         cell = view.cell_of(position)
         near = view.contains(cell) and view.to_occupied[cell] < settings.inflation
         in_tight = near and before is not None and before.tight
         if roomy is not None and roomy.detour <= settings.max_detour and not in_tight:
             self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
-            vertices = self._vertices(roomy, view, costmap, (position, goal), settings.inflation)
+            vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
             return timed_path(vertices, view, speed, self._settings.course, roomy.detour)
-        costmap = self._tight_costmap(view, costmap, before)
+        costmap = self._tight_costmap(view, costmap, beside)
         certain = to_certain(view, settings.tight_inflation)
         path = self._search.plan(view, costmap, position, goal, settings.tight_inflation, certain) or roomy
         if path is None:
@@ -77,15 +80,19 @@ class AStarPlanner:
         vertices = self._vertices(path, view, costmap, (position, goal), inflation)
         return replace(timed_path(vertices, view, speed, self._settings.course, path.detour), tight=tight)
 
-    def _tight_costmap(self, view: MapView, costmap: Floats, before: _Chosen | None) -> Floats:
-        """(cells, cells) with the extra costs within the inflation and within the tight inflation, and beside the path
-        from before."""
+    def _beside(self, before: _Chosen, view: MapView) -> Floats:
+        """(cells, cells) factors of the cost: more beside the path from before."""
+        beside = np.full(view.states.shape, 1.0 + self._settings.plan.switch_cost, np.float32)
+        _fill_along(beside, before.cells - np.array(view.corner), math.ceil(_BESIDE_M / view.cell))
+        return beside
+
+    def _tight_costmap(self, view: MapView, costmap: Floats, beside: Floats | None) -> Floats:
+        """(cells, cells) with the extra costs within the inflation and within the tight inflation, and `beside` the
+        path from before."""
         settings, near = self._settings.plan, view.to_occupied
         result: Floats = costmap + settings.tight_cost * np.maximum(1.0 - near / settings.inflation, 0.0) ** 2
         result += settings.unconfirmed_cost * np.maximum(1.0 - near / settings.tight_inflation, 0.0) ** 2
-        if before is not None:
-            beside = np.full_like(result, 1.0 + settings.switch_cost)
-            _fill_along(beside, before.cells - np.array(view.corner), math.ceil(_BESIDE_M / view.cell))
+        if beside is not None:
             result *= beside
         return result
 

@@ -4,7 +4,8 @@ vehicle can still stop in free space.
 1. `limit`: the speed from which the vehicle stops within what was seen free, straight on and along its path.
 2. `filter`: the commanded acceleration is moved, as little as possible, to where the barriers of all points hold
    (`avoidance.barriers`).
-3. From where that acceleration leads to within the horizon, a stop, straight or with a swerve, must lie in free space
+3. If something that moves would meet the vehicle soon, it gets out of the way (`avoidance.evasion`).
+4. From where that acceleration leads to within the horizon, a stop, straight or with a swerve, must lie in free space
    (`avoidance.stops`). If there is none, the vehicle flies the stop that is free from where it is now, or the one that
    is free the longest.
 
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 
 from companion.avoidance.barriers import Barrier, half_planes, nearest_allowed, tightest
 from companion.avoidance.braking import stopping_speed
-from companion.avoidance.clearance import ClearanceMap, KeepOut, free_ahead
+from companion.avoidance.clearance import ClearanceMap, KeepOut, Place, free_ahead
+from companion.avoidance.evasion import Agility, evade
 from companion.avoidance.stops import Braking, best_stop, straight_stop
 from companion.config_avoidance import AvoidanceGuard
 from companion.perception.distance_field import Floats
@@ -33,6 +35,8 @@ Maps = tuple[Floats, Floats]
 """Distances (n, m) to occupied and to unseen cells (m)."""
 
 _REASONS = tuple(Reason)
+_SAME_EVASION_NS = 500_000_000
+"""After so long without evading, the next evasion may be to any side."""
 _NO_MAPS: Maps = (np.empty((0, 0), np.float32), np.empty((0, 0), np.float32))
 
 PARAMETERS = np.dtype(
@@ -41,8 +45,10 @@ PARAMETERS = np.dtype(
         ("corner_n", "f8"),
         ("corner_e", "f8"),
         ("occupied", "f8"),
+        ("least", "f8"),
         ("unseen", "f8"),
         ("braking", "f8"),
+        ("evasion", "f8"),
         ("barrier_gain", "f8"),
         ("closing_gain", "f8"),
         ("lag", "f8"),
@@ -50,7 +56,7 @@ PARAMETERS = np.dtype(
     ]
 )
 """What the kernels need of the settings and of the map: `corner_n`, `corner_e` (m, NED) of the map, keep-outs (m) from
-`occupied` and `unseen` cells, the rest as in the settings."""
+`occupied` and `unseen` cells and the `least` from occupied ones, the rest as in the settings."""
 
 
 class SpeedLimit(msgspec.Struct, frozen=True, gc=False):
@@ -83,6 +89,9 @@ class Guard:
         self._tight = _parameters(settings, settings.keep_out_tight, settings.keep_out_unseen_tight)
         self._late_s = 0.0
         self._reaction_s = settings.reaction_time
+        self._evasion = 0.0, 0.0
+        """m/s2, as it began; 0 without one."""
+        self._evaded_ns = 0
 
     def follow(self, late_s: float, pace: float) -> None:
         """From now on what is seen is so much older when a command takes effect, and the vehicle follows at this pace
@@ -118,23 +127,40 @@ class Guard:
             allowed = max(allowed, min(s.tight_speed, stopping_speed(free, s.braking, self._reaction_s)))
         return SpeedLimit(min(speed, allowed), free)
 
-    def filter(self, position_ned: Array, velocity_ned: Array, acceleration_ned: Array, now_ns: int) -> Verdict:
-        """What may be flown instead of a commanded acceleration (3,) (m/s2, gravity left out)."""
+    def filter(
+        self,
+        position_ned: Array,
+        velocity_ned: Array,
+        acceleration_ned: Array,
+        now_ns: int,
+        *,
+        evades_only: bool = False,
+    ) -> Verdict:
+        """What may be flown instead of a commanded acceleration (3,) (m/s2, gravity left out); with `evades_only`,
+        it is changed to evade what moves and for nothing else."""
         space = self._space
         if space is None or now_ns - space.seen_ns > self._settings.stale_s * 1e9:
+            if evades_only:
+                return Verdict(acceleration_ned, 0.0, Reason.NONE)
             north, east = straight_stop(velocity_ned[0], velocity_ned[1], self._settings.braking)
             number = int(Reason.STALE)
         else:
             north, east, number = _filter(
-                space.points,
+                (space.points[:0] if evades_only else space.points, space.movers),
                 (now_ns - space.seen_ns) * 1e-9 + self._late_s,
                 self._maps,
-                position_ned,
-                velocity_ned,
-                acceleration_ned,
+                (position_ned, velocity_ned, acceleration_ned),
+                self._evasion,
                 self._tight if space.tight else self._roomy,
+                evades_only,
             )
         reason = _REASONS[number]
+        if now_ns - self._evaded_ns > _SAME_EVASION_NS:
+            self._evasion = 0.0, 0.0
+        if reason is Reason.EVASION:
+            self._evaded_ns = now_ns
+            if self._evasion == (0.0, 0.0):
+                self._evasion = north, east
         if reason is Reason.NONE:
             return Verdict(acceleration_ned, 0.0, reason)
         command = acceleration_ned.tolist()
@@ -146,8 +172,10 @@ def _parameters(settings: AvoidanceGuard, keep_out: float, keep_out_unseen: floa
     """(1,) PARAMETERS, those of the map not set yet."""
     values = {
         "occupied": keep_out,
+        "least": settings.keep_out_tight,
         "unseen": keep_out_unseen,
         "braking": settings.braking,
+        "evasion": settings.evasion,
         "barrier_gain": settings.barrier_gain,
         "closing_gain": settings.closing_gain,
         "lag": settings.lag_s,
@@ -169,31 +197,40 @@ def _free_ahead(maps: Maps, position: Array, velocity: Array, path: Array, param
 
 @compiled
 def _filter(
-    points: Array,
+    seen: tuple[Array, Array],
     age: float,
     maps: Maps,
-    position: Array,
-    velocity: Array,
-    command: Array,
+    state: tuple[Array, Array, Array],
+    evasion: Place,
     parameters: NDArray[np.void],
+    evades_only: bool,
 ) -> tuple[float, float, int]:
     """Acceleration north and east (m/s2) and the number of the Reason.
 
-    `points` (n, 5) of `perception.free_space`, which have moved on for `age` (s).
+    `seen`: points and movers of a FreeSpace, which have moved on for `age` (s). `state`: position, velocity and the
+    commanded acceleration; `evasion`: as it began (m/s2).
     """
     p = parameters[0]
+    points, movers = seen
+    position, velocity, command = state
     vn, ve = velocity[0], velocity[1]
-    soon = points.copy()
-    soon[:, 0] += (age + p.lag) * points[:, 2]
-    soon[:, 1] += (age + p.lag) * points[:, 3]
     soon_place = position[0] + p.lag * vn, position[1] + p.lag * ve
     barrier = Barrier(p.braking, p.barrier_gain, p.closing_gain)
-    planes = half_planes(soon, soon_place, (vn, ve), (command[0], command[1]), barrier)
+    planes = half_planes(points, soon_place, (vn, ve), (command[0], command[1]), barrier)
     n, e = nearest_allowed(tightest(planes), command[0], command[1])
     reason = 0 if n == command[0] and e == command[1] else 1
 
     clearances = ClearanceMap(maps[0], maps[1], p.cell)
     keep_out, braking = KeepOut(p.occupied, p.unseen), Braking(p.braking, p.lag)
+    if movers.shape[0] > 0:
+        corner, agility = (p.corner_n, p.corner_e), Agility(p.evasion, p.braking, p.lag)
+        motion = position[0], position[1], vn, ve
+        around, wish, keep_outs = (clearances, corner), ((n, e), evasion), (keep_out, p.least)
+        evades, away_n, away_e = evade(movers, age, around, motion, wish, keep_outs, agility)
+        if evades:
+            return away_n, away_e, 5
+    if evades_only:
+        return n, e, 0
     north, east = position[0] - p.corner_n, position[1] - p.corner_e
     next_n, next_e = vn + p.horizon * n, ve + p.horizon * e
     half = 0.5 * p.horizon

@@ -34,7 +34,7 @@ def add_moving(
     corner: tuple[int, int],
     cell: float,
 ) -> None:
-    """Add the costs of moving obstacles, `points` (k, 5) of `perception.free_space`, to a costmap.
+    """Add the costs of moving obstacles, `points` (k, 5) or more columns of `perception.free_space`, to a costmap.
 
     `here`: the vehicle's place (m, NED); `speeds`: its present and its highest speed (m/s); `corner`: world index of
     `costmap[0, 0]`.

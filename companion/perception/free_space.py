@@ -14,6 +14,9 @@ from protocol.jit import compiled
 
 POINT_COLUMNS = 5
 """Columns of a point to keep away from: north, east (m), velocity north, east (m/s), keep-out from its centre (m)."""
+MOVER_COLUMNS = POINT_COLUMNS + 9
+"""Columns of a moving obstacle: those of a point; then the covariance of its place after t (s), as north-north,
+north-east and east-east of what does not depend on t (m2), goes with t (m2/s), and with its square (m2/s2)."""
 _SECTORS = 36
 """Sectors around the vehicle of which each has a nearest point."""
 _FAR_UNSEEN_M = 2.0
@@ -41,9 +44,11 @@ class FreeSpace(msgspec.Struct, frozen=True):
     cell: float
     """Size of a cell (m)."""
     points: Array
-    """(k, POINT_COLUMNS) the nearest obstacles and unknown cells all around, and the moving obstacles."""
+    """(k, POINT_COLUMNS) the nearest obstacles and unknown cells all around."""
     tight: bool
     """The only way leads nearer than `keep_out` to an obstacle."""
+    movers: Array
+    """(n, MOVER_COLUMNS) the moving obstacles."""
 
 
 def empty_here(shape: tuple[int, ...]) -> Floats:
@@ -63,7 +68,7 @@ def free_space(
 ) -> FreeSpace:
     """Free space of a view around a position (3,) NED (m).
 
-    `moving` (n, POINT_COLUMNS) are moving obstacles; `empty` allocates the two distance fields.
+    `moving` (n, MOVER_COLUMNS) are moving obstacles; `empty` allocates the two distance fields.
     """
     north, east = (float(position_ned[axis]) - view.corner[axis] * view.cell for axis in (0, 1))
     hits = view.obstacle_centres() if view.hits is None else view.hits
@@ -75,8 +80,6 @@ def free_space(
     states = _counted_to_obstacles(view) if tight else view.states
     points = nearest_points(states, view.cell, (north, east), hits - corner_m, settings.obstacle_range, keep_outs)
     points[:, :2] += corner_m
-    if moving is not None and len(moving):
-        points = np.concatenate((points, moving))
     rows, columns = (
         slice(max(math.floor((at - _HALF_SIDE_M) / view.cell), 0), max(math.ceil((at + _HALF_SIDE_M) / view.cell), 0))
         for at in (north, east)
@@ -88,7 +91,8 @@ def free_space(
     fill_distances(to_unseen, unseen, view.cell, _FAR_UNSEEN_M)
     to_occupied[:] = view.to_occupied[rows, columns]
     corner = view.corner[0] + rows.start, view.corner[1] + columns.start
-    return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight)
+    movers = np.empty((0, MOVER_COLUMNS)) if moving is None else moving
+    return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight, movers)
 
 
 def _counted_to_obstacles(view: MapView) -> Bytes:

@@ -3,6 +3,8 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from companion.config_avoidance import Avoidance
 from companion.perception.distance_field import FAR_M
 from companion.perception.fence_band import Flat, with_fence
@@ -26,6 +28,8 @@ class LocalMap:
         self._empty = empty
         self._map = RollingMap(settings.map, settings.vehicle_radius)
         self._tracker = Tracker(settings.tracks)
+        self._moved: set[int] = set()
+        """Numbers of the tracks that moved at the last scan."""
         self.view: MapView | None = None
         """As of the last `look`."""
 
@@ -37,7 +41,17 @@ class LocalMap:
         moving = self._tracker.add(scan, *pose, ground_down)
         self._map.add(scan, *pose, ground_down, moving)
         for track in self._tracker.moving:
-            self._map.forget(track["mean"][:2], track["radius"], track["radius"] + _MOVING_MARGIN_M, now_ns)
+            here, radius = track["mean"][:2], float(track["radius"])
+            if track["number"] not in self._moved:  # the way that it came while it seemed to stand
+                self._forget_way(track["place"][:2], here, radius, now_ns)
+            self._map.forget(here, radius, radius + _MOVING_MARGIN_M, now_ns)
+        self._moved = set(self._tracker.moving["number"].tolist())
+
+    def _forget_way(self, start: Array, end: Array, radius: float, now_ns: int) -> None:
+        """Forget the occupied cells along a straight way between two places (2,) NED (m)."""
+        steps = math.ceil(math.dist(start, end) / radius)
+        for share in np.linspace(0.0, 1.0, steps + 1).tolist():
+            self._map.forget(start + share * (end - start), 0.0, radius + _MOVING_MARGIN_M, now_ns)
 
     def look(self, now_ns: int, fence: Flat | None = None) -> MapView:
         """The map at a time, with the fence in it if there is one."""

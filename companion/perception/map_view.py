@@ -39,7 +39,7 @@ class MapView:
     """(k,) m along the arc in which each of `hits` lies, as of the nearest look at it: the obstacle is no farther from
     it; inf where nothing says so. None: all are where they seem to be."""
     moving: Array | None = None
-    """(m, POINT_COLUMNS) moving obstacles, which mark no cell, as in `perception.free_space`; None: none."""
+    """(m, MOVER_COLUMNS) moving obstacles, which mark no cell, as in `perception.free_space`; None: none."""
 
     def cell_of(self, place: Array) -> Cell:
         """Row and column of a place (2,) or (3,) NED (m); outside of the window if the place is."""

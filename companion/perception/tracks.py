@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from companion.config_avoidance import AvoidanceTracks
 from companion.perception.departure import Sight, seen_past
-from companion.perception.free_space import POINT_COLUMNS
+from companion.perception.free_space import MOVER_COLUMNS
 from companion.perception.scans import world_points
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
@@ -41,8 +41,8 @@ _MOST_BEAMS = 72
 """Beams of a ring at most: OBSTACLE_DISTANCE has no more."""
 _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
-_INITIAL_SPEED_SIGMA = 1.5
-"""m/s of a new track: a walker's speed."""
+_INITIAL_SPEED_SIGMA = 2.5
+"""m/s of a new track: what is up to four times as fast is followed from its second return on."""
 _RADIUS_GAIN = 0.2
 """Weight of the latest measurement in a track's radius."""
 
@@ -141,13 +141,20 @@ class Tracker:
         return moving
 
     def points(self, seconds: float, keep_out: float) -> Array:
-        """(n, POINT_COLUMNS) of the moving obstacles `seconds` after the last scan; `keep_out` (m) is added to each
+        """(n, MOVER_COLUMNS) of the moving obstacles `seconds` after the last scan; `keep_out` (m) is added to each
         radius."""
         moving = self.moving
-        points = np.empty((moving.size, POINT_COLUMNS))
+        points = np.empty((moving.size, MOVER_COLUMNS))
         points[:, 2:4] = moving["mean"][:, 2:]
         points[:, :2] = moving["mean"][:, :2] + seconds * points[:, 2:4]
         points[:, 4] = moving["radius"] + keep_out
+        covariance = moving["covariance"]
+        for column, (row, other) in enumerate(((0, 0), (0, 1), (1, 1)), 5):
+            place, speed = covariance[:, row, other], covariance[:, row + 2, other + 2]
+            both = covariance[:, row, other + 2] + covariance[:, other, row + 2]
+            points[:, column] = place + seconds * (both + seconds * speed)
+            points[:, column + 3] = both + 2.0 * seconds * speed
+            points[:, column + 6] = speed
         return points
 
     def add(self, scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float) -> BoolArray:

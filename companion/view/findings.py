@@ -36,6 +36,7 @@ _GUARD_REASONS = {
     Reason.STOP: "no way to stop was left",
     Reason.NO_STOP: "there was no way to stop any more",
     Reason.STALE: "nothing was seen for too long",
+    Reason.EVASION: "something came towards the vehicle",
 }
 
 

@@ -35,6 +35,7 @@ _GUARD: dict[int, str] = {
     Reason.STOP: "keeps room to stop",
     Reason.NO_STOP: "no room to stop",
     Reason.STALE: "sees nothing",
+    Reason.EVASION: "gets out of the way",
 }
 _BLIND = (Reason.NO_STOP, Reason.STALE)
 _SECTORS = 72

@@ -86,7 +86,7 @@ def test_a_reference_that_jumps_is_at_the_target_at_once() -> None:
         motion = flight.guidance.steer(leg, flight.state, flight.now)
         assert flight.reference.position_ned.tolist() == list(target) and not flight.reference.rows[1:5].any()
         assert motion == MotionReport(following=False, rests=True, track_start_ned=None, over_map=False)
-        assert not flight.guidance.guards(leg.step)
+        assert flight.guidance.guarded(np.zeros(3), flight.state, leg.step, flight.now, held=False) is None
 
 
 # -- straight ----------------------------------------------------------------------------------------------------------

@@ -160,6 +160,9 @@ def test_each_scan_is_one_request_and_a_way_is_asked_for_where_obstacles_are_avo
     assert ask(flight, FAR)[0] == 3
 
 
+PUSH = np.array([1.0, 0.0, 0.0])
+
+
 def test_nothing_is_asked_where_there_is_no_map() -> None:
     for method in ("paper", "none"):
         guidance, _ = guidance_of(ROUTE, f"avoidance.method={method}")
@@ -168,7 +171,7 @@ def test_nothing_is_asked_where_there_is_no_map() -> None:
         state = vehicle(START)
         pose = state.position_ned, state.attitude_ned_frd
         assert guidance.look(scan, pose, 0.0, state, FAR, 0) is None
-        assert not guidance.over_map and not guidance.guards(FAR.step)
+        assert not guidance.over_map and guidance.guarded(PUSH, state, FAR.step, 0, held=False) is None
         assert guidance.decision.target_ned == pytest.approx(FAR.goal_ned), "the method decides at once"
 
 
@@ -202,10 +205,18 @@ def test_a_plan_says_clearance_and_obstruction_for_the_decision() -> None:
 
 
 def test_the_guard_has_the_last_word_where_obstacles_are_avoided() -> None:
+    """Without anything seen it brakes; on a vertical step, or held, it would only evade."""
     guidance, _ = guidance_of(ROUTE)
-    assert guidance.guards(FAR.step) and not guidance.guards(leg_to((0.0, 0.0, -4.0)).step)
+    state = vehicle(START)
+    for step, held, reason in (
+        (FAR.step, False, Reason.STALE),
+        (FAR.step, True, Reason.NONE),
+        (leg_to((0.0, 0.0, -4.0)).step, False, Reason.NONE),
+    ):
+        found = guidance.guarded(PUSH, state, step, 0, held=held)
+        assert found is not None and found.reason is reason
     unguarded, _ = guidance_of(ROUTE, "avoidance.guard.enabled=false")
-    assert not unguarded.guards(FAR.step)
+    assert unguarded.guarded(PUSH, state, FAR.step, 0, held=False) is None
 
 
 def verdict(changed: float, acceleration: tuple[float, float, float] = (-3.0, 1.0, 0.0)) -> Verdict:

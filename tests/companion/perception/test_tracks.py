@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from companion.config_avoidance import AvoidanceTracks
+from companion.perception.free_space import MOVER_COLUMNS
 from companion.perception.tracks import (
     TRACK,
     Tracker,
@@ -273,7 +274,7 @@ def test_a_track_starts_at_once_and_is_deleted_after_some_misses() -> None:
         assert len(scene.tracker.tracks) == 1, left
     scene.see([])
     assert len(scene.tracker.tracks) == 0
-    assert scene.tracker.points(0.0, 0.6).shape == (0, 5)
+    assert scene.tracker.points(0.0, 0.6).shape == (0, MOVER_COLUMNS)
 
 
 def test_an_unconfirmed_track_is_deleted_at_its_first_miss() -> None:
