@@ -10,6 +10,7 @@ import pytest
 from companion.config import Settings
 from companion.logs.recorded import flown_overrides, open_flight
 from companion.renamed_settings import RENAMED_SETTINGS
+from companion.runtime.files import load_settings
 from companion.view.gather import GatheredFlight
 from companion.view.mapping import avoidance_of
 from companion.view.report import compose
@@ -85,3 +86,19 @@ def test_every_new_name_is_a_setting_and_no_old_one_is() -> None:
         assert new not in RENAMED_SETTINGS
     assert with_new_names(tables, RENAMED_SETTINGS) == tables
     assert len(OLD_NAMES) == len(RENAMED_SETTINGS)
+
+
+def test_a_log_of_before_odometry_was_read_is_flown_again_without_it(tmp_path: Path) -> None:
+    """Its vehicle sent some, which nobody listened to and nobody had asked for."""
+
+    def attachment(name: str, content: bytes) -> bytes:
+        if name != "settings.json":
+            return content
+        settings = json.loads(content)
+        settings["rates"].pop("odometry", None)
+        return msgspec.json.encode(settings)
+
+    log = rewritten(path_of("rates_lockstep"), tmp_path / "before.mcap", attachment=attachment)
+    assert open_flight(log).settings.rates.odometry == 0.0
+    assert open_flight(log, overrides=["rates.odometry=20"]).settings.rates.odometry == 20.0
+    assert load_settings(None, []).rates.odometry > 0.0
