@@ -91,6 +91,7 @@ SLOW: dict[str, float] = {
     "tests/studies/test_position_loop.py::test_the_papers_weight_diverges_in_flight_and_ten_does_not": 4,
     "tests/studies/test_tracking.py::test_the_flown_circle_is_the_ideal_one_within_a_tenth": 4,
     "tests/studies/test_waypoints.py": 3,
+    "tests/vehicle_sim/test_warm_up.py": 3,
     "tests/vehicle_sim/test_links.py::test_a_whole_process_is_px4s_instance": 2,
     "tests/vehicle_sim/test_vehicle_cli.py::test_overrides_and_truth_of_a_whole_process": 2,
     "tests/vehicle_sim/test_vehicle_cli.py::test_a_signal_ends_it_with_its_summary": 2,
