@@ -297,7 +297,7 @@ def _faults(senses: Senses) -> dict[int, tuple[Fault, ...]]:
         found |= {
             Unit.MAGNETOMETER: (suite.magnetometer,),
             Unit.BAROMETER: (suite.barometer,),
-            Unit.GNSS: (suite.gnss,),
+            Unit.GNSS if suite.settings.vio is None else Unit.VIO: (suite.positioning,),
         }
     return found
 

@@ -33,7 +33,7 @@ assert compiled() == before, set(compiled().items()) - set(before.items())
 """
 
 
-@pytest.mark.parametrize("level", ["perfect", "gnss", "rtk"])
+@pytest.mark.parametrize("level", ["perfect", "gnss", "vio"])
 def test_a_warm_vehicle_compiles_nothing_afterwards(level: str) -> None:
     done = subprocess.run([sys.executable, "-c", _PROGRAM, level], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
