@@ -125,6 +125,9 @@ class Estimation(Table, frozen=True):
     """Estimate the scale of the drag."""
     disturbance: bool = True
     """Estimate a disturbing acceleration."""
+    torque_bandwidth: NotNegative = 2.0
+    """1/s; so fast a disturbing torque is estimated (`control.torque_observer`), as of a weak rotor or a centre of mass
+    aside, and made up for; 0: not at all."""
     velocity_noise: Positive = 0.02
     """m/s; the least standard deviation of a measured velocity. What the innovations show beyond it is added."""
     velocity_correlation: NotNegative = 0.2

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.control import backstepping, disturbance_observer, laws, prediction, thrust
+from companion.control import backstepping, disturbance_observer, laws, prediction, thrust, torque_observer
 from companion.control.tracking_error import TrackingError
 from protocol.arrays import Array
 from protocol.frames import to_world
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 
 LONGEST_STEP_S = 0.1
 
@@ -38,7 +39,7 @@ def acceleration_command(
     m.thrust_scale, m.drag_scale = mean[disturbance_observer.THRUST_SCALE], mean[disturbance_observer.DRAG_SCALE]
     m.disturbance[:] = mean[disturbance_observer.DISTURBANCE]
     state = prediction.Measured(measured[0], measured[1], measured[2], measured[3])
-    if airborne and m.count > 0 and (p.predicts or p.observes):
+    if airborne and m.count > 0 and (p.predicts or p.observes or p.torque_bandwidth > 0.0):
         _observe_and_predict(state, times, mass, p, m)
     else:
         m.position[:], m.velocity[:], m.attitude[:], m.rates[:] = state
@@ -78,6 +79,9 @@ def _observe_and_predict(state: prediction.Measured, times: tuple[int, int, int]
     m.position[:], m.velocity[:], m.attitude[:] = predicted.position, predicted.velocity, predicted.attitude
     m.rates[:], m.turning[:] = predicted.rates, predicted.angular_acceleration
     m.poses_count = prediction.keep_pose(m.poses, m.poses_count, measured_ns, state.attitude, predicted.measured_thrust)
+    if p.torque_bandwidth > 0.0:
+        share = torque_observer.thrust_share(predicted.measured_thrust, model.mass * GRAVITY)
+        torque_observer.update(m.torque, measured_ns, state, m.commands, m.count, model, (share, p.torque_bandwidth))
     if p.observes:
         pose = m.poses[prediction.pose_at(m.poses, m.poses_count, position_ns) % prediction.HISTORY]
         disturbance_observer.update(

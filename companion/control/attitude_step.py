@@ -5,12 +5,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.control import backstepping, flatness, lqr, prediction, se3, thrust, tilt
+from companion.control import backstepping, flatness, lqr, prediction, se3, thrust, tilt, torque_observer
 from companion.control.jumps import fade_jumps
 from companion.outputs import TurningInput
 from protocol.arrays import Array, Vector
 from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_rotation_vector, to_world
 from protocol.jit import compiled
+from protocol.vehicle_parameters import GRAVITY
 
 _ITERATIONS = 2
 """Of the flatness of the reference, which start from the last step's result."""
@@ -74,6 +75,8 @@ def attitude_command(
         if p.attitude_lead > 0.0:
             command = _attitude_sent(command, reference, p, m)
         turning_input = to_rotation_vector(command)
+    m.offset[:] = m.torque.offset * torque_observer.thrust_share(collective, mass * GRAVITY)
+    command = _against_offset(command, rates, torque, p, m)
     m.limited = limited or changed
     m.count = prediction.remember(m.commands, m.count, now_ns + p.command_delay_ns, collective, turning_input)
 
@@ -100,6 +103,7 @@ def turn_otherwise(rates: Array, turning: Array, controller: NDArray[np.void], o
     `attitude_command`, within the limits; both are changed to what these allow."""
     p, m = controller[0].parameters, controller[0].memory
     rates, torque, turning_input = _limited(rates, turning, p, m)
+    _against_offset(out[15:19], rates, torque, p, m)
     out[19:22] = rates
     out[22:25] = torque
     if p.turning_input != _ATTITUDE:
@@ -154,6 +158,21 @@ def _attitude_sent(command: Array, reference: _Turning, p: Any, m: Any) -> Array
     if rates[0] == x and rates[1] == y:
         return command
     return tilt.within(multiply(m.attitude, from_rotation_vector(p.attitude_lead * rates)), p.max_tilt)
+
+
+@compiled
+def _against_offset(command: Array, rates: Array, torque: Array, p: Any, m: Any) -> Array:
+    """The attitude (4,), within the tilt limit, with which the vehicle's loops keep a command (4,) against the disturbing
+    torque; rates and torque (3,) are changed likewise."""
+    if not m.offset.any():
+        return command
+    turn = np.empty(3)
+    for i in range(3):
+        slower = m.offset[i] / p.assumed_rate_loop[i]
+        turn[i] = -slower / p.assumed_attitude_loop
+        rates[i] -= slower
+        torque[i] = min(max(torque[i] - m.offset[i] * p.inertia[i] / p.full_torque[i], -1.0), 1.0)
+    return tilt.within(multiply(command, from_rotation_vector(turn)), p.max_tilt)
 
 
 @compiled

@@ -17,6 +17,7 @@ from companion.control.foreign import foreign_laws
 from companion.control.lift_off import LiftOff
 from companion.control.margin import Pace, pace_for, paced
 from companion.control.parameters import PARAMETERS, controller_parameters, design_of
+from companion.control.torque_observer import TORQUE_OBSERVER
 from companion.outputs import OUTPUTS
 from companion.records import CONTROL_FIELDS
 from companion.reports import LinkDelay, Motors
@@ -28,6 +29,7 @@ MEMORY = np.dtype(
     [
         ("observer", disturbance_observer.OBSERVER),
         ("observer_before", disturbance_observer.OBSERVER),
+        ("torque", TORQUE_OBSERVER),
         ("commands", prediction.COMMAND, prediction.HISTORY),
         ("count", "i8"),
         ("poses", prediction.POSE, prediction.HISTORY),
@@ -55,6 +57,7 @@ MEMORY = np.dtype(
         ("velocity_error", "f8", 3),
         ("wanted", "f8", 3),
         ("attitude_error", "f8", 3),
+        ("offset", "f8", 3),
         ("turning_reference", "f8", (3, 3)),
         ("disturbance", "f8", 3),
         ("thrust_scale", "f8"),
@@ -66,7 +69,8 @@ MEMORY = np.dtype(
 said how certain its estimate is; `turning` is an angular acceleration (rad/s2, FRD); `count` the number of commands
 that were ever sent, `poses_count` that of poses; `rate_jump` and its `rate_jump_change` see `fade_jumps`;
 `velocity_error` (m/s) and `wanted` (the reference's acceleration, m/s2) are what the position law takes, in the time
-that it runs in; `attitude_error` (rad, FRD) and `turning_reference` (a `_Turning`) what the attitude law takes."""
+that it runs in; `offset` (rad/s2, FRD) is what is made up for at present; `attitude_error` (rad, FRD) and
+`turning_reference` (a `_Turning`) what the attitude law takes."""
 
 CONTROLLER = np.dtype([("parameters", PARAMETERS), ("memory", MEMORY)], align=True)
 
