@@ -87,6 +87,8 @@ def measured(settings: SensorSettings, seed: int) -> dict[str, tuple[float, Arra
 
     heights = sampled(settings.barometer.rate_hz, lambda now: np.array((suite.height(now),)))
     fields = sampled(settings.magnetometer.rate_hz, lambda now: np.array(suite.field_frd(now)))
+    if gnss is None:
+        raise SystemExit("the drift of an odometry is one of the way, and nothing moves here")
     fixes = sampled(gnss.rate_hz, lambda now: np.array(getattr(suite.fix(now), "position_ned", np.full(3, math.nan))))
     level, up = gnss.position_noise
     return {

@@ -125,8 +125,13 @@ class Estimation(Table, frozen=True):
     """Estimate the scale of the drag."""
     disturbance: bool = True
     """Estimate a disturbing acceleration."""
+    torque_bandwidth: NotNegative = 2.0
+    """1/s; so fast a disturbing torque is estimated (`control.torque_observer`), as of a weak rotor or a centre of mass
+    aside, and made up for; 0: not at all."""
     velocity_noise: Positive = 0.02
     """m/s; the least standard deviation of a measured velocity. What the innovations show beyond it is added."""
+    velocity_correlation: NotNegative = 0.2
+    """s; for so long an error of the vehicle's velocity lasts, whose variance it says (`rates.odometry`)."""
     acceleration_noise: Positive = 0.1
     """m/s2; walk of the velocity."""
     thrust_scale_walk: NotNegative = 0.005
@@ -268,6 +273,9 @@ class Rates(Table, frozen=True):
     attitude: Positive = 250.0
     position: Positive = 250.0
     scan: Positive = 15.0
+    odometry: NotNegative = 30.0
+    """ODOMETRY: how certain the vehicle is of its velocity, and resets of its estimate. No flight needs it; 0: neither
+    asked for nor listened to."""
     heartbeat: Positive = 5.0
     """With the mode; one that is late is asked for."""
     least_share: Fraction = 0.3

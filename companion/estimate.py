@@ -4,8 +4,8 @@ from collections import deque
 
 import msgspec
 
-from companion.reports import AttitudeReport, PositionReport
-from companion.state import VehicleState
+from companion.reports import AttitudeReport, OdometryReport, PositionReport
+from companion.state import UNSAID, Certainty, VehicleState
 from protocol.arrays import Array
 from protocol.boot_time import later_ms
 
@@ -14,6 +14,8 @@ _LONGEST_CARRY_S = 0.5
 _AHEAD_MS = 5000
 _LATE_NS, _LATEST_NS, _LATE_INTERVALS = 100_000_000, 400_000_000, 4.0
 """A position is late after so many usual intervals, within these limits."""
+_MOST_RESETS = 3
+"""In messages one after another; what counts on says nothing of resets."""
 _SHARE = 1 / 16
 """Weight of a new interval in the usual one."""
 
@@ -31,6 +33,12 @@ class Estimator:
         self._interval_ns = 0.0
         """The usual one from a position to the next, as they arrive."""
         self._poses: deque[tuple[int, Array, Array]] = deque(maxlen=_POSES_KEPT)
+        self._certainty = UNSAID
+        self._reset_counter: int | None = None
+        """As the vehicle said it last."""
+        self._resets_in_row = 0
+        self._was_reset = False
+        """And no position has come since."""
 
     def attitude(self, report: AttitudeReport, time_ns: int) -> bool:
         """Take it in; False (and nothing changes) if it is older than what is known."""
@@ -51,7 +59,20 @@ class Estimator:
         self._interval_ns += _SHARE * (gap_ns - self._interval_ns)
         self._position = report
         self._position_ns = time_ns
+        if self._was_reset:  # which may be the first after the reset, if the count was sooner
+            self._was_reset = False
+            self._certainty = msgspec.structs.replace(self._certainty, resets=self._certainty.resets + 1)
         return True
+
+    def odometry(self, report: OdometryReport) -> bool:
+        """Take it in; whether the vehicle's estimate was reset since the last one."""
+        counted = self._reset_counter not in (None, report.reset_counter)
+        self._reset_counter = report.reset_counter
+        self._resets_in_row = self._resets_in_row + 1 if counted else 0
+        self._was_reset = 0 < self._resets_in_row <= _MOST_RESETS
+        variance = UNSAID.velocity_variance if report.velocity_variance is None else report.velocity_variance
+        self._certainty = Certainty(variance, self._certainty.resets + self._was_reset)
+        return self._was_reset
 
     def restart(self) -> None:
         """Forget everything: the vehicle has rebooted, and its clock begins again."""
@@ -98,6 +119,7 @@ class Estimator:
             attitude.attitude_ned_frd,
             attitude.rates_frd,
             gap_ms * 1_000_000,
+            self._certainty,
         )
 
     def pose_at(self, boot_time_us: int) -> tuple[Array, Array] | None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from companion.reports import AttitudeReport, PositionReport
 from companion.state import Announcement, Setpoint, Severity
+from companion.told_resets import ToldResets
 from protocol.arrays import Array
 from protocol.frames import multiply, to_rotation_vector, wrap
 
@@ -187,7 +188,7 @@ class Plausibility:
         """rad/s: how fast the vehicle was asked to turn, the last time."""
         self.late_s = 0.0
         """After so long what is asked shows in what the vehicle says."""
-        self._asked_turn = AskedTurn()
+        self._asked_turn, self._told = AskedTurn(), ToldResets()
         self._motion = Motion()
         self._gained = 0.0, 0.0
         """m/s: speed gained along and across the way of the vehicle's tilt, since its heading jumped alone."""
@@ -273,13 +274,15 @@ class Plausibility:
             dt = (time_ms - before[0]) * 1e-3
             (x, y, z), (u, v, w), (x0, y0, z0), (u0, v0, w0) = place, velocity, before[1], before[2]
             half = 0.5 * dt
-            away = math.hypot(x - x0 - half * (u + u0), y - y0 - half * (v + v0), z - z0 - half * (w + w0))
-            jumps = away > _PLACE_M + _REACH * dt * dt
-            leaps = math.hypot(u - u0, v - v0, w - w0) > _SPEED + _PUSH * dt
+            step = x - x0 - half * (u + u0), y - y0 - half * (v + v0), z - z0 - half * (w + w0)
+            told = self._told.step(step)
+            jumps = told or math.hypot(*step) > _PLACE_M + _REACH * dt * dt
+            leaps = math.hypot(u - u0, v - v0, w - w0) > _SPEED + _PUSH * dt and not self._told.due
             if (jumps or leaps) and not self._moves(place, velocity, before, dt, leaps, now_ns):
                 if self._odd is None:
                     self._odd = time_ms, place
                 if not self._is_borne_out(place, velocity, time_ms):
+                    self._told.refused()
                     self._refuse("velocity", now_ns)
                     return None
                 self._shift_on(place, before[1], before[2], dt, now_ns)
@@ -294,6 +297,7 @@ class Plausibility:
             if self._heading != self._turn and before is not None:
                 self._compare(velocity, before[2])
             self._place, self._odd = (time_ms, place, velocity), None
+            self._told.believed()
             if self._refused_ns:
                 self._refused_ns.pop("velocity", None)
         if self._turn == 0.0 and not any(self._shift):
@@ -336,9 +340,18 @@ class Plausibility:
 
     def _put(self, place: list[float], there: list[float], now_ns: int) -> None:
         shift = [a - b for a, b in zip(there, self._along(place), strict=True)]
+        self._told.followed()
         _, turn, settled = self._settled
         self._shift = settled if turn == self._turn and math.dist(shift, settled) < _SAME_M else shift
         self._jumped(now_ns)
+
+    def resets(self, now_ns: int, *, reset: bool) -> None:
+        """The vehicle tells that its estimate was reset since it was asked last, or that it was not: a step too small
+        to be recognised is one of the frame, too."""
+        step = self._told.told(reset=reset)
+        if step is not None and self.watches:
+            self._shift = [a - b for a, b in zip(self._shift, self._along([*step]), strict=True)]
+            self._jumped(now_ns)
 
     def _is_borne_out(self, place: list[float], velocity: list[float], time_ms: int) -> bool:
         """A velocity that has leapt is borne out by the way that the vehicle has made since."""

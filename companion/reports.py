@@ -28,6 +28,15 @@ class PositionReport(msgspec.Struct, frozen=True, gc=False):
     velocity_ned: Array
 
 
+class OdometryReport(msgspec.Struct, frozen=True, gc=False):
+    """What the vehicle says of its estimate."""
+
+    velocity_variance: Array | None
+    """(3,) m2/s2, NED; None if it does not say."""
+    reset_counter: int
+    """Count of the estimate's resets, 0..255."""
+
+
 class Rebooted(msgspec.Struct, frozen=True, gc=False):
     """The vehicle's time since boot fell: what was known of its motion is void."""
 
@@ -61,7 +70,9 @@ class BatteryReading(msgspec.Struct, frozen=True, gc=False):
     """That, in words."""
 
 
-Report = AttitudeReport | RepeatedAttitude | PositionReport | Scan | BatteryReading | Rebooted | ClockSet
+Report = (
+    AttitudeReport | RepeatedAttitude | PositionReport | OdometryReport | Scan | BatteryReading | Rebooted | ClockSet
+)
 
 
 class Finding(msgspec.Struct, frozen=True, gc=False):

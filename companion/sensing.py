@@ -9,6 +9,7 @@ from companion.reports import (
     AttitudeReport,
     BatteryReading,
     ClockSet,
+    OdometryReport,
     PositionReport,
     Rebooted,
     RepeatedAttitude,
@@ -73,6 +74,8 @@ class Sensing:
                 return True
             case BatteryReading():
                 self._batteries[report.source] = report
+            case OdometryReport():
+                self.plausibility.resets(now_ns, reset=self.estimator.odometry(report))
             case ClockSet():
                 self.estimator.clock_set(report.by_ms)
                 self.plausibility.clock_set(report.by_ms)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 import msgspec
+import numpy as np
 
 from protocol.arrays import Array, BoolArray
 
@@ -69,6 +70,18 @@ class Output(Enum):
     ACTUATORS = "actuators"
 
 
+class Certainty(msgspec.Struct, frozen=True, gc=False):
+    """What the vehicle says of its estimate."""
+
+    velocity_variance: Array = np.zeros(3)
+    """(3,) m2/s2, NED; zero where it does not say."""
+    resets: int = 0
+    """Changes whenever what comes may be of another estimate than before."""
+
+
+UNSAID = Certainty()
+
+
 class VehicleState(msgspec.Struct, frozen=True, gc=False):
     """The rigid body at `time_ns` (the companion's clock)."""
 
@@ -79,6 +92,8 @@ class VehicleState(msgspec.Struct, frozen=True, gc=False):
     rates_frd: Array
     position_age_ns: int
     """How much older the position's message was than the attitude's; it is carried over that gap by the velocity."""
+    certainty: Certainty = UNSAID
+    """The same object until the vehicle says something new."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ class Unit(IntEnum):
     MAGNETOMETER = 2
     BAROMETER = 3
     GNSS = 4
+    VIO = 6
     LIDAR = 7
     BATTERY = 100
     MOTOR = 101

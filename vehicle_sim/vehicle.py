@@ -45,6 +45,8 @@ DATAGRAM_BYTES = 1400
 
 _BATTERY_TICKS = 25
 """Between two looks at the battery."""
+_SENSED_TICKS = 150
+"""Until then every sensor was read and fused, a receiver's first fix after its delay, too."""
 _NO_FORCE = (0.0, 0.0, 0.0)
 
 
@@ -296,7 +298,7 @@ def _faults(senses: Senses) -> dict[int, tuple[Fault, ...]]:
         found |= {
             Unit.MAGNETOMETER: (suite.magnetometer,),
             Unit.BAROMETER: (suite.barometer,),
-            Unit.GNSS: (suite.gnss,),
+            Unit.GNSS if suite.settings.vio is None else Unit.VIO: (suite.positioning,),
         }
     return found
 
@@ -345,4 +347,5 @@ def warm_up(airframe: Airframe, world: World) -> None:
         vehicle.receive(companion.encode(message))
     vehicle.flight.sticks.update(Mode.STABILIZED, vehicle.motion, landed=True)
     vehicle.flight.announce(Severity.INFO, "warm")
-    vehicle.advance()
+    for _ in range(_SENSED_TICKS if airframe.sensors() is not None else 1):
+        vehicle.advance()

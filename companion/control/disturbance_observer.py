@@ -80,6 +80,10 @@ class Noise(NamedTuple):
     deviation keeps its nominal value."""
     fading: float
     """1/s; the rate at which a vertical disturbance falls back to 0."""
+    told: Array
+    """(3,) m2/s2, NED: its variance, as the vehicle says; zero where it does not."""
+    correlation: float
+    """s; for so long an error of it lasts."""
 
 
 @compiled
@@ -128,16 +132,25 @@ def _predict(observer: Any, dt: float, f: Array, r: Array, noise: Noise, excitat
 
 
 @compiled
-def _correct(observer: Any, velocity: Array, dt: float, least_noise: float, excitation: float) -> None:
+def _lasting(dt: float, correlation: float) -> float:
+    """How much more uncertain the mean of many measurements, `dt` (s) apart, is where their errors last: the spectral
+    density at zero of a first-order process over that of white noise of the same variance."""
+    return 1.0 / math.tanh(0.5 * dt / correlation) if correlation > 0.0 else 1.0
+
+
+@compiled
+def _correct(observer: Any, velocity: Array, dt: float, certainty: Noise, excitation: float) -> None:
     """Correct mean and covariance by a measured velocity (3,), one axis after the other."""
     mean, covariance, noise = observer.mean, observer.covariance, observer.noise
     gain, row = np.empty(STATES), np.empty(STATES)
+    least, lasting = certainty.velocity * certainty.velocity, _lasting(dt, certainty.correlation)
     share = min(dt / _NOISE_WINDOW_S, 1.0)
     for i in range(3):
         innovation = velocity[i] - mean[i]
         seen = min(innovation * innovation - covariance[i, i], NOISE_BOUND * NOISE_BOUND)
         noise[i] += share * (seen - noise[i])
-        total = covariance[i, i] + max(least_noise * least_noise, noise[i])
+        told = min(certainty.told[i], NOISE_BOUND * NOISE_BOUND) * lasting
+        total = covariance[i, i] + max(least, noise[i], told)
         for k in range(STATES):
             gain[k], row[k] = covariance[k, i] / total, covariance[i, k]
         drag_variance = covariance[DRAG_SCALE, DRAG_SCALE]
@@ -178,7 +191,7 @@ def update(
         excitation = square / (square + _DRAG_SPEED * _DRAG_SPEED * _DRAG_SPEED * _DRAG_SPEED)
         _predict(observer, dt, f, r, noise, excitation)
         if not repeated:
-            _correct(observer, velocity, dt, noise.velocity, excitation)
+            _correct(observer, velocity, dt, noise, excitation)
         _bound(observer.mean)
     elif dt > _LONGEST_S:
         observer.mean[0:3] = velocity

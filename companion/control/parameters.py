@@ -36,6 +36,9 @@ PARAMETERS = np.dtype(
         ("drag_kg_s", "f8", 3),
         ("observes", "b1"),
         ("velocity_noise", "f8"),
+        ("torque_bandwidth", "f8"),
+        ("velocity_variance", "f8", 3),
+        ("velocity_correlation", "f8"),
         ("initial_deviation", "f8", disturbance_observer.STATES),
         ("walk", "f8", disturbance_observer.STATES),
         ("fading", "f8"),
@@ -132,7 +135,9 @@ def _observer(estimation: Estimation, body: VehicleParameters) -> dict[str, Any]
         walk[disturbance_observer.DRAG_SCALE] = estimation.drag_scale_walk
     return {
         "observes": estimation.disturbance or estimation.thrust_scale or estimation.drag_scale,
+        "torque_bandwidth": estimation.torque_bandwidth,
         "velocity_noise": estimation.velocity_noise,
+        "velocity_correlation": estimation.velocity_correlation,
         "initial_deviation": deviation,
         "walk": walk,
         "fading": estimation.disturbance_fading,

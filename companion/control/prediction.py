@@ -167,13 +167,13 @@ def _acceleration(attitude: Array | Quaternion, velocity: Array, thrust_n: float
 
 
 @compiled
-def _share(dt: float, lag: float) -> float:
+def lag_share(dt: float, lag: float) -> float:
     """The share of the way to its input that a first-order lag covers within `dt`; both in s."""
     return 1.0 - math.exp(-dt / lag) if lag > 0.0 else 1.0
 
 
 @compiled
-def _turning_asked(command: Array, attitude: Quaternion, rates: Array, model: Model) -> Vector:
+def turning_asked(command: Array, attitude: Array | Quaternion, rates: Array, model: Model) -> Vector:
     """The angular acceleration (rad/s2, FRD) that a command's input (3,) asks for at an attitude and rates (3,)."""
     x, y, z = command[0], command[1], command[2]
     if model.turning_input == _ANGULAR_ACCELERATION:
@@ -206,17 +206,17 @@ def _follow_lags(
         end = min(time + _LAG_STEP_NS, until_ns)
         dt = (end - time) * 1e-9
         if end - time != step:  # the steps are alike but for the last one, and an exponential costs more than a step
-            step, share = end - time, _share(dt, model.rotor_lag)
+            step, share = end - time, lag_share(dt, model.rotor_lag)
         command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
         if model.turning_input != _ATTITUDE:
-            asked = _turning_asked(command.input, q, rate, model)
+            asked = turning_asked(command.input, q, rate, model)
             for i in range(3):
                 turning[i] += share * (asked[i] - turning[i])
                 rate[i] += dt * turning[i]
         time = end
     if model.turning_input == _ATTITUDE:
-        turning[:] = _turning_asked(commands[index % HISTORY].input, q, measured.rates, model)
+        turning[:] = turning_asked(commands[index % HISTORY].input, q, measured.rates, model)
     return thrust, index
 
 
@@ -237,10 +237,10 @@ def predict(
         index = _in_force(commands, count, index, time)
         end = min(time + _STEP_NS, until_ns)
         dt = (end - time) * 1e-9
-        share = _share(dt, model.rotor_lag)
+        share = lag_share(dt, model.rotor_lag)
         command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
-        asked = _turning_asked(command.input, q, w, model)
+        asked = turning_asked(command.input, q, w, model)
         for i in range(3):
             turning[i] += share * (asked[i] - turning[i])
         a = _acceleration(q, v, thrust, model)

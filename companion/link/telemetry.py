@@ -35,7 +35,10 @@ class Telemetry:
     def expect(self, firmware: Firmware) -> None:
         """The vehicle that was found is of this make."""
         self.rings.silent_when_free = firmware.silent_when_free
-        self.rates.welcome({**_WELCOME, **firmware.telemetry})
+        welcome = {**_WELCOME, **firmware.telemetry}
+        if self._settings.odometry > 0.0:
+            welcome[dialect.MAVLINK_MSG_ID_ODOMETRY] = self._settings.odometry
+        self.rates.welcome(welcome)
 
     def at_first(self) -> Intervals:
         """All that a flight needs, and the mode more often than it comes."""

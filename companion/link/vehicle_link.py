@@ -111,6 +111,8 @@ class VehicleLink:
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             dialect.MAVLINK_MSG_ID_STATUSTEXT: self.readiness.on_statustext,
         }
+        if settings.rates.odometry > 0.0:
+            handlers[dialect.MAVLINK_MSG_ID_ODOMETRY] = wire.odometry
         self._handlers = {message_id: (decoder_of(message_id), handler) for message_id, handler in handlers.items()}
 
     # -- datagrams in, reports out -------------------------------------------------------------------------------------
@@ -198,7 +200,7 @@ class VehicleLink:
 
     def _refuse(self, refused: wire.RefusedError, now_ns: int) -> Announcement | None:
         """Count telemetry that can't be true; the first time it is worth a word."""
-        first = self._refusals.add(str(refused), now_ns, grave=not isinstance(refused, wire.RefusedRingError))
+        first = self._refusals.add(str(refused), now_ns, grave=refused.grave)
         return self._complain(Severity.WARNING, f"telemetry refused: {refused}") if first else None
 
     def _on_euler_attitude(self, message: Any, now_ns: int) -> AttitudeReport | RepeatedAttitude:

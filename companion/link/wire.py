@@ -5,21 +5,24 @@ refused (`RefusedError`).
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from companion.link.sector_scans import SECTORS, SectorReport
-from companion.reports import SYSTEM_BATTERY, AttitudeReport, BatteryReading, PositionReport
+from companion.reports import SYSTEM_BATTERY, AttitudeReport, BatteryReading, OdometryReport, PositionReport
 from companion.state import BatteryLevel, Scan
 from protocol.arrays import Array
-from protocol.frames import from_euler
+from protocol.frames import from_euler, rotate_inverse
 from protocol.messages import dialect
 
 _POSITION_LIMIT_M = 1e5
 _VELOCITY_LIMIT = 150.0
 _RATE_LIMIT = 40.0
+_OF_VELOCITY = np.array(((0, 1, 2), (1, 6, 7), (2, 7, 11)))
+"""Where the covariance of velocity lies in the upper triangle, row by row, of a matrix (6, 6)."""
 _NOTHING = 65535
 _HALF_SECTOR = math.pi / SECTORS
 _ARDUPILOT_RING = 10
@@ -49,9 +52,20 @@ _FAULTS = {
 class RefusedError(Exception):
     """Telemetry that can't be true; the text names the message and what is wrong with it."""
 
+    grave = True
+    """No flight goes on without such telemetry."""
+
 
 class RefusedRingError(RefusedError):
     """A ring that can't be true is none; the flight goes on as without it."""
+
+    grave = False
+
+
+class RefusedOdometryError(RefusedError):
+    """It says nothing of the estimate; the flight goes on as without it."""
+
+    grave = False
 
 
 def _vector(name: str, limit: float, x: float, y: float, z: float) -> Array:
@@ -61,15 +75,19 @@ def _vector(name: str, limit: float, x: float, y: float, z: float) -> Array:
     return np.array((x, y, z))
 
 
-def attitude_quaternion(message: Any, time_ns: int = 0) -> AttitudeReport:
-    """ATTITUDE_QUATERNION (31). The time of arrival is not used: every handler of the link takes it."""
-    w, x, y, z = message.q1, message.q2, message.q3, message.q4
+def _quaternion(name: str, w: float, x: float, y: float, z: float) -> Array:
     square = w * w + x * x + y * y + z * z
     if not 0.98 < square < 1.02:
-        raise RefusedError(f"ATTITUDE_QUATERNION's length is not 1: {w:g}, {x:g}, {y:g}, {z:g}")
+        raise RefusedError(f"{name}'s length is not 1: {w:g}, {x:g}, {y:g}, {z:g}")
     scale = 1.0 / math.sqrt(square)
+    return np.array((w * scale, x * scale, y * scale, z * scale))
+
+
+def attitude_quaternion(message: Any, time_ns: int = 0) -> AttitudeReport:
+    """ATTITUDE_QUATERNION (31). The time of arrival is not used: every handler of the link takes it."""
+    attitude = _quaternion("ATTITUDE_QUATERNION", message.q1, message.q2, message.q3, message.q4)
     rates = _vector("ATTITUDE_QUATERNION's rates", _RATE_LIMIT, message.rollspeed, message.pitchspeed, message.yawspeed)
-    return AttitudeReport(message.time_boot_ms, np.array((w * scale, x * scale, y * scale, z * scale)), rates)
+    return AttitudeReport(message.time_boot_ms, attitude, rates)
 
 
 def attitude(message: Any) -> AttitudeReport:
@@ -86,6 +104,41 @@ def local_position(message: Any, time_ns: int = 0) -> PositionReport:
         _vector("LOCAL_POSITION_NED's position", _POSITION_LIMIT_M, message.x, message.y, message.z),
         _vector("LOCAL_POSITION_NED's velocity", _VELOCITY_LIMIT, message.vx, message.vy, message.vz),
     )
+
+
+def odometry(message: Any, time_ns: int = 0) -> OdometryReport | None:
+    """ODOMETRY (331) of the autopilot's own estimate, whose variances and count of resets alone are read. None of that
+    of another one, and if it has failed. The time of arrival is not used.
+
+    The velocity is in the frame of the body or of the world. What is not known is not a number, as PX4's covariances
+    beside its variances, or all zero. Of the horizontal axes the less certain one counts for both.
+    """
+    if message.estimator_type != dialect.MAV_ESTIMATOR_TYPE_AUTOPILOT or message.quality < 0:
+        return None
+    covariance, variance = np.array(message.velocity_covariance)[_OF_VELOCITY], None
+    if covariance.any() and not np.isnan(covariance.diagonal()).any():
+        covariance[np.isnan(covariance)] = 0.0
+        axes = np.eye(3)
+        if message.child_frame_id == dialect.MAV_FRAME_BODY_FRD:
+            axes = _axes_frd(message.q)
+        elif message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:
+            raise RefusedOdometryError(f"ODOMETRY with a velocity in frame {message.child_frame_id}")
+        if np.abs(covariance).max() > _VELOCITY_LIMIT**2:
+            raise RefusedOdometryError(f"ODOMETRY with velocity variances {covariance.diagonal()}")
+        north, east, down = (float(axis @ covariance @ axis) for axis in axes)
+        if min(north, east, down) < 0.0:
+            raise RefusedOdometryError(f"ODOMETRY with velocity variances {north:g}, {east:g}, {down:g}")
+        variance = np.array((max(north, east),) * 2 + (down,))
+    return OdometryReport(variance, message.reset_counter)
+
+
+def _axes_frd(q: Sequence[float]) -> Array:
+    """(3, 3): north, east and down in the body's frame, a row each."""
+    try:
+        attitude = _quaternion("ODOMETRY", *q)
+    except RefusedError as refused:
+        raise RefusedOdometryError(str(refused)) from None
+    return np.array([rotate_inverse(attitude, axis) for axis in np.eye(3)])
 
 
 def home_position(message: Any) -> Array:

@@ -7,8 +7,21 @@ from companion.config import Settings
 from companion.renamed_settings import RENAMED_SETTINGS
 from protocol import toml_files
 
+_FLOWN_WITHOUT = ({"rates": {"odometry": 0.0}}, {"control": {"estimation": {"torque_bandwidth": 0.0}}})
+"""Settings that a log may lack, since its flight's software did not have them: as it flew."""
+
 
 def recorded_settings(tables: dict[str, Any], source: str, overrides: Sequence[str] = ()) -> Settings:
     """The settings of a log, whose names may be old ones. Raises TomlFileError, naming `source` and key."""
     tables = toml_files.with_new_names(tables, RENAMED_SETTINGS)
+    for missing in _FLOWN_WITHOUT:
+        tables = _completed(tables, missing)
     return toml_files.convert(tables, Settings, source, overrides, RENAMED_SETTINGS)
+
+
+def _completed(tables: dict[str, Any], by: dict[str, Any]) -> dict[str, Any]:
+    """With the entries of `by` that it lacks, in tables of tables."""
+    return tables | {
+        key: _completed(tables.get(key, {}), value) if isinstance(value, dict) else tables.get(key, value)
+        for key, value in by.items()
+    }

@@ -141,7 +141,7 @@ def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:
         return plan, ""
     note = (
         f"the link carries {capacity:.0f} bytes a second: attitude at {slower.attitude:.0f}, position at "
-        f"{slower.position:.0f}, rings at {slower.scan:.0f} Hz"
+        f"{slower.position:.0f}, rings at {slower.scan:.0f}, odometry at {slower.odometry:.0f} Hz"
     )
     return replace(plan, settings=msgspec.structs.replace(plan.settings, rates=slower)), note
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from companion.estimate import Estimator
-from companion.reports import AttitudeReport, PositionReport
+from companion.reports import AttitudeReport, OdometryReport, PositionReport
 from protocol.frames import from_euler
 
 MS = 1_000_000
@@ -111,3 +111,50 @@ def test_losses_and_jitter_alone_make_no_position_late(hz: int) -> None:
         estimator.position(position(ms, 0.0), ms * MS)
         late += ms > 3000 and estimator.lacks_position((following - 1) * MS)
     assert late <= (1 if hz > 10 else 3), "where three in a row were lost"
+
+
+def told(estimator: Estimator, counter: int, variance: float | None = None) -> bool:
+    return estimator.odometry(OdometryReport(None if variance is None else np.full(3, variance), counter))
+
+
+def resets(estimator: Estimator) -> int:
+    state = estimator.state()
+    assert state is not None
+    return state.certainty.resets
+
+
+def begun() -> Estimator:
+    estimator = Estimator()
+    estimator.attitude(attitude(0), 0)
+    estimator.position(position(0, 0.0), 0)
+    return estimator
+
+
+def test_the_vehicles_certainty_is_that_of_the_state_and_the_same_until_it_says_more() -> None:
+    estimator = begun()
+    first = estimator.state()
+    assert first is not None and not first.certainty.velocity_variance.any()
+    told(estimator, 13, 0.01)
+    second, third = estimator.state(), estimator.state()
+    assert second is not None and third is not None and second.certainty is third.certainty
+    assert second.certainty.velocity_variance.tolist() == [0.01] * 3
+    told(estimator, 13)
+    last = estimator.state()
+    assert last is not None and not last.certainty.velocity_variance.any(), "it does not say it any more"
+
+
+def test_a_reset_shows_at_once_and_at_the_next_position_which_may_be_the_first_after_it() -> None:
+    estimator = begun()
+    assert not told(estimator, 255) and resets(estimator) == 0, "the first count tells of none"
+    assert told(estimator, 0) and resets(estimator) == 1
+    estimator.position(position(4, 0.0), 4 * MS)
+    assert resets(estimator) == 2
+    estimator.position(position(8, 0.0), 8 * MS)
+    assert not told(estimator, 0) and resets(estimator) == 2
+
+
+def test_a_count_that_counts_on_and_on_says_nothing() -> None:
+    estimator = begun()
+    told(estimator, 0)
+    assert [told(estimator, counter) for counter in range(1, 10)] == [True] * 3 + [False] * 6
+    assert not told(estimator, 9) and told(estimator, 10)

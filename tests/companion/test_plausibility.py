@@ -18,6 +18,9 @@ FAULT_MS = 1000
 TILTED = from_euler(0.05, -0.1, 0.0)
 Telemetry = tuple[AttitudeReport, PositionReport]
 Change = Callable[[int, Telemetry], Telemetry]
+COUNT_MS, COUNTED_MS = 32, 1024
+Counted = tuple[bool, int]
+"""Whether the vehicle's count of resets comes before its position, and when (ms) it counts one."""
 
 
 def motion(ms: int) -> Telemetry:
@@ -32,7 +35,10 @@ def motion(ms: int) -> Telemetry:
 class Flown:
     """What comes of the motion with a change of it from FAULT_MS on."""
 
-    def __init__(self, change: Change = lambda ms, told: told, until_ms: int = 3000) -> None:
+    def __init__(
+        self, change: Change = lambda ms, told: told, until_ms: int = 3000, counted: Counted | None = None
+    ) -> None:
+        """`counted` says at a time whether the vehicle counts a reset: every 32 ms, before or after its position."""
         self.told, self.news, self.fault_ms = Plausibility(), list[str](), math.inf
         self.attitudes, self.places = list[tuple[int, Array]](), list[tuple[int, Array, Array]]()
         self.told.watch(stands=False)
@@ -41,7 +47,12 @@ class Flown:
             if ms >= FAULT_MS:
                 attitude, position = change(ms, (attitude, position))
             turned = self.told.attitude(attitude, ms * MS)
+            first = counted is not None and counted[0]
+            if first:
+                self.count(ms, counted)
             moved = self.told.position(position, ms * MS)
+            if not first:
+                self.count(ms, counted)
             if turned is not None:
                 self.attitudes.append((ms, turned.attitude_ned_frd))
             if moved is not None:
@@ -50,6 +61,10 @@ class Flown:
                 self.fault_ms = min(self.fault_ms, ms)
             said = self.told.news(ms * MS)
             self.news += [] if said is None else [said.text]
+
+    def count(self, ms: int, counted: Counted | None) -> None:
+        if counted is not None and ms % COUNT_MS == 0:
+            self.told.resets(ms * MS, reset=counted[1] <= ms < counted[1] + COUNT_MS)
 
     def follows_the_motion(self) -> bool:
         """Everything that was passed on is the motion, to within what is not known of it between two samples."""
@@ -349,3 +364,45 @@ def test_a_frame_that_turned_at_a_standstill_is_known_by_how_the_vehicle_speeds_
         told.news(ms * MS)
         way = moved.velocity_ned
     assert way == pytest.approx(speed, abs=0.1)
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("since_ms", [FAULT_MS, COUNTED_MS])
+def test_a_small_reset_that_is_told_is_gone_along_with(first: bool, since_ms: int) -> None:
+    """Too small to be recognised: the count shows it, and what came before the count is all that is wrong."""
+    shift = shifted(0.3, -0.2, 0.1)
+
+    def change(ms: int, told: Telemetry) -> Telemetry:
+        return shift(ms, told) if ms >= since_ms else told
+
+    flown = Flown(change, counted=(first, COUNTED_MS))
+    away = [(ms, np.linalg.norm(p - motion(ms)[1].position_ned)) for ms, p, _ in flown.places]
+    assert max(gap for ms, gap in away if not since_ms <= ms <= COUNTED_MS - first) < 0.01
+    assert len(flown.news) == 1 and "reset by 0.4 m" in flown.news[0]
+    untold = Flown(change)
+    assert not untold.news and not untold.follows_the_motion()
+
+
+def test_a_reset_that_is_recognised_is_not_followed_twice() -> None:
+    for first in (True, False):
+        flown = Flown(shifted(2.0, 0.0, 0.0), counted=(first, COUNTED_MS))
+        assert flown.follows_the_motion() and len(flown.news) == 1
+
+
+def test_a_reset_of_nothing_that_shows_moves_nothing() -> None:
+    flown = Flown(shifted(0.05, 0.0, 0.0), counted=(False, COUNTED_MS))
+    assert not flown.news
+    assert max(np.linalg.norm(p - motion(ms)[1].position_ned) for ms, p, _ in flown.places) < 0.051
+
+
+def slower(ms: int, told: Telemetry) -> Telemetry:
+    """12 m/s more upwards from one message to the next, and positions that go with it."""
+    since = 1e-3 * (ms - FAULT_MS)
+    lost = np.array([0.0, 0.0, 12.0])
+    return told[0], PositionReport(ms, told[1].position_ned - lost * since, told[1].velocity_ned - lost)
+
+
+def test_a_velocity_that_leaps_is_believed_at_once_where_a_reset_was_told() -> None:
+    told, untold = Flown(slower, counted=(False, COUNTED_MS)), Flown(slower)
+    assert 0 < told.told.refused <= 4 < untold.told.refused
+    assert told.places[-1][2] == pytest.approx(slower(2992, motion(2992))[1].velocity_ned)

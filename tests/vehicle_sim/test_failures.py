@@ -9,7 +9,7 @@ from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.sensors.faults import BLINK_NS, LATE_NS, SLOW_NS, Failure, Fault
 
 INJECT = mavlink.MAV_CMD_INJECT_FAILURE
-MAG, BARO, GPS, RANGE, BATTERY, MOTOR, GYRO = 2, 3, 4, 7, 100, 101, 0
+MAG, BARO, GPS, VIO, RANGE, BATTERY, MOTOR, GYRO = 2, 3, 4, 6, 7, 100, 101, 0
 OK, OFF, STUCK = 0, 1, 2
 ACCEPTED, DENIED, UNSUPPORTED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_UNSUPPORTED
 TICK_NS = 4_000_000
@@ -148,6 +148,17 @@ def test_before_the_first_fix_nothing_is_armed() -> None:
     pilot.command(INJECT, GPS, OK)
     pilot.fly(1.0)
     assert pilot.arm() == ACCEPTED
+
+
+def test_an_odometry_that_is_off_takes_the_position_with_it() -> None:
+    pilot = ForeignPilot(airframe=airframe_with('estimator.sensors="vio"'), all_streams=True)
+    pilot.fly(1.0)
+    assert pilot.command(INJECT, GPS, OFF) == UNSUPPORTED
+    assert pilot.command(INJECT, VIO, OFF) == ACCEPTED
+    pilot.fly(7.0)
+    vision = mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+    assert not pilot.last("SYS_STATUS").onboard_control_sensors_health & vision
+    assert pilot.vehicle.flight.watch.health.position_lost
 
 
 def test_an_attitude_is_flown_without_a_position() -> None:

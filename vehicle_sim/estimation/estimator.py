@@ -12,6 +12,7 @@ from protocol.jit import compiled
 from vehicle_sim.estimation import kalman
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.physics.rigid_body import to_world
+from vehicle_sim.sensors.settings import DRIFT_TIME_S
 from vehicle_sim.sensors.suite import TICK_S, Fix, SensorSuite, as_row, field_ned, wanders
 from vehicle_sim.timing import TICK_NS
 
@@ -72,11 +73,12 @@ class Estimator:
         self._times = np.array([each.time_s for each in every])
         self._densities = np.array((s.inertial.gyro_noise, s.inertial.accelerometer_noise))
         self._field = field_ned(s)
-        (level, up), (slow, climbing) = s.gnss.position_noise, s.gnss.velocity_noise
+        level, up = s.positioning.position_noise
+        slow, climbing = (math.inf, math.inf) if s.gnss is None else s.gnss.velocity_noise
         self._fix_noise = np.array((level, level, up, slow, slow, climbing))
-        self._fix_delay_ns = round(s.gnss.delay_s * 1e9)
+        self._fix_delay_ns = round(s.positioning.delay_s * 1e9)
         self._field_ticks, self._height_ticks, self._fix_ticks = (
-            max(1, round(1.0 / (each.rate_hz * TICK_S))) for each in (s.magnetometer, s.barometer, s.gnss)
+            max(1, round(1.0 / (each.rate_hz * TICK_S))) for each in (s.magnetometer, s.barometer, s.positioning)
         )
         self._fixes: deque[tuple[Fix, Array]] = deque()
         """On their way, each with the nominal state of its time."""
@@ -117,12 +119,20 @@ class Estimator:
         kalman.predict(self.nominal, suite.gained, TICK_S, self._since)
         tick = truth.time_ns // TICK_NS
         if tick % _SPREAD_TICKS == 0:
+            self._drift()
             kalman.spread(self.nominal, self.covariance, self._since, self._densities, self._deviations, self._times)
             self._measure(tick, truth.time_ns)
         compare(self.nominal, suite.gained, now, self._estimate, self.error)
         present = self._present(truth)
         self._past.append(present)
         return present, self._past[0]
+
+    def _drift(self) -> None:
+        """The wander of an odometry's position is that of the present speed."""
+        vio = self.suite.settings.vio
+        if vio is not None:
+            speed = math.hypot(*self.nominal[kalman.VELOCITY].tolist())
+            self._deviations[6:9] = vio.drifted(0.5 * DRIFT_TIME_S * speed)  # of which 2 dt / DRIFT_TIME_S are added
 
     def _measure(self, tick: int, time_ns: int) -> None:
         """Read what is due, and fuse what has come."""
@@ -153,18 +163,26 @@ class Estimator:
         """Fuse a fix of a time at which the nominal state was `then` (23,); or, after a long time, believe it alone."""
         self.read.fix = fix
         before, uncertain, late = self.nominal.copy(), self.covariance.copy(), (time_ns - fix.time_ns) * 1e-9
-        read = np.concatenate((fix.position_ned, fix.velocity_ned))
+        read = np.concatenate(
+            (fix.position_ned, then[kalman.VELOCITY] if fix.velocity_ned is None else fix.velocity_ned)
+        )
         ratios = kalman.take_fix(self.nominal, self.covariance, then, late, read, self._fix_noise, GATE)
         self.fix_ratios = ratios
         if not (ratios > GATE * GATE).any():
             self._taken_ns = time_ns
         elif time_ns - self._taken_ns >= _RESET_NS:
             self.nominal[:], self.covariance[:] = before, uncertain
-            wander = self._deviations[6:9]
-            kalman.reset_to_fix(self.nominal, self.covariance, then, late, read, self._fix_noise, wander)
+            self._believe(then, late, read)
             self._taken_ns = time_ns
             self.reset_counter += 1
         self._correct_fixes(before, time_ns)
+
+    def _believe(self, then: Array, late: float, read: Array) -> None:
+        """Start anew from a fix. An odometry says where it is, and nothing of the velocity."""
+        noise, wander = self._fix_noise.copy(), self._deviations[6:9]
+        if self.suite.settings.gnss is None:
+            noise[3:], wander = np.sqrt(self.covariance.diagonal()[3:6]), np.zeros(3)
+        kalman.reset_to_fix(self.nominal, self.covariance, then, late, read, noise, wander)
 
     def _correct_fixes(self, before: Array, time_ns: int) -> None:
         """What has become known of the present was so at the fixes' times, too."""
@@ -193,9 +211,9 @@ class Estimator:
 
     @property
     def failed(self) -> tuple[bool, bool, bool]:
-        """Whether magnetometer, barometer and receiver are silent."""
+        """Whether magnetometer, barometer, and receiver or odometry are silent."""
         s, read, now_ns = self.suite.settings, self.read, self._now_ns
-        last = (s.magnetometer, read.field_ns), (s.barometer, read.height_ns), (s.gnss, self.fix_ns)
+        last = (s.magnetometer, read.field_ns), (s.barometer, read.height_ns), (s.positioning, self.fix_ns)
         field, height, fix = (now_ns - at_ns > max(_FAILED_NS, 2e9 / each.rate_hz) for each, at_ns in last)
         return field, height, fix
 

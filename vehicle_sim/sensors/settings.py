@@ -4,6 +4,7 @@ Errors that wander are first-order Gauss-Markov processes: their standard deviat
 forgotten themselves. A density is the N of the Allan deviation N / sqrt(t).
 """
 
+import math
 from typing import Annotated
 
 import msgspec
@@ -57,13 +58,20 @@ class Magnetometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     strength: Positive
 
 
-class Satellites(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The `[gnss]` table: horizontal and vertical values side by side."""
+class Positioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What measures the position: horizontal and vertical values side by side."""
 
     rate_hz: Positive
     delay_s: Annotated[float, msgspec.Meta(ge=0, le=0.4)]
     position_noise: tuple[NotNegative, NotNegative]
     """m"""
+    outages_s: list[Interval] = []
+    """Times since boot, from and until, without any fix."""
+
+
+class Satellites(Positioning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The `[gnss]` table: a receiver."""
+
     velocity_noise: tuple[NotNegative, NotNegative]
     """m/s"""
     horizontal_error: Wander
@@ -71,14 +79,41 @@ class Satellites(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     vertical_error: Wander
     fix_type: Annotated[int, msgspec.Meta(ge=2, le=6)] = 3
     """GPS_FIX_TYPE: 3 in space, 6 RTK, fixed."""
-    outages_s: list[Interval] = []
-    """Times since boot, from and until, without any fix."""
+
+
+DRIFT_TIME_S = 1e5
+"""A drift is a wander that forgets itself in this time, longer than any flight."""
+
+
+class Odometer(Positioning, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The `[vio]` table: cameras and an inertial unit of their own. They tell where they are, and drift with the way. A
+    velocity of theirs would have the same drift, and tell nothing more."""
+
+    drift: tuple[NotNegative, NotNegative]
+    """m after a metre of way, along each axis; it grows with the root of the way."""
+
+    def drifted(self, way_m: float) -> tuple[float, float, float]:
+        """Standard deviations (m, NED) of the drift on a way."""
+        level, up = (each * math.sqrt(way_m) for each in self.drift)
+        return level, level, up
 
 
 class SensorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A whole sensor file."""
+    """A whole sensor file: either `gnss` or `vio`."""
 
     inertial: Inertial
     barometer: Barometer
     magnetometer: Magnetometer
-    gnss: Satellites
+    gnss: Satellites | None = None
+    vio: Odometer | None = None
+
+    def __post_init__(self) -> None:
+        if (self.gnss is None) is (self.vio is None):
+            raise ValueError("gnss, vio: exactly one of the two tables")
+
+    @property
+    def positioning(self) -> Satellites | Odometer:
+        """What the position is from."""
+        found = self.gnss or self.vio
+        assert found is not None
+        return found

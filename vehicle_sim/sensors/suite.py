@@ -1,4 +1,5 @@
-"""Gyroscope, accelerometer, barometer, magnetometer and satellite receiver: the truth with each one's errors."""
+"""Gyroscope, accelerometer, barometer, magnetometer, and satellite receiver or visual odometry: the truth with each
+one's errors."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.physics.rigid_body import to_world
 from vehicle_sim.sensors.faults import Fault
-from vehicle_sim.sensors.settings import SensorSettings, Wander
+from vehicle_sim.sensors.settings import DRIFT_TIME_S, Satellites, SensorSettings, Wander
 from vehicle_sim.timing import TICK_NS
 
 TICK_S = TICK_NS * 1e-9
@@ -35,11 +36,12 @@ _SMOOTHING = 0.01
 
 
 class Fix(NamedTuple):
-    """A fix of the satellite receiver."""
+    """A fix of the satellite receiver or of the visual odometry."""
 
     time_ns: int
     position_ned: Array
-    velocity_ned: Array
+    velocity_ned: Array | None
+    """None of an odometry."""
 
 
 def field_ned(settings: SensorSettings) -> Array:
@@ -53,11 +55,11 @@ def field_ned(settings: SensorSettings) -> Array:
 def wanders(settings: SensorSettings) -> list[Wander]:
     """The wander of each error that wanders (13,)."""
     s, gnss = settings.inertial, settings.gnss
+    drift = Wander(0.0, DRIFT_TIME_S)  # which depends on the way
     return [
         *(s.gyro_bias,) * 3,
         *(s.accelerometer_bias,) * 3,
-        *(gnss.horizontal_error,) * 2,
-        gnss.vertical_error,
+        *((drift,) * 3 if gnss is None else (gnss.horizontal_error, gnss.horizontal_error, gnss.vertical_error)),
         *(settings.magnetometer.hard_iron,) * 3,
         settings.barometer.bias,
     ]
@@ -127,8 +129,8 @@ def _add(white: Array, noise: Array, most: Array, out: Array, shaken: Array) -> 
 
 
 class SensorSuite:
-    """All sensors of a vehicle. Errors begin as the wander has them, but for the receiver's: its first fixes say where
-    the origin is."""
+    """All sensors of a vehicle. Errors begin as the wander has them, but for those of the position: its first fixes say
+    where the origin is."""
 
     def __init__(
         self, settings: SensorSettings, start: Motion, rng: np.random.Generator, imbalance_m: float = 0.0
@@ -159,7 +161,7 @@ class SensorSuite:
         self._shaken[-1] = -GRAVITY * TICK_S  # at rest, so that the first tick does not count as a jolt
         self.barometer = Fault(np.array((_WRONG_HEIGHT_M,)), rng)
         self.magnetometer = Fault(np.full(3, _WRONG_FIELD_GAUSS), rng)
-        self.gnss = Fault(np.array(_WRONG_FIX), rng)
+        self.positioning = Fault(np.array(_WRONG_FIX), rng)
 
     def advance(self, now: Array, rotor_speeds: Sequence[float] = ()) -> None:
         """One more tick, at whose end the vehicle moves so (13,) and the rotors turn so (rad/s)."""
@@ -167,6 +169,9 @@ class SensorSuite:
             self._noise, self._next = self._rng.standard_normal((_BLOCK, _WANDERS + _WHITE)), 0
         noise = self._noise[self._next]
         self._next += 1
+        if self.settings.vio is not None:
+            way = TICK_S * math.sqrt(now[0] ** 2 + now[1] ** 2 + now[2] ** 2)
+            self.walk[1, POSITION] = self.settings.vio.drifted(way)
         read(self._before, now, self.errors, self.walk, noise, self.gained)
         if self._imbalance_m:
             self.gained[3:5] += self._shake(np.array(rotor_speeds))
@@ -209,12 +214,15 @@ class SensorSuite:
         return self.magnetometer.read(field + self.errors[HARD_IRON] + noise, time_ns)
 
     def fix(self, time_ns: int) -> Fix | None:
-        """The receiver's; None without a fix."""
-        s, noise = self.settings.gnss, self._rng.standard_normal(6)
+        """The receiver's or the odometry's; None without a fix."""
+        s, noise = self.settings.positioning, self._rng.standard_normal(6)
         if any(begin <= time_ns * 1e-9 < end for begin, end in s.outages_s):
             return None
-        (level, up), (slow, climbing) = s.position_noise, s.velocity_noise
+        level, up = s.position_noise
+        slow, climbing = s.velocity_noise if isinstance(s, Satellites) else (0.0, 0.0)
         position = self._before[3:6] + self.errors[POSITION] + np.array((level, level, up)) * noise[:3]
         velocity = self._before[:3] + np.array((slow, slow, climbing)) * noise[3:]
-        found = self.gnss.read(np.concatenate((position, velocity)), time_ns)
-        return None if found is None else Fix(time_ns, found[:3], found[3:])
+        found = self.positioning.read(np.concatenate((position, velocity)), time_ns)
+        if found is None:
+            return None
+        return Fix(time_ns, found[:3], found[3:] if isinstance(s, Satellites) else None)

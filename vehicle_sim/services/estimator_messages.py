@@ -71,11 +71,13 @@ class EstimatorMessages:
         e = self._estimator
         fix, height, field = (ratios / GATE**2 for ratios in (e.fix_ratios, e.height_ratios, e.field_ratios))
         flags = dialect.ESTIMATOR_ATTITUDE | dialect.ESTIMATOR_VELOCITY_VERT | dialect.ESTIMATOR_POS_VERT_ABS
+        on_earth = e.suite.settings.gnss is not None
         if not e.position_lost:
-            flags |= dialect.ESTIMATOR_VELOCITY_HORIZ | dialect.ESTIMATOR_POS_HORIZ_REL
-            flags |= dialect.ESTIMATOR_POS_HORIZ_ABS
-            flags |= dialect.ESTIMATOR_PRED_POS_HORIZ_REL | dialect.ESTIMATOR_PRED_POS_HORIZ_ABS
-        if (fix > 1.0).any():
+            flags |= dialect.ESTIMATOR_VELOCITY_HORIZ
+            flags |= dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_PRED_POS_HORIZ_REL
+            if on_earth:
+                flags |= dialect.ESTIMATOR_POS_HORIZ_ABS | dialect.ESTIMATOR_PRED_POS_HORIZ_ABS
+        if on_earth and (fix > 1.0).any():
             flags |= dialect.ESTIMATOR_GPS_GLITCH
         return self._encode(
             dialect.MAVLink_estimator_status_message,

@@ -11,6 +11,7 @@ from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.autopilot.flight_control import BOOT_NS, FlightControl
 from vehicle_sim.estimation.delayed_truth import DelayedTruth
 from vehicle_sim.estimation.estimator import Estimator
+from vehicle_sim.sensors.settings import Satellites
 from vehicle_sim.services.snapshot import NOTHING, Snapshot, int16
 
 _NO_COVARIANCE = (0.0,) * 21
@@ -98,16 +99,17 @@ class StateMessages:
         )
 
     def gps_raw_int(self, now: Snapshot) -> bytes:
-        """What the receiver says; of a vehicle that has none, from the estimate."""
+        """What the receiver says; of a vehicle that knows the truth, from the estimate."""
         if isinstance(self._estimator, Estimator):
-            return self._receiver(self._estimator)
+            receiver = self._estimator.suite.settings.gnss
+            return NOTHING if receiver is None else self._receiver(self._estimator, receiver)
         m = now.estimate
         return self._gps_raw_int(now.estimate_us, dialect.GPS_FIX_TYPE_3D_FIX, m.position_ned, m.velocity_ned, ())
 
-    def _receiver(self, estimator: Estimator) -> bytes:
-        fix, s = estimator.read.fix, estimator.suite.settings.gnss
+    def _receiver(self, estimator: Estimator, s: Satellites) -> bytes:
+        fix = estimator.read.fix
         _, _, silent = estimator.failed
-        if fix is None:
+        if fix is None or fix.velocity_ned is None:
             return NOTHING
         level, up = (
             math.hypot(wander.deviation, noise) * 1e3

@@ -13,12 +13,15 @@ from vehicle_sim.services.component_metadata import GENERAL_URI
 from vehicle_sim.services.sensor_messages import Senses
 from vehicle_sim.services.snapshot import Snapshot, int16
 
+_GNSS, _VIO = dialect.MAV_SYS_STATUS_SENSOR_GPS, dialect.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+"""A vehicle has one of the two."""
 _HEALTHY = (
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL
     | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
     | dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
-    | dialect.MAV_SYS_STATUS_SENSOR_GPS
+    | _GNSS
+    | _VIO
     | dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION
     | dialect.MAV_SYS_STATUS_SENSOR_ANGULAR_RATE_CONTROL
     | dialect.MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION
@@ -34,12 +37,12 @@ _HEALTHY = (
 _PARTS = (
     dialect.MAV_SYS_STATUS_SENSOR_3D_MAG,
     dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,
-    dialect.MAV_SYS_STATUS_SENSOR_GPS,
+    _GNSS | _VIO,
     dialect.MAV_SYS_STATUS_SENSOR_PROXIMITY | dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION,
     dialect.MAV_SYS_STATUS_SENSOR_BATTERY,
     dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL,
 )
-"""What can fail: magnetometer, barometer, receiver, LiDAR, battery, and what needs the position."""
+"""What can fail: magnetometer, barometer, receiver or odometry, LiDAR, battery, and what needs the position."""
 _ARMABLE = dialect.MAV_SYS_STATUS_PREARM_CHECK
 
 _CHARGE_STATES = (
@@ -108,8 +111,9 @@ class StatusMessages:
     def sys_status(self, now: Snapshot) -> bytes:
         volts, amperes, _, remaining = self._battery(now)
         ready = self._flight.armed or self._flight.arming_problem() is None
-        health = (_HEALTHY | (_ARMABLE if ready else 0)) & ~self._failed
-        everything = _HEALTHY | _ARMABLE
+        absent = _GNSS if self._has_odometry else _VIO
+        health = (_HEALTHY | (_ARMABLE if ready else 0)) & ~self._failed & ~absent
+        everything = (_HEALTHY | _ARMABLE) & ~absent
         return self._encode(
             dialect.MAVLink_sys_status_message,
             everything,
@@ -122,6 +126,11 @@ class StatusMessages:
             *(0,) * 6,
             *(0,) * 3,
         )
+
+    @property
+    def _has_odometry(self) -> bool:
+        estimator = self._senses.estimator
+        return isinstance(estimator, Estimator) and estimator.suite.settings.vio is not None
 
     @property
     def _failed(self) -> int:

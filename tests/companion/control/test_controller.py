@@ -224,7 +224,7 @@ def test_estimates_keep_within_their_bounds() -> None:
     for tick in range(2000):
         effect = rng.normal(size=3) * 10.0
         velocity = rng.normal(size=3) * 100.0
-        noise = disturbance_observer.Noise(0.02, np.ones(8), 2.0)
+        noise = disturbance_observer.Noise(0.02, np.ones(8), 2.0, np.zeros(3), 0.0)
         disturbance_observer.update(observer[0], START_NS + tick * TICK_NS, velocity, effect, rng.normal(size=3), noise)
         mean = observer["mean"][0]
         assert np.isfinite(mean).all()
@@ -241,14 +241,17 @@ def test_estimates_keep_within_their_bounds() -> None:
         assert np.linalg.norm(mean[disturbance_observer.DISTURBANCE]) <= disturbance_observer.DISTURBANCE_BOUND + 1e-9
 
 
-def test_the_observer_is_the_textbooks_kalman_filter() -> None:
-    """Against the matrix form of the partial update (K. Brink 2017), with numpy; noise as it is expected."""
+@pytest.mark.parametrize("told", [np.zeros(3), np.array([0.01, 0.09, 4.0])])
+def test_the_observer_is_the_textbooks_kalman_filter(told: Array) -> None:
+    """Against the matrix form of the partial update (K. Brink 2017), with numpy; noise as it is expected, or as a sum
+    of errors that last for 30 ms has it."""
     rng = np.random.default_rng(3)
     observer = np.zeros(1, disturbance_observer.OBSERVER)
     spread, walk, least, fading = np.full(8, 0.3), rng.uniform(0.01, 0.1, 8), 0.02, 2.0
-    noise = disturbance_observer.Noise(least, walk, fading)
+    noise = disturbance_observer.Noise(least, walk, fading, told, 0.03)
     disturbance_observer.reset(observer[0], spread)
     mean, variance, seen = observer["mean"][0].copy(), np.diag(spread**2), np.zeros(3)
+    lasting = sum(math.exp(-0.004 * abs(lag) / 0.03) for lag in range(-500, 501))
     thrust, drag = np.array([0.2, 0.1, -9.7]), np.array([-0.1, 0.05, 0.0])
     disturbance_observer.update(observer[0], START_NS, np.zeros(3), thrust, drag, noise)
     for tick in range(1, 60):
@@ -269,7 +272,7 @@ def test_the_observer_is_the_textbooks_kalman_filter() -> None:
         for axis in range(3):
             row, innovation = np.eye(8)[axis], velocity[axis] - mean[axis]
             seen[axis] += 0.002 * (min(innovation**2 - variance[axis, axis], 0.0625) - seen[axis])
-            spread_here = max(least**2, seen[axis])
+            spread_here = max(least**2, seen[axis], min(told[axis], 0.0625) * lasting)
             gain = counts @ variance @ row / (row @ variance @ row + spread_here)
             left = np.eye(8) - np.outer(gain, row)
             mean = mean + gain * innovation

@@ -8,7 +8,7 @@ import pytest
 
 from companion.control.controller import RATES, SIZE, THRUST, Controller
 from companion.runtime.files import load_body, load_settings
-from companion.state import Output, Reference, VehicleState
+from companion.state import UNSAID, Certainty, Output, Reference, VehicleState
 from protocol.arrays import Array
 from protocol.frames import from_rotation_vector, multiply, rotate, rotate_inverse
 from protocol.vehicle_parameters import GRAVITY
@@ -50,7 +50,14 @@ def motion(time: float, speed: float, radius: float = 3.0) -> Reference:
     return Reference(np.array([*rows, np.zeros(3)]))
 
 
-def estimated(noise: Noise, speed: float, seconds: float, weight: float = 1.0, late: int = 0) -> tuple[Array, float]:
+def estimated(
+    noise: Noise,
+    speed: float,
+    seconds: float,
+    weight: float = 1.0,
+    late: int = 0,
+    certainty: Callable[[int], Certainty] = lambda tick: UNSAID,
+) -> tuple[Array, float]:
     """CONTROL_FIELDS (n, SIZE) of a vehicle that flies a circle or hovers, `weight` times as heavy as believed, by a
     velocity with noise, and its greatest distance (m) from the reference after 5 s."""
     settings = load_settings(None, ["limits.tilt_deg=60.0"])
@@ -64,11 +71,8 @@ def estimated(noise: Noise, speed: float, seconds: float, weight: float = 1.0, l
     for tick, out in enumerate(fields):
         now = START_NS + tick * TICK_NS
         error = noise(tick, rng, error)
-        past = (
-            [*past[-late:], VehicleState(now, position, velocity + error[:3], attitude, rates, 0)]
-            if late
-            else [VehicleState(now, position, velocity + error[:3], attitude, rates, 0)]
-        )
+        state = VehicleState(now, position, velocity + error[:3], attitude, rates, 0, certainty(tick))
+        past = [*past[-late:], state] if late else [state]
         reference, ahead = (motion((at - START_NS) * 1e-9, speed) for at in controller.reference_times(now))
         wanted = controller.acceleration_command(past[0], now, past[0].time_ns, reference, BODY.mass_kg, True)
         out[:] = controller.attitude_command(wanted, now, ahead, BODY.mass_kg)[0]
@@ -103,6 +107,34 @@ def test_the_thrust_scale_stays_by_any_noise(noise: Noise, late: int, speed: flo
     assert np.abs(fields[2500:, 31]).max() < 1.5
     assert fields[2500:, 33].min() > 0.3 and fields[2500:, 33].max() < 2.0
     assert farthest < (1.0 if noise is coloured else 0.3)
+
+
+def test_the_noise_that_the_vehicle_tells_of_passes_less_for_a_disturbance() -> None:
+    told = Certainty(np.full(3, 0.25**2))
+    spread = [
+        float(estimated(coloured, 4.0, 30.0, weight=1.2, certainty=each)[0][2500:, 29:32].std())
+        for each in (lambda tick: UNSAID, lambda tick: told)
+    ]
+    assert 0.0 < spread[1] < 0.9 * spread[0]
+
+
+RESET_TICK, TOLD_TICK = 2003, 2008
+"""The estimate is reset, and ODOMETRY says so up to eight ticks later."""
+
+
+def leaping(tick: int, rng: np.random.Generator, before: Array) -> Array:
+    return np.array([1.0, 0.0, -0.5]) * (tick >= RESET_TICK)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_reset_of_the_velocity_is_no_push(told: bool) -> None:
+    """What was learned before stays."""
+    said = [Certainty(resets=int(told and 8 * number >= TOLD_TICK)) for number in range(300)]
+    fields, _ = estimated(leaping, 0.0, 8.2, weight=1.2, certainty=lambda tick: said[tick // 8])
+    before, after = fields[RESET_TICK - 1], fields[TOLD_TICK:]
+    change = np.abs(after[:, 29:33] - before[29:33]).max()
+    assert change < 0.8 if told else change > 4.0
+    assert after[:, 32] * 1.2 == pytest.approx(1.0, abs=0.02) or not told
 
 
 def test_what_lasts_is_put_down_to_the_thrust() -> None:

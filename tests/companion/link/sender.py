@@ -1,5 +1,6 @@
 """A vehicle that sends what a flight needs, and a link that has found it."""
 
+import math
 from typing import Any
 
 from companion.link.vehicle_link import VehicleLink
@@ -39,6 +40,13 @@ class Sender:
 
     def position(self, boot_ms: int, north: float = 1.0) -> bytes:
         return self(dialect.MAVLink_local_position_ned_message, boot_ms, north, 2.0, -3.0, 0.4, 0.5, 0.6)
+
+    def odometry(self, boot_ms: int, variance: float = 0.01, counter: int = 0) -> bytes:
+        unknown = [math.nan] * 5
+        covariance = [variance, *unknown, variance, *unknown[1:], variance, *unknown, *unknown[1:]]
+        fields = boot_ms * 1000, 1, 1, 1.0, 2.0, -3.0, [1.0, 0.0, 0.0, 0.0], 0.4, 0.5, 0.6, 0.1, 0.2, 0.3
+        kind = dialect.MAV_ESTIMATOR_TYPE_AUTOPILOT
+        return self(dialect.MAVLink_odometry_message, *fields, covariance, covariance, counter, kind, 0)
 
     def scan(self, boot_ms: int, cm: int = 500) -> bytes:
         return self(dialect.MAVLink_obstacle_distance_message, boot_ms * 1000, 0, [cm] * 72, 5, 20, 1500, 5.0, 0.0, 12)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.link.vehicle_link import Traffic, VehicleLink
-from companion.reports import AttitudeReport, ClockSet, PositionReport, Rebooted, RepeatedAttitude
+from companion.reports import AttitudeReport, ClockSet, OdometryReport, PositionReport, Rebooted, RepeatedAttitude
 from companion.runtime.files import load_settings
 from companion.state import Announcement, FlightMode, Output, Scan, Severity
 from protocol.framing import Framer
@@ -193,6 +193,22 @@ def test_three_refusals_within_half_a_second_are_a_fault_until_that_time_is_over
         now = NOW + number * 251 * MS
         hear(link, vehicle.position(1, math.inf), now)
         assert link.report(now, None, before_flight=False).refused is None
+
+
+def test_odometry_says_how_certain_the_estimate_is_and_is_no_fault_where_it_can_not_be() -> None:
+    link, vehicle = found()
+    (report,) = hear(link, vehicle.odometry(1000, 0.04, counter=7))
+    assert isinstance(report, OdometryReport) and report.reset_counter == 7
+    assert report.velocity_variance == pytest.approx([0.04] * 3)
+    for ms in range(0, 400, 33):
+        hear(link, vehicle.odometry(1000 + ms, -1.0), NOW + ms * MS)
+    assert link.traffic.messages_refused == 13
+    assert link.report(NOW + 400 * MS, None, before_flight=False).refused is None
+
+
+def test_odometry_that_is_not_wanted_is_not_listened_to() -> None:
+    link, vehicle = found(overrides=("rates.odometry=0",))
+    assert not hear(link, vehicle.odometry(1000))
 
 
 def test_a_refused_message_was_heard_all_the_same() -> None:

@@ -30,6 +30,7 @@ WELCOME = {
     dialect.MAVLINK_MSG_ID_BATTERY_STATUS,
     dialect.MAVLINK_MSG_ID_VIBRATION,
     dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+    dialect.MAVLINK_MSG_ID_ODOMETRY,
 }
 """What is good to have of a PX4."""
 PERIOD_MS = 20
@@ -256,7 +257,7 @@ def test_the_beat_is_once_a_second_and_asks_for_rates_only_when_told() -> None:
             seen.append((ms, names(messages)))
     questions = [ms for ms, each in seen if "TIMESYNC" in each]
     assert questions == list(range(PERIOD_MS, 4000, 100))
-    asks = ["COMMAND_LONG"] * 9  # four messages, the sectors of a scan, and four that are good to have
+    asks = ["COMMAND_LONG"] * 10  # four messages, the sectors of a scan, and five that are good to have
     assert [(ms, [name for name in each if name != "TIMESYNC"]) for ms, each in seen if each != ["TIMESYNC"]] == [
         (1000, ["HEARTBEAT"]),
         (2000, ["HEARTBEAT"]),
@@ -290,6 +291,15 @@ def test_what_is_good_to_have_is_asked_for_a_few_times_and_never_lacking() -> No
     assert set(counts.values()) == {3}
     now = stream(link, vehicle, ENOUGH)
     assert link.report(now, None, before_flight=True).shortcoming is None
+
+
+def test_odometry_that_is_not_wanted_is_not_asked_for() -> None:
+    link, vehicle = found(overrides=("rates.odometry=0",))
+    hear(link, vehicle.version(1, 13))
+    link.beat(NOW, asks_rates=True)
+    asked = {int(each.param1) for each in sent(link) if each.get_type() == "COMMAND_LONG"}
+    assert asked >= WELCOME - {dialect.MAVLINK_MSG_ID_ODOMETRY}
+    assert dialect.MAVLINK_MSG_ID_ODOMETRY not in asked
 
 
 def test_a_heartbeat_that_is_late_is_asked_for_by_itself() -> None:

@@ -11,6 +11,7 @@ from companion.link import wire
 from companion.outputs import OUTPUTS
 from companion.reports import BatteryReading
 from companion.state import BatteryLevel, Output, Setpoint
+from protocol.arrays import Array
 from protocol.frames import from_euler
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
@@ -52,6 +53,83 @@ def test_quaternion_of_no_length_is_refused_and_a_rough_one_made_unit() -> None:
 def test_euler_angles_and_quaternion_agree() -> None:
     report = wire.attitude(through_the_wire(*EULER))
     assert np.allclose(report.attitude_ned_frd, from_euler(0.1, -0.2, 3.0), atol=1e-6)
+
+
+NAN = math.nan
+PX4_VARIANCES = [0.01, *[NAN] * 5, 0.02, *[NAN] * 4, 0.03, *[NAN] * 9]
+"""As PX4 1.16 sends them, in the frame of the world; see tests/data/px4_offboard.tlog."""
+
+
+def odometry(
+    velocity_covariance: list[float],
+    child: int = dialect.MAV_FRAME_LOCAL_NED,
+    q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0),
+    kind: int = dialect.MAV_ESTIMATOR_TYPE_AUTOPILOT,
+    quality: int = 0,
+) -> Any:
+    motion = (1.0, 2.0, -3.0, list(q), 0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+    frames = 5_000_000, dialect.MAV_FRAME_LOCAL_NED, child
+    return through_the_wire(
+        dialect.MAVLink_odometry_message, *frames, *motion, [NAN] * 21, velocity_covariance, 7, kind, quality
+    )
+
+
+def upper(covariance: Array) -> list[float]:
+    """The covariance of a velocity (3, 3), with rates that are certain, row by row."""
+    whole = np.zeros((6, 6))
+    whole[:3, :3] = covariance
+    row: list[float] = whole[np.triu_indices(6)].tolist()
+    return row
+
+
+def variance_of(message: Any) -> list[float]:
+    report = wire.odometry(message)
+    assert report is not None and report.velocity_variance is not None and report.reset_counter == 7
+    variance: list[float] = report.velocity_variance.tolist()
+    return variance
+
+
+def test_the_less_certain_horizontal_axis_counts_for_both() -> None:
+    assert variance_of(odometry(PX4_VARIANCES)) == pytest.approx([0.02, 0.02, 0.03])
+
+
+def test_a_velocity_of_the_body_is_as_certain_in_the_world_as_its_attitude_says() -> None:
+    """Uncertain along the nose alone: which points up, or half north and half east."""
+    nose = upper(np.diag([0.04, 0.0, 0.0]))
+    body = dialect.MAV_FRAME_BODY_FRD
+    up, aside = tuple(from_euler(0.0, math.pi / 2, 0.0)), tuple(from_euler(0.0, 0.0, math.pi / 4))
+    assert variance_of(odometry(nose, body, up)) == pytest.approx([0.0, 0.0, 0.04], abs=1e-8)
+    assert variance_of(odometry(nose, body, aside)) == pytest.approx([0.02, 0.02, 0.0], abs=1e-8)
+    tied = upper(np.array(((0.02, 0.02, 0.0), (0.02, 0.02, 0.0), (0.0, 0.0, 0.01))))  # both axes err as one
+    assert variance_of(odometry(tied, body, aside)) == pytest.approx([0.04, 0.04, 0.01], abs=1e-8)
+
+
+@pytest.mark.parametrize("unknown", [[0.0] * 21, [NAN] * 21, [NAN, *PX4_VARIANCES[1:]]])
+def test_what_is_not_known_of_the_velocity_is_none(unknown: list[float]) -> None:
+    report = wire.odometry(odometry(unknown))
+    assert report is not None and report.velocity_variance is None and report.reset_counter == 7
+
+
+def test_odometry_of_another_estimator_or_a_failed_one_is_none() -> None:
+    assert wire.odometry(odometry(PX4_VARIANCES, kind=dialect.MAV_ESTIMATOR_TYPE_VIO)) is None
+    assert wire.odometry(odometry(PX4_VARIANCES, quality=-1)) is None
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        odometry([-0.01, *PX4_VARIANCES[1:]]),
+        odometry([math.inf, *PX4_VARIANCES[1:]]),
+        odometry([1e6, *PX4_VARIANCES[1:]]),
+        odometry(PX4_VARIANCES, dialect.MAV_FRAME_LOCAL_ENU),
+        odometry(PX4_VARIANCES, dialect.MAV_FRAME_BODY_FRD, (1.2, 0.0, 0.0, 0.0)),
+        odometry(PX4_VARIANCES, dialect.MAV_FRAME_BODY_FRD, (NAN, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_odometry_that_can_not_be_is_refused_and_the_flight_goes_on(message: Any) -> None:
+    with pytest.raises(wire.RefusedError, match="ODOMETRY") as refused:
+        wire.odometry(message)
+    assert not refused.value.grave
 
 
 def ring(distances: list[int], **changes: float) -> Any:

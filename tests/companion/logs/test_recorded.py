@@ -10,6 +10,7 @@ import pytest
 from companion.config import Settings
 from companion.logs.recorded import flown_overrides, open_flight
 from companion.renamed_settings import RENAMED_SETTINGS
+from companion.runtime.files import load_settings
 from companion.view.gather import GatheredFlight
 from companion.view.mapping import avoidance_of
 from companion.view.report import compose
@@ -85,3 +86,22 @@ def test_every_new_name_is_a_setting_and_no_old_one_is() -> None:
         assert new not in RENAMED_SETTINGS
     assert with_new_names(tables, RENAMED_SETTINGS) == tables
     assert len(OLD_NAMES) == len(RENAMED_SETTINGS)
+
+
+def test_a_log_of_before_a_setting_is_flown_again_as_without_it(tmp_path: Path) -> None:
+    """Its vehicle sent ODOMETRY, which nobody listened to, and nobody made up for a torque."""
+
+    def attachment(name: str, content: bytes) -> bytes:
+        if name != "settings.json":
+            return content
+        settings = json.loads(content)
+        settings["rates"].pop("odometry", None)
+        settings["control"]["estimation"].pop("torque_bandwidth", None)
+        return msgspec.json.encode(settings)
+
+    log = rewritten(path_of("rates_lockstep"), tmp_path / "before.mcap", attachment=attachment)
+    before, today = open_flight(log).settings, load_settings(None, [])
+    assert before.rates.odometry == before.control.estimation.torque_bandwidth == 0.0
+    assert before.control.estimation.velocity_noise == today.control.estimation.velocity_noise
+    assert open_flight(log, overrides=["rates.odometry=20"]).settings.rates.odometry == 20.0
+    assert today.rates.odometry > 0.0 and today.control.estimation.torque_bandwidth > 0.0

@@ -45,7 +45,13 @@ def squared(estimator: Estimator) -> float:
     return float(error @ np.linalg.solve(estimator.covariance[:9, :9], error))
 
 
-@pytest.mark.parametrize(("level", "name"), [("gnss", "lemniscate"), ("rtk", "lemniscate"), ("gnss", "hover")])
+FARTHEST_M = {"gnss": 0.5, "rtk": 0.05, "vio": 1.0}
+"""After 75 m of way."""
+
+
+@pytest.mark.parametrize(
+    ("level", "name"), [("gnss", "lemniscate"), ("rtk", "lemniscate"), ("vio", "lemniscate"), ("gnss", "hover")]
+)
 def test_it_is_as_wrong_as_it_says(level: str, name: str) -> None:
     """After a quarter of a minute the errors of ten vehicles have the squares that their covariances say."""
     motions, settings = path(name, 15.0), settings_of(level)
@@ -55,13 +61,14 @@ def test_it_is_as_wrong_as_it_says(level: str, name: str) -> None:
         for motion in motions[1:]:
             estimator.update(motion)
         ends.append(squared(estimator))
-        assert np.linalg.norm(wrong(estimator)[6:8]) < (0.5 if level == "gnss" else 0.05)
-    low, high = chi2.ppf((0.025, 0.975), 9 * SEEDS)
+        assert np.linalg.norm(wrong(estimator)[6:8]) < FARTHEST_M[level]
+    low, high = chi2.ppf((0.025 / 4, 1.0 - 0.025 / 4), 9 * SEEDS)  # 5 % over all four
     assert low < sum(ends) < high
 
 
 def test_without_fixes_it_drifts_and_says_so_and_comes_back() -> None:
     settings = settings_of("gnss")
+    assert settings.gnss is not None
     gnss = msgspec.structs.replace(settings.gnss, outages_s=[(10.0, 15.0)])
     motions = path("lemniscate", 30.0)
     estimator = estimator_of(msgspec.structs.replace(settings, gnss=gnss), 3, motions[0])
@@ -98,7 +105,27 @@ def test_one_wild_fix_is_refused() -> None:
 def test_its_innovations_are_as_large_as_it_says() -> None:
     """The squares of fixes', fields' and heights' innovations over their variances (NIS), once they have settled."""
     motions, settings = path("lemniscate", 15.0), settings_of("gnss")
-    seen: dict[int, list[float]] = {6: [], 3: [], 1: []}
+    check_innovations(motions, settings, {6: [], 3: [], 1: []})
+
+
+def test_the_innovations_of_poses_are_as_large_as_it_says() -> None:
+    """Three of each, the velocities' are none."""
+    ends = []
+    for seed in range(4):
+        motions, settings = path("lemniscate", 15.0), settings_of("vio")
+        estimator = estimator_of(settings, seed, motions[0])
+        last = estimator.fix_ratios
+        for motion in motions[1:]:
+            estimator.update(motion)
+            if estimator.fix_ratios is not last and motion.time_ns > 5_000_000_000:
+                assert not estimator.fix_ratios[3:].any()
+                ends.append(float(estimator.fix_ratios.sum()))
+            last = estimator.fix_ratios
+    low, high = chi2.ppf((0.001, 0.999), 3 * len(ends))
+    assert len(ends) > 1000 and low < sum(ends) < high
+
+
+def check_innovations(motions: tuple[Motion, ...], settings: SensorSettings, seen: dict[int, list[float]]) -> None:
     for seed in range(4):
         estimator = estimator_of(settings, seed, motions[0])
         last: list[Array] = []
@@ -121,7 +148,7 @@ def test_after_long_without_a_fix_it_believes_the_next_one() -> None:
     estimator = estimator_of(settings_of("gnss"), 3, motions[0])
     jumps = []
     for motion in motions[1:]:
-        estimator.suite.gnss.failure = Failure.WRONG if motion.time_ns > 10_000_000_000 else Failure.OK
+        estimator.suite.positioning.failure = Failure.WRONG if motion.time_ns > 10_000_000_000 else Failure.OK
         before = estimator.reset_counter
         estimator.update(motion)
         if estimator.reset_counter != before:
@@ -163,7 +190,39 @@ def test_the_same_seed_errs_the_same() -> None:
     assert ends[0] == ends[1] != ends[2]
 
 
-@pytest.mark.parametrize("level", ["gnss", "rtk"])
+def test_an_odometry_drifts_with_its_way_and_not_at_rest() -> None:
+    """And the filter says so: it has nothing else to go by."""
+    said, erred = {}, {}
+    for name in PATHS:
+        motions = path(name, 15.0)
+        ends = []
+        for seed in range(SEEDS):
+            estimator = estimator_of(settings_of("vio"), seed, motions[0])
+            for motion in motions[1:]:
+                estimator.update(motion)
+            ends.append(estimator.suite.errors[6:9].copy())
+        said[name], erred[name] = estimator.deviations[0], float(np.std(ends))
+    assert erred["hover"] == 0.0 and said["hover"] < 0.05
+    assert erred["lemniscate"] == pytest.approx(0.03 * math.sqrt(75.0), rel=0.3)
+    assert said["lemniscate"] == pytest.approx(math.sqrt(2.0) * 0.03 * math.sqrt(75.0), rel=0.2)
+
+
+def test_after_an_outage_an_odometry_s_next_pose_is_where_it_is() -> None:
+    settings, motions = settings_of("vio"), path("hover", 20.0)
+    assert settings.vio is not None
+    vio = msgspec.structs.replace(settings.vio, outages_s=[(2.0, 12.0)])
+    estimator = estimator_of(msgspec.structs.replace(settings, vio=vio), 1, motions[0])
+    for motion in motions[1:]:
+        estimator.update(motion)
+        if motion.time_ns == 11_000_000_000:
+            assert estimator.position_lost
+            estimator.nominal[7:9] += 50.0
+    assert not estimator.position_lost and estimator.reset_counter == 1
+    assert np.linalg.norm(wrong(estimator)[6:9]) < 0.1
+    assert np.linalg.norm(wrong(estimator)[3:6]) < 0.2
+
+
+@pytest.mark.parametrize("level", ["gnss", "rtk", "vio"])
 def test_a_companion_flies_on_it(level: str) -> None:
     sensors = (f'estimator.sensors="{level}"',)
     joined = Joined(mission_of("hover"), overrides=FREE, vehicle_overrides=sensors, remembers=False).fly()
@@ -171,4 +230,4 @@ def test_a_companion_flies_on_it(level: str) -> None:
     trace = joined.trace()
     true = np.array(joined.truths)[np.array(joined.trace_ticks), :3]
     apart = np.linalg.norm(true - trace["position_ned"], axis=1)
-    assert 0.001 < apart.max() < (1.5 if level == "gnss" else 0.15)
+    assert 0.001 < apart.max() < {"gnss": 1.5, "rtk": 0.15, "vio": 0.3}[level]

@@ -113,3 +113,18 @@ def test_the_filter_says_how_it_is(flown: ForeignPilot) -> None:
     assert flown.last("VFR_HUD").climb == pytest.approx(0.0, abs=0.3)
     assert flown.last("VIBRATION").clipping_0 == 0 and flown.last("VIBRATION").vibration_z > 0.0
     assert flown.last("SYSTEM_TIME").time_boot_ms == pytest.approx(flown.time_s * 1e3, abs=20)
+
+
+def test_a_vehicle_with_an_odometry_has_no_receiver() -> None:
+    """Nothing of it stands on earth, and SYS_STATUS names the odometry."""
+    pilot = ForeignPilot(airframe=airframe_with('estimator.sensors="vio"'), all_streams=True)
+    for name in ("GPS_RAW_INT", "ESTIMATOR_STATUS", "ODOMETRY"):
+        pilot.interval(id_of(name), 20_000)
+    pilot.fly(2.0)
+    assert not pilot.all("GPS_RAW_INT")
+    flags, sensors = pilot.last("ESTIMATOR_STATUS").flags, pilot.last("SYS_STATUS")
+    assert flags & mavlink.ESTIMATOR_POS_HORIZ_REL and not flags & mavlink.ESTIMATOR_POS_HORIZ_ABS
+    vision, receiver = mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION, mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    assert sensors.onboard_control_sensors_present & (vision | receiver) == vision
+    assert sensors.onboard_control_sensors_health & vision
+    assert 0.0 < pilot.last("ODOMETRY").pose_covariance[0] < 0.01
