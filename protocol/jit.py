@@ -82,8 +82,11 @@ def _cache_folder() -> Path | None:
 
 def _load_numba_without_scipy() -> None:
     """numba's module of array functions asks at its import whether SciPy can be imported, which takes 0.2 s. A function
-    that multiplies matrices by BLAS still asks when it is compiled."""
-    asked, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    that multiplies matrices by BLAS still asks when it is compiled. A numba that is built otherwise is left alone."""
+    asked = getattr(linalg, "ensure_blas", None)
+    if asked is None:
+        return
+    linalg.ensure_blas = lambda: None
     try:
         importlib.import_module("numba.np.arraymath")
     finally:

@@ -23,6 +23,7 @@ __all__ = [
     "Encoder",
     "Field",
     "Layout",
+    "ProtocolVersion",
     "decode",
     "decoder_of",
     "dialect",
@@ -96,7 +97,26 @@ class ComponentMetadata(_NewMessage):
     crc_extra = 182
 
 
-_CLASSES: Final = dialect.mavlink_map | {each.id: each for each in (AvailableModes, CurrentMode, ComponentMetadata)}
+class ProtocolVersion(_NewMessage):
+    """PROTOCOL_VERSION."""
+
+    id = 300
+    msgname = "PROTOCOL_VERSION"
+    fieldnames = ordered_fieldnames = (
+        "version",
+        "min_version",
+        "max_version",
+        "spec_version_hash",
+        "library_version_hash",
+    )
+    fieldtypes = ("uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t")
+    array_lengths = (0, 0, 0, 8, 8)
+    crc_extra = 217
+
+
+_CLASSES: Final = dialect.mavlink_map | {
+    each.id: each for each in (AvailableModes, CurrentMode, ComponentMetadata, ProtocolVersion)
+}
 """Message classes by id."""
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from protocol.messages import dialect
+from protocol.messages import ProtocolVersion, dialect
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Result, Severity
 from vehicle_sim.services.flight_commands import Actions, Command, FlightCommands, whole
@@ -59,6 +59,7 @@ class CommandService:
             dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda _: self._send(
                 dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
             ),
+            dialect.MAV_CMD_REQUEST_PROTOCOL_VERSION: lambda _: self._send(ProtocolVersion.id),
             dialect.MAV_CMD_GET_HOME_POSITION: lambda _: self._send(dialect.MAVLINK_MSG_ID_HOME_POSITION),
         }
 

@@ -46,6 +46,8 @@ class Actions(NamedTuple):
     """Drops the parcel; False if there is none."""
     inject: Callable[[int, int, int], Result]
     """Lets a part fail: unit, failure, instance."""
+    reset_parameters: Callable[[], None]
+    """All of them as they were at first."""
 
 
 class FlightCommands:
@@ -83,6 +85,8 @@ class FlightCommands:
             dialect.MAV_CMD_DO_SET_ROI_NONE: lambda _: orders.look_at(flight, None),
             dialect.MAV_CMD_DO_SET_ROI: self._set_roi,
             dialect.MAV_CMD_INJECT_FAILURE: self._inject,
+            dialect.MAV_CMD_RUN_PREARM_CHECKS: self._check,
+            dialect.MAV_CMD_PREFLIGHT_STORAGE: self._store,
         }
 
     def _height_above_home(self, message: Any) -> float | None:
@@ -115,12 +119,19 @@ class FlightCommands:
 
     def _arm_disarm(self, message: Any) -> Result:
         force = message.param2 == FORCE
-        match message.param1:
-            case 1.0:
+        match whole(message.param1):
+            case 1:
                 return self._flight.arm(force=force)
-            case 0.0:
+            case 0:
                 return self._flight.disarm(force=force)
-        return Result.DENIED
+        return Result.UNSUPPORTED
+
+    def _check(self, _: Any) -> Result:
+        """Say what speaks against arming; accepted in either case, as by PX4."""
+        problem = None if self._flight.armed else self._flight.arming_problem()
+        if problem is not None:
+            self._flight.announce(Severity.CRITICAL, f"Preflight Fail: {problem}")
+        return Result.ACCEPTED
 
     # --- places ---
 
@@ -163,7 +174,7 @@ class FlightCommands:
         return orders.reposition(flight, (north, east, down), None, None)
 
     def _set_home(self, message: Any) -> Result:
-        if message.param1 == 1.0:
+        if message.param1 > 0.5:
             return orders.set_home(self._flight, self._flight.motion.position_ned)
         home = self._over_sea(message, (math.nan,) * 3)
         if home is None or any(map(math.isnan, home)):
@@ -236,6 +247,18 @@ class FlightCommands:
         if result is Result.DENIED:
             return self._flight.refuse("Failure injection rejected: SYS_FAILURE_EN is 0", result)
         return result
+
+    def _store(self, message: Any) -> Result:
+        """Parameters. 0, read, and 1, write: there is nothing to do, since each change is kept at once. 2: reset."""
+        if self._flight.armed:
+            return self._flight.refuse("Parameters: not while armed")
+        match whole(message.param1):
+            case 0 | 1:
+                return Result.ACCEPTED
+            case 2:
+                self._actions.reset_parameters()
+                return Result.ACCEPTED
+        return Result.DENIED
 
     def _gripper(self, message: Any) -> Result:
         match whole(message.param2):

@@ -153,6 +153,7 @@ class Parameters:
         self._facts = _facts(airframe) | {"MAV_SYS_ID": system}
         self._kept: dict[str, Value] = {name: entry.default for name, entry in TABLE.items()}
         self._kept |= self._facts
+        self._first = {name: self[name] for name in TABLE}
         self.names = list(TABLE)
         """In the order of their indices."""
         self.on_change: Callable[[], None] = lambda: None
@@ -204,12 +205,19 @@ class Parameters:
         self.on_change()
         return None
 
+    def reset(self) -> None:
+        """All of them as they were at first, at this pace."""
+        for name, value in self._first.items():
+            if name not in self._facts and self[name] != value:
+                self.set(name, value)
+
     def scale_losses(self, factor: float) -> None:
         """Let the times after which a peer counts as lost pass as fast as at real time, as PX4's start in SITL does."""
         for name in _LOSSES:
             entry = TABLE[name]
             value = min(max(entry.default * factor, entry.least or 0.0), entry.most or math.inf)
             self.set(name, round(value) if entry.is_integer else value)
+            self._first[name] = self[name]
 
     def packed(self, name: str) -> bytes:
         """The four bytes of a value, as PARAM_VALUE and PX4's hash have them."""

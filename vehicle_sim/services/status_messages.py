@@ -2,7 +2,7 @@
 
 import math
 
-from protocol.messages import ComponentMetadata, Encoder, dialect
+from protocol.messages import ComponentMetadata, Encoder, ProtocolVersion, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.control_laws import Level
 from vehicle_sim.autopilot.flight_control import FlightControl
@@ -175,6 +175,10 @@ class StatusMessages:
             self._system,
             bytes(18),
         )
+
+    def protocol_version(self, now: Snapshot) -> bytes:
+        """MAVLink 2, as PX4 says it; of which definitions is not told."""
+        return self._encode(ProtocolVersion, 200, 100, 203, bytes(8), bytes(8))
 
     def component_metadata(self, now: Snapshot) -> bytes:
         return self._encode(ComponentMetadata, now.now_ms, self._metadata_crc, GENERAL_URI.encode())

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from protocol.messages import AvailableModes, ComponentMetadata, CurrentMode, Encoder, dialect
+from protocol.messages import AvailableModes, ComponentMetadata, CurrentMode, Encoder, ProtocolVersion, dialect
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import LandedState, Mode
@@ -88,6 +88,7 @@ class Telemetry:
             (dialect.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS, modes.orbit_execution_status),
             (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version),
             (ComponentMetadata.id, status.component_metadata),
+            (ProtocolVersion.id, status.protocol_version),
             *_sensed(encoder, source),
         )
         self._builders = dict(table)

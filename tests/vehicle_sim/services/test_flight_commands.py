@@ -1,12 +1,15 @@
 """Commands that fly, beside those that the tests of the modes give; what lists the modes."""
 
 import math
+from typing import Any
 
 import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.dialects.v20 import development
 
+from protocol.framing import Framer
+from protocol.messages import decode
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, HOLD, OFFBOARD, RETURN, UNSET, ForeignPilot
 from tests.vehicle_sim.mission_uploader import RELATIVE, at, upload
 from vehicle_sim.autopilot.modes import Mode
@@ -49,6 +52,37 @@ def test_set_mode_is_answered_as_its_command(pilot: ForeignPilot) -> None:
         (ack,) = pilot.all("COMMAND_ACK", before)
         assert (ack.command, ack.result) == (mavlink.MAV_CMD_DO_SET_MODE, ACCEPTED)
         assert pilot.mode == mode
+
+
+def test_what_speaks_against_arming_is_said_on_request(pilot: ForeignPilot) -> None:
+    checks = mavlink.MAV_CMD_RUN_PREARM_CHECKS
+    assert pilot.command(checks) == ACCEPTED and pilot.texts == ["Preflight Fail: estimator is starting"]
+    pilot.fly(1.2)
+    assert pilot.command(checks) == ACCEPTED and len(pilot.texts) == 1
+
+
+def test_parameters_are_reset_on_the_ground_alone(pilot: ForeignPilot) -> None:
+    storage, parameters = mavlink.MAV_CMD_PREFLIGHT_STORAGE, pilot.vehicle.parameters
+    first, facts = parameters["MPC_XY_CRUISE"], (parameters["MAV_SYS_ID"], parameters["MPC_THR_HOVER"])
+    before = parameters.checksum()
+    assert parameters.set("MPC_XY_CRUISE", 4.0) is None and parameters.set("SYS_AUTOSTART", 4001) is None
+    assert [pilot.command(storage, each) for each in (0, 1)] == [ACCEPTED] * 2
+    assert parameters["MPC_XY_CRUISE"] == 4.0
+    pilot.fly(1.2)
+    pilot.arm()
+    assert pilot.command(storage, 2) == REJECTED and parameters["MPC_XY_CRUISE"] == 4.0
+    pilot.disarm()
+    assert pilot.command(storage, 2) == ACCEPTED
+    assert parameters["MPC_XY_CRUISE"] == first and parameters.checksum() == before
+    assert (parameters["MAV_SYS_ID"], parameters["MPC_THR_HOVER"]) == facts
+    assert pilot.command(storage, 3) == DENIED
+
+
+def test_the_version_of_the_protocol(pilot: ForeignPilot) -> None:
+    for command in (mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION, mavlink.MAV_CMD_REQUEST_MESSAGE):
+        assert pilot.command(command, 300) == ACCEPTED
+        version: Any = next(decode(f) for f in Framer().feed(pilot.datagrams[-1]) if f.message_id == 300)
+        assert (version.version, version.min_version) == (200, 100)
 
 
 def test_standard_modes(pilot: ForeignPilot) -> None:
@@ -197,6 +231,7 @@ REFUSED = (
     (mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, 95, 0, 0),
     (mavlink.MAV_CMD_INJECT_FAILURE, 99, 0, 0),
     (mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 9),
+    (mavlink.MAV_CMD_PREFLIGHT_STORAGE, 9),
     (mavlink.MAV_CMD_PREFLIGHT_CALIBRATION, 1),
 )
 """Commands that a vehicle at rest on its pad refuses."""
@@ -219,7 +254,9 @@ def test_each_refusal_comes_with_a_text() -> None:
         mavlink.MAV_CMD_DO_CHANGE_SPEED,
         mavlink.MAV_CMD_DO_SET_ROI_NONE,
         mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+        mavlink.MAV_CMD_REQUEST_PROTOCOL_VERSION,
         mavlink.MAV_CMD_GET_HOME_POSITION,
+        mavlink.MAV_CMD_RUN_PREARM_CHECKS,
     }
     asked = {
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,

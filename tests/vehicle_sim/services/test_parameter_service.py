@@ -217,6 +217,8 @@ def test_a_peer_counts_as_lost_after_the_same_real_time_at_any_pace(factor: floa
     parameters.scale_losses(factor)
     names = "COM_DL_LOSS_T", "COM_OBC_LOSS_T", "COM_OF_LOSS_T", "COM_RC_LOSS_T"
     assert tuple(parameters[name] for name in names) == pytest.approx(expected)
+    parameters.reset()
+    assert tuple(parameters[name] for name in names) == pytest.approx(expected)
 
 
 def test_a_shorter_stream_loss_and_a_return_are_flown() -> None:
