@@ -8,9 +8,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from protocol import jit as compiled
+from protocol.arrays import Array
 
 CALLEE = """from protocol.jit import compiled
 from protocol.numbers import OFFSET
@@ -141,3 +143,16 @@ print("numba.np.arraymath" in sys.modules, "scipy.linalg" in sys.modules)
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, cwd=compiled.ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "True False\n"
+
+
+def test_a_slice_of_another_shape_is_refused_and_one_that_fits_is_filled() -> None:
+    @compiled.compiled
+    def put(target: Array, source: Array) -> None:
+        target[1:4] = source
+
+    target = np.zeros(5)
+    put(target, np.array([1.0, 2.0, 3.0]))
+    assert target.tolist() == [0.0, 1.0, 2.0, 3.0, 0.0]
+    with pytest.raises(ValueError, match="another shape"):
+        put(target, np.ones(2))
+    assert target.tolist() == [0.0, 1.0, 2.0, 3.0, 0.0]
