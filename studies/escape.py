@@ -2,11 +2,12 @@
 
 Escapes are tried from each moment (every 0.1 s, at most 4 s before the contact) at which the obstacle was in sight,
 that is within the LiDAR's range and not hidden, and the vehicle higher than 0.5 m: it can't get out of the way on the
-ground, nor see there, as returns from lower count to the ground. The vehicle continues its motion for the reaction time: a scan period,
-the scan's age when it is sent, and the lag of attitude and rotors. Then it may accelerate as hard as its tilt limit
-allows, in any of 36 directions and for up to 1.5 s, and brake as hard to a standstill; or brake at once. If the hull
-stays free of everything in one of these manoeuvres until a second after the contact, while everything else moves as it
-did, the contact was avoidable. The look ahead is perfect: this tests what was possible, not what could be known.
+ground, nor see there, as returns from lower count to the ground. The vehicle continues its motion for the reaction
+time: a scan period, the scan's age when it is sent, and the lag of attitude and rotors. Then it may accelerate as hard
+as its tilt limit allows, in any of 36 directions and for up to 1.5 s, and brake as hard to a standstill; or brake at
+once. If the hull stays free of everything in one of these manoeuvres until a second after the contact, while everything
+else moves as it did, the contact was avoidable. The look ahead is perfect: this tests what was possible, not what could
+be known.
 """
 
 import math

@@ -87,7 +87,7 @@ def sigmas(mover: Array, before: Motion, after: Motion, times: tuple[float, floa
     both = nn * mover[8] + ne * mover[9] + ee * mover[10]
     speed = nn * mover[11] + ne * mover[12] + ee * mover[13]
     variance = max(place + t * (both + t * speed), 0.0)
-    return (distance - min(mover[4], at_first)) / (math.sqrt(variance) + _LEAST_SIGMA_M)
+    return (distance - float(min(mover[4], at_first))) / (math.sqrt(variance) + _LEAST_SIGMA_M)
 
 
 @compiled
@@ -154,8 +154,8 @@ def evade(
     """Whether the vehicle must evade movers (n, MOVER_COLUMNS) seen `age` (s) ago, and the acceleration (m/s2).
 
     `around`: the map and its corner (m, NED); `wish`: the command, and the first acceleration of an evasion that goes
-    on, else 0. `keep_outs`: those that are kept where that is possible, and the least (m) from what is occupied: a vehicle
-    that has no way to evade outside of that does not.
+    on, else 0. `keep_outs`: those that are kept where that is possible, and the least (m) from what is occupied: a
+    vehicle that has no way to evade outside of that does not.
     """
     (clearances, corner), (command, before) = around, wish
     firsts = movers[:, 0].copy()

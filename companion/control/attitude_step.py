@@ -161,8 +161,8 @@ def _attitude_sent(command: Array, reference: _Turning, p: Any, m: Any) -> Array
 
 @compiled
 def _against_offset(command: Array, rates: Array, torque: Array, p: Any, m: Any) -> Array:
-    """The attitude (4,), within the tilt limit, with which the vehicle's loops keep a command (4,) against the disturbing
-    torque; rates and torque (3,) are changed likewise."""
+    """The attitude (4,), within the tilt limit, with which the vehicle's loops keep a command (4,) against the
+    disturbing torque; rates and torque (3,) are changed likewise."""
     if not m.offset.any():
         return command
     turn = np.empty(3)
