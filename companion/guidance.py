@@ -184,12 +184,8 @@ class Guidance:
                     generator.rise_with(now_ns, state.position_ned, state.velocity_ned)
                 self._move_straight(leg, state, now_ns)
         track = None if following else self._track_to_join(leg)
-        return MotionReport(
-            following,
-            generator.at_rest(now_ns),
-            None if track is None else track.start_ned,
-            over_map,
-        )
+        start_ned = None if track is None else track.start_ned
+        return MotionReport(following, generator.at_rest(now_ns), start_ned, over_map)
 
     def arrive(self, arrival: Arrival, leg: Leg, now_ns: int) -> None:
         """Join the track at whose start the vehicle is at rest, or leave the one that has been flown."""
