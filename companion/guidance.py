@@ -298,9 +298,9 @@ class Guidance:
             return
         self._path = result.path
         self._steer_at_ns = now_ns
-        target, limit = leg.goal_ned, self._mission.speed
-        if leg.step.avoids:
-            target, limit = self.decision.target_ned, self.decision.speed_limit
+        avoids, before = leg.step.avoids, self.decision
+        limit = before.speed_limit if avoids else self._mission.speed
+        target = before.target_ned if avoids else leg.goal_ned
         self.decision = AvoidanceDecision(target, limit, result.clearance, result.blocked)
 
     # -- by returns, and what the guard makes of it --------------------------------------------------------------------
@@ -328,7 +328,8 @@ class Guidance:
         return 0.0 if self._mapped_ns is None else (now_ns - self._mapped_ns) * 1e-9
 
     def guarded(self, wanted: Array, state: VehicleState, step: Step, now_ns: int, *, held: bool) -> Verdict | None:
-        """What the guard makes of an acceleration (3,). On steps that don't avoid, or `held`, it only evades movers."""
+        """What the guard makes of an acceleration (3,): on a vertical step, and `held`, it only evades what moves; on
+        tracks and where the reference jumps it has no say."""
         only = held or not step.avoids
         if self._guard is None or not self._guarded or (self._generator.following and only):
             return None
@@ -340,7 +341,8 @@ class Guidance:
             return
         here, velocity, allowed = state.position_ned, state.velocity_ned, verdict.acceleration_ned
         if self._course.active:
-            return self._course.yield_to(here, velocity, allowed)
+            self._course.yield_to(here, velocity, allowed)
+            return
         place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
         pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])
         self._generator.brake_from(now_ns, place, np.array([*velocity[:2], moves]), pushed)

@@ -44,6 +44,8 @@ class StatusWatch:
         """(3,) m: where it took off, as it says."""
         self.catching_up = False
         """Telemetry from before a gap of our own may still come."""
+        self._chosen: FlightMode | None = None
+        """The mode that began together with a failsafe; None: the present one did not."""
         self._airborne = False
         self._landed_ns: int | None = None
         self._heard_ns: int | None = None
@@ -60,12 +62,20 @@ class StatusWatch:
         return self.home_ned
 
     def heartbeat(self, message: Any, mode: FlightMode, now_ns: int) -> None:
-        """HEARTBEAT (0), whose custom mode means `mode`."""
+        """HEARTBEAT (0), whose custom mode means `mode`.
+
+        The mode in which the vehicle's own failsafe has begun stays its own when the failsafe is over: ArduPilot's is
+        as soon as it hears the companion again.
+        """
         self._heard_ns = now_ns
+        before, critical = self.status, message.system_status in _CRITICAL
+        if mode is not before.mode:
+            begins = critical and not before.failsafe and before.mode is FlightMode.EXTERNAL
+            self._chosen = mode if begins else None
         self.status = VehicleStatus(
             mode,
             bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
-            message.system_status in _CRITICAL,
+            critical or self._chosen is not None,
             message.system_status in _EMERGENCY,
         )
 

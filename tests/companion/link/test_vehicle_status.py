@@ -6,7 +6,7 @@ from companion.link.vehicle_link import VehicleLink
 from companion.reports import StatusReport
 from companion.state import FlightMode, VehicleRequest
 from protocol.messages import dialect
-from tests.companion.link.sender import MS, NOW, OWN_COMPONENT, SECOND, Sender, found, hear, sent
+from tests.companion.link.sender import MS, NOW, OFFBOARD, OWN_COMPONENT, SECOND, Sender, found, hear, sent
 
 HOLD = 4 << 16 | 3 << 24
 SET_MODE = dialect.MAV_CMD_DO_SET_MODE
@@ -106,6 +106,28 @@ def test_no_heartbeat_is_asked_for_behind_what_queued_up() -> None:
 def test_a_critical_state_is_a_failsafe(state: int, failsafe: bool) -> None:
     link, vehicle = found()
     hear(link, vehicle.heartbeat(state=state))
+    assert link.said.status.failsafe == failsafe
+
+
+LAND, POSITION_MODE = 4 << 16 | 6 << 24, 3 << 16
+
+
+@pytest.mark.parametrize(
+    ("heartbeats", "failsafe"),
+    [
+        pytest.param([(LAND, 5), (LAND, 4)], True, id="over as soon as the companion is heard again: as ArduPilot's"),
+        pytest.param([(LAND, 5), (LAND, 4), (POSITION_MODE, 4)], False, id="then a pilot takes over"),
+        pytest.param([(LAND, 5), (POSITION_MODE, 5), (POSITION_MODE, 4)], False, id="a pilot takes over meanwhile"),
+        pytest.param([(LAND, 5), (LAND, 4), (OFFBOARD, 4), (LAND, 4)], False, id="the same mode by a pilot, later"),
+        pytest.param([(OFFBOARD, 5), (POSITION_MODE, 5), (POSITION_MODE, 4)], False, id="a pilot, in a critical state"),
+        pytest.param([(POSITION_MODE, 4), (POSITION_MODE, 5), (POSITION_MODE, 4)], False, id="a pilot had it before"),
+    ],
+)
+def test_a_mode_that_begins_with_a_failsafe_stays_its_own(heartbeats: list[tuple[int, int]], failsafe: bool) -> None:
+    link, vehicle = found()
+    hear(link, vehicle.heartbeat())
+    for mode, state in heartbeats:
+        hear(link, vehicle.heartbeat(mode=mode, state=state))
     assert link.said.status.failsafe == failsafe
 
 
