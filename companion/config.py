@@ -255,12 +255,14 @@ class Supervision(Table, frozen=True):
     gap: Positive = 0.8
     """After a longer one the vehicle may have left external control: no setpoint before it says what it does."""
     failsafe_still: Positive = 15.0
-    """A vehicle that its own failsafe does not bring nearer to the ground or home for so long is asked to land."""
+    """A vehicle that its own failsafe does not bring nearer to the ground or home for so long is asked to land; one
+    that lands counts as coming no lower."""
     disarm_after: Positive = 10.0
     """A vehicle that stands so long on the ground after its landing is disarmed."""
     disarm_watch: Positive = 2.0
     """So long an arming that was given up may still take effect, to be answered by disarming."""
     landing_timeout: Positive = 120.0
+    """A landing that is not confirmed after so long is given up, once the vehicle comes no lower."""
     resume_within: Positive = 300.0
     """So long may others fly before they give control back by putting the vehicle into external control again."""
     step_timeout: Positive = 60.0

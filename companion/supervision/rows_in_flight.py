@@ -373,7 +373,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.LAND,
-        lambda h, s, t: t > s.landing_timeout,
+        lambda h, s, t: t > s.landing_timeout and h.watched.still > s.failsafe_still,
         State.ENDED,
         CRITICAL,
         "landing not confirmed within {settings.landing_timeout:g} s",

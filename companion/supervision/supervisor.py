@@ -87,13 +87,14 @@ class Supervisor:
 
         `current`: the status is newer than the command.
         """
+        watched = self._descent.watch(status, current, vehicle, now_ns)
         if self.state is State.WATCH:
-            return self._descent.watch(status, current, vehicle, now_ns)
+            return watched
         wanted = COMMANDED.get(self.state)
         if wanted is None:
             return UNWATCHED
         self._mode_reached = self._mode_reached or (current and status.mode is wanted)
-        return Watched(self._mode_reached and current and status.mode is not wanted, 0.0)
+        return Watched(self._mode_reached and current and status.mode is not wanted, watched.still)
 
     @property
     def request(self) -> VehicleRequest | None:

@@ -1,4 +1,4 @@
-"""A vehicle in its own failsafe, watched to the ground."""
+"""A vehicle that lands, or is in its own failsafe, watched to the ground."""
 
 import math
 from typing import NamedTuple
@@ -19,14 +19,14 @@ class Watched(NamedTuple):
     taken_over: bool
     """It was reached, and others have changed it since."""
     still: float
-    """s that the vehicle's own failsafe has not brought it nearer to the ground or home."""
+    """s that it has come no nearer to the ground or home."""
 
 
 UNWATCHED = Watched(False, 0.0)
 
 
 class Descent:
-    """The descent of a vehicle in its own failsafe."""
+    """The descent of a vehicle that lands, or is in its own failsafe."""
 
     def __init__(self) -> None:
         self._mode: FlightMode | None = None

@@ -6,13 +6,15 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import Settings, Supervision
-from companion.state import BatteryLevel, FlightMode
+from companion.outcomes import Outcome, Verdict
+from companion.state import BatteryLevel, FlightMode, VehicleStatus
 from companion.supervision.battery import BatteryVerdict
 from companion.supervision.health import Health, Plight
 from companion.supervision.limits import LimitsVerdict
 from companion.supervision.states import FLYING, STREAMING, State
 from companion.supervision.supervisor import Supervisor
 from companion.supervision.transitions import TABLE
+from tests.companion.supervision.test_watching import at
 
 SETTINGS = Supervision()
 SECOND = 1_000_000_000
@@ -209,6 +211,19 @@ def test_a_flight_that_was_called_off_is_said_to_be_so_when_it_is_over() -> None
     assert said is not None and said.text == "landing on request (interrupt again to abandon)"
     supervisor.update(replace(IDLE, land_requested=True), now + 10 * SECOND)
     assert state_of(supervisor) is State.ENDED and supervisor.fault == "called off in flight"
+
+
+def test_a_landing_from_high_up_takes_its_time_and_one_that_comes_to_nothing_is_given_up() -> None:
+    supervisor, now = flying()
+    supervisor.update(FAULTS["request"][0], now)
+    height, end = 300.0, now + 2 * round(SETTINGS.landing_timeout) * SECOND
+    while now < end and state_of(supervisor) is State.LAND:
+        now, height = now + SECOND, max(height - 0.7, 150.0)
+        watched = supervisor.watch(VehicleStatus(FlightMode.LAND, True, False), True, at(0.0, height), now)
+        supervisor.update(replace(WELL, mode=FlightMode.LAND, watched=watched), now)
+        assert height == 150.0 or state_of(supervisor) is State.LAND
+    assert state_of(supervisor) is State.ENDED
+    assert supervisor.verdict == Verdict(Outcome.LOST, "landing not confirmed within 120 s")
 
 
 def test_what_is_not_given_back_in_time_is_let_go() -> None:

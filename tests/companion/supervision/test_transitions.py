@@ -106,7 +106,9 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.LAND, FLOWN, {"mode": MANUAL, "current": False}, 5.0, State.LAND),
     (State.LAND, WELL, {"mode": LAND, **GROUNDED}, 60.0, State.DISARM),
     (State.LAND, WELL, {"mode": LAND, "landed": True, "landed_for": 1.0}, 60.0, State.LAND),
-    (State.LAND, FLOWN, {"mode": LAND}, S.landing_timeout + 0.1, State.ENDED),
+    (State.LAND, FLOWN, {"mode": LAND, **STUCK}, S.landing_timeout + 0.1, State.ENDED),
+    (State.LAND, FLOWN, {"mode": LAND, **STUCK}, S.landing_timeout - 0.1, State.LAND),
+    (State.LAND, FLOWN, {"mode": LAND}, S.landing_timeout + 0.1, State.LAND),
     # taken over in flight
     (State.CHECK, FLOWN, {"adopts": True}, 1.0, State.ADOPT),
     (State.CHECK, FLOWN, {"adopts": True, **OWN_FAILSAFE}, 1.0, State.ADOPT),
