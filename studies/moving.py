@@ -25,7 +25,8 @@ def run(report: Report) -> None:
 A pillar of 0.2 m appears when the vehicle's centre is 2 m from its side. In a street of 12 m between walls ten walkers
 of 0.6 m go to and fro at 0.6 to 1.5 m/s, half of them across it, without avoiding anything; they are taller than
 people, whom a tilted scan would miss. In the open a mover of 0.6 m comes ahead on at 2 to 4 m/s, crosses the way at 0.7
-to 4 m/s, or comes from behind at 3 to 5 m/s; it avoids nothing.
+to 4 m/s, comes from behind at 6.5 to 10 m/s, or passes over the place where the vehicle waits at 0.7 to 10 m/s; it
+avoids nothing.
 
 A contact is **avoidable** if there was an escape. {_how()}
 
