@@ -107,9 +107,8 @@ class Guidance:
 
     def _leaves(self, own: OwnFence) -> str | None:
         fence = fence_of(self._settings.geofence, np.zeros(3), own, floor=True)
-        if fence is None:
-            return None
-        return first_beyond(fence.shrunk(self._settings.geofence.margin), _places(self._mission, self._tracks))
+        kept = None if fence is None else fence.shrunk(self._settings.geofence.margin)
+        return None if kept is None else first_beyond(kept, _places(self._mission, self._tracks))
 
     def follow(self, late: LinkDelay, pace: float) -> None:
         """The link is so late from now on, and the vehicle is flown at this pace."""
@@ -229,9 +228,9 @@ class Guidance:
 
     def _arrives(self, step: Step, state: VehicleState) -> bool:
         """So near to a goal that is stopped at that no way over the map is needed."""
-        assert step.target_ned is not None
         if step.passes:
             return False
+        assert step.target_ned is not None
         away = math.dist(step.target_ned.tolist()[:2], state.position_ned.tolist()[:2])
         if not self._course.active:
             return away < NEAR_M

@@ -138,6 +138,8 @@ class Guard:
     ) -> Verdict:
         """What may be flown instead of a commanded acceleration (3,) (m/s2, gravity left out); with `evades_only`,
         it is changed to evade what moves and for nothing else."""
+        if now_ns - self._evaded_ns > _SAME_EVASION_NS:
+            self._evasion = 0.0, 0.0
         space = self._space
         if space is None or now_ns - space.seen_ns > self._settings.stale_s * 1e9:
             if evades_only:
@@ -155,8 +157,6 @@ class Guard:
                 evades_only,
             )
         reason = _REASONS[number]
-        if now_ns - self._evaded_ns > _SAME_EVASION_NS:
-            self._evasion = 0.0, 0.0
         if reason is Reason.EVASION:
             self._evaded_ns = now_ns
             if self._evasion == (0.0, 0.0):
