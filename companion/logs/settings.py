@@ -20,8 +20,10 @@ def recorded_settings(tables: dict[str, Any], source: str, overrides: Sequence[s
 
 
 def _completed(tables: dict[str, Any], by: dict[str, Any]) -> dict[str, Any]:
-    """With the entries of `by` that it lacks, in tables of tables."""
-    return tables | {
-        key: _completed(tables.get(key, {}), value) if isinstance(value, dict) else tables.get(key, value)
-        for key, value in by.items()
-    }
+    """With the entries of `by` that it lacks, in tables of tables; what is no table there stays, to be refused."""
+    found = dict(tables)
+    for key, value in by.items():
+        there = found.setdefault(key, {} if isinstance(value, dict) else value)
+        if isinstance(value, dict) and isinstance(there, dict):
+            found[key] = _completed(there, value)
+    return found

@@ -41,8 +41,8 @@ _MOST_BEAMS = 72
 """Beams of a ring at most: OBSTACLE_DISTANCE has no more."""
 _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
-_INITIAL_SPEED_SIGMA = 2.5
-"""m/s of a new track: what is up to four times as fast is followed from its second return on."""
+_INITIAL_SPEED_SIGMA = 1.5
+"""m/s of a new track: a walker's speed."""
 _RADIUS_GAIN = 0.2
 """Weight of the latest measurement in a track's radius."""
 

@@ -337,6 +337,8 @@ SHOWN_AT_5 = {
 }
 TURNED = np.array([7.0, -6.0, 4.0])
 """Where somebody has turned a camera to (m, east, north, up of the vehicle)."""
+NORTH_8 = np.array([0.0, 8.0, 3.0])
+"""Where the vehicle is after 4 s (m, east, north, up)."""
 SIZES = ((1280, 720), (1920, 1080), (820, 1180))
 UNTIDY = """async () => {
   await new Promise(requestAnimationFrame);
@@ -364,9 +366,9 @@ def away_of(client: ClientHandle) -> Array:
     return away
 
 
-def is_at(reported: list[Array], away: Array) -> bool:
-    """Whether the browser has said, and last of all, that its camera is `away` (3,) from what it looks at."""
-    return bool(reported) and np.allclose(reported[-1], away, atol=0.1)
+def is_at(reported: list[Array], place: Array) -> bool:
+    """Whether a place (3,) is what the browser has said last of its camera."""
+    return bool(reported) and np.allclose(reported[-1], place, atol=0.1)
 
 
 def turn(client: ClientHandle, away: Array) -> None:
@@ -442,9 +444,13 @@ def test_a_camera_follows_the_vehicle_from_where_it_was_put(looked: Looked) -> N
 def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: Looked) -> None:
     """And begins again when a log is played at its end."""
     page = looked.browser
+    (client,) = looked.live._server.get_clients().values()
+    reports: list[Array] = []
+    client.camera.on_update(lambda camera: reports.append(camera.look_at))
     for place in ("north 4.0", "north 8.0"):
         looked.step(2.0)
         looked.waits_for("#place", place)
+    wait_for(lambda: (page.screenshot(), reports[-1:])[1], lambda last: is_at(last, NORTH_8))
     looked.show("View")
     looked.tick("camera follows")
     looked.show("Flight")
