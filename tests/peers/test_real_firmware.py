@@ -116,7 +116,7 @@ def test_a_vehicle_whose_companion_dies_comes_down_by_itself(vehicle: str, tmp_p
     """
     with companion(tmp_path / "logs", "courier") as flight:
         flight.wait_for("route, step")
-        flight.wait_for("fly      route")  # the status line, seconds later
+        flight.wait_for("courier: route, step")  # the status line, seconds later
         flight.kill()
     tilt, fall, armed = 0.0, 0.0, True
     framer, link = Framer(), Udp("127.0.0.1", 14540 + _INSTANCE, bind=True)
