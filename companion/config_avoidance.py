@@ -135,7 +135,7 @@ class AvoidanceTracks(Table, frozen=True):
     """m; wider segments are not tracked."""
     acceleration_noise: Positive = 1.5
     """m/s2, standard deviation of a tracked obstacle's acceleration; 1.5 suits a walking person."""
-    confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 4
+    confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 3
     """Scans that must see a track before it is confirmed."""
     delete_misses: Annotated[int, msgspec.Meta(ge=1)] = 4
     """Scans in a row that miss a confirmed track before it is deleted."""
@@ -143,7 +143,7 @@ class AvoidanceTracks(Table, frozen=True):
     """m/s; slower tracks stand."""
     min_speed_sigmas: Positive = 3.0
     """Standard deviations by which the velocity of a moving track differs from 0, at least."""
-    moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 5
+    moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 1
     """Scans in a row with such a velocity after which a track is moving."""
     stopped_scans: Annotated[int, msgspec.Meta(ge=1)] = 15
     """Scans in a row without it after which a moving track stands. A walker who turns back is slow for a moment."""
