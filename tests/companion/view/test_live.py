@@ -446,13 +446,15 @@ def test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider(looked: 
     page = looked.browser
     (client,) = looked.live._server.get_clients().values()
     reports: list[Array] = []
-    client.camera.on_update(lambda camera: reports.append(camera.look_at))
+    client.camera.on_update(lambda camera: reports.append(camera.position))
     for place in ("north 4.0", "north 8.0"):
         looked.step(2.0)
         looked.waits_for("#place", place)
-    wait_for(lambda: (page.screenshot(), reports[-1:])[1], lambda last: is_at(last, NORTH_8))
     looked.show("View")
     looked.tick("camera follows")
+    with client.atomic():
+        client.camera.position, client.camera.look_at = NORTH_8 + BEHIND, NORTH_8
+    wait_for(lambda: (page.screenshot(), reports[-1:])[1], lambda last: is_at(last, NORTH_8 + BEHIND))
     looked.show("Flight")
     looked.tick("play")
     looked.go_to("5")
