@@ -46,19 +46,19 @@ class AStarPlanner:
         """See `methods.PathPlanner`.
 
         The path keeps the inflation if that is no long detour. Otherwise it may be a tight one, or lead to what may be
-        a gap, if that costs less. Then, and if something moves, it keeps to where the
-        last one led, unless another is cheaper by a share.
+        a gap, if that costs less. Then, and if something moves, it keeps to where the last one led, unless another is
+        cheaper by a share.
         """
         settings = self._settings.plan
         costmap = self._search.costmap(view)
         before, self._chosen = self._chosen, None
         if before is not None and math.dist(before.goal[:2], goal[:2]) > settings.proximity_radius:
             before = None
-        beside = None if before is None else self._beside(before, view)
+        beside = None if before is None or view.moving is None else self._beside(before, view)
         if view.moving is not None:
             speeds = math.hypot(velocity[0], velocity[1]), speed
             add_moving(costmap, view.moving, (position[0], position[1]), speeds, view.corner, view.cell)
-        roomy_costmap = costmap if view.moving is None or beside is None else costmap * beside
+        roomy_costmap = costmap if beside is None else costmap * beside
         roomy = self._search.plan(view, roomy_costmap, position, goal)
         cell = view.cell_of(position)
         near = view.contains(cell) and view.to_occupied[cell] < settings.inflation
@@ -67,6 +67,8 @@ class AStarPlanner:
             self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
             return timed_path(vertices, view, speed, self._settings.course, roomy.detour)
+        if before is not None and beside is None:
+            beside = self._beside(before, view)
         costmap = self._tight_costmap(view, costmap, beside)
         certain = to_certain(view, settings.tight_inflation)
         path = self._search.plan(view, costmap, position, goal, settings.tight_inflation, certain) or roomy
