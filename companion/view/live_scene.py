@@ -225,37 +225,53 @@ class MapLayer:
 
 
 class Cameras:
-    """The cameras of the people who look: each starts behind the vehicle and follows it, or looks straight down."""
+    """The cameras of the people who look: each starts behind the vehicle and follows it, or looks straight down.
+
+    Only the server's own loop, which reads the browsers' reports, places a camera: a report that came between its
+    position and the point that it looks at would hide the second.
+    """
 
     def __init__(self, server: "viser.ViserServer") -> None:
         self._server = server
         self._looked_at: Floats = np.zeros(3)
+        self._followed_to: Floats = np.zeros(3)
         self._flat = False
-        self._asked: dict[int, Array] = {}
-        """Where a camera was put (3,) relative to the vehicle (m, east, north, up), until it says that it is there."""
+        self._asked: dict[int, Array | None] = {}
+        """Where each client's camera was put (3,) relative to the vehicle (m, east, north, up); None once it has said
+        that it is there."""
         self.watched = False
         """Whether anybody has looked yet."""
         server.initial_camera.position = tuple(BEHIND)
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
         server.on_client_connect(self._connect)
+        server.on_client_disconnect(self._forget)
 
-    def _connect(self, client: "viser.ClientHandle") -> None:
-        """Whoever comes later starts behind the vehicle, too."""
-        client.camera.on_update(lambda camera: self._hear(client.client_id, camera.position - camera.look_at))
-        self._set_up(client)
-        self.watched = True
+    async def _connect(self, client: "viser.ClientHandle") -> None:
+        client.camera.on_update(self._hear)
 
-    def _hear(self, number: int, away: Array) -> None:
-        """A browser says where its camera is (3,), perhaps from before it was put elsewhere."""
-        asked = self._asked.get(number, away)
-        if np.linalg.norm(away - asked) <= _AS_ASKED * np.linalg.norm(asked):
-            self._asked.pop(number, None)
+    async def _forget(self, client: "viser.ClientHandle") -> None:
+        self._asked.pop(client.client_id, None)
+
+    async def _hear(self, camera: "viser.CameraHandle") -> None:
+        """A browser says where its camera is, perhaps from before it was put elsewhere.
+
+        Whoever comes later starts behind the vehicle, too.
+        """
+        number = camera.client.client_id
+        if number not in self._asked:
+            self._set_up(camera.client)
+            self.watched = True
+            return
+        asked, away = self._asked[number], camera.position - camera.look_at
+        if asked is not None and np.linalg.norm(away - asked) <= _AS_ASKED * np.linalg.norm(asked):
+            self._asked[number] = None
 
     def _set_up(self, client: "viser.ClientHandle") -> None:
         with client.atomic():
             camera = client.camera
             camera.fov, camera.near, camera.far = _FLAT_LENS if self._flat else _LENS
             away = self._asked[client.client_id] = _ABOVE if self._flat else BEHIND
+            camera.position = camera.position + 1.0  # only what differs from the last report is sent: it may be old
             self._aim(client, away)
 
     def _aim(self, client: "viser.ClientHandle", away: Array) -> None:
@@ -264,11 +280,19 @@ class Cameras:
             client.camera.position = self._looked_at + away
             client.camera.look_at = self._looked_at
 
+    def _set_up_all(self) -> None:
+        for client in self._server.get_clients().values():
+            self._set_up(client)
+
+    def _aim_all(self) -> None:
+        for client in self._server.get_clients().values():
+            asked = self._asked.get(client.client_id)
+            self._aim(client, client.camera.position - client.camera.look_at if asked is None else asked)
+
     def flatten(self, *, flat: bool) -> None:
         """Look straight down with hardly any perspective, north up; or from behind again."""
         self._flat = flat
-        for client in self._server.get_clients().values():
-            self._set_up(client)
+        self._server.get_event_loop().call_soon_threadsafe(self._set_up_all)
 
     def eye(self) -> Array | None:
         """Where the first of the cameras is (m, east, north, up); None if nobody looks, or from above."""
@@ -280,14 +304,10 @@ class Cameras:
 
         The steps are not added up: what a slow browser reports of its camera is some time ago.
         """
-        position = enu(position_ned)
-        moved = bool((self._looked_at != position).any())
-        self._looked_at = position
-        if not moved or not moving:
-            return
-        for client in self._server.get_clients().values():
-            away = client.camera.position - client.camera.look_at
-            self._aim(client, self._asked.get(client.client_id, away))
+        self._looked_at = enu(position_ned)
+        if moving and (self._looked_at != self._followed_to).any():
+            self._followed_to = self._looked_at
+            self._server.get_event_loop().call_soon_threadsafe(self._aim_all)
 
 
 def _map_grid() -> Array:

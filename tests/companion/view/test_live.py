@@ -425,7 +425,7 @@ def test_a_camera_follows_the_vehicle_from_where_it_was_put(looked: Looked) -> N
     looked.show("View")
     looked.tick("camera follows")
     looked.tick("map from above")
-    down = wait_for(lambda: (page.screenshot(), away_of(client))[1], lambda at: at[2] > 1e3)
+    (down,) = wait_for(lambda: (page.screenshot(), reports[-1:])[1], lambda last: bool(last) and last[0][2] > 1e3)
     assert abs(down[:2]).max() < 1.0 and client.camera.fov < 0.1
     looked.tick("map from above")
     wait_for(lambda: (page.screenshot(), reports[-1:])[1], lambda last: is_at(last, BEHIND))
@@ -434,8 +434,14 @@ def test_a_camera_follows_the_vehicle_from_where_it_was_put(looked: Looked) -> N
     looked.tick("camera follows")
     looked.step(1.0)
     looked.waits_for("#place", "north 8.0")
+
+    def seen_after_a_step() -> tuple[Array, Array]:
+        looked.step()
+        page.screenshot()
+        return client.camera.look_at, away_of(client)
+
     wait_for(
-        lambda: (page.screenshot(), client.camera.look_at, away_of(client))[1:],
+        seen_after_a_step,
         lambda seen: np.allclose(seen[0], (0.0, 8.0, 3.0), atol=0.05) and np.allclose(seen[1], TURNED, atol=0.1),
     )
 
