@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
-from tests.slow import FLOWN, NOT_QUICK, seconds
+from tests.slow import FLOWN, NOT_QUICK, TOGETHER, seconds
 
 settings.register_profile("courier", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("courier")
@@ -38,7 +38,8 @@ class LongestFirst(LoadScopeScheduling):  # type: ignore[misc]
     """Hands out units of work in the order of the tests."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return nodeid if seconds(nodeid) else nodeid.split("::")[0]
+        file = nodeid.split("::")[0]
+        return nodeid if seconds(nodeid) and file not in TOGETHER else file
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> LongestFirst:

@@ -94,6 +94,7 @@ SLOW: dict[str, float] = {
     "tests/studies/test_position_loop.py::test_the_papers_weight_diverges_in_flight_and_ten_does_not": 4,
     "tests/studies/test_tracking.py::test_the_flown_circle_is_the_ideal_one_within_a_tenth": 4,
     "tests/studies/test_waypoints.py": 3,
+    "tests/vehicle_sim/test_mavsdk.py": 70,
     "tests/vehicle_sim/test_warm_up.py": 3,
     "tests/vehicle_sim/test_links.py::test_a_whole_process_is_px4s_instance": 2,
     "tests/test_wheel.py": 4,
@@ -107,6 +108,8 @@ SLOW: dict[str, float] = {
 }
 """Seconds that a test takes on an idle machine, by its id or the beginning of it (a folder, a file, a test without its
 parameters); the longest that fits counts. Of tests that look at the same flight, one is longer: it comes first."""
+TOGETHER = ("tests/vehicle_sim/test_mavsdk.py",)
+"""Files that are slow because their tests follow each other in one flight: the time is that of all of them."""
 NOT_QUICK = (
     "tests/studies",
     "tests/companion/avoidance/test_rrt.py",
@@ -122,7 +125,6 @@ NOT_QUICK = (
     "tests/companion/control/test_observer_noise.py",
     "tests/companion/control/test_tilt.py",
     "tests/vehicle_sim/estimation/test_delayed_truth.py",
-    "tests/vehicle_sim/test_mavsdk.py",
     "tests/vehicle_sim/test_pymavlink_user.py",
     "tests/vehicle_sim/test_vehicle_page.py",
 )

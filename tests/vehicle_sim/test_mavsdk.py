@@ -1,8 +1,7 @@
-"""An unmodified MAVSDK flies the vehicle, at five times the speed of real time, or as COURIER_PACE says."""
+"""An unmodified MAVSDK flies the vehicle, at five times the speed of real time, and in real time."""
 
 import json
 import math
-import os
 import queue
 import threading
 from collections.abc import Callable, Iterator
@@ -44,7 +43,6 @@ from mavsdk.plugins.shell import Shell
 from mavsdk.plugins.telemetry import Telemetry
 from mavsdk.plugins.telemetry.telemetry import FlightMode, TelemetryError, TelemetryResult
 
-PACE = float(os.environ.get("COURIER_PACE", "5"))
 NAN = math.nan
 Point3 = tuple[float, float, float]
 
@@ -99,9 +97,10 @@ class User:
         self.wait(lambda: self.speed < 0.3)
 
 
-@pytest.fixture(scope="module")
-def user() -> Iterator[User]:
-    with served(PACE) as vehicle:
+@pytest.fixture(scope="module", params=[5.0, 1.0], ids=lambda pace: f"{pace:g}x")
+def user(request: pytest.FixtureRequest) -> Iterator[User]:
+    """At each pace a vehicle of its own."""
+    with served(request.param) as vehicle:
         mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
         mavsdk.add_any_connection(f"udpout://{HOST}:{vehicle.port}")
         system = mavsdk.first_autopilot(PATIENCE_S)
