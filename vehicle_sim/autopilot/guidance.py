@@ -48,11 +48,24 @@ class Guidance:
         self._tracker = Tracker(airframe, settings)
         self._tracks = False
         """More than a place: a circle, or a descent without any."""
+        self._tracked = Target()
 
     @property
     def flown(self) -> Command:
         """The command to fly."""
         return self._tracker.command if self._tracks else self.command
+
+    @property
+    def followed(self) -> Target:
+        """What is flown to. A landing goes down at a speed, to no height."""
+        if self._tracks:
+            return self._tracked
+        record = self.command[0]
+        north, east, down = record["position_ned"].tolist()
+        yaw = float(record["yaw"])
+        if down == _BELOW_GROUND_M:
+            return Target((north, east, None), (None, None, float(record["speed_limits"][2])), yaw=yaw)
+        return Target((north, east, down), yaw=yaw)
 
     @property
     def _auto(self) -> Auto:
@@ -115,11 +128,11 @@ class Guidance:
     def update(self, mode: Mode, motion: Motion, home_ned: Vector, *, landed: bool) -> Arrival | None:
         """Move the target of a mode; tells when the mode has reached its end."""
         if self.circle is not None:
-            self._tracker.follow(self.circle.target(motion), motion, landed=landed)
+            self._follow(self.circle.target(motion), motion, landed=landed)
             return None
         if mode is Mode.DESCEND:
             descent = Target(velocity_ned=(None, None, self._auto.land_speed_m_s), acceleration_ned=(0.0, 0.0, None))
-            self._tracker.follow(descent, motion, landed=landed)
+            self._follow(descent, motion, landed=landed)
         if mode is Mode.TAKEOFF:
             return self._update_takeoff(motion, landed=landed)
         if mode is Mode.RETURN:
@@ -129,6 +142,10 @@ class Guidance:
             slow = min(self._auto.descent_speed_m_s, max(self._auto.land_speed_m_s, 0.35 * height))
             self.command["speed_limits"] = (self._auto.cruise_speed_m_s, self._auto.climb_speed_m_s, slow)
         return None
+
+    def _follow(self, target: Target, motion: Motion, *, landed: bool) -> None:
+        self._tracked = target
+        self._tracker.follow(target, motion, landed=landed)
 
     def _update_takeoff(self, motion: Motion, *, landed: bool) -> Arrival | None:
         if not landed and abs(motion.position_ned[2] - self.takeoff_ned[2]) < 0.5 * _ARRIVED_M:

@@ -90,6 +90,14 @@ class OffboardSetpoints:
         self.stream.observe(now_ns)
 
     @property
+    def followed(self) -> Target | None:
+        """The latest setpoint, or where the vehicle brakes; None for one of attitude, rates or torque."""
+        if self._target is not None or self._level[0] != Level.POSITION:
+            return self._target
+        north, east, down = self.command["position_ned"][0].tolist()
+        return Target((north, east, down), yaw=float(self.command["yaw"][0]))
+
+    @property
     def needs_position(self) -> bool:
         """The latest setpoint can't be followed without an estimate of the position."""
         return self._target is not None

@@ -39,6 +39,8 @@ class StickFlight:
         self._time_ns: int | None = None
         self._place: Axes = (None, None, None)
         """Where the vehicle stays on the axes whose sticks were let go (m)."""
+        self.followed: Target | None = None
+        """What the sticks make of it; None in the modes that control no position."""
 
     @property
     def command(self) -> Command:
@@ -71,13 +73,14 @@ class StickFlight:
 
     def update(self, mode: Mode, motion: Motion, *, landed: bool) -> None:
         """Make the command for the next tick."""
+        self.followed = None
         if mode is Mode.ACRO:
             self._fly_rates()
         elif mode in (Mode.MANUAL, Mode.STABILIZED):
             self._fly_attitude()
         else:
-            target = self._altitude_target(motion) if mode is Mode.ALTITUDE else self._position_target(motion)
-            self._tracker.follow(target, motion, landed=landed)
+            self.followed = self._altitude_target(motion) if mode is Mode.ALTITUDE else self._position_target(motion)
+            self._tracker.follow(self.followed, motion, landed=landed)
 
     def _position_target(self, motion: Motion) -> Target:
         sticks, auto = self.sticks, self._airframe.auto

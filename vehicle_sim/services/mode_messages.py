@@ -1,14 +1,9 @@
 """The messages of modes and missions: CURRENT_MODE, AVAILABLE_MODES, MISSION_CURRENT, ORBIT_EXECUTION_STATUS."""
 
-import math
-
-import numpy as np
-
-from protocol.frames import to_geodetic
 from protocol.messages import AvailableModes, CurrentMode, Encoder, dialect
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Mode
-from vehicle_sim.services.places import Geodetic
+from vehicle_sim.services.places import Geodetic, on_earth
 from vehicle_sim.services.snapshot import Snapshot
 
 _ADVANCED, _NOT_SELECTABLE = 1, 2
@@ -50,15 +45,12 @@ class ModeMessages:
         circle = self._flight.guidance.circle
         if circle is None or self._flight.mode is not Mode.ORBIT:
             return b""
-        latitude, longitude, altitude = to_geodetic(np.array(circle.center_ned), self._origin)
         return self._encode(
             dialect.MAVLink_orbit_execution_status_message,
             now.estimate_us,
             circle.radius_m,
             dialect.MAV_FRAME_GLOBAL_INT,
-            round(math.degrees(latitude) * 1e7),
-            round(math.degrees(longitude) * 1e7),
-            altitude,
+            *on_earth(circle.center_ned, self._origin),
         )
 
 

@@ -1,9 +1,12 @@
 """Places on earth, as messages give them, in the vehicle's local axes."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-from protocol.frames import to_local
+import numpy as np
+
+from protocol.frames import to_geodetic, to_local
 from protocol.messages import dialect
 from vehicle_sim.autopilot.plan import Place
 
@@ -22,6 +25,12 @@ def horizontal(latitude_deg: float, longitude_deg: float, origin: Geodetic) -> t
         return None
     local = to_local((math.radians(latitude_deg), math.radians(longitude_deg), 0.0), origin)
     return float(local[0]), float(local[1])
+
+
+def on_earth(position_ned: Sequence[float], origin: Geodetic) -> tuple[int, int, float]:
+    """Latitude, longitude (1e-7 degrees), altitude above mean sea level (m) of a place (m) in the local axes."""
+    latitude, longitude, altitude = to_geodetic(np.array(position_ned), origin)
+    return round(math.degrees(latitude) * 1e7), round(math.degrees(longitude) * 1e7), altitude
 
 
 def place_of(item: Any, origin: Geodetic) -> Place | None:

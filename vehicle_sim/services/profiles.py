@@ -44,6 +44,10 @@ _PX4: dict[int, tuple[float, float, float]] = {
     dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: (0.0, 1.0, 1.0),
     dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: (0.0, 1.0, 0.5),
     dialect.MAVLINK_MSG_ID_VIBRATION: (0.0, 0.5, 0.1),
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: (0.0, 10.0, 1.5),
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: (0.0, 10.0, 1.0),
+    dialect.MAVLINK_MSG_ID_TIMESYNC: (0.0, 10.0, 0.0),
+    dialect.MAVLINK_MSG_ID_PING: (0.0, 1.0, 0.1),
 }
 """Times a second, by profile, with PX4's rates in the last two (`Mavlink::configure_streams_to_default`). Infinite: as
 often as the source has something new. What is not here is sent on request only."""

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from protocol import frames
 from protocol.messages import Encoder, dialect
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.autopilot.flight_control import BOOT_NS, FlightControl
 from vehicle_sim.estimation.delayed_truth import DelayedTruth
 from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.sensors.settings import Satellites
+from vehicle_sim.services.places import Geodetic, on_earth
 from vehicle_sim.services.snapshot import NOTHING, Snapshot, int16
 
 _NO_COVARIANCE = (0.0,) * 21
@@ -27,7 +27,7 @@ class StateMessages:
         encoder: Encoder,
         flight: FlightControl,
         estimator: DelayedTruth | Estimator,
-        origin: tuple[float, float, float],
+        origin: Geodetic,
     ) -> None:
         self._encode = encoder.encode_fields
         self._flight = flight
@@ -36,8 +36,8 @@ class StateMessages:
 
     def _geodetic(self, position_ned: Sequence[float]) -> tuple[int, int, int]:
         """Latitude, longitude (1e-7 degrees), altitude above mean sea level (mm)."""
-        latitude, longitude, altitude = frames.to_geodetic(np.array(position_ned), self._origin)
-        return round(math.degrees(latitude) * 1e7), round(math.degrees(longitude) * 1e7), round(altitude * 1e3)
+        latitude, longitude, altitude = on_earth(position_ned, self._origin)
+        return latitude, longitude, round(altitude * 1e3)
 
     def attitude_quaternion(self, now: Snapshot) -> bytes:
         m = now.estimate

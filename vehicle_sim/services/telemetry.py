@@ -9,6 +9,7 @@ from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import LandedState, Mode
 from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.services.estimator_messages import EstimatorMessages
+from vehicle_sim.services.link_messages import LinkMessages
 from vehicle_sim.services.mode_messages import ModeMessages
 from vehicle_sim.services.profiles import Profile, interval_us
 from vehicle_sim.services.sensor_messages import Senses, SensorMessages
@@ -16,6 +17,7 @@ from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.state_messages import StateMessages
 from vehicle_sim.services.status_messages import StatusMessages
 from vehicle_sim.services.streams import Schedule
+from vehicle_sim.services.target_messages import TargetMessages
 
 Build = Callable[[Snapshot], bytes]
 """Encodes one message."""
@@ -62,6 +64,7 @@ class Telemetry:
         )
         self._modes = modes = ModeMessages(encoder, flight, source.origin)
         sensors = SensorMessages(encoder, source.senses.scans)
+        targets, link = TargetMessages(encoder, flight, source.origin), LinkMessages(encoder)
         table: tuple[Row, ...] = (
             (dialect.MAVLINK_MSG_ID_HEARTBEAT, status.heartbeat),
             (dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, state.attitude_quaternion),
@@ -86,6 +89,10 @@ class Telemetry:
             (dialect.MAVLINK_MSG_ID_MISSION_CURRENT, modes.mission_current),
             (CurrentMode.id, modes.current_mode),
             (dialect.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS, modes.orbit_execution_status),
+            (dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED, targets.position_target_local_ned),
+            (dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, targets.position_target_global_int),
+            (dialect.MAVLINK_MSG_ID_TIMESYNC, link.timesync),
+            (dialect.MAVLINK_MSG_ID_PING, link.ping),
             (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, status.autopilot_version),
             (ComponentMetadata.id, status.component_metadata),
             (ProtocolVersion.id, status.protocol_version),
