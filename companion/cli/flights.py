@@ -116,7 +116,14 @@ class DemoOptions:
 
     mission: MissionName = "courier"
     output: OutputName = "rates"
-    pace: PaceName = "lockstep"
+    pace: Annotated[
+        str | None,
+        typer.Option(
+            "--pace",
+            help="realtime, lockstep (as fast as it goes, repeatable), or a factor such as 4. Lockstep if it is not "
+            "given, and realtime with --gcs.",
+        ),
+    ] = None
     avoid: MethodName = None
     seed: Annotated[int, typer.Option(help="Of the simulator's noise.", min=0)] = 1
     log: LogFolder = Path("logs")
@@ -131,7 +138,7 @@ class DemoOptions:
         typer.Option(
             "--gcs",
             help="A ground station to which the vehicle shows itself, not in lockstep: qgc (where QGroundControl "
-            "listens, udpout:127.0.0.1:14550), or a URL.",
+            "listens, udpout:127.0.0.1:14550), or a URL; as often as wanted.",
             metavar="URL",
         ),
     ] = None
@@ -381,7 +388,8 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     }
     output = output_of(asked.output)
     body = load_body(mission.vehicle)
-    plan = Plan(settings, body, mission, output, _pace(asked.pace), files, seed, tuple(overrides))
+    pace = _pace(("realtime" if asked.gcs else "lockstep") if asked.pace is None else asked.pace)
+    plan = Plan(settings, body, mission, output, pace, files, seed, tuple(overrides))
     check(plan)
     return plan
 

@@ -74,7 +74,7 @@ def test_options(option: tuple[str, str]) -> None:
 
 
 def test_a_demo_in_lockstep_shows_itself_to_nobody() -> None:
-    assert "--pace realtime" in refused("companion", "demo", "--gcs", "qgc")
+    assert "--pace realtime" in refused("companion", "demo", "--gcs", "qgc", "--pace", "lockstep")
 
 
 @pytest.mark.parametrize(

@@ -167,7 +167,7 @@ def test_demo_in_real_time(tmp_path: Path) -> None:
     """Deadlines are absolute: no drift between the clocks of the two, and it lands like in lockstep. A ground station
     is shown the vehicle meanwhile."""
     station = Udp("127.0.0.1", 0, bind=True)
-    verdict = demo(tmp_path, HOP, "--pace", "1", "--gcs", f"udpout:127.0.0.1:{station.port}", *PATIENT)
+    verdict = demo(tmp_path, HOP, "--gcs", f"udpout:127.0.0.1:{station.port}", *PATIENT)
     shown = Framer().datagram(station.receive(0.0) or b"")
     station.close()
     assert {(frame.system, frame.component) for frame in shown} == {(1, 1)}
