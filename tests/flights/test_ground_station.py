@@ -1,7 +1,10 @@
 """A ground station beside the companion, by `--gcs`: pymavlink's own, on a real socket."""
 
 import os
+import select
+import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,13 +23,34 @@ AUTO, LOITER, OFFBOARD = 4, 3, 6
 
 
 class GroundStation:
-    """pymavlink's connection, and how to wait for what is said."""
+    """pymavlink's connection, and how to wait for what is said.
+
+    A thread takes what comes out of the socket, which has room for some 0.3 s of messages: on a busy machine
+    pymavlink decodes them later than that, and a text comes once.
+    """
 
     def __init__(self) -> None:
         self.link: Any = mavutil.mavlink_connection("udpin:127.0.0.1:0", source_system=255, source_component=190)
         self.port: int = self.link.port.getsockname()[1]
+        self._waiting: deque[bytes] = deque()
+        self._receive = self.link.recv
+        self.link.recv = lambda n=None: self._waiting.popleft() if self._waiting else b""
+        self._ended = False
+        self._taker = threading.Thread(target=self._take)
+        self._taker.start()
         self._texts: list[Any] = []
         """Those that nobody has waited for yet: they come when they come."""
+
+    def _take(self) -> None:
+        while not self._ended:
+            select.select([self.link.port], [], [], 0.1)
+            while data := self._receive():
+                self._waiting.append(data)
+
+    def close(self) -> None:
+        self._ended = True
+        self._taker.join()
+        self.link.close()
 
     def wait(self, kind: str, holds: Any = lambda message: True) -> Any:
         """The next message of a kind that comes from the vehicle or its companion."""
@@ -63,7 +87,7 @@ def ground_station() -> Iterator[GroundStation]:
     try:
         yield station
     finally:
-        station.link.close()
+        station.close()
 
 
 def second_companion(port: int, logs: Path) -> Process:
