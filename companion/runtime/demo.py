@@ -25,6 +25,8 @@ SIMULATOR_FILES = ("vehicle", "world")
 """First words of the overrides that only the simulator is told."""
 
 _SIMULATOR = (sys.executable, "-m", "vehicle_sim")
+_REFUSAL = "vehicle-sim: "
+"""How a line of the simulator begins that says what it can't do."""
 _GRACE_S = 60.0
 """Time (s) that the simulator has to end after the flight."""
 _PARAMETERS = (
@@ -92,15 +94,21 @@ def _fly(
 
 @contextmanager
 def _simulator_compiled_beside(plan: Plan) -> Iterator[None]:
-    """A block during which the simulator compiles its own code, at the first start on a machine. What it can't do, it
-    says when it flies."""
+    """A block during which the simulator compiles its own code, at the first start on a machine.
+
+    Raises PlanError for what it refuses of the overrides that it alone is told: it says so before it compiles.
+    """
     if not first_start():
         yield
         return
     # The companion's two processes, which take longer and wait for each other, go first.
     command = ["nice", "-n", "5", *_SIMULATOR, "--warm-up", *_model(plan)]
-    compiler = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
+    compiler = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
+        assert compiler.stderr is not None
+        told = compiler.stderr.readline() if simulator_overrides(plan) else ""
+        if told.startswith(_REFUSAL):
+            raise PlanError(told.removeprefix(_REFUSAL).strip())
         yield
         compiler.wait()
     finally:

@@ -1,12 +1,16 @@
 """`--set` and `--truth` of the demo: what goes to the simulator alone, what to the companion, what is left behind."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from companion.runtime.files import load_mission
+from protocol.compiling import TAKES
 from protocol.flightlog import LogReader
 from protocol.toml_files import find
 from protocol.vehicle_parameters import GRAVITY
@@ -75,3 +79,12 @@ def test_what_the_simulator_refuses_is_said_and_nothing_is_flown(tmp_path: Path)
     assert "empty.toml with --set" in done.stderr and "did you mean wind.mean_ned?" in done.stderr
     assert "the simulator did not start" in done.stderr.splitlines()[-1]
     assert not list(tmp_path.iterdir())
+
+
+def test_on_a_machine_that_must_compile_first_it_is_said_before(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "companion", "demo", "hover", "--log", str(tmp_path / "logs")]
+    command += ["--set", "world.wind.mean=[1, 0, 0]"]
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cold")}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "did you mean wind.mean_ned?" in done.stderr.splitlines()[-1]
+    assert TAKES not in done.stderr
