@@ -1,13 +1,14 @@
-"""The names of messages that the dialect lacks, from the definitions of pymavlink's other dialects.
+"""The names and fields of messages that the dialect lacks, from the definitions of pymavlink's other dialects.
 
-A log carries such messages as UNKNOWN_{id}: their checksums could not be verified. The definitions are read as text,
-and only where a log has one: to import them takes a second.
+A log carries such messages as UNKNOWN_{id}: their checksums could not be verified. For their names the definitions are
+read as text, and only where a log has one: to import them takes a while.
 """
 
 import importlib.util
 import re
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 _UNKNOWN = re.compile(r"(.*/)UNKNOWN_(\d+)")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
@@ -20,6 +21,26 @@ def with_name(topic: str) -> str:
     unknown = _UNKNOWN.fullmatch(topic)
     name = None if unknown is None else _names().get(int(unknown[2]))
     return topic if unknown is None or name is None else f"{unknown[1]}{name}"
+
+
+def decoded(topic: str, record: dict[str, Any]) -> dict[str, Any] | None:
+    """The fields of a record of a message that the dialect lacks; None for others, and where no dialect has it.
+
+    Trailing zeros are restored, and bytes after the last field that is known are ignored, as for other messages.
+    """
+    unknown = _UNKNOWN.fullmatch(topic)
+    number = -1 if unknown is None else int(unknown[2])
+    if number not in _names():
+        return None
+    from pymavlink.dialects.v20 import all as everything
+
+    payload = bytes(record["payload"])
+    head = bytes((len(payload), 0, 0, 0, 1, 1)) + number.to_bytes(3, "little")
+    checksum = everything.x25crc(head + payload)
+    checksum.accumulate(bytes((everything.mavlink_map[number].crc_extra,)))
+    frame = b"\xfd" + head + payload + checksum.crc.to_bytes(2, "little")
+    message = everything.MAVLink(None).decode(bytearray(frame))
+    return {name: getattr(message, name) for name in message.get_fieldnames()}
 
 
 @cache

@@ -14,6 +14,7 @@ from companion.records import LOOP, TICK, TRACE
 from companion.view.accumulators.clearance import Clearance
 from companion.view.accumulators.estimator import EstimatorJumps
 from companion.view.accumulators.interventions import Interventions
+from companion.view.accumulators.last_values import LastValues
 from companion.view.accumulators.parameters import Parameters
 from companion.view.accumulators.paths import Paths
 from companion.view.accumulators.power import Energy
@@ -53,6 +54,7 @@ class GatheredFlight:
         self.lines = Lines()
         self.clocks: dict[str, Regularity] = {}
         """By topic."""
+        self.last = LastValues()
         self.states = Stretches()
         self.phases = Stretches()
         self.texts = Texts()
@@ -84,6 +86,7 @@ class GatheredFlight:
 
     def _add(self, topic: str, times: Floats, table: Any) -> None:
         self.clocks.setdefault(topic, Regularity()).add(times)
+        self.last.add(topic, table)
         if topic == TRACE.topic:
             self._add_steps(times, table)
         elif topic == TICK.topic:

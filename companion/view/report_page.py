@@ -88,13 +88,15 @@ class Band(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One topic of the log: its records, their mean rate (Hz), and their usual and longest interval (ms)."""
+    """One topic of the log: its records, their mean rate (Hz), their usual and longest interval (ms), and the last of
+    them in words."""
 
     topic: str
     count: int
     rate: float
     usual_ms: float
     longest_ms: float
+    last: str
 
 
 class Page(msgspec.Struct, frozen=True):

@@ -127,7 +127,14 @@ def bands(flight: GatheredFlight) -> tuple[Band, ...]:
 def topics(flight: GatheredFlight) -> tuple[Row, ...]:
     """The table of the log's topics."""
     return tuple(
-        Row(with_name(topic), clock.count, clock.rate, 1e3 * clock.usual, 1e3 * clock.gaps[0][0] if clock.gaps else 0.0)
+        Row(
+            with_name(topic),
+            clock.count,
+            clock.rate,
+            1e3 * clock.usual,
+            1e3 * clock.gaps[0][0] if clock.gaps else 0.0,
+            flight.last.text(topic),
+        )
         for topic, clock in sorted(flight.clocks.items())
     )
 

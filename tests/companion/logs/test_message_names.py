@@ -1,11 +1,14 @@
 """Messages that the dialect lacks have the names that pymavlink's other dialects give them."""
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from companion.cli import logs as commands
 from companion.logs.message_names import _names, with_name
+from companion.view.accumulators.last_values import LastValues
 from companion.view.gather import GatheredFlight
 from companion.view.report import compose
 from tests.companion.view.made_logs import from_tlog
@@ -36,3 +39,28 @@ def test_info_and_report_say_it(tmp_path: Path, capsys: pytest.CaptureFixture[st
     page = compose(GatheredFlight(from_tlog(PX4, tmp_path)))
     for shown in (capsys.readouterr().out, " ".join(row.topic for row in page.topics)):
         assert "/mavlink/1/1/CURRENT_MODE" in shown and "UNKNOWN_436" not in shown and "UNKNOWN_410" in shown
+
+
+def test_the_report_decodes_the_last_of_each(tmp_path: Path) -> None:
+    """As pymavlink does from the file itself, with the dialect that has them all."""
+    everything = pytest.importorskip("pymavlink.dialects.v20.all")
+    reader = everything.MAVLink(None)
+    reader.robust_parsing = True
+    last: dict[str, dict[str, Any]] = {}
+    for message in reader.parse_buffer(PX4.read_bytes()):
+        last[f"/mavlink/{message.get_srcSystem()}/{message.get_srcComponent()}/{message.get_type()}"] = vars(message)
+    shown = {row.topic: row.last for row in compose(GatheredFlight(from_tlog(PX4, tmp_path))).topics}
+    for topic, names in (
+        ("/mavlink/1/1/CURRENT_MODE", ("standard_mode", "custom_mode", "intended_custom_mode")),
+        ("/mavlink/1/1/HEARTBEAT", ("custom_mode", "type", "autopilot", "base_mode", "system_status")),
+    ):
+        assert shown[topic].startswith(", ".join(f"{name} {last[topic][name]}" for name in names)), topic
+    assert shown["/mavlink/1/1/UNKNOWN_410"].startswith("payload ["), "no dialect has it"
+
+
+def test_values_are_short() -> None:
+    values = LastValues()
+    values.add("/a", np.array([(1.25e-9, [1] * 9)], [("x", "f8"), ("y", "u1", 9)]))
+    values.add("/b", [{"text": "old"}, {"text": "new", "payload": b"\1\2"}])
+    assert values.text("/a") == "x 1.25e-09, y [1, 1, 1, 1, 1, 1 and 3 more]"
+    assert values.text("/b") == "text new, payload [1, 2]" and values.text("/c") == ""
