@@ -20,7 +20,6 @@ from vehicle_sim.autopilot.plan import Limits
 from vehicle_sim.autopilot.setpoints import OffboardSetpoints
 from vehicle_sim.autopilot.settings import SECOND_NS, Settings
 from vehicle_sim.autopilot.sticks import StickFlight
-from vehicle_sim.autopilot.tracking import Target
 from vehicle_sim.autopilot.watch import Watch
 from vehicle_sim.physics.motion import Motion
 
@@ -80,15 +79,6 @@ class FlightControl:
         if (self.landed and phase is not Mode.TAKEOFF) or (phase in _LANDS and self.motion.touching):
             return self._stopped
         return self.guidance.flown
-
-    @property
-    def followed(self) -> Target | None:
-        """What the position is controlled to; None if it is not."""
-        if not self.armed or self.command is self._stopped:
-            return None
-        if self.mode.flies is Flies.SETPOINTS:
-            return self.setpoints.followed
-        return self.sticks.followed if self.mode.flies is Flies.STICKS else self.guidance.followed
 
     @property
     def phase(self) -> Mode:

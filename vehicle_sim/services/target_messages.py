@@ -3,6 +3,7 @@
 import math
 
 from protocol.messages import Encoder, dialect
+from vehicle_sim.autopilot.control_laws import Level
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Flies
 from vehicle_sim.autopilot.tracking import Target
@@ -24,7 +25,7 @@ class TargetMessages:
     def position_target_local_ned(self, now: Snapshot) -> bytes:
         """What is free is not a number and said so by the type mask, as PX4 does; nothing where no position is
         controlled."""
-        target = self._flight.followed
+        target = _followed(self._flight)
         if target is None:
             return NOTHING
         mask, values = _fields(target)
@@ -33,7 +34,7 @@ class TargetMessages:
 
     def position_target_global_int(self, now: Snapshot) -> bytes:
         """Nothing but in the modes that fly to a place by themselves, as PX4."""
-        target = self._flight.followed
+        target = _followed(self._flight)
         if target is None or self._flight.mode.flies not in (Flies.TARGET, Flies.MISSION):
             return NOTHING
         north, east, down = target.position_ned
@@ -51,6 +52,15 @@ class TargetMessages:
             math.nan if down is None else altitude,
             *values[3:],
         )
+
+
+def _followed(flight: FlightControl) -> Target | None:
+    """What the position is controlled to; None if it is not, or the motors stand still."""
+    if flight.command["level"][0] == Level.STOPPED:
+        return None
+    if flight.mode.flies is Flies.SETPOINTS:
+        return flight.setpoints.followed
+    return flight.sticks.followed if flight.mode.flies is Flies.STICKS else flight.guidance.followed
 
 
 def _fields(target: Target) -> tuple[int, list[float]]:
