@@ -72,6 +72,7 @@ SLOW: dict[str, float] = {
     "tests/flights/test_processes.py::test_simulator_killed": 24,
     "tests/flights/test_processes.py::test_the_log_is_the_flight": 10,
     "tests/flights/test_disturbing_torque.py": 6,
+    "tests/flights/test_flown_outcomes.py": 4,
     "tests/flights/test_told_resets.py": 4,
     "tests/flights/test_stuck_telemetry.py::test_a_stuck_position_hands_the_vehicle_over_within_300_ms": 4,
     "tests/flights/test_stuck_telemetry.py::test_a_reset_of_the_estimator_is_followed_to_the_end": 2,

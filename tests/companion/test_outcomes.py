@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from companion.cli import logs as commands
 from companion.cli.ending import figures, print_end, print_next
 from companion.config import Settings
 from companion.link.vehicle_link import Traffic
@@ -23,14 +22,9 @@ from companion.state import FlightMode, Output
 from companion.supervision.health import Health, Plight
 from companion.supervision.states import State
 from companion.supervision.supervisor import Supervisor
-from companion.view.finding import Level
-from companion.view.gather import GatheredFlight
-from companion.view.history import History
-from companion.view.live_words import words
-from companion.view.report import compose
-from companion.view.sources import FinishedLog
-from protocol.flightlog import Direction, LogReader
+from protocol.flightlog import Direction
 from protocol.messages import Encoder, dialect
+from tests.companion.said_alike import assert_all_say
 from tests.companion.supervision.test_supervisor import EMPTY, IDLE, LOW, OTHERS, SECOND, WELL, flying
 
 DONE = replace(WELL, mission_done=True)
@@ -125,26 +119,6 @@ def result_of(log: Path, verdict: Verdict, delivered: bool | None, testimony: Te
     return Result(
         verdict, delivered, True, testimony, log, Output.RATES, 1.0, 1.0, Traffic(*[0] * 7), {}, {}, 0, 0, 0, None
     )
-
-
-def assert_all_say(log: Path, verdict: Verdict, printed: pytest.CaptureFixture[str]) -> None:
-    """`info`, `logs`, the report and the live page; the verdict itself is the reader's."""
-    outcome, text = verdict.outcome, verdict.text
-    printed.readouterr()
-    commands.info(log, as_json=True)
-    assert json.loads(printed.readouterr().out)["outcome"] == text
-    commands.info(log)
-    assert text in printed.readouterr().out
-    commands.logs(log.parents[1], as_json=True)
-    (row,) = json.loads(printed.readouterr().out)
-    assert row["result"] == outcome.value and row["faults"] == ([verdict.cause] if verdict.cause else [])
-    page = compose(GatheredFlight(log))
-    (finding,) = (each for each in page.findings if each.about == "outcome")
-    assert finding.text.lower() == f"{text}.".lower() and page.tiles[0] == ("outcome", outcome.value)
-    assert (finding.level is Level.GOOD) == outcome.succeeded
-    source = FinishedLog(LogReader(log))
-    shown = words(History().at(0.0), "made", "", None, source.verdict)
-    assert '<td id="outcome"' in shown and text.replace("'", "&#x27;") in shown
 
 
 @pytest.mark.parametrize("way", IN_FLIGHT + BEFORE)
