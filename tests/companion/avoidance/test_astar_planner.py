@@ -1,0 +1,65 @@
+"""Which side of an obstacle the method "astar" passes on, from one plan to the next."""
+
+import numpy as np
+import pytest
+
+from companion.avoidance.astar_planner import AStarPlanner
+from companion.config_avoidance import Avoidance
+from companion.perception.distance_field import distance_to
+from companion.perception.free_space import MOVER_COLUMNS
+from companion.perception.map_view import FREE, OCCUPIED, MapView
+from protocol.arrays import Array
+
+SETTINGS = Avoidance()
+CELLS, CELL = SETTINGS.map.cells, SETTINGS.map.cell
+MIDDLE = 0.5 * CELLS * CELL
+STILL = np.zeros(3)
+FAR_AWAY = np.full((1, MOVER_COLUMNS), 1e-3)
+FAR_AWAY[0, :5] = MIDDLE - 0.4 * CELLS * CELL, MIDDLE - 0.4 * CELLS * CELL, -3.0, 0.0, 0.5
+"""A mover that leaves, too far away to cost anything on the way."""
+
+
+def view_of(moving: Array | None) -> MapView:
+    """A wall of 4 m across the way north, its middle on the way."""
+    states = np.full((CELLS, CELLS), FREE, np.uint8)
+    half, row = round(2.0 / CELL), CELLS // 2 + round(4.0 / CELL)
+    states[row : row + 2, CELLS // 2 - half : CELLS // 2 + half] = OCCUPIED
+    return MapView(states, distance_to(states == OCCUPIED, CELL), (0, 0), CELL, moving=moving)
+
+
+def side(planner: AStarPlanner, moving: Array | None, east: float) -> float:
+    """-1 or 1: west or east of the wall, for a vehicle that stands so far east of its middle (m)."""
+    start, goal = np.array([MIDDLE, MIDDLE + east, -2.0]), np.array([MIDDLE + 8.0, MIDDLE, -2.0])
+    path = planner.plan(view_of(moving), start, STILL, goal, 3.0)
+    assert path is not None
+    return float(np.sign(path.vertices[np.abs(path.vertices[:, 1] - MIDDLE).argmax(), 1] - MIDDLE))
+
+
+@pytest.mark.parametrize("first", [-0.6, 0.6])
+def test_the_shorter_side_is_taken_anew_each_time_while_nothing_moves(first: float) -> None:
+    planner = AStarPlanner(SETTINGS)
+    assert side(planner, None, first) == np.sign(first)
+    assert side(planner, None, -first) == -np.sign(first)
+
+
+@pytest.mark.parametrize("first", [-0.6, 0.6])
+def test_while_something_moves_the_side_is_kept(first: float) -> None:
+    """A side that changes with each ring is no side: the vehicle would stay before the wall."""
+    planner = AStarPlanner(SETTINGS)
+    assert side(planner, FAR_AWAY, first) == np.sign(first)
+    assert side(planner, FAR_AWAY, -first) == np.sign(first)
+    assert side(AStarPlanner(SETTINGS), FAR_AWAY, -first) == -np.sign(first), "it is the plan before that holds it"
+
+
+def test_a_side_that_is_much_dearer_is_given_up() -> None:
+    planner = AStarPlanner(SETTINGS)
+    assert side(planner, FAR_AWAY, 0.6) == 1.0
+    assert side(planner, FAR_AWAY, -6.0) == -1.0
+
+
+def test_another_goal_has_no_side_yet() -> None:
+    planner = AStarPlanner(SETTINGS)
+    assert side(planner, FAR_AWAY, 0.6) == 1.0
+    away = np.array([MIDDLE - 8.0, MIDDLE, -2.0])
+    assert planner.plan(view_of(FAR_AWAY), np.array([MIDDLE, MIDDLE, -2.0]), STILL, away, 3.0) is not None
+    assert side(planner, FAR_AWAY, -0.6) == -1.0
