@@ -156,16 +156,16 @@ def test_a_section_tells_what_each_stage_takes(tmp_path: Path) -> None:
 ABLE = Abilities(acceleration=5.0, reaction_s=0.2, hull=0.36)
 
 
-def towards(speed: float, ahead: float) -> bool:
+def towards(speed: float, ahead: float, height: float = 10.0) -> bool:
     """Whether a cylinder of 500 m, which nobody gets round, can be avoided that appears so far before the hull's
-    centre."""
+    centre, in flight at a height (m)."""
     table = {"name": "wall", "center": [520.0, 0.0], "radius": 500.0, "height": 50.0, "appears_within": ahead}
     origin = {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_m": 400.0}
     world = World.from_tables({"name": "test", "origin": origin, "cylinder": [table]}, "test.toml")
     ticks = np.arange(round((20.0 - ABLE.hull) / speed / (TICK_NS * 1e-9)) + 1)
     truth = np.zeros((len(ticks), 17))
     truth[:, 0] = speed * ticks * TICK_NS * 1e-9
-    truth[:, 2], truth[:, 3], truth[:, 6] = -10.0, speed, 1.0
+    truth[:, 2], truth[:, 3], truth[:, 6] = -height, speed, 1.0
     return avoidable(world, truth, "wall", ABLE, 15.0)
 
 
@@ -175,6 +175,10 @@ def test_what_can_be_stopped_for_is_avoidable_and_nothing_nearer(speed: float) -
     # moments are looked at every 0.1 s: as much later may be the first after it appeared
     assert towards(speed, needed + 0.1 * speed + 0.05)
     assert not towards(speed, needed - 0.05)
+
+
+def test_on_the_ground_nothing_is_avoidable() -> None:
+    assert towards(2.0, 10.0, height=0.5) and not towards(2.0, 10.0, height=0.49)
 
 
 def test_a_walker_who_comes_at_a_vehicle_that_hovers_can_be_avoided_unless_it_was_hidden() -> None:
