@@ -6,7 +6,9 @@
   cluster: its visible part travels with the vehicle.
 - Association: tracks and clusters are paired nearest first by their Mahalanobis distance, within a gate.
 - Status: a track is confirmed after some hits, deleted after some misses, and moves if its velocity differs from 0
-  significantly for some scans in a row and it was seen to have left its place (`perception.departure`).
+  significantly for some scans in a row and it was seen to have left its place (`perception.departure`). Its velocity
+  must differ from the vehicle's, too: the place where a beam meets a long wall goes along with the vehicle. Of what
+  flies beside it at its own speed that can't be told, and need not.
 - Moving obstacles are left out of the map; the guard gets them with their velocity.
 
 Source: Bar-Shalom, Li and Kirubarajan 2001 (piecewise constant white-noise acceleration).
@@ -131,6 +133,7 @@ class Tracker:
         self._rules = np.array([msgspec.structs.astuple(settings)], _RULES)
         self._started = 0
         self._time_ns: int | None = None
+        self._position: Array | None = None
         self.tracks: Tracks = np.empty(0, TRACK)
         """All tracks, the oldest first."""
 
@@ -168,19 +171,31 @@ class Tracker:
             return np.zeros(bearings.size, np.bool_)
         elapsed = 0.0 if self._time_ns is None else (scan.time_ns - self._time_ns) * 1e-9
         self._time_ns = scan.time_ns
+        own = np.zeros(2)
+        if self._position is not None and elapsed > 0.0:
+            own = (position_ned[:2] - self._position[:2]) / elapsed
+        self._position = position_ned.copy()
         posed = _PosedScan(bearings, scan.ranges_m, scan.hit, scan.known, position_ned, attitude_ned_frd, width)
         dt = min(elapsed, _LONGEST_STEP_S)
         self.tracks, self._started, moving = _track(
-            self.tracks, self._rules, self._started, dt, tuple(posed), ground_down
+            self.tracks, self._rules, self._started, dt, tuple(posed), own, ground_down
         )
         return moving
 
 
 @compiled
 def _track(
-    tracks: Tracks, rules: NDArray[np.void], started: int, dt: float, posed: tuple[Any, ...], ground_down: float
+    tracks: Tracks,
+    rules: NDArray[np.void],
+    started: int,
+    dt: float,
+    posed: tuple[Any, ...],
+    own: Array,
+    ground_down: float,
 ) -> tuple[Tracks, int, BoolArray]:
     """The tracks after a scan, the number of tracks ever started, and which beams (n,) see a moving obstacle.
+
+    `own` is the vehicle's velocity (2,) north and east (m/s).
 
     The tracks passed in are overwritten. `posed` is a _PosedScan as a plain tuple: numba needs 2 us to find the type of
     a named one.
@@ -207,7 +222,7 @@ def _track(
         if c >= 0:
             correct(tracks[t], centroids[c], covariances[c], _radius(extents[c]))
             tracks[t]["left"] |= has_left(tracks[t], points[middles[c]], sight)
-            update_status(tracks[t], rules[0])
+            update_status(tracks[t], rules[0], own)
             if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]:
                 stand(tracks[t], points[middles[c]], sight)
             for k in range(spans[c, 0], spans[c, 0] + spans[c, 1]):
@@ -249,14 +264,15 @@ def associate(tracks: Tracks, centroids: Array, covariances: Array) -> Integers:
 
 
 @compiled
-def update_status(track: Any, rule: Any) -> None:
-    """Decide whether a TRACK that was seen is moving, by the settings as a record."""
-    mean = track["mean"]
+def update_status(track: Any, rule: Any, own: Array) -> None:
+    """Decide whether a TRACK that was seen is moving, by the settings as a record and the vehicle's velocity (2,)."""
+    mean, significant = track["mean"], rule["min_speed_sigmas"] ** 2
     fast = math.hypot(mean[2], mean[3]) > rule["min_speed"]
-    fast = fast and mahalanobis_squared(track["covariance"][2:, 2:], mean[2:]) > rule["min_speed_sigmas"] ** 2
+    fast = fast and mahalanobis_squared(track["covariance"][2:, 2:], mean[2:]) > significant
     track["fast_scans"] = track["fast_scans"] + 1 if fast else 0
     track["slow_scans"] = 0 if fast else track["slow_scans"] + 1
     begins = track["left"] and track["fast_scans"] >= rule["moving_scans"]
+    begins = begins and mahalanobis_squared(track["covariance"][2:, 2:], mean[2:] - own) > significant
     goes_on = begins or (track["moving"] and track["slow_scans"] < rule["stopped_scans"])
     track["moving"] = track["hits"] >= rule["confirm_hits"] and goes_on
 

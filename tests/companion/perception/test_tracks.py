@@ -116,11 +116,27 @@ def test_a_track_that_is_slow_for_so_many_scans_stands() -> None:
 
     def moves(speed: float) -> bool:
         tracks["mean"][0, 2] = speed
-        update_status(tracks[0], tracker._rules[0])
+        update_status(tracks[0], tracker._rules[0], np.zeros(2))
         return bool(tracks["moving"][0])
 
     assert all(moves(0.0) for _ in range(SETTINGS.stopped_scans - 1)) and moves(1.5)
     assert all(moves(0.0) for _ in range(SETTINGS.stopped_scans - 1)) and not moves(0.0)
+
+
+@pytest.mark.parametrize("covariance", [0.01, 0.5])
+def test_what_goes_along_with_the_vehicle_is_not_known_to_move(covariance: float) -> None:
+    """It may be the place where a beam meets a long wall. What comes, crosses or falls behind is none, and what is
+    known to move stays so."""
+    rules = Tracker(SETTINGS)._rules[0]
+
+    def begins(own: tuple[float, float], *, known: bool = False) -> bool:
+        tracks = track_of(np.array([9.0, 2.0, 3.0, 0.0]), covariance * np.eye(4))
+        tracks["hits"], tracks["left"], tracks["fast_scans"], tracks["moving"] = 10, True, 9, known
+        update_status(tracks[0], rules, np.array(own))
+        return bool(tracks["moving"][0])
+
+    assert not begins((3.0, 0.0)) and begins((3.0, 0.0), known=True)
+    assert begins((0.0, 0.0)) and begins((-4.0, 0.0)) and begins((1.0, 3.0)) and begins((7.0, 0.0))
 
 
 def test_the_nearest_pair_is_taken_first() -> None:
