@@ -27,6 +27,8 @@ LIMIT_S = 600.0
 """Wall time of a job."""
 _BEGUN = "courier-begun"
 """The scheduler's topic of events that says when each attempt began."""
+_LOST = ("pending", "lost")
+"""States of a result whose worker died before anybody had it: it is computed again."""
 _LOCAL = {
     "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
     "distributed.comm.timeouts.connect": "60s",  # workers load compiled code meanwhile
@@ -115,12 +117,15 @@ def as_they_end(
         fill()
         while flying:
             batch = waiting.next_batch()
+            again = [future for future in batch if future.status in _LOST]
+            waiting.update(again)
             ended: list[Done[Job, Result]] = [
-                Done(flying.pop(future), _result(client, future, limit_s)) for future in batch
+                Done(flying.pop(future), _result(client, future, limit_s)) for future in batch if future not in again
             ]
-            del batch  # the scheduler forgets them
+            del batch, again  # the scheduler forgets them
             fill()
-            yield ended
+            if ended:
+                yield ended
     finally:
         client.cancel(list(flying), force=True)
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 from pathlib import Path
 
 
@@ -15,6 +16,14 @@ def harmful(number: int) -> int:
         case 6:
             signal.pause()
     return number * number
+
+
+def late(marker: Path) -> int:
+    """The first attempt ends, and so does its worker a moment later."""
+    if not marker.exists():
+        marker.touch()
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    return os.getpid()
 
 
 def once(marker: Path) -> int:

@@ -6,22 +6,23 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from distributed import Client, LocalCluster
+from distributed import Client, Future, LocalCluster, as_completed
 from scipy import stats
 from typer.testing import CliRunner
 
 from protocol.toml_files import TomlFileError, convert
-from studies import worlds
+from studies import engine, worlds
 from studies.campaign import Job, Row, Setup
 from studies.campaigns import command, files, page, smoke
 from studies.campaigns.runner import Campaign, Case, Flown, Stop, lost
 from studies.campaigns.statistics import compared, paired, wilson
 from studies.campaigns.table import MERGED, PARTS, Table, digest, read, write
 from studies.engine import Failed, as_they_end, cluster, in_order
-from tests.studies.harm import harmful, once
+from tests.studies.harm import harmful, late, once
 
 POLE = Setup("pole", "pole", worlds.pole, (3.0,))
 
@@ -50,6 +51,27 @@ def test_who_dies_hangs_or_throws_costs_a_row_and_no_other(tmp_path: Path) -> No
     expected[6] = Failed("no end after 1.5 s")
     assert {done.job: done.result for done in ended} == expected and len(ended) == 9
     assert isinstance(second.result, int) and second.result != os.getpid()
+
+
+def test_a_result_that_is_lost_with_its_worker_is_computed_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Slow(as_completed):  # type: ignore[misc]
+        """Its first batch is handed on when the result in it is there no more."""
+
+        first = True
+
+        def next_batch(self, *arguments: Any, **options: Any) -> list[Future]:
+            batch: list[Future] = super().next_batch(*arguments, **options)
+            while self.first and batch[0].status == "finished":
+                os.sched_yield()
+            self.first = False
+            return batch
+
+    monkeypatch.setattr(engine, "as_completed", Slow)
+    with cluster(workers=1) as client:
+        (done,) = itertools.chain.from_iterable(as_they_end(client, late, [tmp_path / "marker"]))
+    assert isinstance(done.result, int) and done.result != os.getpid()
 
 
 # --- the table ---
