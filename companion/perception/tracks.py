@@ -43,8 +43,8 @@ _MOST_BEAMS = 72
 """Beams of a ring at most: OBSTACLE_DISTANCE has no more."""
 _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
-_INITIAL_SPEED_SIGMA = 1.5
-"""m/s of a new track: a walker's speed."""
+_INITIAL_SPEED_SIGMA = 2.5
+"""m/s of a new track: with less, what comes twice as fast as a cyclist is lost from one scan to the next."""
 _RADIUS_GAIN = 0.2
 """Weight of the latest measurement in a track's radius."""
 
@@ -297,7 +297,7 @@ def has_left(track: Any, place: Array, sight: Sight) -> bool:
 
 @compiled
 def start_track(track: Any, number: int, centroid: Array, covariance: Array, radius: float) -> None:
-    """Fill in a new TRACK: at rest, with the uncertainty of a walker's speed."""
+    """Fill in a new TRACK: at rest, with the uncertainty of its speed."""
     track["number"], track["radius"], track["moving"] = number, radius, False
     track["hits"], track["misses"], track["fast_scans"], track["slow_scans"] = 1, 0, 0, 0
     track["mean"][:2], track["mean"][2:] = centroid, 0.0
