@@ -20,8 +20,8 @@ from companion.view.sources import Source
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLogError
 
-_FRAME_NS = 1_000_000_000 // 30
-"""Time between two pictures of the vehicle and its instruments."""
+_FRAME_NS = 1_000_000_000 // 32
+"""Time between two pictures of the vehicle and its instruments: 30 a second come to the page though some are late."""
 _WORDS_EVERY, _MAP_EVERY, _PATHS_EVERY = 6, 15, 20
 """One picture in so many has new words and charts, a new map, new paths."""
 
@@ -101,6 +101,7 @@ class Page:
         moment = self.history.at(self.playback.time)
         with self._server.atomic():
             self._draw(moment)
+        self._server.flush()  # otherwise it waits for windows of 17 ms
         self._frame += 1
 
     def _read(self) -> None:
