@@ -33,3 +33,15 @@ def test_a_disturbing_torque_is_made_up_for(output: Output, vehicle: str) -> Non
 
 def test_a_sound_vehicle_flies_as_before() -> None:
     assert error(Output.RATES) == pytest.approx(error(Output.RATES, bandwidth=0.0), abs=5e-4)
+
+
+def test_a_vehicle_that_turns_slowly_about_its_yaw_axis_is_not_swung() -> None:
+    """As ArduCopter's own loops do: what was made up for there came on top, and swung up."""
+    turned = []
+    for bandwidth in (0.0, 2.0):
+        overrides = ('avoidance.method="none"', f"control.estimation.torque_bandwidth={bandwidth}")
+        mission = mission_of("circle", "trajectory.laps=1", "trajectory.speed=4.0")
+        slow = ("inner_loop.rate_gain_1_s=[20.0, 20.0, 1.5]",)
+        joined = Joined(mission, Output.RATES, overrides, vehicle_overrides=slow, remembers=False).fly()
+        turned.append(np.abs(joined.trace()["rates_frd"][:, 2]).max())
+    assert turned[1] < 1.1 * turned[0]
