@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from companion.control import backstepping, flatness, lqr, prediction, se3, thrust, tilt, torque_observer
 from companion.control.jumps import fade_jumps
-from companion.outputs import TurningInput
 from protocol.arrays import Array, Vector
 from protocol.frames import from_axes, from_rotation_vector, multiply, to_body, to_rotation_vector, to_world
 from protocol.jit import compiled
@@ -15,7 +14,6 @@ from protocol.vehicle_parameters import GRAVITY
 
 _ITERATIONS = 2
 """Iterations of the reference's flatness, which start from the last step's result."""
-_ATTITUDE, _ANGULAR_ACCELERATION = int(TurningInput.ATTITUDE), int(TurningInput.ANGULAR_ACCELERATION)
 
 
 @compiled
@@ -71,7 +69,7 @@ def attitude_command(
         collective += reference.thrust_change
     collective = min(max(collective, p.min_thrust_n), p.max_thrust_n)
     rates, torque, turning_input = _inner_loop(command, reference, p, m)
-    if p.turning_input == _ATTITUDE:
+    if p.turning_input == prediction.ATTITUDE:
         if p.attitude_lead > 0.0:
             command = _attitude_sent(command, reference, p, m)
         turning_input = to_rotation_vector(command)
@@ -106,7 +104,7 @@ def turn_otherwise(rates: Array, turning: Array, controller: NDArray[np.void], o
     _against_offset(out[15:19], rates, torque, p, m)
     out[19:22] = rates
     out[22:25] = torque
-    if p.turning_input != _ATTITUDE:
+    if p.turning_input != prediction.ATTITUDE:
         m.commands[(m.count - 1) % prediction.HISTORY].input[:] = turning_input
 
 
@@ -162,19 +160,14 @@ def _attitude_sent(command: Array, reference: _Turning, p: Any, m: Any) -> Array
 @compiled
 def _against_offset(command: Array, rates: Array, torque: Array, p: Any, m: Any) -> Array:
     """The attitude (4,), within the tilt limit, with which the vehicle's loops keep a command (4,) against the
-    disturbing torque; roll and pitch rates and torque (3,) are changed likewise.
-
-    About the yaw axis flight controllers turn much more slowly than is assumed, and integrate their errors: a yaw rate
-    that makes up for what they do already swings up, at ArduCopter to 400 degrees a second.
-    """
+    disturbing torque; rates and torque (3,) are changed likewise."""
     if not m.offset.any():
         return command
-    turn = np.zeros(3)
+    turn = np.empty(3)
     for i in range(3):
-        if i < 2:
-            slower = m.offset[i] / p.assumed_rate_loop[i]
-            turn[i] = -slower / p.assumed_attitude_loop
-            rates[i] -= slower
+        slower = m.offset[i] / p.assumed_rate_loop[i]
+        turn[i] = -slower / p.assumed_attitude_loop
+        rates[i] -= slower
         torque[i] = min(max(torque[i] - m.offset[i] * p.inertia[i] / p.full_torque[i], -1.0), 1.0)
     return tilt.within(multiply(command, from_rotation_vector(turn)), p.max_tilt)
 
@@ -223,6 +216,6 @@ def _limited(rates: Array, turning: Array, p: Any, m: Any) -> tuple[Array, Array
         push = (turning[i] * inertia[i] + gyroscopic[i]) / p.full_torque[i]
         torque[i] = np.minimum(np.maximum(push, -1.0), 1.0)
         turning_input[i] = rates[i]
-        if p.turning_input == _ANGULAR_ACCELERATION:
+        if p.turning_input == prediction.ANGULAR_ACCELERATION:
             turning_input[i] = (torque[i] * p.full_torque[i] - gyroscopic[i]) / inertia[i]
     return rates, torque, turning_input

@@ -34,7 +34,7 @@ _STEP_NS = 2_000_000
 _LAG_STEP_NS = 4_000_000
 """Step over the past, where the lags alone are followed."""
 
-_ATTITUDE, _ANGULAR_ACCELERATION = int(TurningInput.ATTITUDE), int(TurningInput.ANGULAR_ACCELERATION)
+ATTITUDE, ANGULAR_ACCELERATION = int(TurningInput.ATTITUDE), int(TurningInput.ANGULAR_ACCELERATION)
 
 
 class Measured(NamedTuple):
@@ -176,9 +176,9 @@ def lag_share(dt: float, lag: float) -> float:
 def turning_asked(command: Array, attitude: Array | Quaternion, rates: Array, model: Model) -> Vector:
     """The angular acceleration (rad/s2, FRD) that a command's input (3,) asks for at an attitude and rates (3,)."""
     x, y, z = command[0], command[1], command[2]
-    if model.turning_input == _ANGULAR_ACCELERATION:
+    if model.turning_input == ANGULAR_ACCELERATION:
         return x, y, z
-    if model.turning_input == _ATTITUDE:
+    if model.turning_input == ATTITUDE:
         inverse = attitude[0], -attitude[1], -attitude[2], -attitude[3]
         w, x, y, z = product(inverse, rotation_quaternion(x, y, z))
         gain = math.copysign(2.0 * model.attitude_loop, w)
@@ -209,13 +209,13 @@ def _follow_lags(
             step, share = end - time, lag_share(dt, model.rotor_lag)
         command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
-        if model.turning_input != _ATTITUDE:
+        if model.turning_input != ATTITUDE:
             asked = turning_asked(command.input, q, rate, model)
             for i in range(3):
                 turning[i] += share * (asked[i] - turning[i])
                 rate[i] += dt * turning[i]
         time = end
-    if model.turning_input == _ATTITUDE:
+    if model.turning_input == ATTITUDE:
         turning[:] = turning_asked(commands[index % HISTORY].input, q, measured.rates, model)
     return thrust, index
 

@@ -10,6 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+_MOST_BYTES = 255
+"""A payload of MAVLink has no more."""
 _UNKNOWN = re.compile(r"(.*/)UNKNOWN_(\d+)")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _MESSAGE = re.compile(r'<message(?=[^>]*\sid="(\d+)")(?=[^>]*\sname="(\w+)")')
@@ -24,17 +26,18 @@ def with_name(topic: str) -> str:
 
 
 def decoded(topic: str, record: dict[str, Any]) -> dict[str, Any] | None:
-    """The fields of a record of a message that the dialect lacks; None for others, and where no dialect has it.
+    """The fields of a record of a message that the dialect lacks; None for others, where no dialect has it, and for
+    what is no payload.
 
     Trailing zeros are restored, and bytes after the last field that is known are ignored, as for other messages.
     """
     unknown = _UNKNOWN.fullmatch(topic)
     number = -1 if unknown is None else int(unknown[2])
-    if number not in _names():
+    payload = record.get("payload")
+    if number not in _names() or not isinstance(payload, bytes) or len(payload) > _MOST_BYTES:
         return None
     from pymavlink.dialects.v20 import all as everything
 
-    payload = bytes(record["payload"])
     head = bytes((len(payload), 0, 0, 0, 1, 1)) + number.to_bytes(3, "little")
     checksum = everything.x25crc(head + payload)
     checksum.accumulate(bytes((everything.mavlink_map[number].crc_extra,)))

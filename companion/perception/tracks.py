@@ -44,7 +44,7 @@ _MOST_BEAMS = 72
 _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
 _INITIAL_SPEED_SIGMA = 2.5
-"""m/s of a new track: with less, what comes twice as fast as a cyclist is lost from one scan to the next."""
+"""m/s of a new track: what is up to four times as fast is followed from its second return on."""
 _RADIUS_GAIN = 0.2
 """Weight of the latest measurement in a track's radius."""
 

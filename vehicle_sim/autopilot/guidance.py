@@ -49,6 +49,7 @@ class Guidance:
         self._tracks = False
         """More than a place: a circle, or a descent without any."""
         self._tracked = Target()
+        """What it was then."""
 
     @property
     def flown(self) -> Command:

@@ -20,7 +20,7 @@ class LastValues:
 
     def add(self, topic: str, table: Any) -> None:
         """A batch of records: a structured array (n,), or n dicts."""
-        last = table[-1]
+        last = table[-1].copy()  # not a view of the whole batch
         self._records[topic] = last if isinstance(last, dict) else {name: last[name] for name in last.dtype.names}
 
     def text(self, topic: str) -> str:

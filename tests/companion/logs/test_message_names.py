@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from companion.cli import logs as commands
-from companion.logs.message_names import _names, with_name
+from companion.logs.message_names import _names, decoded, with_name
 from companion.view.accumulators.last_values import LastValues
 from companion.view.gather import GatheredFlight
 from companion.view.report import compose
+from protocol.messages import dialect
 from tests.companion.view.made_logs import from_tlog
 
 PX4 = Path(__file__).resolve().parents[2] / "data" / "px4_offboard.tlog"
@@ -56,6 +57,18 @@ def test_the_report_decodes_the_last_of_each(tmp_path: Path) -> None:
     ):
         assert shown[topic].startswith(", ".join(f"{name} {last[topic][name]}" for name in names)), topic
     assert shown["/mavlink/1/1/UNKNOWN_410"].startswith("payload ["), "no dialect has it"
+
+
+@pytest.mark.parametrize("record", [{}, {"payload": 2**62}, {"payload": "text"}, {"payload": bytes(256)}])
+def test_what_is_no_payload_is_not_decoded(record: dict[str, Any]) -> None:
+    """A log may be anybody's."""
+    assert decoded("/mavlink/1/1/UNKNOWN_436", record) is None
+
+
+@pytest.mark.parametrize("number", sorted(_names().keys() - dialect.mavlink_map.keys()))
+@pytest.mark.parametrize("payload", [b"", b"\xff" * 255])
+def test_any_payload_of_any_message_is_decoded(number: int, payload: bytes) -> None:
+    assert decoded(f"/mavlink/1/1/UNKNOWN_{number}", {"payload": payload}) is not None
 
 
 def test_values_are_short() -> None:

@@ -139,6 +139,15 @@ def test_what_goes_along_with_the_vehicle_is_not_known_to_move(covariance: float
     assert begins((0.0, 0.0)) and begins((-4.0, 0.0)) and begins((1.0, 3.0)) and begins((7.0, 0.0))
 
 
+@pytest.mark.parametrize(("own", "moving"), [(3.0, 0), (0.0, 1), (-3.0, 1)])
+def test_the_vehicle_s_velocity_is_that_between_two_scans(own: float, moving: int) -> None:
+    scene = Scene()
+    for k in range(12):
+        way = k / 15.0
+        scene.see([(5.0 + 3.0 * way, 1.0)], np.array([own * way, 0.0, -2.0]))
+    assert scene.tracker.moving.size == moving
+
+
 def test_the_nearest_pair_is_taken_first() -> None:
     """Each track continues with one cluster and each cluster with one track; beyond the gate there is no pair."""
     tracks = np.concatenate([track_of(np.array([place, 0.0, 0.0, 0.0]), 0.01 * np.eye(4)) for place in (0.0, 0.3, 9.0)])
