@@ -64,11 +64,13 @@ def observed(turning_input: TurningInput, offset: Array, share: float, seconds: 
 @pytest.mark.parametrize("share", [0.7, 1.0, 1.6])
 @pytest.mark.parametrize("turning_input", TurningInput)
 def test_what_turns_the_vehicle_beside_the_commands_is_found(turning_input: TurningInput, share: float) -> None:
-    """To a tenth and at hover thrust, whatever the thrust is, with the commands moving all the time."""
+    """To a tenth and at hover thrust, whatever the thrust is, with the commands moving all the time; about the yaw axis
+    nothing is estimated but for torques."""
     found = observed(turning_input, OFFSET, share, 8.0, 0.2)
-    assert found[-1] == pytest.approx(OFFSET, rel=0.1, abs=0.25)
+    axes = 3 if turning_input is TurningInput.ANGULAR_ACCELERATION else 2
+    assert found[-1, :axes] == pytest.approx(OFFSET[:axes], rel=0.1, abs=0.25) and not found[:, axes:].any()
     early = found[round(1.5 / BANDWIDTH / DT)]
-    assert (np.sign(early) == np.sign(OFFSET)).all() and np.abs(early / OFFSET).max() < 1.0
+    assert (np.sign(early) == np.sign(OFFSET))[:axes].all() and np.abs(early / OFFSET).max() < 1.0
 
 
 @pytest.mark.parametrize("turning_input", TurningInput)
@@ -79,10 +81,11 @@ def test_without_one_none_is_found(turning_input: TurningInput) -> None:
 def test_what_is_found_is_bounded_and_a_gap_teaches_nothing() -> None:
     observer, commands = np.zeros(1, torque_observer.TORQUE_OBSERVER), np.zeros(prediction.HISTORY, prediction.COMMAND)
     count = prediction.remember(commands, 0, 0, 13.0, np.zeros(3))
+    torques = model(TurningInput.ANGULAR_ACCELERATION)
 
     def update(now: int, rates: Array) -> Array:
         state = prediction.Measured(np.zeros(3), np.zeros(3), LEVEL, rates)
-        torque_observer.update(observer[0], now, state, commands, count, model(TurningInput.RATES), (1.0, BANDWIDTH))
+        torque_observer.update(observer[0], now, state, commands, count, torques, (1.0, BANDWIDTH))
         offset: Array = observer["offset"][0]
         return offset
 
