@@ -5,8 +5,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 # Python writes the bytecode of what it imports. To write all of it takes half a minute, most of it for nothing.
 INSTALL := $(BIN)/python -m pip install --no-compile --disable-pip-version-check
-LOCK := uv pip compile pyproject.toml - --universal --python-version 3.11 --generate-hashes \
-	--no-annotate --no-header --quiet
+RESOLVE := uv pip compile --universal --python-version 3.11 --generate-hashes --no-annotate --no-header --quiet
+LOCK := $(RESOLVE) pyproject.toml -
 
 # Each process would compile all sources and rewrite all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -65,8 +65,12 @@ check: .venv/tested
 	$(INSTALL) --no-deps --no-build-isolation --editable .
 	touch $@
 
-.venv/tested: .venv/installed constraints/dev.txt
+# MAVProxy without what its maps need, and an older MAVSDK beside the one of the environment: strangers to the vehicle.
+.venv/tested: .venv/installed constraints/dev.txt constraints/mavproxy.txt constraints/mavsdk-3.txt
 	$(INSTALL) --require-hashes --requirement constraints/dev.txt
+	$(INSTALL) --require-hashes --no-deps --requirement constraints/mavproxy.txt
+	rm -rf .venv/mavsdk-3
+	$(INSTALL) --require-hashes --no-deps --target .venv/mavsdk-3 --requirement constraints/mavsdk-3.txt
 	touch $@
 
 .venv/documented: .venv/installed constraints/docs.txt
@@ -79,6 +83,8 @@ locked:
 	echo 'setuptools>=77' | $(LOCK) --extra dev --constraint constraints/run.txt --output-file constraints/dev.txt
 	echo 'setuptools>=77' | $(LOCK) --extra dev --extra peers --constraint constraints/dev.txt --output-file constraints/peers.txt
 	echo 'setuptools>=77' | $(LOCK) --extra docs --constraint constraints/dev.txt --output-file constraints/docs.txt
+	echo 'mavproxy' | $(RESOLVE) - --no-deps --output-file constraints/mavproxy.txt
+	echo 'mavsdk<4 grpcio' | tr ' ' '\n' | $(RESOLVE) - --no-deps --output-file constraints/mavsdk-3.txt
 
 clean:
 	rm -rf .venv .cache build *.egg-info

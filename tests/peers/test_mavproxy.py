@@ -1,10 +1,12 @@
-"""An unmodified MAVProxy flies the simulated vehicle, where COURIER_MAVPROXY names the program mavproxy.py of an
-installation. What it needs (vtk, opencv) is too large to be installed for this alone."""
+"""An unmodified MAVProxy flies the simulated vehicle, in real time and at five times its speed.
+
+It is installed without vtk and opencv, which its maps need alone."""
 
 import os
 import queue
 import re
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +20,7 @@ from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 from vehicle_sim.services.parameter_table import TABLE
 from vehicle_sim.services.profiles import Profile
 
+PROGRAM = Path(sys.executable).with_name("mavproxy.py")
 PAGE = (ROOT / "docs" / "vehicle-sim.md").read_text(encoding="utf-8")
 TAKEOFF, WAYPOINT, LAND, CORNER, RALLY = 22, 16, 21, 5001, 5100
 MODULES = "link,log,wp,rally,fence,param,arm,cmdlong"
@@ -26,8 +29,16 @@ MODULES = "link,log,wp,rally,fence,param,arm,cmdlong"
 class Console:
     """Its prompt: what is typed, and what it has said."""
 
-    def __init__(self, program: str, port: int, folder: Path) -> None:
-        command = [program, f"--master=udpout:{HOST}:{port}", f"--default-modules={MODULES}", "--state-basedir=."]
+    def __init__(self, port: int, folder: Path) -> None:
+        if not PROGRAM.is_file():
+            pytest.skip(f"{PROGRAM} is not there")
+        command = [
+            sys.executable,
+            str(PROGRAM),
+            f"--master=udpout:{HOST}:{port}",
+            f"--default-modules={MODULES}",
+            "--state-basedir=.",
+        ]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.STDOUT, cwd=folder)
         self._said: queue.Queue[str] = queue.Queue()
@@ -62,11 +73,8 @@ class Console:
 
 @pytest.fixture(params=[1.0, 5.0])
 def console(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Console]:
-    program = os.environ.get("COURIER_MAVPROXY")
-    if program is None:
-        pytest.skip("COURIER_MAVPROXY names no mavproxy.py")
     with served(request.param, profile=Profile.GROUND) as vehicle:
-        console = Console(program, vehicle.port, tmp_path)
+        console = Console(vehicle.port, tmp_path)
         console.wait_for(f"Received {len(TABLE)} parameters")
         yield console
         console.process.kill()

@@ -1,16 +1,15 @@
-"""The published examples of MAVSDK-Python 3 fly the vehicle, unchanged but for the address, where COURIER_MAVSDK_3
-names the Python of an environment with `mavsdk<4`, and COURIER_MAVSDK_EXAMPLES their folder."""
+"""The published examples of MAVSDK-Python 3 fly the vehicle, unchanged but for the address. The package comes without
+them: COURIER_MAVSDK_EXAMPLES names their folder."""
 
 import os
 import shutil
-import signal
-import subprocess
-from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
 import pytest
 
 from tests.flights.shared import alone
+from tests.peers.mavsdk_3 import running
 from tests.vehicle_sim.served import HOST, PATIENCE_S, served
 
 FLY = (
@@ -27,33 +26,30 @@ FLY = (
 """Those that end by themselves."""
 END = ("mission_raw", "mission_import", "geofence", "firmware_version", "all_params", "mavlink_direct_send", "tune")
 """Those that end without a flight."""
-STAY = {"goto": "Staying connected", "manual_control": "Starting manual control"}
-"""Those that go on until they are stopped, and what they say last."""
+STAY = {"goto": ("Staying connected", 20), "manual_control": ("Starting manual control", 1)}
+"""Those that go on until they are stopped, what they say last, and how often they are left to say it."""
 ADDRESS = "udpin://0.0.0.0:14540"
 
 
+@pytest.mark.parametrize("pace", [1.0, 5.0])
 @pytest.mark.parametrize("name", [*FLY, *END, *STAY])
-def test_it_ends_as_it_should(name: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    python, published = os.environ.get("COURIER_MAVSDK_3"), os.environ.get("COURIER_MAVSDK_EXAMPLES")
-    if python is None or published is None:
-        pytest.skip("COURIER_MAVSDK_3 and COURIER_MAVSDK_EXAMPLES name no MAVSDK 3 with its examples")
+def test_it_ends_as_it_should(name: str, pace: float, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    published = os.environ.get("COURIER_MAVSDK_EXAMPLES")
+    if published is None:
+        pytest.skip("COURIER_MAVSDK_EXAMPLES names no folder of MAVSDK 3's examples")
     folder = tmp_path / "examples"
     shutil.copytree(published, folder)
     example = folder / f"{name}.py"
     text = example.read_text()
     assert text.count(ADDRESS) == 1
-    with alone(tmp_path_factory, "mavsdk"), served(5.0) as vehicle:  # its server has one port
+    with alone(tmp_path_factory, "mavsdk"), served(pace) as vehicle:  # its server has one port
         example.write_text(text.replace(ADDRESS, f"udpout://{HOST}:{vehicle.port}"))
-        command = [python, "-u", "-W", "ignore", str(example)]
-        out = subprocess.PIPE if name in STAY else subprocess.DEVNULL
-        with subprocess.Popen(command, cwd=folder, stdout=out, text=True, start_new_session=True) as process:
-            try:
-                if process.stdout is None:
-                    assert process.wait(PATIENCE_S) == 0
-                else:
-                    assert any(STAY[name] in line for line in process.stdout)
-            finally:
-                with suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)  # its server, too
+        with running(example) as process:
+            if name in STAY:
+                text, times = STAY[name]
+                assert len(list(islice((line for line in process.stdout or () if text in line), times))) == times
+            else:
+                said, _ = process.communicate(timeout=PATIENCE_S)
+                assert process.returncode == 0, said[-3000:]
         assert (vehicle.summary().flight_time_s > 1.0) is (name not in END)
         assert vehicle.flight.crash is None

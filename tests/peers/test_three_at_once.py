@@ -1,6 +1,5 @@
-"""Companion, MAVProxy and MAVSDK fly one vehicle at once, in real time, where COURIER_MAVPROXY names mavproxy.py."""
+"""Companion, MAVProxy and MAVSDK fly one vehicle at once, in real time."""
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +33,9 @@ PROGRAM = 77, 25
 COMPANION = 1, 191
 
 
-def started(program: str, port: int, folder: Path, *others: tuple[int, int]) -> Console:
+def started(port: int, folder: Path, *others: tuple[int, int]) -> Console:
     """A MAVProxy that has the parameters, and heartbeats of others."""
-    console = Console(program, port, folder)
+    console = Console(port, folder)
     sees(console, r"Received \d+ parameters", *others)
     return console
 
@@ -53,9 +52,6 @@ def set_by(console: Console, parameter: str, value: float) -> None:
 
 
 def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tmp_path: Path) -> None:
-    program = os.environ.get("COURIER_MAVPROXY")
-    if program is None:
-        pytest.skip("COURIER_MAVPROXY names no mavproxy.py")
     mission = tmp_path / "wait.toml"
     mission.write_text(MISSION)
     with served(1.0) as vehicle:
@@ -66,7 +62,7 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
         mavsdk.add_any_connection(f"udpout://{HOST}:{vehicle.port}")
         system = mavsdk.first_autopilot(PATIENCE_S)
         telemetry, param, action = Telemetry(system), Param(system), Action(system)
-        first = started(program, vehicle.port, tmp_path, PROGRAM)
+        first = started(vehicle.port, tmp_path, PROGRAM)
         with Process("companion", ("fly", str(mission), "--connect", place, *options)) as flight:
             flight.wait_for("in control")
             sees(first, "Mode OFFBOARD", COMPANION)
@@ -74,7 +70,7 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
             assert param.get_param_float("MPC_XY_CRUISE") == 4.0
             first.process.kill()
             first.process.wait()
-            second = started(program, vehicle.port, tmp_path, COMPANION, PROGRAM)
+            second = started(vehicle.port, tmp_path, COMPANION, PROGRAM)
             param.set_param_float("MPC_XY_CRUISE", 3.0)
             assert any(second.shown("MPC_XY_CRUISE") == 3.0 for _ in range(1000))
             assert telemetry.flight_mode() == FlightMode.OFFBOARD, "the companion flies on"
