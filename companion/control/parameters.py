@@ -76,8 +76,12 @@ known, usual ones; `torque_scale` the fractions of full torque for one unit of U
 
 _SMALL = 1e-3
 """m and m/s: an error that is within any law's linear range."""
-_RATE_LOOP = 20.0
-"""1/s; of a vehicle whose own rate loop is not known."""
+_RATE_LOOPS = 20.0, 20.0, 3.0
+"""1/s, by axis; of a vehicle whose own rate loops are not known. About the yaw axis PX4's was seen to have 2 to 2.5,
+ArduCopter's 2 to 4, both with an integral."""
+_YAW_SHARE = 0.25
+"""The gain from an angle's error to a rate is at most so much of the gain of the vehicle's rate loop under it, which
+then has no overshoot of its own. Only about the yaw axis a usual vehicle's loop is that slow."""
 
 
 def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
@@ -162,7 +166,7 @@ def _attitude(settings: Settings, body: VehicleParameters) -> dict[str, Any]:
     """The attitude's LQR."""
     torque_gain, rates_gain = _attitude_gains(settings, body)
     return {
-        "assumed_rate_loop": [loop or _RATE_LOOP for loop in body.rate_loop_gain_1_s],
+        "assumed_rate_loop": [loop or usual for loop, usual in zip(body.rate_loop_gain_1_s, _RATE_LOOPS, strict=True)],
         "assumed_attitude_loop": body.attitude_loop_gain_1_s or rates_gain[1, 0],
         "feed_attitude": settings.control.attitude.feedforward,
         "torque_gain": torque_gain,
@@ -188,6 +192,8 @@ def _attitude_gains(settings: Settings, body: VehicleParameters) -> tuple[Array,
         torque_gain = lqr.sampled_gain(None, entries, lag, period, *weights)
         if min(body.rate_loop_gain_1_s) > 0.0:
             rates_gain = lqr.sampled_gain(body.rate_loop_gain_1_s, entries, lag, period, *weights)
+    if body.rate_loop_gain_1_s[2] == 0.0:
+        rates_gain[2, 0] = min(rates_gain[2, 0], _YAW_SHARE * _RATE_LOOPS[2])
     return torque_gain, rates_gain
 
 

@@ -402,3 +402,21 @@ def test_torque_turns_the_vehicle_as_the_rates_change_that_are_asked_for(design:
     accelerations = (torques - damping * rates) / (body.inertia_kgm2[2] + lacking)
     assert np.abs(torques).max() < full and accelerations.max() > 1.0
     assert np.diff(rates) / 0.004 == pytest.approx(0.5 * (accelerations[1:] + accelerations[:-1]), abs=0.05)
+
+
+YAW_LOOPS = (2.4, 0.5, 0.1), (2.3, 1.1, 0.05), (4.2, 7.4, 0.08), (1.9, 2.7, 0.05)
+"""Gain (1/s), integral gain (1/s2) and lag (s) of rate loops as they fit flights: PX4's two, ArduCopter's two."""
+
+
+@pytest.mark.parametrize("vehicle", ["px4_sih", "x500", "iris"])
+@pytest.mark.parametrize(("gain", "integral", "lag"), YAW_LOOPS)
+def test_the_heading_is_damped_above_a_flight_controllers_own_loop(
+    vehicle: str, gain: float, integral: float, lag: float
+) -> None:
+    """By the poles of angle, rate, angular acceleration and the integral of the rate's error."""
+    controller = Controller(load_settings(None, []), load_body(vehicle), Output.RATES)
+    turn = controller._parameters["rates_gain"][0, 2, 0]
+    loop = [[0, 1, 0, 0], [0, 0, 1, 0], [-gain * turn / lag, -gain / lag, -1 / lag, integral / lag], [-turn, -1, 0, 0]]
+    poles = np.linalg.eigvals(np.array(loop))
+    assert poles.real.max() < -0.15
+    assert (-poles.real / np.abs(poles)).min() > 0.3
