@@ -15,8 +15,11 @@ _BEYOND_M = 0.15
 """m that a ring must have seen past an arc: more than the range noise."""
 _DEPTH_M = 0.2
 """m behind a return that must be free, too: a beam may graze the front of what stands."""
-_LEVEL_M = 1.0
-"""m from the height of a return up to which a beam would have met the obstacle."""
+_OVER_M = 0.05
+"""m above a return up to which a beam would have met the obstacle. Higher up it may pass over the top: as the vehicle
+nears a car, a hedge or a garden wall that its tilted scan has met, the scan rises over it."""
+_UNDER_M = 1.0
+"""m below a return down to which a beam would have met it: obstacles stand on the ground, or hang down as far."""
 
 
 class Sight(NamedTuple):
@@ -58,7 +61,7 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
             place[2] - sight.position[2],
         )
         x, y, z = to_body(sight.attitude, offset)
-        if abs(z) > _LEVEL_M * down[2]:
+        if not -_UNDER_M * down[2] <= z <= _OVER_M * down[2]:
             return False
         x, y = x - z / down[2] * down[0], y - z / down[2] * down[1]  # straight above or below, in the scan's plane
         farthest = max(farthest, math.hypot(x, y))

@@ -42,14 +42,14 @@ def test_all_sectors_of_the_arc_count_and_no_others(bearing_deg: float, yaw_deg:
 
 
 @pytest.mark.parametrize("roll", [-0.6, 0.6])
-def test_a_tilted_ring_sees_past_what_is_above_or_below_its_plane(roll: float) -> None:
+def test_a_tilted_ring_sees_past_what_is_above_its_plane(roll: float) -> None:
     """What stands is upright: the beam that counts meets the vertical through the place, which turned into the body's
     plane lies sectors away."""
-    place = at(80.0, 0.8)
     attitude = from_euler(roll, 0.3, 0.0)
     beams = np.array([rotate(attitude, np.array([math.cos(k * WIDTH), math.sin(k * WIDTH), 0.0])) for k in range(72)])
     directions = np.degrees(np.arctan2(beams[:, 1], beams[:, 0]))
     meets = int(np.abs(directions - 80.0).argmin())
+    place = at(80.0, 0.8, 0.8 * beams[meets, 2] / math.hypot(*beams[meets, :2]) - 0.3)
     for k in range(72):
         ranges = np.full(72, 15.0)
         ranges[k] = 1.1
@@ -75,7 +75,9 @@ def test_what_was_not_measured_or_not_at_that_height_is_not_seen() -> None:
     assert seen_past(sight(free), place, HERE)
     assert not seen_past(sight(np.where(np.arange(72) == 6, 0.0, free)), place, HERE)
     assert not seen_past(sight(free), at(30.0, 14.9), HERE), "not farther than it saw"
-    assert seen_past(sight(free), at(30.0, 6.0, 0.9), HERE) and not seen_past(sight(free), at(30.0, 6.0, 1.1), HERE)
+    assert seen_past(sight(free), at(30.0, 6.0, -0.9), HERE) and not seen_past(sight(free), at(30.0, 6.0, -1.1), HERE)
+    assert seen_past(sight(free), at(30.0, 6.0, 0.04), HERE)
+    assert not seen_past(sight(free), at(30.0, 6.0, 0.1), HERE), "it may have looked over the top"
     assert not seen_past(sight(free, pitch=-0.25), at(0.0, 6.0), HERE), "a tilted ring looks over it"
     ahead = sight(np.full(37, 15.0), first=-0.5 * math.pi)  # half a ring, from the left to the right
     assert seen_past(ahead, at(60.0, 6.0), HERE) and not seen_past(ahead, at(150.0, 6.0), HERE)

@@ -12,7 +12,7 @@ from companion.state import Scan
 from protocol.arrays import Array
 from protocol.frames import from_euler
 from vehicle_sim.sensors.lidar import Lidar, LidarSettings
-from vehicle_sim.world import CylinderTable, OriginTable, World, WorldTable
+from vehicle_sim.world import BoxTable, CylinderTable, OriginTable, World, WorldTable
 
 HERE = np.array([0.0, 0.0, -2.0])
 LEVEL = from_euler(0.0, 0.0, 0.0)
@@ -21,26 +21,32 @@ PERIOD_S = 1.0 / 15.0
 POST = (-4.0, 0.0)
 
 
+def scene(*cylinders: CylinderTable, boxes: tuple[BoxTable, ...] = ()) -> World:
+    origin = OriginTable(latitude_deg=0.0, longitude_deg=0.0, altitude_m=0.0)
+    return World.build(WorldTable(name="scene", origin=origin, cylinder=cylinders, box=boxes))
+
+
 class Surroundings:
-    """Somebody who moves and a post, seen from one place by the simulator's LiDAR."""
+    """What the simulator's LiDAR sees: somebody who moves and a post from one place, or any world from anywhere."""
 
     def __init__(self) -> None:
         self.map = LocalMap(Avoidance())
         self._lidar = Lidar(LidarSettings(), np.random.default_rng(1))
         self._time = 0.0
+        self.returns = 0
 
     def see(self, walker: tuple[float, float]) -> None:
-        cylinders = tuple(
-            CylinderTable(name=name, center=place, radius=0.3, height=4.0)
-            for name, place in (("walker", walker), ("post", POST))
-        )
-        origin = OriginTable(latitude_deg=0.0, longitude_deg=0.0, altitude_m=0.0)
-        world = World.build(WorldTable(name="scene", origin=origin, cylinder=cylinders))
-        ranges = self._lidar.scan(world, HERE, LEVEL).astype(float)
+        places = ("walker", walker), ("post", POST)
+        world = scene(*(CylinderTable(name=name, center=at, radius=0.3, height=4.0) for name, at in places))
+        self.look_at(world, HERE, LEVEL)
+
+    def look_at(self, world: World, here: Array, attitude: Array) -> None:
+        ranges = self._lidar.scan(world, here, attitude).astype(float)
         now_ns = round(self._time * 1e9)
         hit, known = ranges <= 1500.0, ranges != 65535.0
+        self.returns += int(hit.sum())
         scan = Scan(now_ns, now_ns, BEARINGS, np.minimum(ranges, 1500.0) * 0.01, hit, known)
-        self.map.add(scan, (HERE, LEVEL), -0.3, now_ns)
+        self.map.add(scan, (here, attitude), -0.3, now_ns)
         self.view = self.map.look(now_ns)
         self._time += PERIOD_S
 
@@ -66,3 +72,19 @@ def test_where_somebody_stood_and_went_nothing_is_left_once_it_is_known(stands_s
         assert seen.occupied_near((5.0, -2.0 + share * (east + 2.0)), 0.6) == 0
     assert seen.occupied_near(POST, 0.6) > 0, "what stands stays"
     assert int((seen.view.states == OCCUPIED).sum()) == seen.occupied_near(POST, 0.6)
+
+
+@pytest.mark.parametrize("height", [1.5, 1.7, 2.0, 2.4])
+def test_what_a_tilted_scan_rises_over_does_not_move(height: float) -> None:
+    """Ahead it is low: as the vehicle comes nearer it passes over the tops of cars and hedges, and meets others behind
+    them."""
+    boxes = [
+        BoxTable(name=f"car {k}", center=(12.0 + 3.7 * k, side * (3.0 + 0.9 * (k % 4))), size=(1.8, 1.6), height=height)
+        for k in range(12)
+        for side in (-1, 1)
+    ]
+    world, seen, tilted = scene(boxes=tuple(boxes)), Surroundings(), from_euler(0.0, math.radians(-7.0), 0.0)
+    for step in range(90):
+        seen.look_at(world, np.array([0.4 * step, 0.0, -3.1]), tilted)
+        assert seen.view.moving is None, step
+    assert seen.returns > 200
