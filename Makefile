@@ -16,10 +16,10 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
 
-# One worker more than cores: flights in real time leave them idle.
+# More workers than cores: flights in real time leave them idle.
 test: .venv/tested
 	$(MAKE) --jobs 2 --output-sync=target check compiled
-	$(BIN)/python -m pytest -n 3
+	$(BIN)/python -m pytest -n 5
 
 # A minute, once it has run before.
 quick: check
