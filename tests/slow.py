@@ -116,7 +116,6 @@ TOGETHER = ("tests/vehicle_sim/test_mavsdk.py",)
 """Files that are slow because their tests follow each other in one flight: the time is that of all of them."""
 WAITING = (
     "tests/companion/logs/test_replay.py::test_real_time_and_a_request_to_land",
-    "tests/companion/view/test_live",
     "tests/flights/test_ground_station.py",
     "tests/flights/test_links.py",
     "tests/flights/test_processes.py::test_companion_killed_at_random_moments",
