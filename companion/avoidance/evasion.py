@@ -6,8 +6,8 @@ Shiller 1998) over manoeuvres that the vehicle can fly, each of which ends with 
 
 How near is too near is counted in standard deviations of the obstacle's place, which grow with the time from now as its
 velocity is uncertain (a chance constraint: Zhu and Alonso-Mora 2019). The manoeuvre that is nearest to the command is
-taken of those that keep enough of them; of those that don't, the one that keeps most. Those along
-the first have a bonus, so that the vehicle does not waver between the two sides of what comes ahead on.
+taken of those that keep enough of them; of those that don't, the one that keeps most. Those to the side of the first
+have a bonus, so that the vehicle does not waver between the two sides of what comes ahead on.
 """
 
 import math
@@ -31,7 +31,8 @@ _SIGMAS, _ENOUGH_SIGMAS = 2.0, 2.5
 """Standard deviations: with fewer the vehicle evades; with so many a manoeuvre is good enough."""
 _LEAST_SIGMA_M = 0.05
 _SAME_WAY = 4.0
-"""Standard deviations that a manoeuvre gains by an acceleration along the first, and loses by one against it."""
+"""Standard deviations that a manoeuvre gains by an acceleration to the side of the first, and loses by one to the other
+side. Not along the way of the obstacle: who began to run from it may find that it must step aside."""
 _UNSEEN = 1.0
 """Standard deviations that a manoeuvre loses where it leads through what was not seen free."""
 _FAR = 1e3
@@ -123,6 +124,19 @@ def least_sigmas(
 
 
 @compiled
+def _across(movers: Array, firsts: Array, motion: Motion, nominal: Push, agility: Agility, age: float) -> Place:
+    """The unit vector across the motion of the mover that comes nearest, as the vehicle sees it."""
+    least, nearest = math.inf, 0
+    for k in range(movers.shape[0]):
+        one = least_sigmas(movers[k : k + 1], firsts[k : k + 1], motion, nominal, agility, (age, age + _SOON_S))
+        if one < least:
+            least, nearest = one, k
+    n, e = movers[nearest, 2] - motion[2], movers[nearest, 3] - motion[3]
+    size = max(math.sqrt(n * n + e * e), 1e-6)
+    return -e / size, n / size
+
+
+@compiled
 def least_room(
     clearances: ClearanceMap, corner: Place, motion: Motion, push: Push, agility: Agility
 ) -> tuple[float, float]:
@@ -165,10 +179,11 @@ def evade(
     nominal = Push(command[0], command[1], _NOMINAL_S, False)
     if least_sigmas(movers, firsts, motion, nominal, agility, (age, age + _SOON_S)) >= _SIGMAS:
         return False, command[0], command[1]
-    wide = keep_outs[0]
+    wide, aside = keep_outs[0], _across(movers, firsts, motion, nominal, agility, age)
     here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
     size = math.sqrt(before[0] * before[0] + before[1] * before[1])
     aim = before if size > 0.0 else command
+    side = (before[0] * aside[0] + before[1] * aside[1]) / size if size > 0.0 else 0.0
     best, best_away = -math.inf, math.inf
     found, north, east = False, command[0], command[1]
     for k in range(_DIRECTIONS + 1):
@@ -177,7 +192,7 @@ def evade(
         if k == _DIRECTIONS:
             n = e = 0.0
         away = math.sqrt((n - aim[0]) ** 2 + (e - aim[1]) ** 2)
-        same = _SAME_WAY * (n * before[0] + e * before[1]) / (size * agility.acceleration) if size > 0.0 else 0.0
+        same = _SAME_WAY * side * (n * aside[0] + e * aside[1]) / agility.acceleration
         for burst in _BURSTS_S if k < _DIRECTIONS else (0.0, 0.0):
             push = Push(n, e, burst, True)
             kept = same + min(
