@@ -158,12 +158,14 @@ class LinkDelay(msgspec.Struct, frozen=True, gc=False):
 
 
 class Motors(msgspec.Struct, frozen=True, gc=False):
-    """How the vehicle's motors follow the thrust that it is asked for."""
+    """How the vehicle's motors follow what it is asked for."""
 
     spooling: bool = False
     """Not yet: it says that it stands on the ground, and its make waits there."""
     angle_boost: bool = False
     """It divides the thrust by the cosine of its tilt."""
+    slow_yaw: bool = False
+    """It turns slowly about its yaw axis."""
 
 
 class CommandReport(msgspec.Struct, frozen=True, gc=False):

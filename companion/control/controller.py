@@ -16,7 +16,7 @@ from companion.control.attitude_step import attitude_command, turn_otherwise
 from companion.control.foreign import foreign_laws
 from companion.control.lift_off import LiftOff
 from companion.control.margin import Pace, pace_for, paced
-from companion.control.parameters import PARAMETERS, controller_parameters, design_of
+from companion.control.parameters import PARAMETERS, SLOW_YAW_GAIN, controller_parameters, design_of
 from companion.control.torque_observer import TORQUE_OBSERVER
 from companion.outputs import OUTPUTS
 from companion.records import CONTROL_FIELDS
@@ -159,6 +159,9 @@ class Controller:
         if motors is not self._motors:
             self._motors = motors
             self._parameters["angle_boost"] = motors.angle_boost
+            if motors.slow_yaw and self._configured["rates_gain"][0, 2, 0] > SLOW_YAW_GAIN:
+                self._configured["rates_gain"][0, 2, 0] = SLOW_YAW_GAIN
+                self._pace()
         if self._lift_off.thrust is None:
             return True
         scale = self._lift_off.update(state, now_ns, mass, rises, motors.spooling)

@@ -79,9 +79,9 @@ _SMALL = 1e-3
 _RATE_LOOPS = 20.0, 20.0, 3.0
 """1/s, by axis; of a vehicle whose own rate loops are not known. About the yaw axis PX4's was seen to have 2 to 2.5,
 ArduCopter's 2 to 4, both with an integral."""
-_YAW_SHARE = 0.25
-"""The gain from an angle's error to a rate is at most so much of the gain of the vehicle's rate loop under it, which
-then has no overshoot of its own. Only about the yaw axis a usual vehicle's loop is that slow."""
+SLOW_YAW_GAIN = 0.25 * _RATE_LOOPS[2]
+"""1/s; the gain from the heading's error to a yaw rate above such a loop, at most: a quarter of the loop's own gain.
+With that there is no overshoot."""
 
 
 def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
@@ -193,7 +193,7 @@ def _attitude_gains(settings: Settings, body: VehicleParameters) -> tuple[Array,
         if min(body.rate_loop_gain_1_s) > 0.0:
             rates_gain = lqr.sampled_gain(body.rate_loop_gain_1_s, entries, lag, period, *weights)
     if body.rate_loop_gain_1_s[2] == 0.0:
-        rates_gain[2, 0] = min(rates_gain[2, 0], _YAW_SHARE * _RATE_LOOPS[2])
+        rates_gain[2, 0] = min(rates_gain[2, 0], SLOW_YAW_GAIN)
     return torque_gain, rates_gain
 
 

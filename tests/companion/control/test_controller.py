@@ -13,7 +13,7 @@ from companion.control.jumps import fade_jumps
 from companion.control.laws import LAWS
 from companion.control.lqr import attitude_error
 from companion.outputs import TurningInput
-from companion.reports import LinkDelay
+from companion.reports import LinkDelay, Motors
 from companion.runtime.files import load_body, load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
@@ -408,13 +408,16 @@ YAW_LOOPS = (2.4, 0.5, 0.1), (2.3, 1.1, 0.05), (4.2, 7.4, 0.08), (1.9, 2.7, 0.05
 """Gain (1/s), integral gain (1/s2) and lag (s) of rate loops as they fit flights: PX4's two, ArduCopter's two."""
 
 
-@pytest.mark.parametrize("vehicle", ["px4_sih", "x500", "iris"])
+@pytest.mark.parametrize("vehicle", ["px4_sih", "x500", "iris", "paper_quad"])
 @pytest.mark.parametrize(("gain", "integral", "lag"), YAW_LOOPS)
 def test_the_heading_is_damped_above_a_flight_controllers_own_loop(
     vehicle: str, gain: float, integral: float, lag: float
 ) -> None:
-    """By the poles of angle, rate, angular acceleration and the integral of the rate's error."""
+    """By the poles of angle, rate, angular acceleration and the integral of the rate's error; with another vehicle's
+    file, whose loops are fast, once the firmware is known."""
     controller = Controller(load_settings(None, []), load_body(vehicle), Output.RATES)
+    if vehicle == "paper_quad":
+        controller.flies(nominal().state(START_NS), START_NS, BODY.mass_kg, False, Motors(slow_yaw=True))
     turn = controller._parameters["rates_gain"][0, 2, 0]
     loop = [[0, 1, 0, 0], [0, 0, 1, 0], [-gain * turn / lag, -gain / lag, -1 / lag, integral / lag], [-turn, -1, 0, 0]]
     poles = np.linalg.eigvals(np.array(loop))
