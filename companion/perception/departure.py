@@ -15,11 +15,13 @@ _BEYOND_M = 0.15
 """m that a ring must have seen past an arc: more than the range noise."""
 _DEPTH_M = 0.2
 """m behind a return that must be free, too: a beam may graze the front of what stands."""
-_OVER_M = 0.05
-"""m above a return up to which a beam would have met the obstacle. Higher up it may pass over the top: as the vehicle
-nears a car, a hedge or a garden wall that its tilted scan has met, the scan rises over it."""
-_UNDER_M = 1.0
-"""m below a return down to which a beam would have met it: obstacles stand on the ground, or hang down as far."""
+_LEVEL_M = 1.0
+"""m from the height of a return up to which a beam would have met the obstacle."""
+_LOW_M = 0.5
+"""m below the sensor from which on an obstacle may be low: its top is somewhere above its return."""
+_OVER_LOW_M = 0.05
+"""m above the return of a low one up to which a beam would have met it. Higher up it may have passed over the top: as the
+vehicle nears a car, a hedge or a garden wall that its tilted scan has met, the scan rises over it."""
 
 
 class Sight(NamedTuple):
@@ -61,7 +63,8 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
             place[2] - sight.position[2],
         )
         x, y, z = to_body(sight.attitude, offset)
-        if not -_UNDER_M * down[2] <= z <= _OVER_M * down[2]:
+        over = _OVER_LOW_M if offset[2] > _LOW_M else _LEVEL_M
+        if not -_LEVEL_M * down[2] <= z <= over * down[2]:
             return False
         x, y = x - z / down[2] * down[0], y - z / down[2] * down[1]  # straight above or below, in the scan's plane
         farthest = max(farthest, math.hypot(x, y))

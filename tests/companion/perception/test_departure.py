@@ -76,8 +76,10 @@ def test_what_was_not_measured_or_not_at_that_height_is_not_seen() -> None:
     assert not seen_past(sight(np.where(np.arange(72) == 6, 0.0, free)), place, HERE)
     assert not seen_past(sight(free), at(30.0, 14.9), HERE), "not farther than it saw"
     assert seen_past(sight(free), at(30.0, 6.0, -0.9), HERE) and not seen_past(sight(free), at(30.0, 6.0, -1.1), HERE)
-    assert seen_past(sight(free), at(30.0, 6.0, 0.04), HERE)
-    assert not seen_past(sight(free), at(30.0, 6.0, 0.1), HERE), "it may have looked over the top"
+    assert seen_past(sight(free), at(30.0, 6.0, 0.4), HERE)
+    assert not seen_past(sight(free), at(30.0, 6.0, 0.6), HERE), "it may have looked over the top"
+    for falls, seen in ((0.62, False), (0.68, True), (0.9, True)):  # m on 6 m: it looks over, at, and under 0.7 m
+        assert seen_past(sight(free, pitch=-math.atan2(falls, 6.0)), at(0.0, 6.0, 0.7), HERE) is seen, falls
     assert not seen_past(sight(free, pitch=-0.25), at(0.0, 6.0), HERE), "a tilted ring looks over it"
     ahead = sight(np.full(37, 15.0), first=-0.5 * math.pi)  # half a ring, from the left to the right
     assert seen_past(ahead, at(60.0, 6.0), HERE) and not seen_past(ahead, at(150.0, 6.0), HERE)
