@@ -20,8 +20,8 @@ _LEVEL_M = 1.0
 _LOW_M = 0.5
 """m below the sensor from which on an obstacle may be low: its top is somewhere above its return."""
 _OVER_LOW_M = 0.05
-"""m above the return of a low one up to which a beam would have met it. Higher up it may have passed over the top: as the
-vehicle nears a car, a hedge or a garden wall that its tilted scan has met, the scan rises over it."""
+"""m above the return of a low one up to which a beam would have met it. Higher up it may have passed over the top: as
+the vehicle nears a car, a hedge or a garden wall that its tilted scan has met, the scan rises over it."""
 
 
 class Sight(NamedTuple):
