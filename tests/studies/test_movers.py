@@ -1,4 +1,5 @@
-"""What moves at the vehicle in the open: flights of the campaign `moving` that once ended in a contact."""
+"""What moves at the vehicle in the open: flights of the campaign `moving`, of which the first three once ended in a
+contact."""
 
 from pathlib import Path
 
