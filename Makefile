@@ -84,7 +84,7 @@ locked:
 	echo 'setuptools>=77' | $(LOCK) --extra dev --extra peers --constraint constraints/dev.txt --output-file constraints/peers.txt
 	echo 'setuptools>=77' | $(LOCK) --extra docs --constraint constraints/dev.txt --output-file constraints/docs.txt
 	echo 'mavproxy' | $(RESOLVE) - --no-deps --output-file constraints/mavproxy.txt
-	echo 'mavsdk<4 grpcio' | tr ' ' '\n' | $(RESOLVE) - --no-deps --output-file constraints/mavsdk-3.txt
+	printf 'mavsdk<4\ngrpcio\n' | $(RESOLVE) - --no-deps --output-file constraints/mavsdk-3.txt
 
 clean:
 	rm -rf .venv .cache build *.egg-info

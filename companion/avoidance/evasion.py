@@ -124,8 +124,11 @@ def least_sigmas(
 
 
 @compiled
-def _across(movers: Array, firsts: Array, motion: Motion, nominal: Push, agility: Agility, age: float) -> Place:
-    """The unit vector across the motion of the mover that comes nearest, as the vehicle sees it."""
+def _nearest(
+    movers: Array, firsts: Array, motion: Motion, nominal: Push, agility: Agility, age: float
+) -> tuple[float, Place]:
+    """The `least_sigmas` of the mover that soon comes nearest, and the unit vector across its motion as the vehicle
+    sees it."""
     least, nearest = math.inf, 0
     for k in range(movers.shape[0]):
         one = least_sigmas(movers[k : k + 1], firsts[k : k + 1], motion, nominal, agility, (age, age + _SOON_S))
@@ -133,7 +136,7 @@ def _across(movers: Array, firsts: Array, motion: Motion, nominal: Push, agility
             least, nearest = one, k
     n, e = movers[nearest, 2] - motion[2], movers[nearest, 3] - motion[3]
     size = max(math.sqrt(n * n + e * e), 1e-6)
-    return -e / size, n / size
+    return least, (-e / size, n / size)
 
 
 @compiled
@@ -177,9 +180,10 @@ def evade(
         north = motion[0] - movers[k, 0] - age * movers[k, 2]
         firsts[k] = math.hypot(north, motion[1] - movers[k, 1] - age * movers[k, 3])
     nominal = Push(command[0], command[1], _NOMINAL_S, False)
-    if least_sigmas(movers, firsts, motion, nominal, agility, (age, age + _SOON_S)) >= _SIGMAS:
+    least, aside = _nearest(movers, firsts, motion, nominal, agility, age)
+    if least >= _SIGMAS:
         return False, command[0], command[1]
-    wide, aside = keep_outs[0], _across(movers, firsts, motion, nominal, agility, age)
+    wide = keep_outs[0]
     here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
     size = math.sqrt(before[0] * before[0] + before[1] * before[1])
     aim = before if size > 0.0 else command

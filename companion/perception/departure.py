@@ -55,6 +55,7 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
     across_n, across_e = aside * (origin[1] - place[1]), aside * (place[0] - origin[0])
     around = round(2.0 * math.pi / abs(sight.step))  # sectors of a whole ring
     down = to_body(sight.attitude, (0.0, 0.0, 1.0))
+    over = _OVER_LOW_M if place[2] - sight.position[2] > _LOW_M else _LEVEL_M
     farthest, ends = 0.0, (0.0, 0.0)
     for side in (1.0, -1.0):
         offset = (
@@ -63,7 +64,6 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
             place[2] - sight.position[2],
         )
         x, y, z = to_body(sight.attitude, offset)
-        over = _OVER_LOW_M if offset[2] > _LOW_M else _LEVEL_M
         if not -_LEVEL_M * down[2] <= z <= over * down[2]:
             return False
         x, y = x - z / down[2] * down[0], y - z / down[2] * down[1]  # straight above or below, in the scan's plane

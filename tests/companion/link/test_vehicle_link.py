@@ -15,10 +15,12 @@ from companion.state import Announcement, FlightMode, Output, Scan, Severity
 from protocol.framing import Framer
 from protocol.messages import dialect
 from tests.companion.link.sender import (
+    ARDUPILOT,
     LONGEST_NS,
     MS,
     NOW,
     OWN_COMPONENT,
+    PX4,
     SECOND,
     SETTINGS,
     Sender,
@@ -71,6 +73,13 @@ def test_the_companion_takes_the_vehicles_system_unless_it_has_its_own() -> None
         link.outbox.say(Announcement(Severity.INFO, "here"))
         (frame,) = Framer().datagram(link.outbox.flush())
         assert (frame.system, frame.component) == (system, OWN_COMPONENT)
+
+
+def test_ardupilot_turns_slowly_about_its_yaw_axis() -> None:
+    for autopilot in (PX4, ARDUPILOT):
+        link, vehicle = found(autopilot=autopilot)
+        hear(link, vehicle.extended_state(dialect.MAV_LANDED_STATE_ON_GROUND))
+        assert link.motors.slow_yaw is (autopilot == ARDUPILOT)
 
 
 @pytest.mark.parametrize(("base", "state"), [(81, 4), (81 | 128, 4), (81 | 128, 5), (81, 6), (81, 3)])
