@@ -82,6 +82,9 @@ ArduCopter's 2 to 4, both with an integral."""
 SLOW_YAW_GAIN = 0.25 * _RATE_LOOPS[2]
 """1/s; the gain from the heading's error to a yaw rate above such a loop, at most: a quarter of the loop's own gain.
 With that there is no overshoot."""
+_TILT_KEPT = 0.95
+"""Share of the tilt's limit that is commanded where the rate loops are not known. PX4's loops, and what its estimator
+is wrong by, have tilted a vehicle by 1.2 of 45 degrees more."""
 
 
 def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
@@ -230,11 +233,12 @@ def _compiled_law(p: Any, error: TrackingError) -> Array:
 def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:
     """Limits of the commands."""
     tilt_rate, yaw_rate = math.radians(limits.roll_pitch_rate_deg), math.radians(limits.yaw_rate_deg)
+    loops_known = min(body.rate_loop_gain_1_s[:2]) > 0.0
     return {
         "rate_limit": (tilt_rate, tilt_rate, yaw_rate),
         "min_thrust_n": limits.lowest_thrust * body.max_thrust_n,
         "max_thrust_n": limits.highest_thrust * body.max_thrust_n,
         "full_thrust_n": body.max_thrust_n,
-        "max_tilt": limits.tilt,
+        "max_tilt": limits.tilt if loops_known else _TILT_KEPT * limits.tilt,
         "tilt_braking": math.radians(limits.tilt_braking_deg),
     }

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -11,6 +12,7 @@ from companion.runtime.files import load_body, load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
 from protocol.frames import conjugate, from_rotation_vector, multiply, rotate, to_rotation_vector
+from protocol.vehicle_parameters import VehicleParameters
 
 BODY = load_body("paper_quad")
 TICK_NS = 4_000_000
@@ -50,13 +52,13 @@ class Turning:
             self.attitude = multiply(self.attitude, from_rotation_vector(1e-3 * self.rates))
 
 
-def flown(output: Output, seed: int, start: Array, seconds: float = 6.0) -> Array:
+def flown(output: Output, seed: int, start: Array, believed: VehicleParameters = BODY) -> Array:
     """The tilt (rad) tick by tick from the attitude `start`, with accelerations that jump to any up to 20 m/s2."""
     rng = np.random.default_rng(seed)
-    controller = Controller(load_settings(None, []), BODY, output)
+    controller = Controller(load_settings(None, []), believed, output)
     vehicle, wanted, tilts = Turning(start, np.zeros(3)), np.zeros(3), []
     reference = Reference(np.zeros((6, 3)))
-    for tick in range(round(seconds * 250)):
+    for tick in range(1500):
         now = START_NS + tick * TICK_NS
         if rng.random() < 0.02:
             wanted = rng.uniform(-1.0, 1.0, 3) * np.array([20.0, 20.0, 8.0])
@@ -78,6 +80,16 @@ def test_the_tilt_keeps_its_limit_whatever_is_asked_for(output: Output, seed: in
     tilts = flown(output, seed, np.array([1.0, 0.0, 0.0, 0.0]))
     assert math.degrees(tilts.max()) < 45.0 + 3.0
     assert math.degrees(tilts.max()) > 35.0
+
+
+@pytest.mark.parametrize("output", Output)
+def test_a_vehicle_of_unknown_loops_is_commanded_less(output: Output) -> None:
+    """So that the limit is kept where the estimate of the tilt is wrong by two degrees."""
+    unknown = msgspec.structs.replace(BODY, rate_loop_gain_1_s=(0.0, 0.0, 0.0))
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    swing, known = (float(flown(output, 0, level, body).max()) for body in (unknown, BODY))
+    assert 0.01 < LIMIT - swing < 0.1
+    assert known - swing == pytest.approx(0.05 * LIMIT, abs=0.01)
 
 
 @pytest.mark.parametrize("degrees", [60.0, 100.0, 170.0])
