@@ -82,9 +82,9 @@ ArduCopter's 2 to 4, both with an integral."""
 SLOW_YAW_GAIN = 0.25 * _RATE_LOOPS[2]
 """1/s; the gain from the heading's error to a yaw rate above such a loop, at most: a quarter of the loop's own gain.
 With that there is no overshoot."""
-_TILT_KEPT = 0.95
+_TILT_KEPT = 0.92
 """Share of the tilt's limit that is commanded where the rate loops are not known. PX4's loops, and what its estimator
-is wrong by, have tilted a vehicle by 1.2 of 45 degrees more."""
+is wrong by, have tilted a vehicle by 2.6 degrees more."""
 
 
 def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
