@@ -249,7 +249,8 @@ def _seconds(time_ns: int | None) -> float | None:
 
 def outcome(kill: Kill, ended: dict[str, object] | None, words: str | None) -> str:
     """What the vehicle came to, by its own last word and the companion's."""
-    if kill.process == VEHICLE and (ended is None or ended["outcome"] == "stopped"):
+    killed = kill.process == VEHICLE and SIGNALS[kill.signal] is not signal.SIGSTOP
+    if killed and (ended is None or ended["outcome"] == "stopped"):
         return "gone"
     if ended is None:
         return "not ended"

@@ -108,6 +108,12 @@ def test_what_the_vehicle_came_to(
     assert outcome(Kill(process, "SIGKILL", 1, ""), ended, words) == expected
 
 
+def test_a_vehicle_that_stands_still_before_its_take_off_stays_on_the_ground() -> None:
+    never_flew: dict[str, object] = {"outcome": "stopped", "contacts": 0, "flight_time_s": 0.0}
+    assert outcome(Kill(VEHICLE, "SIGSTOP 3 s", 1, ""), never_flew, "telemetry lost") == STAYED
+    assert outcome(Kill(VEHICLE, "SIGTERM", 1, ""), never_flew, "telemetry lost") == "gone"
+
+
 def test_what_a_log_lacks_counts_from_the_first_that_is_missing_to_the_signal() -> None:
     sent = [(1_000_000_000, b"a"), (1_500_000_000, b"b"), (1_800_000_000, b"c"), (2_500_000_000, b"d")]
     assert missing(sent, {b"a", b"c"}, 2_000_000_000) == pytest.approx(0.5)
