@@ -228,7 +228,7 @@ def decoding(folder: Path, ticks: list[Tick]) -> dict[str, float]:
 def flown(folder: Path, pace: str) -> dict[str, float]:
     """The courier's flight: its log beside the telemetry log of the same traffic, and flown again."""
     command = [sys.executable, "-m", "companion", "demo", "courier", "--no-report", "--pace", pace]
-    subprocess.run([*command, "--log", str(folder)], check=True, capture_output=True)
+    subprocess.run([*command, "--sensors", "perfect", "--log", str(folder)], check=True, capture_output=True)
     (log,) = folder.glob("*/flight.mcap")
     from_flight_log(LogReader(log), folder / "same.tlog")
     again = sorted(replayed(log) for _ in range(REPLAYS))

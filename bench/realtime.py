@@ -28,6 +28,8 @@ def fly(mission: str, logs: str) -> dict[str, Any]:
         "companion",
         "demo",
         mission,
+        "--sensors",
+        "perfect",
         "--no-report",
         "--pace",
         "realtime",

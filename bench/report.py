@@ -90,7 +90,8 @@ def opening(report: Path, times: int) -> dict[str, float]:
 
 def fly(folder: Path) -> Path:
     """The log of the courier's mission, flown in lockstep."""
-    command = [sys.executable, "-m", "companion", "demo", "courier", "--no-report", "--log", str(folder)]
+    command = [sys.executable, "-m", "companion", "demo", "courier", "--sensors", "perfect", "--no-report"]
+    command += ["--log", str(folder)]
     subprocess.run(command, check=True, capture_output=True)
     (log,) = folder.glob("*/flight.mcap")
     return log

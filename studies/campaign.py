@@ -35,7 +35,7 @@ from studies.faults.catalogue import FAULTS
 from studies.faults.injector import Injector
 from studies.joined import Joined
 from studies.worlds import HULL, Site, shortest
-from vehicle_sim.airframe import Airframe
+from vehicle_sim.airframe import PERFECT, Airframe
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
 
@@ -442,7 +442,8 @@ def command(job: Job, site: Site) -> list[str]:
     if job.setup.mission is not None or job.setup.vehicle is not None:
         mission = job.setup.mission or mission
         changes += tuple(f"mission.{each}" for each in job.mission_overrides(Path(f"{site.name}.toml")))
-    return ["companion", "demo", mission, "--seed", str(job.seed), *(f"--set '{each}'" for each in changes)]
+    options = "--sensors", PERFECT, "--seed", str(job.seed)
+    return ["companion", "demo", mission, *options, *(f"--set '{each}'" for each in changes)]
 
 
 # --- many ---

@@ -109,7 +109,8 @@ def lidar_overrides(field_of_view_deg: float = FIELD_OF_VIEW_DEG) -> tuple[str, 
 def command(c: float, yaw_weight: float) -> str:
     """The command for the same flight in two processes."""
     changes = (*overrides(c, yaw_weight), *(f"vehicle.{each}" for each in lidar_overrides()))
-    return " ".join(("companion demo", MISSION, "--output actuators", *(f"--set '{each}'" for each in changes)))
+    options = "--output actuators --sensors perfect"
+    return " ".join(("companion demo", MISSION, options, *(f"--set '{each}'" for each in changes)))
 
 
 def fly(

@@ -105,8 +105,8 @@ class TelemetrySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 class EstimatorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The `[estimator]` table."""
 
-    sensors: str = PERFECT
-    """perfect (it knows the truth), or a file: a name in vehicles/sensors/, or a path."""
+    sensors: str | None = None
+    """perfect (it knows the truth), or a file: a name in vehicles/sensors/, or a path. None: what loads it chooses."""
 
 
 class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -153,11 +153,11 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def sensors(self) -> SensorSettings | None:
         """What its estimator flies on; None is the truth. Raises TomlFileError."""
         name = self.estimator.sensors
-        return None if name == PERFECT else load(find("vehicles/sensors", name), SensorSettings)
+        return None if name in (None, PERFECT) else load(find("vehicles/sensors", name), SensorSettings)
 
     @classmethod
-    def load(cls, path: Path, overrides: Sequence[str] = ()) -> "Airframe":
-        """Read a vehicle file, with overrides as "body.mass_kg=0.9".
+    def load(cls, path: Path, overrides: Sequence[str] = (), sensors: str = PERFECT) -> "Airframe":
+        """Read a vehicle file, with overrides as "body.mass_kg=0.9"; `sensors` are those of a file that names none.
 
         Raises TomlFileError, naming file and key, also for a vehicle that can't lift its parcel.
         """
@@ -166,6 +166,8 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise TomlFileError(
                 f"{path}: body.rotor_max_thrust_n: four of them can't lift {airframe.takeoff_mass_kg:g} kg"
             )
+        if airframe.estimator.sensors is None:
+            airframe = msgspec.structs.replace(airframe, estimator=EstimatorSettings(sensors))
         airframe.sensors()
         if airframe.battery.empty_v >= airframe.battery.full_v:
             raise TomlFileError(f"{path}: battery.empty_v: not below battery.full_v")

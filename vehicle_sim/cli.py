@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
+SENSORS = "gnss"
+"""Of a vehicle whose file names none."""
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -29,6 +32,14 @@ class Options:
 
     world: Annotated[str, typer.Option(help="A world: a name in worlds/, or a file.")] = "neighbourhood"
     vehicle: Annotated[str, typer.Option(help="A vehicle: a name in vehicles/, or a file.")] = "paper_quad"
+    sensors: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What it flies on and tells: gnss, rtk or vio (a name in vehicles/sensors/, or a file), or perfect: "
+            "the truth. gnss where the vehicle's file names none.",
+        ),
+    ] = None
     bind: Annotated[
         list[str] | None,
         typer.Option(
@@ -164,7 +175,8 @@ def _load(options: Options) -> "tuple[Airframe, World]":
                 f"--set world.{change}: that is a label; the world is chosen by --world (companion demo: --set "
                 "mission.world=NAME)"
             )
-    airframe = Airframe.load(find("vehicles", options.vehicle), changes["vehicle"])
+    chosen = [] if options.sensors is None else [f"estimator.sensors={json.dumps(options.sensors)}"]
+    airframe = Airframe.load(find("vehicles", options.vehicle), [*chosen, *changes["vehicle"]], SENSORS)
     return airframe, World.load(find("worlds", options.world), changes["world"])
 
 

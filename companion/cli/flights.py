@@ -125,6 +125,15 @@ class DemoOptions:
         ),
     ] = None
     avoid: MethodName = None
+    sensors: Annotated[
+        str | None,
+        typer.Option(
+            "--sensors",
+            help="What the vehicle flies on: gnss, rtk, vio, perfect (it knows the truth), or a file. gnss where the "
+            "vehicle's file names none.",
+            metavar="NAME",
+        ),
+    ] = None
     seed: Annotated[int, typer.Option(help="Of the simulator's noise.", min=0)] = 1
     log: LogFolder = Path("logs")
     settings: SettingsFile = None
@@ -364,6 +373,8 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     overrides = list(asked.overrides or ())
     if isinstance(asked, FlyOptions):
         overrides += pinned(asked.vehicle)
+    elif asked.sensors is not None:
+        overrides.insert(0, f"vehicle.estimator.sensors={json.dumps(asked.sensors)}")
     if asked.avoid is not None:  # the last word
         overrides.append(f"avoidance.method={json.dumps(asked.avoid)}")
     changes = toml_files.by_first_word(overrides, ("mission", *SIMULATOR_FILES))

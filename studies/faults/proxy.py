@@ -140,7 +140,7 @@ def fly(
         proxy = Proxy(between, port)
         vehicle = Console(
             "vehicle_sim", "--once", "--bind", f"udpout:127.0.0.1:{proxy.port}", "--world", world, "--seed", str(seed),
-            "--truth", str(folder / "truth.npy"), "--param", "NAV_DLL_ACT=3",
+            "--sensors", "perfect", "--truth", str(folder / "truth.npy"), "--param", "NAV_DLL_ACT=3",
         )  # fmt: skip
         proxy.carry(companion, vehicle, 300.0, watch)
         return companion, vehicle

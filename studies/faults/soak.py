@@ -139,6 +139,7 @@ def fly(soak: Soak) -> Row:
         mission.write_text(patrol(soak.duration_s))
         command = [sys.executable, "-m", "companion", "demo", str(mission), "--pace", soak.pace, "--log", folder]
         command += ["--set", f"vehicle.battery.capacity_wh={_LEAST_BATTERY_WH}", "--no-report", "--json"]
+        command += ["--sensors", "perfect"]
         began = time.monotonic()
         companion = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
         try:

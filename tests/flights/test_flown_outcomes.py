@@ -44,7 +44,7 @@ def test_everybody_says_what_happened(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "250")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    options = [part for change in changes for part in ("--set", change)]
+    options = ["--sensors", "perfect", *(part for change in changes for part in ("--set", change))]
     done = run("companion", "demo", mission, "--no-report", "--log", str(tmp_path / "logs"), *options)
     (log,) = (tmp_path / "logs").rglob("flight.mcap")
     verdict = info(log).verdict

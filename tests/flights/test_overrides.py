@@ -23,6 +23,7 @@ AIRFRAME = Airframe.load(find("vehicles", "paper_quad"))
 def test_a_vehicle_other_than_the_companion_thinks(tmp_path: Path) -> None:
     """It is heavier and sees itself late; the log says so, and the truth beside it has the rotors of that weight."""
     given = [
+        'vehicle.estimator.sensors="perfect"',
         "vehicle.body.mass_kg=1.35",
         "vehicle.telemetry.delay_s=0.012",
         "mission.takeoff_height=3",

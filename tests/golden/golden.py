@@ -13,8 +13,8 @@ from protocol.flightlog import DATAGRAM, LogReader
 
 FOLDER = Path(__file__).resolve().parent
 FLIGHTS = {
-    "rates_lockstep": ("--output", "rates"),
-    "attitude_realtime": ("--output", "attitude", "--pace", "realtime"),
+    "rates_lockstep": ("--output", "rates", "--sensors", "perfect"),
+    "attitude_realtime": ("--output", "attitude", "--pace", "realtime", "--sensors", "perfect"),
 }
 """By name, the options of `companion demo`."""
 _EVENTS = (DATAGRAM.topic, TICK.topic, OPERATION.topic, LEGACY_REQUEST.topic, PLANNED.topic)

@@ -47,7 +47,7 @@ def test_joined_is_the_same_flight_as_two_processes_over_udp(tmp_path: Path) -> 
     site = worlds.pop_up(4)
     _, mission_file = site.save(tmp_path, speed=3.0)
     done = run("companion", "demo", str(mission_file), "--seed", "4", "--log", str(tmp_path / "logs"), "--no-report",
-               "--set", 'avoidance.method="paper"')  # fmt: skip
+               "--sensors", "perfect", "--set", 'avoidance.method="paper"')  # fmt: skip
     (log,) = (tmp_path / "logs").rglob("flight.mcap")
     mission = site.mission(3.0, tmp_path / f"{site.name}.toml")
     joined = Joined(mission, overrides=('avoidance.method="paper"',), seed=4)
