@@ -140,6 +140,8 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """Which, to stand behind a sentence; empty if it does not say."""
     emergency: str = ""
     """What the vehicle said of an emergency since arming; empty if nothing."""
+    position_lost: bool = False
+    """Its estimator had a position, and says that it has none now."""
 
 
 class LinkDelay(msgspec.Struct, frozen=True, gc=False):

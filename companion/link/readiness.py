@@ -42,6 +42,7 @@ class Readiness:
         self._asked_output = output
         self._firmware: Firmware | None = None
         self._estimator: int | None = None
+        self._had_position = False
         self._complaint = 0, ""
         """When the vehicle warned of something last (ns), and the text."""
         self._failed_check = 0, ""
@@ -83,6 +84,7 @@ class Readiness:
     def on_estimator(self, message: Any, now_ns: int) -> None:
         """EKF_STATUS_REPORT (193) or ESTIMATOR_STATUS (230)."""
         self._estimator = message.flags
+        self._had_position |= self._has_position
 
     def on_statustext(self, message: Any, now_ns: int) -> Announcement:
         """STATUSTEXT (253)."""
@@ -146,9 +148,21 @@ class Readiness:
         stands = not self.prearm_ok and now_ns - self._failed_check[0] < _REASON_NS
         return self._failed_check[1] if stands else self.complaint(now_ns)
 
+    @property
+    def position_lost(self) -> bool:
+        """The vehicle's estimator had a position, and says that it has none now. PX4 goes on to send
+        LOCAL_POSITION_NED then."""
+        return self._had_position and not self._has_position
+
+    @property
+    def _has_position(self) -> bool:
+        if self._estimator is None or self._firmware is None:
+            return False
+        return bool(self._estimator & self._firmware.position_flags)
+
     def _estimator_lacks(self, now_ns: int) -> str | None:
         """None once the estimator has a position, or if it does not report."""
-        if self._estimator is None or self._firmware is None or self._estimator & self._firmware.position_flags:
+        if self._estimator is None or self._firmware is None or self._has_position:
             return None
         lacking = [name for flag, name in _FLAGS.items() if not self._estimator & flag]
         return f"the vehicle's estimator has no {', '.join(lacking)} yet{self.failed_check(now_ns)}"

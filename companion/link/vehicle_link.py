@@ -311,6 +311,7 @@ class VehicleLink:
             prearm_ok=self.readiness.prearm_ok,
             failed_check=self.readiness.failed_check(now_ns) if before_flight else "",
             emergency=self.readiness.emergency,
+            position_lost=self.readiness.position_lost,
         )
 
     # -- requests in, to the outbox ------------------------------------------------------------------------------------

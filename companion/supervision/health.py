@@ -77,6 +77,8 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """It is in the air, as it says."""
     overdue: float
     """By how much the present step of the mission takes longer than it may (s), else 0."""
+    position_lost: bool = False
+    """The vehicle's estimator says so, whatever position it goes on to tell."""
     refusal: str | None = None
     """Why this vehicle is not flown, whatever one waits for."""
     plight: Plight = UNHARMED
@@ -135,6 +137,7 @@ def health(
         landed_for=link.word.landed_for,
         airborne=link.word.airborne,
         overdue=mission.overdue if state is State.FLY else 0.0,
+        position_lost=link.position_lost,
         refusal=link.refusal or _of_fence(mission),
         plight=Plight(
             risen=own.airborne,

@@ -97,6 +97,14 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         OWN,
+        lambda h, s, t: h.position_lost,
+        State.LAND,
+        CRITICAL,
+        "the vehicle's estimator has lost its position: landing",
+        ends=Outcome.LANDED_EARLY,
+    ),
+    row(
+        OWN,
         lambda h, s, t: h.unsound_output is not None,
         State.WITHDRAW,
         CRITICAL,

@@ -64,7 +64,8 @@ class Supervisor:
         self._seconds = seconds = (now_ns - self._since_ns) * 1e-9
         self.flew = self.flew or self.state in FLYING
         if self._hands_over:
-            self._hands_over = not any(row.condition(health, self._settings, seconds) for row in _LOSSES)
+            losses = any(row.condition(health, self._settings, seconds) for row in _LOSSES)
+            self._hands_over = not (losses or health.position_lost)
         row = next((row for row in _ROWS_OF[self.state] if row.condition(health, self._settings, seconds)), None)
         if row is not None and row.ends is not None:
             self._ends(row.ends, (row.cause or row.text).format(health=health, settings=self._settings))
@@ -74,7 +75,7 @@ class Supervisor:
             )
         if row is None:
             return None
-        self._hands_over = self.state in OWN and row.to is State.LAND
+        self._hands_over = self.state in OWN and row.to is State.LAND and not health.position_lost
         self.state = row.to
         self._since_ns = now_ns
         self._seconds = 0.0
@@ -106,7 +107,7 @@ class Supervisor:
     @property
     def streams(self) -> bool:
         """Setpoints are sent. At rest they go on in a landing until the vehicle is in its landing mode: a vehicle that
-        has not heard of it would hold the last setpoint."""
+        has not heard of it would hold the last setpoint. There is no rest without a position."""
         return self.state in STREAMING or self._hands_over
 
     def failed(self, text: str) -> None:

@@ -121,10 +121,13 @@ def test_sys_status_names_the_sensor_that_is_off(unit: int, bit: int) -> None:
 
 
 def test_without_fixes_the_position_is_lost_and_the_vehicle_descends() -> None:
-    """After EKF2_NOAID_TOUT; then nothing is said of the position, and no mode that needs it is entered."""
+    """After EKF2_NOAID_TOUT; then nothing is said of the place on earth, and no mode that needs it is entered. The
+    local position goes on, as with PX4; the estimator's status tells."""
     pilot = aloft(sensors=True)
     position = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
     pilot.interval(position, 20_000)
+    pilot.interval(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 100_000)
+    pilot.interval(mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, 1_000_000)
     pilot.command(INJECT, GPS, OFF)
     began = pilot.time_s
     assert pilot.fly(8.0, until=lambda: mode_of(pilot) is Mode.DESCEND)
@@ -133,7 +136,8 @@ def test_without_fixes_the_position_is_lost_and_the_vehicle_descends() -> None:
     assert pilot.set_mode(HOLD) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
     since = pilot.time_s
     assert pilot.fly(15.0, until=lambda: not pilot.vehicle.flight.armed)
-    assert not pilot.all("LOCAL_POSITION_NED", since)
+    assert not pilot.all("GLOBAL_POSITION_INT", since) and len(pilot.all("LOCAL_POSITION_NED", since)) > 100
+    assert not pilot.last("ESTIMATOR_STATUS").flags & mavlink.ESTIMATOR_POS_HORIZ_REL
     assert pilot.vehicle.flight.crash is None and pilot.vehicle.flight.landed
     assert pilot.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) != ACCEPTED
     assert "Arming denied: Navigation error: No valid position estimate" in "".join(pilot.texts)

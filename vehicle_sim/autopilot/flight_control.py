@@ -143,7 +143,7 @@ class FlightControl:
     def missing(self, mode: Mode) -> str | None:
         """What a mode flies by and is not there, or None."""
         lost = self.watch.navigation_problem(mode)
-        if lost is not None:
+        if lost is not None and mode is not Mode.LAND:  # which becomes a descent, as with PX4
             return lost
         if mode.flies is Flies.SETPOINTS:
             return self.setpoints.problem(self.motion.time_ns)

@@ -50,9 +50,7 @@ class StateMessages:
         return self._encode(dialect.MAVLink_attitude_message, now.estimate_ms, *m.roll_pitch, m.yaw, *m.rates_frd)
 
     def local_position_ned(self, now: Snapshot) -> bytes:
-        """Nothing while the position is lost, as PX4."""
-        if self._estimator.position_lost:
-            return NOTHING
+        """While the position is lost, too, as PX4: ESTIMATOR_STATUS tells."""
         m = now.estimate
         return self._encode(
             dialect.MAVLink_local_position_ned_message, now.estimate_ms, *m.position_ned, *m.velocity_ned

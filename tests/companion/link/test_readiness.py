@@ -153,3 +153,13 @@ def test_own_heartbeats_say_whether_it_flies() -> None:
         states.append([each.system_status for each in beats])
     standby, flying = dialect.MAV_STATE_STANDBY, dialect.MAV_STATE_ACTIVE
     assert states == [[standby], [], [flying], [], [flying]], "once a second, and at once when it changes"
+
+
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_a_position_that_the_estimator_had_and_has_no_more_is_lost(autopilot: int) -> None:
+    """What never was can't be lost; what comes back is no fault any more."""
+    link, vehicle = found(autopilot=autopilot)
+    good, bad = dialect.ESTIMATOR_ATTITUDE | dialect.ESTIMATOR_POS_HORIZ_ABS, dialect.ESTIMATOR_ATTITUDE
+    for flags, lost in ((bad, False), (good, False), (bad, True), (good, False)):
+        hear(link, vehicle(dialect.MAVLink_estimator_status_message, 0, flags, *[0.1] * 8))
+        assert link.report(NOW, None, before_flight=False).position_lost is lost

@@ -107,6 +107,7 @@ FAULTS = {
     "disarmed": (replace(WELL, armed=False), State.ENDED),
     "overdue": (replace(WELL, overdue=1.0), State.LAND),
     "battery empty": (replace(WELL, limits=EMPTY), State.LAND),
+    "position lost": (replace(WELL, position_lost=True), State.LAND),
 }
 
 
@@ -124,6 +125,7 @@ def test_each_fault_has_its_answer_and_is_said(fault: str) -> None:
     sorted(
         set(FAULTS)
         - {"silence", "disarmed", "pilot", "the vehicle itself", "gap", "request", "overdue", "battery empty"}
+        - {"position lost"}
     ),
 )
 def test_a_lasting_fault_becomes_a_landing(fault: str) -> None:
@@ -391,6 +393,7 @@ def test_setpoints_go_on_until_the_vehicle_has_taken_the_landing_up() -> None:
         {"failsafe": True},
         {"overrun": 2.0},
         {"armed": False},
+        {"position_lost": True},
     ],
     ids=lambda trouble: next(iter(trouble)),
 )
@@ -400,6 +403,12 @@ def test_what_would_take_the_vehicle_out_of_our_hands_ends_the_setpoints_of_a_la
     assert not supervisor.streams
     settle(supervisor, WELL, now, 1.0)
     assert state_of(supervisor) is State.LAND and not supervisor.streams
+
+
+def test_a_landing_without_a_position_sends_no_setpoints() -> None:
+    supervisor, now = flying()
+    supervisor.update(replace(WELL, position_lost=True), now)
+    assert supervisor.state is State.LAND and not supervisor.streams
 
 
 def test_a_landing_after_withdrawing_sends_no_setpoints() -> None:
