@@ -10,6 +10,7 @@ from companion.state import Output
 from companion.supervision.states import State
 from protocol.arrays import Array
 from studies.joined import Joined
+from vehicle_sim.physics.battery import battery_state
 
 AGILE = (
     "limits.tilt_deg=85.0",
@@ -21,6 +22,8 @@ AGILE = (
     'avoidance.method="none"',
 )
 """Limits beyond the vehicle's own."""
+_HALF_TICK_S = 0.002
+"""From a state to the middle of the tick that its command is held over, which the reference is meant for."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Flight:
     vehicle_overrides: tuple[str, ...] = ()
     world_overrides: tuple[str, ...] = ()
     height: float = 20.0
+    seed: int = 1
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,10 @@ class Tracked:
     rmse_m: float
     """NaN where the flight failed."""
     peak_m: float
+    told_rmse_m: float
+    """By where the vehicle believes that it is."""
+    voltage_share: float
+    """The battery's least voltage, of its full one."""
     limited: float
     """Share of the control steps at which a limit on thrust or tilt was reached."""
     fault: str | None
@@ -59,25 +67,34 @@ def fly(flight: Flight) -> Tracked:
         mission,
         flight.output,
         (*AGILE, *flight.overrides),
+        seed=flight.seed,
         vehicle_overrides=flight.vehicle_overrides,
         world_overrides=flight.world_overrides,
     )
-    began: list[int] = []
+    voltages: list[float] = []
+    airframe = joined.vehicle.airframe
 
     def over(joined: Joined) -> bool:
         on_track = joined.autopilot.navigator.phase is Phase.TRACK and joined.autopilot.supervisor.state is State.FLY
-        if on_track and not began:
-            began.append(joined.vehicle.tick)
-        return bool(began) and not on_track
+        if on_track:
+            voltages.append(battery_state(airframe, joined.vehicle.motion).volts)
+        return bool(voltages) and not on_track
 
     joined.fly(until=over, limit_s=200.0)
     fault = joined.autopilot.supervisor.fault or joined.vehicle.flight.crash
     trace, error = joined.trace()[:-1], joined.tracking_error()
     chosen = (trace["phase"] == Phase.TRACK.value) & (trace["state"] == State.FLY.value)
-    error, limited = error[chosen][250:], trace["limited"][chosen][250:]
+    error, track = error[chosen][250:], trace[chosen][250:]
     if fault is not None or not len(error):
-        return Tracked(np.nan, np.nan, np.nan, fault or "it never came to the shape", np.empty(0), np.empty((0, 3)))
-    size = np.linalg.norm(error, axis=1)
-    rmse = float(np.sqrt((size**2).mean()))
+        lost = fault or "it never came to the shape"
+        return Tracked(np.nan, np.nan, np.nan, np.nan, np.nan, lost, np.empty(0), np.empty((0, 3)))
+    told = track["position_ned"] + _HALF_TICK_S * track["velocity_ned"] - track["reference_position_ned"]
     time = 1.0 + 0.004 * np.arange(len(error), dtype=np.float64)
-    return Tracked(rmse, float(size.max()), float(limited.mean()), None, time, error)
+    peak, limited = float(np.linalg.norm(error, axis=1).max()), float(track["limited"].mean())
+    voltage = min(voltages) / airframe.battery.full_v
+    return Tracked(_rms(error), peak, _rms(told), voltage, limited, None, time, error)
+
+
+def _rms(errors: Array) -> float:
+    """The root of the mean square of vectors (n, 3)."""
+    return float(np.sqrt((errors**2).sum(axis=1).mean()))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 SENSORS = "gnss"
-"""Of a vehicle whose file names none."""
+"""The sensors of a vehicle whose file names none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -143,8 +143,7 @@ class VehicleLink:
                     reports += (self._complain(Severity.WARNING, text) for text in said)
                 continue
             count(message_id, now_ns)
-            handling = handlers.get(message_id)
-            if handling is None:
+            if (handling := handlers.get(message_id)) is None:
                 continue
             decoder, handler = handling
             message = decoder(frame)

@@ -32,6 +32,8 @@ class Plight(msgspec.Struct, frozen=True, gc=False):
     """What the vehicle said of an emergency; empty if nothing."""
     crash: str = ""
     """How it crashed, as it says; empty if it did not."""
+    position_lost: bool = False
+    """Its estimator says so, whatever position it goes on to tell."""
 
     @property
     def stuck(self) -> str:
@@ -77,8 +79,6 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     """It is in the air, as it says."""
     overdue: float
     """By how much the present step of the mission takes longer than it may (s), else 0."""
-    position_lost: bool = False
-    """The vehicle's estimator says so, whatever position it goes on to tell."""
     refusal: str | None = None
     """Why this vehicle is not flown, whatever one waits for."""
     plight: Plight = UNHARMED
@@ -137,7 +137,6 @@ def health(
         landed_for=link.word.landed_for,
         airborne=link.word.airborne,
         overdue=mission.overdue if state is State.FLY else 0.0,
-        position_lost=link.position_lost,
         refusal=link.refusal or _of_fence(mission),
         plight=Plight(
             risen=own.airborne,
@@ -146,6 +145,7 @@ def health(
             reason=link.complaint,
             emergency=link.emergency,
             crash=crash_words(link.emergency, fallen=link.status.emergency and not link.status.armed),
+            position_lost=link.position_lost,
         ),
         watched=watched,
         limits=limits,

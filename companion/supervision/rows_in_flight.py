@@ -97,7 +97,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         OWN,
-        lambda h, s, t: h.position_lost,
+        lambda h, s, t: h.plight.position_lost,
         State.LAND,
         CRITICAL,
         "the vehicle's estimator has lost its position: landing",

@@ -65,7 +65,7 @@ class Supervisor:
         self.flew = self.flew or self.state in FLYING
         if self._hands_over:
             losses = any(row.condition(health, self._settings, seconds) for row in _LOSSES)
-            self._hands_over = not (losses or health.position_lost)
+            self._hands_over = not (losses or health.plight.position_lost)
         row = next((row for row in _ROWS_OF[self.state] if row.condition(health, self._settings, seconds)), None)
         if row is not None and row.ends is not None:
             self._ends(row.ends, (row.cause or row.text).format(health=health, settings=self._settings))
@@ -75,7 +75,7 @@ class Supervisor:
             )
         if row is None:
             return None
-        self._hands_over = self.state in OWN and row.to is State.LAND and not health.position_lost
+        self._hands_over = self.state in OWN and row.to is State.LAND and not health.plight.position_lost
         self.state = row.to
         self._since_ns = now_ns
         self._seconds = 0.0

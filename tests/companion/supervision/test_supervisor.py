@@ -43,6 +43,7 @@ WELL = Health(
 )
 LOW = LimitsVerdict(BatteryVerdict(BatteryLevel.RETURN, "battery at 14 %"), returns=True)
 EMPTY = LimitsVerdict(BatteryVerdict(BatteryLevel.LAND, "battery at 6 %"))
+ADRIFT = Plight(position_lost=True)
 IDLE = replace(WELL, armed=False, mode=FlightMode.HOLD)
 ENGAGED = replace(WELL, armed=False)
 
@@ -107,7 +108,7 @@ FAULTS = {
     "disarmed": (replace(WELL, armed=False), State.ENDED),
     "overdue": (replace(WELL, overdue=1.0), State.LAND),
     "battery empty": (replace(WELL, limits=EMPTY), State.LAND),
-    "position lost": (replace(WELL, position_lost=True), State.LAND),
+    "position lost": (replace(WELL, plight=ADRIFT), State.LAND),
 }
 
 
@@ -393,7 +394,7 @@ def test_setpoints_go_on_until_the_vehicle_has_taken_the_landing_up() -> None:
         {"failsafe": True},
         {"overrun": 2.0},
         {"armed": False},
-        {"position_lost": True},
+        {"plight": ADRIFT},
     ],
     ids=lambda trouble: next(iter(trouble)),
 )
@@ -407,7 +408,7 @@ def test_what_would_take_the_vehicle_out_of_our_hands_ends_the_setpoints_of_a_la
 
 def test_a_landing_without_a_position_sends_no_setpoints() -> None:
     supervisor, now = flying()
-    supervisor.update(replace(WELL, position_lost=True), now)
+    supervisor.update(replace(WELL, plight=ADRIFT), now)
     assert supervisor.state is State.LAND and not supervisor.streams
 
 

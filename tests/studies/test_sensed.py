@@ -1,0 +1,30 @@
+"""The study of tracking on sensors: what its figures are made of, and some of its flights."""
+
+import numpy as np
+import pytest
+
+from studies.sensed import BESIDE_M, FLOORS_M, WRONG_M, estimator_m, plan, sag, wrong
+from studies.tracks import Tracked, fly
+
+
+def test_what_the_estimator_errs_by_is_what_is_left_of_the_true_error() -> None:
+    tracked = Tracked(0.5, 0.6, 0.3, 0.9, 0.0, None, np.empty(0), np.empty((0, 3)))
+    assert estimator_m(tracked) == pytest.approx(0.4)
+    assert sag(tracked) == pytest.approx(0.19)
+
+
+def test_on_a_corrected_receiver_the_vehicle_keeps_to_centimetres() -> None:
+    tracked = fly(plan("default", "circle", 4.0, "rtk", 1))
+    assert tracked.fault is None and tracked.told_rmse_m < tracked.rmse_m < FLOORS_M["rtk", 4.0]
+    other = fly(plan("the paper's laws", "circle", 4.0, "rtk", 1))
+    assert other.told_rmse_m > 3.0 * tracked.told_rmse_m
+
+
+def test_on_a_receiver_it_errs_as_its_estimator_does() -> None:
+    tracked = fly(plan("default", "lemniscate", 8.0, "gnss", 2))
+    assert tracked.fault is None and tracked.rmse_m - estimator_m(tracked) < BESIDE_M
+
+
+def test_all_at_once() -> None:
+    tracked = fly(wrong("to the right", "+30 %", 1))
+    assert tracked.fault is None and tracked.told_rmse_m < WRONG_M and sag(tracked) > 0.15
