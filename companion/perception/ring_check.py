@@ -1,8 +1,10 @@
 """Whether a ring can be what stands around the vehicle: against the ring before it, and against the vehicle's way.
 
 A ring that repeats to the last digit while the vehicle moves past what it shows is frozen. Where things look the same
-from both places (between walls, in the open), equal rings may be true. A ring whose returns stand nowhere near those of
-the ring before is incoherent; one such may be new surroundings, several in a row are noise.
+from both places (between walls, in the open), equal rings may be true. Those of a sensor with noise never are: where
+each ring was another one although the vehicle stood still, a few that repeat are frozen wherever it is. A ring whose
+returns stand nowhere near those of the ring before is incoherent; one such may be new surroundings, several in a row
+are noise.
 """
 
 import math
@@ -16,6 +18,12 @@ _MOVED_M, _TURNED = 0.2, 0.05
 """A ring is expected to change on a way of m, or a turn of rad,"""
 _CHANGED_M, _CHANGED_SHARE = 0.08, 0.3
 """if so much of it would stand elsewhere by so many m."""
+_STILL_M, _STILL = 0.02, 0.01
+"""A vehicle that moved by less (m) and turned by less (rad) stood still from ring to ring."""
+_NOISY = 15
+"""So many rings in a row that differ at rest are those of a sensor with noise."""
+_MOST_REPEATS = 2
+"""How often a ring of a sensor with noise may come again."""
 _JOINED_M = 2.0
 """Neighbouring returns no farther apart are one surface."""
 _FEWEST = 12
@@ -40,17 +48,26 @@ class RingCheck:
         """The first of the latest rings that are equal, with its returns (n, 3) in the world and its arrival."""
         self._frozen = False
         self._incoherent = 0
+        self._noisy = self._repeats = 0
+        """Rings in a row that differed at rest, up to _NOISY, and those that are equal to the first."""
 
     def believes(self, scan: Scan, pose: Pose, now_ns: int) -> bool:
         """Whether the ring, taken at a pose, counts as one."""
         points = obstacle_points(scan, *pose, self.ground_down)
         first = self._first
         if first is not None and _same(scan, first[0]):
-            if not self._frozen and _is_elsewhere(pose, first[2]):
+            self._repeats += 1
+            self._listen(pose, first[2], changed=False)
+            if self._noisy == _NOISY and self._repeats > _MOST_REPEATS and len(points) >= _FEWEST:
+                self._frozen = True
+            elif not self._frozen and _is_elsewhere(pose, first[2]):
                 self._frozen = _must_have_changed(points, first[1])
                 self.sure_ns = first[3]
                 self._first = (scan, points, pose, now_ns)
         else:
+            if first is not None:
+                self._listen(pose, first[2], changed=True)
+            self._repeats = 0
             coherent = first is None or _coherent(points, first[1], pose[0])
             self._incoherent = 0 if coherent else self._incoherent + 1
             self._first, self._frozen = (scan, points, pose, now_ns), False
@@ -60,6 +77,11 @@ class RingCheck:
         elif not self._incoherent:
             self.sure_ns = now_ns
         return believed
+
+    def _listen(self, pose: Pose, since: Pose, *, changed: bool) -> None:
+        """Find out whether the sensor has noise, from rings at rest. Once it has, it goes on to have it."""
+        if self._noisy < _NOISY and not _is_elsewhere(pose, since, _STILL_M, _STILL):
+            self._noisy = self._noisy + 1 if changed else 0
 
 
 def _same(one: Scan, other: Scan) -> bool:
@@ -76,16 +98,16 @@ def _equal(one: tuple[Array, BoolArray, BoolArray], other: tuple[Array, BoolArra
     return True
 
 
-def _is_elsewhere(pose: Pose, since: Pose) -> bool:
-    turned = 2.0 * math.acos(min(abs(float(pose[1] @ since[1])), 1.0))
-    return turned > _TURNED or math.dist(pose[0].tolist(), since[0].tolist()) > _MOVED_M
+def _is_elsewhere(pose: Pose, since: Pose, moved_m: float = _MOVED_M, turned: float = _TURNED) -> bool:
+    by = 2.0 * math.acos(min(abs(float(pose[1] @ since[1])), 1.0))
+    return by > turned or math.dist(pose[0].tolist(), since[0].tolist()) > moved_m
 
 
 @compiled
 def _must_have_changed(points: Array, before: Array) -> bool:
     """Seen from another place than before, the same ranges make other surroundings: returns (n, 3) away from the
     surfaces between those of before (m, 3)."""
-    if len(points) < 2 or len(before) < 2:
+    if len(points) == 0 or len(before) == 0:
         return False
     changed = 0
     for point in points:

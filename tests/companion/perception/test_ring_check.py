@@ -60,6 +60,27 @@ def test_a_true_ring_is_believed(seed: int, speed: float, turning: float) -> Non
         assert check.sure_ns is not None and now - check.sure_ns <= PERIOD_NS
 
 
+def test_a_frozen_ring_with_a_single_return_is_none_either() -> None:
+    """A vehicle that had just left the ground saw one house, and flew by that ring for three seconds."""
+    check, lone = RingCheck(), np.array([[9.0, 4.0]])
+    frozen = among(lone, (np.array([0.0, 0.3, -3.0]), from_euler(0.0, 0.0, 0.0)), np.zeros(72))
+    assert frozen.hit.sum() < 3
+    believed = [check.believes(frozen, pose, now) for now, pose in way(2.0)]
+    assert believed[0] and not any(believed[5:])
+
+
+def test_between_walls_a_ring_of_a_sensor_with_noise_is_frozen_once_it_repeats() -> None:
+    """What a perfect sensor sees there is the same for ever, and is believed; noise never is."""
+    check, random = RingCheck(), np.random.default_rng(3)
+    for now, pose in way(0.0, count=20):
+        noise = np.round(random.normal(0.0, 0.02, 72), 2)
+        assert check.believes(ring(corridor(pose).ranges_m + noise), pose, now)
+    frozen = ring(corridor(pose).ranges_m + noise)
+    believed = [check.believes(frozen, moved, now + later + PERIOD_NS) for later, moved in way(2.0)]
+    assert believed[0] and not any(believed[3:])
+    assert check.believes(corridor(pose), pose, now + 100 * PERIOD_NS), "it is alive again"
+
+
 @pytest.mark.parametrize(("speed", "turning"), [(2.0, 0.0), (0.0, 1.5)])
 def test_a_frozen_ring_is_none_from_where_it_froze(speed: float, turning: float) -> None:
     check, frozen, believed = RingCheck(), None, []
