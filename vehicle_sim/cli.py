@@ -135,7 +135,7 @@ def vehicle_sim(options: Options) -> None:
     factor = _factor(options.pace)
     identity = Identity(options.instance + 1, _release(options.firmware))
     try:
-        airframe, world = _load(options)
+        airframe, world = load_files(options)
         if options.warm_up:
             with compiling_shown():
                 warm_up(airframe, world)
@@ -160,7 +160,7 @@ def vehicle_sim(options: Options) -> None:
     _fly(options, factor, vehicle, opened, recorder)
 
 
-def _load(options: Options) -> "tuple[Airframe, World]":
+def load_files(options: Options) -> "tuple[Airframe, World]":
     """Read the vehicle's and the world's file. Raises TomlFileError."""
     from protocol.toml_files import TomlFileError, by_first_word, find
     from vehicle_sim.airframe import Airframe

@@ -17,7 +17,7 @@ from protocol.toml_files import ROOT
 from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import AIRFRAME
 from tests.vehicle_sim.scripted_companion import UdpCompanion, hop, started
-from vehicle_sim.cli import app
+from vehicle_sim.cli import Options, app, load_files
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.vehicle import Summary
 
@@ -44,6 +44,7 @@ def test_the_command_line_loads_without_compiled_code() -> None:
         (["--signing-key", "no/such/key"], ["no/such/key"]),
         (["--gcs", "udpin:0.0.0.0:0"], ["udpin:0.0.0.0:0", "--insecure"]),
         (["--firmware", "new"], ["--firmware new"]),
+        (["--sensors", "eyes"], ["eyes", "gnss", "vio"]),
         (["--bind", "udpout:127.0.0.1:9", "--param", "NAV_DLL_ACT=9"], ["NAV_DLL_ACT", "out of range"]),
     ],
 )
@@ -53,6 +54,24 @@ def test_a_wrong_option_is_one_line_and_exit_code_2(arguments: list[str], names:
     assert result.stderr.count("\n") == 1
     assert all(name in result.stderr for name in names)
     assert result.stdout == ""
+
+
+def test_the_sensors_are_those_asked_for_or_of_the_file_or_gnss(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(
+        (ROOT / "vehicles" / "paper_quad.toml").read_text(encoding="utf-8") + '\n[estimator]\nsensors = "rtk"\n',
+        encoding="utf-8",
+    )
+    chosen = ['vehicle.estimator.sensors="perfect"']
+    for options, sensors in (
+        (Options(), "gnss"),
+        (Options(sensors="vio"), "vio"),
+        (Options(overrides=chosen), "perfect"),
+        (Options(sensors="vio", overrides=chosen), "perfect"),
+        (Options(vehicle=str(own)), "rtk"),
+        (Options(vehicle=str(own), sensors="vio"), "vio"),
+    ):
+        assert load_files(options)[0].estimator.sensors == sensors
 
 
 def test_to_warm_up_opens_nothing_and_flies_nothing() -> None:
