@@ -20,6 +20,11 @@ def test_on_a_corrected_receiver_the_vehicle_keeps_to_centimetres() -> None:
     assert other.told_rmse_m > 3.0 * tracked.told_rmse_m
 
 
+def test_on_the_truth_what_is_told_is_true() -> None:
+    tracked = fly(plan("default", "circle", 4.0, "perfect", 1))
+    assert abs(tracked.told_rmse_m - tracked.rmse_m) < 0.0005
+
+
 def test_on_a_receiver_it_errs_as_its_estimator_does() -> None:
     tracked = fly(plan("default", "lemniscate", 8.0, "gnss", 2))
     assert tracked.fault is None and tracked.rmse_m - estimator_m(tracked) < BESIDE_M

@@ -171,6 +171,9 @@ def test_an_attitude_is_flown_without_a_position() -> None:
     pilot.command(INJECT, GPS, OFF)
     pilot.fly(6.0, pilot.attitude)
     assert mode_of(pilot) is Mode.OFFBOARD and pilot.vehicle.flight.watch.health.position_lost
+    assert pilot.set_mode(LAND) == ACCEPTED, "as PX4, which descends then"
+    pilot.fly(0.1)
+    assert mode_of(pilot) is Mode.DESCEND
 
 
 # --- battery ---
