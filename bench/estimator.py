@@ -32,7 +32,7 @@ ASKED_HZ = 50.0
 """How often each sensor is looked at; most often there is nothing new."""
 IN_THE_AIR_M = 0.5
 _EARTH_M = 6_371_000.0
-"""Radius of PX4's map projection."""
+_JITTER_S = 1e-4
 DOWN = np.array((0.0, 0.0, 1.0))
 _UPWARD = 1.5
 """EKF2 believes a receiver's height, and its climb, so much less than the rest."""
@@ -92,16 +92,15 @@ class Recorded(SensorSuite):
         super().__init__(settings, start, np.random.default_rng(1))
         inertial = "sensor_combined"
         self.times = log.times(inertial)
+        if np.abs(np.diff(self.times) - TICK_S).max() > _JITTER_S:
+            raise SystemExit(f"{inertial} is not in the log every {1e3 * TICK_S:g} ms: SDLOG_PROFILE=3, and PX4's SIH")
         self._all = np.hstack((log.vectors(inertial, "gyro_rad"), log.vectors(inertial, "accelerometer_m_s2"))) * TICK_S
         heights = log.columns("vehicle_air_data", "baro_alt_meter")
         self._heights = _Queue(log.times("vehicle_air_data"), heights - heights[0])
         self._fields = _Queue(log.times("vehicle_magnetometer"), log.vectors("vehicle_magnetometer", "magnetometer_ga"))
         gps = "vehicle_gps_position"
         places = log.columns(gps, "latitude_deg", "longitude_deg", "altitude_msl_m")
-        turned = np.radians(places[:, :2] - origin[:2]) * _EARTH_M
-        turned[:, 1] *= math.cos(math.radians(origin[0]))
-        speeds = log.columns(gps, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
-        told = np.hstack((turned, origin[2:] - places[:, 2:], speeds))
+        told = np.hstack((_from(origin, places), log.columns(gps, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")))
         assert settings.gnss is not None
         self._fixes = _Queue(log.times(gps) - settings.gnss.delay_s, told)
         self.at = 0
@@ -125,6 +124,13 @@ class Recorded(SensorSuite):
     @property
     def _now(self) -> float:
         return float(self.times[self.at - 1])
+
+
+def _from(origin: Array, places: Array) -> Array:
+    """North, east and down (n, 3) in m from a place to others: latitude and longitude (deg) and height (m). By PX4's
+    sphere, on which its truth moves, and not by the ellipsoid of protocol.frames: 2 cm on a circle of 3 m."""
+    turned = np.radians(places[:, :2] - origin[:2]) * _EARTH_M * (1.0, math.cos(math.radians(origin[0])))
+    return np.hstack((turned, origin[2:] - places[:, 2:]))
 
 
 class _Queue:
@@ -156,10 +162,7 @@ def ekf2_of(log: Log, origin: Array) -> Track:
     columns = log.columns(place, "x", "y", "z", "vx", "vy", "vz", "ref_lat", "ref_lon", "ref_alt")
     valid = np.isfinite(columns[:, 6])
     columns = columns[valid]
-    aside = np.radians(columns[:, 6:8] - origin[:2]) * _EARTH_M
-    columns[:, 0] += aside[:, 0]
-    columns[:, 1] += aside[:, 1] * math.cos(math.radians(origin[0]))
-    columns[:, 2] -= columns[:, 8] - origin[2]
+    columns[:, :3] += _from(origin, columns[:, 6:])
     turned = log.vectors("vehicle_attitude", "q", 4)
     return Track(log.times(place)[valid], columns[:, :3], columns[:, 3:6], log.times("vehicle_attitude"), turned)
 

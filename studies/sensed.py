@@ -73,11 +73,6 @@ def wrong(centre: str, mass: str, seed: int) -> Flight:
     )
 
 
-def estimator_m(tracked: Tracked) -> float:
-    """RMSE (m) of the vehicle's own position, as what the true error has beyond the told one."""
-    return float(np.sqrt(max(tracked.rmse_m**2 - tracked.told_rmse_m**2, 0.0)))
-
-
 def sag(tracked: Tracked) -> float:
     """Share of the thrust that the battery's voltage cost at the worst."""
     return 1.0 - tracked.voltage_share**2
@@ -145,7 +140,7 @@ def _check(report: Report, worst: dict[tuple[str, str, float, str], Tracked]) ->
         report.check(f"circle and lemniscate, {speed:g} m/s, {level}, true", f"<= {floor:g} m", f"{measured:.4f} m",
                      measured <= floor)  # fmt: skip
     beyond = max(
-        worst["default", shape, speed, "gnss"].rmse_m - estimator_m(worst["default", shape, speed, "gnss"])
+        worst["default", shape, speed, "gnss"].rmse_m - worst["default", shape, speed, "gnss"].estimate_rmse_m
         for shape in SHAPES
         for speed in RADII_M
     )

@@ -50,6 +50,8 @@ class Tracked:
     peak_m: float
     told_rmse_m: float
     """By where the vehicle believes that it is."""
+    estimate_rmse_m: float
+    """From where it believes that it is to where it is."""
     voltage_share: float
     """The battery's least voltage, of its full one."""
     limited: float
@@ -87,12 +89,12 @@ def fly(flight: Flight) -> Tracked:
     error, track = error[chosen][250:], trace[chosen][250:]
     if fault is not None or not len(error):
         lost = fault or "it never came to the shape"
-        return Tracked(np.nan, np.nan, np.nan, np.nan, np.nan, lost, np.empty(0), np.empty((0, 3)))
+        return Tracked(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan, lost, np.empty(0), np.empty((0, 3)))
     told = track["position_ned"] + _HALF_TICK_S * track["velocity_ned"] - track["reference_position_ned"]
     time = 1.0 + 0.004 * np.arange(len(error), dtype=np.float64)
     peak, limited = float(np.linalg.norm(error, axis=1).max()), float(track["limited"].mean())
     voltage = min(voltages) / airframe.battery.full_v
-    return Tracked(_rms(error), peak, _rms(told), voltage, limited, None, time, error)
+    return Tracked(_rms(error), peak, _rms(told), _rms(error - told), voltage, limited, None, time, error)
 
 
 def _rms(errors: Array) -> float:

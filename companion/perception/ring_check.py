@@ -58,10 +58,9 @@ class RingCheck:
         if first is not None and _same(scan, first[0]):
             self._repeats += 1
             self._listen(pose, first[2], changed=False)
-            if self._noisy == _NOISY and self._repeats > _MOST_REPEATS and len(points) >= _FEWEST:
-                self._frozen = True
-            elif not self._frozen and _is_elsewhere(pose, first[2]):
-                self._frozen = _must_have_changed(points, first[1])
+            stuck = self._noisy == _NOISY and self._repeats > _MOST_REPEATS and len(points) >= _FEWEST
+            if not self._frozen and (stuck or _is_elsewhere(pose, first[2])):
+                self._frozen = stuck or _must_have_changed(points, first[1])
                 self.sure_ns = first[3]
                 self._first = (scan, points, pose, now_ns)
         else:
