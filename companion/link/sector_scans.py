@@ -1,9 +1,15 @@
-"""Scans from vehicles that report them in sectors, one DISTANCE_SENSOR each."""
+"""Scans from vehicles that report them in sectors, one DISTANCE_SENSOR each.
+
+A sector that had a return and has none is unknown for a while, not free. ArduPilot's driver of a spinning LiDAR resets
+the sector that the beam enters instead of the one that it leaves if that was empty (AP_Proximity_RPLidarA2, 4.7): as
+long as the beam is within a sector beside an empty one, the sector is empty, whatever stands in it.
+"""
 
 import math
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.state import Scan
 from protocol.arrays import Array
@@ -15,6 +21,9 @@ then clockwise."""
 _SILENCE_NS = 150_000_000
 """Twice a scan's period and more; with it and a period, what is seen is not older than the guard tolerates."""
 _LOSSY_SILENCE_NS = 400_000_000
+_VANISHED_NS = 300_000_000
+"""From the last return of a sector until nothing there is believed: more than a turn of a slow LiDAR (5.5 Hz) and a
+report."""
 _SHORTEST_REACH_M = 5.0
 """Reach of a sensor that has not said yet how far it sees."""
 
@@ -42,6 +51,8 @@ class SectorScans:
         self._heard_ns: int | None = None
         """When the last sector arrived."""
         self._lost_then = 0
+        self._believed_ns: NDArray[np.int64] = np.zeros(SECTORS, np.int64)
+        """From when on nothing is believed of each sector."""
         self._begin()
 
     def _begin(self) -> None:
@@ -64,7 +75,9 @@ class SectorScans:
             scan = self._finish(now_ns)
         self._heard[sector] = True
         self._ranges[sector], self._hit[sector] = report.range_m, report.hit and report.known
-        self._known[sector] = report.known
+        if self._hit[sector]:
+            self._believed_ns[sector] = now_ns + _VANISHED_NS
+        self._known[sector] = report.known and (report.hit or now_ns >= self._believed_ns[sector])
         self._boot_time_ms = report.boot_time_ms
         return self._finish(now_ns) if self._heard.all() else scan
 
@@ -74,7 +87,7 @@ class SectorScans:
         if not self._silent(now_ns, lost):
             return None
         count = self._bearings.size
-        ranges, nothing, known = np.full(count, self._reach_m), np.zeros(count, np.bool_), np.ones(count, np.bool_)
+        ranges, nothing, known = np.full(count, self._reach_m), np.zeros(count, np.bool_), self._believed_ns <= now_ns
         return Scan(now_ns, boot_time_us, self._bearings, ranges, nothing, known)
 
     def _silent(self, now_ns: int, lost: int) -> bool:

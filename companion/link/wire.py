@@ -26,6 +26,7 @@ _OF_VELOCITY = np.array(((0, 1, 2), (1, 6, 7), (2, 7, 11)))
 _NOTHING = 65535
 _HALF_SECTOR = math.pi / SECTORS
 _ARDUPILOT_RING = 10
+_OLDEST_SECTOR_MS = 100
 """PROXIMITY_SENSOR_ID_START"""
 
 _UNKNOWN_MV = 65535
@@ -186,7 +187,7 @@ def sector_distance(message: Any) -> SectorReport | None:
     and down, and narrow beams, beside which the vehicle may hit what they miss.
 
     ArduPilot reports its rings so, with ids from 10 on and no field of view, and an empty sector as `max_distance`; of
-    others, that is the farthest hit.
+    others, that is the farthest hit. Its stamp is when it was sent; the spinning LiDAR may have seen it a turn sooner.
     """
     is_ardupilot = message.horizontal_fov == 0.0 and message.id >= _ARDUPILOT_RING
     if message.orientation >= SECTORS or not (is_ardupilot or message.horizontal_fov > _HALF_SECTOR):
@@ -195,7 +196,7 @@ def sector_distance(message: Any) -> SectorReport | None:
     if far <= near:
         raise RefusedRingError(f"DISTANCE_SENSOR from {near} to {far} cm")
     return SectorReport(
-        message.time_boot_ms,
+        max(message.time_boot_ms - _OLDEST_SECTOR_MS, 0) if is_ardupilot else message.time_boot_ms,
         message.orientation,
         min(distance, far) * 0.01,
         hit=distance < far if is_ardupilot else distance <= far,

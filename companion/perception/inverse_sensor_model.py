@@ -5,7 +5,7 @@ return is free, and the return lies somewhere on an arc, 0.2 m long at a range o
 
 - All cells of the arc are marked, for safety. An arc n times as long as 0.2 m raises each cell to 1/n of the ceiling at
   the most, however often it is seen from the same place. So the first free wedge from nearer by clears what was marked
-  too wide.
+  too wide. Within 6 m it is occupied until then.
 - A cell stores the place of its return. Distances close to it are measured to that place, not to the cell's centre.
 - Cells with high log-odds are lowered only by beams that pass at about the sensor's height, not by beams that look over
   or under the obstacle.
@@ -36,6 +36,9 @@ _STANDOFF_M = 0.08
 """m before a return that are not seen free, because of the range noise."""
 _FULL_WEIGHT_M = 0.2
 """m of arc up to which a return may raise its cells to the ceiling."""
+_NEAR_M, _NEAR_LOG_ODDS = 6.0, 0.5
+"""m within which the whole arc of a return counts as occupied, however wide its sector, and by how much: less, and the
+sectors of 45 degrees that ArduPilot reports would show nothing from farther than 2.5 m."""
 _EDGE_LOG_ODDS = 1.0
 """Highest log-odds of the half sector beyond which the obstacle may have ended."""
 _ADJACENT_WIDTHS = 2.5
@@ -351,6 +354,8 @@ def _raise_arc(
     size = log_odds.shape[0]
     length = distance * width
     share = CEILING / max(1.0, length / max(_FULL_WEIGHT_M, cell))
+    if distance < _NEAR_M:
+        share = max(share, _NEAR_LOG_ODDS)
     samples = math.ceil(2.0 * length / cell) + 1
     before_row, before_column = -1, -1
     for s in range(samples):

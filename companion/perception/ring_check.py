@@ -9,7 +9,7 @@ are noise.
 
 import math
 
-from companion.perception.scans import obstacle_points
+from companion.perception.scans import WIDE_SECTOR, obstacle_points, sector_width
 from companion.state import Pose, Scan
 from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
@@ -60,9 +60,11 @@ class RingCheck:
             self._listen(pose, first[2], changed=False)
             stuck = self._noisy == _NOISY and self._repeats > _MOST_REPEATS and len(points) >= _FEWEST
             if not self._frozen and (stuck or _is_elsewhere(pose, first[2])):
-                self._frozen = stuck or _must_have_changed(points, first[1])
-                self.sure_ns = first[3]
-                self._first = (scan, points, pose, now_ns)
+                spread = _spread(scan)
+                self._frozen = stuck or _must_have_changed(points, first[1], pose[0], spread)
+                if self._frozen or not spread:  # wide sectors take a longer way to show it
+                    self.sure_ns = first[3]
+                    self._first = (scan, points, pose, now_ns)
         else:
             if first is not None:
                 self._listen(pose, first[2], changed=True)
@@ -81,6 +83,13 @@ class RingCheck:
         """Find out whether the sensor has noise, from rings at rest. Once it has, it goes on to have it."""
         if self._noisy < _NOISY and not _is_elsewhere(pose, since, _STILL_M, _STILL):
             self._noisy = self._noisy + 1 if changed else 0
+
+
+def _spread(scan: Scan) -> float:
+    """rad to each side of its middle within which a return of a wide sector may be; it may stay there, and its range
+    the same, while the vehicle turns or moves. 0 where sectors are narrow."""
+    width = sector_width(scan)
+    return 0.5 * width if width > WIDE_SECTOR else 0.0
 
 
 def _same(one: Scan, other: Scan) -> bool:
@@ -103,9 +112,9 @@ def _is_elsewhere(pose: Pose, since: Pose, moved_m: float = _MOVED_M, turned: fl
 
 
 @compiled
-def _must_have_changed(points: Array, before: Array) -> bool:
-    """Seen from another place than before, the same ranges make other surroundings: returns (n, 3) away from the
-    surfaces between those of before (m, 3)."""
+def _must_have_changed(points: Array, before: Array, here: Array, spread: float) -> bool:
+    """Seen from another place (3,) than before, the same ranges make other surroundings: returns (n, 3) away from the
+    surfaces between those of before (m, 3), each by more than it may be aside within its sector (`spread`, rad)."""
     if len(points) == 0 or len(before) == 0:
         return False
     changed = 0
@@ -122,7 +131,10 @@ def _must_have_changed(points: Array, before: Array) -> bool:
             for axis in range(3):
                 away += (point[axis] - start[axis] - part * (end[axis] - start[axis])) ** 2
             nearest = min(nearest, away)
-        changed += nearest > _CHANGED_M**2
+        aside = 0.0
+        for axis in range(3):
+            aside += (point[axis] - here[axis]) ** 2
+        changed += nearest > (_CHANGED_M + spread * math.sqrt(aside)) ** 2
     return changed > _CHANGED_SHARE * len(points)
 
 

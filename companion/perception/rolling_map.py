@@ -15,6 +15,7 @@ from companion.perception.distance_field import fill_distances_to_returns
 from companion.perception.inverse_sensor_model import Beams, Layer, add_beams
 from companion.perception.map_view import OCCUPIED, Cell, MapView
 from companion.perception.occupancy_grid import CEILING, CERTAIN_M, FLOOR, Grid, classify, move_window, set_disc
+from companion.perception.scans import WIDE_SECTOR, sector_width
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
 
@@ -23,6 +24,9 @@ _CLOCK_NS = 4096 * 1_000_000_000
 two minutes."""
 _LEAST_WIDTH = math.radians(5.0)
 """rad for which the blur of a return counts, however narrow its sector is: an error of the heading moves it, too."""
+
+_WIDE_MARGIN_M = 0.3
+"""m by which all obstacles are taken for larger where sectors are wide."""
 
 
 class RollingMap:
@@ -64,9 +68,8 @@ class RollingMap:
         count = scan.bearings_frd.size
         positions, attitudes = np.empty((count, 3)), np.empty((count, 4))
         positions[:], attitudes[:] = position_ned, attitude_ned_frd
-        width = abs(scan.bearings_frd[1] - scan.bearings_frd[0]) if count > 1 else math.radians(5.0)
         hit = scan.hit if moving is None else scan.hit & ~moving
-        beams = Beams(scan.bearings_frd, scan.ranges_m, hit, scan.known, positions, attitudes, width)
+        beams = Beams(scan.bearings_frd, scan.ranges_m, hit, scan.known, positions, attitudes, sector_width(scan))
         self.add_beams(scan.time_ns, beams, ground_down)
 
     def add_beams(self, time_ns: int, beams: Beams, ground_down: float) -> None:
@@ -100,6 +103,8 @@ class RollingMap:
         returns = classify(grid, states)
         hits, ranges = np.ascontiguousarray(returns[:, :2]), returns[:, 2]
         fill_distances_to_returns(to_occupied, states == OCCUPIED, hits, corner, cell)
+        if self._width > WIDE_SECTOR:
+            np.maximum(to_occupied - np.float32(_WIDE_MARGIN_M), 0.0, out=to_occupied)
         blurs = np.where(ranges < CERTAIN_M, 0.0, self._width * ranges)
         return MapView(states, to_occupied, corner, cell, hits, blurs)
 

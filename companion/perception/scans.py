@@ -9,6 +9,15 @@ from protocol.arrays import Array
 from protocol.frames import to_world
 from protocol.jit import compiled
 
+WIDE_SECTOR = math.radians(15.0)
+"""rad: in a wider sector the place of a return is too uncertain to tell that it moves, or that it should have."""
+
+
+def sector_width(scan: Scan) -> float:
+    """rad of a sector; 5 degrees of a scan of one beam."""
+    bearings = scan.bearings_frd
+    return abs(float(bearings[1] - bearings[0])) if bearings.size > 1 else math.radians(5.0)
+
 
 def obstacle_points(scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float) -> Array:
     """Returns (n, 3) NED (m) of a scan taken at that pose, in the order of bearing, without those of the ground.

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from companion.config_avoidance import AvoidanceTracks
 from companion.perception.departure import Sight, seen_past
 from companion.perception.free_space import MOVER_COLUMNS
-from companion.perception.scans import world_points
+from companion.perception.scans import WIDE_SECTOR, sector_width, world_points
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
@@ -33,8 +33,6 @@ _GATE = 11.8
 """Squared Mahalanobis distance that holds 99.7 % in two dimensions."""
 _LONGEST_STEP_S = 0.5
 """s: a longer time between two scans counts as this."""
-_WIDEST_SECTOR = math.radians(15.0)
-"""rad: in a wider sector the place of a return is too uncertain to tell that it moves."""
 _RANGE_SIGMA_M = 0.08
 """m along the beam: the range noise and the round front of an obstacle."""
 _WIDEST_VIEW = math.radians(120.0)
@@ -166,8 +164,8 @@ class Tracker:
         `ground_down` is the NED height (m) below which a return is the ground.
         """
         bearings = scan.bearings_frd
-        width = abs(bearings[1] - bearings[0]) if bearings.size > 1 else math.radians(5.0)
-        if width > _WIDEST_SECTOR:
+        width = sector_width(scan)
+        if width > WIDE_SECTOR:
             return np.zeros(bearings.size, np.bool_)
         elapsed = 0.0 if self._time_ns is None else (scan.time_ns - self._time_ns) * 1e-9
         self._time_ns = scan.time_ns

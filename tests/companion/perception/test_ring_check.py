@@ -111,3 +111,34 @@ def test_a_random_ring_is_none_after_three(seed: int, speed: float) -> None:
     check, random = RingCheck(), np.random.default_rng(seed)
     believed = [check.believes(ring(random.uniform(0.3, FAR + 0.5, 72)), pose, now) for now, pose in way(speed)]
     assert not any(believed[3:]) and check.sure_ns == 0
+
+
+def eighths(trunks: Array, pose: Pose) -> Scan:
+    """The same as eight nearest returns, to the centimetre and without noise."""
+    fine = among(trunks, pose, np.zeros(72))
+    bins = np.roll(np.where(fine.hit, fine.ranges_m, FAR), 4).reshape(8, 9).min(axis=1)
+    return Scan(0, 0, np.radians(45.0 * np.arange(8)), bins, bins < FAR, np.full(8, True))
+
+
+@pytest.mark.parametrize(("speed", "turning"), [(0.0, 0.3), (0.0, 1.5), (1.0, 0.0), (4.0, 0.3)])
+@pytest.mark.parametrize("seed", range(3))
+def test_eight_sectors_that_say_the_same_while_the_vehicle_turns_are_believed(
+    seed: int, speed: float, turning: float
+) -> None:
+    """The nearest return of 45 degrees is as far away as before, and is told twice before the beam is back. ArduPilot's
+    simulated LiDAR has no noise."""
+    check = RingCheck()
+    poses = [pose for _, pose in way(speed, turning)]
+    for k, pose in enumerate(poses):
+        now = k * PERIOD_NS
+        assert check.believes(eighths(forest(seed), poses[k - k % 2]), pose, now)
+        assert check.sure_ns is not None and now - check.sure_ns <= 2 * PERIOD_NS
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_eight_sectors_that_are_frozen_are_not(seed: int) -> None:
+    check = RingCheck()
+    poses = [pose for _, pose in way(4.0)]
+    frozen = eighths(forest(seed), poses[0])
+    believed = [check.believes(frozen, pose, k * PERIOD_NS) for k, pose in enumerate(poses)]
+    assert not any(believed[15:]), "a second and 4 m later"
