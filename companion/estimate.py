@@ -3,9 +3,11 @@
 from collections import deque
 
 import msgspec
+import numpy as np
 
 from companion.reports import AttitudeReport, OdometryReport, PositionReport
 from companion.state import UNSAID, Certainty, VehicleState
+from companion.velocity_match import VelocityMatch
 from protocol.arrays import Array
 from protocol.boot_time import later_ms
 
@@ -26,6 +28,9 @@ class Estimator:
     def __init__(self) -> None:
         self._attitude: AttitudeReport | None = None
         self._position: PositionReport | None = None
+        self._velocity_match = VelocityMatch()
+        self._velocity = np.zeros(3)
+        """(3,) m/s, NED."""
         self.boot_time_ms = 0
         """The vehicle's clock at its latest attitude."""
         self._attitude_ns = 0
@@ -57,7 +62,7 @@ class Estimator:
             return False
         gap_ns = 0 if self._position is None else min(time_ns - self._position_ns, _LATEST_NS)
         self._interval_ns += _SHARE * (gap_ns - self._interval_ns)
-        self._position = report
+        self._position, self._velocity = report, self._velocity_match.velocity(report)
         self._position_ns = time_ns
         if self._was_reset:  # which may be the first after the reset, if the count was sooner
             self._was_reset = False
@@ -110,12 +115,12 @@ class Estimator:
         gap_ms = later_ms(attitude.boot_time_ms, position.boot_time_ms)
         carried = position.position_ned
         if gap_ms:
-            carried = carried + position.velocity_ned * min(max(gap_ms * 1e-3, 0.0), _LONGEST_CARRY_S)
+            carried = carried + self._velocity * min(max(gap_ms * 1e-3, 0.0), _LONGEST_CARRY_S)
         self._poses.append((attitude.boot_time_ms, carried, attitude.attitude_ned_frd))
         return VehicleState(
             self._attitude_ns,
             carried,
-            position.velocity_ned,
+            self._velocity,
             attitude.attitude_ned_frd,
             attitude.rates_frd,
             gap_ms * 1_000_000,

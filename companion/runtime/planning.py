@@ -20,10 +20,14 @@ from companion.config_avoidance import Avoidance
 from companion.records import ASKED, PLANNED, PLANNED_CORNERS
 from companion.runtime.mailbox import Outbox, mailbox
 from companion.state import Scan
+from protocol.arrays import Array
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
+_BEARINGS = np.radians(np.arange(0.0, 360.0, 5.0))
+_EACH_WALL = 3
+"""Scans of each wall that is made up in a rehearsal: after so many it counts."""
 _PATIENCE_S = 10.0
 """For an answer that must be waited for."""
 _MOST_UNANSWERED = 24
@@ -157,19 +161,33 @@ def _think(requests: "Connection", results: Outbox, settings: Avoidance) -> None
 
 def rehearse(settings: Avoidance) -> None:
     """Answer some requests about made-up scans, so that everything is compiled."""
-    bearings = np.radians(np.arange(0.0, 360.0, 5.0))
     upright = np.array([1.0, 0.0, 0.0, 0.0])
     for method in methods_in_use(settings.method):
         pipeline = PlanningPipeline(settings.by(method))
-        for k in range(16):
+        for k in range(16 + 2 * _EACH_WALL):
             time_ns = k * 66_000_000
-            ranges = np.full(72, 15.0)
-            ranges[(np.arange(4) + k % 14 - 2) % 72] = 5.0  # a thing that walks
+            ranges = _walker(k) if k < 16 else _wall(gap_m=1.2 if k < 16 + _EACH_WALL else 0.0)
             known = np.full(72, k != 15)
-            scan = Scan(time_ns, time_ns // 1000, bearings, ranges, (ranges < 15.0) & known, known)
-            here = np.array([0.1 * k, 0.0, -3.0])
+            scan = Scan(time_ns, time_ns // 1000, _BEARINGS, ranges, (ranges < 15.0) & known, known)
+            here = np.array([0.1 * min(k, 15), 0.0, -3.0])
             goal, velocity = 20.0 * here, np.array([1.5, 0.0, 0.0])
             pipeline.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, 3.0))
+
+
+def _walker(step: int) -> Array:
+    """(72,) m: a thing that walks around."""
+    ranges = np.full(72, 15.0)
+    ranges[(np.arange(4) + step % 14 - 2) % 72] = 5.0
+    return ranges
+
+
+def _wall(gap_m: float) -> Array:
+    """(72,) m: a wall 3 m ahead with a gap, and walls to the other sides."""
+    ahead, aside = np.cos(_BEARINGS), np.abs(np.sin(_BEARINGS))
+    with np.errstate(divide="ignore"):
+        wall, sides = np.where(ahead > 0.0, 3.0 / ahead, np.inf), np.minimum(4.0 / aside, 4.0 / np.abs(ahead))
+    ranges: Array = np.minimum(np.where(wall * aside < 0.5 * gap_m, 15.0, wall), np.where(aside > 0.3, sides, 15.0))
+    return np.minimum(ranges, 15.0)
 
 
 class Planning:

@@ -15,23 +15,26 @@ from tests.companion.reference_flight import SMALL_MAP
 
 ROOT = Path(__file__).resolve().parents[3]
 
-REPLAY = """
-import pickle, sys
+COMPILED = """
+import sys
 from numba.core.dispatcher import Dispatcher
+
+def compiled():
+    return {
+        (function.py_func.__module__, function.py_func.__name__, str(signature))
+        for module in list(sys.modules.values())
+        for function in list(getattr(module, "__dict__", {}).values()) if isinstance(function, Dispatcher)
+        for signature in function.signatures
+    }
+"""
+REPLAY = """
+import pickle
 from companion.runtime.files import load_mission
 from companion.autopilot import Autopilot
 from companion.runtime.files import load_body, load_settings
 from companion.runtime.rehearsal import rehearse
 from companion.state import Output
 from companion.trace import Thinning
-
-def compiled():
-    return {{
-        (function.py_func.__module__, function.py_func.__name__, str(signature))
-        for module in list(sys.modules.values())
-        for function in list(getattr(module, "__dict__", {{}}).values()) if isinstance(function, Dispatcher)
-        for signature in function.signatures
-    }}
 
 flown = load_settings(None, {coarse!r}), load_body("paper_quad"), load_mission({mission!r})[0], Output({output!r})
 rehearse(*flown)
@@ -66,11 +69,47 @@ def test_nothing_is_compiled_or_imported_in_flight(
     assert joined.autopilot.ended and joined.autopilot.supervisor.fault is None
     events = tmp_path / "events"
     events.write_bytes(pickle.dumps(joined.events))
-    script = REPLAY.format(events=str(events), mission=mission, output=output.value, coarse=SMALL_MAP)
+    script = COMPILED + REPLAY.format(events=str(events), mission=mission, output=output.value, coarse=SMALL_MAP)
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[] []"
+
+
+PLANS = """
+import numpy as np
+from companion.avoidance.planner import PlanningPipeline, PlanRequest
+from companion.config_avoidance import Avoidance, AvoidanceMap
+from companion.runtime.planning import rehearse
+from companion.state import Scan
+
+settings = Avoidance(method={method!r}, map=AvoidanceMap(cells=128))
+rehearse(settings)
+before, tight = compiled(), 0
+bearings, level = np.radians(np.arange(0.0, 360.0, 5.0)), np.array([1.0, 0.0, 0.0, 0.0])
+for gap in (1.6, 1.2, 1.0, 0.0):
+    pipeline = PlanningPipeline(settings)
+    for k in range(40):
+        now, here = 66_000_000 * k, np.array([0.1 * k, 0.02 * k, -3.0])
+        ahead, aside = np.maximum(np.cos(bearings), 1e-9), np.sin(bearings)
+        ranges = np.where(np.cos(bearings) > 0.0, (6.0 - here[0]) / ahead, 15.0)
+        ranges[np.abs(ranges * aside + here[1]) < 0.5 * gap] = 15.0
+        ranges = np.minimum(ranges, np.minimum(5.0 / np.maximum(np.abs(aside), 1e-9), 15.0))
+        scan = Scan(now, now // 1000, bearings, ranges, ranges < 15.0, np.full(72, True))
+        ask = k + 1, now, scan, (here, level), -0.5, here, np.array([1.5, 0.0, 0.0]), np.array([20.0, 0.0, -3.0]), 3.0
+        tight += pipeline.answer(PlanRequest(*ask)).path.tight
+print(sorted(compiled() - before), tight > 10)
+"""
+
+
+@pytest.mark.parametrize(("method", "through_gaps"), [("astar", True), ("rrt", False), ("vfh", False)])
+def test_nothing_is_compiled_at_the_first_tight_way(method: str, through_gaps: bool) -> None:
+    """Once it was, for 2.7 s in flight: no map came meanwhile, and the vehicle landed."""
+    script = COMPILED + PLANS.format(method=method)
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == f"[] {through_gaps}"
 
 
 @pytest.mark.parametrize(
