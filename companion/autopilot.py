@@ -36,7 +36,7 @@ class Autopilot:
         self.settings, self.body = settings, body
         self.supervisor = Supervisor(settings)
         self.link = VehicleLink(settings, output, needs_home=adopt is not None)
-        self.sensing = Sensing(needs_scan=settings.avoidance.needs_scan)
+        self.sensing = Sensing(settings.control.estimation.velocity_settling, needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
         lands = adopt is Adoption.LAND

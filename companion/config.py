@@ -132,6 +132,9 @@ class Estimation(Table, frozen=True):
     """m/s; the least standard deviation of a measured velocity. What the innovations show beyond it is added."""
     velocity_correlation: NotNegative = 0.2
     """s; for so long an error of the vehicle's velocity lasts, whose variance it says (`rates.odometry`)."""
+    velocity_settling: NotNegative = 0.5
+    """s; so slowly the difference between the vehicle's velocity and the rate of its position is learned and made up
+    for (`companion.velocity_match`); 0: not at all."""
     acceleration_noise: Positive = 0.1
     """m/s2; walk of the velocity."""
     thrust_scale_walk: NotNegative = 0.005

@@ -25,10 +25,12 @@ _SHARE = 1 / 16
 class Estimator:
     """Joins attitude and position reports. Times of arrival are the companion's, times of measurement the vehicle's."""
 
-    def __init__(self) -> None:
+    def __init__(self, velocity_settling: float = 0.0) -> None:
+        """`velocity_settling`: see `VelocityMatch`."""
+        self._velocity_settling = velocity_settling
         self._attitude: AttitudeReport | None = None
         self._position: PositionReport | None = None
-        self._velocity_match = VelocityMatch()
+        self._velocity_match = VelocityMatch(velocity_settling)
         self._velocity = np.zeros(3)
         """(3,) m/s, NED."""
         self.boot_time_ms = 0
@@ -81,7 +83,7 @@ class Estimator:
 
     def restart(self) -> None:
         """Forget everything: the vehicle has rebooted, and its clock begins again."""
-        self.__init__()  # type: ignore[misc]
+        self.__init__(self._velocity_settling)  # type: ignore[misc]
 
     def clock_set(self, by_ms: int) -> None:
         """The vehicle's clock was set; what is known of before is as old as it was."""

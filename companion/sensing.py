@@ -22,8 +22,9 @@ from companion.state import Pose, Scan, VehicleState
 class Sensing:
     """State, scans and their ages."""
 
-    def __init__(self, *, needs_scan: bool) -> None:
-        self.estimator = Estimator()
+    def __init__(self, velocity_settling: float = 0.0, *, needs_scan: bool) -> None:
+        """`velocity_settling`: see `companion.velocity_match`."""
+        self.estimator = Estimator(velocity_settling)
         self.plausibility = Plausibility()
         self.judges = True
         """In flight it is asked whether what is sensed can be true; what is made up (a rehearsal's) can't."""

@@ -5,8 +5,8 @@ position: PX4's differ by 0.25 m/s (RMS, in its own simulation), ArduPilot's by 
 stands beside its reference by that difference times the damping over the stiffness. So the difference is learned from
 the positions, slowly enough that noise of the positions makes no speed, and added to the velocity.
 
-It is a complementary filter: the position's rate below 1 / _SETTLING_S, the velocity above. Where both agree, as in a
-simulation without noise, it changes nothing.
+It is a complementary filter: the position's rate below 1 / `settling` (s), the velocity above. Where both agree, as in
+a simulation without noise, it changes nothing.
 """
 
 import numpy as np
@@ -16,7 +16,6 @@ from protocol.arrays import Array
 from protocol.boot_time import later_ms
 from protocol.jit import compiled
 
-_SETTLING_S = 0.5
 _GAP_S = 0.2
 """Over a longer gap the mean of two velocities says too little of the way between."""
 _STEP_M = 0.1
@@ -28,12 +27,16 @@ _MOST = 1.0
 class VelocityMatch:
     """Learns what the velocity lacks."""
 
-    def __init__(self) -> None:
+    def __init__(self, settling: float) -> None:
+        """`settling` in s; 0: nothing is learned."""
+        self._settling = settling
         self._before: PositionReport | None = None
         self._lack = np.zeros(3)
 
     def velocity(self, report: PositionReport) -> Array:
         """(3,) m/s, NED: that of the report and what it lacks."""
+        if not self._settling:
+            return report.velocity_ned
         before, self._before = self._before, report
         if before is not None:
             seconds = later_ms(report.boot_time_ms, before.boot_time_ms) * 1e-3
@@ -44,7 +47,7 @@ class VelocityMatch:
                     before.velocity_ned,
                     report.position_ned,
                     report.velocity_ned,
-                    seconds,
+                    (seconds, self._settling),
                 )
         velocity: Array = report.velocity_ned + self._lack
         return velocity
@@ -52,15 +55,17 @@ class VelocityMatch:
 
 @compiled
 def _learned(
-    lack: Array, place: Array, velocity: Array, place_now: Array, velocity_now: Array, seconds: float
+    lack: Array, place: Array, velocity: Array, place_now: Array, velocity_now: Array, times: tuple[float, float]
 ) -> Array:
-    """(3,) m/s: the lack, after `seconds` in which the vehicle went on from one place (3,) (m) to another."""
+    """(3,) m/s: the lack, after the vehicle went on from one place (3,) (m) to another. `times`: it took, and a lack
+    settles, in s."""
+    seconds, settling = times
     aside = np.empty(3)
     for axis in range(3):
         aside[axis] = place_now[axis] - place[axis] - 0.5 * (velocity[axis] + velocity_now[axis]) * seconds
     if np.abs(aside).max() > _STEP_M:
         return lack
-    share = seconds / (_SETTLING_S + seconds)
+    share = seconds / (settling + seconds)
     for axis in range(3):
         aside[axis] = min(max(lack[axis] + share * (aside[axis] / seconds - lack[axis]), -_MOST), _MOST)
     return aside

@@ -7,7 +7,10 @@ from companion.config import Settings
 from companion.renamed_settings import RENAMED_SETTINGS
 from protocol import toml_files
 
-_FLOWN_WITHOUT = ({"rates": {"odometry": 0.0}}, {"control": {"estimation": {"torque_bandwidth": 0.0}}})
+_FLOWN_WITHOUT = (
+    {"rates": {"odometry": 0.0}},
+    {"control": {"estimation": {"torque_bandwidth": 0.0, "velocity_settling": 0.0}}},
+)
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""
 
 

@@ -11,6 +11,7 @@ from companion.velocity_match import VelocityMatch
 from protocol.arrays import Array
 
 STEP_MS = 8
+SETTLING = 0.5
 LACK = np.array([-0.1, 0.25, 0.08])
 
 
@@ -23,7 +24,7 @@ def circle(seconds: float) -> tuple[Array, Array]:
 
 def fed(seconds: float, said: Callable[[float, Array], Array]) -> tuple[VelocityMatch, Array]:
     """After reports for so long, the error (3,) of the last velocity (m/s)."""
-    match, error = VelocityMatch(), np.zeros(3)
+    match, error = VelocityMatch(SETTLING), np.zeros(3)
     for ms in range(0, round(seconds * 1000.0), STEP_MS):
         place, velocity = circle(ms * 1e-3)
         np.subtract(match.velocity(PositionReport(ms, place, said(ms * 1e-3, velocity))), velocity, out=error)
@@ -45,7 +46,7 @@ def test_what_is_lacking_is_learned_as_by_a_filter_of_first_order(seconds: float
 
 
 def test_noise_of_the_positions_makes_little_speed() -> None:
-    rng, match, worst = np.random.default_rng(1), VelocityMatch(), 0.0
+    rng, match, worst = np.random.default_rng(1), VelocityMatch(SETTLING), 0.0
     for ms in range(0, 20_000, STEP_MS):
         place, velocity = circle(ms * 1e-3)
         heard = match.velocity(PositionReport(ms, place + rng.normal(0.0, 0.01, 3), velocity))
@@ -69,10 +70,17 @@ def test_it_is_limited() -> None:
 
 
 def test_the_state_has_it() -> None:
-    estimator = Estimator()
+    estimator = Estimator(SETTLING)
     for ms in range(0, 10_000, STEP_MS):
         place, velocity = circle(ms * 1e-3)
         estimator.attitude(AttitudeReport(ms, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), ms * 1_000_000)
         estimator.position(PositionReport(ms, place, velocity - LACK), ms * 1_000_000)
     state = estimator.state()
     assert state is not None and state.velocity_ned == pytest.approx(velocity, abs=0.005)
+
+
+def test_it_can_be_switched_off() -> None:
+    match = VelocityMatch(0.0)
+    for ms in range(0, 2000, STEP_MS):
+        place, velocity = circle(ms * 1e-3)
+        assert (match.velocity(PositionReport(ms, place, lacking(1.0, velocity))) == velocity - LACK).all()
