@@ -40,5 +40,12 @@ swung to 59 and 64 in flights. Rates and torques are reduced to those from which
 the tilt at its limit, in whatever direction it moves. With accelerations that jump by up to 20 m/s2 several times a
 second, the tilt of a vehicle with ArduPilot's limit reached 47 to 56 degrees without that, and stays within 45.0 now.
 """,
-    studies=("studies.agile", "studies.sensed", "studies.ellipses", "studies.ablation", "studies.disturbed"),
+    studies=(
+        "studies.agile",
+        "studies.sensed",
+        "studies.consistency",
+        "studies.ellipses",
+        "studies.ablation",
+        "studies.disturbed",
+    ),
 )

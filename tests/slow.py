@@ -96,6 +96,7 @@ SLOW: dict[str, float] = {
     "tests/studies/test_campaign.py::test_joined_is_the_same_flight_as_two_processes_over_udp": 15,
     "tests/studies/test_campaigns.py::test_a_smoke_on_two_workers_one_of_which_is_killed": 10,
     "tests/studies/test_campaigns.py::test_who_dies_hangs_or_throws_costs_a_row_and_no_other": 6,
+    "tests/studies/test_consistency.py": 6,
     "tests/studies/test_faults.py::test_a_quick_part_of_the_matrix_is_as_promised": 5,
     "tests/studies/test_position_loop.py::test_the_papers_weight_diverges_in_flight_and_ten_does_not": 4,
     "tests/studies/test_tracking.py::test_the_flown_circle_is_the_ideal_one_within_a_tenth": 4,

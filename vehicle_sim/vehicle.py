@@ -114,12 +114,12 @@ class Vehicle:
         self.identity = identity
         self.parameters = Parameters(airframe, self.flight, identity.system)
         lidar_rng, wind_rng, *estimator_rngs = np.random.default_rng(seed).spawn(4)
-        self._estimator = _estimator(airframe, self.motion, estimator_rngs)
+        self.estimator = _estimator(airframe, self.motion, estimator_rngs)
         lidar = Lidar(airframe.lidar, lidar_rng)
         self._scan_poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
         self._now = Snapshot(self.motion, self.motion, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
-        senses = Senses(Scans(lidar, self._scene, lidar_rng), self._estimator)
+        senses = Senses(Scans(lidar, self._scene, lidar_rng), self.estimator)
         health = self.flight.watch.health
         health.charge, health.full_speed = airframe.battery.charge, self._parameters["rotor_max_speed"].item()
         running = self._parameters["rotor_running"][0]
@@ -189,7 +189,7 @@ class Vehicle:
         """Fly one tick."""
         self.tick += 1
         self._wind.advance(self.state)
-        command, feedback, error = self.flight.command, self._feedback, self._estimator.error
+        command, feedback, error = self.flight.command, self._feedback, self.estimator.error
         advance(self.state, command, self._parameters, feedback, self._work, error)
         before = self.motion
         self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
@@ -197,8 +197,8 @@ class Vehicle:
             self.flight.lose_power()
         if self.tick % _BATTERY_TICKS == 0:
             self._look_at_battery(truth)
-        present, told = self._estimator.update(truth)
-        self.flight.watch.health.position_lost = self._estimator.position_lost
+        present, told = self.estimator.update(truth)
+        self.flight.watch.health.position_lost = self.estimator.position_lost
         self.flight.step(present)
         if self.world.force_ned != _NO_FORCE:
             self._force_ned[:] = _NO_FORCE if self.flight.landed else self.world.force_ned

@@ -76,7 +76,7 @@ def test_a_noisy_estimate_does_not_hold_the_mission_up() -> None:
     rng = np.random.default_rng(4)
     offset = np.zeros(3)
     joined = Joined(mission_of("hover"), overrides=('avoidance.method="none"',))
-    estimator = joined.vehicle._estimator
+    estimator = joined.vehicle.estimator
     update = estimator.update
 
     def noisy(truth: Motion) -> tuple[Motion, Motion]:

@@ -34,8 +34,8 @@ def flown() -> ForeignPilot:
 
 
 def estimator_of(pilot: ForeignPilot) -> Estimator:
-    assert isinstance(pilot.vehicle._estimator, Estimator)
-    return pilot.vehicle._estimator
+    assert isinstance(pilot.vehicle.estimator, Estimator)
+    return pilot.vehicle.estimator
 
 
 def test_a_vehicle_that_knows_the_truth_has_no_sensors_to_tell_of() -> None:
