@@ -73,6 +73,16 @@ def rotate_inverse(q: Array, v: Array) -> Array:
 
 
 @compiled
+def axes_frd(q: Array) -> Array:
+    """North, east and down as body vectors (3, 3), a row each."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        x, y, z = to_body(q, (1.0 * (i == 0), 1.0 * (i == 1), 1.0 * (i == 2)))
+        out[i, 0], out[i, 1], out[i, 2] = x, y, z
+    return out
+
+
+@compiled
 def normalized(v: Array) -> Array:
     """A vector or quaternion (n,), other than zero, at length 1."""
     return v / math.sqrt(np.sum(v * v))

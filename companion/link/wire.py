@@ -15,7 +15,7 @@ from companion.link.sector_scans import SECTORS, SectorReport
 from companion.reports import SYSTEM_BATTERY, AttitudeReport, BatteryReading, OdometryReport, PositionReport
 from companion.state import BatteryLevel, Scan
 from protocol.arrays import Array
-from protocol.frames import from_euler, rotate_inverse
+from protocol.frames import axes_frd, from_euler
 from protocol.messages import dialect
 
 _POSITION_LIMIT_M = 1e5
@@ -139,7 +139,7 @@ def _axes_frd(q: Sequence[float]) -> Array:
         attitude = _quaternion("ODOMETRY", *q)
     except RefusedError as refused:
         raise RefusedOdometryError(str(refused)) from None
-    return np.array([rotate_inverse(attitude, axis) for axis in np.eye(3)])
+    return axes_frd(attitude)
 
 
 def home_position(message: Any) -> Array:

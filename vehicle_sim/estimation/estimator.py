@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocol.arrays import Array
-from protocol.frames import product, rotate
+from protocol.frames import product
 from protocol.jit import compiled
 from vehicle_sim.estimation import kalman
 from vehicle_sim.physics.motion import Motion
@@ -72,6 +72,7 @@ class Estimator:
         self._deviations = np.array([each.deviation for each in every])
         self._times = np.array([each.time_s for each in every])
         self._densities = np.array((s.inertial.gyro_noise, s.inertial.accelerometer_noise))
+        self._rate_noise = s.inertial.gyro_noise**2 / TICK_S
         self._field = field_ned(s)
         level, up = s.positioning.position_noise
         slow, climbing = (math.inf, math.inf) if s.gnss is None else s.gnss.velocity_noise
@@ -223,24 +224,10 @@ class Estimator:
         return 0 if self.read.fix is None else self.read.fix.time_ns
 
     @property
-    def pose_covariance(self) -> Array:
-        """(6, 6): of the position (m, NED), and of the attitude as a turn (rad, FRD)."""
-        order = np.r_[6:9, 0:3]
-        found: Array = self.covariance[np.ix_(order, order)]
-        return found
-
-    @property
-    def velocity_covariance(self) -> Array:
-        """(6, 6): of velocity (m/s, FRD) and rates (rad/s, FRD)."""
-        u, v, w = self._estimate[13:16].tolist()
-        none = np.zeros((3, 3))
-        R = np.array([rotate(self.nominal[:4], axis) for axis in np.eye(3)])
-        turned = np.array(((0.0, -w, v), (w, 0.0, -u), (-v, u, 0.0)))
-        J = np.block([[turned, R, none], [none, none, -np.eye(3)]])
-        order = np.r_[0:6, 9:12]
-        found: Array = J @ self.covariance[np.ix_(order, order)] @ J.T
-        found[3:, 3:] += np.eye(3) * self._densities[0] ** 2 / TICK_S
-        return found
+    def covariances(self) -> Array:
+        """(2, 6, 6): of the position (m, NED) and the attitude as a turn (rad, FRD); of velocity (m/s, FRD) and rates
+        (rad/s, FRD)."""
+        return kalman.of_motion(self.nominal, self.covariance, self._rate_noise)
 
 
 def _due(tick: int, every: int) -> bool:

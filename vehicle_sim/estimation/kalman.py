@@ -202,6 +202,32 @@ def take_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, no
     return _correct(nominal, P, H, innovation, noise * noise, gate)
 
 
+@compiled
+def of_motion(nominal: Array, P: Array, noise: float) -> Array:
+    """Covariances (2, 6, 6): of the position (m, NED) and the attitude as a turn (rad, FRD); and of velocity (m/s, FRD)
+    and rates (rad/s, FRD), of which `noise` is the variance of a reading."""
+    J, out = np.zeros((2, 6, WANDER + 3)), np.zeros((2, 6, 6))
+    q = nominal
+    u, v, w = to_world(q[0], -q[1], -q[2], -q[3], q[4], q[5], q[6])
+    J[1, 0, 1], J[1, 0, 2], J[1, 1, 0], J[1, 1, 2], J[1, 2, 0], J[1, 2, 1] = -w, v, w, -u, -v, u
+    R = np.empty((3, 3))
+    _matrix(nominal[:4], R)
+    for i in range(3):
+        J[0, i, PLACE + i], J[0, 3 + i, TURNED + i], J[1, 3 + i, WANDER + i] = 1.0, 1.0, -1.0
+        for j in range(3):
+            J[1, i, SPEED + j] = R[j, i]
+    for kind in range(2):
+        for i in range(6):
+            for k in range(WANDER + 3):
+                if J[kind, i, k] != 0.0:
+                    for m in range(WANDER + 3):
+                        for j in range(6):
+                            out[kind, i, j] += J[kind, i, k] * P[k, m] * J[kind, j, m]
+    for i in range(3, 6):
+        out[1, i, i] += noise
+    return out
+
+
 def reset_to_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, noise: Array, wander: Array) -> None:
     """Believe the receiver alone: position and velocity (6,), with their standard deviations (6,), from a time `late`
     (s) ago, when the nominal state was `then` (23,). Nothing is known of its wandering error but its deviation (3,)."""

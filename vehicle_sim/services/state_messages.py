@@ -61,8 +61,7 @@ class StateMessages:
         m, estimator = now.estimate, self._estimator
         pose, speed = _NO_COVARIANCE, _NO_COVARIANCE
         if isinstance(estimator, Estimator):
-            pose = tuple(estimator.pose_covariance[_UPPER].tolist())
-            speed = tuple(estimator.velocity_covariance[_UPPER].tolist())
+            pose, speed = estimator.covariances[:, *_UPPER].tolist()
         return self._encode(
             dialect.MAVLink_odometry_message,
             now.estimate_us,
