@@ -46,7 +46,7 @@ class Fault:
         self._past.append((time_ns, reading))
         while len(self._past) > 1 and self._past[1][0] <= time_ns - LATE_NS:
             self._past.popleft()
-        found = self._changed(reading, time_ns)
+        found = reading if self.failure is Failure.OK else self._changed(reading, time_ns)
         if found is not None:
             self._last, self._last_ns = found, time_ns
         return found

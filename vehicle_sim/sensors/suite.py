@@ -128,6 +128,14 @@ def _add(white: Array, noise: Array, most: Array, out: Array, shaken: Array) -> 
         shaken[kind] += _SMOOTHING * (math.sqrt(square) - shaken[kind])
 
 
+@compiled
+def _sense(before: Array, now: Array, wander: Array, noise: Array, limits: Array, out: Array, shaken: Array) -> None:
+    """`read` and `_add` in one call. `wander` (3, 13): errors, and what they keep and walk; `limits` (2, 6): of white
+    noise and of saturation."""
+    read(before, now, wander[0], wander[1:], noise, out)
+    _add(limits[0], noise[_WANDERS:], limits[1], out, shaken)
+
+
 class SensorSuite:
     """All sensors of a vehicle. Errors begin as the wander has them, but for those of the position: its first fixes say
     where the origin is."""
@@ -142,14 +150,16 @@ class SensorSuite:
         every = wanders(settings)
         deviation = np.array([each.deviation for each in every])
         keeps = np.array([math.exp(-TICK_S / each.time_s) for each in every])
-        self.walk = np.array((keeps, deviation * np.sqrt(1.0 - keeps**2)))
-        """(2, 13): what an error keeps in a tick, and how far it walks."""
-        self.errors = deviation * rng.standard_normal(_WANDERS)
+        first = deviation * rng.standard_normal(_WANDERS)
+        self._wander = np.array((first, keeps, deviation * np.sqrt(1.0 - keeps**2)))
+        self.errors = self._wander[0]
         """(13,): the wandering ones as they are."""
+        self.walk = self._wander[1:]
+        """(2, 13): what an error keeps in a tick, and how far it walks."""
         self.errors[POSITION] = 0.0
         s = settings.inertial
-        self._white = np.repeat((s.gyro_noise, s.accelerometer_noise), 3) * math.sqrt(TICK_S)
-        self._most = np.repeat((s.gyro_range, s.accelerometer_range), 3) * TICK_S
+        white = np.repeat((s.gyro_noise, s.accelerometer_noise), 3) * math.sqrt(TICK_S)
+        self._limits = np.array((white, np.repeat((s.gyro_range, s.accelerometer_range), 3) * TICK_S))
         self._before = as_row(start)
         self._imbalance_m = imbalance_m
         self._phases = 2.0 * math.pi * rng.random(4) if imbalance_m else np.zeros(4)
@@ -172,10 +182,12 @@ class SensorSuite:
         if self.settings.vio is not None:
             way = TICK_S * math.sqrt(now[0] ** 2 + now[1] ** 2 + now[2] ** 2)
             self.walk[1, POSITION] = self.settings.vio.drifted(way)
-        read(self._before, now, self.errors, self.walk, noise, self.gained)
         if self._imbalance_m:
+            read(self._before, now, self.errors, self.walk, noise, self.gained)
             self.gained[3:5] += self._shake(np.array(rotor_speeds))
-        _add(self._white, noise[_WANDERS:], self._most, self.gained, self._shaken)
+            _add(self._limits[0], noise[_WANDERS:], self._limits[1], self.gained, self._shaken)
+        else:
+            _sense(self._before, now, self._wander, noise, self._limits, self.gained, self._shaken)
         self._before = now
 
     def _shake(self, speeds: Array) -> Array:
