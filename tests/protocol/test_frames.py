@@ -59,6 +59,7 @@ def test_rotations_as_scipy_does_them_for_both_signs() -> None:
         np.testing.assert_allclose(frames.rotate(q, v), world, atol=1e-12)
         np.testing.assert_allclose(frames.rotate(-q, v), world, atol=1e-12)
         np.testing.assert_allclose(frames.rotate_inverse(q, world), v, atol=1e-12)
+        np.testing.assert_allclose(frames.axes_frd(q) @ v, world, atol=1e-12)
 
 
 @pytest.mark.parametrize(
