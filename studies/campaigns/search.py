@@ -141,23 +141,40 @@ def by_cma(dimensions: int, seed: int) -> tuple[Ask, Tell]:
 SAMPLERS: dict[str, Callable[[int, int], tuple[Ask, Tell]]] = {"cma": by_cma, "random": at_random}
 
 
+class Chooser:
+    """A sampler over ranges, by name, that also draws the seed of each flight."""
+
+    def __init__(self, ranges: Mapping[str, tuple[float, float]], sampler: str, seed: int) -> None:
+        self._names = list(ranges)
+        self._low, self._high = np.array(list(ranges.values())).T
+        self._ask, self._tell = SAMPLERS[sampler](len(ranges), seed)
+        self._rng = np.random.default_rng(seed)
+        self._points: list[Array] = []
+
+    def ask(self) -> list[tuple[dict[str, float], int]]:
+        """Values and seed of each flight of the next generation."""
+        self._points = self._ask()
+        return [(self._values(point), int(self._rng.integers(1, _SEEDS))) for point in self._points]
+
+    def tell(self, scores: list[float]) -> None:
+        """How near to a failure each flight of the generation came."""
+        self._tell(self._points, scores)
+
+    def _values(self, point: Array) -> dict[str, float]:
+        found = self._low + point * (self._high - self._low)
+        return {name: float(f"{each:.4g}") for name, each in zip(self._names, found, strict=True)}
+
+
 def search(file: SearchFile, sampler: str, client: Client) -> Iterator[Tried]:
     """Fly, generation by generation, until there are enough failures or the budget is used up; yields each flight, in
     the order of their numbers. The same search tries the same flights. Raises EngineError."""
-    asked, names = file.search, list(file.search.ranges)
-    ask, tell = SAMPLERS[sampler](len(names), asked.seed)
-    low, high = np.array(list(asked.ranges.values())).T
-    rng = np.random.default_rng(asked.seed)
-    number = failures = 0
+    asked, number, failures = file.search, 0, 0
+    chooser = Chooser(asked.ranges, sampler, asked.seed)
     while number < asked.budget and failures < asked.failures:
-        points = ask()
-        trials = {}
-        for point in points:
-            number += 1
-            found = [float(f"{each:.4g}") for each in low + point * (high - low)]
-            trials[number] = dict(zip(names, found, strict=True)), int(rng.integers(1, _SEEDS))
+        trials = dict(enumerate(chooser.ask(), start=number + 1))
+        number += len(trials)
         tried = _fly(file, trials, client)
-        tell(points, [each.score for each in tried])
+        chooser.tell([each.score for each in tried])
         failures += sum(each.score <= 0.0 for each in tried)
         yield from tried
 
