@@ -6,6 +6,7 @@ Numbers within ranges say how it is flown. A flight fails when the hull touches 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,13 @@ class Drill:
     """(n,) least distance (m) from hull to obstacle; at most 0 is a failure."""
 
 
+@cache
+def _airframe() -> Airframe:
+    return Airframe.load(find("vehicles", "paper_quad"))
+
+
 def _fleet(values: Values) -> Fleet:
-    fleet = Fleet.hovering(Airframe.load(find("vehicles", "paper_quad")), len(values["load"]))
+    fleet = Fleet.hovering(_airframe(), len(values["load"]))
     p = fleet.parameters
     p["wind_ned"][:, 0], p["wind_ned"][:, 1] = values["along"], values["across"]
     p["rotor_lag_share"] = values["lag"][:, None]
