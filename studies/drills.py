@@ -115,5 +115,5 @@ DRILLS = {
         {**WEATHER, "speed": (2.0, 6.0), "sight": (5.0, 12.0), "late": (0.0, 0.3)},
         before_a_wall,
     ),
-    "gate": Drill("through a gate", {**WEATHER, "speed": (2.0, 5.0), "width": (3.3, 4.7)}, through_a_gate),
+    "gate": Drill("through a gate", {**WEATHER, "speed": (2.0, 5.0), "width": (3.4, 4.8)}, through_a_gate),
 }

@@ -133,7 +133,9 @@ def at_random(dimensions: int, seed: int) -> tuple[Ask, Tell]:
 
 def by_cma(dimensions: int, seed: int) -> tuple[Ask, Tell]:
     """CMA-ES (Hansen), from the middle of the ranges."""
-    options = {"bounds": [0.0, 1.0], "popsize": GENERATION, "seed": seed, "verbose": -9}
+    rng = np.random.default_rng(seed)  # of its own: by default it seeds and draws from numpy's global one
+    drawn = {"seed": math.nan, "randn": lambda *shape: rng.standard_normal(shape)}
+    options = {"bounds": [0.0, 1.0], "popsize": GENERATION, "verbose": -9, **drawn}
     strategy = cma.CMAEvolutionStrategy(dimensions * [0.5], 0.3, options)
     return strategy.ask, strategy.tell
 

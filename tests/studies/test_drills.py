@@ -7,7 +7,7 @@ from studies import drills
 from studies.campaigns.search import Chooser
 from studies.drills import DRILLS, WEATHER
 
-CALM = {name: 0.0 for name in WEATHER} | {"lag": 1.0}
+CALM = dict.fromkeys(WEATHER, 0.0) | {"lag": 1.0}
 
 
 def values(**changes: tuple[float, ...]) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
@@ -24,7 +24,8 @@ def without_gusts(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_gate_is_alike_on_both_sides(without_gusts: None) -> None:
     flights = values(across=(4.0, -4.0), speed=(3.0, 3.0), width=(4.0, 4.0))
     left, right = DRILLS["gate"].clearance(flights, np.array([1, 2]))
-    assert left == pytest.approx(right, abs=1e-6) and 0.3 < left < 2.0 - drills.HULL
+    # the rotors turn another way on either side
+    assert left == pytest.approx(right, abs=1e-4) and 0.3 < left < 2.0 - drills.HULL
 
 
 def test_a_wind_towards_the_post_takes_what_one_away_from_it_gives(without_gusts: None) -> None:
