@@ -6,6 +6,7 @@ import pytest
 from studies import drills
 from studies.campaigns.search import Chooser
 from studies.drills import DRILLS, WEATHER
+from studies.worlds import HULL
 
 CALM = dict.fromkeys(WEATHER, 0.0) | {"lag": 1.0}
 
@@ -25,21 +26,19 @@ def test_a_gate_is_alike_on_both_sides(without_gusts: None) -> None:
     flights = values(across=(4.0, -4.0), speed=(3.0, 3.0), width=(4.0, 4.0))
     left, right = DRILLS["gate"].clearance(flights, np.array([1, 2]))
     # the rotors turn another way on either side
-    assert left == pytest.approx(right, abs=1e-4) and 0.3 < left < 2.0 - drills.HULL
+    assert left == pytest.approx(right, abs=1e-4) and 0.3 < left < 2.0 - HULL
 
 
 def test_a_wind_towards_the_post_takes_what_one_away_from_it_gives(without_gusts: None) -> None:
     flights = values(across=(2.0, -2.0), speed=(3.0, 3.0), aside=(2.5, 2.5))
     towards, away = DRILLS["post"].clearance(flights, np.array([1, 2]))
-    assert towards < 2.5 - 0.3 - drills.HULL < away and 0.5 * (towards + away) == pytest.approx(
-        2.5 - 0.3 - drills.HULL, abs=0.01
-    )
+    assert towards < 2.5 - 0.3 - HULL < away and 0.5 * (towards + away) == pytest.approx(2.5 - 0.3 - HULL, abs=0.01)
 
 
 def test_who_is_told_later_stops_so_much_nearer_to_the_wall(without_gusts: None) -> None:
     flights = values(speed=(4.0, 4.0), sight=(10.0, 10.0), late=(0.0, 0.25))
     soon, late = DRILLS["wall"].clearance(flights, np.array([1, 2]))
-    assert 0.0 < late < soon < 10.0 - drills.HULL
+    assert 0.0 < late < soon < 10.0 - HULL
 
 
 @pytest.mark.parametrize("name", DRILLS)

@@ -79,7 +79,6 @@ class Estimator:
         self._deviations = np.array([each.deviation for each in every])
         self._times = np.array([each.time_s for each in every])
         self._densities = np.array((s.inertial.gyro_noise, s.inertial.accelerometer_noise))
-        self._rate_noise = s.inertial.gyro_noise**2 / TICK_S
         self._field = field_ned(s)
         level, up = s.positioning.position_noise
         slow, climbing = (math.inf, math.inf) if s.gnss is None else s.gnss.velocity_noise
@@ -241,7 +240,7 @@ class Estimator:
     def covariances(self) -> Array:
         """(2, 6, 6): of the position (m, NED) and the attitude as a turn (rad, FRD); of velocity (m/s, FRD) and rates
         (rad/s, FRD)."""
-        return kalman.of_motion(self.nominal, self.covariance, self._rate_noise)
+        return kalman.of_motion(self.nominal, self.covariance, self._densities[0] ** 2 / TICK_S)
 
 
 def _due(tick: int, every: int) -> bool:
