@@ -18,6 +18,7 @@ import numpy as np
 from companion.reports import AttitudeReport, PositionReport
 from companion.state import Announcement, Setpoint, Severity
 from companion.told_resets import ToldResets
+from companion.turned_frame import Place, Step, TurnedFrame
 from protocol.arrays import Array
 from protocol.frames import multiply, to_rotation_vector, wrap
 
@@ -48,10 +49,8 @@ _UNSETTLED_S = 0.2
 """Telemetry that jumps or is refused for longer than this is no telemetry."""
 _SAME_TURN, _SAME_M = 0.03, 0.2
 """rad and m: nearer to the settled frame than this, a jump went back there."""
-_TELLING = 1.5
-"""m/s; so much speed gained tells in which frame the vehicle accelerates."""
-_LEAST_TURN = 0.35
-"""rad; between frames that differ by less it is not told, and makes little difference."""
+_GRAVITY, _LEAST_UPRIGHT = 9.81, 0.3
+"""m/s2; a thrust that holds the vehicle pushes it by so much times the tangent of its tilt, within reason."""
 
 
 def _turned(angle: float, north: float, east: float) -> tuple[float, float]:
@@ -171,8 +170,8 @@ class Plausibility:
         """These three, as they were before the latest jumps."""
         self._attitude: tuple[int, list[float], float] | None = None
         """Time (ms), attitude and rate of turn as they were believed."""
-        self._place: tuple[int, list[float], list[float]] | None = None
-        """Time (ms), position and velocity as they were believed, as the vehicle has said them."""
+        self._place: Place | None = None
+        """As it was believed."""
         self._odd: tuple[int, list[float]] | None = None
         """Time (ms) and position at the first velocity of those that are refused."""
         self._jumps_ns: tuple[int, int] | None = None
@@ -190,8 +189,7 @@ class Plausibility:
         """After so long what is asked shows in what the vehicle says."""
         self._asked_turn, self._told = AskedTurn(), ToldResets()
         self._motion = Motion()
-        self._gained = 0.0, 0.0
-        """m/s: speed gained along and across the way of the vehicle's tilt, since its heading jumped alone."""
+        self._turned = TurnedFrame()
 
     def watch(self, *, stands: bool) -> None:
         """Judge from now on. Where the vehicle `stands`, it is seen whether its telemetry has noise on it."""
@@ -230,7 +228,7 @@ class Plausibility:
             last = before[1]
             (a, b, c, d), (e, f, g, h) = quaternion, last
             along = a * e + b * f + c * g + d * h
-            if 8.0 * (1.0 - abs(along)) > allowed * allowed and not self._turns(quaternion, last, allowed, now_ns):
+            if 8.0 * (1.0 - abs(along)) > allowed * allowed and not self._turns(report, last, allowed, now_ns):
                 self._refuse("attitude", now_ns)
                 return None
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
@@ -250,18 +248,20 @@ class Plausibility:
     def _attitude_in_flight(self, report: AttitudeReport) -> AttitudeReport:
         return AttitudeReport(report.boot_time_ms, _yawed(report.attitude_ned_frd, -self._heading), report.rates_frd)
 
-    def _turns(self, quaternion: list[float], last: list[float], allowed: float, now_ns: int) -> bool:
+    def _turns(self, report: AttitudeReport, last: list[float], allowed: float, now_ns: int) -> bool:
         """The jump is one of the heading alone, and taken for one of the frame."""
-        turn = multiply(np.array(quaternion), np.array((last[0], -last[1], -last[2], -last[3])))
+        turn = multiply(report.attitude_ned_frd, np.array((last[0], -last[1], -last[2], -last[3])))
         yaw = 2.0 * math.atan2(turn[3], turn[0])
         if np.linalg.norm(to_rotation_vector(_yawed(turn, -yaw))) > allowed:
             return False
         self._heading = wrap(self._heading + yaw)
         if abs(wrap(self._heading - self._settled[0])) < _SAME_TURN:
             self._heading = self._settled[0]
-        self._gained = 0.0, 0.0
         self._still_motion = Unchanged()  # what turned was the frame
         self._jumped(now_ns)
+        step = self._turned.heading_jumped(wrap(self._heading - self._turn), report.boot_time_ms)
+        if step is not None:
+            self._turn_on(step.place, step.there, now_ns)
         return True
 
     def position(self, report: PositionReport, now_ns: int) -> PositionReport | None:
@@ -278,14 +278,20 @@ class Plausibility:
             told = self._told.step(step)
             jumps = told or math.hypot(*step) > _PLACE_M + _REACH * dt * dt
             leaps = math.hypot(u - u0, v - v0, w - w0) > _SPEED + _PUSH * dt and not self._told.due
-            if (jumps or leaps) and not self._moves(place, velocity, before, dt, leaps, now_ns):
+            there = self._in_flight([x0 + u0 * dt, y0 + v0 * dt, z0 + w0 * dt])
+            taken = Step(before, (time_ms, place, velocity), there)
+            if not self._moves(taken, jumps, leaps, now_ns):
                 if self._odd is None:
                     self._odd = time_ms, place
                 if not self._is_borne_out(place, velocity, time_ms):
                     self._told.refused()
                     self._refuse("velocity", now_ns)
                     return None
-                self._shift_on(place, before[1], before[2], dt, now_ns)
+                self._put(place, there, now_ns)
+            if time_ms > before[0]:
+                self._turned.step(taken)
+                if self._heading != self._turn:
+                    self._compare(taken, now_ns)
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
             same = before is not None and place == before[1]
             self._place_noise.take(place + velocity)
@@ -294,8 +300,6 @@ class Plausibility:
             elif self._still_place.count:
                 self._still_place, self._still_motion = Unchanged(), Unchanged()
                 self._stuck.discard("position")
-            if self._heading != self._turn and before is not None:
-                self._compare(velocity, before[2])
             self._place, self._odd = (time_ms, place, velocity), None
             self._told.believed()
             if self._refused_ns:
@@ -304,41 +308,37 @@ class Plausibility:
             return report
         return PositionReport(time_ms, np.array(self._in_flight(place)), np.array(self._along(velocity)))
 
-    def _along(self, vector: list[float]) -> list[float]:
+    def _along(self, vector: Sequence[float]) -> list[float]:
         return [*_turned(-self._turn, vector[0], vector[1]), vector[2]]
 
-    def _in_flight(self, place: list[float]) -> list[float]:
+    def _in_flight(self, place: Sequence[float]) -> list[float]:
         return [a + b for a, b in zip(self._along(place), self._shift, strict=True)]
 
-    def _moves(
-        self,
-        place: list[float],
-        velocity: list[float],
-        before: tuple[int, list[float], list[float]],
-        dt: float,
-        leaps: bool,
-        now_ns: int,
-    ) -> bool:
-        """The jump is one of the whole frame: of the position alone, or turned as the heading is."""
-        last, speed = before[1], before[2]
+    def _moves(self, step: Step, jumps: bool, leaps: bool, now_ns: int) -> bool:
+        """What jumps or leaps is the whole frame: the position alone, or turned as the heading is."""
         turn = wrap(self._heading - self._turn)
         if turn:
-            swift = [*_turned(turn, speed[0], speed[1]), speed[2]]
-            if math.dist(velocity, swift) <= _SPEED + _PUSH * dt:
-                there = self._in_flight([p + v * dt for p, v in zip(last, speed, strict=True)])
-                self._turn = self._heading
-                self._put(place, there, now_ns)
+            turned = self._turned.shows(turn, step)
+            before, dt = step.before[2], step.dt
+            swift = [*_turned(turn, before[0], before[1]), before[2]]
+            if (jumps or leaps) and turned is None:  # both at once are one
+                turned = math.dist(step.velocity, swift) <= _SPEED + _PUSH * dt
+            if turned and math.dist(step.velocity, swift) <= _SPEED + _PUSH * dt:
+                self._turn_on(step.place, step.there, now_ns)
                 return True
         if leaps:
             return False
-        self._shift_on(place, last, speed, dt, now_ns)
+        if jumps:
+            self._put(step.place, step.there, now_ns)
         return True
 
-    def _shift_on(self, place: list[float], last: list[float], speed: list[float], dt: float, now_ns: int) -> None:
-        """The frame moves, so that the flight goes on from the last place."""
-        self._put(place, self._in_flight([p + v * dt for p, v in zip(last, speed, strict=True)]), now_ns)
+    def _turn_on(self, place: Sequence[float], there: Sequence[float], now_ns: int) -> None:
+        """The frame of positions has turned as the heading did, and a position is that place of the flight."""
+        self._turn = self._heading
+        self._put(place, there, now_ns)
 
-    def _put(self, place: list[float], there: list[float], now_ns: int) -> None:
+    def _put(self, place: Sequence[float], there: Sequence[float], now_ns: int) -> None:
+        """The frame moves, so that a position is that place of the flight."""
         shift = [a - b for a, b in zip(there, self._along(place), strict=True)]
         self._told.followed()
         _, turn, settled = self._settled
@@ -360,26 +360,18 @@ class Plausibility:
         way = [p + v * dt for p, v in zip(self._odd[1], velocity, strict=True)]
         return dt >= _SETTLED_S and math.dist(place, way) < 0.1 + 0.3 * math.hypot(*velocity) * dt
 
-    def _compare(self, velocity: list[float], before: list[float]) -> None:
+    def _compare(self, step: Step, now_ns: int) -> None:
         """Since the heading jumped alone: if the vehicle accelerates as if its position's frame were turned with it,
         this is what it is, and was not seen at a standstill."""
         assert self._attitude is not None
         w, x, y, z = self._attitude[1]
-        north, east = _turned(-self._heading, -(2.0 * (x * z + w * y)), -(2.0 * (y * z - w * x)))
-        tilt = math.hypot(north, east)
-        if tilt < 0.02:
-            return
-        a, b = _turned(-self._turn, velocity[0] - before[0], velocity[1] - before[1])
-        along = self._gained[0] + (a * north + b * east) / tilt
-        across = self._gained[1] + (b * north - a * east) / tilt
-        self._gained = along, across
-        turn = wrap(self._heading - self._turn)
-        if abs(turn) < _LEAST_TURN or math.hypot(along, across) < _TELLING or self._place is None:
-            return
-        if abs(wrap(math.atan2(across, along) - turn)) < 0.25 * abs(turn):
-            there = self._in_flight(self._place[1])
-            self._turn = self._heading
-            self._shift = [a - b for a, b in zip(there, self._along(self._place[1]), strict=True)]
+        upright = _GRAVITY / max(1.0 - 2.0 * (x * x + y * y), _LEAST_UPRIGHT)
+        push = _turned(-self._heading, -2.0 * (x * z + w * y) * upright, -2.0 * (y * z - w * x) * upright)
+        before, after = step.before[2], step.velocity
+        change = _turned(-self._turn, after[0] - before[0], after[1] - before[1])
+        base = self._turned.accelerates(wrap(self._heading - self._turn), complex(*push), complex(*change), step)
+        if base is not None:
+            self._turn_on(base.place, base.there, now_ns)
 
     def setpoint(self, setpoint: Setpoint) -> Setpoint:
         """A setpoint of the flight's frame in that of the vehicle."""

@@ -362,8 +362,39 @@ def test_a_frame_that_turned_at_a_standstill_is_known_by_how_the_vehicle_speeds_
         moved = told.position(position, ms * MS)
         assert moved is not None and told.fault(ms * MS) is None
         told.news(ms * MS)
-        way = moved.velocity_ned
-    assert way == pytest.approx(speed, abs=0.1)
+        way = np.array([*moved.position_ned, *moved.velocity_ned])
+    assert way == pytest.approx(np.array([*truth[1].position_ned, *speed]), abs=0.1), "as if it had been seen at once"
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("angle", [-45.0, 30.0, 90.0])
+@pytest.mark.parametrize("last_ms", [-STEP_MS, 0, 150])
+@pytest.mark.parametrize("north", [-0.3, 0.6, 40.0])
+def test_a_frame_that_turned_on_a_slow_way_is_known_at_once(
+    whole: bool, angle: float, last_ms: int, north: float
+) -> None:
+    """Too slow and near for a leap or a jump; the position comes before the attitude or after it."""
+    told, change, worst = Plausibility(), turned(math.radians(angle), whole=whole), 0.0
+    told.watch(stands=False)
+    for ms in range(0, 4000, STEP_MS):
+        sway = 0.05 * math.sin(2e-3 * ms)
+        truth = (
+            AttitudeReport(ms, from_euler(0.0, 0.02 * sway, 0.0), np.zeros(3)),
+            PositionReport(ms, np.array([north + 9e-4 * (ms - FAULT_MS), sway, 0.0]), np.array([0.9, 2.0 * sway, 0.0])),
+        )
+        attitude = change(ms, truth)[0] if ms >= FAULT_MS else truth[0]
+        position = change(ms, truth)[1] if ms >= FAULT_MS + last_ms else truth[1]
+        if last_ms < 0:
+            moved = told.position(position, ms * MS)
+            told.attitude(attitude, ms * MS)
+        else:
+            told.attitude(attitude, ms * MS)
+            moved = told.position(position, ms * MS)
+        assert moved is not None and told.fault(ms * MS) is None
+        told.news(ms * MS)
+        if ms > FAULT_MS:
+            worst = max(worst, float(np.linalg.norm(moved.position_ned - truth[1].position_ned)))
+    assert worst < 0.05
 
 
 @pytest.mark.parametrize("first", [True, False])
