@@ -34,6 +34,8 @@ _STILL_S, _STILL_COUNT = 0.1, 4
 """Telemetry that has not changed for so long and in so many messages,"""
 _MOVED_M, _TURNED, _PUSHED = 0.1, 0.012, 0.06
 """and should have, by so much (m, rad, m/s), is stuck."""
+_ASKED, _ASKED_S = 5e-4, 0.5
+"""rad, within so many seconds. An attitude that is the same by every bit, though that was asked for, is stuck."""
 _NOISY = 100
 """So many messages in a row of which none goes on as those before it, from a vehicle that stands, show noise."""
 _MOVING = 1e-6
@@ -42,7 +44,9 @@ so far noise bends what messages say from one to the next: in recordings at leas
 _LEVEL = 0.005
 """sin of a tilt that pushes nowhere,"""
 _FLIES = 0.002
-"""m/s; what stands on the ground is slower."""
+"""m/s; what stands on the ground is slower,"""
+_LIFTS_MS = 20
+"""and when it lifts off it takes so long until it turns."""
 _SETTLED_S = 0.1
 """A jump that stays for so long is a reset."""
 _UNSETTLED_S = 0.2
@@ -130,24 +134,33 @@ class Noise:
 
 
 class AskedTurn:
-    """By what angle the vehicle was asked to turn while its attitude has not changed. Times in ms of its clock."""
+    """By what angle the vehicle was asked to turn away from what it did, while its attitude has not changed. What it
+    was asked for at first is no turn: it may stand against a torque. Times in ms of the vehicle's clock."""
 
     def __init__(self) -> None:
         self._since_ms = self._counted_ms = 0
+        self._at_first = 0.0, 0.0, 0.0
         self._angle = 0.0
         self._enough_ms: int | None = None
+        self._stood_ms = 0
 
-    def shows(self, since_ms: int, time_ms: int, rate: float, late_s: float) -> bool:
+    def shows(
+        self, since_ms: int, time_ms: int, asked: tuple[float, float, float], late_s: float, *, flies: bool
+    ) -> bool:
         """The attitude is the same since then, and so much was asked for (now: rad/s), so long ago, that it would not
-        be if it were true; what is asked takes `late_s` to show."""
+        be if it were true; what is asked takes `late_s` to show, and shows on a vehicle that `flies` alone."""
         if since_ms != self._since_ms:
             self.__init__()  # type: ignore[misc]
-            self._since_ms, self._counted_ms = since_ms, time_ms
-        self._angle += rate * (time_ms - self._counted_ms) * 1e-3
+            self._since_ms, self._counted_ms, self._at_first = since_ms, time_ms, asked
+        dt = (time_ms - self._counted_ms) * 1e-3
+        self._angle = self._angle * math.exp(-dt / _ASKED_S) + math.dist(asked, self._at_first) * dt
         self._counted_ms = time_ms
-        if self._angle < 2.0 * _TURNED:
+        if self._enough_ms is None and self._angle >= _ASKED:
+            self._enough_ms = time_ms
+        if not flies:
+            self._stood_ms = time_ms
+        if self._enough_ms is None or time_ms - self._stood_ms < _LIFTS_MS:
             return False
-        self._enough_ms = self._enough_ms or time_ms
         return time_ms - self._enough_ms > 1e3 * (_STILL_S + late_s)
 
 
@@ -183,7 +196,7 @@ class Plausibility:
         self._still_place, self._still_motion = Unchanged(), Unchanged()
         self._stuck: set[str] = set()
         """What was stuck is so until it changes."""
-        self._asked = 0.0
+        self._asked = 0.0, 0.0, 0.0
         """rad/s: how fast the vehicle was asked to turn, the last time."""
         self.late_s = 0.0
         """After so long what is asked shows in what the vehicle says."""
@@ -376,7 +389,7 @@ class Plausibility:
     def setpoint(self, setpoint: Setpoint) -> Setpoint:
         """A setpoint of the flight's frame in that of the vehicle."""
         p, q, r = setpoint.rates_frd
-        self._asked = math.hypot(p, q, r)
+        self._asked = p, q, r
         if self._heading == 0.0:
             return setpoint
         attitude = _yawed(np.array(setpoint.attitude_ned_frd), self._heading).tolist()
@@ -391,11 +404,12 @@ class Plausibility:
         wholly = still.seconds(quaternion + rates, time_ms, speed)
         stuck = bool(alike) and (self._attitude_noise.seen or math.hypot(*rates) * alike > 4.0 * _TURNED)
         stuck = stuck or (wholly > 0.0 and self._motion.broke_off)
+        flies = speed is not None and math.hypot(*speed) > _FLIES
+        shows = self._asked_turn.shows(still.since_ms, time_ms, self._asked, self.late_s, flies=flies)
         if wholly and speed is not None:
             still.witness = still.witness or speed
             stuck = stuck or _aside(quaternion, speed, still.witness) > _PUSHED
-            shows = self._asked_turn.shows(still.since_ms, time_ms, self._asked, self.late_s)
-            stuck = stuck or (shows and math.hypot(*speed) > _FLIES)
+            stuck = stuck or shows
         if stuck:
             self._stuck.add("attitude")
 

@@ -156,9 +156,21 @@ def test_a_vehicle_that_stands_still_may_say_the_same_for_ever(speed: float) -> 
         assert told.fault(ms * MS) is None
 
 
-def climbing(asked: float, until_ms: int, late_s: float = 0.0) -> float:
-    """A climb at a level attitude that never changes, in which a turn is asked for (rad/s) from FAULT_MS on; ms from
-    then on to the fault."""
+def test_a_vehicle_that_was_asked_to_turn_on_the_ground_may_lift_off_before_it_turns() -> None:
+    told = Plausibility()
+    told.watch(stands=True)
+    for ms in range(0, 1000, STEP_MS):
+        lifted = max(ms - 800, 0) * 1e-3  # s
+        pitch = 0.3 * max(lifted - 1.5e-3 * STEP_MS, 0.0)
+        told.attitude(AttitudeReport(ms, from_euler(0.0, pitch, 0.0), 0.3 * (pitch > 0.0) * np.eye(3)[1]), ms * MS)
+        told.position(PositionReport(ms, np.zeros(3), np.array([0.0, 0.0, -lifted])), ms * MS)
+        told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (0.0, 0.3 * (ms > 300), 0.0), (0.0, 0.0, 0.0), 0.6))
+        assert told.fault(ms * MS) is None
+
+
+def climbing(asked: float, until_ms: int, late_s: float = 0.0, at_first: float = 0.0, more: float = 0.0) -> float:
+    """A climb at a level attitude that never changes, in which a turn is asked for (rad/s, and `more` rad/s2) from
+    FAULT_MS on, and another one `at_first`; ms from then on to the fault."""
     told = Plausibility()
     told.late_s = late_s
     told.watch(stands=True)
@@ -168,7 +180,7 @@ def climbing(asked: float, until_ms: int, late_s: float = 0.0) -> float:
         told.position(
             PositionReport(ms, np.array([0.0, 0.0, -0.5e-3 * ms * speed]), np.array([0.0, 0.0, -speed])), ms * MS
         )
-        rate = asked if ms >= FAULT_MS else 0.0
+        rate = asked + more * 1e-3 * (ms - FAULT_MS) if ms >= FAULT_MS else at_first
         told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (rate, 0.0, 0.0), (0.0, 0.0, 0.0), 0.6))
         if told.fault(ms * MS):
             return ms - FAULT_MS
@@ -183,6 +195,15 @@ def test_a_climb_at_a_constant_attitude_is_none_that_is_stuck() -> None:
 def test_an_attitude_that_does_not_follow_what_is_asked_is_stuck(late_s: float) -> None:
     """Though it is the same since the start; over a late link an answer takes its time."""
     assert 1e3 * late_s + 100 <= climbing(asked=1.0, until_ms=1500, late_s=late_s) <= 1e3 * late_s + 200
+
+
+def test_an_attitude_that_does_not_begin_a_gentle_turn_is_stuck_within_300_ms() -> None:
+    """As at the end of a climb, where the way along a track begins: 0.4 degrees in the first 0.3 s."""
+    assert 100 <= climbing(asked=0.0, more=0.15, until_ms=1500) <= 300
+
+
+def test_a_turn_that_is_asked_for_all_the_time_and_not_flown_stands_against_a_torque() -> None:
+    assert climbing(asked=0.2, at_first=0.2, until_ms=3000) == math.inf
 
 
 @pytest.mark.parametrize(("along", "stuck"), [((2.0, 1.0), False), ((-2.0, -1.0), False), ((1.0, -2.0), True)])
