@@ -161,9 +161,11 @@ def test_a_vehicle_that_was_asked_to_turn_on_the_ground_may_lift_off_before_it_t
     told.watch(stands=True)
     for ms in range(0, 1000, STEP_MS):
         lifted = max(ms - 800, 0) * 1e-3  # s
-        pitch = 0.3 * max(lifted - 1.5e-3 * STEP_MS, 0.0)
+        pitch = 0.3 * max(lifted - 2.5e-3 * STEP_MS, 0.0)
         told.attitude(AttitudeReport(ms, from_euler(0.0, pitch, 0.0), 0.3 * (pitch > 0.0) * np.eye(3)[1]), ms * MS)
-        told.position(PositionReport(ms, np.zeros(3), np.array([0.0, 0.0, -lifted])), ms * MS)
+        told.position(
+            PositionReport(ms, np.array([0.0, 0.0, -0.5 * lifted**2]), np.array([0.0, 0.0, -lifted])), ms * MS
+        )
         told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (0.0, 0.3 * (ms > 300), 0.0), (0.0, 0.0, 0.0), 0.6))
         assert told.fault(ms * MS) is None
 
