@@ -71,6 +71,10 @@ class Estimator:
             self._certainty = msgspec.structs.replace(self._certainty, resets=self._certainty.resets + 1)
         return True
 
+    def begin(self, *, stands: bool) -> None:
+        """A flight begins, of a vehicle that `stands` or one that flies already."""
+        self._velocity_match.begin(stands=stands)
+
     def odometry(self, report: OdometryReport) -> bool:
         """Take it in; whether the vehicle's estimate was reset since the last one."""
         counted = self._reset_counter not in (None, report.reset_counter)

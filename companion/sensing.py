@@ -41,6 +41,7 @@ class Sensing:
     def begin(self, lowest_return: float, *, stands: bool) -> None:
         """A flight begins: what is sensed is judged from now on. What a scan shows below `lowest_return` (m, NED) is
         the ground. `stands`: the vehicle does, it is not taken over in flight."""
+        self.estimator.begin(stands=stands)
         if self.judges:
             self.plausibility.watch(stands=stands)
         self._ring_check.ground_down = lowest_return

@@ -9,6 +9,8 @@ It is a complementary filter: the position's rate below 1 / `settling` (s), the 
 a simulation without noise, it changes nothing.
 """
 
+import math
+
 import numpy as np
 
 from companion.reports import PositionReport
@@ -22,6 +24,8 @@ _STEP_M = 0.1
 """A position that moved so far beside its velocity was set, and says nothing of a speed."""
 _MOST = 1.0
 """m/s."""
+_LEFT_M = 0.3
+"""m from where it stood: there a vehicle flies. Held by the ground, its velocity may be anything."""
 
 
 class VelocityMatch:
@@ -32,13 +36,23 @@ class VelocityMatch:
         self._settling = settling
         self._before: PositionReport | None = None
         self._lack = np.zeros(3)
+        self._flies = False
+        self._stood_ned: Array | None = None
+        """(3,) m: the first place after `begin`."""
+
+    def begin(self, *, stands: bool) -> None:
+        """A flight begins: learn from now on, or, of a vehicle that `stands`, once it has left."""
+        self._lack, self._flies, self._stood_ned = np.zeros(3), not stands, None
 
     def velocity(self, report: PositionReport) -> Array:
         """(3,) m/s, NED: that of the report and what it lacks."""
         if not self._settling:
             return report.velocity_ned
         before, self._before = self._before, report
-        if before is not None:
+        if not self._flies:
+            self._stood_ned = report.position_ned if self._stood_ned is None else self._stood_ned
+            self._flies = math.dist(self._stood_ned.tolist(), report.position_ned.tolist()) > _LEFT_M
+        elif before is not None:
             seconds = later_ms(report.boot_time_ms, before.boot_time_ms) * 1e-3
             if 0.0 < seconds < _GAP_S:
                 self._lack = _learned(

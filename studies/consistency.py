@@ -49,7 +49,7 @@ PARTS = {
 }
 """What is told of: a flight, from when on and until when."""
 STATES = {"attitude": slice(0, 3), "velocity": slice(3, 6), "position": slice(6, 9)}
-"""Of the filter's error."""
+"""The filter's error."""
 SENSORS = ("fix", "field", "height")
 INTRODUCTION = f"""
 Whether the simulated vehicle's filter ([vehicle-sim.md](vehicle-sim.md#sensors-and-the-estimator)) is as wrong as it
@@ -204,7 +204,7 @@ def _ticks(seconds: float) -> int:
 
 @dataclass(frozen=True)
 class Averages:
-    """Of a quantity over flights, at each time or reading."""
+    """A quantity averaged over flights, at each time or reading."""
 
     over_flights: Array
     """(n,), each component's share."""
@@ -236,7 +236,7 @@ def within(rows: Array, begin_s: float, end_s: float) -> Array:
 def averages(
     level: str, watched: Sequence[Watched], begin_s: float = 0.0, end_s: float = math.inf
 ) -> dict[str, Averages]:
-    """Of each state and each sensor, over what was watched."""
+    """By state and sensor, over what was watched."""
     found = {}
     for name in (*STATES, *SENSORS):
         rows = [within(each.squares[name], begin_s, end_s) for each in watched]

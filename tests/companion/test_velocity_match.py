@@ -22,9 +22,15 @@ def circle(seconds: float) -> tuple[Array, Array]:
     return place, np.array([4.0 * np.cos(angle), 4.0 * np.sin(angle), 0.0])
 
 
+def flying(settling: float = SETTLING) -> VelocityMatch:
+    match = VelocityMatch(settling)
+    match.begin(stands=False)
+    return match
+
+
 def fed(seconds: float, said: Callable[[float, Array], Array]) -> tuple[VelocityMatch, Array]:
     """After reports for so long, the error (3,) of the last velocity (m/s)."""
-    match, error = VelocityMatch(SETTLING), np.zeros(3)
+    match, error = flying(), np.zeros(3)
     for ms in range(0, round(seconds * 1000.0), STEP_MS):
         place, velocity = circle(ms * 1e-3)
         np.subtract(match.velocity(PositionReport(ms, place, said(ms * 1e-3, velocity))), velocity, out=error)
@@ -46,7 +52,7 @@ def test_what_is_lacking_is_learned_as_by_a_filter_of_first_order(seconds: float
 
 
 def test_noise_of_the_positions_makes_little_speed() -> None:
-    rng, match, worst = np.random.default_rng(1), VelocityMatch(SETTLING), 0.0
+    rng, match, worst = np.random.default_rng(1), flying(), 0.0
     for ms in range(0, 20_000, STEP_MS):
         place, velocity = circle(ms * 1e-3)
         heard = match.velocity(PositionReport(ms, place + rng.normal(0.0, 0.01, 3), velocity))
@@ -71,6 +77,7 @@ def test_it_is_limited() -> None:
 
 def test_the_state_has_it() -> None:
     estimator = Estimator(SETTLING)
+    estimator.begin(stands=False)
     for ms in range(0, 10_000, STEP_MS):
         place, velocity = circle(ms * 1e-3)
         estimator.attitude(AttitudeReport(ms, np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), ms * 1_000_000)
@@ -80,7 +87,20 @@ def test_the_state_has_it() -> None:
 
 
 def test_it_can_be_switched_off() -> None:
-    match = VelocityMatch(0.0)
+    match = flying(0.0)
     for ms in range(0, 2000, STEP_MS):
         place, velocity = circle(ms * 1e-3)
         assert (match.velocity(PositionReport(ms, place, lacking(1.0, velocity))) == velocity - LACK).all()
+
+
+def test_of_a_vehicle_that_stands_nothing_is_learned_until_it_has_left() -> None:
+    """Held by the ground it may say that it climbs."""
+    match, climbing = VelocityMatch(SETTLING), np.array([0.0, 0.0, -1.2])
+    match.begin(stands=True)
+    for ms in range(0, 1000, STEP_MS):
+        assert (match.velocity(PositionReport(ms, np.zeros(3), climbing)) == climbing).all()
+    for ms in range(1000, 5000, STEP_MS):
+        place = np.array([0.0, 0.0, -1.0e-3 * (ms - 1000)])
+        velocity = match.velocity(PositionReport(ms, place, climbing))
+        assert place[2] < -0.3 or (velocity == climbing).all()
+    assert velocity == pytest.approx([0.0, 0.0, -1.0], abs=0.005)
