@@ -166,8 +166,8 @@ class Motors(msgspec.Struct, frozen=True, gc=False):
     """Not yet: it says that it stands on the ground, and its make waits there."""
     angle_boost: bool = False
     """It divides the thrust by the cosine of its tilt."""
-    slow_yaw: bool = False
-    """It turns slowly about its yaw axis."""
+    own_loops: bool = False
+    """Its rate loops are its own, whatever the vehicle's file says: that may be another vehicle's."""
 
 
 class CommandReport(msgspec.Struct, frozen=True, gc=False):

@@ -16,7 +16,7 @@ from companion.control.attitude_step import attitude_command, turn_otherwise
 from companion.control.foreign import foreign_laws
 from companion.control.lift_off import LiftOff
 from companion.control.margin import Pace, pace_for, paced
-from companion.control.parameters import PARAMETERS, SLOW_YAW_GAIN, controller_parameters, design_of
+from companion.control.parameters import PARAMETERS, SLOW_YAW_GAIN, TILT_KEPT, controller_parameters, design_of
 from companion.control.torque_observer import TORQUE_OBSERVER
 from companion.outputs import OUTPUTS
 from companion.records import CONTROL_FIELDS
@@ -92,6 +92,7 @@ class Controller:
         self._memory_bytes = self._memory.view(np.uint8)
         self._at_first = self._memory_bytes.copy()
         self._predicts = settings.control.prediction.enabled
+        self._kept_tilt = TILT_KEPT * settings.limits.tilt
         self._configured = self._parameters.copy()
         self.delay = LinkDelay()
         """The link's delay, as it is flown with."""
@@ -159,7 +160,9 @@ class Controller:
         if motors is not self._motors:
             self._motors = motors
             self._parameters["angle_boost"] = motors.angle_boost
-            if motors.slow_yaw and self._configured["rates_gain"][0, 2, 0] > SLOW_YAW_GAIN:
+            if motors.own_loops:
+                self._parameters["max_tilt"] = self._kept_tilt
+            if motors.own_loops and self._configured["rates_gain"][0, 2, 0] > SLOW_YAW_GAIN:
                 self._configured["rates_gain"][0, 2, 0] = SLOW_YAW_GAIN
                 self._pace()
         if self._lift_off.thrust is None:

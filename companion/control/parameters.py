@@ -82,7 +82,7 @@ ArduCopter's 2 to 4, both with an integral."""
 SLOW_YAW_GAIN = 0.25 * _RATE_LOOPS[2]
 """1/s; the gain from the heading's error to a yaw rate above such a loop, at most: a quarter of the loop's own gain.
 With that there is no overshoot."""
-_TILT_KEPT = 0.92
+TILT_KEPT = 0.92
 """Share of the tilt's limit that is commanded where the rate loops are not known. PX4's loops, and what its estimator
 is wrong by, have tilted a vehicle by 2.6 degrees more."""
 
@@ -239,6 +239,6 @@ def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:
         "min_thrust_n": limits.lowest_thrust * body.max_thrust_n,
         "max_thrust_n": limits.highest_thrust * body.max_thrust_n,
         "full_thrust_n": body.max_thrust_n,
-        "max_tilt": limits.tilt if loops_known else _TILT_KEPT * limits.tilt,
+        "max_tilt": limits.tilt if loops_known else TILT_KEPT * limits.tilt,
         "tilt_braking": math.radians(limits.tilt_braking_deg),
     }

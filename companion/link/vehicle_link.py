@@ -228,7 +228,7 @@ class VehicleLink:
     def _know_motors(self) -> None:
         assert self.firmware is not None and self.readiness.audit is not None
         spooling = bool(self.said.on_ground) and self.firmware.spools_on_ground
-        motors = Motors(spooling, self.readiness.audit.vehicle.angle_boost, self.firmware.slow_yaw)
+        motors = Motors(spooling, self.readiness.audit.vehicle.angle_boost, self.firmware.own_loops)
         if motors != self.motors:  # whoever uses them asks whether they are others than before
             self.motors = motors
 

@@ -169,5 +169,5 @@ FIRMWARE = Firmware(
     first_item_is_home=True,
     silent_when_free=True,
     spools_on_ground=True,
-    slow_yaw=True,
+    own_loops=True,
 )

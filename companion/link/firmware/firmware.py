@@ -59,8 +59,8 @@ class Firmware:
     """A ring of sectors is not sent while all of them are empty."""
     spools_on_ground: bool = False
     """While the vehicle says that it is on the ground, its motors don't follow the thrust yet."""
-    slow_yaw: bool = False
-    """Its loop of the yaw rate is slow, whatever the vehicle's file says: that may be another vehicle's."""
+    own_loops: bool = False
+    """Its rate loops are its own, whatever the vehicle's file says, and slow about the yaw axis."""
 
 
 class Judge:

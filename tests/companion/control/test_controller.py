@@ -404,6 +404,17 @@ def test_torque_turns_the_vehicle_as_the_rates_change_that_are_asked_for(design:
     assert np.diff(rates) / 0.004 == pytest.approx(0.5 * (accelerations[1:] + accelerations[:-1]), abs=0.05)
 
 
+def test_the_tilt_is_kept_below_its_limit_above_loops_that_are_the_vehicles_own() -> None:
+    """Whose they are is known when the vehicle is."""
+    settings = load_settings(None, [])
+    controller = Controller(settings, BODY, Output.ATTITUDE)
+    limits = []
+    for motors in (Motors(), Motors(own_loops=True), Motors(own_loops=True, spooling=True)):
+        controller.flies(nominal().state(START_NS), START_NS, BODY.mass_kg, False, motors)
+        limits.append(float(controller._parameters["max_tilt"][0]) / settings.limits.tilt)
+    assert limits == pytest.approx([1.0, 0.92, 0.92])
+
+
 YAW_LOOPS = (2.4, 0.5, 0.1), (2.3, 1.1, 0.05), (4.2, 7.4, 0.08), (1.9, 2.7, 0.05)
 """Gain (1/s), integral gain (1/s2) and lag (s) of rate loops as they fit flights: PX4's two, ArduCopter's two."""
 
@@ -417,7 +428,7 @@ def test_the_heading_is_damped_above_a_flight_controllers_own_loop(
     file, whose loops are fast, once the firmware is known."""
     controller = Controller(load_settings(None, []), load_body(vehicle), Output.RATES)
     if vehicle == "paper_quad":
-        controller.flies(nominal().state(START_NS), START_NS, BODY.mass_kg, False, Motors(slow_yaw=True))
+        controller.flies(nominal().state(START_NS), START_NS, BODY.mass_kg, False, Motors(own_loops=True))
     turn = controller._parameters["rates_gain"][0, 2, 0]
     loop = [[0, 1, 0, 0], [0, 0, 1, 0], [-gain * turn / lag, -gain / lag, -1 / lag, integral / lag], [-turn, -1, 0, 0]]
     poles = np.linalg.eigvals(np.array(loop))

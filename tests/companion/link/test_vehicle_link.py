@@ -79,7 +79,7 @@ def test_ardupilot_turns_slowly_about_its_yaw_axis() -> None:
     for autopilot in (PX4, ARDUPILOT):
         link, vehicle = found(autopilot=autopilot)
         hear(link, vehicle.extended_state(dialect.MAV_LANDED_STATE_ON_GROUND))
-        assert link.motors.slow_yaw is (autopilot == ARDUPILOT)
+        assert link.motors.own_loops is (autopilot == ARDUPILOT)
 
 
 @pytest.mark.parametrize(("base", "state"), [(81, 4), (81 | 128, 4), (81 | 128, 5), (81, 6), (81, 3)])
