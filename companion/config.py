@@ -183,7 +183,7 @@ class Limits(Table, frozen=True):
     """Limits of the commands to the vehicle."""
 
     tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=85)] = 45.0
-    """The vehicle's. A vehicle whose file lacks `rate_loop_gain_1_s`, and ArduPilot, is commanded 92 %: it may swing."""
+    """The vehicle's. A vehicle whose file lacks `rate_loop_gain_1_s`, and ArduPilot, is commanded 92 %: they swing."""
     tilt_braking_deg: Positive = 900.0
     """deg/s2; the angular acceleration that the vehicle surely has to stop at the tilt limit. ArduPilot limits its own
     to ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100."""
