@@ -97,8 +97,6 @@ SLOW: dict[str, float] = {
     "tests/studies/test_campaigns.py::test_a_smoke_on_two_workers_one_of_which_is_killed": 10,
     "tests/studies/test_campaigns.py::test_who_dies_hangs_or_throws_costs_a_row_and_no_other": 6,
     "tests/studies/test_consistency.py": 6,
-    "tests/studies/test_cluster.py::test_a_campaign_killed_with_its_workers_goes_on_to_the_same_rows": 25,
-    "tests/studies/test_cluster.py::test_four_workers_one_of_them_in_a_network_of_its_own_fly_the_same_rows": 15,
     "tests/studies/test_faults.py::test_a_quick_part_of_the_matrix_is_as_promised": 5,
     "tests/studies/test_position_loop.py::test_the_papers_weight_diverges_in_flight_and_ten_does_not": 4,
     "tests/studies/test_tracking.py::test_the_flown_circle_is_the_ideal_one_within_a_tenth": 4,

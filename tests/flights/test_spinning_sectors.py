@@ -119,7 +119,7 @@ def site() -> Site:
     return Site("posts", {"name": "posts", "origin": origin, "cylinder": posts}, ((20.0, 0.0), (0.0, 0.0)))
 
 
-@pytest.mark.parametrize(("speed", "seed"), [(4.0, 3), (4.0, 5), (2.0, 2)])
+@pytest.mark.parametrize(("speed", "seed"), [(4.0, 3), (2.0, 2)])
 def test_posts_on_the_way_are_kept_clear_of(speed: float, seed: int, tmp_path: Path) -> None:
     """At 4 m/s they were hit, as long as an empty sector was believed at once and at its stamp."""
     meddle = Spinning(seed)
