@@ -21,6 +21,7 @@ from companion.told_resets import ToldResets
 from companion.turned_frame import Place, Step, TurnedFrame
 from protocol.arrays import Array
 from protocol.frames import multiply, to_rotation_vector, wrap
+from protocol.vehicle_parameters import GRAVITY
 
 _GAP_S = 1.0
 """Behind a longer gap anything may be true."""
@@ -53,8 +54,8 @@ _UNSETTLED_S = 0.2
 """Telemetry that jumps or is refused for longer than this is no telemetry."""
 _SAME_TURN, _SAME_M = 0.03, 0.2
 """rad and m: nearer to the settled frame than this, a jump went back there."""
-_GRAVITY, _LEAST_UPRIGHT = 9.81, 0.3
-"""m/s2; a thrust that holds the vehicle pushes it by so much times the tangent of its tilt, within reason."""
+_LEAST_UPRIGHT = 0.3
+"""Cosine of the tilt; a thrust that holds the vehicle pushes it by gravity times its tilt's tangent, up to here."""
 
 
 def _turned(angle: float, north: float, east: float) -> tuple[float, float]:
@@ -378,7 +379,7 @@ class Plausibility:
         this is what it is, and was not seen at a standstill."""
         assert self._attitude is not None
         w, x, y, z = self._attitude[1]
-        upright = _GRAVITY / max(1.0 - 2.0 * (x * x + y * y), _LEAST_UPRIGHT)
+        upright = GRAVITY / max(1.0 - 2.0 * (x * x + y * y), _LEAST_UPRIGHT)
         push = _turned(-self._heading, -2.0 * (x * z + w * y) * upright, -2.0 * (y * z - w * x) * upright)
         before, after = step.before[2], step.velocity
         change = _turned(-self._turn, after[0] - before[0], after[1] - before[1])

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from protocol.frames import wrap
 
-_GRAVITY = 9.81
 _STEPS = 25
 """So many steps before the jump are looked at; a position may come before the attitude that is reset with it."""
 _BEFORE_MS, _AFTER_MS = 100, 500

@@ -6,7 +6,7 @@ stands beside its reference by that difference times the damping over the stiffn
 the positions, slowly enough that noise of the positions makes no speed, and added to the velocity.
 
 It is a complementary filter: the position's rate below 1 / `settling` (s), the velocity above. Where both agree, as in
-a simulation without noise, it changes nothing.
+a simulation without noise, it changes next to nothing.
 """
 
 import math

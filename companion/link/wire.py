@@ -26,8 +26,9 @@ _OF_VELOCITY = np.array(((0, 1, 2), (1, 6, 7), (2, 7, 11)))
 _NOTHING = 65535
 _HALF_SECTOR = math.pi / SECTORS
 _ARDUPILOT_RING = 10
-_OLDEST_SECTOR_MS = 100
 """PROXIMITY_SENSOR_ID_START"""
+_OLDEST_SECTOR_MS = 100
+"""So long before it is sent a sector of ArduPilot's may have been seen: a turn of its LiDAR."""
 
 _UNKNOWN_MV = 65535
 _HIGHEST_CELL_V = 5.0
@@ -187,7 +188,7 @@ def sector_distance(message: Any) -> SectorReport | None:
     and down, and narrow beams, beside which the vehicle may hit what they miss.
 
     ArduPilot reports its rings so, with ids from 10 on and no field of view, and an empty sector as `max_distance`; of
-    others, that is the farthest hit. Its stamp is when it was sent; the spinning LiDAR may have seen it a turn sooner.
+    others, that is the farthest hit. Its stamp is when it was sent.
     """
     is_ardupilot = message.horizontal_fov == 0.0 and message.id >= _ARDUPILOT_RING
     if message.orientation >= SECTORS or not (is_ardupilot or message.horizontal_fov > _HALF_SECTOR):

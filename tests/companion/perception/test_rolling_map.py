@@ -213,6 +213,22 @@ def test_unknown_sectors_and_moving_returns_leave_no_mark() -> None:
     assert state_at(view, 0.0, 5.0) == UNKNOWN and state_at(view, 0.0, -5.0) == FREE
 
 
+@pytest.mark.parametrize(("away", "marked"), [(4.0, True), (5.5, True), (8.0, False)])
+def test_the_whole_arc_of_a_wide_sector_is_occupied_where_it_is_near(away: float, marked: bool) -> None:
+    """The return in one of eight sectors is anywhere between its edges; and all obstacles count for larger."""
+    ranges, hit = np.full(8, 15.0), np.zeros(8, bool)
+    ranges[0], hit[0] = away, True
+    rolling = RollingMap(SETTINGS, HULL)
+    for _ in range(3):
+        rolling.add(Scan(0, 0, np.radians(45.0 * np.arange(8)), ranges, hit, np.ones(8, bool)), HERE, LEVEL, GROUND)
+    view = rolling.view(0)
+    chord = away * math.cos(math.pi / 8.0)
+    for bearing in np.radians((-20.0, 0.0, 20.0)):
+        assert (state_at(view, chord, chord * math.tan(bearing)) == OCCUPIED) is marked
+    distance = view.distance_at(np.array([chord - 2.0, 0.0]))
+    assert distance is not None and (distance == pytest.approx(2.0 - 0.3, abs=0.15) if marked else distance > 2.0)
+
+
 def test_each_beam_with_the_pose_of_its_own_time() -> None:
     """The same range from two places along the way marks two places."""
     rolling = RollingMap(SETTINGS, HULL)
