@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Self
 
 import pytest
 from pyulog import ULog
@@ -34,6 +35,7 @@ class Console:
             pytest.skip(f"{PROGRAM} is not there")
         command = [
             sys.executable,
+            "-u",  # it is read as it speaks
             str(PROGRAM),
             f"--master=udpout:{HOST}:{port}",
             f"--default-modules={MODULES}",
@@ -44,6 +46,13 @@ class Console:
         self._said: queue.Queue[str] = queue.Queue()
         self._text = ""
         threading.Thread(target=self._read, daemon=True).start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
 
     def _read(self) -> None:
         assert self.process.stdout is not None
@@ -73,12 +82,12 @@ class Console:
 
 @pytest.fixture(params=[1.0, 5.0])
 def console(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Console]:
-    with served(request.param, profile=Profile.GROUND) as vehicle:
-        console = Console(vehicle.port, tmp_path)
+    with (
+        served(request.param, profile=Profile.GROUND) as vehicle,
+        Console(vehicle.port, tmp_path) as console,
+    ):
         console.wait_for(f"Received {len(TABLE)} parameters")
         yield console
-        console.process.kill()
-        console.process.wait()
 
 
 def save(path: Path, *rows: Row) -> str:

@@ -1,5 +1,7 @@
 """Companion, MAVProxy and MAVSDK fly one vehicle at once, in real time."""
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +35,12 @@ PROGRAM = 77, 25
 COMPANION = 1, 191
 
 
-def started(port: int, folder: Path, *others: tuple[int, int]) -> Console:
+@contextmanager
+def started(port: int, folder: Path, *others: tuple[int, int]) -> Iterator[Console]:
     """A MAVProxy that has the parameters, and heartbeats of others."""
-    console = Console(port, folder)
-    sees(console, r"Received \d+ parameters", *others)
-    return console
+    with Console(port, folder) as console:
+        sees(console, r"Received \d+ parameters", *others)
+        yield console
 
 
 def sees(console: Console, also: str, *others: tuple[int, int]) -> None:
@@ -54,15 +57,17 @@ def set_by(console: Console, parameter: str, value: float) -> None:
 def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tmp_path: Path) -> None:
     mission = tmp_path / "wait.toml"
     mission.write_text(MISSION)
-    with served(1.0) as vehicle:
+    with ExitStack() as ends:
+        vehicle = ends.enter_context(served(1.0))
         vehicle.parameters.scale_losses(1.0)  # the companion refuses a vehicle that waits long
         place = f"udpout:{HOST}:{vehicle.port}"
         options = ("--avoid", "none", "--log", str(tmp_path / "logs"), "--json", "--no-report", *PATIENT)
         mavsdk = Mavsdk(Configuration.create_manual(*PROGRAM, True))
+        ends.callback(mavsdk.destroy)
         mavsdk.add_any_connection(f"udpout://{HOST}:{vehicle.port}")
         system = mavsdk.first_autopilot(PATIENCE_S)
         telemetry, param, action = Telemetry(system), Param(system), Action(system)
-        first = started(vehicle.port, tmp_path, PROGRAM)
+        first = ends.enter_context(started(vehicle.port, tmp_path, PROGRAM))
         with Process("companion", ("fly", str(mission), "--connect", place, *options)) as flight:
             flight.wait_for("in control")
             sees(first, "Mode OFFBOARD", COMPANION)
@@ -70,7 +75,7 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
             assert param.get_param_float("MPC_XY_CRUISE") == 4.0
             first.process.kill()
             first.process.wait()
-            second = started(vehicle.port, tmp_path, COMPANION, PROGRAM)
+            second = ends.enter_context(started(vehicle.port, tmp_path, COMPANION, PROGRAM))
             param.set_param_float("MPC_XY_CRUISE", 3.0)
             assert any(second.shown("MPC_XY_CRUISE") == 3.0 for _ in range(1000))
             assert telemetry.flight_mode() == FlightMode.OFFBOARD, "the companion flies on"
@@ -86,9 +91,6 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
         second.wait_for("Mode TAKEOFF")
         second.type("long MAV_CMD_DO_SET_MODE 1 4 6", "DO_SET_MODE: ACCEPTED")
         second.wait_for("Disarmed by landing")
-        second.process.kill()
-        second.process.wait()
-        mavsdk.destroy()
 
 
 def heard_by_companion(logs: Path) -> set[int]:
