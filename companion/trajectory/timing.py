@@ -114,8 +114,8 @@ def motion(path: Array, law: Array, origin: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class TimeLaw:
-    """A parameter that goes from `start` to `end` (> start): from rest to `wanted_rate` (1/s) in `up_s`, and to rest in
-    `down_s` (s). If the distance is too short for both ramps, the rate is lower."""
+    """A parameter from `start` to `end`, or one that stays where both are the same: from rest to `wanted_rate` (1/s) in
+    `up_s`, and to rest in `down_s` (s). If the distance is too short for both ramps, the rate is lower."""
 
     start: float
     end: float
@@ -126,7 +126,8 @@ class TimeLaw:
     """The arguments of `law_at` before the time."""
 
     def __post_init__(self) -> None:
-        cruise = max((self.end - self.start) / self.rate - 0.5 * (self.up_s + self.down_s), 0.0)
+        distance = self.end - self.start
+        cruise = max(distance / self.rate - 0.5 * (self.up_s + self.down_s), 0.0) if distance > 0.0 else 0.0
         object.__setattr__(self, "phases", (self.start, self.rate, self.up_s, cruise, self.down_s))
 
     @property
