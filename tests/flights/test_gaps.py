@@ -50,3 +50,15 @@ def test_a_gap_ends_in_the_mission_or_on_the_ground(mission: Mission, phase: Pha
     assert (supervisor.fault is None) == (seconds < 1.0), joined.said
     tilt = np.degrees(2.0 * np.arcsin(np.hypot(*np.array(joined.truths)[:, 7:9].T)))
     assert tilt.max() < 45.0
+
+
+def test_a_gap_over_the_end_of_a_figure_ends_on_the_ground() -> None:
+    """The rest of the figure that is kept for later has no length."""
+    mission = mission_of("circle", "trajectory.laps=1")
+    joined = Joined(mission, overrides=NO_WAY_TO_FIND).fly(until=in_phase(Phase.TRACK, 6.0))
+    joined.freeze(2.5)
+    joined.fly(limit_s=200.0)
+    assert joined.autopilot.supervisor.fault is not None
+    assert joined.autopilot.supervisor.state is State.ENDED and joined.vehicle.summary().outcome == "landed", (
+        joined.said
+    )

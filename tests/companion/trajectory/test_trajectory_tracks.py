@@ -154,6 +154,15 @@ def test_what_is_left_of_a_track_begins_at_rest_where_it_was_left() -> None:
     assert np.allclose(again.start_ned, left.at(3.5)[0])
 
 
+@pytest.mark.parametrize("shape", [*SHAPES, SQUARE], ids=lambda shape: shape.shape)
+def test_what_is_left_of_a_track_at_its_end_is_to_stay_there(shape: Shape) -> None:
+    whole = track(shape)
+    left = whole.resumed_at(whole.duration_s + 1.0)
+    for time_s in (0.0, 0.5, left.duration_s, 1e9):
+        assert np.allclose(left.at(time_s)[0], whole.at(1e9)[0], atol=1e-9)
+        assert not left.at(time_s)[1:5].any()
+
+
 def following(shape: Shape) -> ReferenceGenerator:
     generator = ReferenceGenerator(SETTINGS)
     flown = track(shape)
