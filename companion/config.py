@@ -122,7 +122,10 @@ class Estimation(Table, frozen=True):
     thrust_scale: bool = True
     """Estimate the scale of the thrust, which changes with mass, battery and propellers."""
     drag_scale: bool = True
-    """Estimate the scale of the drag."""
+    """Estimate the scale of the drag, and by how much a climb damps the thrust otherwise than the vehicle file says."""
+    axial_damping: NotNegative = 1.0
+    """1/s; so uncertain is, at the take-off, the damping along the rotors' axis beyond the vehicle file's drag: rotors
+    that climb give less thrust; 0: none is estimated, as without `drag_scale`."""
     disturbance: bool = True
     """Estimate a disturbing acceleration."""
     torque_bandwidth: NotNegative = 2.0

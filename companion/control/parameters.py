@@ -32,7 +32,7 @@ PARAMETERS = np.dtype(
         ("feed_velocity", "f8"),
         ("feed_acceleration", "f8"),
         ("feed_attitude", "b1"),
-        ("compensated_drag_kg_s", "f8", 3),
+        ("compensates_drag", "b1"),
         ("drag_kg_s", "f8", 3),
         ("observes", "b1"),
         ("velocity_noise", "f8"),
@@ -122,7 +122,7 @@ def _position(control: Control, body: VehicleParameters) -> dict[str, Any]:
         "adaptation_bound": position.adaptation_bound,
         "feed_velocity": position.feedforward != "none",
         "feed_acceleration": position.feedforward == "acceleration",
-        "compensated_drag_kg_s": body.drag_kg_s if position.drag_compensation else (0.0, 0.0, 0.0),
+        "compensates_drag": position.drag_compensation,
         "drag_kg_s": body.drag_kg_s,
     }
 
@@ -137,9 +137,12 @@ def _observer(estimation: Estimation, body: VehicleParameters) -> dict[str, Any]
     if estimation.thrust_scale:
         deviation[disturbance_observer.THRUST_SCALE] = 0.3
         walk[disturbance_observer.THRUST_SCALE] = estimation.thrust_scale_walk
-    if estimation.drag_scale and max(body.drag_kg_s) > 0.0:
-        deviation[disturbance_observer.DRAG_SCALE] = 0.3
-        walk[disturbance_observer.DRAG_SCALE] = estimation.drag_scale_walk
+    if estimation.drag_scale:
+        if max(body.drag_kg_s) > 0.0:
+            deviation[disturbance_observer.DRAG_SCALE] = 0.3
+            walk[disturbance_observer.DRAG_SCALE] = estimation.drag_scale_walk
+        deviation[disturbance_observer.AXIAL_DAMPING] = estimation.axial_damping
+        walk[disturbance_observer.AXIAL_DAMPING] = estimation.axial_damping * estimation.drag_scale_walk
     return {
         "observes": estimation.disturbance or estimation.thrust_scale or estimation.drag_scale,
         "torque_bandwidth": estimation.torque_bandwidth,
