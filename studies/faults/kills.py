@@ -15,6 +15,7 @@ import numpy as np
 
 from companion.logs.replay import replay
 from protocol.flightlog import Direction, FlightLogError, LogReader, datagrams
+from studies.engine import on_all_cores
 from studies.faults import flights, proxy
 from studies.faults.injector import Injector, Onset
 from studies.faults.matrix import as_promised
@@ -155,7 +156,7 @@ def run(report: Report) -> None:
         f"""
 `companion fly {MISSION}` and `vehicle-sim` as processes in real time; one process gets a signal at a random moment
 from before the lift-off to the landing. The recorder and the planner are processes of the companion. Each log is opened
-and replayed.
+and replayed. There are as many flights at once as the machine has cores.
 """
     )
     code = flights.code(__file__, proxy.__file__)
@@ -166,7 +167,7 @@ and replayed.
         for name in SIGNALS
     ]
     path = report.choice.logs.with_name("faults") / "kills.jsonl"
-    tell(report, flights.fly_missing(kills, Row, path, partial(map, fly), report.progress))
+    tell(report, flights.fly_missing(kills, Row, path, partial(on_all_cores, fly), report.progress))
 
 
 def tell(report: Report, rows: list[Row]) -> None:

@@ -79,10 +79,16 @@ def run(report: Report) -> None:
         Job(fault.key, mission, seed, code)
         for seed in range(1, report.choice.seeds + 1)
         for fault in FAULTS.values()
-        for mission in fault.missions
+        for mission in missions(fault, seed)
     ]
     path = report.choice.logs.with_name("faults") / "joined.jsonl"
     tell(report, flights.fly_missing(jobs, Row, path, partial(on_all_cores, flights.fly), report.progress))
+
+
+def missions(fault: Fault, seed: int) -> tuple[str, ...]:
+    """Those that a fault is flown on with a seed: all if it is there from the start, otherwise one of them. Two seeds
+    have the same one, one for each of `flights.output`."""
+    return fault.missions if fault.from_start else (fault.missions[seed // 2 % len(fault.missions)],)
 
 
 def tell(report: Report, rows: Sequence[Row]) -> None:

@@ -13,9 +13,9 @@ the companion and does the harm, from a seed. A steady delay is there from the s
 at a random moment between take-off and landing. What the vehicle says is wrong from the first message on that differs
 from what it would have said: an attitude that stays the same anyhow is not frozen yet.
 
-Faults of rings are flown on the courier's way alone, the others on the *square*, too, which nothing stands around. In
-memory, the companion commands on one of the two what it chooses for the simulated vehicle, attitudes, and on the other
-rates: with odd seeds attitudes on the courier's way, with even ones on the square. Resets of the
+Faults of rings are flown on the courier's way alone; those that are there from the start on the *square*, too, which
+nothing stands around; the others on one of the two, by seed. In memory, the companion commands in one half of the
+flights on each mission what it chooses for the simulated vehicle, attitudes, and in the other half rates. Resets of the
 heading are flown on rates alone: what is injected here does not reach the vehicle's own attitude control. Over UDP it
 commands rates, too.
 

@@ -3,6 +3,7 @@
 import socket
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +50,13 @@ def test_the_fault_begins_at_a_moment_that_the_seed_says() -> None:
     assert moment_s(Job("a", "square", 1, "old")) == moment_s(Job("a", "square", 1, "new"))
 
 
-def test_each_mission_is_flown_with_the_companion_s_own_output_and_with_rates() -> None:
-    for mission in FLIGHT_S:
-        assert {output(Job("loss, 40 %", mission, seed, "")) for seed in (1, 2)} == {None, Output.RATES}
-    for seed in (1, 2):
-        assert {output(Job("loss, 40 %", mission, seed, "")) for mission in FLIGHT_S} == {None, Output.RATES}
+@pytest.mark.parametrize(("fault", "flights"), [("loss, 40 %", 4), ("combined", 8)])
+def test_each_mission_is_flown_with_the_companion_s_own_output_and_with_rates(fault: str, flights: int) -> None:
+    """One flight a seed, or both missions if the fault is there from the start: within four seeds all is there."""
+    for first in (1, 7):
+        seeds = range(first, first + 4)
+        flown = [(m, output(Job(fault, m, seed, ""))) for seed in seeds for m in matrix.missions(FAULTS[fault], seed)]
+        assert len(flown) == flights and set(flown) == set(product(FLIGHT_S, (None, Output.RATES)))
 
 
 def test_each_promise_can_be_kept() -> None:
