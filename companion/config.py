@@ -122,10 +122,7 @@ class Estimation(Table, frozen=True):
     thrust_scale: bool = True
     """Estimate the scale of the thrust, which changes with mass, battery and propellers."""
     drag_scale: bool = True
-    """Estimate the scale of the drag, and by how much a climb damps the thrust otherwise than the vehicle file says."""
-    axial_damping: NotNegative = 1.0
-    """1/s; so uncertain is, at the take-off, the damping along the rotors' axis beyond the vehicle file's drag: rotors
-    that climb give less thrust; 0: none is estimated, as without `drag_scale`."""
+    """Estimate the scale of the drag."""
     disturbance: bool = True
     """Estimate a disturbing acceleration."""
     torque_bandwidth: NotNegative = 2.0
@@ -142,6 +139,9 @@ class Estimation(Table, frozen=True):
     """m/s2; walk of the velocity."""
     thrust_scale_walk: NotNegative = 0.005
     """Walk of the thrust's scale."""
+    climb_uncertainty: NotNegative = 0.05
+    """s/m; the share of the thrust's scale that is in doubt after the vertical speed has changed by 1 m/s: rotors that
+    climb give less thrust, and drag along their axis is little known."""
     drag_scale_walk: NotNegative = 0.1
     """Walk of the drag's scale, at speed; it rests where the vehicle hovers."""
     disturbance_walk: NotNegative = 1.0

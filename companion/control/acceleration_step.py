@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from companion.control import backstepping, disturbance_observer, laws, prediction, thrust, torque_observer
 from companion.control.tracking_error import TrackingError
 from protocol.arrays import Array
-from protocol.frames import to_body, to_world
+from protocol.frames import to_world
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 
@@ -37,7 +37,7 @@ def acceleration_command(
     m.reference[:] = reference
     mean = m.observer.mean
     m.thrust_scale, m.drag_scale = mean[disturbance_observer.THRUST_SCALE], mean[disturbance_observer.DRAG_SCALE]
-    m.disturbance[:], m.axial_damping = mean[disturbance_observer.DISTURBANCE], mean[disturbance_observer.AXIAL_DAMPING]
+    m.disturbance[:] = mean[disturbance_observer.DISTURBANCE]
     state = prediction.Measured(measured[0], measured[1], measured[2], measured[3])
     if airborne and m.count > 0 and (p.predicts or p.observes or p.torque_bandwidth > 0.0):
         _observe_and_predict(state, times, mass, p, m)
@@ -71,7 +71,7 @@ def _observe_and_predict(state: prediction.Measured, times: tuple[int, int, int]
         p.assumed_rate_loop,
         p.assumed_attitude_loop,
         mass / m.thrust_scale,
-        thrust.scaled_drag(p.drag_kg_s, m.drag_scale, m.axial_damping, mass) / m.thrust_scale,
+        p.drag_kg_s * m.drag_scale / m.thrust_scale,
         m.disturbance,
     )
     late = position_ns < measured_ns
@@ -85,11 +85,13 @@ def _observe_and_predict(state: prediction.Measured, times: tuple[int, int, int]
         torque_observer.update(m.torque, measured_ns, state, m.commands, m.count, model, (share, p.torque_bandwidth))
     if p.observes:
         pose = m.poses[prediction.pose_at(m.poses, m.poses_count, position_ns) % prediction.HISTORY]
-        effects, along = np.empty((3, 3)), to_body(pose.attitude, state.velocity)[2]
-        effects[0] = to_world(pose.attitude, (0.0, 0.0, -pose.thrust_n / mass))
-        effects[1] = -thrust.drag_compensation(state.velocity, pose.attitude, p.drag_kg_s, mass)
-        effects[2] = to_world(pose.attitude, (0.0, 0.0, -along))
-        noise = disturbance_observer.Noise(
-            p.velocity_noise, p.walk, p.fading, p.velocity_variance, p.velocity_correlation
+        disturbance_observer.update(
+            m.observer,
+            position_ns,
+            state.velocity,
+            np.array(to_world(pose.attitude, (0.0, 0.0, -pose.thrust_n / mass))),
+            -thrust.drag_compensation(state.velocity, pose.attitude, p.drag_kg_s, mass),
+            disturbance_observer.Noise(
+                p.velocity_noise, p.walk, p.fading, p.velocity_variance, p.velocity_correlation, p.climb
+            ),
         )
-        disturbance_observer.update(m.observer, position_ns, state.velocity, effects, noise)

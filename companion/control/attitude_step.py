@@ -57,10 +57,7 @@ def attitude_command(
     """
     p, m = controller[0].parameters, controller[0].memory
     # A rotor that gives `thrust_scale` times its thrust lifts as if all else were so much less.
-    drag = np.zeros(3)
-    if p.compensates_drag:
-        drag += thrust.scaled_drag(p.drag_kg_s, m.drag_scale, m.axial_damping, mass) / m.thrust_scale
-    mass /= m.thrust_scale
+    mass, drag = mass / m.thrust_scale, p.compensated_drag_kg_s * m.drag_scale / m.thrust_scale
     against_drag = thrust.drag_compensation(m.velocity, m.attitude, drag, mass)
     thrust_ned, limited = thrust.thrust_vector(
         acceleration - m.disturbance + against_drag, mass, p.min_thrust_n, p.max_thrust_n, p.max_tilt

@@ -62,7 +62,6 @@ MEMORY = np.dtype(
         ("disturbance", "f8", 3),
         ("thrust_scale", "f8"),
         ("drag_scale", "f8"),
-        ("axial_damping", "f8"),
     ],
     align=True,
 )

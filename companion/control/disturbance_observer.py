@@ -1,24 +1,23 @@
 """Disturbance observer: a Kalman filter for what the model of the vehicle lacks.
 
-It estimates the scale of the thrust (mass, battery, worn propellers), the scale of the drag, a damping along the
-rotors' axis, and a disturbing acceleration (wind, a slung load) from the measured velocity, which changes by
+It estimates the scale of the thrust (mass, battery, worn propellers), the scale of the drag, and a disturbing
+acceleration (wind, a slung load) from the measured velocity, which changes by
 
-    v' = g + thrust_scale f + drag_scale r + axial_damping a + disturbance
+    v' = g + thrust_scale f + drag_scale r + disturbance
 
-where f and r are the accelerations that thrust and drag should cause, and a is the negative part of the velocity along
-the rotors' axis: rotors that climb give less thrust, which no vehicle file knows well. This is linear in the unknowns,
-so a Kalman filter on (v, disturbance, thrust_scale, drag_scale, axial_damping) identifies each through its own
-regressor. What a regressor does not show must not wander:
+where f and r are the accelerations that thrust and drag should cause. This is linear in the unknowns, so a Kalman
+filter on (v, disturbance, thrust_scale, drag_scale) identifies each through its own regressor. What a regressor does
+not show must not wander:
 
 - At hover f is vertical and constant, so the thrust's scale and a vertical disturbance can't be told apart. The
   vertical disturbance therefore falls back to 0 (a Gauss-Markov process), while the scale keeps (a random walk): what
   lasts is the scale, what passes is the disturbance. A horizontal disturbance is always observable and is a random
   walk.
-- At low speed r and a say nothing of drag and damping. They are corrected by a share that falls with the speed, along
-  the axis for the damping (the partial update of the Schmidt-Kalman filter; K. Brink, "Partial-update Schmidt-Kalman
-  filter", J. Guidance 40(9), 2017), and walk by that share.
-- In a steady climb the thrust's scale and the damping can't be told apart either. Their covariance says so, and what
-  the climb left open is settled as soon as it ends.
+- Rotors that climb give less thrust, and drag along their axis is little known, so a climb shows another scale of the
+  thrust than the hover after it. With the vertical speed the scale comes into doubt, and is learned anew.
+- At low speed r says nothing of the drag. Its scale is corrected by a share that falls with the speed (the partial
+  update of the Schmidt-Kalman filter; K. Brink, "Partial-update Schmidt-Kalman filter", J. Guidance 40(9), 2017), and
+  walks by that share.
 - Noise of the velocity is measured by the innovations, whose variance beyond what the filter expects is noise
   (R. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE TAC 15(2), 1970), so that an
   estimator's noise does not pass for a disturbance.
@@ -36,30 +35,30 @@ from protocol.arrays import Array
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 
-STATES = 9
+STATES = 8
 OBSERVER = np.dtype(
     [
         ("time_ns", "i8"),
         ("mean", "f8", STATES),
         ("covariance", "f8", (STATES, STATES)),
-        ("effects", "f8", (3, 3)),
+        ("thrust_acceleration", "f8", 3),
+        ("drag_acceleration", "f8", 3),
         ("velocity", "f8", 3),
         ("noise", "f8", 3),
+        ("climb", "f8"),
     ],
     align=True,
 )
-"""The filter's state. `mean` is velocity (m/s, NED), disturbance (m/s2, NED), thrust scale, drag scale and axial
-damping (1/s, beyond the vehicle file's drag); the `effects` (see `update`) and the measured `velocity` are those of the
-last update; `noise` is the variance of a velocity (m2/s2) by the innovations."""
-VELOCITY, DISTURBANCE, THRUST_SCALE, DRAG_SCALE, AXIAL_DAMPING = slice(0, 3), slice(3, 6), 6, 7, 8
+"""The filter's state. `mean` is velocity (m/s, NED), disturbance (m/s2, NED), thrust scale and drag scale; the
+accelerations (m/s2, NED) and the measured `velocity` are those of the last update; `noise` is the variance of a
+velocity (m2/s2) by the innovations; `climb` (m/s, down) the vertical speed up to which the thrust's scale is known."""
+VELOCITY, DISTURBANCE, THRUST_SCALE, DRAG_SCALE = slice(0, 3), slice(3, 6), 6, 7
 """Places in `mean`."""
 _DOWNWARD = 5
 """Index of the vertical disturbance."""
 
 THRUST_SCALE_BOUNDS = (0.1, 10.0)
 DRAG_SCALE_BOUNDS = (0.0, 3.0)
-AXIAL_DAMPING_BOUNDS = (-1.0, 2.0)
-"""1/s."""
 DISTURBANCE_BOUND = 8.0
 """Greatest size of the disturbance (m/s2)."""
 NOISE_BOUND = 0.25
@@ -67,9 +66,11 @@ NOISE_BOUND = 0.25
 _NOISE_WINDOW_S = 2.0
 """Time constant of the innovations' variance."""
 _DRAG_SPEED = 1.0
-"""m/s; at this speed the drag's scale, or the axial damping, gets half of its correction."""
+"""m/s; at this speed the drag's scale gets half of its correction."""
 _PRESUMED = 0.2
 """Standard deviation of a thrust scale that was found at lift-off, as a share of it."""
+_CLIMB_STEP = 0.4
+"""m/s; vertical speeds that differ by less are the same, so that an estimator's noise is no climb."""
 _LONGEST_S = 0.1
 """After a longer gap between two updates the velocity is set anew, and nothing is estimated from the gap."""
 
@@ -80,24 +81,27 @@ class Noise(NamedTuple):
     velocity: float
     """m/s, the least standard deviation of a measured velocity."""
     walk: Array
-    """(STATES,) how far each state wanders in a second, in the units of `mean`. A state without walk that started
-    without deviation keeps its nominal value."""
+    """(8,) how far each state wanders in a second, in the units of `mean`. A state without walk that started without
+    deviation keeps its nominal value."""
     fading: float
     """1/s; the rate at which a vertical disturbance falls back to 0."""
     told: Array
     """(3,) m2/s2, NED: its variance, as the vehicle says; zero where it does not."""
     correlation: float
     """s; for so long an error of it lasts."""
+    climb: float
+    """s/m; the share by which the thrust's scale may differ at another vertical speed, for each m/s."""
 
 
 @compiled
 def reset(observer: Any, deviation: Array) -> None:
-    """Start a record of OBSERVER with nominal values and standard deviations (STATES,), in the units of `mean`."""
+    """Start a record of OBSERVER with nominal values and their standard deviations (8,), in the units of `mean`."""
     observer.time_ns = 0
     observer.mean[:] = 0.0
     observer.mean[6] = 1.0
     observer.mean[7] = 1.0
     observer.noise[:] = 0.0
+    observer.climb = 0.0
     observer.covariance[:, :] = 0.0
     for i in range(STATES):
         observer.covariance[i, i] = deviation[i] * deviation[i]
@@ -111,31 +115,20 @@ def presume(observer: Any, thrust_scale: float) -> None:
 
 
 @compiled
-def _excitation(x: float, y: float, z: float) -> float:
-    """The share of its correction that a speed's effect gets, for a velocity (m/s) that shows it."""
-    square = x * x + y * y + z * z
-    square *= square
-    return square / (square + _DRAG_SPEED * _DRAG_SPEED * _DRAG_SPEED * _DRAG_SPEED)
-
-
-@compiled
-def _predict(observer: Any, dt: float, effects: Array, noise: Noise, excitation: tuple[float, float]) -> None:
-    """Carry mean and covariance on by `dt` (s). `effects` (3, 3): change of the velocity (m/s) by thrust, drag and
-    axial damping, a row each; `excitation`: the shares of the last two's corrections that count."""
+def _predict(observer: Any, dt: float, f: Array, r: Array, noise: Noise, excitation: float) -> None:
+    """Carry mean and covariance on by `dt` (s). f, r (3,): change of the velocity (m/s) by nominal thrust and drag;
+    `excitation`: the share of the drag's correction that counts."""
     mean, covariance, walk = observer.mean, observer.covariance, noise.walk
-    f, r, a = effects[0], effects[1], effects[2]
     for i in range(3):
-        mean[i] += dt * mean[3 + i] + f[i] * mean[6] + r[i] * mean[7] + a[i] * mean[8]
+        mean[i] += dt * mean[3 + i] + f[i] * mean[6] + r[i] * mean[7]
     mean[2] += dt * GRAVITY
     # covariance <- F covariance F', where F adds to each velocity the effects of the other states
     for i in range(3):
         for k in range(STATES):
-            by_scales = f[i] * covariance[6, k] + r[i] * covariance[7, k] + a[i] * covariance[8, k]
-            covariance[i, k] += dt * covariance[3 + i, k] + by_scales
+            covariance[i, k] += dt * covariance[3 + i, k] + f[i] * covariance[6, k] + r[i] * covariance[7, k]
     for i in range(3):
         for k in range(STATES):
-            by_scales = f[i] * covariance[k, 6] + r[i] * covariance[k, 7] + a[i] * covariance[k, 8]
-            covariance[k, i] += dt * covariance[k, 3 + i] + by_scales
+            covariance[k, i] += dt * covariance[k, 3 + i] + f[i] * covariance[k, 6] + r[i] * covariance[k, 7]
     kept = 1.0 - dt * noise.fading
     mean[_DOWNWARD] *= kept
     for k in range(STATES):
@@ -143,8 +136,7 @@ def _predict(observer: Any, dt: float, effects: Array, noise: Noise, excitation:
         covariance[k, _DOWNWARD] *= kept
     for k in range(DRAG_SCALE):
         covariance[k, k] += dt * walk[k] * walk[k]
-    for k in range(DRAG_SCALE, STATES):
-        covariance[k, k] += dt * excitation[k - DRAG_SCALE] * walk[k] * walk[k]
+    covariance[DRAG_SCALE, DRAG_SCALE] += dt * excitation * walk[DRAG_SCALE] * walk[DRAG_SCALE]
 
 
 @compiled
@@ -155,7 +147,7 @@ def _lasting(dt: float, correlation: float) -> float:
 
 
 @compiled
-def _correct(observer: Any, velocity: Array, dt: float, certainty: Noise, excitation: tuple[float, float]) -> None:
+def _correct(observer: Any, velocity: Array, dt: float, certainty: Noise, excitation: float) -> None:
     """Correct mean and covariance by a measured velocity (3,), one axis after the other."""
     mean, covariance, noise = observer.mean, observer.covariance, observer.noise
     gain, row = np.empty(STATES), np.empty(STATES)
@@ -169,52 +161,68 @@ def _correct(observer: Any, velocity: Array, dt: float, certainty: Noise, excita
         total = covariance[i, i] + max(least, noise[i], told)
         for k in range(STATES):
             gain[k], row[k] = covariance[k, i] / total, covariance[i, k]
+        drag_variance = covariance[DRAG_SCALE, DRAG_SCALE]
         for k in range(STATES):
             for n in range(STATES):
                 covariance[k, n] -= gain[k] * row[n]
-        # of the partial update's covariance, only the entries between the last two differ from the whole update's
-        for k in range(DRAG_SCALE, STATES):
-            for n in range(DRAG_SCALE, STATES):
-                left = (1.0 - excitation[k - DRAG_SCALE]) * (1.0 - excitation[n - DRAG_SCALE])
-                covariance[k, n] += left * gain[k] * row[n]
-        for k in range(DRAG_SCALE, STATES):
-            gain[k] *= excitation[k - DRAG_SCALE]
+        # of the partial update's covariance, only this entry differs from that of the whole update
+        counts = excitation * (2.0 - excitation)
+        covariance[DRAG_SCALE, DRAG_SCALE] = drag_variance - counts * gain[DRAG_SCALE] * row[DRAG_SCALE]
+        gain[DRAG_SCALE] *= excitation
         for k in range(STATES):
             mean[k] += gain[k] * innovation
 
 
 @compiled
-def update(observer: Any, time_ns: int, velocity: Array, effects: Array, noise: Noise) -> None:
-    """Update a record of OBSERVER with a velocity (3,) in m/s, NED, that was measured at `time_ns`.
+def _climb(observer: Any, speed: float, uncertainty: float) -> None:
+    """Doubt the thrust's scale where the vertical speed (m/s, down) is another one than it was learned at."""
+    step = speed - observer.climb
+    if abs(step) > _CLIMB_STEP:
+        deviation = uncertainty * step * observer.mean[THRUST_SCALE]
+        observer.covariance[THRUST_SCALE, THRUST_SCALE] += deviation * deviation
+        observer.climb = speed
 
-    `effects` (3, 3) are the nominal accelerations (m/s2, NED) of thrust and drag at that time, and that of an axial
-    damping of 1/s. A velocity that is the last one again, of a vehicle that sends it less often than its attitude,
-    corrects nothing.
+
+@compiled
+def update(
+    observer: Any,
+    time_ns: int,
+    velocity: Array,
+    thrust_acceleration: Array,
+    drag_acceleration: Array,
+    noise: Noise,
+) -> None:
+    """Update a record of OBSERVER with a velocity (3,) in m/s, NED, that was measured at `time_ns`, and the nominal
+    accelerations (3,) in m/s2, NED, of thrust and drag at that time.
+
+    A velocity that is the last one again, of a vehicle that sends it less often than its attitude, corrects nothing.
     """
     dt = (time_ns - observer.time_ns) * 1e-9
     observer.time_ns = time_ns
-    before = observer.velocity
+    before, last_thrust, last_drag = observer.velocity, observer.thrust_acceleration, observer.drag_acceleration
     repeated = velocity[0] == before[0] and velocity[1] == before[1] and velocity[2] == before[2]
     observer.velocity[:] = velocity
     if 0.0 < dt <= _LONGEST_S:
-        by_all = _excitation(velocity[0], velocity[1], velocity[2])
-        along = effects[2]
-        excitation = by_all, _excitation(along[0], along[1], along[2])
-        _predict(observer, dt, 0.5 * dt * (effects + observer.effects), noise, excitation)
+        f, r = 0.5 * dt * (thrust_acceleration + last_thrust), 0.5 * dt * (drag_acceleration + last_drag)
+        square = velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
+        square *= square
+        _climb(observer, velocity[2], noise.climb)
+        excitation = square / (square + _DRAG_SPEED * _DRAG_SPEED * _DRAG_SPEED * _DRAG_SPEED)
+        _predict(observer, dt, f, r, noise, excitation)
         if not repeated:
             _correct(observer, velocity, dt, noise, excitation)
         _bound(observer.mean)
     elif dt > _LONGEST_S:
         observer.mean[0:3] = velocity
-    observer.effects[:] = effects
+    observer.thrust_acceleration[:] = thrust_acceleration
+    observer.drag_acceleration[:] = drag_acceleration
 
 
 @compiled
 def _bound(mean: Array) -> None:
-    """Keep the estimates (STATES,) within their bounds."""
+    """Keep the estimates (8,) within their bounds."""
     mean[6] = min(max(mean[6], THRUST_SCALE_BOUNDS[0]), THRUST_SCALE_BOUNDS[1])
     mean[7] = min(max(mean[7], DRAG_SCALE_BOUNDS[0]), DRAG_SCALE_BOUNDS[1])
-    mean[8] = min(max(mean[8], AXIAL_DAMPING_BOUNDS[0]), AXIAL_DAMPING_BOUNDS[1])
     size = math.sqrt(mean[3] * mean[3] + mean[4] * mean[4] + mean[5] * mean[5])
     if size > DISTURBANCE_BOUND:
         for i in range(3, 6):

@@ -32,7 +32,7 @@ PARAMETERS = np.dtype(
         ("feed_velocity", "f8"),
         ("feed_acceleration", "f8"),
         ("feed_attitude", "b1"),
-        ("compensates_drag", "b1"),
+        ("compensated_drag_kg_s", "f8", 3),
         ("drag_kg_s", "f8", 3),
         ("observes", "b1"),
         ("velocity_noise", "f8"),
@@ -42,6 +42,7 @@ PARAMETERS = np.dtype(
         ("initial_deviation", "f8", disturbance_observer.STATES),
         ("walk", "f8", disturbance_observer.STATES),
         ("fading", "f8"),
+        ("climb", "f8"),
         ("predicts", "b1"),
         ("half_period_ns", "i8"),
         ("command_delay_ns", "i8"),
@@ -122,7 +123,7 @@ def _position(control: Control, body: VehicleParameters) -> dict[str, Any]:
         "adaptation_bound": position.adaptation_bound,
         "feed_velocity": position.feedforward != "none",
         "feed_acceleration": position.feedforward == "acceleration",
-        "compensates_drag": position.drag_compensation,
+        "compensated_drag_kg_s": body.drag_kg_s if position.drag_compensation else (0.0, 0.0, 0.0),
         "drag_kg_s": body.drag_kg_s,
     }
 
@@ -137,12 +138,9 @@ def _observer(estimation: Estimation, body: VehicleParameters) -> dict[str, Any]
     if estimation.thrust_scale:
         deviation[disturbance_observer.THRUST_SCALE] = 0.3
         walk[disturbance_observer.THRUST_SCALE] = estimation.thrust_scale_walk
-    if estimation.drag_scale:
-        if max(body.drag_kg_s) > 0.0:
-            deviation[disturbance_observer.DRAG_SCALE] = 0.3
-            walk[disturbance_observer.DRAG_SCALE] = estimation.drag_scale_walk
-        deviation[disturbance_observer.AXIAL_DAMPING] = estimation.axial_damping
-        walk[disturbance_observer.AXIAL_DAMPING] = estimation.axial_damping * estimation.drag_scale_walk
+    if estimation.drag_scale and max(body.drag_kg_s) > 0.0:
+        deviation[disturbance_observer.DRAG_SCALE] = 0.3
+        walk[disturbance_observer.DRAG_SCALE] = estimation.drag_scale_walk
     return {
         "observes": estimation.disturbance or estimation.thrust_scale or estimation.drag_scale,
         "torque_bandwidth": estimation.torque_bandwidth,
@@ -151,6 +149,7 @@ def _observer(estimation: Estimation, body: VehicleParameters) -> dict[str, Any]
         "initial_deviation": deviation,
         "walk": walk,
         "fading": estimation.disturbance_fading,
+        "climb": estimation.climb_uncertainty if estimation.thrust_scale else 0.0,
     }
 
 

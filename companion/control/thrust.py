@@ -13,13 +13,6 @@ _LEAST_COSINE = 0.1
 
 
 @compiled
-def scaled_drag(drag_kg_s: Array, scale: float, axial_damping: float, mass: float) -> Array:
-    """Drag (3,) in kg/s along the body's axes, as it was estimated: the vehicle file's times a scale, and beyond it a
-    damping (1/s) of a mass (kg) along the rotors' axis."""
-    return np.array([scale * drag_kg_s[0], scale * drag_kg_s[1], scale * drag_kg_s[2] + mass * axial_damping])
-
-
-@compiled
 def drag_compensation(velocity_ned: Array, attitude_ned_frd: Array, drag: Array, mass: float) -> Array:
     """Acceleration (3,) in m/s2, NED, that compensates linear drag (3,) in kg/s along the body's axes, at a velocity
     (3,) in m/s, NED, through still air; `mass` in kg."""

@@ -96,14 +96,14 @@ def test_a_log_of_before_a_setting_is_flown_again_as_without_it(tmp_path: Path) 
             return content
         settings = json.loads(content)
         settings["rates"].pop("odometry", None)
-        for name in ("torque_bandwidth", "velocity_settling", "axial_damping"):
+        for name in ("torque_bandwidth", "velocity_settling", "climb_uncertainty"):
             settings["control"]["estimation"].pop(name, None)
         return msgspec.json.encode(settings)
 
     log = rewritten(path_of("rates_lockstep"), tmp_path / "before.mcap", attachment=attachment)
     before, today = open_flight(log).settings, load_settings(None, [])
     assert before.rates.odometry == before.control.estimation.torque_bandwidth == 0.0
-    assert before.control.estimation.velocity_settling == before.control.estimation.axial_damping == 0.0
+    assert before.control.estimation.velocity_settling == before.control.estimation.climb_uncertainty == 0.0
     assert before.control.estimation.velocity_noise == today.control.estimation.velocity_noise
     assert open_flight(log, overrides=["rates.odometry=20"]).settings.rates.odometry == 20.0
     assert today.rates.odometry > 0.0 and today.control.estimation.torque_bandwidth > 0.0
