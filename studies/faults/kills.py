@@ -3,9 +3,10 @@
 import os
 import signal
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zlib import crc32
@@ -15,7 +16,6 @@ import numpy as np
 
 from companion.logs.replay import replay
 from protocol.flightlog import Direction, FlightLogError, LogReader, datagrams
-from studies.engine import on_all_cores
 from studies.faults import flights, proxy
 from studies.faults.injector import Injector, Onset
 from studies.faults.matrix import as_promised
@@ -167,7 +167,7 @@ and replayed. There are as many flights at once as the machine has cores.
         for name in SIGNALS
     ]
     path = report.choice.logs.with_name("faults") / "kills.jsonl"
-    tell(report, flights.fly_missing(kills, Row, path, partial(on_all_cores, fly), report.progress))
+    tell(report, flights.fly_missing(kills, Row, path, _fly_all, report.progress))
 
 
 def tell(report: Report, rows: list[Row]) -> None:
@@ -210,6 +210,12 @@ def _line(rows: list[Row]) -> tuple[int, str, str, str, float, str, float]:
 
 def _counted(words: list[str]) -> str:
     return ", ".join(f"{words.count(each)} {each}" for each in sorted(set(words)))
+
+
+def _fly_all(kills: list[Kill]) -> Iterator[Row]:
+    """One on each core at a time, from a process of its own, whose replays keep no other flight waiting."""
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        yield from pool.map(fly, kills)
 
 
 def fly(kill: Kill) -> Row:
