@@ -30,9 +30,15 @@ commands rates, too.
 machine. Flights are kept in `logs/faults/`, so that it goes on where it was ended; they are flown anew when the code of
 what flies has changed. `--seeds 0` writes the page without flying.
 
-With the seeds 4 to 9 three of some 400 flights came out otherwise: *yaw reset, 45 deg, the whole frame* ended astray on
-*square* 5 and *courier* 7, and *attitude, frozen* was answered after 0.64 s on *square* 5. Flown again with what was
-mended since, all three are as promised.
+With the seeds 1 to 12 two of 480 flights in memory came out otherwise:
+
+- *delay each way jumps, 20 to 200 ms* on *courier* 12 touched the ground. The delay jumped while the vehicle braked at
+  the house. It was commanded in rates, and a vehicle holds the last ones: for some 360 ms nothing new reached it. Other
+  moments of that braking were flown, too: in rates two of four flights crashed, tilted by up to 84 degrees; in
+  attitudes, which the companion chooses for this vehicle by itself, none of four did. **This is not cured.**
+- *attitude, frozen* on *square* 11 was answered after 1.13 s. The vehicle flew straight on then; the attitude began to
+  move 1 s after it was frozen, and 0.1 s later it was answered.
+
 `python -m studies.faults FAULT MISSION SEED` flies one of them.
 """,
     studies=("studies.faults.matrix", "studies.faults.over_udp", "studies.faults.kills", "studies.faults.soak"),
