@@ -178,7 +178,7 @@ def test_what_a_full_disk_takes_is_counted_where_metadata_ends_the_chunk(start: 
     count(log, range(10))
     log._buffer.put(METADATA_CHANNEL, 0, encode_metadata("landed", {"at": "home"}))
     os.kill(log.recorder_pid, signal.SIGCONT)
-    until(lambda: log.fault is not None)
+    until(lambda: log.fault is not None and log.lost == 11)
     resource.prlimit(log.recorder_pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     count(log, range(10, 13))
     until(lambda: log.written == 3)
