@@ -139,9 +139,9 @@ class Estimation(Table, frozen=True):
     """m/s2; walk of the velocity."""
     thrust_scale_walk: NotNegative = 0.005
     """Walk of the thrust's scale."""
-    climb_uncertainty: NotNegative = 0.05
-    """s/m; the share of the thrust's scale that is in doubt after the vertical speed has changed by 1 m/s: rotors that
-    climb give less thrust, and drag along their axis is little known."""
+    climb_uncertainty: NotNegative = 0.1
+    """s/m; the share of the thrust's scale that is in doubt when a climb or descent has become slower by 1 m/s: rotors
+    that climb give less thrust, and drag along their axis is little known."""
     drag_scale_walk: NotNegative = 0.1
     """Walk of the drag's scale, at speed; it rests where the vehicle hovers."""
     disturbance_walk: NotNegative = 1.0

@@ -31,9 +31,9 @@ thrust (the true value by the mean thrust of the hover):
 
 Rotors that climb give less thrust, and no vehicle file says by how much. In the climb that passes for weight: the
 height was off by 12 mm in ArduCopter's hover after the take-off, and took five seconds to come back. The thrust's scale
-is therefore in doubt again wherever the vertical speed has changed (`climb_uncertainty`), and learned anew: 6 mm, and 3
-after two seconds. To estimate the damping itself was worse: at the lift-off, where that vehicle's thrust lags more than
-is modelled, it went astray.
+is therefore in doubt again as a climb ends (`climb_uncertainty`), and learned anew: 4 to 7 mm there, whether 5, 10 or
+20 % are doubted for each m/s. To estimate the damping itself was worse: at the lift-off, where that vehicle's thrust
+lags more than is modelled, it went astray.
 
 Such an estimator's velocity is not the rate of its position either: PX4's differ by 0.25 m/s (RMS, `px4_hover_180s`,
 over windows of 0.25 to 4 s alike), ArduPilot's by 0.03. A controller that believes both flies beside its reference. The

@@ -203,7 +203,7 @@ class Controller:
         memory, resets = self._memory, certainty.resets != self._certainty.resets
         if resets:
             memory["observer"] = memory["observer_before"]
-            memory["observer"]["time_ns"] = 0
+            disturbance_observer.reset_by_vehicle(memory["observer"])
         else:
             memory["observer_before"] = memory["observer"]
         self._parameters["velocity_variance"] = certainty.velocity_variance

@@ -14,7 +14,7 @@ not show must not wander:
   lasts is the scale, what passes is the disturbance. A horizontal disturbance is always observable and is a random
   walk.
 - Rotors that climb give less thrust, and drag along their axis is little known, so a climb shows another scale of the
-  thrust than the hover after it. With the vertical speed the scale comes into doubt, and is learned anew.
+  thrust than the hover after it. As the climb ends the scale comes into doubt, and is learned anew.
 - At low speed r says nothing of the drag. Its scale is corrected by a share that falls with the speed (the partial
   update of the Schmidt-Kalman filter; K. Brink, "Partial-update Schmidt-Kalman filter", J. Guidance 40(9), 2017), and
   walks by that share.
@@ -46,12 +46,14 @@ OBSERVER = np.dtype(
         ("velocity", "f8", 3),
         ("noise", "f8", 3),
         ("climb", "f8"),
+        ("rest_s", "f8"),
     ],
     align=True,
 )
 """The filter's state. `mean` is velocity (m/s, NED), disturbance (m/s2, NED), thrust scale and drag scale; the
 accelerations (m/s2, NED) and the measured `velocity` are those of the last update; `noise` is the variance of a
-velocity (m2/s2) by the innovations; `climb` (m/s, down) the vertical speed up to which the thrust's scale is known."""
+velocity (m2/s2) by the innovations; `climb` (m/s, down) the vertical speed, in steps
+of `_CLIMB_STEP`; for `rest_s` (s) nothing is learned yet."""
 VELOCITY, DISTURBANCE, THRUST_SCALE, DRAG_SCALE = slice(0, 3), slice(3, 6), 6, 7
 """Places in `mean`."""
 _DOWNWARD = 5
@@ -71,6 +73,9 @@ _PRESUMED = 0.2
 """Standard deviation of a thrust scale that was found at lift-off, as a share of it."""
 _CLIMB_STEP = 0.4
 """m/s; vertical speeds that differ by less are the same, so that an estimator's noise is no climb."""
+_REST_S = 0.5
+"""After a reset of the vehicle's estimate nothing is learned for so long: its filter settles meanwhile, and a velocity
+that creeps back to the truth is no acceleration."""
 _LONGEST_S = 0.1
 """After a longer gap between two updates the velocity is set anew, and nothing is estimated from the gap."""
 
@@ -90,7 +95,7 @@ class Noise(NamedTuple):
     correlation: float
     """s; for so long an error of it lasts."""
     climb: float
-    """s/m; the share by which the thrust's scale may differ at another vertical speed, for each m/s."""
+    """s/m; the share of the thrust's scale that is in doubt when a climb has become slower by 1 m/s."""
 
 
 @compiled
@@ -102,6 +107,7 @@ def reset(observer: Any, deviation: Array) -> None:
     observer.mean[7] = 1.0
     observer.noise[:] = 0.0
     observer.climb = 0.0
+    observer.rest_s = 0.0
     observer.covariance[:, :] = 0.0
     for i in range(STATES):
         observer.covariance[i, i] = deviation[i] * deviation[i]
@@ -112,6 +118,11 @@ def presume(observer: Any, thrust_scale: float) -> None:
     scale = min(max(thrust_scale, THRUST_SCALE_BOUNDS[0]), THRUST_SCALE_BOUNDS[1])
     observer["mean"][THRUST_SCALE] = scale
     observer["covariance"][THRUST_SCALE, THRUST_SCALE] = (_PRESUMED * scale) ** 2
+
+
+def reset_by_vehicle(observer: Any) -> None:
+    """The vehicle's estimate was reset: velocities to come do not go on from those that a record of OBSERVER had."""
+    observer["time_ns"], observer["rest_s"] = 0, _REST_S
 
 
 @compiled
@@ -175,11 +186,12 @@ def _correct(observer: Any, velocity: Array, dt: float, certainty: Noise, excita
 
 @compiled
 def _climb(observer: Any, speed: float, uncertainty: float) -> None:
-    """Doubt the thrust's scale where the vertical speed (m/s, down) is another one than it was learned at."""
+    """Doubt the thrust's scale, learned in a climb, where the vertical speed (m/s, down) comes nearer to zero."""
     step = speed - observer.climb
     if abs(step) > _CLIMB_STEP:
-        deviation = uncertainty * step * observer.mean[THRUST_SCALE]
-        observer.covariance[THRUST_SCALE, THRUST_SCALE] += deviation * deviation
+        if abs(speed) < abs(observer.climb):
+            deviation = uncertainty * step * observer.mean[THRUST_SCALE]
+            observer.covariance[THRUST_SCALE, THRUST_SCALE] += deviation * deviation
         observer.climb = speed
 
 
@@ -202,7 +214,8 @@ def update(
     before, last_thrust, last_drag = observer.velocity, observer.thrust_acceleration, observer.drag_acceleration
     repeated = velocity[0] == before[0] and velocity[1] == before[1] and velocity[2] == before[2]
     observer.velocity[:] = velocity
-    if 0.0 < dt <= _LONGEST_S:
+    observer.rest_s -= min(max(dt, 0.0), _LONGEST_S)
+    if 0.0 < dt <= _LONGEST_S and observer.rest_s <= 0.0:
         f, r = 0.5 * dt * (thrust_acceleration + last_thrust), 0.5 * dt * (drag_acceleration + last_drag)
         square = velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
         square *= square
@@ -212,7 +225,7 @@ def update(
         if not repeated:
             _correct(observer, velocity, dt, noise, excitation)
         _bound(observer.mean)
-    elif dt > _LONGEST_S:
+    elif dt > _LONGEST_S or observer.rest_s > 0.0:
         observer.mean[0:3] = velocity
     observer.thrust_acceleration[:] = thrust_acceleration
     observer.drag_acceleration[:] = drag_acceleration

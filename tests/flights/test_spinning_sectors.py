@@ -119,7 +119,7 @@ def site() -> Site:
     return Site("posts", {"name": "posts", "origin": origin, "cylinder": posts}, ((20.0, 0.0), (0.0, 0.0)))
 
 
-@pytest.mark.parametrize(("speed", "seed"), [(4.0, 3), (2.0, 2)])
+@pytest.mark.parametrize(("speed", "seed"), [(4.0, 3), (2.0, 4)])
 def test_posts_on_the_way_are_kept_clear_of(speed: float, seed: int, tmp_path: Path) -> None:
     """At 4 m/s they were hit, as long as an empty sector was believed at once and at its stamp."""
     meddle = Spinning(seed)
@@ -132,4 +132,4 @@ def test_posts_on_the_way_are_kept_clear_of(speed: float, seed: int, tmp_path: P
     gaps = np.hypot(*(track[:, None, :2] - POSTS).transpose(2, 0, 1)).min(axis=1) - RADIUS
     assert joined.vehicle.summary().outcome == "landed" and track[:, 0].max() > 19.5
     assert np.hypot(*track[-1, :2]) < 0.5 and joined.autopilot.supervisor.fault is None
-    assert gaps.min() > 0.8 and meddle.vanished > 10
+    assert gaps.min() > 0.8 and meddle.vanished > 20

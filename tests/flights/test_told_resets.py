@@ -59,4 +59,4 @@ def test_a_reset_of_the_velocity_is_no_wind(speed: float) -> None:
     """The vehicle has to fly by the new velocity; the disturbance is not taken for another one."""
     _, _, told = hovered(reset(0.0, speed))
     _, _, untold = hovered(reset(0.0, speed), "rates.odometry=0")
-    assert told < 1.6 and told < 0.3 * untold
+    assert told < 1.3 and told < 0.3 * untold

@@ -252,7 +252,7 @@ def test_the_observer_is_the_textbooks_kalman_filter(told: Array) -> None:
     disturbance_observer.reset(observer[0], spread)
     mean, variance, seen = observer["mean"][0].copy(), np.diag(spread**2), np.zeros(3)
     lasting = sum(math.exp(-0.004 * abs(lag) / 0.03) for lag in range(-500, 501))
-    thrust, drag, known_at = np.array([0.2, 0.1, -9.7]), np.array([-0.1, 0.05, 0.0]), 0.0
+    thrust, drag, climb = np.array([0.2, 0.1, -9.7]), np.array([-0.1, 0.05, 0.0]), 0.0
     disturbance_observer.update(observer[0], START_NS, np.zeros(3), thrust, drag, noise)
     for tick in range(1, 60):
         thrust_next, drag_next = thrust + rng.normal(size=3) * 0.1, drag + rng.normal(size=3) * 0.05
@@ -261,9 +261,10 @@ def test_the_observer_is_the_textbooks_kalman_filter(told: Array) -> None:
         disturbance_observer.update(observer[0], START_NS + tick * TICK_NS, velocity, thrust_next, drag_next, noise)
         share = np.linalg.norm(velocity) ** 4 / (1.0 + np.linalg.norm(velocity) ** 4)
         counts = np.diag([*np.ones(7), share])
-        if abs(velocity[2] - known_at) > 0.4:
-            variance[6, 6] += (0.05 * (velocity[2] - known_at) * mean[6]) ** 2
-            known_at = velocity[2]
+        if abs(velocity[2] - climb) > 0.4:
+            slower = abs(velocity[2]) < abs(climb)
+            variance[6, 6] += slower * (0.05 * (velocity[2] - climb) * mean[6]) ** 2
+            climb = velocity[2]
         step = np.eye(8)
         step[:3, 3:6] = 0.004 * np.eye(3)
         step[:3, 6] = 0.002 * (thrust + thrust_next)

@@ -52,6 +52,6 @@ def test_what_a_climb_takes_from_the_thrust_does_not_pass_for_weight_for_long(da
     reference_down = trace["reference_position_ned"][:, 2]
     hovering = (trace["state"] == State.FLY) & (reference_down < reference_down.min() + 1e-3)
     down = joined.tracking_error()[hovering, 2]
-    assert hovering.sum() > 1000 and np.abs(down).max() < 0.015
-    assert np.abs(down[750:]).max() < 0.0035
-    assert np.abs(trace["thrust_scale"][hovering][750:] - 1.0).max() < 0.01
+    assert hovering.sum() > 1000 and np.abs(down).max() < 0.008
+    assert np.abs(down[750:]).max() < 0.002
+    assert np.abs(trace["thrust_scale"][hovering][750:] - 1.0).max() < 0.003
