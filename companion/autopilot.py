@@ -7,7 +7,7 @@ from companion.avoidance.guard import Guard
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.config import Settings
 from companion.control.controller import Controller
-from companion.entering import entered, follow_delay, ordered
+from companion.entering import entered, follow_delay, follow_output, ordered, taken_up
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
@@ -39,8 +39,7 @@ class Autopilot:
         self.sensing = Sensing(settings.control.estimation.velocity_settling, needs_scan=settings.avoidance.needs_scan)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
-        lands = adopt is Adoption.LAND
-        self.navigator = Navigator(settings, mission, self.guidance.durations, lands=lands)
+        self.navigator = Navigator(settings, mission, self.guidance.durations, lands=adopt is Adoption.LAND)
         self.controller = Controller(settings, body, self.link.readiness.output)
         self.own = OwnReport(settings.supervision, adopt, settings.limits.highest_thrust)
         self._plan: PlanResult | None = None
@@ -53,7 +52,7 @@ class Autopilot:
             case Datagram():
                 trace = self._receive(event)
             case Tick():
-                request = self._tick(event)
+                trace, request = self._tick(event)
             case PlanReady():
                 self._plan = event.result
             case _:
@@ -80,26 +79,30 @@ class Autopilot:
             else:
                 due = take(report, now) or due
         state = self.sensing.update() if due and not self.link.is_old(self.sensing.boot_time_ms, now) else None
-        return None if state is None or not self.supervisor.streams else self._control(state, now)
+        if state is None or not self.supervisor.streams:
+            return None
+        self.link.delays.take(self.sensing.boot_time_ms, now, self.link.peer)
+        return self._control(state, now)
 
     def _control(self, state: VehicleState, now: int) -> bytes:
         """Reference, acceleration, guard, attitude, gate; the payload of a TRACE record."""
-        supervised, navigator, guidance = self.supervisor.state, self.navigator, self.guidance
-        here = self.controller.present(state, now)
+        supervised, controller = self.supervisor.state, self.controller
+        navigator, guidance = self.navigator, self.guidance
+        follow_output(self.link, controller, now, airborne=self.own.airborne)
+        here = controller.present(state, now)
         mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
-        flies = self.controller.flies(state, now, mass, supervised is State.FLY, self.link.motors)
+        flies = controller.flies(state, now, mass, supervised is State.FLY, self.link.motors)
         airborne, blind = flies and supervised in FLYING, self.sensing.is_blind(now)
         sees = airborne and not blind
         if supervised in FOLLOWING or not airborne:  # what is sent would keep the vehicle wherever it is
             guidance.hold_at(state)
-            self.controller.reset()
+            controller.reset()
         elif blind:
             guidance.halt(now)
         elif supervised is State.FLY:
             self._fly(here, now)
-        reference, ahead = map(guidance.reference, self.controller.reference_times(now))
-        measured_ns = self.link.delays.measured_ns(self.sensing.boot_time_ms, now, self.link.peer)
-        acceleration = self.controller.acceleration_command(state, now, measured_ns, reference, mass, sees)
+        reference, ahead = map(guidance.reference, controller.reference_times(now))
+        acceleration = controller.acceleration_command(state, now, self.link.delays.latest_ns, reference, mass, sees)
         verdict, changed = None, False
         if airborne and not sees:  # brakes on the attitude alone
             acceleration, changed = reference.acceleration_ned, True
@@ -108,10 +111,10 @@ class Autopilot:
         if verdict is not None:
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
             guidance.yield_to(verdict, reference, here, now)
-        control, limited = self.controller.attitude_command(acceleration, now, ahead, mass, changed)
+        control, limited = controller.attitude_command(acceleration, now, ahead, mass, changed)
         if airborne:
             navigator.tracked(control[:6])
-        setpoint = self.controller.setpoint(control, idle=supervised not in FLYING)
+        setpoint = controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint, airborne):
             self.link.outbox.setpoint(self.sensing.plausibility.setpoint(setpoint), self.sensing.boot_time_ms)
         what = supervised, navigator.phase, navigator.step_index, state, reference, control, limited
@@ -133,13 +136,16 @@ class Autopilot:
             self._say(navigator.next_step(now))
             guidance.begin_leg(navigator.leg(state.position_ned), now)
 
-    def _tick(self, tick: Tick) -> PlanRequest | None:
-        if self.own.ticked(tick.late_ns, tick.time_ns):
-            self.link.said.stood_still(tick.time_ns)
-        request = self._look_around(tick.time_ns) if self._plan or self.sensing.scan else None
-        if tick.time_ns >= self.supervisor.due_ns:
-            self._supervise(tick.time_ns)
-        return request
+    def _tick(self, tick: Tick) -> tuple[bytes | None, PlanRequest | None]:
+        now, sensing = tick.time_ns, self.sensing
+        if self.own.ticked(tick.late_ns, now):
+            self.link.said.stood_still(now)
+        request = self._look_around(now) if self._plan or sensing.scan else None
+        if now >= self.supervisor.due_ns:
+            self._supervise(now)
+        lacks_news = self.own.airborne and self.supervisor.streams and self.link.delays.is_overdue(now)
+        state = sensing.state if lacks_news and not sensing.is_blind(now) else None
+        return None if state is None else self._control(state, now), request
 
     def _look_around(self, now: int) -> PlanRequest | None:
         """A plan is taken up, at the tick after it came so that no command waits for it; a scan becomes a request."""
@@ -148,23 +154,16 @@ class Autopilot:
         if state is None or not navigator.steps:
             return None
         state = self.controller.present(state, now)
-        leg = navigator.leg(state.position_ned)
         if plan is not None:
-            guidance.take_up(plan, leg, now)
-            if guidance.over_map and leg.step.avoids and self.supervisor.state is State.FLY:
-                judgement = navigator.judge(state.position_ned, plan.path.detour, now)
-                self._say(*judgement.announcements)
-                leg = navigator.leg(state.position_ned)
-                if judgement.failure is not None:
-                    self.supervisor.failed(judgement.failure)
-                    guidance.begin_leg(leg, now)
+            self._say(*taken_up(plan, state, now, navigator, guidance, self.supervisor))
+        leg = navigator.leg(state.position_ned)
         return None if seen is None else guidance.look(*seen, navigator.lowest_return, state, leg, now)
 
     def _supervise(self, now: int) -> None:
         supervisor, state = self.supervisor, self.supervisor.state
         asks = state in STREAMING or state is State.CHECK
         self._say(*self.link.beat(now, asks_rates=asks, active=state > State.CHECK))
-        self._say(follow_delay(self.link.delays, self.controller, self.guidance, self.navigator, self.sensing))
+        self._say(follow_delay(now, self.link, self.controller, self.guidance, self.navigator, self.sensing))
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
         outside = self.guidance.outside(self.link.readiness.fence)
@@ -172,9 +171,6 @@ class Autopilot:
         news, announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
         self._say(self.sensing.plausibility.news(now), news, announcement)
         if announcement is not None:
-            if state is State.CHECK:
-                self.controller.use(self.link.readiness.output)
-            elif state is State.ARM and supervisor.state is State.FLY:
-                self.controller.take_off()
-            self._say(entered(state, supervisor.state, now, self.link, self.navigator, self.guidance, self.sensing))
+            parts = self.link, self.controller, self.navigator, self.guidance, self.sensing
+            self._say(entered((state, supervisor.state), now, *parts))
         self.link.request(supervisor.request, now)

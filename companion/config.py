@@ -113,6 +113,12 @@ class Prediction(Table, frozen=True):
     """s from sending a command to its effect, in addition to half of the period for which it is held."""
     longest: Positive = 0.5
     """s; older telemetry is treated as being of this age."""
+    overdue: NotNegative = 0.04
+    """s; where the latest attitude is older than usual by so much more, commands may be as much later. Attitudes are
+    commanded then, whatever the output is, until the link's delay is known again: the vehicle keeps an attitude by
+    itself, while rates turn it on and on. 0: never."""
+    attitudes_beyond: Positive = 0.15
+    """s; with a longer delay, there and back, attitudes are commanded, whatever the output is."""
 
 
 class Estimation(Table, frozen=True):

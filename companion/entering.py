@@ -1,22 +1,31 @@
 """What happens when a state of the flight is left and another one is entered, when the link becomes later, and when an
-order comes."""
+order or a plan comes."""
 
+from companion.avoidance.planner import PlanResult
 from companion.control.controller import Controller
 from companion.guidance import Guidance
-from companion.link.delays import Delays
 from companion.link.vehicle_link import VehicleLink
 from companion.mission.navigator import Navigator
 from companion.mission.orders import OrderError, obey
 from companion.sensing import Sensing
-from companion.state import Announcement, Severity
+from companion.state import Announcement, Output, Severity, VehicleState
 from companion.supervision.operations import Operation, OrderRequest
 from companion.supervision.states import AWAY, COMMANDED, State
+from companion.supervision.supervisor import Supervisor
 
 
 def entered(
-    old: State, new: State, now: int, link: VehicleLink, navigator: Navigator, guidance: Guidance, sensing: Sensing
+    change: tuple[State, State],
+    now: int,
+    link: VehicleLink,
+    controller: Controller,
+    navigator: Navigator,
+    guidance: Guidance,
+    sensing: Sensing,
 ) -> Announcement | None:
-    """Tell link, navigator and guidance; what is to be said of it."""
+    """Tell link, controller, navigator and guidance; what is to be said of it. `change`: the state that was left, and
+    the one that was entered."""
+    old, new = change
     if old is State.FLY:
         guidance.halt(now)
     if new in AWAY:
@@ -39,6 +48,7 @@ def entered(
         sensing.begin(navigator.lowest_return, stands=True)
     elif new is State.FLY and old is State.ARM:
         link.readiness.emergency = ""
+        controller.take_off()
         navigator.start_step(now)
     elif new is State.FLY and old is State.FLY:
         said = navigator.go_home(sensing.present.position_ned, now)
@@ -51,17 +61,29 @@ def entered(
     return None
 
 
+def follow_output(link: VehicleLink, controller: Controller, now: int, *, airborne: bool) -> None:
+    """Command the flight's output, or attitudes in its place."""
+    instead = link.delays.asks_for_attitudes(now, airborne=airborne)
+    output = Output.ATTITUDE if instead else link.readiness.output
+    if output is not controller.output:
+        controller.use(output)
+    if output is not link.outbox.output:
+        link.outbox.use(output)
+
+
 def follow_delay(
-    delays: Delays, controller: Controller, guidance: Guidance, navigator: Navigator, sensing: Sensing
+    now: int, link: VehicleLink, controller: Controller, guidance: Guidance, navigator: Navigator, sensing: Sensing
 ) -> Announcement | None:
     """Tell whatever depends on how late the link is of a change; what is to be said of it."""
+    delays = link.delays
     if delays.known is controller.delay:
         return None
+    follow_output(link, controller, now, airborne=False)
     pace = controller.follow(delays.known)
     guidance.follow(delays.known, pace.share)
     navigator.slow_down(delays.known.total)
     sensing.plausibility.late_s = delays.known.total
-    return delays.words(*pace)
+    return delays.words(*pace, instead=controller.output is not link.readiness.output)
 
 
 def ordered(event: Operation, navigator: Navigator, guidance: Guidance, sensing: Sensing) -> Announcement | None:
@@ -77,3 +99,18 @@ def ordered(event: Operation, navigator: Navigator, guidance: Guidance, sensing:
         return Announcement(Severity.WARNING, f"order refused: {error}")
     guidance.begin_leg(navigator.leg(here), now)
     return said
+
+
+def taken_up(
+    plan: PlanResult, state: VehicleState, now: int, navigator: Navigator, guidance: Guidance, supervisor: Supervisor
+) -> tuple[Announcement, ...]:
+    """Fly along a plan, or give the step up that it comes no nearer to the end of; what is to be said of it."""
+    leg = navigator.leg(state.position_ned)
+    guidance.take_up(plan, leg, now)
+    if not guidance.over_map or not leg.step.avoids or supervisor.state is not State.FLY:
+        return ()
+    judgement = navigator.judge(state.position_ned, plan.path.detour, now)
+    if judgement.failure is not None:
+        supervisor.failed(judgement.failure)
+        guidance.begin_leg(navigator.leg(state.position_ned), now)
+    return judgement.announcements

@@ -66,7 +66,6 @@ def _observe_and_predict(state: prediction.Measured, times: tuple[int, int, int]
     now_ns, measured_ns, position_ns = times
     until_ns = now_ns + p.half_period_ns + p.command_delay_ns if p.predicts else measured_ns
     model = prediction.Model(
-        p.turning_input,
         p.rotor_lag,
         p.assumed_rate_loop,
         p.assumed_attitude_loop,

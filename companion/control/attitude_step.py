@@ -76,7 +76,9 @@ def attitude_command(
     m.offset[:] = m.torque.offset * torque_observer.thrust_share(collective, mass * GRAVITY)
     command = _against_offset(command, rates, torque, p, m)
     m.limited = limited or changed
-    m.count = prediction.remember(m.commands, m.count, now_ns + p.command_delay_ns, collective, turning_input)
+    m.count = prediction.remember(
+        m.commands, m.count, now_ns + p.command_delay_ns, collective, p.turning_input, turning_input
+    )
 
     v, v_rate = backstepping.lyapunov(m.e1, m.e2, p.c1, p.c2)
     out[0:3] = m.e1

@@ -94,6 +94,7 @@ class Controller:
         self._predicts = settings.control.prediction.enabled
         self._kept_tilt = TILT_KEPT * settings.limits.tilt
         self._configured = self._parameters.copy()
+        self.output = output
         self.delay = LinkDelay()
         """The link's delay, as it is flown with."""
         self._acts_after_ns = self._counted_ns()
@@ -104,6 +105,7 @@ class Controller:
 
     def use(self, output: Output) -> None:
         """Command this output from now on."""
+        self.output = output
         self._configured["turning_input"] = self._parameters["turning_input"] = OUTPUTS[output].turning_input
         self._pace()
 

@@ -9,7 +9,7 @@ loops ask for at the measurement.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,9 @@ from protocol.frames import product, rotation_quaternion, to_body, to_world
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 
-COMMAND = np.dtype([("time_ns", "i8"), ("thrust_n", "f8"), ("input", "f8", 3)], align=True)
-"""A command, which the vehicle follows from `time_ns` on. `input` is what `Model.turning_input` says, (3,)
-FRD."""
+COMMAND = np.dtype([("time_ns", "i8"), ("turning_input", "i8"), ("thrust_n", "f8"), ("input", "f8", 3)], align=True)
+"""A command, which the vehicle follows from `time_ns` on. `input` (3,), FRD, is what `turning_input` says, a
+TurningInput."""
 HISTORY = 256
 """How many commands are remembered: 1 s of them."""
 POSE = np.dtype([("time_ns", "i8"), ("attitude", "f8", 4), ("thrust_n", "f8")], align=True)
@@ -53,8 +53,6 @@ class Measured(NamedTuple):
 class Model(NamedTuple):
     """The vehicle as the prediction knows it."""
 
-    turning_input: int
-    """What a command's `input` is: a TurningInput."""
     rotor_lag: float
     """Time constant of the rotors (s)."""
     rate_loop: Array
@@ -89,12 +87,15 @@ class Predicted(NamedTuple):
 
 
 @compiled
-def remember(commands: NDArray[np.void], count: int, time_ns: int, thrust_n: float, input_frd: Array) -> int:
+def remember(
+    commands: NDArray[np.void], count: int, time_ns: int, thrust_n: float, turning_input: int, input_frd: Array
+) -> int:
     """Write a command into the circular buffer `commands` (HISTORY,) of COMMAND; the new count of all commands that
     were ever written."""
     entry = commands[count % HISTORY]
     entry.time_ns = time_ns
     entry.thrust_n = thrust_n
+    entry.turning_input = turning_input
     entry.input[:] = input_frd
     return count + 1
 
@@ -173,12 +174,12 @@ def lag_share(dt: float, lag: float) -> float:
 
 
 @compiled
-def turning_asked(command: Array, attitude: Array | Quaternion, rates: Array, model: Model) -> Vector:
-    """The angular acceleration (rad/s2, FRD) that a command's input (3,) asks for at an attitude and rates (3,)."""
-    x, y, z = command[0], command[1], command[2]
-    if model.turning_input == ANGULAR_ACCELERATION:
+def turning_asked(command: Any, attitude: Array | Quaternion, rates: Array, model: Model) -> Vector:
+    """The angular acceleration (rad/s2, FRD) that a COMMAND asks for at an attitude and rates (3,)."""
+    x, y, z = command.input[0], command.input[1], command.input[2]
+    if command.turning_input == ANGULAR_ACCELERATION:
         return x, y, z
-    if model.turning_input == ATTITUDE:
+    if command.turning_input == ATTITUDE:
         inverse = attitude[0], -attitude[1], -attitude[2], -attitude[3]
         w, x, y, z = product(inverse, rotation_quaternion(x, y, z))
         gain = math.copysign(2.0 * model.attitude_loop, w)
@@ -209,14 +210,14 @@ def _follow_lags(
             step, share = end - time, lag_share(dt, model.rotor_lag)
         command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
-        if model.turning_input != ATTITUDE:
-            asked = turning_asked(command.input, q, rate, model)
+        if command.turning_input != ATTITUDE:
+            asked = turning_asked(command, q, rate, model)
             for i in range(3):
                 turning[i] += share * (asked[i] - turning[i])
                 rate[i] += dt * turning[i]
         time = end
-    if model.turning_input == ATTITUDE:
-        turning[:] = turning_asked(commands[index % HISTORY].input, q, measured.rates, model)
+    if commands[index % HISTORY].turning_input == ATTITUDE:
+        turning[:] = turning_asked(commands[index % HISTORY], q, measured.rates, model)
     return thrust, index
 
 
@@ -240,7 +241,7 @@ def predict(
         share = lag_share(dt, model.rotor_lag)
         command = commands[index % HISTORY]
         thrust += share * (command.thrust_n - thrust)
-        asked = turning_asked(command.input, q, w, model)
+        asked = turning_asked(command, q, w, model)
         for i in range(3):
             turning[i] += share * (asked[i] - turning[i])
         a = _acceleration(q, v, thrust, model)

@@ -66,9 +66,10 @@ def update(
         while number > max(count - HISTORY, 0) and commands[number % HISTORY].time_ns > middle_ns:
             number -= 1
         rates = 0.5 * (observer.measured + measured.rates)
-        asked = turning_asked(commands[number % HISTORY].input, measured.attitude, rates, model)
+        command = commands[number % HISTORY]
+        asked = turning_asked(command, measured.attitude, rates, model)
         follows, pull = lag_share(dt, model.rotor_lag), -math.expm1(-2.0 * bandwidth * dt)
-        for i in range(3 if model.turning_input == ANGULAR_ACCELERATION else 2):
+        for i in range(3 if command.turning_input == ANGULAR_ACCELERATION else 2):
             before = observer.turning[i]
             observer.turning[i] += follows * (asked[i] - before)
             observer.rates[i] += 0.5 * dt * (before + observer.turning[i])

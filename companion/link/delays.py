@@ -2,6 +2,7 @@
 
 import math
 
+from companion.config import Prediction
 from companion.reports import LinkDelay
 from companion.state import Announcement, Severity
 from protocol.clock_offset import ClockOffset
@@ -15,6 +16,10 @@ _RISE_NS = 20_000_000
 """Attitudes that are all older than is known by more than this show that the link has become slower:"""
 _TELLING, _TELLING_NS = 4, 20_000_000
 """so many of them, over so long."""
+_CORRECTION_NS = 10_000_000
+"""A clock's offset that changes by more changes what is known of the ages at once."""
+_SPREADS, _INTERVALS = 2.0, 3.0
+"""Within so much of the link's unsteadiness, and so many usual intervals, no attitude is overdue."""
 _ANSWERS = 10
 """After a rise so many round trips are waited for until they are believed."""
 
@@ -24,10 +29,17 @@ _WORTH_A_WORD_S = 0.02
 class Delays:
     """The delays of one vehicle. `known` is another object only after a change."""
 
-    def __init__(self, period: float, longest: float) -> None:
-        """`period` (s) of the telemetry. An attitude that is older than `longest` (s) queued up, or has another clock
-        than TIMESYNC."""
-        self._longest_ns = round(longest * 1e9)
+    def __init__(self, period: float, settings: Prediction) -> None:
+        """`period` (s) of the telemetry. An attitude that is older than the `longest` of the settings queued up, or has
+        another clock than TIMESYNC."""
+        self._settings = settings
+        self._longest_ns, self._overdue_ns = round(settings.longest * 1e9), settings.overdue * 1e9
+        self.latest_ns = 0
+        """When the latest attitude was measured, on the companion's clock."""
+        self._interval_ns = 0.0
+        """The usual one between two of them."""
+        self._offset_ns: int | None = None
+        """Of the vehicle's clock, at the latest attitude."""
         self.known = LinkDelay()
         self._period_ns = period * 1e9
         self._said_s = 0.0
@@ -37,16 +49,38 @@ class Delays:
         self._presumed_ns, self._unbelieved = 0.0, 0
         """After a rise: the way back, and how many round trips are still to come."""
 
-    def measured_ns(self, boot_time_ms: int, now_ns: int, peer: Peer | None) -> int:
-        """When an attitude with this time, which has arrived, was measured, on the companion's clock: as long ago as
-        usual where its age is not known. Its age is counted."""
+    def take(self, boot_time_ms: int, now_ns: int, peer: Peer | None) -> int:
+        """An attitude with this time has arrived: when it was measured, on the companion's clock; as long ago as usual
+        where its age is not known."""
+        age_ns = round(self.known.age * 1e9)
         if peer is not None and peer.offset_ns is not None:
-            age_ns = now_ns - boot_time_ms * 1_000_000 + peer.offset_ns
-            if age_ns <= self._longest_ns:
-                age_ns = max(age_ns, 0)
+            found_ns = now_ns - boot_time_ms * 1_000_000 + peer.offset_ns
+            if found_ns <= self._longest_ns:
+                age_ns = max(found_ns, 0)
+                self._correct(peer.offset_ns, peer.clock)
                 self.arrived(age_ns, now_ns, peer.clock)
-                return now_ns - age_ns
-        return now_ns - round(self.known.age * 1e9)
+        before_ns, self.latest_ns = self.latest_ns, now_ns - age_ns
+        if before_ns:
+            self._interval_ns += _SHARE * (self.latest_ns - before_ns - self._interval_ns)
+        return self.latest_ns
+
+    def asks_for_attitudes(self, now_ns: int, *, airborne: bool) -> bool:
+        """How long a command takes is too long, or `airborne` not known, for one that turns the vehicle on and on."""
+        return self.known.total > self._settings.attitudes_beyond or (airborne and self.is_overdue(now_ns))
+
+    def is_overdue(self, now_ns: int) -> bool:
+        """The latest attitude is older than usual, by more than jitter and a few losses explain: none has come since,
+        or it came late."""
+        usual_ns = 1e9 * (self.known.age + _SPREADS * self.known.unsteady)
+        late_ns = now_ns - self.latest_ns - usual_ns
+        return 0.0 < self._overdue_ns < late_ns > _INTERVALS * self._interval_ns
+
+    def _correct(self, offset_ns: int, clock: ClockOffset) -> None:
+        """The vehicle's clock is known better, or worse: ages are others, and no way has become slower."""
+        before_ns, self._offset_ns = self._offset_ns, offset_ns
+        if before_ns is not None and self._age_ns is not None and abs(offset_ns - before_ns) > _CORRECTION_NS:
+            self._age_ns = max(self._age_ns + offset_ns - before_ns, 0.0)
+            self._judge(clock)
 
     def arrived(self, age_ns: int, now_ns: int, clock: ClockOffset) -> None:
         """An attitude that was so old on arrival. The mean follows it slowly, but a rise of all at once; then the way
@@ -84,13 +118,14 @@ class Delays:
         late = max(self.known.total, 2e-9 * (self._age_ns or 0.0))
         return f"the link is {1e3 * late:.0f} ms late, {1e3 * longest:.0f} ms at most" if late > longest else None
 
-    def words(self, pace: float, margin: float | None) -> Announcement | None:
+    def words(self, pace: float, margin: float | None, *, instead: bool) -> Announcement | None:
         """What is to be said of a change after which the vehicle is flown at a pace, with a phase margin (rad) left
-        (`control.margin`)."""
+        (`control.margin`), and by attitudes `instead` of its output."""
         late = self.known.total
         if abs(late - self._said_s) < _WORTH_A_WORD_S:
             return None
         self._said_s = late
+        by = ": attitudes are commanded" if instead else ""
         slower = f": loops at {100.0 * pace:.0f} % of their bandwidth" if pace < 1.0 else ""
         left = "" if margin is None else f", {math.degrees(margin):.0f} degrees of phase margin left"
-        return Announcement(Severity.NOTICE, f"the link is {1e3 * late:.0f} ms late{slower}{left}")
+        return Announcement(Severity.NOTICE, f"the link is {1e3 * late:.0f} ms late{by}{slower}{left}")

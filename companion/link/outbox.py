@@ -46,6 +46,7 @@ class Outbox:
 
     def use(self, output: Output) -> None:
         """Setpoints go out on this layer from now on."""
+        self.output = output
         self._encode_setpoint = self._encoders(output)
 
     # -- messages in ---------------------------------------------------------------------------------------------------

@@ -84,7 +84,7 @@ class VehicleLink:
         self.requests = Requests(settings.supervision)
         self._settings = settings
         self._needs_home = needs_home
-        self.delays = Delays(1.0 / settings.rates.attitude, settings.control.prediction.longest)
+        self.delays = Delays(1.0 / settings.rates.attitude, settings.control.prediction)
         self._beside: list[Report] = []
         """What a message reports beside its first report."""
         self._refusals = Refusals()

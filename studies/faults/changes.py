@@ -21,6 +21,8 @@ HEARTBEAT = (dialect.MAVLINK_MSG_ID_HEARTBEAT,)
 
 _STAMPS = ("time_boot_ms", "time_usec")
 _RANGES_CM = (50, 1500)
+_SAME = 1e-6
+"""So near to each other two floats say the same."""
 
 Edit = Callable[[Any, int], bool]
 """Changes a message, at a time (ns); False: it is not sent."""
@@ -57,15 +59,24 @@ def once(edit: Edit) -> Edit:
     return first
 
 
+def _same(value: Any, other: Any) -> bool:
+    return bool(np.allclose(value, other, rtol=0.0, atol=_SAME)) if isinstance(value, float | list) else value == other
+
+
 def frozen(ids: Collection[int]) -> Change:
-    """What was said first is said for ever, with fresh stamps."""
-    kept: dict[int, Any] = {}
+    """What was said first is said for ever, with fresh stamps, from where something else would have been said: what
+    stands still anyhow, but for a float's last digits, is not frozen yet."""
+    kept: dict[int, dict[str, Any]] = {}
+    frozen_ids = set[int]()
 
     def edit(message: Any, now_ns: int) -> bool:
-        first = kept.setdefault(message.get_msgId(), message)
-        for name in message.fieldnames:
-            if name not in _STAMPS:
-                setattr(message, name, getattr(first, name))
+        said = {name: getattr(message, name) for name in message.fieldnames if name not in _STAMPS}
+        number = message.get_msgId()
+        first = kept.setdefault(number, said)
+        if number in frozen_ids or any(not _same(value, first[name]) for name, value in said.items()):
+            frozen_ids.add(number)
+            for name, value in first.items():
+                setattr(message, name, value)
         return True
 
     return edited(edit, ids)

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from companion.state import Output
 from companion.supervision.operations import LandRequest
 from companion.supervision.states import State
 from protocol.framing import Framer
 from protocol.messages import dialect
 from studies.faults.changes import POSITION, late
-from studies.faults.injector import Change, Injector, Link
+from studies.faults.injector import Change, Injector, Link, Onset
 from studies.joined import Joined, mission_of
 
 SQUARE = mission_of("square", "trajectory.laps=1")
@@ -40,6 +41,18 @@ def test_a_square_over_a_late_link(link: Link, change: Change | None) -> None:
     flown = joined.trace()["state"][:-1] == State.FLY.value
     error = np.linalg.norm(joined.tracking_error()[flown], axis=1)
     assert error.max() < 1.0
+
+
+@pytest.mark.parametrize("after_s", [10.5, 10.75, 11.0])
+def test_a_link_that_becomes_late_while_the_vehicle_turns_hard(after_s: float) -> None:
+    """On rates, which turn it on and on: for 0.18 s nothing is heard, and what is sent meanwhile is 0.18 s later than
+    before. The vehicle would fall over if no attitudes were sent in the place of rates."""
+    jump = Onset(after_s, Link(there=0.2, back=0.2), None)
+    joined = Joined(SQUARE, Output.RATES, injector=Injector(Link(there=0.02, back=0.02), onset=jump), remembers=False)
+    joined.fly(limit_s=after_s + 5.0)
+    assert joined.vehicle.summary().contacts == 0 and joined.autopilot.supervisor.fault is None
+    assert steepest_deg(joined) < 60.0
+    assert any("400 ms late: attitudes are commanded" in line for line in joined.said)
 
 
 def test_too_late_a_link_is_not_flown() -> None:

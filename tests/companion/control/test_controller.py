@@ -106,11 +106,11 @@ def test_prediction_is_the_motion(age_ms: int) -> None:
             then = vehicle.thrust
         thrust = 14.0 + 3.0 * math.sin(0.3 * tick)
         rates = np.array([math.sin(0.05 * tick), math.cos(0.07 * tick), 0.3]) + 0.1 * rng.normal(size=3)
-        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, thrust, rates)
+        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, thrust, int(TurningInput.RATES), rates)
         vehicle.fly(0.004, thrust, rates)
     last = START_NS + ticks * TICK_NS
     model = prediction.Model(
-        int(TurningInput.RATES), BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s), 0.0,
+        BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s), 0.0,
         vehicle.mass, vehicle.drag, vehicle.disturbance,
     )  # fmt: skip
     found = prediction.predict(pose(measured), measured.time_ns, last, commands, count, model)
@@ -135,11 +135,12 @@ def test_prediction_is_the_motion_under_attitudes(age_ms: int) -> None:
             assert np.abs(measured.rates_frd[:2]).max() > 0.3
         thrust = 14.0 + 3.0 * math.sin(0.03 * tick)
         asked = from_rotation_vector(np.array([0.3 * math.sin(0.04 * tick), 0.3 * math.cos(0.05 * tick), 0.2]))
-        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, thrust, to_rotation_vector(asked))
+        sent = int(TurningInput.ATTITUDE), to_rotation_vector(asked)
+        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, thrust, *sent)
         vehicle.fly(0.004, thrust, asked)
     last = START_NS + ticks * TICK_NS
     model = prediction.Model(
-        int(TurningInput.ATTITUDE), BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s),
+        BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s),
         BODY.attitude_loop_gain_1_s, vehicle.mass, vehicle.drag, vehicle.disturbance,
     )  # fmt: skip
     found = prediction.predict(pose(measured), measured.time_ns, last, commands, count, model)
@@ -148,6 +149,30 @@ def test_prediction_is_the_motion_under_attitudes(age_ms: int) -> None:
     assert found.attitude == pytest.approx(vehicle.attitude, abs=0.01)
     assert found.rates == pytest.approx(vehicle.rates, abs=0.3) and np.abs(vehicle.rates).max() > 2.0
     assert found.thrust == pytest.approx(vehicle.thrust, abs=0.05)
+
+
+@pytest.mark.parametrize("age_ms", [100, 400])
+def test_prediction_is_the_motion_through_a_change_of_the_output(age_ms: int) -> None:
+    """Rates, from 200 ms before the end on attitudes: each command turns the vehicle as it was meant to."""
+    vehicle = Body(1.4, np.array([0.4, 0.5, 0.7]), np.array([0.5, -0.3, 0.2]))
+    commands, count = np.zeros(prediction.HISTORY, prediction.COMMAND), 0
+    measured, ticks = vehicle.state(0), 200
+    for tick in range(ticks):
+        if (ticks - tick) * 4 == age_ms:
+            measured = vehicle.state(START_NS + tick * TICK_NS)
+        rates = np.array([0.5 * math.sin(0.05 * tick), 0.5 * math.cos(0.07 * tick), 0.3])
+        asked = from_rotation_vector(np.array([0.3, -0.2, 0.4]))
+        sent = (TurningInput.RATES, rates) if tick < 150 else (TurningInput.ATTITUDE, to_rotation_vector(asked))
+        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, 14.0, int(sent[0]), sent[1])
+        vehicle.fly(0.004, 14.0, rates if tick < 150 else asked)
+    model = prediction.Model(
+        BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s),
+        BODY.attitude_loop_gain_1_s, vehicle.mass, vehicle.drag, vehicle.disturbance,
+    )  # fmt: skip
+    found = prediction.predict(pose(measured), measured.time_ns, START_NS + ticks * TICK_NS, commands, count, model)
+    assert found.position == pytest.approx(vehicle.position, abs=0.01)
+    assert found.attitude == pytest.approx(vehicle.attitude, abs=0.02)
+    assert found.rates == pytest.approx(vehicle.rates, abs=0.3)
 
 
 @pytest.mark.parametrize("age_ms", [4, 40, 100, 148])
@@ -163,7 +188,7 @@ def test_a_late_position_catches_up(age_ms: int) -> None:
         vehicle.fly(0.004, 14.0 + 3.0 * math.sin(0.3 * tick), np.array([math.sin(0.05 * tick), 1.0, 0.3]))
     now, seconds = START_NS + ticks * TICK_NS, age_ms * 1e-3
     model = prediction.Model(
-        int(TurningInput.ATTITUDE), BODY.rotor_time_constant_s, np.zeros(3), 0.0,
+        BODY.rotor_time_constant_s, np.zeros(3), 0.0,
         vehicle.mass, vehicle.drag, vehicle.disturbance,
     )  # fmt: skip
     carried = prediction.Measured(
@@ -178,9 +203,9 @@ def test_a_late_position_catches_up(age_ms: int) -> None:
 
 def test_nothing_to_predict_is_the_measurement() -> None:
     commands = np.zeros(prediction.HISTORY, prediction.COMMAND)
-    prediction.remember(commands, 0, START_NS, 13.0, np.zeros(3))
+    prediction.remember(commands, 0, START_NS, 13.0, int(TurningInput.ATTITUDE), np.zeros(3))
     state = prediction.Measured(np.arange(3.0), np.ones(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
-    model = prediction.Model(int(TurningInput.ATTITUDE), 0.03, np.zeros(3), 8.0, 1.3, np.zeros(3), np.zeros(3))
+    model = prediction.Model(0.03, np.zeros(3), 8.0, 1.3, np.zeros(3), np.zeros(3))
     found = prediction.predict(state, START_NS + TICK_NS, START_NS + TICK_NS, commands, 1, model)
     for given, back in zip(state, found[:4], strict=True):
         assert np.array_equal(given, np.array(back))

@@ -14,10 +14,7 @@ LAG, LOOP, ATTITUDE_LOOP = 0.03, np.array([20.0, 20.0, 10.0]), 8.0
 BANDWIDTH = 2.0
 OFFSET = np.array([6.0, -15.0, 1.5])
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-def model(turning_input: TurningInput) -> prediction.Model:
-    return prediction.Model(int(turning_input), LAG, LOOP, ATTITUDE_LOOP, 1.3, np.zeros(3), np.zeros(3))
+MODEL = prediction.Model(LAG, LOOP, ATTITUDE_LOOP, 1.3, np.zeros(3), np.zeros(3))
 
 
 def asked(turning_input: TurningInput, command: Array, attitude: Array, rates: Array) -> Array:
@@ -39,7 +36,7 @@ def observed(turning_input: TurningInput, offset: Array, share: float, seconds: 
         state = prediction.Measured(np.zeros(3), np.zeros(3), attitude, rates)
         if count:
             tuning = share, BANDWIDTH
-            torque_observer.update(observer[0], now, state, commands, count, model(turning_input), tuning)
+            torque_observer.update(observer[0], now, state, commands, count, MODEL, tuning)
         made_up = observer["offset"][0] * share
         wanted = sway * np.sin(3.0 * tick * DT + np.arange(3.0))
         if turning_input is TurningInput.ATTITUDE:
@@ -51,7 +48,7 @@ def observed(turning_input: TurningInput, offset: Array, share: float, seconds: 
         else:
             wanted = wanted - 40.0 * to_rotation_vector(attitude) - 12.0 * rates
             sent = wanted - made_up
-        count = prediction.remember(commands, count, now, 13.0, wanted)
+        count = prediction.remember(commands, count, now, 13.0, int(turning_input), wanted)
         for _ in range(STEPS):
             step = DT / STEPS
             turning = turning + step / LAG * (asked(turning_input, sent, attitude, rates) - turning)
@@ -80,12 +77,11 @@ def test_without_one_none_is_found(turning_input: TurningInput) -> None:
 
 def test_what_is_found_is_bounded_and_a_gap_teaches_nothing() -> None:
     observer, commands = np.zeros(1, torque_observer.TORQUE_OBSERVER), np.zeros(prediction.HISTORY, prediction.COMMAND)
-    count = prediction.remember(commands, 0, 0, 13.0, np.zeros(3))
-    torques = model(TurningInput.ANGULAR_ACCELERATION)
+    count = prediction.remember(commands, 0, 0, 13.0, int(TurningInput.ANGULAR_ACCELERATION), np.zeros(3))
 
     def update(now: int, rates: Array) -> Array:
         state = prediction.Measured(np.zeros(3), np.zeros(3), LEVEL, rates)
-        torque_observer.update(observer[0], now, state, commands, count, torques, (1.0, BANDWIDTH))
+        torque_observer.update(observer[0], now, state, commands, count, MODEL, (1.0, BANDWIDTH))
         offset: Array = observer["offset"][0]
         return offset
 

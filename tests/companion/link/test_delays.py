@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import pytest
 
+from companion.config import Prediction
 from companion.link.delays import Delays
 from protocol.clock_offset import ClockOffset
 from protocol.peer import Peer
@@ -18,7 +19,7 @@ class Link:
     """Attitudes every period and a round trip every 0.1 s."""
 
     def __init__(self) -> None:
-        self.delays, self.clock, self.now_ns = Delays(PERIOD_S, 0.5), ClockOffset(), 0
+        self.delays, self.clock, self.now_ns = Delays(PERIOD_S, Prediction()), ClockOffset(), 0
         self.generator = random.Random(18)
 
     def run(self, seconds: float, age_ms: float, round_trip_ms: float | None, jitter_ms: float = 0.0) -> list[float]:
@@ -45,8 +46,8 @@ def measured(age_ms: int, round_trip_ms: int) -> Delays:
 @pytest.mark.parametrize("round_trip_ms", [0, 2, 4])
 def test_an_answer_within_a_period_is_no_delay(round_trip_ms: int) -> None:
     delays = measured(0, round_trip_ms)
-    assert delays.known is Delays(PERIOD_S, 0.5).known or delays.known.total == 0.0
-    assert delays.words(1.0, 0.6) is None and delays.shortcoming(0.45) is None
+    assert delays.known is Delays(PERIOD_S, Prediction()).known or delays.known.total == 0.0
+    assert delays.words(1.0, 0.6, instead=False) is None and delays.shortcoming(0.45) is None
 
 
 @pytest.mark.parametrize("way_ms", [20, 50, 200])
@@ -55,9 +56,9 @@ def test_age_and_half_of_the_round_trip(way_ms: int) -> None:
     assert delays.known.age == pytest.approx(way_ms * 1e-3, abs=2.1e-3)
     assert delays.known.command == pytest.approx(way_ms * 1e-3, abs=2.1e-3)
     assert delays.known.unsteady == 0.0
-    said = delays.words(0.5, math.radians(31.0))
+    said = delays.words(0.5, math.radians(31.0), instead=False)
     assert said is not None and "loops at 50 % of their bandwidth, 31 degrees of phase margin left" in said.text
-    assert delays.words(0.5, 0.5) is None  # once
+    assert delays.words(0.5, 0.5, instead=False) is None  # once
     assert delays.shortcoming(0.45) is None and delays.shortcoming(0.03) is not None
 
 
@@ -105,7 +106,7 @@ def test_jitter_is_no_rise() -> None:
 
 @pytest.mark.parametrize(("age_ms", "refused"), [(200, False), (300, True)])
 def test_before_any_round_trip_the_way_back_is_taken_to_be_as_late(age_ms: int, refused: bool) -> None:
-    delays = Delays(PERIOD_S, 0.5)
+    delays = Delays(PERIOD_S, Prediction())
     delays.arrived(age_ms * MS, 0, ClockOffset())
     assert (delays.shortcoming(0.45) is not None) == refused
 
@@ -115,7 +116,73 @@ def test_when_an_attitude_was_measured() -> None:
     delays = measured(40, 84)
     peer, now_ns = Peer(1, 1), 100_000 * MS
     assert delays.known.age == 0.04
-    assert delays.measured_ns(99_990, now_ns, None) == delays.measured_ns(99_990, now_ns, peer) == now_ns - 40 * MS
+    assert delays.take(99_990, now_ns, None) == delays.take(99_990, now_ns, peer) == now_ns - 40 * MS
     peer.offset_ns = 500 * MS
     for age_ms, taken_ms in ((0, 0), (10, 10), (500, 500), (501, 40), (-3, 0)):
-        assert delays.measured_ns(100_500 - age_ms, now_ns, peer) == now_ns - taken_ms * MS
+        assert delays.take(100_500 - age_ms, now_ns, peer) == now_ns - taken_ms * MS
+
+
+class Clocked:
+    """Attitudes of a vehicle whose clock is known, and their ages."""
+
+    def __init__(self) -> None:
+        self.delays, self.peer, self.now_ns = Delays(PERIOD_S, Prediction()), Peer(1, 1), 100_000 * MS
+        self.peer.offset_ns = 7 * MS
+
+    def hear(self, count: int, age_ms: int, period_ms: int = 4) -> None:
+        """So many attitudes, one each period, and half as many answers to questions, which took twice their age."""
+        for number in range(count):
+            self.now_ns += period_ms * MS
+            assert self.peer.offset_ns is not None
+            measured_ns = self.now_ns - age_ms * MS
+            assert self.delays.take((measured_ns + self.peer.offset_ns) // MS, self.now_ns, self.peer) == measured_ns
+            if number % 2:
+                self.peer.clock.round_trip(self.now_ns - (2 * age_ms + 4) * MS, measured_ns, self.now_ns)
+                self.delays.answered(self.peer.clock)
+
+
+@pytest.mark.parametrize(("period_ms", "late_ms"), [(4, 40), (20, 60), (33, 99)])
+def test_an_attitude_is_overdue_once_it_is_later_than_usual(period_ms: int, late_ms: int) -> None:
+    """By 40 ms, and by three intervals of telemetry that comes seldom."""
+    link = Clocked()
+    link.hear(600, 20, period_ms)
+    assert link.delays.known.total == pytest.approx(0.04, abs=1e-9)
+    due_ns = link.now_ns + late_ms * MS
+    assert not link.delays.is_overdue(due_ns - MS) and link.delays.is_overdue(due_ns + MS)
+    assert link.delays.asks_for_attitudes(due_ns + MS, airborne=True)
+    assert not link.delays.asks_for_attitudes(due_ns + MS, airborne=False)
+    link.hear(1, 20 + late_ms + 1, period_ms)
+    assert link.delays.is_overdue(link.now_ns)  # it has come, late
+    assert not Delays(PERIOD_S, Prediction(overdue=0.0)).is_overdue(due_ns)
+
+
+def test_jitter_makes_nothing_overdue() -> None:
+    link, generator = Clocked(), random.Random(3)
+    for _ in range(3000):
+        link.hear(2, 5 + generator.choice([0, 0, 50, 100]))
+    link.hear(1, 5)
+    assert link.delays.known.unsteady > 0.02
+    assert not link.delays.is_overdue(link.now_ns + 60 * MS)
+
+
+@pytest.mark.parametrize(("way_ms", "asks"), [(60, False), (80, True)])
+def test_a_link_that_is_late_for_good_asks_for_attitudes(way_ms: int, asks: bool) -> None:
+    link = Clocked()
+    link.hear(300, way_ms)
+    assert link.delays.asks_for_attitudes(link.now_ns, airborne=False) is asks
+    said = link.delays.words(0.98, 0.5, instead=asks)
+    assert said is not None and ("attitudes are commanded" in said.text) is asks
+
+
+@pytest.mark.parametrize("by_ms", [-80, 80])
+def test_a_clock_that_is_corrected_makes_no_way_slower(by_ms: int) -> None:
+    """The ages are others at once; the way back is as it was."""
+    link = Clocked()
+    link.hear(300, 200)
+    command = link.delays.known.command
+    link.peer.offset_ns = 7 * MS - by_ms * MS
+    for _ in range(50):
+        link.now_ns += 4 * MS
+        link.delays.take((link.now_ns - 193 * MS) // MS, link.now_ns, link.peer)
+        assert link.delays.known.age == pytest.approx(0.2 - by_ms * 1e-3, abs=0.005)
+        assert link.delays.known.command == command

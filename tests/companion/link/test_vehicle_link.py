@@ -355,7 +355,7 @@ def test_telemetry_is_measured_neither_later_than_now_nor_before_the_longest_age
     hear(link, vehicle.timesync(max(NOW + ahead_ns, 1), NOW))
     assert link.peer is not None and link.peer.offset_ns is not None
     boot_ms = max((NOW + link.peer.offset_ns - age_ns) // MS, 0)
-    measured = link.delays.measured_ns(boot_ms, NOW, link.peer)
+    measured = link.delays.take(boot_ms, NOW, link.peer)
     assert NOW - LONGEST_NS <= measured <= NOW
     exact = boot_ms * MS - link.peer.offset_ns
     assert measured == (NOW if exact < NOW - LONGEST_NS else min(exact, NOW)), "of no age where that can't be"
@@ -363,9 +363,9 @@ def test_telemetry_is_measured_neither_later_than_now_nor_before_the_longest_age
 
 def test_telemetry_is_measured_now_while_the_vehicles_clock_is_not_known() -> None:
     link = VehicleLink(SETTINGS, Output.RATES)
-    assert link.delays.measured_ns(1, NOW, link.peer) == NOW
+    assert link.delays.take(1, NOW, link.peer) == NOW
     hear(link, Sender().heartbeat())
-    assert link.delays.measured_ns(1, NOW, link.peer) == NOW
+    assert link.delays.take(1, NOW, link.peer) == NOW
 
 
 # -- what is counted ---------------------------------------------------------------------------------------------------
