@@ -17,6 +17,8 @@ from vehicle_sim.sensors.suite import TICK_S, Fix, SensorSuite, as_row, field_ne
 from vehicle_sim.timing import TICK_NS
 
 _SPREAD_TICKS = 5
+OUTPUT_S = 0.25
+"""Time constant with which position and velocity follow the filter's corrections: EKF2_TAU_POS, EKF2_TAU_VEL."""
 GATE = 5.0
 """Standard deviations of an innovation: EKF2_GPS_P_GATE, EKF2_BARO_GATE."""
 LOST_NS = 5_000_000_000
@@ -32,26 +34,31 @@ _ALIGNED = (0.01, 0.02, 0.01)
 
 
 @compiled
-def compare(nominal: Array, gained: Array, truth: Array, estimate: Array, error: Array) -> None:
-    """The estimate (19,) from a nominal state (23,) and the last tick of the inertial unit (6,): position, velocity,
-    attitude, rates, velocity in the body, specific force; and its error (13,) from the truth (13,), see MOTION."""
+def compare(nominal: Array, behind: Array, gained: Array, truth: Array, estimate: Array, error: Array) -> None:
+    """The estimate (19,) from a nominal state (23,), what told position and velocity are `behind` it (6,), and the last
+    tick of the inertial unit (6,): position, velocity, attitude, rates, velocity in the body, specific force. And the
+    nominal state's error (13,) from the truth (13,), see MOTION."""
     for i in range(3):
-        estimate[i], estimate[3 + i] = nominal[7 + i], nominal[4 + i]
+        behind[i] += TICK_S * (behind[3 + i] - behind[i] / OUTPUT_S)
+        behind[3 + i] -= TICK_S * behind[3 + i] / OUTPUT_S
+        estimate[i], estimate[3 + i] = nominal[7 + i] + behind[i], nominal[4 + i] + behind[3 + i]
         estimate[10 + i] = gained[i] / TICK_S - nominal[10 + i]
         estimate[16 + i] = gained[3 + i] / TICK_S - nominal[13 + i]
-        error[i], error[3 + i] = estimate[i] - truth[3 + i], estimate[3 + i] - truth[i]
+        error[i], error[3 + i] = nominal[7 + i] - truth[3 + i], nominal[4 + i] - truth[i]
         error[10 + i] = estimate[10 + i] - truth[10 + i]
     b0, b1, b2, b3 = nominal[0], nominal[1], nominal[2], nominal[3]
     estimate[6], estimate[7], estimate[8], estimate[9] = b0, b1, b2, b3
-    estimate[13], estimate[14], estimate[15] = to_world(b0, -b1, -b2, -b3, nominal[4], nominal[5], nominal[6])
+    estimate[13], estimate[14], estimate[15] = to_world(b0, -b1, -b2, -b3, estimate[3], estimate[4], estimate[5])
     error[6], error[7], error[8], error[9] = product((truth[6], -truth[7], -truth[8], -truth[9]), nominal)
 
 
 @compiled
-def follow(nominal: Array, gained: Array, since: Array, truth: Array, estimate: Array, error: Array) -> None:
+def follow(
+    nominal: Array, behind: Array, gained: Array, since: Array, truth: Array, estimate: Array, error: Array
+) -> None:
     """A tick without any measurement: one call of compiled code costs less than two."""
     kalman.predict(nominal, gained, TICK_S, since)
-    compare(nominal, gained, truth, estimate, error)
+    compare(nominal, behind, gained, truth, estimate, error)
 
 
 @dataclass(slots=True)
@@ -67,6 +74,9 @@ class Readings:
 
 class Estimator:
     """Flies on what it estimates, and tells it `delay_s` late.
+
+    Position and velocity that it tells go over to what was corrected gradually, as PX4's output predictor lets them;
+    only a reset is a jump.
 
     It starts aligned: its first errors are drawn as its first covariance says, with the receiver's error at that time
     taken for the origin.
@@ -104,7 +114,8 @@ class Estimator:
         self._since = np.zeros(kalman.SINCE)
         self._since[:4] = self.nominal[:4]
         self.error = np.zeros(13)
-        """(13,): of position, velocity, the attitude as a quaternion from the true body, and the rates."""
+        """(13,): of the filter's position, velocity, the attitude as a quaternion from the true body, and the rates."""
+        self._behind = np.zeros(6)
         self._estimate = np.zeros(19)
         delay_ticks = -(round(delay_s * 1e9) // -TICK_NS)
         self._past = deque([start], maxlen=1 + delay_ticks)
@@ -125,13 +136,13 @@ class Estimator:
         suite.advance(now, truth.rotor_speeds)
         tick = truth.time_ns // TICK_NS
         if tick % _SPREAD_TICKS:
-            follow(self.nominal, suite.gained, self._since, now, self._estimate, self.error)
+            follow(self.nominal, self._behind, suite.gained, self._since, now, self._estimate, self.error)
         else:
             kalman.predict(self.nominal, suite.gained, TICK_S, self._since)
             self._drift()
             kalman.spread(self.nominal, self.covariance, self._since, self._densities, self._deviations, self._times)
             self._measure(tick, truth.time_ns)
-            compare(self.nominal, suite.gained, now, self._estimate, self.error)
+            compare(self.nominal, self._behind, suite.gained, now, self._estimate, self.error)
         present = self._present(truth)
         self._past.append(present)
         return present, self._past[0]
@@ -145,7 +156,7 @@ class Estimator:
 
     def _measure(self, tick: int, time_ns: int) -> None:
         """Read what is due, and fuse what has come."""
-        suite, read, before = self.suite, self.read, self.nominal.copy()
+        suite, read, before, resets = self.suite, self.read, self.nominal.copy(), self.reset_counter
         self._now_ns = time_ns
         if _due(tick, self._field_ticks):
             field = suite.field_frd(time_ns)
@@ -166,6 +177,10 @@ class Estimator:
             made = suite.fix(time_ns)
             if made is not None:
                 self._fixes.append((made, self.nominal.copy()))
+        self._behind[:3] += before[kalman.POSITION] - self.nominal[kalman.POSITION]
+        self._behind[3:] += before[kalman.VELOCITY] - self.nominal[kalman.VELOCITY]
+        if self.reset_counter != resets:
+            self._behind[:] = 0.0
         self.position_lost = time_ns - self._taken_ns > LOST_NS or self.deviations[0] > _LOST_M
 
     def _take_fix(self, fix: Fix, then: Array, time_ns: int) -> None:

@@ -11,11 +11,11 @@ from scipy.stats import chi2
 from protocol.arrays import Array
 from studies.joined import Joined, mission_of
 from tests.vehicle_sim.estimation.flown_paths import hover, lemniscate, settings_of
-from vehicle_sim.estimation.estimator import Estimator
+from vehicle_sim.estimation.estimator import OUTPUT_S, Estimator
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.sensors.faults import Failure
 from vehicle_sim.sensors.settings import SensorSettings
-from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.sensors.suite import TICK_S, SensorSuite
 
 SEEDS = 10
 FREE = ("avoidance.method=none",)
@@ -177,6 +177,43 @@ def test_the_jump_leaves_a_filter_that_is_consistent() -> None:
         ends.append(squared(estimator))
     low, high = chi2.ppf((0.001, 0.999), 9 * SEEDS)
     assert low < sum(ends) < high
+
+
+def test_what_it_tells_goes_over_to_a_correction_and_jumps_at_a_reset_alone() -> None:
+    """The filter is corrected by centimetres at a fix. What is told moves as its own velocity says, and 1.5 s after the
+    last correction it is what the filter has."""
+    motions, settings, outage = path("lemniscate", 15.0), settings_of("gnss"), round(6.0 / TICK_S)
+    estimator = estimator_of(settings, 3, motions[0])
+    sensors = estimator.suite.positioning, estimator.suite.barometer, estimator.suite.magnetometer
+    told, filtered, away = [], [], []
+    for motion in motions[1:]:
+        if motion.time_ns > 6_000_000_000:
+            for sensor in sensors:
+                sensor.failure = Failure.OFF
+        present, _ = estimator.update(motion)
+        told.append([*present.position_ned, *present.velocity_ned])
+        filtered.append(np.concatenate((estimator.nominal[7:10], estimator.nominal[4:7])))
+        away.append(np.abs(told[-1] - filtered[-1]).max())
+    rows, filter_rows = np.array(told)[:outage], np.array(filtered)[:outage]
+    steps = np.diff(rows[:, :3], axis=0) - TICK_S * rows[1:, 3:]
+    filter_steps = np.diff(filter_rows[:, :3], axis=0) - TICK_S * filter_rows[1:, 3:]
+    assert np.abs(filter_steps).max() > 0.05 and np.abs(steps).max() < 0.002
+    between = np.abs(filter_steps).max(axis=1) < 2e-4
+    assert between.mean() > 0.5
+    assert steps[between] == pytest.approx((TICK_S / OUTPUT_S * (filter_rows - rows)[:-1, :3])[between], abs=2e-4)
+    jerks, filter_jerks = (np.abs(np.diff(np.array(rows)[:outage, 3:], n=2, axis=0)).max() for rows in (told, filtered))
+    assert filter_jerks > 0.05 and jerks < 0.2 * filter_jerks
+    assert max(away[:outage]) > 0.01 and max(away[outage + round(1.5 / TICK_S) :]) < 1e-3
+    estimator.nominal[7:10] += 300.0
+    estimator._taken_ns = 0
+    for sensor in sensors:
+        sensor.failure = Failure.OK
+    motions = path("lemniscate", 16.0)
+    for motion in motions[round(15.0 / TICK_S) + 1 :]:
+        before = estimator.reset_counter
+        present, _ = estimator.update(motion)
+        if estimator.reset_counter != before:
+            assert present.position_ned == tuple(estimator.nominal[7:10])
 
 
 def test_the_same_seed_errs_the_same() -> None:
