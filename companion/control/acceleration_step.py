@@ -81,7 +81,8 @@ def _observe_and_predict(state: prediction.Measured, times: tuple[int, int, int]
     m.poses_count = prediction.keep_pose(m.poses, m.poses_count, measured_ns, state.attitude, predicted.measured_thrust)
     if p.torque_bandwidth > 0.0:
         share = torque_observer.thrust_share(predicted.measured_thrust, model.mass * GRAVITY)
-        torque_observer.update(m.torque, measured_ns, state, m.commands, m.count, model, (share, p.torque_bandwidth))
+        tuning = share, p.torque_bandwidth, p.offset_bound
+        torque_observer.update(m.torque, measured_ns, state, m.commands, m.count, model, tuning)
     if p.observes:
         pose = m.poses[prediction.pose_at(m.poses, m.poses_count, position_ns) % prediction.HISTORY]
         disturbance_observer.update(

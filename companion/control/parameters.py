@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Control, Estimation, Limits, Settings
-from companion.control import disturbance_observer, laws, lqr
+from companion.control import disturbance_observer, laws, lqr, torque_observer
 from companion.control.laws import FOREIGN, GAINS, LAWS
 from companion.control.margin import Design
 from companion.control.tracking_error import TrackingError
@@ -37,6 +37,7 @@ PARAMETERS = np.dtype(
         ("observes", "b1"),
         ("velocity_noise", "f8"),
         ("torque_bandwidth", "f8"),
+        ("offset_bound", "f8", 3),
         ("velocity_variance", "f8", 3),
         ("velocity_correlation", "f8"),
         ("initial_deviation", "f8", disturbance_observer.STATES),
@@ -178,6 +179,7 @@ def _attitude(settings: Settings, body: VehicleParameters) -> dict[str, Any]:
         "rates_gain": rates_gain,
         "torque_scale": lqr.to_torque(body) / np.array(body.full_torque_nm),
         "full_torque": body.full_torque_nm,
+        "offset_bound": torque_observer.SHARE_OF_FULL * np.array(body.full_torque_nm) / np.array(body.inertia_kgm2),
         "inertia": body.inertia_kgm2,
     }
 

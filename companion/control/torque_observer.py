@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.control.prediction import ANGULAR_ACCELERATION, HISTORY, Measured, Model, lag_share, turning_asked
+from protocol.arrays import Array
 from protocol.jit import compiled
 
 TORQUE_OBSERVER = np.dtype(
@@ -28,8 +29,9 @@ TORQUE_OBSERVER = np.dtype(
 """`measured` rates (rad/s) of the last update; `rates` (rad/s) and `turning` (rad/s2) as they are estimated; `offset`
 (rad/s2) is m. All FRD."""
 
-_BOUND = 40.0
-"""rad/s2; greatest size of each axis of m."""
+SHARE_OF_FULL = 1 / 3
+"""Greatest size of each axis of m, of what the vehicle's full torque gives. Where the vehicle hovers on half of its
+thrust, a rotor that lacks a fifth of its own takes 0.1 of that, and a centre of mass a tenth of an arm aside 0.2."""
 _LONGEST_S = 0.1
 """After a longer gap the rates are set anew, and nothing is estimated from it."""
 _SHARES = (0.2, 2.0)
@@ -50,11 +52,11 @@ def update(
     commands: NDArray[np.void],
     count: int,
     model: Model,
-    tuning: tuple[float, float],
+    tuning: tuple[float, float, Array],
 ) -> None:
     """Update a record of TORQUE_OBSERVER with a state measured at `time_ns`, under the commands of
-    `prediction.remember`. `tuning`: f, and the bandwidth (1/s)."""
-    share, bandwidth = tuning
+    `prediction.remember`. `tuning`: f, the bandwidth (1/s), and the bounds of m (3,) in rad/s2."""
+    share, bandwidth, bound = tuning
     dt = (time_ns - observer.time_ns) * 1e-9
     middle_ns = (time_ns + observer.time_ns) // 2
     observer.time_ns = time_ns
@@ -76,5 +78,5 @@ def update(
             error = measured.rates[i] - observer.rates[i]
             observer.rates[i] += pull * error
             offset = observer.offset[i] + dt * bandwidth * bandwidth * share * error
-            observer.offset[i] = min(max(offset, -_BOUND), _BOUND)
+            observer.offset[i] = min(max(offset, -bound[i]), bound[i])
     observer.measured[:] = measured.rates

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studies.sensed import BESIDE_M, FLOORS_M, WRONG_M, plan, sag, wrong
+from studies.sensed import BESIDE_M, CENTRES_M, FLOORS_M, WRONG_M, plan, sag, wrong
 from studies.tracks import Tracked, fly
 
 
@@ -30,6 +30,7 @@ def test_on_a_receiver_it_errs_as_its_estimator_does() -> None:
     assert tracked.estimate_rmse_m > 3.0 * tracked.told_rmse_m
 
 
-def test_all_at_once() -> None:
-    tracked = fly(wrong("to the right", "+30 %", 1))
+@pytest.mark.parametrize("centre", CENTRES_M)
+def test_all_at_once(centre: str) -> None:
+    tracked = fly(wrong(centre, "+30 %", 1))
     assert tracked.fault is None and tracked.told_rmse_m < WRONG_M and sag(tracked) > 0.15

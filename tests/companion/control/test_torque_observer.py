@@ -12,6 +12,7 @@ from protocol.frames import from_rotation_vector, multiply, to_rotation_vector
 TICK_NS, DT, STEPS = 4_000_000, 0.004, 8
 LAG, LOOP, ATTITUDE_LOOP = 0.03, np.array([20.0, 20.0, 10.0]), 8.0
 BANDWIDTH = 2.0
+BOUND = np.array([40.0, 60.0, 20.0])
 OFFSET = np.array([6.0, -15.0, 1.5])
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 MODEL = prediction.Model(LAG, LOOP, ATTITUDE_LOOP, 1.3, np.zeros(3), np.zeros(3))
@@ -35,7 +36,7 @@ def observed(turning_input: TurningInput, offset: Array, share: float, seconds: 
         now = (tick + 1) * TICK_NS
         state = prediction.Measured(np.zeros(3), np.zeros(3), attitude, rates)
         if count:
-            tuning = share, BANDWIDTH
+            tuning = share, BANDWIDTH, BOUND
             torque_observer.update(observer[0], now, state, commands, count, MODEL, tuning)
         made_up = observer["offset"][0] * share
         wanted = sway * np.sin(3.0 * tick * DT + np.arange(3.0))
@@ -81,7 +82,7 @@ def test_what_is_found_is_bounded_and_a_gap_teaches_nothing() -> None:
 
     def update(now: int, rates: Array) -> Array:
         state = prediction.Measured(np.zeros(3), np.zeros(3), LEVEL, rates)
-        torque_observer.update(observer[0], now, state, commands, count, MODEL, (1.0, BANDWIDTH))
+        torque_observer.update(observer[0], now, state, commands, count, MODEL, (1.0, BANDWIDTH, BOUND))
         offset: Array = observer["offset"][0]
         return offset
 
@@ -89,5 +90,5 @@ def test_what_is_found_is_bounded_and_a_gap_teaches_nothing() -> None:
     assert not update(TICK_NS * 200, np.full(3, -30.0)).any()
     for tick in range(201, 1200):
         offset = update(TICK_NS * tick, np.full(3, 500.0))
-        assert np.abs(offset).max() <= 40.0
-    assert offset == pytest.approx(np.full(3, 40.0))
+        assert (np.abs(offset) <= BOUND).all()
+    assert offset == pytest.approx(BOUND)
