@@ -188,11 +188,16 @@ class PidControl(Table, frozen=True):
     """1/s"""
 
 
+STEEPEST_DEG = 85.0
+"""Steeper limits are none: the vertical part of the thrust, which has priority, would be too small a part of it."""
+
+
 class Limits(Table, frozen=True):
     """Limits of the commands to the vehicle."""
 
-    tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=85)] = 45.0
-    """The vehicle's. A vehicle whose file lacks `rate_loop_gain_1_s`, and ArduPilot, is commanded 92 %: they swing."""
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=180)] = 45.0
+    """The vehicle's. A vehicle whose file lacks `rate_loop_gain_1_s`, and ArduPilot, is commanded 92 %: they swing. At
+    most 85, or 180: no limit, as a loop needs; on outputs rates and actuators."""
     tilt_braking_deg: Positive = 900.0
     """deg/s2; the angular acceleration that the vehicle surely has to stop at the tilt limit. ArduPilot limits its own
     to ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100."""
@@ -204,6 +209,8 @@ class Limits(Table, frozen=True):
     yaw_rate_deg: Positive = 90.0
 
     def __post_init__(self) -> None:
+        if STEEPEST_DEG < self.tilt_deg < 180.0:
+            raise ValueError(f"tilt_deg must be at most {STEEPEST_DEG:g}, or 180")
         if self.lowest_thrust >= self.highest_thrust:
             raise ValueError("lowest_thrust must be below highest_thrust")
 

@@ -1,5 +1,6 @@
 """Curves of a mission: shapes, from a file's `[trajectory]` table, and routes flown as one smooth curve."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -7,7 +8,10 @@ import msgspec
 
 from companion.config_types import NotNegative, Positive, Table
 from protocol.arrays import Array
+from protocol.vehicle_parameters import GRAVITY
 
+_LEAST_AT_TOP = 1.5
+"""Gravities of acceleration that a loop needs at its top."""
 Offset = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 
 
@@ -19,11 +23,13 @@ class Shape(Table, frozen=True):
     ellipse: as the circle, with `radius` along north and `minor_radius` along east.
     lemniscate (of Gerono): north-eastward, an eight around the start, `radius` to north and south, half of that to east
     and west.
+    loop: eastward, up and over, around the centre `radius` above the start. The vehicle heads north, and is inverted
+    at the top: it needs `limits.tilt_deg` 180, and full speed on the first quarter of the lap.
     square: northward, then east, south and west, along edges of twice the `radius` at constant speed; the velocity
     jumps at the corners.
     """
 
-    shape: Literal["circle", "helix", "lemniscate", "ellipse", "square"]
+    shape: Literal["circle", "helix", "lemniscate", "ellipse", "square", "loop"]
     speed: Positive
     """Peak speed (m/s). The angle turns at a constant rate, so ellipse and lemniscate are slower elsewhere."""
     radius: Positive | None = None
@@ -40,7 +46,7 @@ class Shape(Table, frozen=True):
 
     A curve too short for both ramps is flown more slowly."""
     heading: Literal["fixed", "along"] = "fixed"
-    """"fixed": as at take-off; "along": the direction of motion."""
+    """"fixed": as at take-off, of a loop north; "along": the direction of motion."""
     north: Offset = 0.0
     east: Offset = 0.0
     height: Positive | None = None
@@ -49,13 +55,27 @@ class Shape(Table, frozen=True):
     def __post_init__(self) -> None:
         if (self.radius is None) == (self.acceleration is None):
             raise ValueError("radius: give either it or acceleration")
-        if self.acceleration is not None and self.shape not in ("circle", "ellipse"):
+        if self.acceleration is not None and self.shape not in ("circle", "ellipse", "loop"):
             raise ValueError(f"acceleration: a {self.shape} takes a radius")
         for key, value, shape in (("minor_radius", self.minor_radius, "ellipse"), ("pitch", self.pitch, "helix")):
             if value is not None and self.shape != shape:
                 raise ValueError(f"{key}: only for shape {shape!r}")
+        if self.shape == "loop":
+            self._check_loop()
         if self.minor_radius is not None and self.minor_radius > self.size:
             raise ValueError(f"minor_radius: {self.minor_radius:g} is more than the radius {self.size:g}")
+
+    def _check_loop(self) -> None:
+        """At the top the thrust points down, and nowhere there is next to none of it."""
+        least, longest_s = math.sqrt(_LEAST_AT_TOP * GRAVITY * self.size), math.pi * self.size / self.speed
+        if self.speed < least:
+            raise ValueError(f"speed: a loop of radius {self.size:g} needs {least:.1f} m/s")
+        if self.ramp_s > longest_s:
+            raise ValueError(f"ramp_s: at most {longest_s:.2f}, for full speed on a quarter of the loop")
+        if self.laps != round(self.laps):
+            raise ValueError("laps: a loop is flown whole")
+        if self.heading == "along":
+            raise ValueError('heading: a loop is flown with "fixed"')
 
     @property
     def size(self) -> float:

@@ -54,6 +54,7 @@ second, the tilt of a vehicle with ArduPilot's limit reached 47 to 56 degrees wi
 """,
     studies=(
         "studies.agile",
+        "studies.loops",
         "studies.sensed",
         "studies.consistency",
         "studies.ellipses",

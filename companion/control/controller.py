@@ -16,7 +16,7 @@ from companion.control.attitude_step import attitude_command, turn_otherwise
 from companion.control.foreign import foreign_laws
 from companion.control.lift_off import LiftOff
 from companion.control.margin import Pace, pace_for, paced
-from companion.control.parameters import PARAMETERS, SLOW_YAW_GAIN, TILT_KEPT, controller_parameters, design_of
+from companion.control.parameters import PARAMETERS, SLOW_YAW_GAIN, controller_parameters, design_of, kept_tilt
 from companion.control.torque_observer import TORQUE_OBSERVER
 from companion.outputs import OUTPUTS
 from companion.records import CONTROL_FIELDS
@@ -92,7 +92,7 @@ class Controller:
         self._memory_bytes = self._memory.view(np.uint8)
         self._at_first = self._memory_bytes.copy()
         self._predicts = settings.control.prediction.enabled
-        self._kept_tilt = TILT_KEPT * settings.limits.tilt
+        self._kept_tilt = kept_tilt(settings.limits)
         self._configured = self._parameters.copy()
         self.output = output
         self.delay = LinkDelay()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import Control, Estimation, Limits, Settings
+from companion.config import STEEPEST_DEG, Control, Estimation, Limits, Settings
 from companion.control import disturbance_observer, laws, lqr, torque_observer
 from companion.control.laws import FOREIGN, GAINS, LAWS
 from companion.control.margin import Design
@@ -84,9 +84,14 @@ ArduCopter's 2 to 4, both with an integral."""
 SLOW_YAW_GAIN = 0.25 * _RATE_LOOPS[2]
 """1/s; the gain from the heading's error to a yaw rate above such a loop, at most: a quarter of the loop's own gain.
 With that there is no overshoot."""
-TILT_KEPT = 0.92
+_TILT_KEPT = 0.92
 """Share of the tilt's limit that is commanded where the rate loops are not known. PX4's loops, and what its estimator
 is wrong by, have tilted a vehicle by 2.6 degrees more."""
+
+
+def kept_tilt(limits: Limits) -> float:
+    """The tilt (rad) that is commanded at most where the rate loops are not known; pi: there is no limit."""
+    return limits.tilt if limits.tilt_deg > STEEPEST_DEG else _TILT_KEPT * limits.tilt
 
 
 def controller_parameters(settings: Settings, body: VehicleParameters, output: Output) -> NDArray[np.void]:
@@ -243,6 +248,6 @@ def _limits(limits: Limits, body: VehicleParameters) -> dict[str, Any]:
         "min_thrust_n": limits.lowest_thrust * body.max_thrust_n,
         "max_thrust_n": limits.highest_thrust * body.max_thrust_n,
         "full_thrust_n": body.max_thrust_n,
-        "max_tilt": limits.tilt if loops_known else TILT_KEPT * limits.tilt,
+        "max_tilt": limits.tilt if loops_known else kept_tilt(limits),
         "tilt_braking": math.radians(limits.tilt_braking_deg),
     }

@@ -28,8 +28,11 @@ def thrust_vector(
     """Thrust (3,) in N, NED, for an acceleration (3,) in m/s2, NED, and whether a limit was reached.
 
     The vertical part is kept between `lowest` and `highest` (N). The horizontal part keeps its direction and gets what
-    the limits on the whole thrust and on the tilt (rad) leave.
+    the limits on the whole thrust and on the tilt (rad) leave. Without a limit on the tilt (pi) the thrust keeps its
+    direction, whichever that is.
     """
+    if tilt_limit >= math.pi:
+        return _any_direction(acceleration_ned, mass, lowest, highest)
     north = mass * acceleration_ned[0]
     east = mass * acceleration_ned[1]
     wanted_up = mass * (GRAVITY - acceleration_ned[2])
@@ -40,6 +43,18 @@ def thrust_vector(
     if horizontal > allowed:
         scale = allowed / horizontal
     return np.array([scale * north, scale * east, -up]), up != wanted_up or scale != 1.0
+
+
+@compiled
+def _any_direction(acceleration_ned: Array, mass: float, lowest: float, highest: float) -> tuple[Array, bool]:
+    """The thrust (3,) in N, NED, of a vehicle that may be inverted, and whether a limit on its size was reached."""
+    wanted = mass * acceleration_ned
+    wanted[2] -= mass * GRAVITY
+    size = math.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1] + wanted[2] * wanted[2])
+    if size < 1e-6 * mass:
+        return np.array([0.0, 0.0, -lowest]), True
+    kept = min(max(size, lowest), highest)
+    return wanted * (kept / size), kept != size
 
 
 @compiled

@@ -61,7 +61,10 @@ def rate_allowed(way: float, braking: float) -> float:
 
 @compiled
 def limit_rates(rates: Array, tilt: Tilt) -> None:
-    """Reduce commanded rates (3,) in rad/s, FRD, in place, to those that keep the tilt within its limit."""
+    """Reduce commanded rates (3,) in rad/s, FRD, in place, to those that keep the tilt within its limit, if it has one
+    (less than pi)."""
+    if tilt.limit >= math.pi:
+        return
     x, y = tilt.x, tilt.y
     size = math.sqrt(x * x + y * y)
     if size > tilt.limit:  # back to the limit; from there on as if it were there

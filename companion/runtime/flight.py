@@ -16,7 +16,7 @@ from typing import Literal
 import msgspec
 
 from companion.autopilot import Autopilot
-from companion.config import Settings
+from companion.config import STEEPEST_DEG, Settings
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
 from companion.mission.files import to_toml
@@ -124,6 +124,11 @@ def check(plan: Plan) -> None:
             f"limits.lowest_thrust {limits.lowest_thrust:g} to limits.highest_thrust {limits.highest_thrust:g}: "
             f"the vehicle hovers at {hover:.2f}"
         )
+    loops = plan.mission.trajectory is not None and plan.mission.trajectory.shape == "loop"
+    if loops and limits.tilt_deg <= STEEPEST_DEG:
+        raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: a loop needs 180")
+    if limits.tilt_deg > STEEPEST_DEG and plan.output in (None, Output.ATTITUDE):
+        raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: choose --output rates or actuators")
 
 
 def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:

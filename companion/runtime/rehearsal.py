@@ -183,7 +183,8 @@ def _hurried(mission: Mission) -> Mission:
     waypoints = [msgspec.structs.replace(waypoint, hold_s=min(waypoint.hold_s, 0.1)) for waypoint in mission.waypoints]
     shape = mission.trajectory
     if shape is not None:
-        laps, ramp_s = min(shape.laps, _REHEARSED_LAPS), min(shape.ramp_s, _REHEARSED_RAMP_S)
+        laps = 1.0 if shape.shape == "loop" else min(shape.laps, _REHEARSED_LAPS)
+        ramp_s = min(shape.ramp_s, _REHEARSED_RAMP_S)
         shape = msgspec.structs.replace(shape, laps=laps, ramp_s=ramp_s)
     if mission.profile == "minimum_snap":
         reach = max(math.hypot(waypoint.north, waypoint.east) for waypoint in waypoints)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.config import STEEPEST_DEG
 from companion.trajectory.timing import Phases, law_at, motion
 from protocol.arrays import Array
 from protocol.jit import compiled
@@ -140,7 +141,7 @@ def _loads(curve: PiecewisePolynomial, limits: Limits, samples: int) -> Array:
     """(3, m) factors by which speed, acceleration and tilt require the curve to be stretched, at each of m samples."""
     motion = polynomials_at(curve.knots, curve.coefficients, samples)
     velocity, acceleration = motion[:, 1], motion[:, 2]
-    slope = math.tan(_TILT_SHARE * limits.tilt)
+    slope = math.tan(_TILT_SHARE * min(limits.tilt, math.radians(STEEPEST_DEG)))
     # The tilt: horizontal acceleration <= slope (g - acceleration downward).
     leaning = np.hypot(acceleration[:, 0], acceleration[:, 1]) + slope * acceleration[:, 2]
     return np.stack(

@@ -16,18 +16,19 @@ from protocol.jit import compiled
 
 
 @compiled
-def harmonic_at(along: float, across: float, twice: float, climb: float, angle: float) -> Array:
+def harmonic_at(along: float, across: float, twice: float, climb: float, rise: float, angle: float) -> Array:
     """(5, 3) position (m) and derivatives by the angle (rad): north `along` sin, east `across` (1 - cos) + `twice` sin
-    of twice the angle, and `climb` (m) up for each radian."""
+    of twice the angle, and up `climb` (m) for each radian. A `rise` (m) turns the circle up: east `rise` sin, up `rise`
+    (1 - cos)."""
     s, c = math.sin(angle), math.cos(angle)
     s2, c2 = math.sin(2.0 * angle), math.cos(2.0 * angle)
     return np.array(  # in compiled code a list of lists would be taken from the heap
         (
-            (along * s, across * (1.0 - c) + twice * s2, -climb * angle),
-            (along * c, across * s + 2.0 * twice * c2, -climb),
-            (-along * s, across * c - 4.0 * twice * s2, 0.0),
-            (-along * c, -across * s - 8.0 * twice * c2, 0.0),
-            (along * s, -across * c + 16.0 * twice * s2, 0.0),
+            (along * s, across * (1.0 - c) + twice * s2 + rise * s, -climb * angle - rise * (1.0 - c)),
+            (along * c, across * s + 2.0 * twice * c2 + rise * c, -climb - rise * s),
+            (-along * s, across * c - 4.0 * twice * s2 - rise * s, -rise * c),
+            (-along * c, -across * s - 8.0 * twice * c2 - rise * c, rise * s),
+            (along * s, -across * c + 16.0 * twice * s2 + rise * s, rise * c),
         )
     )
 
@@ -52,9 +53,11 @@ def square_at(edge: float, parameter: float) -> Array:
 
 
 @compiled
-def _harmonic_flown(shape: tuple[float, float, float, float], phases: Phases, time: float, origin: Array) -> Array:
+def _harmonic_flown(
+    shape: tuple[float, float, float, float, float], phases: Phases, time: float, origin: Array
+) -> Array:
     law = law_at(phases[0], phases[1], phases[2], phases[3], phases[4], time)
-    return motion(harmonic_at(shape[0], shape[1], shape[2], shape[3], law[0]), law, origin)
+    return motion(harmonic_at(shape[0], shape[1], shape[2], shape[3], shape[4], law[0]), law, origin)
 
 
 @compiled
@@ -71,21 +74,23 @@ class Harmonic:
     across: float
     twice: float = 0.0
     climb: float = 0.0
+    rise: float = 0.0
 
     lap = 2.0 * math.pi
 
     def at(self, parameter: float) -> Array:
         """(5, 3) position and derivatives by the parameter."""
-        return harmonic_at(self.along, self.across, self.twice, self.climb, parameter)
+        return harmonic_at(self.along, self.across, self.twice, self.climb, self.rise, parameter)
 
     def flown(self, phases: Phases, time_s: float, origin_ned: Array) -> Array:
         """See `Path.flown`."""
-        return _harmonic_flown((self.along, self.across, self.twice, self.climb), phases, time_s, origin_ned)
+        shape = self.along, self.across, self.twice, self.climb, self.rise
+        return _harmonic_flown(shape, phases, time_s, origin_ned)
 
     @property
     def peak_speed(self) -> float:
         """m/s where the parameter grows by 1 a second. With across <= along it is the speed at the start."""
-        return math.hypot(self.along, 2.0 * self.twice, self.climb)
+        return math.hypot(self.along, 2.0 * self.twice, self.climb, self.rise)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,5 +128,7 @@ def shape_of(table: Shape) -> Harmonic | Square:
             return Harmonic(size, 0.5 * size if table.minor_radius is None else table.minor_radius)
         case "lemniscate":
             return Harmonic(size, 0.0, twice=0.5 * size)
+        case "loop":
+            return Harmonic(0.0, 0.0, rise=size)
         case "square":
             return Square(2.0 * size)

@@ -1,5 +1,6 @@
 """A track: a path in space flown by a time law. It gives the reference at any time, exact up to snap."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from companion.trajectory.shapes import shape_of
 from companion.trajectory.timing import Path, TimeLaw
 from protocol.arrays import Array
 
+_ROUNDING = 1e-9
 _PEAK_SLOPE = 35.0 / 16.0
 """Greatest slope of the smooth step of `timing`, over unit height and length."""
 
@@ -27,6 +29,10 @@ class Track:
     """The heading is that of the motion; otherwise the track does not define the heading."""
     resume_s: float
     """Time (s) from rest to the full rate when the track is resumed on the way."""
+    faces: float | None = None
+    """The heading (rad) that it is flown with, if that is fixed by the track."""
+    resumed_each: float = 0.0
+    """Parameter from one place where the track may be resumed to the next; 0: anywhere."""
 
     def at(self, time_s: float) -> Array:
         """(6, 3) position, velocity, acceleration, jerk and snap (m, s; NED), and yaw, its rate and its acceleration
@@ -46,15 +52,18 @@ class Track:
     @property
     def start_yaw(self) -> float | None:
         """The heading (rad) at the beginning; None if the track does not define the heading."""
-        return float(self.at(0.0)[5, 0]) if self.along else None
+        return float(self.at(0.0)[5, 0]) if self.along else self.faces
 
     def shifted(self, offset_ned: Array) -> "Track":
         """The same track at another place, by an offset (3,) in m."""
         return replace(self, origin_ned=self.origin_ned + offset_ned)
 
     def resumed_at(self, time_s: float) -> "Track":
-        """The rest of the track from that time on, started from rest."""
+        """The rest of the track from that time on, or from the last place before where it may be resumed, started from
+        rest."""
         reached = float(self.law.at(time_s)[0])
+        if self.resumed_each > 0.0:
+            reached = self.resumed_each * math.floor(reached / self.resumed_each + _ROUNDING)
         return replace(self, law=self.law.resumed(reached, self.resume_s))
 
 
@@ -65,6 +74,8 @@ def track_of(curve: Curve, settings: TrajectorySettings, tilt: float) -> Track:
     if isinstance(curve, Shape):
         shape = shape_of(curve)
         law = TimeLaw(0.0, curve.laps * shape.lap, curve.speed / shape.peak_speed, curve.ramp_s, curve.ramp_s)
+        if curve.shape == "loop":
+            return Track(shape, law, np.zeros(3), False, curve.ramp_s, faces=0.0, resumed_each=shape.lap)
         return Track(shape, law, np.zeros(3), curve.heading == "along", curve.ramp_s)
     path = plan(curve.points_ned, Limits(curve.speed, settings.acceleration, tilt))
     ramp_s = _PEAK_SLOPE * curve.speed / settings.acceleration

@@ -28,7 +28,14 @@ def test_overrides_reach_their_place() -> None:
 
 
 @pytest.mark.parametrize(
-    "override", ["supervision.land_after=-1", "limits.tilt_deg=nan", "identity.component=300", "rates.least_share=1.5"]
+    "override",
+    [
+        "supervision.land_after=-1",
+        "limits.tilt_deg=nan",
+        "limits.tilt_deg=90",
+        "identity.component=300",
+        "rates.least_share=1.5",
+    ],
 )
 def test_impossible_values(override: str) -> None:
     with pytest.raises(TomlFileError, match=override.split("=")[0].split(".")[1]):
@@ -47,6 +54,18 @@ def test_an_old_name_is_refused_with_the_new_one(tmp_path: Path) -> None:
     )
     with pytest.raises(TomlFileError, match=r"--set: avoidance\.course\.leash is now avoidance\.course\.max_lead"):
         load_settings(None, ["avoidance.course.leash=0.5"])
+
+
+def test_a_loop_needs_a_vehicle_that_may_be_inverted() -> None:
+    mission, _ = load_mission("loop")
+    body, free = load_body(mission.vehicle), load_settings(None, ["limits.tilt_deg=180"])
+    for output in (Output.RATES, Output.ACTUATORS):
+        check(Plan(free, body, mission, output, 1.0, {}))
+    with pytest.raises(PlanError, match="a loop needs 180"):
+        check(Plan(load_settings(None, []), body, mission, Output.RATES, 1.0, {}))
+    for chosen in (None, Output.ATTITUDE):
+        with pytest.raises(PlanError, match="choose --output rates or actuators"):
+            check(Plan(free, body, mission, chosen, 1.0, {}))
 
 
 def test_a_vehicle_that_can_not_hover_within_the_limits_is_refused() -> None:

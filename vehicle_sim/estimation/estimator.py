@@ -94,9 +94,10 @@ class Estimator:
         slow, climbing = (math.inf, math.inf) if s.gnss is None else s.gnss.velocity_noise
         self._fix_noise = np.array((level, level, up, slow, slow, climbing))
         self._fix_delay_ns = round(s.positioning.delay_s * 1e9)
-        self._field_ticks, self._height_ticks, self._fix_ticks = (
+        self._ticks = tuple(
             max(1, round(1.0 / (each.rate_hz * TICK_S))) for each in (s.magnetometer, s.barometer, s.positioning)
         )
+        """From one reading of each to the next."""
         self._fixes: deque[tuple[Fix, Array]] = deque()
         """On their way, each with the nominal state of its time."""
         self.field_ratios, self.height_ratios, self.fix_ratios = np.zeros(3), np.zeros(1), np.zeros(6)
@@ -158,13 +159,14 @@ class Estimator:
         """Read what is due, and fuse what has come."""
         suite, read, before, resets = self.suite, self.read, self.nominal.copy(), self.reset_counter
         self._now_ns = time_ns
-        if _due(tick, self._field_ticks):
+        field_due, height_due, fix_due = (_due(tick, every) for every in self._ticks)
+        if field_due:
             field = suite.field_frd(time_ns)
             if field is not None:
                 read.field_frd, read.field_ns = field, time_ns
                 noise = suite.settings.magnetometer.noise
                 self.field_ratios = kalman.take_field(self.nominal, self.covariance, self._field, field, noise, GATE)
-        if _due(tick, self._height_ticks):
+        if height_due:
             height = suite.height(time_ns)
             if height is not None:
                 read.height_m, read.height_ns = height, time_ns
@@ -173,7 +175,7 @@ class Estimator:
         self._correct_fixes(before, time_ns)
         if self._fixes and time_ns - self._fixes[0][0].time_ns >= self._fix_delay_ns:
             self._take_fix(*self._fixes.popleft(), time_ns)
-        if _due(tick, self._fix_ticks):  # with what has just become known: nothing of it is to be corrected again
+        if fix_due:  # with what has just become known: nothing of it is to be corrected again
             made = suite.fix(time_ns)
             if made is not None:
                 self._fixes.append((made, self.nominal.copy()))

@@ -72,6 +72,19 @@ def test_altitude_comes_first() -> None:
         assert limited == (not np.allclose(free, thrust, atol=1e-6))
 
 
+def test_without_a_limit_on_the_tilt_the_thrust_keeps_its_direction() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(500):
+        wanted = rng.uniform(-30.0, 30.0, 3)
+        thrust, limited = thrust_vector(wanted, MASS, 2.0, 25.0, math.pi)
+        force = MASS * (wanted - np.array([0.0, 0.0, GRAVITY]))
+        size = float(np.linalg.norm(force))
+        assert np.allclose(thrust, force * min(max(size, 2.0), 25.0) / size)
+        assert limited == (not 2.0 <= size <= 25.0)
+    falling, limited = thrust_vector(np.array([0.0, 0.0, GRAVITY]), MASS, 2.0, 25.0, math.pi)
+    assert np.allclose(falling, [0.0, 0.0, -2.0]) and limited
+
+
 def test_collective_is_the_nearest_thrust_along_the_body() -> None:
     """What is left of the wanted force is across the body's axis; all of it is given where the attitude is right."""
     rng = np.random.default_rng(3)

@@ -3,7 +3,9 @@
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from companion.trajectory.shapes import shape_of
 from companion.trajectory.timing import TimeLaw
 from protocol.arrays import Array
 from protocol.frames import wrap
+from protocol.vehicle_parameters import GRAVITY
 
 SETTINGS = Trajectory()
 CIRCLE = Shape("circle", speed=4.0, radius=3.0, laps=3.0)
@@ -23,6 +26,7 @@ SHAPES = [
     Shape("ellipse", speed=10.0, acceleration=20.0, minor_radius=2.0, laps=2.5, heading="along"),
     Shape("lemniscate", speed=4.0, radius=3.0, laps=2.0, heading="along"),
 ]
+LOOP = Shape("loop", speed=7.0, radius=2.0, laps=3.0, ramp_s=0.8)
 SQUARE = Shape("square", speed=2.0, radius=1.5, laps=2.0, heading="along")
 START = np.array([10.0, -20.0, -3.0])
 
@@ -42,7 +46,7 @@ def track(shape: Shape) -> Track:
     return track_of(shape, SETTINGS, 0.6).shifted(START)
 
 
-@pytest.mark.parametrize("shape", [*SHAPES, SQUARE], ids=lambda shape: shape.shape)
+@pytest.mark.parametrize("shape", [*SHAPES, LOOP, SQUARE], ids=lambda shape: shape.shape)
 def test_derivatives_of_a_shape_by_its_parameter(shape: Shape) -> None:
     path = path_of(shape)
     assert not path(0.0)[0].any()
@@ -63,11 +67,14 @@ def test_shapes_are_what_they_are_called() -> None:
         assert (north / 5.0) ** 2 + ((east - 2.0) / 2.0) ** 2 == pytest.approx(1.0)
         north, east, _ = path_of(SHAPES[3])(angle)[0]  # Gerono's: x^4 = a^2 (x^2 - y^2)
         assert north**4 == pytest.approx(9.0 * (north**2 - east**2), abs=1e-9)
+        north, east, down = path_of(LOOP)(angle)[0]
+        assert north == 0.0 and math.hypot(east, -down - 2.0) == pytest.approx(2.0)
+    assert path_of(LOOP)(0.1)[0][1] > 0.0 > path_of(LOOP)(math.pi)[0][2]
     corners = [path_of(SQUARE)(float(k))[0].tolist() for k in range(5)]
     assert corners == [[0, 0, 0], [3, 0, 0], [3, 3, 0], [0, 3, 0], [0, 0, 0]]
 
 
-@pytest.mark.parametrize("shape", [*SHAPES, SQUARE], ids=lambda shape: shape.shape)
+@pytest.mark.parametrize("shape", [*SHAPES, LOOP, SQUARE], ids=lambda shape: shape.shape)
 def test_a_track_goes_from_rest_to_its_speed_and_to_rest(shape: Shape) -> None:
     flown = track(shape)
     motion = np.array([flown.at(t) for t in np.linspace(0.0, flown.duration_s, 4001).tolist()])
@@ -95,7 +102,7 @@ def test_derivatives_of_a_track_by_time(shape: Shape) -> None:
         assert np.allclose(turning, [-east * rate, north * rate], atol=1e-7)
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.shape)
+@pytest.mark.parametrize("shape", [*SHAPES, LOOP], ids=lambda shape: shape.shape)
 def test_joints_are_continuous_up_to_snap(shape: Shape) -> None:
     flown = track(shape)
     joints = (0.0, shape.ramp_s, flown.duration_s - shape.ramp_s, flown.duration_s)
@@ -154,7 +161,7 @@ def test_what_is_left_of_a_track_begins_at_rest_where_it_was_left() -> None:
     assert np.allclose(again.start_ned, left.at(3.5)[0])
 
 
-@pytest.mark.parametrize("shape", [*SHAPES, SQUARE], ids=lambda shape: shape.shape)
+@pytest.mark.parametrize("shape", [*SHAPES, LOOP, SQUARE], ids=lambda shape: shape.shape)
 def test_what_is_left_of_a_track_at_its_end_is_to_stay_there(shape: Shape) -> None:
     whole = track(shape)
     left = whole.resumed_at(whole.duration_s + 1.0)
@@ -247,3 +254,39 @@ def test_back_to_the_target_that_it_came_from() -> None:
     end = round(helix.duration_s * 1e9) + 1000
     generator.move_to(end, START, 1.0, 1.0)
     assert np.allclose(generator.at(end + 30 * 10**9).position_ned, START)
+
+
+def test_a_loop_heads_north_and_is_resumed_where_a_lap_begins() -> None:
+    flown = track(LOOP)
+    assert flown.start_yaw == 0.0 and not flown.along
+    lap_s = 2.0 * math.pi * 2.0 / 7.0
+    for time, laps in ((0.9, 3.0), (0.4 + 1.5 * lap_s, 2.0), (0.4 + 2.5 * lap_s, 1.0)):
+        rest = flown.resumed_at(time)
+        assert np.allclose(rest.start_ned, START) and np.allclose(rest.at(1e9)[0], START)
+        assert rest.law.end - rest.law.start == pytest.approx(laps * 2.0 * math.pi)
+    law = flown.resumed_at(1e9).law
+    assert law.start == law.end
+
+
+def test_nowhere_on_a_loop_the_thrust_vanishes() -> None:
+    """Else the attitude would not be defined: on the ramps, too, where the vehicle is still slow."""
+    for radius in (0.5, 2.0, 10.0):
+        speed = 1.001 * math.sqrt(1.5 * GRAVITY * radius)
+        flown = track(Shape("loop", speed=speed, radius=radius, ramp_s=0.999 * math.pi * radius / speed))
+        thrust = np.array([flown.at(t)[2] for t in np.linspace(0.0, flown.duration_s, 2000).tolist()])
+        thrust[:, 2] -= GRAVITY
+        assert np.linalg.norm(thrust, axis=1).min() > 0.45 * GRAVITY
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"speed": 5.0}, "speed: a loop of radius 2 needs 5.4 m/s"),
+        ({"ramp_s": 1.0}, "ramp_s: at most 0.90"),
+        ({"laps": 1.5}, "flown whole"),
+        ({"heading": "along"}, "fixed"),
+    ],
+)
+def test_a_loop_that_can_not_be_flown_is_refused(changes: dict[str, Any], word: str) -> None:
+    with pytest.raises(ValueError, match=word):
+        msgspec.structs.replace(LOOP, **changes)
