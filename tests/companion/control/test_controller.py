@@ -2,6 +2,7 @@
 converge."""
 
 import math
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -123,27 +124,43 @@ def test_prediction_is_the_motion(age_ms: int) -> None:
     assert found.measured_thrust == pytest.approx(then, abs=0.05)
 
 
-@pytest.mark.parametrize("age_ms", [12, 40, 400])
-def test_prediction_is_the_motion_under_attitudes(age_ms: int) -> None:
-    """However fast the vehicle turns at the measurement: it turns no farther than to what it was asked for."""
-    vehicle = Body(1.4, np.array([0.4, 0.5, 0.7]), np.array([0.5, -0.3, 0.2]))
-    commands, count = np.zeros(prediction.HISTORY, prediction.COMMAND), 0
-    measured, ticks = vehicle.state(0), 200
+def predicted(
+    vehicle: Body, age_ms: int, command: Callable[[int], tuple[float, TurningInput, Array]]
+) -> tuple[VehicleState, prediction.Predicted]:
+    """The state `age_ms` before the end of 200 ticks under commands, by tick: thrust (N), and what is asked for, rates
+    or an attitude. And what is predicted from it."""
+    commands, count, measured, ticks = np.zeros(prediction.HISTORY, prediction.COMMAND), 0, vehicle.state(0), 200
     for tick in range(ticks):
+        now = START_NS + tick * TICK_NS
         if (ticks - tick) * 4 == age_ms:
-            measured = vehicle.state(START_NS + tick * TICK_NS)
-            assert np.abs(measured.rates_frd[:2]).max() > 0.3
-        thrust = 14.0 + 3.0 * math.sin(0.03 * tick)
-        asked = from_rotation_vector(np.array([0.3 * math.sin(0.04 * tick), 0.3 * math.cos(0.05 * tick), 0.2]))
-        sent = int(TurningInput.ATTITUDE), to_rotation_vector(asked)
-        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, thrust, *sent)
+            measured = vehicle.state(now)
+        thrust, kind, asked = command(tick)
+        sent = asked if kind is TurningInput.RATES else to_rotation_vector(asked)
+        count = prediction.remember(commands, count, now, thrust, int(kind), sent)
         vehicle.fly(0.004, thrust, asked)
-    last = START_NS + ticks * TICK_NS
     model = prediction.Model(
         BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s),
         BODY.attitude_loop_gain_1_s, vehicle.mass, vehicle.drag, vehicle.disturbance,
     )  # fmt: skip
-    found = prediction.predict(pose(measured), measured.time_ns, last, commands, count, model)
+    end_ns = START_NS + ticks * TICK_NS
+    return measured, prediction.predict(pose(measured), measured.time_ns, end_ns, commands, count, model)
+
+
+def dragging() -> Body:
+    return Body(1.4, np.array([0.4, 0.5, 0.7]), np.array([0.5, -0.3, 0.2]))
+
+
+@pytest.mark.parametrize("age_ms", [12, 40, 400])
+def test_prediction_is_the_motion_under_attitudes(age_ms: int) -> None:
+    """However fast the vehicle turns at the measurement: it turns no farther than to what it was asked for."""
+    vehicle = dragging()
+
+    def command(tick: int) -> tuple[float, TurningInput, Array]:
+        asked = from_rotation_vector(np.array([0.3 * math.sin(0.04 * tick), 0.3 * math.cos(0.05 * tick), 0.2]))
+        return 14.0 + 3.0 * math.sin(0.03 * tick), TurningInput.ATTITUDE, asked
+
+    measured, found = predicted(vehicle, age_ms, command)
+    assert np.abs(measured.rates_frd[:2]).max() > 0.3
     assert found.position == pytest.approx(vehicle.position, abs=0.01)
     assert found.velocity == pytest.approx(vehicle.velocity, abs=0.05)
     assert found.attitude == pytest.approx(vehicle.attitude, abs=0.01)
@@ -154,22 +171,13 @@ def test_prediction_is_the_motion_under_attitudes(age_ms: int) -> None:
 @pytest.mark.parametrize("age_ms", [100, 400])
 def test_prediction_is_the_motion_through_a_change_of_the_output(age_ms: int) -> None:
     """Rates, from 200 ms before the end on attitudes: each command turns the vehicle as it was meant to."""
-    vehicle = Body(1.4, np.array([0.4, 0.5, 0.7]), np.array([0.5, -0.3, 0.2]))
-    commands, count = np.zeros(prediction.HISTORY, prediction.COMMAND), 0
-    measured, ticks = vehicle.state(0), 200
-    for tick in range(ticks):
-        if (ticks - tick) * 4 == age_ms:
-            measured = vehicle.state(START_NS + tick * TICK_NS)
+    vehicle, level = dragging(), from_rotation_vector(np.array([0.3, -0.2, 0.4]))
+
+    def command(tick: int) -> tuple[float, TurningInput, Array]:
         rates = np.array([0.5 * math.sin(0.05 * tick), 0.5 * math.cos(0.07 * tick), 0.3])
-        asked = from_rotation_vector(np.array([0.3, -0.2, 0.4]))
-        sent = (TurningInput.RATES, rates) if tick < 150 else (TurningInput.ATTITUDE, to_rotation_vector(asked))
-        count = prediction.remember(commands, count, START_NS + tick * TICK_NS, 14.0, int(sent[0]), sent[1])
-        vehicle.fly(0.004, 14.0, rates if tick < 150 else asked)
-    model = prediction.Model(
-        BODY.rotor_time_constant_s, np.array(BODY.rate_loop_gain_1_s),
-        BODY.attitude_loop_gain_1_s, vehicle.mass, vehicle.drag, vehicle.disturbance,
-    )  # fmt: skip
-    found = prediction.predict(pose(measured), measured.time_ns, START_NS + ticks * TICK_NS, commands, count, model)
+        return (14.0, TurningInput.RATES, rates) if tick < 150 else (14.0, TurningInput.ATTITUDE, level)
+
+    _, found = predicted(vehicle, age_ms, command)
     assert found.position == pytest.approx(vehicle.position, abs=0.01)
     assert found.attitude == pytest.approx(vehicle.attitude, abs=0.02)
     assert found.rates == pytest.approx(vehicle.rates, abs=0.3)
