@@ -63,7 +63,7 @@ def entered(
 
 def follow_output(link: VehicleLink, controller: Controller, now: int, *, airborne: bool) -> None:
     """Command the flight's output, or attitudes in its place."""
-    instead = link.delays.asks_for_attitudes(now, airborne=airborne)
+    instead = link.outbox.carries_any and link.delays.asks_for_attitudes(now, airborne=airborne)
     output = Output.ATTITUDE if instead else link.readiness.output
     if output is not controller.output:
         controller.use(output)

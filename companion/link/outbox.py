@@ -21,6 +21,8 @@ class Outbox:
         self._identity = identity
         self._encoder = Encoder(identity.system or 1, identity.component)
         self._encoders = encoders(settings.control)
+        self.carries_any = settings.control.output.plugin is None
+        """The message of another package may be made for one output alone."""
         self.use(output)
         self._waiting: list[bytes] = []
 

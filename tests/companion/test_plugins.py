@@ -13,6 +13,8 @@ import pytest
 from companion import plugins
 from companion.avoidance.methods import path_planner
 from companion.control.controller import RATES, TORQUE, Controller
+from companion.entering import follow_output
+from companion.link.vehicle_link import VehicleLink
 from companion.logs.info import info
 from companion.logs.recorded import open_flight
 from companion.logs.replay import replay
@@ -253,6 +255,17 @@ def test_a_path_that_can_not_be_flown_is_refused(answer: str, words: str, broken
 
 
 SETPOINT = Setpoint([1.0, 0.0, 0.0, 0.0], [0.2, -0.1, 0.4], [0.0, 0.0, 0.0], 0.4)
+
+
+@pytest.mark.parametrize(("message", "output"), [("standard", Output.ATTITUDE), ("both", Output.RATES)])
+def test_over_a_late_link_an_output_of_a_package_stays_what_it_is(example: None, message: str, output: Output) -> None:
+    """Its message may be made for that output alone."""
+    settings = load_settings(None, [f"control.output.message={message}"])
+    link = VehicleLink(settings, Output.RATES)
+    controller = Controller(settings, load_body("paper_quad"), Output.RATES)
+    link.delays.known = LinkDelay(age=0.1, command=0.1)
+    follow_output(link, controller, 0, airborne=True)
+    assert controller.output is link.outbox.output is output
 
 
 def test_an_output_makes_the_message(example: None) -> None:
