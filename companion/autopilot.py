@@ -143,8 +143,8 @@ class Autopilot:
         request = self._look_around(now) if self._plan or sensing.scan else None
         if now >= self.supervisor.due_ns:
             self._supervise(now)
-        lacks_news = self.own.airborne and self.supervisor.streams and self.link.delays.is_overdue(now)
-        state = sensing.state if lacks_news and not sensing.is_blind(now) else None
+        lacks_news = self.own.airborne and self.link.delays.lacks_news(sensing.boot_time_ms, now)
+        state = sensing.state if lacks_news and self.supervisor.streams and not sensing.is_blind(now) else None
         return None if state is None else self._control(state, now), request
 
     def _look_around(self, now: int) -> PlanRequest | None:

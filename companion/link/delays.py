@@ -36,6 +36,8 @@ class Delays:
         self._longest_ns, self._overdue_ns = round(settings.longest * 1e9), settings.overdue * 1e9
         self.latest_ns = 0
         """When the latest attitude was measured, on the companion's clock."""
+        self._latest_boot_ms: int | None = None
+        """The same on the vehicle's."""
         self._interval_ns = 0.0
         """The usual one between two of them."""
         self._offset_ns: int | None = None
@@ -59,8 +61,9 @@ class Delays:
                 age_ns = max(found_ns, 0)
                 self._correct(peer.offset_ns, peer.clock)
                 self.arrived(age_ns, now_ns, peer.clock)
-        before_ns, self.latest_ns = self.latest_ns, now_ns - age_ns
-        if before_ns:
+        before_ns, self.latest_ns, known = self.latest_ns, now_ns - age_ns, self._latest_boot_ms is not None
+        self._latest_boot_ms = boot_time_ms
+        if known:
             self._interval_ns += _SHARE * (self.latest_ns - before_ns - self._interval_ns)
         return self.latest_ns
 
@@ -74,6 +77,11 @@ class Delays:
         usual_ns = 1e9 * (self.known.age + _SPREADS * self.known.unsteady)
         late_ns = now_ns - self.latest_ns - usual_ns
         return 0.0 < self._overdue_ns < late_ns > _INTERVALS * self._interval_ns
+
+    def lacks_news(self, boot_time_ms: int, now_ns: int) -> bool:
+        """The latest attitude, which has this time, is overdue, and not older than can be predicted over."""
+        taken = boot_time_ms == self._latest_boot_ms and now_ns - self.latest_ns <= self._longest_ns
+        return taken and self.is_overdue(now_ns)
 
     def _correct(self, offset_ns: int, clock: ClockOffset) -> None:
         """The vehicle's clock is known better, or worse: ages are others, and no way has become slower."""

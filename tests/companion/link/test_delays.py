@@ -151,9 +151,13 @@ def test_an_attitude_is_overdue_once_it_is_later_than_usual(period_ms: int, late
     assert not link.delays.is_overdue(due_ns - MS) and link.delays.is_overdue(due_ns + MS)
     assert link.delays.asks_for_attitudes(due_ns + MS, airborne=True)
     assert not link.delays.asks_for_attitudes(due_ns + MS, airborne=False)
+    boot_ms = (link.now_ns + 7 * MS) // MS - 20
+    assert link.delays.lacks_news(boot_ms, due_ns + MS) and not link.delays.lacks_news(boot_ms + 4, due_ns + MS)
+    assert not link.delays.lacks_news(boot_ms, link.now_ns + 481 * MS), "too old to be predicted over"
     link.hear(1, 20 + late_ms + 1, period_ms)
     assert link.delays.is_overdue(link.now_ns)  # it has come, late
     assert not Delays(PERIOD_S, Prediction(overdue=0.0)).is_overdue(due_ns)
+    assert not Delays(PERIOD_S, Prediction()).lacks_news(0, due_ns), "none has come yet"
 
 
 def test_jitter_makes_nothing_overdue() -> None:
