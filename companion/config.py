@@ -210,7 +210,7 @@ class Limits(Table, frozen=True):
 
     def __post_init__(self) -> None:
         if STEEPEST_DEG < self.tilt_deg < 180.0:
-            raise ValueError(f"tilt_deg must be at most {STEEPEST_DEG:g}, or 180")
+            raise ValueError(f"limits.tilt_deg {self.tilt_deg:g}: at most {STEEPEST_DEG:g}, or 180")
         if self.lowest_thrust >= self.highest_thrust:
             raise ValueError("lowest_thrust must be below highest_thrust")
 

@@ -41,7 +41,7 @@ class Delays:
         self._interval_ns = 0.0
         """The usual one between two of them."""
         self._offset_ns: int | None = None
-        """Of the vehicle's clock, at the latest attitude."""
+        """The vehicle's clock minus ours, at the latest attitude."""
         self.known = LinkDelay()
         self._period_ns = period * 1e9
         self._said_s = 0.0

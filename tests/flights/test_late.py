@@ -5,11 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from companion.events import Tick
+from companion.outputs import ATTITUDE_IGNORE_RATES
 from companion.state import Output
 from companion.supervision.operations import LandRequest
 from companion.supervision.states import State
 from protocol.framing import Framer
-from protocol.messages import dialect
+from protocol.messages import decode, dialect
 from studies.faults.changes import POSITION, late
 from studies.faults.injector import Change, Injector, Link, Onset
 from studies.joined import Joined, mission_of
@@ -53,6 +55,27 @@ def test_a_link_that_becomes_late_while_the_vehicle_turns_hard(after_s: float) -
     assert joined.vehicle.summary().contacts == 0 and joined.autopilot.supervisor.fault is None
     assert steepest_deg(joined) < 60.0
     assert any("400 ms late: attitudes are commanded" in line for line in joined.said)
+
+
+@pytest.mark.parametrize("streams", [True, False])
+def test_where_no_attitude_comes_attitudes_are_sent_for_a_tenth_of_a_second(streams: bool) -> None:
+    """By prediction, on rates too; and none at all where the companion has let go."""
+    joined = Joined(SQUARE, Output.RATES, remembers=False)
+    joined.fly(until=lambda joined: joined.vehicle.time_ns > 8 * 10**9)
+    pilot, now_ns = joined.autopilot, joined.vehicle.time_ns
+    assert pilot.supervisor.state is State.FLY
+    if not streams:
+        pilot.supervisor.state = State.WATCH
+    sent = {}
+    for late_ms in range(4, 400, 4):
+        reaction = pilot.handle(Tick(now_ns + late_ms * 1_000_000))
+        frames = Framer(carry_unknown=False).datagram(reaction.datagram)
+        masks = [message.type_mask for message in map(decode, frames) if hasattr(message, "type_mask")]
+        if masks:
+            sent[late_ms] = masks
+            assert reaction.trace is not None
+    assert set(sent) == (set(range(44, 104, 4)) if streams else set())
+    assert all(masks == [ATTITUDE_IGNORE_RATES] for masks in sent.values())
 
 
 def test_too_late_a_link_is_not_flown() -> None:

@@ -21,7 +21,7 @@ def joined_of(output: Output) -> Joined:
 
 
 def tilts_deg(joined: Joined) -> list[float]:
-    """Of the truth, tick by tick."""
+    """The truth's, tick by tick."""
     q = np.array(joined.truths)[:, 6:10]
     found: list[float] = np.degrees(np.arccos(np.clip(1.0 - 2.0 * (q[:, 1] ** 2 + q[:, 2] ** 2), -1.0, 1.0))).tolist()
     return found

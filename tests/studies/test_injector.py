@@ -222,6 +222,11 @@ def test_what_is_frozen_says_the_same_with_fresh_stamps() -> None:
     first, then = (one(change(0, said(time_ms)), POSITION[0]) for time_ms in (1000, 1500))
     assert first == one(said(1000), POSITION[0])
     assert then == {**first, "time_boot_ms": 1500}
+    nearly = 2000, 3.0 + 5e-7, 0.5, -3.0, 3.0, 0.0, 0.0
+    again = one(
+        change(0, Encoder(1, 1).encode_fields(dialect.MAVLink_local_position_ned_message, *nearly)), POSITION[0]
+    )
+    assert again == {**first, "time_boot_ms": 2000}, "for ever, to the bit"
     ring = changes.frozen(RING)
     assert one(ring(0, said(1000)), RING[0])["distances"] == one(ring(0, said(1500)), RING[0])["distances"]
 
