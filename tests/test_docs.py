@@ -158,6 +158,21 @@ def test_links_lead_to_files(page: Path) -> None:
         assert re.match(r"https?:|mailto:", link) or (page.parent / link).exists(), link
 
 
+def anchor(heading: str) -> str:
+    """The link to a heading, as mkdocs and GitHub make it."""
+    return re.sub(r"[^\w\- ]", "", heading.strip("# \n").lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_to_headings(page: Path) -> None:
+    """A generated page has lost a section before."""
+    for name, wanted in re.findall(r"\]\(([^)\s#]*)#([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if name.startswith(("http:", "https:")):
+            continue
+        there = (page.parent / name if name else page).read_text(encoding="utf-8")
+        assert wanted in map(anchor, re.findall(r"^#+ .*$", there, re.MULTILINE)), f"{name}#{wanted}"
+
+
 @cache
 def sources() -> str:
     """The programs' code, with the parts of a string on several lines put together."""

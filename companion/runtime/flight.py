@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 import os
 import platform
 import subprocess
@@ -17,6 +18,7 @@ import msgspec
 
 from companion.autopilot import Autopilot
 from companion.config import STEEPEST_DEG, Settings
+from companion.curves import Shape
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
 from companion.mission.files import to_toml
@@ -38,7 +40,7 @@ from protocol.compiling import compiling_shown
 from protocol.flightlog import FlightLog
 from protocol.guarded_link import GuardedLink, inmost
 from protocol.transport import Transport, bytes_per_s
-from protocol.vehicle_parameters import VehicleParameters
+from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 
 Pace = Literal["lockstep"] | float
 """Lockstep, or how many times as fast as real time."""
@@ -124,11 +126,24 @@ def check(plan: Plan) -> None:
             f"limits.lowest_thrust {limits.lowest_thrust:g} to limits.highest_thrust {limits.highest_thrust:g}: "
             f"the vehicle hovers at {hover:.2f}"
         )
-    loops = plan.mission.trajectory is not None and plan.mission.trajectory.shape == "loop"
-    if loops and limits.tilt_deg <= STEEPEST_DEG:
-        raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: a loop needs 180")
+    if plan.mission.trajectory is not None and plan.mission.trajectory.shape == "loop":
+        _check_loop(plan, plan.mission.trajectory)
     if limits.tilt_deg > STEEPEST_DEG and plan.output in (None, Output.ATTITUDE):
         raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: choose --output rates or actuators")
+
+
+def _check_loop(plan: Plan, loop: Shape) -> None:
+    """At the bottom the thrust bears weight and centrifugal force, at the top it turns fastest."""
+    body, limits = plan.body, plan.settings.limits
+    if limits.tilt_deg <= STEEPEST_DEG:
+        raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: a loop needs 180")
+    acceleration = loop.speed**2 / loop.size
+    thrust = (body.mass_kg + body.parcel_mass_kg) * (acceleration + GRAVITY) / body.max_thrust_n
+    if thrust > limits.highest_thrust:
+        raise PlanError(f"limits.highest_thrust {limits.highest_thrust:g}: the loop needs {thrust:.2f}")
+    turning_deg = math.degrees(loop.speed / loop.size * acceleration / (acceleration - GRAVITY))
+    if turning_deg > limits.roll_pitch_rate_deg:
+        raise PlanError(f"limits.roll_pitch_rate_deg {limits.roll_pitch_rate_deg:g}: the loop needs {turning_deg:.0f}")
 
 
 def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:

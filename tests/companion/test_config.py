@@ -58,11 +58,16 @@ def test_an_old_name_is_refused_with_the_new_one(tmp_path: Path) -> None:
 
 def test_a_loop_needs_a_vehicle_that_may_be_inverted() -> None:
     mission, _ = load_mission("loop")
-    body, free = load_body(mission.vehicle), load_settings(None, ["limits.tilt_deg=180"])
+    free_to_turn = ["limits.tilt_deg=180", "limits.roll_pitch_rate_deg=340"]
+    body, free = load_body(mission.vehicle), load_settings(None, free_to_turn)
     for output in (Output.RATES, Output.ACTUATORS):
         check(Plan(free, body, mission, output, 1.0, {}))
     with pytest.raises(PlanError, match="a loop needs 180"):
         check(Plan(load_settings(None, []), body, mission, Output.RATES, 1.0, {}))
+    with pytest.raises(PlanError, match="roll_pitch_rate_deg 220: the loop needs 334"):
+        check(Plan(load_settings(None, free_to_turn[:1]), body, mission, Output.RATES, 1.0, {}))
+    with pytest.raises(PlanError, match=r"highest_thrust 0\.9: the loop needs 1\.66"):
+        check(Plan(free, load_body("paper_quad"), mission, Output.RATES, 1.0, {}))
     for chosen in (None, Output.ATTITUDE):
         with pytest.raises(PlanError, match="choose --output rates or actuators"):
             check(Plan(free, body, mission, chosen, 1.0, {}))

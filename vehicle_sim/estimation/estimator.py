@@ -117,6 +117,7 @@ class Estimator:
         self.error = np.zeros(13)
         """(13,): of the filter's position, velocity, the attitude as a quaternion from the true body, and the rates."""
         self._behind = np.zeros(6)
+        """See `compare`."""
         self._estimate = np.zeros(19)
         delay_ticks = -(round(delay_s * 1e9) // -TICK_NS)
         self._past = deque([start], maxlen=1 + delay_ticks)
