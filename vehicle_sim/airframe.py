@@ -107,6 +107,8 @@ class EstimatorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
     sensors: str | None = None
     """perfect (it knows the truth), or a file: a name in vehicles/sensors/, or a path. None: what loads it chooses."""
+    range_finder: bool = False
+    """The filter uses the beam downward, too."""
 
 
 class Battery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -167,7 +169,9 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"{path}: body.rotor_max_thrust_n: four of them can't lift {airframe.takeoff_mass_kg:g} kg"
             )
         if airframe.estimator.sensors is None:
-            airframe = msgspec.structs.replace(airframe, estimator=EstimatorSettings(sensors))
+            airframe = msgspec.structs.replace(
+                airframe, estimator=msgspec.structs.replace(airframe.estimator, sensors=sensors)
+            )
         airframe.sensors()
         if airframe.battery.empty_v >= airframe.battery.full_v:
             raise TomlFileError(f"{path}: battery.empty_v: not below battery.full_v")

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Mode, Severity
 from vehicle_sim.estimation.delayed_truth import DelayedTruth
 from vehicle_sim.estimation.estimator import Estimator
+from vehicle_sim.estimation.ground import RangeFinder
 from vehicle_sim.failures import Failures, Unit
 from vehicle_sim.physics.battery import battery_state, is_empty
 from vehicle_sim.physics.integrator import work_array
@@ -114,12 +116,12 @@ class Vehicle:
         self.identity = identity
         self.parameters = Parameters(airframe, self.flight, identity.system)
         lidar_rng, wind_rng, *estimator_rngs = np.random.default_rng(seed).spawn(4)
-        self.estimator = _estimator(airframe, self.motion, estimator_rngs)
-        lidar = Lidar(airframe.lidar, lidar_rng)
         self._scan_poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
+        scans = Scans(Lidar(airframe.lidar, lidar_rng), self._scene, lidar_rng)
+        self.estimator = _estimator(airframe, self.motion, estimator_rngs, lambda: scans.down(self._scan_poses[0]))
         self._now = Snapshot(self.motion, self.motion, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
-        senses = Senses(Scans(lidar, self._scene, lidar_rng), self.estimator)
+        senses = Senses(scans, self.estimator)
         health = self.flight.watch.health
         health.charge, health.full_speed = airframe.battery.charge, self._parameters["rotor_max_speed"].item()
         running = self._parameters["rotor_running"][0]
@@ -197,6 +199,7 @@ class Vehicle:
             self.flight.lose_power()
         if self.tick % _BATTERY_TICKS == 0:
             self._look_at_battery(truth)
+        self._scan_poses.append(truth)
         present, told = self.estimator.update(truth)
         self.flight.watch.health.position_lost = self.estimator.position_lost
         self.flight.step(present)
@@ -207,7 +210,6 @@ class Vehicle:
         self._detect_collision(before, truth)
         if self._truth is not None:
             self._truth.record(self.time_ns, self.state, self._wind_ned)
-        self._scan_poses.append(truth)
         self._now = Snapshot(told, truth, self._scan_poses[0])
         self._services.tell(self._now)
 
@@ -279,14 +281,19 @@ class Vehicle:
         )
 
 
-def _estimator(airframe: Airframe, start: Motion, rngs: list[np.random.Generator]) -> DelayedTruth | Estimator:
+def _estimator(
+    airframe: Airframe, start: Motion, rngs: list[np.random.Generator], look_down: Callable[[], tuple[int, float]]
+) -> DelayedTruth | Estimator:
     """What the vehicle flies on and tells; two generators are for its sensors and its alignment."""
     delay_s, sensors = airframe.telemetry.delay_s, airframe.sensors()
     if sensors is None:
         return DelayedTruth(delay_s, start)
     sensing, alignment = rngs
     imbalance_m = airframe.unmodelled.imbalance_kg_m / airframe.takeoff_mass_kg
-    return Estimator(SensorSuite(sensors, start, sensing, imbalance_m), delay_s, start, alignment)
+    lidar, finder = airframe.lidar, None
+    if airframe.estimator.range_finder:
+        finder = RangeFinder(look_down, lidar.rate_hz, lidar.noise_m, lidar.min_range_m)
+    return Estimator(SensorSuite(sensors, start, sensing, imbalance_m), delay_s, start, alignment, finder)
 
 
 def _faults(senses: Senses) -> dict[int, tuple[Fault, ...]]:

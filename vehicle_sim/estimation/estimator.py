@@ -9,7 +9,7 @@ import numpy as np
 from protocol.arrays import Array
 from protocol.frames import product
 from protocol.jit import compiled
-from vehicle_sim.estimation import kalman
+from vehicle_sim.estimation import ground, kalman
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.physics.rigid_body import to_world
 from vehicle_sim.sensors.settings import DRIFT_TIME_S
@@ -35,7 +35,7 @@ _ALIGNED = (0.01, 0.02, 0.01)
 
 @compiled
 def compare(nominal: Array, behind: Array, gained: Array, truth: Array, estimate: Array, error: Array) -> None:
-    """The estimate (19,) from a nominal state (23,), what told position and velocity are `behind` it (6,), and the last
+    """The estimate (19,) from a nominal state (24,), what told position and velocity are `behind` it (6,), and the last
     tick of the inertial unit (6,): position, velocity, attitude, rates, velocity in the body, specific force. And the
     nominal state's error (13,) from the truth (13,), see MOTION."""
     for i in range(3):
@@ -82,21 +82,28 @@ class Estimator:
     taken for the origin.
     """
 
-    def __init__(self, suite: SensorSuite, delay_s: float, start: Motion, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        suite: SensorSuite,
+        delay_s: float,
+        start: Motion,
+        rng: np.random.Generator,
+        range_finder: ground.RangeFinder | None = None,
+    ) -> None:
         self.suite = suite
+        self.ground = None if range_finder is None else ground.Ground(range_finder)
+        """What is known of the ground, if there is a beam for it."""
         s = suite.settings
         every = wanders(s)
         self._deviations = np.array([each.deviation for each in every])
         self._times = np.array([each.time_s for each in every])
-        self._densities = np.array((s.inertial.gyro_noise, s.inertial.accelerometer_noise))
+        self._densities = np.array((s.inertial.gyro_noise, s.inertial.accelerometer_noise, ground.WALK))
         self._field = field_ned(s)
         level, up = s.positioning.position_noise
         slow, climbing = (math.inf, math.inf) if s.gnss is None else s.gnss.velocity_noise
         self._fix_noise = np.array((level, level, up, slow, slow, climbing))
         self._fix_delay_ns = round(s.positioning.delay_s * 1e9)
-        self._ticks = tuple(
-            max(1, round(1.0 / (each.rate_hz * TICK_S))) for each in (s.magnetometer, s.barometer, s.positioning)
-        )
+        self._ticks = tuple(_period_ticks(each.rate_hz) for each in (s.magnetometer, s.barometer, s.positioning))
         """From one reading of each to the next."""
         self._fixes: deque[tuple[Fix, Array]] = deque()
         """On their way, each with the nominal state of its time."""
@@ -123,10 +130,10 @@ class Estimator:
         self._past = deque([start], maxlen=1 + delay_ticks)
 
     def _align(self, start: Motion, rng: np.random.Generator) -> None:
-        deviations = np.concatenate((np.repeat(_ALIGNED, 3), self._deviations))
+        deviations = np.concatenate((np.repeat(_ALIGNED, 3), self._deviations, (0.0,)))
         deviations[15:18] = 0.0  # the origin is where the first fix says
         np.fill_diagonal(self.covariance, deviations**2)
-        errors = deviations * rng.standard_normal(kalman.ERROR)
+        errors = deviations[: kalman.GROUND] * rng.standard_normal(kalman.GROUND)
         self.nominal[:4] = start.attitude_ned_frd
         kalman.turn(self.nominal, *errors[:3].tolist())
         self.nominal[4:7] = np.array(start.velocity_ned) + errors[3:6]
@@ -173,6 +180,8 @@ class Estimator:
                 read.height_m, read.height_ns = height, time_ns
                 noise = suite.settings.barometer.noise
                 self.height_ratios = kalman.take_height(self.nominal, self.covariance, height, noise, GATE)
+        if self.ground is not None and _due(tick, _period_ticks(self.ground.finder.rate_hz)):
+            self.ground.take(self.nominal, self.covariance, self._estimate[10:13], time_ns, GATE)
         self._correct_fixes(before, time_ns)
         if self._fixes and time_ns - self._fixes[0][0].time_ns >= self._fix_delay_ns:
             self._take_fix(*self._fixes.popleft(), time_ns)
@@ -187,7 +196,7 @@ class Estimator:
         self.position_lost = time_ns - self._taken_ns > LOST_NS or self.deviations[0] > _LOST_M
 
     def _take_fix(self, fix: Fix, then: Array, time_ns: int) -> None:
-        """Fuse a fix of a time at which the nominal state was `then` (23,); or, after a long time, believe it alone."""
+        """Fuse a fix of a time at which the nominal state was `then` (24,); or, after a long time, believe it alone."""
         self.read.fix = fix
         before, uncertain, late = self.nominal.copy(), self.covariance.copy(), (time_ns - fix.time_ns) * 1e-9
         read = np.concatenate(
@@ -250,6 +259,13 @@ class Estimator:
         return field, height, fix
 
     @property
+    def ground_m(self) -> float | None:
+        """How far below the vehicle the ground is (m); None: not known."""
+        if self.ground is None or not self.ground.known(self._now_ns):
+            return None
+        return float(self.nominal[1 + kalman.GROUND] - self.nominal[9])
+
+    @property
     def fix_ns(self) -> int:
         """Time of the last fix, 0 before the first."""
         return 0 if self.read.fix is None else self.read.fix.time_ns
@@ -259,6 +275,10 @@ class Estimator:
         """(2, 6, 6): of the position (m, NED) and the attitude as a turn (rad, FRD); of velocity (m/s, FRD) and rates
         (rad/s, FRD)."""
         return kalman.of_motion(self.nominal, self.covariance, self._densities[0] ** 2 / TICK_S)
+
+
+def _period_ticks(rate_hz: float) -> int:
+    return max(1, round(1.0 / (rate_hz * TICK_S)))
 
 
 def _due(tick: int, every: int) -> bool:

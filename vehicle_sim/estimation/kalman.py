@@ -1,9 +1,10 @@
 """An error-state Kalman filter of attitude, velocity, position and the sensors' wandering errors, compiled.
 
-Nominal state (23,): attitude_ned_frd 0:4, velocity_ned 4:7 (m/s), position_ned 7:10 (m), and the errors of gyroscope
-10:13 (rad/s), accelerometer 13:16 (m/s2), satellite position 16:19 (m), magnetometer 19:22 (gauss), barometer 22 (m).
-Its error (22,) has the same order, with the attitude's as a rotation vector (3,) in the body: the true attitude is the
-nominal one turned by it. J. Sola, "Quaternion kinematics for the error-state Kalman filter" (2017), chapters 5 and 6.
+Nominal state (24,): attitude_ned_frd 0:4, velocity_ned 4:7 (m/s), position_ned 7:10 (m), the errors of gyroscope 10:13
+(rad/s), accelerometer 13:16 (m/s2), satellite position 16:19 (m), magnetometer 19:22 (gauss), barometer 22 (m), and how
+far down the ground under the vehicle is 23 (m). Its error (23,) has the same order, with the attitude's as a rotation
+vector (3,) in the body: the true attitude is the nominal one turned by it. J. Sola, "Quaternion kinematics for the
+error-state Kalman filter" (2017), chapters 5 and 6.
 
 A fix of the receiver is compared with where the filter was then; what the error of then has become since is taken to
 first order from the speed gained meanwhile.
@@ -19,10 +20,12 @@ from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.physics.rigid_body import to_world
 
-NOMINAL, ERROR = 23, 22
+NOMINAL, ERROR = 24, 23
 ATTITUDE, VELOCITY, POSITION = slice(0, 4), slice(4, 7), slice(7, 10)
 TURNED, SPEED, PLACE, WANDER = 0, 3, 6, 9
 """Where attitude, velocity, position and the wandering errors begin in the error state."""
+GROUND = ERROR - 1
+"""Where the ground is in the error state; it comes after the attitude's fourth number in the nominal one."""
 SINCE = 8
 """What has happened since the covariance was brought forward: attitude then 0:4, speed gained 4:7 (m/s), time 7 (s)."""
 
@@ -76,7 +79,7 @@ def _crossed(s: Array, R: Array, sign: float, out: Array) -> None:
 
 @compiled
 def _multiply(F: Array, P: Array, out: Array) -> None:
-    """F P (22, 22), where F moves only attitude, velocity and position by others, up to the inertial unit's errors."""
+    """F P (23, 23), where F moves only attitude, velocity and position by others, up to the inertial unit's errors."""
     for i in range(ERROR):
         for j in range(ERROR):
             total = F[i, i] * P[i, j]
@@ -89,9 +92,10 @@ def _multiply(F: Array, P: Array, out: Array) -> None:
 
 @compiled
 def spread(nominal: Array, P: Array, since: Array, densities: Array, deviations: Array, times: Array) -> None:
-    """Bring the covariance (22, 22) forward over what has happened `since`, and begin anew.
+    """Bring the covariance (23, 23) forward over what has happened `since`, and begin anew.
 
-    `densities` (2,) are the noise of gyroscope and accelerometer, `deviations` and `times` (13,) the wanders.
+    `densities` (3,) are the noise of gyroscope and accelerometer, and how the ground's height walks with the root of
+    the way over it; `deviations` and `times` (13,) the wanders.
     """
     dt = since[7]
     F = np.eye(ERROR)
@@ -118,13 +122,14 @@ def spread(nominal: Array, P: Array, since: Array, densities: Array, deviations:
         P[3 + i, 3 + i] += densities[1] ** 2 * dt
     for i in range(13):
         P[9 + i, 9 + i] += deviations[i] ** 2 * (1.0 - math.exp(-2.0 * dt / times[i]))
+    P[GROUND, GROUND] += densities[2] ** 2 * math.sqrt(nominal[4] ** 2 + nominal[5] ** 2) * dt
     since[:4] = nominal[:4]
     since[4:] = 0.0
 
 
 @compiled
 def _correct(nominal: Array, P: Array, H: Array, innovation: Array, variance: Array, gate: float) -> Array:
-    """Take measurements one after another: rows H (n, 22), innovations and variances (n,). Those beyond `gate` standard
+    """Take measurements one after another: rows H (n, 23), innovations and variances (n,). Those beyond `gate` standard
     deviations are left. Of each the squared ratio (n,) of the innovation and its deviation: the test ratios."""
     change, Ph, ratios = np.zeros(ERROR), np.empty(ERROR), np.empty(len(innovation))
     for row in range(len(innovation)):
@@ -179,7 +184,7 @@ def take_height(nominal: Array, P: Array, height: float, noise: float, gate: flo
 @compiled
 def take_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, noise: Array, gate: float) -> Array:
     """Position and velocity (6,) of the receiver, with their standard deviations (6,), from a time `late` (s) ago, when
-    the nominal state was `then` (23,). The test ratios (6,)."""
+    the nominal state was `then` (24,). The test ratios (6,)."""
     R, gained, turned = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     _matrix(nominal[:4], R)
     for i in range(3):
@@ -200,6 +205,53 @@ def take_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, no
         innovation[i] = read[i] - then[7 + i] - then[16 + i]
         innovation[3 + i] = read[3 + i] - then[4 + i]
     return _correct(nominal, P, H, innovation, noise * noise, gate)
+
+
+@compiled
+def depth(nominal: Array, rates: Array, late: float, distance: float) -> tuple[float, float, float, float]:
+    """How far below the vehicle a beam along the body's z axis met something at a `distance` (m), `late` (s) ago, while
+    the vehicle turned at `rates` (3,) (rad/s); how much too far that is for each rad by which the attitude errs about
+    the body's x and y axes; and the cosine of the tilt of then."""
+    q = nominal
+    x, y, z = to_world(q[0], -q[1], -q[2], -q[3], 0.0, 0.0, 1.0)
+    upright = z - late * (x * rates[1] - y * rates[0])
+    return distance * upright, distance * y, -distance * x, upright
+
+
+@compiled
+def take_range(
+    nominal: Array, P: Array, rates: Array, late: float, distance: float, noise: float, gate: float
+) -> float:
+    """Correct the ground by the range finder's distance (m) of a time `late` (s) ago, see `depth`. The test ratio.
+
+    Nothing else is corrected, whatever it shares with the ground (a Schmidt-Kalman update): a beam that is stuck or
+    meets a hanging parcel would hold the height.
+    """
+    below, by_roll, by_pitch, _ = depth(nominal, rates, late, distance)
+    H, Ph = np.zeros(ERROR), np.zeros(ERROR)
+    H[0], H[1], H[5], H[8], H[GROUND] = by_roll, by_pitch, late, -1.0, 1.0
+    innovation = below - nominal[1 + GROUND] + nominal[9] - late * nominal[6]
+    S = noise * noise
+    for i in range(ERROR):
+        for j in range(ERROR):
+            Ph[i] += P[i, j] * H[j]
+        S += H[i] * Ph[i]
+    ratio: float = innovation * innovation / S
+    if ratio <= gate * gate:
+        gain = Ph[GROUND] / S
+        nominal[1 + GROUND] += gain * innovation
+        for i in range(GROUND):
+            P[GROUND, i] -= gain * Ph[i]
+            P[i, GROUND] = P[GROUND, i]
+        P[GROUND, GROUND] -= gain * Ph[GROUND]
+    return ratio
+
+
+def find_ground(nominal: Array, P: Array, below: float, noise: float) -> None:
+    """Believe that the ground is so far (m) `below` the vehicle: it is as uncertain as the vehicle's height."""
+    nominal[1 + GROUND] = nominal[9] + below
+    P[GROUND, :GROUND] = P[:GROUND, GROUND] = P[8, :GROUND]
+    P[GROUND, GROUND] = P[8, 8] + noise**2
 
 
 @compiled
@@ -230,7 +282,7 @@ def of_motion(nominal: Array, P: Array, noise: float) -> Array:
 
 def reset_to_fix(nominal: Array, P: Array, then: Array, late: float, read: Array, noise: Array, wander: Array) -> None:
     """Believe the receiver alone: position and velocity (6,), with their standard deviations (6,), from a time `late`
-    (s) ago, when the nominal state was `then` (23,). Nothing is known of its wandering error but its deviation (3,)."""
+    (s) ago, when the nominal state was `then` (24,). Nothing is known of its wandering error but its deviation (3,)."""
     nominal[4:7] += read[3:] - then[4:7]
     nominal[7:10] += read[:3] - then[7:10] + late * (read[3:] - then[4:7])
     nominal[16:19] = 0.0

@@ -79,12 +79,14 @@ class EstimatorMessages:
                 flags |= dialect.ESTIMATOR_POS_HORIZ_ABS | dialect.ESTIMATOR_PRED_POS_HORIZ_ABS
         if on_earth and (fix > 1.0).any():
             flags |= dialect.ESTIMATOR_GPS_GLITCH
+        if e.ground_m is not None:
+            flags |= dialect.ESTIMATOR_POS_VERT_AGL
         return self._encode(
             dialect.MAVLink_estimator_status_message,
             now.now_us,
             flags,
             *(float(ratios.max()) ** 0.5 for ratios in (fix[3:], fix[:2], height, field)),
-            0.0,
+            0.0 if e.ground is None else e.ground.ratio**0.5 / GATE,
             0.0,
             *e.deviations,
         )

@@ -68,6 +68,10 @@ class Scans:
             self._beams = (pose.time_ns, () if read is None else tuple(read.tolist()))
         return self._beams[1]
 
+    def down(self, pose: Motion) -> tuple[int, float]:
+        """The time (ns) of the beam downward and its distance (m); inf without a return or without the sensor."""
+        return pose.time_ns, (self.beams(pose) or (math.inf,))[-1]
+
 
 class Senses(NamedTuple):
     """What the vehicle knows of itself and of its surroundings."""

@@ -148,10 +148,14 @@ class StateMessages:
         )
 
     def altitude(self, now: Snapshot) -> bytes:
-        """The monotonic one is the barometer's, which nothing corrects; without one it is the estimate's."""
+        """The monotonic one is the barometer's, which nothing corrects; without one it is the estimate's. The ground is
+        what the filter knows of it."""
         m, above_sea = now.estimate, self._origin[2]
         local = -m.position_ned[2]
-        pressure = self._estimator.read.height_m if isinstance(self._estimator, Estimator) else local
+        pressure, clearance = local, None
+        if isinstance(self._estimator, Estimator):
+            pressure, clearance = self._estimator.read.height_m, self._estimator.ground_m
+        below = math.nan if clearance is None else clearance
         return self._encode(
             dialect.MAVLink_altitude_message,
             now.estimate_us,
@@ -159,8 +163,8 @@ class StateMessages:
             above_sea + local,
             local,
             local + self._flight.home_ned[2],
-            math.nan,
-            math.nan,
+            above_sea + local - below,
+            below,
         )
 
     def vfr_hud(self, now: Snapshot) -> bytes:

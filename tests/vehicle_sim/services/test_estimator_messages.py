@@ -96,10 +96,11 @@ def test_the_velocity_s_covariance_is_of_what_the_body_sees() -> None:
     estimator.nominal[:4] = q / np.linalg.norm(q)
     estimator.nominal[4:7] = velocity = np.array((3.0, -1.0, 0.5))
     rng, found = np.random.default_rng(1), []
-    A = 1e-3 * rng.standard_normal((22, 22))
-    estimator.covariance[:] = A @ A.T
+    moving = slice(kalman.GROUND)
+    A = 1e-3 * rng.standard_normal((kalman.GROUND, kalman.GROUND))
+    estimator.covariance[moving, moving] = A @ A.T
     for _ in range(4000):
-        error, nominal = A @ rng.standard_normal(22), estimator.nominal.copy()
+        error, nominal = A @ rng.standard_normal(kalman.GROUND), estimator.nominal.copy()
         kalman.turn(nominal, *error[:3].tolist())
         found.append(rotate_inverse(nominal[:4], velocity + error[3:6]))
     assert np.cov(np.array(found).T) == pytest.approx(estimator.covariances[1, :3, :3], rel=0.15, abs=1e-6)
@@ -127,3 +128,29 @@ def test_a_vehicle_with_an_odometry_has_no_receiver() -> None:
     assert sensors.onboard_control_sensors_present & (vision | receiver) == vision
     assert sensors.onboard_control_sensors_health & vision
     assert 0.0 < pilot.last("ODOMETRY").pose_covariance[0] < 0.01
+
+
+def test_what_is_known_of_the_ground_is_told() -> None:
+    """With the beam downward in the filter; a second after it fails nothing is known any more."""
+    airframe = airframe_with('estimator.sensors="gnss"', "estimator.range_finder=true")
+    pilot = ForeignPilot(airframe=airframe, seed=3)
+    for name in ("ALTITUDE", "ESTIMATOR_STATUS"):
+        pilot.interval(id_of(name), 20_000)
+    pilot.fly(1.0)
+    pilot.vehicle.flight.arm()
+    pilot.vehicle.flight.take_off(3.0)
+    pilot.fly(9.0)
+    above, status = pilot.last("ALTITUDE"), pilot.last("ESTIMATOR_STATUS")
+    assert above.bottom_clearance == pytest.approx(-pilot.vehicle.motion.position_ned[2], abs=0.03)
+    assert above.altitude_terrain == pytest.approx(above.altitude_amsl - above.bottom_clearance, abs=0.001)
+    assert status.flags & mavlink.ESTIMATOR_POS_VERT_AGL and 0.0 < status.hagl_ratio < 1.0
+    pilot.vehicle.flight.settings.failures_allowed = 1
+    assert pilot.command(mavlink.MAV_CMD_INJECT_FAILURE, 7, 1) == mavlink.MAV_RESULT_ACCEPTED
+    pilot.fly(1.2)
+    assert math.isnan(pilot.last("ALTITUDE").bottom_clearance)
+    assert not pilot.last("ESTIMATOR_STATUS").flags & mavlink.ESTIMATOR_POS_VERT_AGL
+
+
+def test_without_the_beam_in_the_filter_nothing_is_told_of_the_ground(flown: ForeignPilot) -> None:
+    assert math.isnan(flown.last("ALTITUDE").bottom_clearance) and math.isnan(flown.last("ALTITUDE").altitude_terrain)
+    assert not flown.last("ESTIMATOR_STATUS").flags & mavlink.ESTIMATOR_POS_VERT_AGL
