@@ -22,6 +22,10 @@ _LOOK_AHEAD = 0.5
 """m of path from where a part of a passage can be seen, inside of which there is no such room."""
 _BESIDE_M = 0.5
 """m from the path from before; what is farther costs more."""
+_AHEAD_M = 1.5
+"""m of path after which one that turns away from the path from before is no longer beside it."""
+_MOST_TURNS = 16.0
+"""Growth of the cost of leaving a path, at most."""
 
 
 class _Chosen(NamedTuple):
@@ -41,19 +45,21 @@ class AStarPlanner:
         self._settings = settings
         self._search = AStar(settings.plan, settings.map.cells)
         self._chosen: _Chosen | None = None
+        self._growth = 1.0
+        """By which it costs more to leave the chosen path, after turns away from earlier ones."""
 
     def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
         """See `methods.PathPlanner`.
 
         The path keeps the inflation if that is no long detour. Otherwise it may be a tight one, or lead to what may be
         a gap, if that costs less. Then, and if something moves, it keeps to where the last one led, unless another is
-        cheaper by a share.
+        cheaper by a share, which grows with each turn away.
         """
         settings = self._settings.plan
         costmap = self._search.costmap(view)
         before, self._chosen = self._chosen, None
         if before is not None and math.dist(before.goal[:2], goal[:2]) > settings.proximity_radius:
-            before = None
+            before, self._growth = None, 1.0
         beside = None if before is None or view.moving is None else self._beside(before, view)
         if view.moving is not None:
             speeds = math.hypot(velocity[0], velocity[1]), speed
@@ -64,6 +70,7 @@ class AStarPlanner:
         near = view.contains(cell) and view.to_occupied[cell] < settings.inflation
         in_tight = near and before is not None and before.tight
         if roomy is not None and roomy.detour <= settings.max_detour and not in_tight:
+            self._growth = 1.0
             self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
             return timed_path(vertices, view, speed, self._settings.course, roomy.detour)
@@ -76,6 +83,8 @@ class AStarPlanner:
             return None
         tight = bool(in_tight or view.to_occupied[tuple(path.cells.T)].min() < settings.inflation)
         self._chosen = _Chosen(path.cells + np.array(view.corner), goal, tight)
+        if before is not None and _turns_away(self._chosen.cells, before.cells, view.cell):
+            self._growth = min(self._growth * settings.switch_growth, _MOST_TURNS)
         if tight:
             path = _up_to_unconfirmed(path, view, settings.tight_inflation)
         inflation = settings.tight_inflation if tight else settings.inflation
@@ -84,7 +93,7 @@ class AStarPlanner:
 
     def _beside(self, before: _Chosen, view: MapView) -> Floats:
         """(cells, cells) factors of the cost: more beside the path from before."""
-        beside = np.full(view.states.shape, 1.0 + self._settings.plan.switch_cost, np.float32)
+        beside = np.full(view.states.shape, 1.0 + self._growth * self._settings.plan.switch_cost, np.float32)
         _fill_along(beside, before.cells - np.array(view.corner), math.ceil(_BESIDE_M / view.cell))
         return beside
 
@@ -122,6 +131,13 @@ def _fill_along(factors: Floats, cells: Integers, reach: int) -> None:
     for k in range(cells.shape[0]):
         top, left = max(cells[k, 0] - reach, 0), max(cells[k, 1] - reach, 0)
         factors[top : max(cells[k, 0] + reach + 1, 0), left : max(cells[k, 1] + reach + 1, 0)] = 1.0
+
+
+def _turns_away(cells: Integers, before: Integers, cell: float) -> bool:
+    """Whether a path soon leaves the one from before, (n, 2) cells of the world each, with a side of `cell` (m)."""
+    beyond = np.flatnonzero(np.hypot(*(cells - cells[0]).T) * cell > _AHEAD_M)
+    ahead = cells[beyond[0] if len(beyond) else -1]
+    return bool(np.abs(before - ahead).max(axis=1).min() * cell > _BESIDE_M)
 
 
 def _up_to_unconfirmed(path: GridPath, view: MapView, inflation: float) -> GridPath:

@@ -1,7 +1,8 @@
-"""Which side of an obstacle the method "astar" passes on, from one plan to the next."""
+"""Which side of an obstacle, and which of two gaps, the method "astar" chooses, from one plan to the next."""
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.avoidance.astar_planner import AStarPlanner
 from companion.config_avoidance import Avoidance
@@ -63,3 +64,53 @@ def test_another_goal_has_no_side_yet() -> None:
     away = np.array([MIDDLE - 8.0, MIDDLE, -2.0])
     assert planner.plan(view_of(FAR_AWAY), np.array([MIDDLE, MIDDLE, -2.0]), STILL, away, 3.0) is not None
     assert side(planner, FAR_AWAY, -0.6) == -1.0
+
+
+def gaps(doubted: float) -> MapView:
+    """A wall across the whole map with two gaps of 0.9 m, 4 m west and east of the middle. In the one on the side
+    `doubted` (-1 or 1) there may be something: a return that lies anywhere within 1 m."""
+    states = np.full((CELLS, CELLS), FREE, np.uint8)
+    row, gap = CELLS // 2 + round(4.0 / CELL), round(0.9 / CELL)
+    states[row : row + 2] = OCCUPIED
+    for side in (-1.0, 1.0):
+        column = CELLS // 2 + round(side * 4.0 / CELL)
+        states[row : row + 2, column - gap // 2 : column - gap // 2 + gap] = FREE
+    plug = row, CELLS // 2 + round(doubted * 4.0 / CELL)
+    states[plug] = OCCUPIED
+    places = np.argwhere(states == OCCUPIED)
+    hits = np.array((places + 0.5) * CELL, np.float64)
+    blurs = np.where((places == plug).all(axis=1), 1.0, 0.0)
+    return MapView(states, distance_to(states == OCCUPIED, CELL), (0, 0), CELL, hits=hits, blurs=blurs)
+
+
+def choices(planner: AStarPlanner, doubts: list[float]) -> list[float]:
+    """The gaps that are chosen by a vehicle before the wall, in whose middle it stays."""
+    start, goal, found = np.array([MIDDLE, MIDDLE, -2.0]), np.array([MIDDLE + 8.0, MIDDLE, -2.0]), []
+    for doubted in doubts:
+        path = planner.plan(gaps(doubted), start, STILL, goal, 3.0)
+        assert path is not None
+        found.append(float(np.sign(path.vertices[1, 1] - MIDDLE)))
+    return found
+
+
+DOUBTS = [1.0, -1.0] * 5
+
+
+def test_of_two_gaps_that_are_doubted_in_turn_one_is_flown_to() -> None:
+    """A price that changes with each scan turns the vehicle round a few times, and then no more."""
+    found = choices(AStarPlanner(SETTINGS), DOUBTS)
+    assert found[:2] == [-1.0, 1.0]
+    assert len(set(found[-5:])) == 1
+
+
+def test_without_growth_the_vehicle_turns_round_each_time() -> None:
+    without = replace(SETTINGS, plan=replace(SETTINGS.plan, switch_growth=1.0))
+    assert choices(AStarPlanner(without), DOUBTS) == [-doubted for doubted in DOUBTS]
+
+
+def test_an_open_way_and_another_goal_end_the_growth() -> None:
+    planner = AStarPlanner(SETTINGS)
+    held = choices(planner, DOUBTS)[-1]
+    start, goal = np.array([MIDDLE, MIDDLE, -2.0]), np.array([MIDDLE - 8.0, MIDDLE, -2.0])
+    assert planner.plan(gaps(1.0), start, STILL, goal, 3.0) is not None
+    assert choices(planner, [held, -held]) == [-held, held]
