@@ -2,10 +2,15 @@
 
     pip install rotorpy==3.0.0
     python bench/tracking.py [--json]
+    python bench/tracking.py --sensors gnss --seeds 10
 
-RotorPy's AscTec Hummingbird with its aerodynamics and motors at 200 Hz, no noise, started on the trajectory; RMSE of
-position after the first second. Ours commands thrust and torque there (output actuators) and knows of the vehicle its
-mass, inertia and motor lag, and a linear drag that is right at hover alone.
+RotorPy's AscTec Hummingbird with its aerodynamics and motors, started on the trajectory; RMSE of position after the
+first second. Ours commands thrust and torque there (output actuators) and knows of the vehicle its mass, inertia and
+motor lag, and a linear drag that is right at hover alone.
+
+Without `--sensors` both fly on the truth, at 200 Hz. With it both fly on what our estimator makes of our sensors on
+RotorPy's vehicle, at 250 Hz, each with the same seeds: "told" is the place that the estimator tells beside the
+trajectory, "true" the true one; means over the seeds.
 """
 
 import argparse
@@ -20,9 +25,16 @@ from companion.runtime.files import load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
 from protocol.frames import flu_to_frd
+from protocol.toml_files import find, load
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
+from vehicle_sim.estimation.estimator import Estimator
+from vehicle_sim.physics.motion import Motion
+from vehicle_sim.sensors.settings import SensorSettings
+from vehicle_sim.sensors.suite import TICK_S, SensorSuite
+from vehicle_sim.timing import TICK_NS
 
 STEP_S = 0.005
+"""On the truth; on sensors it is a tick of theirs."""
 LAST_S = 12.0
 SETTINGS = [
     "rates.attitude=200.0",
@@ -93,8 +105,37 @@ class Ours:
         return Reference(np.array([*motion, np.zeros(3)]))
 
 
-def rmse(controller: Any, abstraction: str, parameters: dict[str, Any], trajectory: Any) -> float:
-    """m, by RotorPy's own vehicle."""
+class Sensors:
+    """What RotorPy's vehicle senses and estimates: its state as it is told. RotorPy's attitudes are (i, j, k, w)."""
+
+    def __init__(self, level: str, seed: int, start: dict[str, Array]) -> None:
+        settings = load(find("vehicles/sensors", level), SensorSettings)
+        noise, alignment = np.random.default_rng(seed).spawn(2)
+        first = self._motion(0, start)
+        self._estimator = Estimator(SensorSuite(settings, first, noise), 0.0, first, alignment)
+
+    @staticmethod
+    def _motion(time_ns: int, state: dict[str, Array]) -> Motion:
+        i, j, k, w = state["q"].tolist()
+        position, velocity, rates = (tuple(flu_to_frd(state[key]).tolist()) for key in "xvw")
+        none = (0.0, 0.0, 0.0)
+        return Motion(
+            time_ns, position, velocity, (w, i, -j, -k), rates, (0.0,) * 4, False, 0.0, none, none, 0.0
+        )  # fmt: skip
+
+    def told(self, step: int, state: dict[str, Array]) -> dict[str, Array]:
+        """The state at the end of a step, as it is told."""
+        present, _ = self._estimator.update(self._motion(step * TICK_NS, state))
+        w, i, j, k = present.attitude_ned_frd
+        values = present.position_ned, present.velocity_ned, present.rates_frd
+        x, v, rates = (flu_to_frd(np.array(each)) for each in values)
+        return {**state, "x": x, "v": v, "w": rates, "q": np.array([i, -j, -k, w])}
+
+
+def rmse(
+    controller: Any, abstraction: str, parameters: dict[str, Any], trajectory: Any, level: str | None, seed: int
+) -> tuple[float, float]:
+    """m, by RotorPy's own vehicle: as it was told, and true."""
     from rotorpy.vehicles.multirotor import Multirotor
 
     start = trajectory.update(0.0)
@@ -108,17 +149,22 @@ def rmse(controller: Any, abstraction: str, parameters: dict[str, Any], trajecto
         "rotor_speeds": np.full(4, hover),
     }
     vehicle = Multirotor(parameters, initial_state=state, control_abstraction=abstraction)
-    errors = []
-    for step in range(round(LAST_S / STEP_S)):
-        flat = trajectory.update(step * STEP_S)
-        if step * STEP_S >= 1.0:
-            errors.append(state["x"] - flat["x"])
-        state = vehicle.step(state, controller.update(step * STEP_S, state, flat), STEP_S)
-    return float(np.sqrt((np.array(errors) ** 2).sum(axis=1).mean()))
+    sensors, step_s = (None, STEP_S) if level is None else (Sensors(level, seed, state), TICK_S)
+    told, errors = state, []
+    for step in range(round(LAST_S / step_s)):
+        flat = trajectory.update(step * step_s)
+        if step * step_s >= 1.0:
+            errors.append((told["x"] - flat["x"], state["x"] - flat["x"]))
+        state = vehicle.step(state, controller.update(step * step_s, told, flat), step_s)
+        told = state if sensors is None else sensors.told(step + 1, state)
+    of_told, of_true = np.sqrt((np.array(errors) ** 2).sum(axis=2).mean(axis=0)).tolist()
+    return of_told, of_true
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sensors", help="a name in vehicles/sensors/: rtk, gnss or vio")
+    parser.add_argument("--seeds", type=int, default=5, help="of the sensors' errors")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     try:
@@ -126,17 +172,29 @@ def main() -> None:
         from rotorpy.vehicles.hummingbird_params import quad_params
     except ImportError:
         raise SystemExit("RotorPy is not installed: pip install rotorpy==3.0.0") from None
+    level = arguments.sensors
+    seeds = [1] if level is None else range(1, arguments.seeds + 1)
     result = {}
     for name, trajectory in trajectories().items():
-        theirs = rmse(SE3Control(quad_params), "cmd_motor_speeds", quad_params, trajectory)
-        ours = rmse(Ours(quad_params, trajectory), "cmd_ctbm", quad_params, trajectory)
+        flown = [
+            (
+                *rmse(SE3Control(quad_params), "cmd_motor_speeds", quad_params, trajectory, level, seed),
+                *rmse(Ours(quad_params, trajectory), "cmd_ctbm", quad_params, trajectory, level, seed),
+            )
+            for seed in seeds
+        ]
+        theirs, theirs_true, ours, ours_true = np.mean(flown, axis=0).tolist()
         result[name] = {"rotorpy_m": round(theirs, 5), "ours_m": round(ours, 5), "ratio": round(theirs / ours, 1)}
+        if level is not None:
+            result[name] |= {"rotorpy_true_m": round(theirs_true, 5), "ours_true_m": round(ours_true, 5)}
     if arguments.json:
         print(json.dumps(result))
         return
-    print(f"{'RMSE / m':20} {'RotorPy SE3':>12} {'ours':>10} {'ratio':>8}")
+    truth = "" if level is None else f"{'RotorPy, true':>14} {'ours, true':>11}"
+    print(f"{'RMSE / m':20} {'RotorPy SE3':>12} {'ours':>10} {'ratio':>8} {truth}")
     for name, row in result.items():
-        print(f"{name:20} {row['rotorpy_m']:12.4f} {row['ours_m']:10.5f} {row['ratio']:8.1f}")
+        true = "" if level is None else f"{row['rotorpy_true_m']:14.4f} {row['ours_true_m']:11.4f}"
+        print(f"{name:20} {row['rotorpy_m']:12.4f} {row['ours_m']:10.5f} {row['ratio']:8.1f} {true}")
 
 
 if __name__ == "__main__":

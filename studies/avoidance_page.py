@@ -42,5 +42,13 @@ LiDAR that reports the nearest of many beams in each sector, as most do, sees th
 | 30 | 3.4 | 4.6 |
 | 50 | 5.7 | 6.4 |
 """,
-    studies=("studies.forest", "studies.traps", "studies.narrow", "studies.enclosed", "studies.moving", "studies.barn"),
+    studies=(
+        "studies.forest",
+        "studies.traps",
+        "studies.narrow",
+        "studies.enclosed",
+        "studies.moving",
+        "studies.barn",
+        "studies.estimated",
+    ),
 )
