@@ -202,6 +202,9 @@ class Avoidance(Table, frozen=True):
     vehicle_radius: Positive = 0.36
     ground_height: Positive = 0.5
     """m above the take-off point; returns from below are the ground."""
+    keep_out_below: NotNegative = 0.7
+    """m above what stands where a parcel is to be released, by a range finder that looks down: the descent ends there.
+    0: it is not looked at."""
     answer_delay: NotNegative = 0.02
     """s from a scan to its map and path, in lockstep; in real time it is what the planner takes."""
     give_up_s: Positive = 40.0

@@ -1,17 +1,25 @@
 """What happens when a state of the flight is left and another one is entered, when the link becomes later, and when an
 order or a plan comes."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from companion.avoidance.planner import PlanResult
 from companion.control.controller import Controller
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
 from companion.mission.navigator import Navigator
 from companion.mission.orders import OrderError, obey
+from companion.mission.plan import Phase
 from companion.sensing import Sensing
 from companion.state import Announcement, Output, Severity, VehicleState
 from companion.supervision.operations import Operation, OrderRequest
 from companion.supervision.states import AWAY, COMMANDED, State
 from companion.supervision.supervisor import Supervisor
+
+_SHORT_M = 0.1
+"""m by which a descent is cut short, at least."""
 
 
 def entered(
@@ -84,6 +92,24 @@ def follow_delay(
     navigator.slow_down(delays.known.total)
     sensing.plausibility.late_s = delays.known.total
     return delays.words(*pace, instead=controller.output is not link.readiness.output)
+
+
+def stopped_short(
+    state: VehicleState, now: int, keep_out: float, navigator: Navigator, guidance: Guidance, sensing: Sensing
+) -> Announcement | None:
+    """The descent to where a parcel is released ends so far (m) above what stands there, and the mission goes on from
+    there. Not if there are curves in what follows."""
+    step, standing, rest = navigator.step, sensing.below.standing(now), navigator.steps[navigator.step_index + 1 :]
+    if standing is None or not keep_out or step.phase is not Phase.DESCEND or any(each.curve for each in rest):
+        return None
+    assert step.target_ned is not None
+    north, east, wanted = step.target_ned.tolist()
+    down = max(standing - keep_out, float(state.position_ned[2]))
+    if wanted - down < _SHORT_M:
+        return None
+    navigator.fly((replace(step, target_ned=np.array((north, east, down))), *rest), now)
+    guidance.begin_leg(navigator.leg(state.position_ned), now)
+    return Announcement(Severity.WARNING, f"something stands below: the descent ends {standing - down:.1f} m above it")
 
 
 def ordered(event: Operation, navigator: Navigator, guidance: Guidance, sensing: Sensing) -> Announcement | None:

@@ -37,6 +37,14 @@ class OdometryReport(msgspec.Struct, frozen=True, gc=False):
     """Count of the estimate's resets, 0..255."""
 
 
+class RangeBelow(msgspec.Struct, frozen=True, gc=False):
+    """What a range finder that looks down has measured, at a time of the vehicle's clock."""
+
+    boot_time_ms: int
+    distance_m: float
+    """inf: nothing within its reach."""
+
+
 class Rebooted(msgspec.Struct, frozen=True, gc=False):
     """The vehicle's time since boot fell: what was known of its motion is void."""
 
@@ -71,7 +79,15 @@ class BatteryReading(msgspec.Struct, frozen=True, gc=False):
 
 
 Report = (
-    AttitudeReport | RepeatedAttitude | PositionReport | OdometryReport | Scan | BatteryReading | Rebooted | ClockSet
+    AttitudeReport
+    | RepeatedAttitude
+    | PositionReport
+    | OdometryReport
+    | Scan
+    | RangeBelow
+    | BatteryReading
+    | Rebooted
+    | ClockSet
 )
 
 

@@ -4,6 +4,7 @@ import math
 
 from companion.estimate import Estimator
 from companion.perception.ring_check import RingCheck
+from companion.perception.surface_below import SurfaceBelow
 from companion.plausibility import Plausibility
 from companion.reports import (
     AttitudeReport,
@@ -11,6 +12,7 @@ from companion.reports import (
     ClockSet,
     OdometryReport,
     PositionReport,
+    RangeBelow,
     Rebooted,
     RepeatedAttitude,
     Report,
@@ -34,6 +36,7 @@ class Sensing:
         self.scan: Scan | None = None
         """The latest, if it came since the last `look`."""
         self._ring_check = RingCheck()
+        self.below = SurfaceBelow()
         self._scan_boot_us: int | None = None
         self._batteries: dict[int, BatteryReading] = {}
         """The latest by their source."""
@@ -45,6 +48,7 @@ class Sensing:
         if self.judges:
             self.plausibility.watch(stands=stands)
         self._ring_check.ground_down = lowest_return
+        self.below.begin(lowest_return)
 
     @property
     def present(self) -> VehicleState:
@@ -74,6 +78,8 @@ class Sensing:
                 self._take_scan(report, now_ns)
             case RepeatedAttitude():
                 return True
+            case RangeBelow():
+                self.below.take(report, self.estimator.pose_at(1000 * report.boot_time_ms), now_ns)
             case BatteryReading():
                 self._batteries[report.source] = report
             case OdometryReport():

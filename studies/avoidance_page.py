@@ -25,7 +25,7 @@ The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle
 | --- | --- | --- | --- |
 | wire 15-20 cm above or below the plane | no beam meets it | 0 of 9 flights passed it | no speed |
 | beam that hangs 5-40 cm above the plane | only a tilted scan may meet it | 4 of 4 flights hit it | no speed |
-| wall that ends below the plane | no beam meets it | a descent ends on it | the route's height |
+| what ends below the plane | no beam meets it | [releases](lidar.md#what-a-driver-sends) stop above it | that height |
 | glass that lets the beams through | they return from behind it | it is flown into | no speed |
 | glass or mirrors without a return | the sector stays unknown, not free | the hull stays out | any speed |
 | pole thinner than the beams' spacing | one beam in 5 degrees may miss it | 5 cm at 4.3 m/s: some hit | see below |

@@ -7,6 +7,7 @@ from typing import Any
 
 from companion.link import wire
 from companion.link.sector_scans import SectorScans
+from companion.reports import RangeBelow
 from companion.state import Scan
 from protocol.framing import Frame, Framer
 from protocol.messages import decode, dialect
@@ -72,17 +73,21 @@ class Rings:
         """The messages that tell as much as an OBSTACLE_DISTANCE."""
         return (DISTANCE_SENSOR, dialect.MAVLINK_MSG_ID_SYS_STATUS) if self.silent_when_free else (DISTANCE_SENSOR,)
 
-    def of_others(self, frame: Frame, source: Source, peer: Peer | None, now_ns: int) -> Scan | None:
+    def of_others(self, frame: Frame, source: Source, peer: Peer | None, now_ns: int) -> Scan | RangeBelow | None:
         """The scan of a sensor that is not the autopilot's; None of other messages. Raises RefusedError."""
         return self.take(decode(frame), source, peer, now_ns) if frame.message_id in RING_MESSAGES else None
 
-    def take(self, message: Any, source: Source, peer: Peer | None, now_ns: int) -> Scan | None:
-        """The scan that an OBSTACLE_DISTANCE is, or that a DISTANCE_SENSOR completes. None before the vehicle, `peer`,
-        is found. Raises RefusedError."""
+    def take(self, message: Any, source: Source, peer: Peer | None, now_ns: int) -> Scan | RangeBelow | None:
+        """The scan that an OBSTACLE_DISTANCE is, or that a DISTANCE_SENSOR completes; what one that looks down has
+        measured, if it is the autopilot's: others have clocks of their own. None before the vehicle, `peer`, is found.
+        Raises RefusedError."""
         if peer is None:
             return None
         if message.get_msgId() == OBSTACLE_DISTANCE:
             return self._whole(message, source, peer, now_ns)
+        below = wire.range_below(message)
+        if below is not None:
+            return below if source is Source.AUTOPILOT else None
         if self._best > (source, False):
             return None
         sector = wire.sector_distance(message)

@@ -32,7 +32,7 @@ from companion.reports import (
     RepeatedAttitude,
     Report,
 )
-from companion.state import Announcement, Output, Scan, Severity, VehicleRequest
+from companion.state import Announcement, Output, Severity, VehicleRequest
 from protocol.framing import Frame, Framer
 from protocol.messages import decoder_of, dialect
 from protocol.peer import Peer
@@ -205,13 +205,13 @@ class VehicleLink:
     def _on_euler_attitude(self, message: Any, now_ns: int) -> AttitudeReport | RepeatedAttitude:
         return RepeatedAttitude() if self.telemetry.rates.ever(_ATTITUDE_QUATERNION) else wire.attitude(message)
 
-    def _on_ring(self, message: Any, now_ns: int) -> Scan | None:
+    def _on_ring(self, message: Any, now_ns: int) -> Report | None:
         return self.telemetry.rings.take(message, Source.AUTOPILOT, self.peer, now_ns)
 
-    def _others(self, frame: Frame, source: Source, now_ns: int) -> list[Scan | Announcement]:
+    def _others(self, frame: Frame, source: Source, now_ns: int) -> list[Report | Announcement]:
         """What others than the autopilot report: scans alone."""
         try:
-            report: Scan | Announcement | None = self.telemetry.rings.of_others(frame, source, self.peer, now_ns)
+            report: Report | Announcement | None = self.telemetry.rings.of_others(frame, source, self.peer, now_ns)
         except wire.RefusedError as refused:
             report = self._refuse(refused, now_ns)
         return [] if report is None else [report]

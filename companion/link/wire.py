@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from companion.link.sector_scans import SECTORS, SectorReport
-from companion.reports import SYSTEM_BATTERY, AttitudeReport, BatteryReading, OdometryReport, PositionReport
+from companion.reports import SYSTEM_BATTERY, AttitudeReport, BatteryReading, OdometryReport, PositionReport, RangeBelow
 from companion.state import BatteryLevel, Scan
 from protocol.arrays import Array
 from protocol.frames import axes_frd, from_euler
@@ -204,6 +204,16 @@ def sector_distance(message: Any) -> SectorReport | None:
         known=message.signal_quality != 1,
         reach_m=far * 0.01,
     )
+
+
+def range_below(message: Any) -> RangeBelow | None:
+    """DISTANCE_SENSOR (132) of a sensor that looks down: cm -> m. None of another one, and of a bad measurement."""
+    near, far, distance = message.min_distance, message.max_distance, message.current_distance
+    if message.orientation != dialect.MAV_SENSOR_ROTATION_PITCH_270:
+        return None
+    if message.signal_quality == 1 or not near < distance:
+        return None
+    return RangeBelow(message.time_boot_ms, distance * 0.01 if distance <= far else math.inf)
 
 
 def battery_status(message: Any, time_ns: int) -> BatteryReading | None:

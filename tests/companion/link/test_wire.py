@@ -9,7 +9,7 @@ import pytest
 
 from companion.link import wire
 from companion.outputs import OUTPUTS
-from companion.reports import BatteryReading
+from companion.reports import BatteryReading, RangeBelow
 from companion.state import BatteryLevel, Output, Setpoint
 from protocol.arrays import Array
 from protocol.frames import from_euler
@@ -322,3 +322,18 @@ def test_distances_that_the_format_does_not_have_are_no_ring() -> None:
     assert not wire.obstacle_distance(ring([60_000] * 72), 0).hit.any(), "one word for nothing there"
     most = ring([500] * 72).max_distance
     assert wire.obstacle_distance(ring([500] * 70 + [most + 1, 60_000]), 0).hit.sum() == 70, "beside the format's own"
+
+
+def distance_sensor(orientation: int, distance_cm: int, quality: int = 0) -> Any:
+    return through_the_wire(
+        dialect.MAVLink_distance_sensor_message, 1234, 20, 1500, distance_cm, 0, 1, orientation, 255, 0.0, 0.0,
+        [0.0] * 4, quality,
+    )  # fmt: skip
+
+
+def test_a_range_finder_that_looks_down() -> None:
+    down = int(dialect.MAV_SENSOR_ROTATION_PITCH_270)
+    assert wire.range_below(distance_sensor(down, 137)) == RangeBelow(1234, 1.37)
+    assert wire.range_below(distance_sensor(down, 1501)) == RangeBelow(1234, math.inf)
+    for orientation, distance_cm, quality in ((0, 137, 0), (24, 137, 0), (down, 20, 0), (down, 137, 1)):
+        assert wire.range_below(distance_sensor(orientation, distance_cm, quality)) is None

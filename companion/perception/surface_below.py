@@ -1,0 +1,57 @@
+"""Where the nearest thing straight below the vehicle is, by a range finder that looks down."""
+
+import math
+
+import numpy as np
+
+from companion.reports import RangeBelow
+from companion.state import Pose
+from protocol.arrays import Array
+from protocol.frames import rotate
+
+_STALE_NS = 500_000_000
+_UPRIGHT = 0.9
+"""Cosine of the tilt beyond which the beam meets something beside the vehicle."""
+_ALIKE_M = 0.3
+"""Two readings that differ by less are of the same thing."""
+_ABOVE_M = 1.0
+"""Height from which on a reading of the ground shows that the beam meets nothing of the vehicle."""
+_DOWN: Array = np.array((0.0, 0.0, 1.0))
+
+
+class SurfaceBelow:
+    """Believed once it has shown the ground from above: a beam that meets a parcel or a leg never does."""
+
+    def __init__(self) -> None:
+        self._lowest = math.nan
+        """m, NED: what is lower is the ground; not a number before a flight."""
+        self._proven = False
+        self._last_down = math.inf
+        self._down = math.inf
+        """m, NED, as two readings one after another say."""
+        self._read_ns = 0
+
+    def begin(self, lowest: float) -> None:
+        """A flight begins; what is lower than that (m, NED) is the ground."""
+        self.__init__()  # type: ignore[misc]
+        self._lowest = lowest
+
+    def take(self, report: RangeBelow, pose: Pose | None, now_ns: int) -> None:
+        """Take a reading in, with the pose of its time."""
+        if pose is None:
+            return
+        position, attitude = pose
+        upright = float(rotate(attitude, _DOWN)[2])
+        if upright < _UPRIGHT:
+            return
+        here, before = float(position[2]), self._last_down
+        self._last_down = down = here + report.distance_m * upright
+        if self._lowest < down < math.inf and self._lowest - here > _ABOVE_M:
+            self._proven = True
+        alike = down == before or abs(down - before) < _ALIKE_M
+        self._down, self._read_ns = (max(down, before) if alike else math.inf), now_ns
+
+    def standing(self, now_ns: int) -> float | None:
+        """Height (m, NED) of what stands below the vehicle, higher than the ground; None: nothing is known of any."""
+        known = self._proven and now_ns - self._read_ns <= _STALE_NS
+        return self._down if known and self._down <= self._lowest else None
