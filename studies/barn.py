@@ -1,6 +1,6 @@
 """Fields of cylinders after the manner of the BARN challenge, with its score."""
 
-from studies import worlds
+from studies import flown, worlds
 from studies.campaign import DEFAULT, Row, Setup
 from studies.campaign_report import Floor, fly_and_tell
 from studies.report import Report
@@ -35,6 +35,7 @@ of the challenge's robot, so that a passage is as many vehicles wide as there. T
 through which the hull could go with 5 cm to spare. Arrival is within {2.0:g} m of the goal.
 """
     )
+    flown.picture(report, SETUPS)
     for case in fly_and_tell(report, SETUPS, FLOORS):
         if case.method == DEFAULT:
             mean = case.mean(score, reached=False)

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from studies import style, worlds
+from studies import flown, style, worlds
 from studies.campaign import DEFAULT, Setup
 from studies.campaign_report import Case, Floor, fly_and_tell
 from studies.report import Report
@@ -33,6 +33,7 @@ goal are free. The published set-up (Loquercio et al. 2021) counts 5 m from the 
 LiDAR": 10 % of the sectors dropped, 5 cm of noise, scans 100 ms old.
 """
     )
+    flown.picture(report, SETUPS)
     cases = fly_and_tell(report, SETUPS, FLOORS)
     for case in cases:
         if (case.setup.name, case.speed, case.method) == ("forest25", 10.0, DEFAULT):

@@ -1,6 +1,6 @@
 """Obstacles that appear before the vehicle, and walkers that cross its way."""
 
-from studies import crowded, escape, worlds
+from studies import crowded, escape, flown, worlds
 from studies.campaign import DEFAULT, Setup
 from studies.campaign_report import Case, fly_and_tell
 from studies.report import Report
@@ -33,6 +33,7 @@ A contact is **avoidable** if there was an escape. {_how()}
 A walker may also walk into a vehicle that hovers: such contacts count as avoidable where it could have moved away.
 """
     )
+    flown.picture(report, SETUPS)
     for case in fly_and_tell(report, SETUPS, ()):
         if case.method == DEFAULT:
             _check(report, case)

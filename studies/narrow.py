@@ -1,6 +1,6 @@
 """A gap, a pole, and the obstacles of the paper's Fig. 6."""
 
-from studies import worlds
+from studies import flown, worlds
 from studies.campaign import Setup
 from studies.campaign_report import Floor, fly_and_tell
 from studies.report import Report
@@ -27,4 +27,5 @@ of 0.72 m has 9 cm on either side. The pole is 1.5 m wide and seen at 6 m, by a 
 worlds/paper_fig6.toml, its waypoints flown over; there the seed is that of the noise alone.
 """
     )
+    flown.picture(report, SETUPS)
     fly_and_tell(report, SETUPS, FLOORS)

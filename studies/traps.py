@@ -1,6 +1,6 @@
 """Places where the straight way is a dead end."""
 
-from studies import worlds
+from studies import flown, worlds
 from studies.campaign import Setup
 from studies.campaign_report import Floor, fly_and_tell
 from studies.report import Report
@@ -28,4 +28,5 @@ The court has walls of 4 to 6 m around the goal, which is approached at 3 m: the
 `avoidance.altitude_search.max_climb` is 8. The vehicle knows none of them.
 """
     )
+    flown.picture(report, SETUPS)
     fly_and_tell(report, SETUPS, FLOORS)
