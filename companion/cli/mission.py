@@ -27,13 +27,15 @@ def show(
         Path | None, typer.Option("--html", help="Write a page with a map of it, a new file.", metavar="FILE")
     ] = None,
 ) -> None:
-    """List what is flown, step by step, with the places around the take-off, and draw it from above. Exit code 2 if it
-    can't be flown."""
+    """List what is flown, step by step, with the places around the take-off, draw it from above, and say what of its
+    surroundings the LiDAR does not show. Exit code 2 if it can't be flown."""
     import numpy as np
 
     from companion.cli.logs import table
+    from companion.config_avoidance import Avoidance
     from companion.mission.plan import steps
     from companion.view.mission_map import page, sketch
+    from companion.view.unseen import unseen, words
     from protocol.toml_files import find
 
     (found, fence_radius), rows = _mission(file), []
@@ -48,6 +50,7 @@ def show(
         rows.append((str(number), step.phase.name.lower(), north, east, height, speed, hold))
     table(("step", "what", "north, m", "east, m", "height, m", "speed, m/s", "hold, s"), rows)
     typer.echo(f"\n{sketch(plan)}")
+    typer.echo(f"\n{words(unseen(found, plan, _world(found), Avoidance()))}")
     if html is not None:
         world = exit_on_user_error(find, "worlds", found.world).read_bytes()
         exit_on_user_error(_write, html, page(found, plan, world, fence_radius))
@@ -72,6 +75,16 @@ def convert(
         exit_as_unusable(f"{to}: what is written is a .toml, and a .waypoints from a ground station's file")
     exit_on_user_error(_write, to, text)
     typer.echo(f"mission: {to}")
+
+
+def _world(found: "Mission") -> bytes:
+    """The file of its world; empty without one, as for a real vehicle."""
+    from protocol.toml_files import TomlFileError, find
+
+    try:
+        return find("worlds", found.world).read_bytes()
+    except (TomlFileError, OSError):
+        return b""
 
 
 def _write(to: Path, text: str) -> None:

@@ -1,0 +1,82 @@
+"""What a mission's flat scan does not show, told before the flight: by the plan, the settings and the file of a
+simulated world."""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+from companion.config_avoidance import Avoidance
+from companion.mission.plan import Mission, Phase, Step
+from companion.view.lines import Floats
+from companion.view.scene import ROOM, Prism, between, solids
+
+_SECTOR = math.radians(5.0)
+"""Width of a sector, as most drivers of LiDARs send them."""
+_LEVEL_M = 0.1
+"""m of height that a level leg changes by, at most."""
+
+
+def unseen(mission: Mission, plan: Sequence[Step], world: bytes, avoidance: Avoidance) -> list[str]:
+    """In words, of a plan from a start at (0, 0, 0); `world` is its file, or empty."""
+    speed = max(step.speed or mission.speed for step in plan)
+    found = [_poles(speed, avoidance)]
+    vertical = [f"{number} ({step.phase.name.lower()})" for number, step in enumerate(plan, 1) if _goes_down(step)]
+    if vertical:
+        found.append(
+            f"what stands below the vehicle in step {', '.join(vertical)}; a range finder that looks down stops a "
+            "descent to a release above it, and no landing"
+        )
+    prisms = solids(world)
+    for number, start, end in _legs(plan):
+        found += [f"{each} (step {number})" for each in _missed(prisms, start, end)]
+    return list(dict.fromkeys(found))
+
+
+def thinnest(speed: float, avoidance: Avoidance) -> float:
+    """Width (m) of the thinnest pole that one beam in each sector meets while the vehicle can still stop before it."""
+    guard = avoidance.guard
+    stops = speed**2 / (2.0 * guard.braking) + speed * guard.reaction_time + avoidance.vehicle_radius
+    return stops * _SECTOR
+
+
+def _poles(speed: float, avoidance: Avoidance) -> str:
+    width = f"{100.0 * thinnest(speed, avoidance):.0f} cm at {speed:g} m/s"
+    return (
+        f"poles thinner than {width}, in time, by a LiDAR with one beam in 5 degrees; wires, and glass that lets beams "
+        "through, at any speed"
+    )
+
+
+def _goes_down(step: Step) -> bool:
+    return step.phase in (Phase.DESCEND, Phase.LAND)
+
+
+def _legs(plan: Sequence[Step]) -> Iterator[tuple[int, Floats, Floats]]:
+    """The numbers of the steps that are flown straight and not up, with start and end (3,), m, NED; landings to the
+    ground."""
+    places: list[tuple[int, Step, Floats]] = []
+    for number, step in enumerate(plan, 1):
+        if step.target_ned is not None:
+            places.append((number, step, step.target_ned))
+        elif step.phase is Phase.LAND and places:
+            places.append((number, step, places[-1][2] * (1.0, 1.0, 0.0)))
+    for (_, _, start), (number, step, end) in pairwise(places):
+        if step.curve is None and end[2] > start[2] - _LEVEL_M:
+            yield number, start, end
+
+
+def _missed(prisms: Sequence[Prism], start: Floats, end: Floats) -> Iterator[str]:
+    """What is near to a leg, and not at the height from which it is looked at: that of the leg's start."""
+    height = -float(start[2])
+    for prism in prisms:
+        if prism.bottom <= height <= prism.top or not between([prism], start, end, ROOM):
+            continue
+        if prism.bottom > height:
+            yield f"{prism.name}, which hangs {prism.bottom - height:.1f} m above the scan"
+        else:
+            yield f"{prism.name}, which ends {height - prism.top:.1f} m below the scan"
+
+
+def words(found: Sequence[str]) -> str:
+    """As lines."""
+    return "\n".join(["The LiDAR does not show:", *(f"- {each}" for each in found)])

@@ -1,0 +1,64 @@
+"""What a mission's flat scan does not show."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from companion.avoidance.braking import stopping_speed
+from companion.config_avoidance import Avoidance
+from companion.mission.plan import Delivery, Mission, Waypoint, steps
+from companion.view.unseen import thinnest, unseen, words
+
+AVOIDANCE = Avoidance()
+MISSION = Mission("there", waypoints=[Waypoint(20.0, 0.0, 3.0)], delivery=Delivery(0.5), speed=5.0)
+WORLD = """
+[[box]]
+name = "{name}"
+center = [{north}, {east}]
+size = [1.0, 1.0]
+height = {height}
+"""
+
+
+def found(mission: Mission = MISSION, /, **box: object) -> list[str]:
+    world = WORLD.format(**{"name": "box", "east": 0.0, **box}).encode() if box else b""
+    return unseen(mission, steps(mission, np.zeros(3)), world, AVOIDANCE)
+
+
+def test_poles_are_as_thin_as_the_stop_allows() -> None:
+    """From where one beam in 5 degrees meets it the guard's own stop is as long as the way to the hull."""
+    for speed in (3.0, 5.0, 7.0):
+        seen_from = thinnest(speed, AVOIDANCE) / np.radians(5.0)
+        free = seen_from - AVOIDANCE.vehicle_radius
+        guard = AVOIDANCE.guard
+        assert stopping_speed(free, guard.braking, guard.reaction_time) == pytest.approx(speed)
+    assert found()[0].startswith("poles thinner than 34 cm at 5 m/s")
+    fast = replace(MISSION, waypoints=[Waypoint(20.0, 0.0, 3.0, speed=7.0)])
+    assert "at 7 m/s" in found(fast)[0]
+
+
+def test_descents_and_landings_are_named() -> None:
+    assert "in step 3 (descend), 7 (land)" in found()[1]
+
+
+@pytest.mark.parametrize(
+    ("box", "said"),
+    [
+        ({"north": 20.0, "height": 1.2}, ["box, which ends 1.8 m below the scan (step 3)"]),
+        ({"north": 10.0, "height": 2.5}, ["box, which ends 0.5 m below the scan (step 2)",
+                                          "box, which ends 0.5 m below the scan (step 6)"]),
+        ({"north": 10.0, "height": [3.2, 5.0]}, ["box, which hangs 0.2 m above the scan (step 2)",
+                                                 "box, which hangs 0.2 m above the scan (step 6)"]),
+        ({"north": 10.0, "height": 1.2}, []),
+        ({"north": 10.0, "height": 4.0}, []),
+        ({"north": 10.0, "east": 3.0, "height": 2.5}, []),
+        ({"north": 0.0, "east": 0.9, "height": 2.0}, ["box, which ends 1.0 m below the scan (step 7)"]),
+    ],
+)  # fmt: skip
+def test_obstacles_beside_the_way_that_the_scan_misses(box: dict[str, object], said: list[str]) -> None:
+    """Below and above the route, and under a descent and a landing; what the scan meets is not told of."""
+    assert found(MISSION, **box)[2:] == said
+
+
+def test_the_words_have_a_line_for_each() -> None:
+    assert words(["a", "b"]).splitlines()[1:] == ["- a", "- b"]
