@@ -45,7 +45,7 @@ class AvoidancePlan(Table, frozen=True):
     """Cost of a cell at the obstacle, for tight paths; falls to 0 at `inflation`, so that they keep to the middle."""
     switch_cost: NotNegative = 1.0
     """Share by which a metre costs more away from the path that was chosen last, where tight paths are planned."""
-    switch_growth: Annotated[float, msgspec.Meta(ge=1.0)] = 2.0
+    switch_growth: Annotated[float, msgspec.Meta(ge=1.0)] = 1.25
     """Factor by which that share grows with each turn away from such a path, up to 16 times, until there is a path that
     keeps `inflation`. What is seen askew from afar changes its price from scan to scan; so one of two ways is flown to
     its end. 1: it does not grow."""

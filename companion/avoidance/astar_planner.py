@@ -24,7 +24,7 @@ _BESIDE_M = 0.5
 """m from the path from before; what is farther costs more."""
 _AHEAD_M = 1.5
 """m of path after which one that turns away from the path from before is no longer beside it."""
-_MOST_TURNS = 16.0
+_MOST_GROWTH = 16.0
 """Growth of the cost of leaving a path, at most."""
 
 
@@ -84,7 +84,7 @@ class AStarPlanner:
         tight = bool(in_tight or view.to_occupied[tuple(path.cells.T)].min() < settings.inflation)
         self._chosen = _Chosen(path.cells + np.array(view.corner), goal, tight)
         if before is not None and _turns_away(self._chosen.cells, before.cells, view.cell):
-            self._growth = min(self._growth * settings.switch_growth, _MOST_TURNS)
+            self._growth = min(self._growth * settings.switch_growth, _MOST_GROWTH)
         if tight:
             path = _up_to_unconfirmed(path, view, settings.tight_inflation)
         inflation = settings.tight_inflation if tight else settings.inflation

@@ -93,7 +93,7 @@ def choices(planner: AStarPlanner, doubts: list[float]) -> list[float]:
     return found
 
 
-DOUBTS = [1.0, -1.0] * 5
+DOUBTS = [1.0, -1.0] * 10
 
 
 def test_of_two_gaps_that_are_doubted_in_turn_one_is_flown_to() -> None:
