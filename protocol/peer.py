@@ -45,6 +45,11 @@ class Peer:
         self.clock = ClockOffset()
         self.offset_ns: int | None = None
         """The peer's clock minus ours; None while unknown."""
+        self.order = 0
+        """Place among all, as they were sent, of the frame that was observed last: one that comes late has a lower one
+        than those that overtook it."""
+        self._newest = 0
+        """The highest of them."""
         self._sequence: int | None = None
         self._missing = 0  # bit k: the frame k before the newest has not arrived
         self._heartbeat_ns: int | None = None
@@ -61,6 +66,7 @@ class Peer:
         ahead = 1 if self._sequence is None else (frame.sequence - self._sequence) & 0xFF
         if ahead == 1 and not self._missing:  # almost always
             self._sequence = frame.sequence
+            self.order = self._newest = self._newest + 1
         else:
             self._observe_jump(frame.sequence, ahead)
         return True
@@ -69,6 +75,7 @@ class Peer:
         """Count a frame that is `ahead` of the newest, modulo 256, or comes while others are missing."""
         back = -ahead & 0xFF
         if 0 < ahead <= 128:
+            self._newest += ahead
             self.lost += ahead - 1
             self._missing = (self._missing << ahead | (1 << ahead) - 2) & (1 << _REORDERED + 1) - 1
         elif back <= _REORDERED:
@@ -78,11 +85,13 @@ class Peer:
                 self.lost -= 1
             else:
                 self.duplicates += 1
+            self.order = self._newest - back
             return
         else:
+            self._newest += 1
             self.restarts += 1
             self._missing = 0
-        self._sequence = sequence
+        self._sequence, self.order = sequence, self._newest
 
     def heartbeat(self, now_ns: int) -> None:
         """A HEARTBEAT of this peer arrived."""

@@ -219,10 +219,10 @@ class VehicleLink:
     def _on_heartbeat(self, message: Any, now_ns: int) -> None:
         assert self.firmware is not None and self.peer is not None
         self.peer.heartbeat(now_ns)
-        self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), now_ns)
+        self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), self.peer, now_ns)
 
     def _on_extended_state(self, message: Any, now_ns: int) -> None:
-        self.said.extended_state(message, now_ns)
+        self.said.extended_state(message, self.peer, now_ns)
         self._know_motors()
 
     def _know_motors(self) -> None:

@@ -10,6 +10,7 @@ from companion.reports import StatusReport
 from companion.state import FlightMode, VehicleStatus
 from protocol.arrays import Array
 from protocol.messages import dialect
+from protocol.peer import Peer
 
 _SECOND_NS = 1_000_000_000
 _ANSWER_NS = _SECOND_NS
@@ -49,6 +50,8 @@ class StatusWatch:
         self._airborne = False
         self._landed_ns: int | None = None
         self._heard_ns: int | None = None
+        self._orders = {"heartbeat": 0, "extended state": 0}
+        """`Peer.order` of the latest of each."""
         self._asked_ns = -_SECOND_NS
         self._awake_ns = 0
         self._after_command_ns = 0
@@ -61,12 +64,22 @@ class StatusWatch:
         assert self.home_ned is not None
         return self.home_ned
 
-    def heartbeat(self, message: Any, mode: FlightMode, now_ns: int) -> None:
-        """HEARTBEAT (0), whose custom mode means `mode`.
+    def _is_latest(self, kind: str, peer: Peer | None) -> bool:
+        """Whether the message that `peer` has just sent is the latest of its kind; one that was overtaken says how it
+        was before."""
+        order = 0 if peer is None else peer.order
+        latest = order >= self._orders[kind]
+        self._orders[kind] = max(order, self._orders[kind])
+        return latest
+
+    def heartbeat(self, message: Any, mode: FlightMode, peer: Peer | None, now_ns: int) -> None:
+        """HEARTBEAT (0) of a `peer`, whose custom mode means `mode`.
 
         The mode in which the vehicle's own failsafe has begun stays its own when the failsafe is over: ArduPilot's is
         as soon as it hears the companion again.
         """
+        if not self._is_latest("heartbeat", peer):
+            return
         self._heard_ns = now_ns
         before, critical = self.status, message.system_status in _CRITICAL
         if mode is not before.mode:
@@ -79,8 +92,10 @@ class StatusWatch:
             message.system_status in _EMERGENCY,
         )
 
-    def extended_state(self, message: Any, now_ns: int) -> None:
-        """EXTENDED_SYS_STATE (245)."""
+    def extended_state(self, message: Any, peer: Peer | None, now_ns: int) -> None:
+        """EXTENDED_SYS_STATE (245) of a `peer`."""
+        if not self._is_latest("extended state", peer):
+            return
         self.on_ground = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
         self._airborne = message.landed_state in _AIRBORNE
         if not self.on_ground:

@@ -86,6 +86,24 @@ def test_a_bad_link_is_counted_exactly(seed: int) -> None:
     assert counts(observed(order)) == (len(order), total - len(arrived), late, duplicates, 0)
 
 
+@pytest.mark.parametrize("first", [0, 200])
+def test_frames_are_put_into_the_order_in_which_they_were_sent(first: int) -> None:
+    """Late ones, duplicates and losses included, over the end of the sequence; after a restart all are later."""
+    sent = [0, 1, 3, 2, 3, 60, 4, 61, 150, 149]
+    peer, orders = Peer(1, 1), []
+    for now_ns, number in enumerate(sent):
+        peer.observe(frame(first + number), now_ns)
+        orders.append(peer.order - sent[0])
+    assert [order - orders[0] for order in orders] == sent
+    peer.observe(frame(first + 150 - 100), 99)
+    assert peer.restarts == 1 and peer.order > orders[-2]
+    before = peer.order
+    peer.observe_boot_time(100_000, 100)
+    assert peer.observe_boot_time(10, 101)
+    peer.observe(frame(7), 102)
+    assert peer.order > before
+
+
 def test_other_senders_are_ignored() -> None:
     peer = Peer(1, 1)
     for i in range(100):

@@ -35,6 +35,27 @@ def test_a_heartbeat_from_before_the_answer_says_nothing_of_what_was_asked_for()
     assert word(link, NOW + 120 * MS).current and link.said.status.mode is FlightMode.HOLD
 
 
+def test_what_was_overtaken_says_nothing() -> None:
+    """With jitter a heartbeat from before the arming comes after the one that tells of it, and the vehicle seemed to
+    have disarmed in the take-off."""
+    link, vehicle = found()
+    before = vehicle.heartbeat(base=81) + vehicle.extended_state(1)
+    armed = vehicle.heartbeat(base=81 | 128) + vehicle.extended_state(2)
+    hear(link, armed, NOW + 10 * MS)
+    hear(link, before, NOW + 30 * MS)
+    hear(link, armed, NOW + 40 * MS)
+    assert link.said.status.armed and not link.said.on_ground
+    hear(link, vehicle.heartbeat(base=81) + vehicle.extended_state(1), NOW + 50 * MS)
+    assert not link.said.status.armed and link.said.on_ground, "a later one does"
+
+
+def test_a_vehicle_that_does_not_count_its_messages_is_believed() -> None:
+    link, _ = found()
+    for base in (81 | 128, 81, 81 | 128):
+        hear(link, Sender().heartbeat(base=base), NOW + 10 * MS)
+        assert link.said.status.armed is (base > 128)
+
+
 def test_a_command_without_an_answer_is_waited_for_a_second() -> None:
     link, vehicle = asked()
     hear(link, vehicle.ack(SET_MODE, 0, 255, 190), NOW + 20 * MS)
