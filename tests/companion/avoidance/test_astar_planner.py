@@ -108,9 +108,19 @@ def test_without_growth_the_vehicle_turns_round_each_time() -> None:
     assert choices(AStarPlanner(without), DOUBTS) == [-doubted for doubted in DOUBTS]
 
 
-def test_an_open_way_and_another_goal_end_the_growth() -> None:
+@pytest.mark.parametrize("north", [8.0, -8.0])
+def test_another_goal_ends_the_growth(north: float) -> None:
+    """Behind the wall, too, or behind the vehicle."""
     planner = AStarPlanner(SETTINGS)
     held = choices(planner, DOUBTS)[-1]
-    start, goal = np.array([MIDDLE, MIDDLE, -2.0]), np.array([MIDDLE - 8.0, MIDDLE, -2.0])
-    assert planner.plan(gaps(1.0), start, STILL, goal, 3.0) is not None
+    start, goal = np.array([MIDDLE, MIDDLE, -2.0]), np.array([MIDDLE + north, MIDDLE + 3.0, -2.0])
+    assert planner.plan(gaps(held), start, STILL, goal, 3.0) is not None
+    assert choices(planner, [held, -held]) == [-held, held]
+
+
+def test_an_open_way_ends_the_growth() -> None:
+    planner = AStarPlanner(SETTINGS)
+    held = choices(planner, DOUBTS)[-1]
+    start, goal = np.array([MIDDLE, MIDDLE, -2.0]), np.array([MIDDLE + 8.0, MIDDLE, -2.0])
+    assert planner.plan(view_of(None), start, STILL, goal, 3.0) is not None
     assert choices(planner, [held, -held]) == [-held, held]
