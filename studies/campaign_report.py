@@ -178,7 +178,8 @@ def _successes(cases: Sequence[Case]) -> Any:
         axes.errorbar(
             places, shares, errors, fmt="o", ms=4, lw=1.0, capsize=2, color=style.PALETTE[number], label=method
         )
-    axes.set_xticks(range(len(setups)), [f"{name}\n{speed:.3g} m/s" for name, speed in setups])
+    labels = [f"{name}\n{speed:.3g} m/s".replace("-", "\n") for name, speed in setups]
+    axes.set_xticks(range(len(setups)), labels)
     axes.set(ylabel="success / %", ylim=(-3.0, 103.0), xlim=(-0.5, len(setups) - 0.5))
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
