@@ -20,6 +20,7 @@ beside it. Pictures of single flights are flown again each time.
 ## What the sensor can't see
 
 The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle out of places with the rest.
+`companion mission show` says what of it a mission makes likely.
 
 | what | why | in flight | safe at |
 | --- | --- | --- | --- |

@@ -2,12 +2,8 @@
 
 import math
 
-import numpy as np
-
 from companion.reports import RangeBelow
 from companion.state import Pose
-from protocol.arrays import Array
-from protocol.frames import rotate
 
 _STALE_NS = 500_000_000
 _UPRIGHT = 0.9
@@ -16,7 +12,6 @@ _ALIKE_M = 0.3
 """Two readings that differ by less are of the same thing."""
 _ABOVE_M = 1.0
 """Height from which on a reading of the ground shows that the beam meets nothing of the vehicle."""
-_DOWN: Array = np.array((0.0, 0.0, 1.0))
 
 
 class SurfaceBelow:
@@ -41,7 +36,8 @@ class SurfaceBelow:
         if pose is None:
             return
         position, attitude = pose
-        upright = float(rotate(attitude, _DOWN)[2])
+        _, x, y, _ = attitude.tolist()
+        upright = 1.0 - 2.0 * (x * x + y * y)
         if upright < _UPRIGHT:
             return
         here, before = float(position[2]), self._last_down
