@@ -20,6 +20,8 @@ from studies.report import Report
 HEADERS = ("set-up", "method", "commanded", "success (95 %)", "speed on the way", "to the goal", "least clearance",
            "its median", "way over shortest", "guarded (%)", "wall (s)")  # fmt: skip
 STAGES = {"map (us)": "map_us", "way (us)": "way_us", "guard's space (us)": "space_us", "control step (us)": "step_us"}
+_LABEL_PT, _LABELS_PT = 8.0, 90.0
+"""Largest size of a set-up's label, and of all side by side."""
 _LISTED_FAILURES = 12
 """Failures beyond this number are counted, not listed."""
 
@@ -179,7 +181,7 @@ def _successes(cases: Sequence[Case]) -> Any:
             places, shares, errors, fmt="o", ms=4, lw=1.0, capsize=2, color=style.PALETTE[number], label=method
         )
     labels = [f"{name}\n{speed:.3g} m/s".replace("-", "\n") for name, speed in setups]
-    axes.set_xticks(range(len(setups)), labels)
+    axes.set_xticks(range(len(setups)), labels, fontsize=min(_LABEL_PT, _LABELS_PT / len(setups)))
     axes.set(ylabel="success / %", ylim=(-3.0, 103.0), xlim=(-0.5, len(setups) - 0.5))
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
