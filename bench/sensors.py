@@ -1,4 +1,4 @@
-"""The sensors' Allan deviations in an hour at rest beside those of their files, and what a step of them costs.
+"""The sensors' Allan deviations in an hour at rest beside those of their files.
 
     python bench/sensors.py [--sensors gnss] [--seed 1] [--json]
 
@@ -13,7 +13,6 @@ longer one, at which the wander does.
 import argparse
 import json
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -22,17 +21,14 @@ import numpy as np
 from protocol.arrays import Array
 from protocol.jit import compiled
 from protocol.toml_files import find, load
-from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.sensors.settings import SensorSettings, Wander
 from vehicle_sim.sensors.suite import TICK_S, SensorSuite, as_row, read
-from vehicle_sim.timing import STEPS_PER_TICK, TICK_NS
+from vehicle_sim.timing import TICK_NS
 
 HOUR_S = 3600.0
 TIMES_S = (0.4, 10.0)
 BLOCK = 50_000
-PARTS = 10
-"""Parts of the run that is timed, of which the shortest counts."""
 
 
 def rest() -> Motion:
@@ -101,21 +97,6 @@ def measured(settings: SensorSettings, seed: int) -> dict[str, tuple[float, Arra
     }
 
 
-def step_us(settings: SensorSettings, ticks: int = 20_000) -> float:
-    """What sensors and filter cost a step of 1 ms (us)."""
-    start = rest()
-    noise, alignment = np.random.default_rng(1).spawn(2)
-    estimator = Estimator(SensorSuite(settings, start, noise), 0.0, start, alignment)
-    motions = [start._replace(time_ns=(tick + 1) * TICK_NS) for tick in range(ticks)]
-    took = []
-    for part in range(0, ticks, ticks // PARTS):
-        begin = time.process_time()
-        for motion in motions[part : part + ticks // PARTS]:
-            estimator.update(motion)
-        took.append(time.process_time() - begin)
-    return min(took) / (ticks // PARTS) / STEPS_PER_TICK * 1e6
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sensors", default="gnss")
@@ -129,15 +110,13 @@ def main() -> None:
             every = max(1, round(t / period))
             found, wanted = allan(samples, every), expected(density, wander, every * period)
             rows.append({"sensor": name, "time_s": every * period, "allan": found, "configured": wanted})
-    cost = step_us(settings)
     if options.json:
-        print(json.dumps({"allan": rows, "step_us": cost}))
+        print(json.dumps(rows))
         return
     for row in rows:
         found, wanted = row["allan"], row["configured"]
         beside = f"{found:.3e}  configured {wanted:.3e}  {found / wanted - 1:+.1%}"
         print(f"{row['sensor']:14} {row['time_s']:5.1f} s  {beside}")
-    print(f"sensors and filter: {cost:.2f} us a step of 1 ms")
 
 
 if __name__ == "__main__":

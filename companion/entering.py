@@ -99,8 +99,11 @@ def stopped_short(
 ) -> Announcement | None:
     """The descent to where a parcel is released ends so far (m) above what stands there, and the mission goes on from
     there. Not if there are curves in what follows."""
-    step, standing, rest = navigator.step, sensing.below.standing(now), navigator.steps[navigator.step_index + 1 :]
-    if standing is None or not keep_out or step.phase is not Phase.DESCEND or any(each.curve for each in rest):
+    step = navigator.step
+    if step.phase is not Phase.DESCEND or not keep_out:  # almost always
+        return None
+    standing, rest = sensing.below.standing(now), navigator.steps[navigator.step_index + 1 :]
+    if standing is None or any(each.curve for each in rest):
         return None
     assert step.target_ned is not None
     north, east, wanted = step.target_ned.tolist()

@@ -116,9 +116,10 @@ class Vehicle:
         self.identity = identity
         self.parameters = Parameters(airframe, self.flight, identity.system)
         lidar_rng, wind_rng, *estimator_rngs = np.random.default_rng(seed).spawn(4)
-        self._scan_poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
+        poses = deque([self.motion], maxlen=1 + round(airframe.lidar.latency_s * 1e9 / TICK_NS))
+        self._scan_poses = poses
         scans = Scans(Lidar(airframe.lidar, lidar_rng), self._scene, lidar_rng)
-        self.estimator = _estimator(airframe, self.motion, estimator_rngs, lambda: scans.down(self._scan_poses[0]))
+        self.estimator = _estimator(airframe, self.motion, estimator_rngs, lambda: scans.down(poses[0]))
         self._now = Snapshot(self.motion, self.motion, self.motion)
         self._wind = Wind(world.wind, self._wind_ned, wind_rng)
         senses = Senses(scans, self.estimator)
