@@ -20,12 +20,11 @@ def unseen(mission: Mission, plan: Sequence[Step], world: bytes, avoidance: Avoi
     """In words, of a plan from a start at (0, 0, 0); `world` is its file, or empty."""
     speed = max(step.speed or mission.speed for step in plan)
     found = [_poles(speed, avoidance)]
-    vertical = [f"{number} ({step.phase.name.lower()})" for number, step in enumerate(plan, 1) if _goes_down(step)]
-    if vertical:
-        found.append(
-            f"what stands below the vehicle in step {', '.join(vertical)}; a range finder that looks down stops a "
-            "descent to a release above it, and no landing"
-        )
+    for number, step in enumerate(plan, 1):
+        if step.phase is Phase.DESCEND:
+            found.append(f"what stands below it (step {number}), which a range finder that looks down does")
+        elif step.phase is Phase.LAND:
+            found.append(f"what stands where it lands (step {number})")
     prisms = solids(world)
     for number, start, end in _legs(plan):
         found += [f"{each} (step {number})" for each in _missed(prisms, start, end)]
@@ -45,10 +44,6 @@ def _poles(speed: float, avoidance: Avoidance) -> str:
         f"poles thinner than {width}, in time, by a LiDAR with one beam in 5 degrees; wires, and glass that lets beams "
         "through, at any speed"
     )
-
-
-def _goes_down(step: Step) -> bool:
-    return step.phase in (Phase.DESCEND, Phase.LAND)
 
 
 def _legs(plan: Sequence[Step]) -> Iterator[tuple[int, Floats, Floats]]:
