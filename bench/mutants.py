@@ -71,7 +71,7 @@ def changed(node: ast.AST) -> ast.AST | str | None:
 
 
 def parts(tree: ast.AST) -> Iterator[ast.AST]:
-    """The nodes that run: no annotations, and nothing within formatted texts, where nodes have no place of their own."""
+    """The nodes that run: no annotations, and nothing in formatted texts, where nodes have no place of their own."""
     for name, value in ast.iter_fields(tree):
         if name in ("annotation", "returns", "format_spec"):
             continue
