@@ -43,8 +43,9 @@ _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
 _INITIAL_SPEED_SIGMA = 2.5
 """m/s of a new track: what is up to four times as fast is followed from its second return on."""
-_BETTER_M = 0.25
-"""m that a return must be nearer to the sensor's height than where a track stood, to take the place of that."""
+_LEVEL_M, _OFF_LEVEL_M = 0.3, 0.6
+"""m from the sensor's height: up to the first a ring has seen a track level, from the second on from too far above or
+below."""
 _RADIUS_GAIN = 0.2
 """Weight of the latest measurement in a track's radius."""
 
@@ -223,7 +224,7 @@ def _track(
             correct(tracks[t], centroids[c], covariances[c], _radius(extents[c]))
             tracks[t]["left"] |= has_left(tracks[t], points[middles[c]], sight)
             update_status(tracks[t], rules[0], own)
-            if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"] or _seen_better(tracks[t], points[middles[c]], sight):
+            if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"] or _seen_level(tracks[t], points[middles[c]], sight):
                 stand(tracks[t], points[middles[c]], sight)
             for k in range(spans[c, 0], spans[c, 0] + spans[c, 1]):
                 moving[k % beams] |= tracks[t]["moving"]
@@ -278,12 +279,12 @@ def update_status(track: Any, rule: Any, own: Array) -> None:
 
 
 @compiled
-def _seen_better(track: Any, place: Array, sight: Sight) -> bool:
-    """Whether a TRACK that has not left the place where it stood is seen nearer to the sensor's height than there. The
-    scan of a tilted vehicle meets it low or high, and passes below or above what is nearer or farther: it can't show
-    that the track has left."""
-    off = abs(place[2] - sight.position[2])
-    return not track["left"] and off < abs(track["place"][2] - track["position"][2]) - _BETTER_M
+def _seen_level(track: Any, place: Array, sight: Sight) -> bool:
+    """Whether a TRACK that has not left the place where it stood is seen at the sensor's height, and was not there: the
+    scan of a tilted vehicle meets it low or high, and passes below or above what is nearer or farther, so that it can't
+    show that the track has left."""
+    off_level = abs(track["place"][2] - track["position"][2]) > _OFF_LEVEL_M
+    return not track["left"] and off_level and abs(place[2] - sight.position[2]) < _LEVEL_M
 
 
 @compiled

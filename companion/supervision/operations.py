@@ -86,7 +86,7 @@ class OwnReport:
                 return Announcement(Severity.CRITICAL, f"no map any more: {event.text}")
         return None
 
-    def passes(self, setpoint: Setpoint, airborne: bool = True) -> bool:
+    def passes(self, setpoint: Setpoint, airborne: bool) -> bool:
         """The last gate: a setpoint that is not sound must stay here. `airborne`: it is for a vehicle in the air."""
         reason = unsound(setpoint)
         self.airborne = airborne

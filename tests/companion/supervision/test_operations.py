@@ -13,7 +13,7 @@ SOUND = Setpoint((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, 0.5)
 LATE_NS = round(SETTINGS.overrun * 1e9)
 
 
-def unsound_with(thrust: float) -> Setpoint:
+def setpoint_with(thrust: float) -> Setpoint:
     return Setpoint((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, thrust)
 
 
@@ -75,9 +75,20 @@ def test_an_overrun_is_kept_until_the_health_was_looked_at() -> None:
 
 def test_an_unsound_setpoint_stays_here_and_is_kept_until_the_health_was_looked_at() -> None:
     own = OwnReport(SETTINGS)
-    assert own.passes(SOUND) and own.unsound_output is None
-    assert not own.passes(unsound_with(math.nan)) and own.unsound_output == "not finite"
-    assert own.passes(SOUND) and own.unsound_output == "not finite", "a sound one after it is no excuse"
-    assert not own.passes(unsound_with(2.0)) and own.unsound_output == "thrust 2", "the latest"
+    assert own.passes(SOUND, True) and own.unsound_output is None
+    assert not own.passes(setpoint_with(math.nan), True) and own.unsound_output == "not finite"
+    assert own.passes(SOUND, True) and own.unsound_output == "not finite", "a sound one after it is no excuse"
+    assert not own.passes(setpoint_with(2.0), True) and own.unsound_output == "thrust 2", "the latest"
     own.begin()
     assert own.unsound_output is None
+
+
+@pytest.mark.parametrize(("thrust", "airborne", "full"), [(0.8, False, True), (0.79, False, False), (0.9, True, False)])
+def test_all_the_thrust_that_there_is_counts_on_the_ground_alone_and_is_kept(
+    thrust: float, airborne: bool, full: bool
+) -> None:
+    own = OwnReport(SETTINGS, highest_thrust=0.8)
+    own.passes(setpoint_with(thrust), airborne)
+    assert (own.full_thrust, own.airborne) == (full, airborne)
+    own.passes(SOUND, True)
+    assert (own.full_thrust, own.airborne) == (full, True)
