@@ -51,13 +51,19 @@ class Scene:
         self.tracker = Tracker(SETTINGS)
         self.time_ns = 0
 
-    def see(self, places: list[tuple[float, float]], position: Array | None = None, yaw: float = 0.0) -> Scan:
+    def see(
+        self,
+        places: list[tuple[float, float]],
+        position: Array | None = None,
+        yaw: float = 0.0,
+        pitch: float = 0.0,
+    ) -> Scan:
         """Add one scan; cylinders of 0.3 m at these places."""
         here = np.array([0.0, 0.0, -2.0]) if position is None else position
         cylinders = tuple(CylinderTable(name=f"{k}", center=p, radius=0.3, height=4.0) for k, p in enumerate(places))
         origin = OriginTable(latitude_deg=0.0, longitude_deg=0.0, altitude_m=0.0)
         world = World.build(WorldTable(name="scene", origin=origin, cylinder=cylinders, wall=self._walls))
-        attitude = from_euler(0.0, 0.0, yaw)
+        attitude = from_euler(0.0, pitch, yaw)
         distances = self._lidar.scan(world, here, attitude).astype(np.float64)
         hit, known = distances <= 1500.0, distances != 65535.0
         scan = Scan(self.time_ns, 0, BEARINGS, np.minimum(distances, 1500.0) * 0.01, hit, known)
@@ -271,6 +277,16 @@ def test_what_moves_is_found_whichever_way_it_goes(
     (track,) = scene.tracker.moving
     assert seen <= scans
     assert np.hypot(*(track["mean"][2:] - velocity)) < 0.3 * np.hypot(*velocity) + 0.6
+
+
+@pytest.mark.parametrize("speed", [0.7, 0.0])
+def test_who_comes_straight_on_moves_though_a_tilted_vehicle_saw_him_first(speed: float) -> None:
+    """Nose down, the vehicle met his feet; when it hovers, he hides the place where he was then."""
+    scene, step = Scene(), PERIOD_NS * 1e-9
+    for k in range(40):
+        north, pitch = (0.8 * k, math.radians(-10.0)) if k < 5 else (4.0, 0.0)
+        scene.see([(8.2 - speed * step * k, 0.0)], np.array([north, 0.0, -2.0]), pitch=pitch)
+    assert scene.tracker.moving.size == (speed > 0.0)
 
 
 def test_two_walkers_that_pass_each_other_keep_their_tracks() -> None:
