@@ -17,8 +17,9 @@ from companion.avoidance.clearance import ClearanceMap, KeepOut, Place, clearanc
 from protocol.arrays import Array
 from protocol.jit import compiled
 
-_SOON_S = 1.2
-"""s within which a moving obstacle must come too near to be evaded."""
+_SOON_S, _GOES_ON_S = 1.2, 1.8
+"""s within which a moving obstacle must come too near to be evaded, and for an evasion to go on: a vehicle that stops
+evading too soon returns into the way."""
 _HORIZON_S = 1.6
 """s that a manoeuvre is looked ahead."""
 _STEP_S = 0.08
@@ -28,7 +29,7 @@ _DIRECTIONS = 16
 _BURSTS_S = (0.32, 0.8)
 """s of acceleration, before the stop."""
 _SIGMAS, _ENOUGH_SIGMAS = 2.0, 2.5
-"""Standard deviations: with fewer the vehicle evades; with so many a manoeuvre is good enough."""
+"""Standard deviations: with fewer the vehicle evades; with so many a manoeuvre is good enough, and it stops evading."""
 _LEAST_SIGMA_M = 0.05
 _SAME_WAY = 4.0
 """Standard deviations that a manoeuvre gains by an acceleration to the side of the first, and loses by one to the other
@@ -125,13 +126,13 @@ def least_sigmas(
 
 @compiled
 def _nearest(
-    movers: Array, firsts: Array, motion: Motion, nominal: Push, agility: Agility, age: float
+    movers: Array, firsts: Array, motion: Motion, nominal: Push, agility: Agility, span: tuple[float, float]
 ) -> tuple[float, Place]:
-    """The `least_sigmas` of the mover that soon comes nearest, and the unit vector across its motion as the vehicle
-    sees it."""
+    """The `least_sigmas` of the mover that comes nearest in a span, and the unit vector across its motion as the
+    vehicle sees it."""
     least, nearest = math.inf, 0
     for k in range(movers.shape[0]):
-        one = least_sigmas(movers[k : k + 1], firsts[k : k + 1], motion, nominal, agility, (age, age + _SOON_S))
+        one = least_sigmas(movers[k : k + 1], firsts[k : k + 1], motion, nominal, agility, span)
         if one < least:
             least, nearest = one, k
     n, e = movers[nearest, 2] - motion[2], movers[nearest, 3] - motion[3]
@@ -180,12 +181,13 @@ def evade(
         north = motion[0] - movers[k, 0] - age * movers[k, 2]
         firsts[k] = math.hypot(north, motion[1] - movers[k, 1] - age * movers[k, 3])
     nominal = Push(command[0], command[1], _NOMINAL_S, False)
-    least, aside = _nearest(movers, firsts, motion, nominal, agility, age)
-    if least >= _SIGMAS:
+    size = math.sqrt(before[0] * before[0] + before[1] * before[1])
+    soon, enough = (_SOON_S, _SIGMAS) if size == 0.0 else (_GOES_ON_S, _ENOUGH_SIGMAS)
+    least, aside = _nearest(movers, firsts, motion, nominal, agility, (age, age + soon))
+    if least >= enough:
         return False, command[0], command[1]
     wide = keep_outs[0]
     here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
-    size = math.sqrt(before[0] * before[0] + before[1] * before[1])
     aim = before if size > 0.0 else command
     side = (before[0] * aside[0] + before[1] * aside[1]) / size if size > 0.0 else 0.0
     best, best_away = -math.inf, math.inf

@@ -33,10 +33,13 @@ def field() -> Bytes:
     return np.full((CELLS, CELLS), FREE, np.uint8)
 
 
+def map_of(states: Bytes) -> MapView:
+    return MapView(states, distance_to(states == OCCUPIED, CELL), (-CELLS // 2, -CELLS // 2), CELL)
+
+
 def guard_on(states: Bytes, movers: Array, position: Array = STILL) -> Guard:
-    view = MapView(states, distance_to(states == OCCUPIED, CELL), (-CELLS // 2, -CELLS // 2), CELL)
     guard = Guard(SETTINGS)
-    guard.look(free_space(view, position, 0, SETTINGS, movers))
+    guard.look(free_space(map_of(states), position, 0, SETTINGS, movers))
     return guard
 
 
@@ -146,9 +149,16 @@ def test_it_keeps_to_the_side_on_which_it_began() -> None:
 
 
 def guard_space(movers: Array, now_ns: int = 0) -> FreeSpace:
-    states = field()
-    view = MapView(states, distance_to(states == OCCUPIED, CELL), (-CELLS // 2, -CELLS // 2), CELL)
-    return free_space(view, STILL, now_ns, SETTINGS, movers)
+    return free_space(map_of(field()), STILL, now_ns, SETTINGS, movers)
+
+
+def test_an_evasion_goes_on_until_the_way_is_clear() -> None:
+    """Of what would come in a second and a half: a vehicle that evades already goes on, one that does not waits."""
+    fresh, evading = guard_on(field(), mover(8.0, 0.0, -5.5, 0.0)), guard_on(field(), mover(5.0, 0.0, -5.5, 0.0))
+    assert evading.filter(STILL, STILL, STILL, 0).reason is Reason.EVASION
+    evading.look(guard_space(mover(8.0, 0.0, -5.5, 0.0)))
+    assert evading.filter(STILL, STILL, STILL, 0).reason is Reason.EVASION
+    assert fresh.filter(STILL, STILL, STILL, 0).reason is Reason.NONE
 
 
 def test_through_what_was_not_seen_rather_than_into_it_but_never_through_a_wall() -> None:
