@@ -224,7 +224,8 @@ def _track(
             correct(tracks[t], centroids[c], covariances[c], _radius(extents[c]))
             tracks[t]["left"] |= has_left(tracks[t], points[middles[c]], sight)
             update_status(tracks[t], rules[0], own)
-            if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"] or _seen_level(tracks[t], points[middles[c]], sight):
+            stopped = tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]
+            if stopped or _seen_level(tracks[t], points[middles[c]], sight):
                 stand(tracks[t], points[middles[c]], sight)
             for k in range(spans[c, 0], spans[c, 0] + spans[c, 1]):
                 moving[k % beams] |= tracks[t]["moving"]
