@@ -41,8 +41,10 @@ _MOST_BEAMS = 72
 """Beams of a ring at most: OBSTACLE_DISTANCE has no more."""
 _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
-_INITIAL_SPEED_SIGMA = 2.5
-"""m/s of a new track: what is up to four times as fast is followed from its second return on."""
+_SPEED_ALONG_SIGMA, _SPEED_ACROSS_SIGMA = 2.5, 1.25
+"""m/s of a new track, along the line of sight and across it. What comes or goes up to four times as fast as the first
+is followed from its second return on. Across, the first few returns say little beside the width of a sector: with more,
+what comes straight on seems to move to either side, and the vehicle evades to the wrong one."""
 _LEVEL_M, _OFF_LEVEL_M = 0.3, 0.6
 """m from the sensor's height: up to the first a ring has seen a track level, from the second on from too far above or
 below."""
@@ -236,7 +238,7 @@ def _track(
             count += 1
     for c in range(centroids.shape[0]):
         if not np.any(seen_as == c):
-            start_track(kept[count], started, centroids[c], covariances[c], _radius(extents[c]))
+            start_track(kept[count], started, centroids[c], covariances[c], _radius(extents[c]), scan.position)
             stand(kept[count], points[middles[c]], sight)
             count += 1
             started += 1
@@ -307,14 +309,18 @@ def has_left(track: Any, place: Array, sight: Sight) -> bool:
 
 
 @compiled
-def start_track(track: Any, number: int, centroid: Array, covariance: Array, radius: float) -> None:
-    """Fill in a new TRACK: at rest, with the uncertainty of its speed."""
+def start_track(track: Any, number: int, centroid: Array, covariance: Array, radius: float, seen_from: Array) -> None:
+    """Fill in a new TRACK: at rest, with the uncertainty of its speed as `seen_from` (2,) or more (m, NED)."""
     track["number"], track["radius"], track["moving"] = number, radius, False
     track["hits"], track["misses"], track["fast_scans"], track["slow_scans"] = 1, 0, 0, 0
     track["mean"][:2], track["mean"][2:] = centroid, 0.0
     track["covariance"][:] = 0.0
     track["covariance"][:2, :2] = covariance
-    track["covariance"][2, 2] = track["covariance"][3, 3] = _INITIAL_SPEED_SIGMA**2
+    n, e = centroid[0] - seen_from[0], centroid[1] - seen_from[1]
+    more = (_SPEED_ALONG_SIGMA**2 - _SPEED_ACROSS_SIGMA**2) / max(n * n + e * e, 1e-12)
+    track["covariance"][2, 2] = _SPEED_ACROSS_SIGMA**2 + more * n * n
+    track["covariance"][3, 3] = _SPEED_ACROSS_SIGMA**2 + more * e * e
+    track["covariance"][2, 3] = track["covariance"][3, 2] = more * n * e
 
 
 @compiled

@@ -107,11 +107,22 @@ def test_two_measurements_of_a_straight_flight_give_its_velocity() -> None:
     """With little noise the velocity is the difference of places over time: to the right is east."""
     noise = 1e-8 * np.eye(2)
     tracks = np.zeros(1, TRACK)
-    start_track(tracks[0], 7, np.array([3.0, 1.0]), noise, 0.3)
+    start_track(tracks[0], 7, np.array([3.0, 1.0]), noise, 0.3, np.zeros(3))
     predict(tracks, 0.5, 0.0)
     correct(tracks[0], np.array([3.2, 1.6]), noise, 0.3)
     assert np.allclose(tracks["mean"], [3.2, 1.6, 0.4, 1.2], atol=1e-5)
     assert tracks["number"] == 7
+
+
+@pytest.mark.parametrize("bearing", [0.0, 0.7, -2.0])
+def test_of_a_new_track_less_speed_is_expected_across_the_line_of_sight(bearing: float) -> None:
+    tracks, here = np.zeros(1, TRACK), np.array([2.0, -1.0, -2.0])
+    ahead, aside = np.array([math.cos(bearing), math.sin(bearing)]), np.array([-math.sin(bearing), math.cos(bearing)])
+    start_track(tracks[0], 0, here[:2] + 6.0 * ahead, 0.01 * np.eye(2), 0.3, here)
+    speeds = tracks["covariance"][0][2:, 2:]
+    assert [ahead @ speeds @ ahead, aside @ speeds @ aside, ahead @ speeds @ aside] == pytest.approx(
+        [6.25, 1.5625, 0.0]
+    )
 
 
 def test_a_track_that_is_slow_for_so_many_scans_stands() -> None:
@@ -180,7 +191,7 @@ def test_the_filter_is_consistent() -> None:
     for _ in range(300):
         truth = np.array([5.0, 0.0, *rng.normal(0.0, 1.5, 2)])
         tracks = np.zeros(1, TRACK)
-        start_track(tracks[0], 0, truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3)
+        start_track(tracks[0], 0, truth[:2] + rng.multivariate_normal([0, 0], noise), noise, 0.3, np.zeros(3))
         for _ in range(20):
             push = rng.normal(0.0, 1.5, 2)
             truth[:2] += 0.1 * truth[2:] + 0.005 * push
