@@ -41,7 +41,7 @@ _MOST_BEAMS = 72
 """Beams of a ring at most: OBSTACLE_DISTANCE has no more."""
 _LEAST_RADIUS_M = 0.2
 """m: a single beam has no extent."""
-_SPEED_ALONG_SIGMA, _SPEED_ACROSS_SIGMA = 2.5, 1.25
+_SPEED_ALONG_SIGMA, _SPEED_ACROSS_SIGMA = 2.5, 0.8
 """m/s of a new track, along the line of sight and across it. What comes or goes up to four times as fast as the first
 is followed from its second return on. Across, the first few returns say little beside the width of a sector: with more,
 what comes straight on seems to move to either side, and the vehicle evades to the wrong one."""

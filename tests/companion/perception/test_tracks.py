@@ -120,9 +120,7 @@ def test_of_a_new_track_less_speed_is_expected_across_the_line_of_sight(bearing:
     ahead, aside = np.array([math.cos(bearing), math.sin(bearing)]), np.array([-math.sin(bearing), math.cos(bearing)])
     start_track(tracks[0], 0, here[:2] + 6.0 * ahead, 0.01 * np.eye(2), 0.3, here)
     speeds = tracks["covariance"][0][2:, 2:]
-    assert [ahead @ speeds @ ahead, aside @ speeds @ aside, ahead @ speeds @ aside] == pytest.approx(
-        [6.25, 1.5625, 0.0]
-    )
+    assert [ahead @ speeds @ ahead, aside @ speeds @ aside, ahead @ speeds @ aside] == pytest.approx([6.25, 0.64, 0.0])
 
 
 def test_a_track_that_is_slow_for_so_many_scans_stands() -> None:
