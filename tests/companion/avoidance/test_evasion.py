@@ -153,7 +153,7 @@ def guard_space(movers: Array, now_ns: int = 0) -> FreeSpace:
 
 
 def test_an_evasion_goes_on_until_the_way_is_clear() -> None:
-    """Of what would come in a second and a half: a vehicle that evades already goes on, one that does not waits."""
+    """A mover would be there in a second and a half: a vehicle that evades already goes on, one that does not waits."""
     fresh, evading = guard_on(field(), mover(8.0, 0.0, -5.5, 0.0)), guard_on(field(), mover(5.0, 0.0, -5.5, 0.0))
     assert evading.filter(STILL, STILL, STILL, 0).reason is Reason.EVASION
     evading.look(guard_space(mover(8.0, 0.0, -5.5, 0.0)))
