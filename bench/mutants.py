@@ -1,6 +1,6 @@
 """How many of some seeded mutants of the link, the protocol and the supervision `make quick`'s tests notice.
 
-    python bench/mutants.py [--count 60] [--seed 1] [--files 'protocol/*.py' ...] [--json FILE]
+    python bench/mutants.py [--count 60] [--first 0] [--seed 1] [--files 'protocol/*.py' ...] [--json FILE]
 
 A mutant is the project with one place changed: a comparison, a sign, a number, a condition turned round, a statement
 left out. Each is tested in a copy of the project, first by the tests of its own folder, then by all. Files are drawn by
@@ -103,19 +103,8 @@ def near(file: str) -> str:
 
 def quick(place: Path, tests: Sequence[str], workers: int) -> str | None:
     """The first failure of `make quick`'s tests, None without one."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-x",
-        "-n",
-        str(workers),
-        "-m",
-        "not slow",
-        "-p",
-        "no:cacheprovider",
-        *tests,
-    ]
+    options = f"-x -n {workers} -p no:cacheprovider".split()
+    command = [sys.executable, "-m", "pytest", *options, "-m", "not slow", *tests]
     try:
         run = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     except subprocess.TimeoutExpired:
@@ -129,13 +118,14 @@ def quick(place: Path, tests: Sequence[str], workers: int) -> str | None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=60)
+    parser.add_argument("--first", type=int, default=0, help="so many of them are left out: they were judged before")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--files", nargs="+", default=FILES, help="patterns of files that are changed")
     parser.add_argument("--workers", type=int, default=3, help="of pytest")
     parser.add_argument("--json", type=Path, help="a file for all of them")
     arguments = parser.parse_args()
     found = [each for pattern in arguments.files for path in sorted(ROOT.glob(pattern)) for each in mutants(path)]
-    drawn = random.Random(arguments.seed).sample(found, min(arguments.count, len(found)))
+    drawn = random.Random(arguments.seed).sample(found, min(arguments.count, len(found)))[arguments.first :]
     print(f"{len(drawn)} of {len(found)} mutants", flush=True)
     killers: dict[Mutant, str | None] = {}
     with TemporaryDirectory() as folder:

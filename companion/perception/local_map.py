@@ -43,7 +43,7 @@ class LocalMap:
         for track in self._tracker.moving:
             here, radius = track["mean"][:2], float(track["radius"])
             if track["number"] not in self._moved:  # the way that it came while it seemed to stand
-                self._forget_way(track["place"][:2], here, radius, now_ns)
+                self._forget_way(track["start"], here, radius, now_ns)
             self._map.forget(here, radius, radius + _MOVING_MARGIN_M, now_ns)
         self._moved = set(self._tracker.moving["number"].tolist())
 

@@ -65,7 +65,8 @@ TRACK = np.dtype(
         ("slow_scans", "i8"),  # last scans in a row in which it was not
         ("moving", "b1"),
         ("left", "b1"),  # it was seen to have left the place where it stood
-        ("place", "f8", 3),  # NED (m), that place: the return nearest to the centroid
+        ("start", "f8", 2),  # north, east (m), that place, as it was seen first
+        ("place", "f8", 3),  # NED (m), that place, as it was seen level: the return nearest to the centroid
         ("free", "f8", _MOST_BEAMS),  # the Sight of the ring that saw it there
         ("position", "f8", 3),
         ("attitude", "f8", 4),
@@ -226,9 +227,10 @@ def _track(
             correct(tracks[t], centroids[c], covariances[c], _radius(extents[c]))
             tracks[t]["left"] |= has_left(tracks[t], points[middles[c]], sight)
             update_status(tracks[t], rules[0], own)
-            stopped = tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]
-            if stopped or _seen_level(tracks[t], points[middles[c]], sight):
+            if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]:
                 stand(tracks[t], points[middles[c]], sight)
+            elif _seen_level(tracks[t], points[middles[c]], sight):
+                take_place(tracks[t], points[middles[c]], sight)
             for k in range(spans[c, 0], spans[c, 0] + spans[c, 1]):
                 moving[k % beams] |= tracks[t]["moving"]
         else:
@@ -293,7 +295,13 @@ def _seen_level(track: Any, place: Array, sight: Sight) -> bool:
 @compiled
 def stand(track: Any, place: Array, sight: Sight) -> None:
     """A TRACK stands at a place (3,) NED (m), as a ring sees it."""
-    track["left"] = False
+    track["left"], track["start"][:] = False, place[:2]
+    take_place(track, place, sight)
+
+
+@compiled
+def take_place(track: Any, place: Array, sight: Sight) -> None:
+    """That a TRACK has left a place (3,) NED (m) is to be seen beside what this ring sees."""
     track["place"][:], track["position"][:], track["attitude"][:] = place, sight.position, sight.attitude
     track["free"][: sight.free.size] = sight.free
 

@@ -296,6 +296,9 @@ def test_who_comes_straight_on_moves_though_a_tilted_vehicle_saw_him_first(speed
         north, pitch = (0.8 * k, math.radians(-10.0)) if k < 5 else (4.0, 0.0)
         scene.see([(8.2 - speed * step * k, 0.0)], np.array([north, 0.0, -2.0]), pitch=pitch)
     assert scene.tracker.moving.size == (speed > 0.0)
+    (track,) = scene.tracker.tracks
+    assert track["start"][0] == pytest.approx(7.9, abs=0.3), "the map forgets the way from there"
+    assert track["place"][2] == pytest.approx(-2.0, abs=0.1)
 
 
 def test_two_walkers_that_pass_each_other_keep_their_tracks() -> None:
