@@ -52,8 +52,8 @@ ANSWERS = {
 FLIES_ON = Promise("flies on", frozenset({DELIVERED}))
 FOLLOWS = Promise("flies on in the frame of the take-off, says so", frozenset({DELIVERED}), "follow", 0.3)
 SLOW_OR_LANDED = Promise("flies on slowly, or is landed or refused", frozenset({DELIVERED, LANDED, WITHDREW, REFUSED}))
-HOLDS = Promise("holds within 0.5 s, lands after 5 s", frozenset({LANDED}), "hold", 0.55)
-WITHDRAWS = Promise("withdraws within 0.3 s, lands after 5 s", frozenset({WITHDREW}), "withdraw", 0.32)
+HOLDS = Promise("holds within 0.5 s, lands after 5 s", frozenset({LANDED}), "hold", 0.5)
+WITHDRAWS = Promise("withdraws within 0.3 s, lands after 5 s", frozenset({WITHDREW}), "withdraw", 0.3)
 LOST = Promise("brakes at once, withdraws at 0.5 s, lands after 5 s", frozenset({WITHDREW}), "withdraw", 0.55)
 NEW_CLOCK = Promise("flies on by the new clock, says so", frozenset({DELIVERED}), "follow", 0.3)
 
