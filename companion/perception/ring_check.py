@@ -41,6 +41,8 @@ class RingCheck:
     def __init__(self) -> None:
         self.sure_ns: int | None = None
         """When the latest ring arrived that nothing speaks against."""
+        self._sure_before_ns: int | None = None
+        """The one before that."""
         self.refused = 0
         self.ground_down = math.inf
         """m, NED: what a ring shows below this is the ground."""
@@ -76,7 +78,11 @@ class RingCheck:
         if not believed:
             self.refused += 1
         elif not self._incoherent:
-            self.sure_ns = now_ns
+            self._sure_before_ns, self.sure_ns = self.sure_ns, now_ns
+        elif (
+            self._incoherent == 1 and self._sure_before_ns is not None
+        ):  # of two rings that contradict each other either may be wrong
+            self.sure_ns = self._sure_before_ns
         return believed
 
     def _listen(self, pose: Pose, since: Pose, *, changed: bool) -> None:

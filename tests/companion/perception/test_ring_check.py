@@ -113,6 +113,17 @@ def test_a_random_ring_is_none_after_three(seed: int, speed: float) -> None:
     assert not any(believed[3:]) and check.sure_ns == 0
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_wrong_ring_that_looks_right_is_doubted_with_the_next(seed: int) -> None:
+    """The first random ring may have enough returns near those of the last true one; the second contradicts it."""
+    check, random = RingCheck(), np.random.default_rng(seed)
+    for k, (now, pose) in enumerate(way(3.0, count=12)):
+        noise = np.where(np.arange(72) % 3 == 0, 3.0, 0.0) if k == 10 else np.zeros(72)
+        scan = among(forest(seed), pose, noise) if k < 11 else ring(random.uniform(0.3, FAR + 0.5, 72))
+        assert check.believes(scan, pose, now)
+        assert check.sure_ns == (9 if k == 11 else k) * PERIOD_NS
+
+
 def eighths(trunks: Array, pose: Pose) -> Scan:
     """The same as eight nearest returns, to the centimetre and without noise."""
     fine = among(trunks, pose, np.zeros(72))
