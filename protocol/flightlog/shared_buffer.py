@@ -29,8 +29,8 @@ _FAULT_TEXT: Final = slice(128, 1024)
 _RECORDS: Final = 4096
 """Offset of the records."""
 _SPARE_BYTES: Final = 64
-BUFFER_BYTES: Final = 32 << 20
-"""Default size of the records' part."""
+BUFFER_BYTES: Final = 8 << 20
+"""Default size of the records' part: 40 s of a flight without a disk."""
 
 WRITING, FAILED, CLOSED = range(3)
 """States of the recorder."""
