@@ -82,3 +82,11 @@ def test_no_value_that_is_not_finite_passes(place: int, bad: float) -> None:
 )
 def test_the_reason_is_named(setpoint: Setpoint, reason: str) -> None:
     assert unsound(setpoint) == reason
+
+
+@pytest.mark.parametrize("beyond", [math.nextafter(1.0, 2.0), -math.nextafter(1.0, 2.0), 1.5, -1.5])
+@pytest.mark.parametrize("axis", range(3))
+def test_no_torque_beyond_the_vehicles_own_passes(axis: int, beyond: float) -> None:
+    torque = [0.0, 0.0, 0.0]
+    torque[axis] = beyond
+    assert unsound(Setpoint(LEVEL, NONE, torque, 0.5)) == "torque above 1"
