@@ -387,10 +387,11 @@ def _landing_on_signal(request: Callable[[], None]) -> Iterator[None]:
 @contextlib.contextmanager
 def _no_garbage_collection() -> Iterator[None]:
     """The loop makes no cycles; a full collection would take milliseconds. What the start has left goes back to the
-    system: some 10 MB."""
+    system: 14 MB."""
     gc.collect()
-    if hasattr(trim := ctypes.CDLL(None), "malloc_trim"):  # glibc's alone
-        trim.malloc_trim(0)
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "malloc_trim"):  # glibc's alone
+        libc.malloc_trim(0)
     gc.freeze()
     gc.disable()
     try:
