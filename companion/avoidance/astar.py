@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from companion.config_avoidance import AvoidancePlan
 from companion.perception.distance_field import Floats, has
-from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, Cell, MapView
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, MapView
 from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 
@@ -32,6 +32,8 @@ _NEIGHBOURS = 8
 _MAX_ENCLOSED_CELLS = 12_000
 """A goal from which more cells than this can be reached does not count as enclosed."""
 _SQRT2 = math.sqrt(2.0)
+_ROUNDING_M = 1e-6
+"""m by which rounding may let the search take a path for longer than it is."""
 
 
 class GridPath(msgspec.Struct, frozen=True):
@@ -81,8 +83,10 @@ class AStar:
         goal: Array,
         inflation: float | None = None,
         to_occupied: Floats | None = None,
+        max_detour: float = math.inf,
     ) -> GridPath | None:
-        """The cheapest path from a place in the window to a place anywhere, (2,) or (3,) m, NED; None if there is none.
+        """The cheapest path from a place in the window to a place anywhere, (2,) or (3,) m, NED; None if there is none
+        whose detour is at most `max_detour` (m).
 
         A forbidden goal is replaced by the nearest cell of its room that is allowed, within the proximity radius; there
         is no path without one.
@@ -104,15 +108,13 @@ class AStar:
         frontier = _frontier(view.states, first, last)
         self._searches += 1
         scales = inflation, view.cell, self._settings.unknown_cost
-        opened = 2 * self._searches
-        found, cost = _search(costmap, to_occupied, scales, (first, last), frontier, self._memory, opened)
-        if found < 0:
+        expected = view.cell * _to_go(first[0], first[1], last, self._settings.unknown_cost, frontier)
+        limits = 2 * self._searches, expected + max_detour + _ROUNDING_M
+        found, cost = _search(costmap, to_occupied, scales, (first, last), frontier, self._memory, limits)
+        if found < 0 or cost - expected > max_detour:
             return None
         cells, costs = _trace_back(found, self._memory[1], self._memory[0], view.states.shape[1])
-        return GridPath(cells, costs, cost, self._detour(cost, view, first, last, frontier))
-
-    def _detour(self, cost: float, view: MapView, first: Cell, last: Cell, frontier: Frontier) -> float:
-        return cost - view.cell * _to_go(first[0], first[1], last, self._settings.unknown_cost, frontier)
+        return GridPath(cells, costs, cost, cost - expected)
 
     def _check(self, cells: NDArray[Any]) -> None:
         """Compiled code does not check the bounds of the search's memory."""
@@ -281,16 +283,18 @@ def _search(
     ends: tuple[tuple[int, int], tuple[int, int]],
     frontier: Frontier,
     memory: Memory,
-    opened: int,
+    limits: tuple[int, float],
 ) -> tuple[int, float]:
     """The last cell of the path (row * columns + column; -1: there is no path) and the cost of the path (m).
 
     `scales`: inflation (m), side of a cell (m), cost of unknown; `ends`: first and last cell. `memory`: cost, parent
-    and mark of each cell, keys and nodes of the heap. A mark is `opened` where a cell has a cost, one more where that
-    is final, and less where the search has not been: so nothing need be cleared before a search.
+    and mark of each cell, keys and nodes of the heap. `limits`: a mark, and a cost (m) beyond which no path is looked
+    for. A mark is that where a cell has a cost, one more where that is final, and less where the search has not been:
+    so nothing need be cleared before a search.
     """
     inflation, cell, unknown_cost = scales
     first, last = ends
+    opened, most = limits
     cost, parent, reached, keys, nodes = memory
     final = opened + 1
     rows, columns = costmap.shape
@@ -300,7 +304,7 @@ def _search(
     start = first[0] * columns + first[1]
     cost[start], parent[start], reached[start] = 0.0, -1, opened
     size = _push(keys, nodes, 0, 0.0, start)
-    while size > 0:
+    while size > 0 and keys[0] <= most:
         node = nodes[0]
         size = _pop(keys, nodes, size)
         if node == beyond:

@@ -65,11 +65,13 @@ class AStarPlanner:
             speeds = math.hypot(velocity[0], velocity[1]), speed
             add_moving(costmap, view.moving, (position[0], position[1]), speeds, view.corner, view.cell)
         roomy_costmap = costmap if beside is None else costmap * beside
-        roomy = self._search.plan(view, roomy_costmap, position, goal)
         cell = view.cell_of(position)
         near = view.contains(cell) and view.to_occupied[cell] < settings.inflation
         in_tight = near and before is not None and before.tight
-        if roomy is not None and roomy.detour <= settings.max_detour and not in_tight:
+        roomy = None
+        if not in_tight:
+            roomy = self._search.plan(view, roomy_costmap, position, goal, max_detour=settings.max_detour)
+        if roomy is not None:
             self._growth = 1.0
             self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
@@ -78,7 +80,8 @@ class AStarPlanner:
             beside = self._beside(before, view)
         costmap = self._tight_costmap(view, costmap, beside)
         certain = to_certain(view, settings.tight_inflation)
-        path = self._search.plan(view, costmap, position, goal, settings.tight_inflation, certain) or roomy
+        path = self._search.plan(view, costmap, position, goal, settings.tight_inflation, certain)
+        path = path or self._search.plan(view, roomy_costmap, position, goal)
         if path is None:
             return None
         tight = bool(in_tight or view.to_occupied[tuple(path.cells.T)].min() < settings.inflation)
@@ -100,9 +103,11 @@ class AStarPlanner:
     def _tight_costmap(self, view: MapView, costmap: Floats, beside: Floats | None) -> Floats:
         """(cells, cells) with the extra costs within the inflation and within the tight inflation, and `beside` the
         path from before."""
-        settings, near = self._settings.plan, view.to_occupied
-        result: Floats = costmap + settings.tight_cost * np.maximum(1.0 - near / settings.inflation, 0.0) ** 2
-        result += settings.unconfirmed_cost * np.maximum(1.0 - near / settings.tight_inflation, 0.0) ** 2
+        settings = self._settings.plan
+        tight = settings.tight_cost, settings.inflation
+        unconfirmed = settings.unconfirmed_cost, settings.tight_inflation
+        result = np.empty_like(costmap)
+        _fill_tight_costmap(costmap, view.to_occupied, tight, unconfirmed, result)
         if beside is not None:
             result *= beside
         return result
@@ -123,6 +128,23 @@ class AStarPlanner:
         if len(vertices) == 1:
             vertices = np.concatenate((vertices, (goal if path.complete else position)[None, :2]))
         return vertices
+
+
+@compiled
+def _fill_tight_costmap(
+    costmap: Floats, near: Floats, tight: tuple[float, float], unconfirmed: tuple[float, float], result: Floats
+) -> None:
+    """Write the costs plus those of cells `near` (m) an occupied one to `result`. `tight` and `unconfirmed`: the cost
+    at the obstacle and the distance (m) at which it falls to 0. In 32 bits throughout, as `AStar.costmap`."""
+    none, one = np.float32(0.0), np.float32(1.0)
+    tight_cost, tight_m = np.float32(tight[0]), np.float32(tight[1])
+    unconfirmed_cost, unconfirmed_m = np.float32(unconfirmed[0]), np.float32(unconfirmed[1])
+    for i in range(costmap.shape[0]):
+        cost, distance, row = costmap[i], near[i], result[i]
+        for j in range(costmap.shape[1]):
+            inner = max(one - distance[j] / tight_m, none)
+            innermost = max(one - distance[j] / unconfirmed_m, none)
+            row[j] = cost[j] + tight_cost * (inner * inner) + unconfirmed_cost * (innermost * innermost)
 
 
 @compiled

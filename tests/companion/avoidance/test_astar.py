@@ -162,6 +162,28 @@ def test_a_map_of_another_size_is_refused() -> None:
     assert search.plan(view, search.costmap(view), np.ones(2), np.full(2, 5.0)) is not None
 
 
+def test_a_path_with_a_longer_detour_is_not_looked_for() -> None:
+    rng = np.random.default_rng(4)
+    taken = left = 0
+    for _ in range(12):
+        view = view_of(field(rng, density=0.025))
+        search = AStar(SETTINGS, view.states.shape[0])
+        costmap = search.costmap(view)
+        start, goal = 40 * CELL * rng.random((2, 2))
+        best = search.plan(view, costmap, start, goal)
+        if best is None:
+            continue
+        for bound in (0.9 * best.detour, best.detour, 1.1 * best.detour + 0.1):
+            found = search.plan(view, costmap, start, goal, max_detour=bound)
+            assert (found is not None) == (best.detour <= bound)
+            if found is None:
+                left += 1
+            else:
+                taken += 1
+                assert np.array_equal(found.cells, best.cells) and found.cost == best.cost
+    assert taken > 15 and left > 5
+
+
 def test_a_gap_on_the_right_only_is_taken() -> None:
     """A wall across the way north with a gap in the east, and the mirror image."""
     states = np.full((64, 64), FREE, np.uint8)
