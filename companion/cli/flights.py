@@ -270,7 +270,7 @@ def _fly(asked: FlyOptions, folder: Path) -> None:
         say(_GETTING_READY)
         if asked.mission == STORED or is_geodetic(asked.mission):
             plan = exit_on_user_error(_located, asked, plan, transport, folder)
-        exit_on_user_error(prepare, plan)
+        plan = exit_on_user_error(prepare, plan)
         end = inmost(transport)
         if isinstance(end, Udp) and asked.connect.endswith(":0"):
             say(f"companion: waiting at {asked.connect[:-1]}{end.port}")

@@ -60,7 +60,7 @@ def demo(
     if stations and plan.pace == "lockstep":
         raise PlanError("--gcs: not with --pace lockstep, in which time is the companion's alone; --pace realtime")
     with _simulator_compiled_beside(plan):
-        prepare(plan)
+        plan = prepare(plan)
     if not truth:
         return _fly(plan, logs, None, key, stations, console=console)
     with tempfile.TemporaryDirectory() as folder:  # the log's own folder is made after the simulator has answered

@@ -69,6 +69,8 @@ class Plan:
     """A vehicle in flight is taken over, for this."""
     connect: str = ""
     """The vehicle's URL or name, as it was asked for."""
+    planner: PlannerProcess | None = None
+    """The planner's process, if it was started already (`prepare`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +107,9 @@ class PlanError(Exception):
     """Settings, mission and vehicle do not go together."""
 
 
-def prepare(plan: Plan) -> None:
-    """Check the plan and rehearse it, so that all is compiled. Raises PlanError and RehearsalError."""
+def prepare(plan: Plan) -> Plan:
+    """Check the plan and rehearse it, so that all is compiled; the plan with the planner's process, which gets ready
+    meanwhile. Raises PlanError and RehearsalError."""
     check(plan)
     settings = plan.settings
     with compiling_shown():
@@ -114,7 +117,31 @@ def prepare(plan: Plan) -> None:
             straight = msgspec.structs.replace(settings, avoidance=settings.avoidance.by("none"))
             with planner_compiled_beside(settings.avoidance):
                 rehearse(straight, plan.body, plan.mission, plan.output)
-        rehearse(settings, plan.body, plan.mission, plan.output)
+        planner = PlannerProcess(settings.avoidance) if _has_planner_process(plan) else None
+        try:
+            rehearse(settings, plan.body, plan.mission, plan.output)
+        except BaseException:
+            if planner is not None:
+                planner.close()
+            raise
+    return replace(plan, planner=planner)
+
+
+def _has_planner_process(plan: Plan) -> bool:
+    return plan.pace != "lockstep" and plan.settings.avoidance.looks_around
+
+
+def _planning(plan: Plan) -> Planning:
+    """Raises PlanError if the planner's process does not start."""
+    avoidance = plan.settings.avoidance
+    if not _has_planner_process(plan):
+        return Planning(InProcessPlanner(avoidance), avoidance.answer_delay)
+    planner = plan.planner or PlannerProcess(avoidance)
+    planner.wait()
+    if planner.fault is not None:
+        planner.close()
+        raise PlanError(planner.fault)
+    return Planning(planner, None)
 
 
 def check(plan: Plan) -> None:
@@ -183,14 +210,7 @@ def fly(
     does not start.
     """
     plan, note = fitted_to(plan, transport)
-    avoidance = plan.settings.avoidance
-    if plan.pace == "lockstep" or not avoidance.looks_around:
-        planning = Planning(InProcessPlanner(avoidance), avoidance.answer_delay)
-    else:
-        planning = Planning(PlannerProcess(avoidance), None)
-    with closing(planning):
-        if planning.fault is not None:
-            raise PlanError(planning.fault)
+    with closing(_planning(plan)) as planning:
         autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output, plan.adoption)
         began = time.time()
         clock = None if plan.pace == "lockstep" else RealClock(plan.pace)

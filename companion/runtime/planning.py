@@ -78,6 +78,7 @@ class PlannerProcess:
     """In a process of its own, which ends with this one. Nothing here waits for it once it is ready."""
 
     def __init__(self, settings: Avoidance) -> None:
+        """Start it, and do not wait for it."""
         context = multiprocessing.get_context("spawn")
         asked, self._requests = context.Pipe(duplex=False)
         self._results, answered = mailbox(context, _MOST_UNANSWERED + 2, result_bytes(settings))
@@ -91,8 +92,11 @@ class PlannerProcess:
         self._unanswered = 0
         self._waiting: deque[PlanRequest] = deque()
         self._fault: str | None = None
+
+    def wait(self) -> None:
+        """Until it is ready, or has ended."""
         try:
-            self._results.take()  # it is ready
+            self._results.take()
         except (EOFError, OSError):
             self._fault = _ENDED
             self._process.join(_PATIENCE_S)

@@ -53,13 +53,14 @@ class RehearsalError(Exception):
 
 
 def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
-    """Fly a vehicle that is always where it should be, on each output that may be chosen. Raises RehearsalError if that
-    does not lead to the end."""
+    """Fly a vehicle that is always where it should be, on each output that may be chosen and by each method, which have
+    nothing to do with each other. Raises RehearsalError if that does not lead to the end."""
     _judge()
-    for hold_s in _HOLDS_S if output is None else _HOLDS_S[:1]:
-        for method in methods_in_use(settings.avoidance.method):
-            chosen = msgspec.structs.replace(settings, avoidance=settings.avoidance.by(method))
-            _fly(chosen, body, mission, output, hold_s)
+    holds_s = _HOLDS_S if output is None else _HOLDS_S[:1]
+    methods = methods_in_use(settings.avoidance.method)
+    for k in range(max(len(holds_s), len(methods))):
+        chosen = msgspec.structs.replace(settings, avoidance=settings.avoidance.by(methods[k % len(methods)]))
+        _fly(chosen, body, mission, output, holds_s[k % len(holds_s)])
 
 
 def _judge() -> None:

@@ -300,6 +300,7 @@ def test_what_is_no_sound_setpoint_is_not_sent(answer: str, words: str, broken: 
 def test_the_planners_process_has_it_too(example: None) -> None:
     planner = PlannerProcess(load_settings(None, ["avoidance.method=detour", *SMALL_MAP]).avoidance)
     with closing(planner):
+        planner.wait()
         assert planner.fault is None
 
 

@@ -27,7 +27,7 @@ def test_of_a_vehicle_in_the_air_only_a_flight_speaks(
     def interrupted(*arguments: Any, **options: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("companion.runtime.flight.prepare", lambda plan: None)
+    monkeypatch.setattr("companion.runtime.flight.prepare", lambda plan: plan)
     monkeypatch.setattr(function, interrupted)
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 130 and "companion: abandoned" in done.output

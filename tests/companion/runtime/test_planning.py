@@ -53,6 +53,7 @@ def questions(count: int = 8) -> list[PlanRequest]:
 @pytest.fixture
 def elsewhere() -> Iterator[PlannerProcess]:
     thinker = PlannerProcess(SETTINGS)
+    thinker.wait()
     yield thinker
     thinker.close()
 
