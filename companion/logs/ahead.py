@@ -7,7 +7,6 @@ if it is anything else, the answers made ahead are of no use.
 import contextlib
 import multiprocessing
 import os
-import signal
 import threading
 from collections import OrderedDict, deque
 from pathlib import Path
@@ -20,6 +19,7 @@ from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResul
 from companion.config_avoidance import Avoidance
 from companion.link import wire
 from companion.records import ASKED
+from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.mailbox import Inbox, Outbox, mailbox
 from companion.runtime.planning import pack_request
 from companion.state import Scan
@@ -60,7 +60,7 @@ class Ahead:
         ours = self._results if context.get_start_method() == "fork" else None
         arguments = (theirs, ours, self._free, os.getpid(), path, settings)
         self._process = context.Process(target=_run, args=arguments, name="courier-ahead", daemon=True)
-        self._process.start()
+        start_uninterrupted(self._process)
         theirs.close()
         self._open: deque[PlanRequest] = deque()
 
@@ -113,7 +113,6 @@ def _run(
     """The process: answer what the log asks, up to its end or to a request that it does not tell whole."""
     if copied is not None:  # with this end open here, nobody would notice that the replay's is closed
         copied.close()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the replay ends, and ends this
     with contextlib.suppress(Exception), contextlib.closing(results):  # what is wrong with the log the replay says
         pipeline, log = PlanningPipeline(settings, results.empty), LogReader(path)
         kinds = {topic: kind for topic, kind in log.topics.items() if topic.endswith(_RING)}

@@ -2,11 +2,11 @@
 
 import functools
 import multiprocessing
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from companion.config_avoidance import Avoidance
+from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.planning import rehearse
 from protocol.jit import CACHE_FOLDER
 
@@ -23,15 +23,10 @@ def planner_compiled_beside(settings: Avoidance) -> Iterator[None]:
 
     What that process leaves uncompiled, also if it fails, is compiled where it is called first.
     """
-    process = multiprocessing.get_context("spawn").Process(target=_compile_planner, args=(settings,), daemon=True)
-    process.start()
+    process = multiprocessing.get_context("spawn").Process(target=rehearse, args=(settings,), daemon=True)
+    start_uninterrupted(process)  # it ends with its parent
     try:
         yield
         process.join()
     finally:
         process.kill()
-
-
-def _compile_planner(settings: Avoidance) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with its parent
-    rehearse(settings)

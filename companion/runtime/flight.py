@@ -118,12 +118,7 @@ def prepare(plan: Plan) -> Plan:
             with planner_compiled_beside(settings.avoidance):
                 rehearse(straight, plan.body, plan.mission, plan.output)
         planner = PlannerProcess(settings.avoidance) if _has_planner_process(plan) else None
-        try:
-            rehearse(settings, plan.body, plan.mission, plan.output)
-        except BaseException:
-            if planner is not None:
-                planner.close()
-            raise
+        rehearse(settings, plan.body, plan.mission, plan.output)
     return replace(plan, planner=planner)
 
 
@@ -139,7 +134,6 @@ def _planning(plan: Plan) -> Planning:
     planner = plan.planner or PlannerProcess(avoidance)
     planner.wait()
     if planner.fault is not None:
-        planner.close()
         raise PlanError(planner.fault)
     return Planning(planner, None)
 

@@ -10,6 +10,7 @@ import multiprocessing
 import select
 import signal
 from collections import deque
+from multiprocessing import util
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -18,6 +19,7 @@ from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResul
 from companion.avoidance_methods import methods_in_use
 from companion.config_avoidance import Avoidance
 from companion.records import ASKED, PLANNED, PLANNED_CORNERS
+from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.mailbox import Outbox, mailbox
 from companion.state import Scan
 from protocol.arrays import Array
@@ -84,7 +86,9 @@ class PlannerProcess:
         self._results, answered = mailbox(context, _MOST_UNANSWERED + 2, result_bytes(settings))
         arguments = (asked, answered, settings)
         self._process = context.Process(target=_think, args=arguments, name="courier-planner", daemon=True)
-        self._process.start()
+        start_uninterrupted(self._process)
+        # At this program's exit multiprocessing waits for it, after a SIGTERM, which it ignores.
+        util.Finalize(self, self._process.kill, exitpriority=0)
         asked.close()
         answered.close()
         self._poll = select.poll()
@@ -153,7 +157,7 @@ class PlannerProcess:
 
 def _think(requests: "Connection", results: Outbox, settings: Avoidance) -> None:
     """The process: answer until the other side is gone."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     rehearse(settings)
     pipeline = PlanningPipeline(settings, results.empty)

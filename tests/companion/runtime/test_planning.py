@@ -146,6 +146,18 @@ def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: PlannerProcess)
         os.kill(elsewhere.pid, signal.SIGCONT)
 
 
+def test_an_interrupt_does_not_reach_a_planner_that_is_still_importing() -> None:
+    thinker = PlannerProcess(SETTINGS)
+    assert thinker.pid is not None
+    os.kill(thinker.pid, signal.SIGINT)
+    thinker.wait()
+    os.kill(thinker.pid, signal.SIGINT)
+    thinker.ask(questions(1)[0])
+    assert thinker.take(20.0) is not None and thinker.fault is None
+    thinker.close()
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 def test_the_planner_ends_with_its_companion() -> None:
     """Killed, so that it can't say anything to anybody."""
     text = (
@@ -161,6 +173,17 @@ def test_the_planner_ends_with_its_companion() -> None:
     ended, _, _ = select.select([planner], [], [], PATIENCE_S)
     os.close(planner)
     assert ended
+
+
+def test_a_planner_that_nobody_waited_for_holds_no_program_back() -> None:
+    """It ignores SIGTERM, by which multiprocessing ends its processes at the exit, to wait for them."""
+    text = (
+        "from companion.config import Avoidance; from companion.runtime.planning import PlannerProcess\n"
+        "if __name__ == '__main__':\n"
+        "    planner = PlannerProcess(Avoidance(method='vfh')); planner._results.take(); raise SystemExit(3)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", text], check=False, timeout=PATIENCE_S)
+    assert done.returncode == 3
 
 
 def test_answers_count_their_delay_after_the_question() -> None:
