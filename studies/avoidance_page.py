@@ -17,6 +17,11 @@ case that is flown is kept as Parquet, one row a flight, in `logs/avoidance/`; a
 and `--seeds 0` writes it without flying. A floor is compared with the share itself; Wilson's 95 % interval stands
 beside it. Pictures of single flights are flown again each time.
 
+Forests, traps, narrow places and fields are told of as an earlier version flew them. The present one, flown with the
+default method alone, reaches the goal in as many forests, traps and mazes, in 99 of 100 fields and 19 of 20 times
+through the gap of 0.9 m. In the forest it is slower: 2.87, 4.41, 5.40 and 5.84 m/s on the way at 3, 5, 7 and 10 m/s,
+and 4.15 m/s with a trunk in 12 m2.
+
 ## What the sensor can't see
 
 The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle out of places with the rest.
