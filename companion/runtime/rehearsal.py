@@ -53,8 +53,8 @@ class RehearsalError(Exception):
 
 
 def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
-    """Fly a vehicle that is always where it should be, on each output that may be chosen and by each method, which have
-    nothing to do with each other. Raises RehearsalError if that does not lead to the end."""
+    """Fly a vehicle that is always where it should be, on each output that may be chosen and by each method: not by all
+    pairs, as neither depends on the other. Raises RehearsalError if that does not lead to the end."""
     _judge()
     holds_s = _HOLDS_S if output is None else _HOLDS_S[:1]
     methods = methods_in_use(settings.avoidance.method)
