@@ -66,6 +66,23 @@ def test_another_goal_has_no_side_yet() -> None:
     assert side(planner, FAR_AWAY, -0.6) == -1.0
 
 
+@pytest.mark.parametrize("aside", [-0.6, 0.6])
+def test_a_tight_path_keeps_to_the_middle_of_its_passage(aside: float) -> None:
+    """The way along a side would be the shorter one, and is not forbidden."""
+    settings = replace(SETTINGS, plan=replace(SETTINGS.plan, inflation=0.7))
+    states = np.full((CELLS, CELLS), FREE, np.uint8)
+    row, half = CELLS // 2 + round(2.0 / CELL), 4
+    states[row : row + round(4.0 / CELL)] = OCCUPIED
+    states[:, CELLS // 2 - half : CELLS // 2 + half + 1] = FREE
+    view = MapView(states, distance_to(states == OCCUPIED, CELL), (0, 0), CELL)
+    middle = MIDDLE + 0.5 * CELL
+    start, goal = (np.array([MIDDLE + north, middle + aside, -2.0]) for north in (0.0, 8.0))
+    path = AStarPlanner(settings).plan(view, start, STILL, goal, 3.0)
+    assert path is not None and path.tight
+    east = np.interp(MIDDLE + np.linspace(2.5, 5.5, 7), path.vertices[:, 0], path.vertices[:, 1])
+    assert np.abs(east - middle).max() < 0.5 * CELL
+
+
 def gaps(doubted: float) -> MapView:
     """A wall across the whole map with two gaps of 0.9 m, 4 m west and east of the middle. In the one on the side
     `doubted` (-1 or 1) there may be something: a return that lies anywhere within 1 m."""
