@@ -7,7 +7,9 @@ only, so that the vehicle can leave it. A goal beyond the window is reached from
 through unknown cells too.
 
 The heuristic is the straight line and, beyond the known cell that lies farthest towards the goal, the cost of unknown
-cells as well. The search opens an eighth of the cells that the straight line alone would open.
+cells as well. The search opens an eighth of the cells that the straight line alone would open. It begins at the dearer
+end of the path: one that begins at the other opens all that is cheaper than the dear end, which may be the whole
+window.
 """
 
 import math
@@ -17,6 +19,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.avoidance.bucket_queue import BUCKET_M, LAST_BUCKET, Nodes, Queue, clear, make_queue, pop, push
 from companion.config_avoidance import AvoidancePlan
 from companion.perception.distance_field import Floats, has
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, MapView
@@ -24,11 +27,14 @@ from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 
 Integers = NDArray[np.int64]
-Nodes = NDArray[np.int32]
 Frontier = tuple[float, float, float]
-Memory = tuple[Array, Nodes, Nodes, Array, Nodes]
+Memory = tuple[Array, Nodes, Nodes, Queue]
+"""Cost, parent and mark of each cell and of what lies beyond the window, and the queue, by costs beyond the least that
+is to be expected. A mark is that of the search where a cell has a cost, one more where its neighbours know of it, two
+more where that is final, and less where the search has not been: so nothing but the buckets need be cleared before."""
 
-_NEIGHBOURS = 8
+_AROUND = tuple((row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column)
+"""Rows and columns to the neighbours of a cell."""
 _MAX_ENCLOSED_CELLS = 12_000
 """A goal from which more cells than this can be reached does not count as enclosed."""
 _SQRT2 = math.sqrt(2.0)
@@ -59,9 +65,8 @@ class AStar:
         self._settings = settings
         count = cells * cells
         self._costmap = np.empty((cells, cells), np.float32)
-        cost, parent, reached = np.empty(count), np.empty(count + 1, np.int32), np.zeros(count + 1, np.int32)
-        keys, nodes = np.empty(_NEIGHBOURS * count + 2), np.empty(_NEIGHBOURS * count + 2, np.int32)
-        self._memory: Memory = (cost, parent, reached, keys, nodes)
+        cost, parent, reached = np.empty(count + 1), np.empty(count + 1, np.int32), np.zeros(count + 1, np.int32)
+        self._memory: Memory = (cost, parent, reached, make_queue(len(_AROUND) * count + 2))
         self._searches = 0
 
     def costmap(self, view: MapView) -> Floats:
@@ -109,11 +114,15 @@ class AStar:
         self._searches += 1
         scales = inflation, view.cell, self._settings.unknown_cost
         expected = view.cell * _to_go(first[0], first[1], last, self._settings.unknown_cost, frontier)
-        limits = 2 * self._searches, expected + max_detour + _ROUNDING_M
-        found, cost = _search(costmap, to_occupied, scales, (first, last), frontier, self._memory, limits)
+        limits = 3 * self._searches, max_detour + _ROUNDING_M
+        backwards = bool(view.contains(last) and costmap[last] > costmap[first] + self._settings.unknown_cost)
+        ends = (last, first, True) if backwards else (first, last, False)
+        found, cost = _search(costmap, to_occupied, scales, ends, frontier, self._memory, limits)
         if found < 0 or cost - expected > max_detour:
             return None
         cells, costs = _trace_back(found, self._memory[1], self._memory[0], view.states.shape[1])
+        if backwards:
+            cells, costs = cells[::-1], cost - costs[::-1]
         return GridPath(cells, costs, cost, cost - expected)
 
     def _check(self, cells: NDArray[Any]) -> None:
@@ -215,37 +224,6 @@ def _enclosed(to_occupied: Floats, inflation: float, first: tuple[int, int], las
 
 
 @compiled
-def _push(keys: Array, nodes: Nodes, size: int, key: float, node: int) -> int:
-    """Push a node onto the binary heap; returns its new size."""
-    at = size
-    while at > 0:
-        above = (at - 1) // 2
-        if keys[above] <= key:
-            break
-        keys[at], nodes[at] = keys[above], nodes[above]
-        at = above
-    keys[at], nodes[at] = key, node
-    return size + 1
-
-
-@compiled
-def _pop(keys: Array, nodes: Nodes, size: int) -> int:
-    """Take the first node out of the heap; returns its new size."""
-    size -= 1
-    key, node = keys[size], nodes[size]
-    keys[size] = math.inf  # never the smaller of a pair: the choice below needs no unpredictable branch
-    at, below = 0, 1
-    while below < size:
-        below += int(keys[below + 1] < keys[below])
-        if keys[below] >= key:
-            break
-        keys[at], nodes[at] = keys[below], nodes[below]
-        at, below = below, 2 * below + 1
-    keys[at], nodes[at] = key, node
-    return size
-
-
-@compiled
 def _frontier(states: Bytes, first: tuple[int, int], last: tuple[int, int]) -> Frontier:
     """The unit vector (row, column) from one cell to another, and how far along it, in cells from [0, 0], the farthest
     known cell lies."""
@@ -272,7 +250,7 @@ def _to_go(row: int, column: int, last: tuple[int, int], unknown_cost: float, fr
     down, aside = float(row - last[0]), float(column - last[1])
     straight = math.sqrt(down * down + aside * aside)
     at, end = ahead_row * row + ahead_column * column, ahead_row * last[0] + ahead_column * last[1]
-    return straight + unknown_cost * max(end - max(farthest + 1.0, at), 0.0)
+    return straight + unknown_cost * max(max(at, end) - max(farthest + 1.0, min(at, end)), 0.0)
 
 
 @compiled
@@ -280,62 +258,61 @@ def _search(
     costmap: Floats,
     to_occupied: Floats,
     scales: tuple[float, float, float],
-    ends: tuple[tuple[int, int], tuple[int, int]],
+    ends: tuple[tuple[int, int], tuple[int, int], bool],
     frontier: Frontier,
     memory: Memory,
     limits: tuple[int, float],
 ) -> tuple[int, float]:
     """The last cell of the path (row * columns + column; -1: there is no path) and the cost of the path (m).
 
-    `scales`: inflation (m), side of a cell (m), cost of unknown; `ends`: first and last cell. `memory`: cost, parent
-    and mark of each cell, keys and nodes of the heap. `limits`: a mark, and a cost (m) beyond which no path is looked
-    for. A mark is that where a cell has a cost, one more where that is final, and less where the search has not been:
-    so nothing need be cleared before a search.
+    `scales`: inflation (m), side of a cell (m), cost of unknown; `ends`: first and last cell, and whether the search
+    goes backwards, from the last one of the path to its first. `limits`: a mark, see `Memory`, and a key beyond which
+    no path is looked for. A bucket is emptied to its end, and a cell that has become cheaper is looked at again: so the
+    path is the cheapest. In the last bucket, whose cells may differ by much, that would take too long.
     """
     inflation, cell, unknown_cost = scales
-    first, last = ends
+    first, last, backwards = ends
     opened, most = limits
-    cost, parent, reached, keys, nodes = memory
-    final = opened + 1
+    final = opened + 2
+    cost, parent, reached, queue = memory
     rows, columns = costmap.shape
-    beyond = rows * columns
-    inside = 0 <= last[0] < rows and 0 <= last[1] < columns
-    beyond_cost = math.inf
-    start = first[0] * columns + first[1]
+    costs, near = costmap.reshape(-1), to_occupied.reshape(-1)
+    start, beyond = first[0] * columns + first[1], rows * columns
+    end = last[0] * columns + last[1] if 0 <= last[0] < rows and 0 <= last[1] < columns else beyond
     cost[start], parent[start], reached[start] = 0.0, -1, opened
-    size = _push(keys, nodes, 0, 0.0, start)
-    while size > 0 and keys[0] <= most:
-        node = nodes[0]
-        size = _pop(keys, nodes, size)
-        if node == beyond:
-            return parent[beyond], beyond_cost
-        if reached[node] == final:
-            continue
-        reached[node] = final
-        row, column = node // columns, node % columns
-        if inside and row == last[0] and column == last[1]:
-            return node, cost[node]
-        if not inside and (row == 0 or column == 0 or row == rows - 1 or column == columns - 1):
-            whole = cost[node] + cell * (1.0 + unknown_cost) * math.hypot(row - last[0], column - last[1])
-            if whole < beyond_cost:
-                beyond_cost, parent[beyond] = whole, node
-                size = _push(keys, nodes, size, whole, beyond)
-        least = min(inflation, to_occupied[row, column])
-        for dr in range(-1, 2):
-            for dc in range(-1, 2):
-                i, j = row + dr, column + dc
-                if (dr == 0 and dc == 0) or not (0 <= i < rows and 0 <= j < columns):
+    cost[beyond], found = math.inf, False
+    least = cell * _to_go(first[0], first[1], last, unknown_cost, frontier)
+    node, state = pop(queue, push(queue, clear(queue), 0.0, start))
+    while node >= 0 and state[0] * BUCKET_M <= most:
+        if node == end:
+            found, most = True, min(most, state[0] * BUCKET_M)
+        elif reached[node] == opened:
+            reached[node] = final if state[0] == LAST_BUCKET else opened + 1
+            row, column = node // columns, node % columns
+            at_border = row in (0, rows - 1) or column in (0, columns - 1)
+            if at_border and end == beyond:
+                whole = cost[node] + cell * (1.0 + unknown_cost) * math.hypot(row - last[0], column - last[1])
+                if whole < cost[beyond]:
+                    cost[beyond], parent[beyond] = whole, node
+                    state = push(queue, state, whole - least, beyond)
+            spent, price, room, half = cost[node], costs[node], near[node], 0.5 * cell
+            for down, aside in _AROUND:
+                i, j = row + down, column + aside
+                if at_border and not (0 <= i < rows and 0 <= j < columns):
                     continue
-                other = i * columns + j
-                if reached[other] == final or to_occupied[i, j] < least:
+                other = node + down * columns + aside
+                new = spent + half * (1.0 if down == 0 or aside == 0 else _SQRT2) * (price + costs[other])
+                if reached[other] >= opened and (new >= cost[other] or reached[other] == final):
                     continue
-                length = cell * (_SQRT2 if dr != 0 and dc != 0 else 1.0)
-                new = cost[node] + 0.5 * length * (costmap[row, column] + costmap[i, j])
-                if reached[other] < opened or new < cost[other]:
+                from_m, to_m = (near[other], room) if backwards else (room, near[other])
+                if to_m >= min(inflation, from_m):
                     cost[other], parent[other], reached[other] = new, node, opened
-                    left = _to_go(i, j, last, unknown_cost, frontier)
-                    size = _push(keys, nodes, size, new + cell * left, other)
-    return -1, math.inf
+                    left = cell * _to_go(i, j, last, unknown_cost, frontier)
+                    state = push(queue, state, new + left - least, other)
+        node, state = pop(queue, state)
+    if not found:
+        return -1, math.inf
+    return end if end < beyond else parent[beyond], cost[end]
 
 
 @compiled

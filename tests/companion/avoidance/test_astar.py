@@ -36,7 +36,7 @@ def plan(view: MapView, start: Array, goal: Array) -> tuple[GridPath | None, Flo
     return search.plan(view, costmap, start, goal), costmap
 
 
-def graph_of(view: MapView, costmap: Floats) -> csr_array:
+def graph_of(view: MapView, costmap: Floats, inflation: float = SETTINGS.inflation) -> csr_array:
     rows, columns = costmap.shape
     edges: list[tuple[int, int, float]] = []
     clear = view.to_occupied
@@ -44,7 +44,7 @@ def graph_of(view: MapView, costmap: Floats) -> csr_array:
         for j in range(columns):
             for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1)):
                 a, b = i + dr, j + dc
-                if not (0 <= a < rows and 0 <= b < columns) or clear[a, b] < min(SETTINGS.inflation, clear[i, j]):
+                if not (0 <= a < rows and 0 <= b < columns) or clear[a, b] < min(inflation, clear[i, j]):
                     continue
                 cost = CELL * math.hypot(dr, dc) * 0.5 * (costmap[i, j] + costmap[a, b])
                 edges.append((i * columns + j, a * columns + b, cost))
@@ -72,6 +72,42 @@ def test_cost_is_that_of_dijkstra() -> None:
             assert tuple(path.cells[0]) == s and tuple(path.cells[-1]) == g
             found += 1
     assert found >= 3
+
+
+def test_paths_between_dear_ends_are_the_cheapest_both_ways() -> None:
+    """From within the inflation to where cells cost much, which the search does backwards, and from there back."""
+    rng = np.random.default_rng(5)
+    for _ in range(8):
+        states = field(rng, density=0.0)
+        states[18:23, 3] = states[18, 3:9] = states[22, 3:9] = OCCUPIED
+        states[30, 33] = OCCUPIED
+        view = view_of(states)
+        alley, beside = np.array([4.1, 1.3]), np.array([6.1, 6.9])
+        near = view.to_occupied[view.cell_of(alley)]
+        assert near < SETTINGS.inflation and view.to_occupied[view.cell_of(beside)] < SETTINGS.inflation
+        search = AStar(SETTINGS, 40)
+        costmap = search.costmap(view)
+        costmap[16:25, 3:9] += rng.uniform(20.0, 60.0)
+        graph = graph_of(view, costmap, inflation=float(near))
+        for start, goal in ((beside, alley), (alley, np.array([6.1, 5.1]))):
+            path = search.plan(view, costmap, start, goal, inflation=float(near))
+            assert path is not None
+            s, g = view.cell_of(start), view.cell_of(goal)
+            expected = dijkstra(graph, indices=s[0] * 40 + s[1])[g[0] * 40 + g[1]]
+            assert path.cost == pytest.approx(expected) and path.costs[-1] == pytest.approx(expected)
+            assert path.costs[0] == pytest.approx(0.0) and (np.diff(path.costs) > 0.0).all()
+            assert tuple(path.cells[0]) == s and tuple(path.cells[-1]) == g
+
+
+def test_a_dear_goal_does_not_open_the_window() -> None:
+    states = np.full((80, 80), FREE, np.uint8)
+    states[36:45, 60] = states[36, 50:60] = states[44, 50:60] = OCCUPIED
+    view = view_of(states)
+    search = AStar(SETTINGS, 80)
+    costmap = search.costmap(view)
+    costmap[36:45, 50:60] += 50.0
+    assert search.plan(view, costmap, np.array([8.1, 2.1]), np.array([8.1, 11.3])) is not None
+    assert np.count_nonzero(search._memory[2]) < 0.2 * states.size
 
 
 def test_goal_beyond_the_window_is_reached_by_the_best_border_cell() -> None:
