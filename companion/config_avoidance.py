@@ -201,7 +201,11 @@ class Avoidance(Table, frozen=True):
     """Settings of the planner, if it is one of another package."""
     vehicle_radius: Positive = 0.36
     ground_height: Positive = 0.5
-    """m above the take-off point; returns from below are the ground."""
+    """m above the take-off point, or above the ground that is followed; returns from below are the ground."""
+    ground_slope: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.0
+    """Rise over run of the steepest ground that is followed: then the heights of the route count from the ground below
+    the vehicle, as a range finder that looks down shows it, and returns that may be such ground are none of an
+    obstacle. Steeper ground is flown around. 0: heights count from the take-off point, and the ground is flat."""
     keep_out_below: NotNegative = 0.7
     """m above what stands where a parcel is to be released, by a range finder that looks down: the descent ends there.
     0: it is not looked at."""

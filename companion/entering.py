@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.avoidance.planner import PlanResult
+from companion.config_avoidance import Avoidance
 from companion.control.controller import Controller
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
@@ -94,7 +95,19 @@ def follow_delay(
     return delays.words(*pace, instead=controller.output is not link.readiness.output)
 
 
-def stopped_short(
+def follow_ground(
+    state: VehicleState, now: int, settings: Avoidance, navigator: Navigator, guidance: Guidance, sensing: Sensing
+) -> Announcement | None:
+    """The mission rises and falls with the ground below, or a descent ends above what stands there; what is to be said
+    of it."""
+    if not settings.ground_slope:
+        return _stopped_short(state, now, settings.keep_out_below, navigator, guidance, sensing)
+    said = navigator.follow(sensing.below.ground(now), state.position_ned)
+    sensing.ground_at(navigator.lowest_return, settings.ground_slope)
+    return said
+
+
+def _stopped_short(
     state: VehicleState, now: int, keep_out: float, navigator: Navigator, guidance: Guidance, sensing: Sensing
 ) -> Announcement | None:
     """The descent to where a parcel is released ends so far (m) above what stands there, and the mission goes on from

@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -124,6 +125,15 @@ class Scan:
     """(n,) something stands at that range."""
     known: BoolArray
     """(n,) the sector was measured at all."""
+
+
+class Ground(NamedTuple):
+    """The ground below the vehicle."""
+
+    here: float
+    """m, NED"""
+    ahead: float
+    """m, NED: where it will be in a second as it rises now, no lower than here."""
 
 
 Pose = tuple[Array, Array]

@@ -33,9 +33,22 @@ def draw_world(axes: Any, world: World, height_m: float) -> None:
         axes.add_patch(Polygon(outline, facecolor=STONE, edgecolor=INK, lw=0.4, alpha=0.9 if inside else 0.25))
         if name == "customer's house":
             axes.annotate(name, (east, north + 6.0), ha="center", fontsize=7)
-    for north, east, radius, top, bottom in world.cylinders:
+    for north, east, radius, top, bottom, sphere in world.cylinders:
+        if sphere > 0.0:
+            _draw_hill(axes, (north, east), radius, -top)
+            continue
         inside = top <= -height_m <= bottom
         axes.add_patch(Circle((east, north), radius, facecolor=GREEN, ec=INK, lw=0.4, alpha=0.9 if inside else 0.25))
+
+
+def _draw_hill(axes: Any, centre: tuple[float, float], radius: float, height: float) -> None:
+    """Its foot, and a contour line at each metre."""
+    from matplotlib.patches import Circle
+
+    sphere = 0.5 * (radius**2 + height**2) / height
+    for level in np.arange(0.0, height, 1.0):
+        contour = float(np.sqrt(sphere**2 - (sphere - height + level) ** 2))
+        axes.add_patch(Circle(centre[::-1], contour, facecolor=STONE, ec=INK, lw=0.3, alpha=0.15))
 
 
 def draw(log: LogReader, target: Path, command: str) -> None:

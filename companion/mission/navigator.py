@@ -15,11 +15,12 @@ import numpy as np
 from companion.config import Settings
 from companion.fence import Fence, fence_of
 from companion.mission.altitude_search import AltitudeSearch, Place
+from companion.mission.ground_following import GroundFollowing
 from companion.mission.plan import Mission, Phase, Step, nearest_step, steps
 from companion.mission.stall import Progress, Trail
 from companion.mission.wander import Wander
 from companion.reports import CommandReport, MissionReport, MotionReport
-from companion.state import NO_FENCE, Announcement, OwnFence, Severity, VehicleState
+from companion.state import NO_FENCE, Announcement, Ground, OwnFence, Severity, VehicleState
 from protocol.arrays import Array
 
 NEAR_M = 2.0
@@ -96,6 +97,7 @@ class Navigator:
         self._durations = tuple(durations)
         self._fence: Fence | None = None
         self._search = AltitudeSearch(settings.avoidance.altitude_search)
+        self._below = GroundFollowing(settings.avoidance.ground_slope, settings.avoidance.ground_height)
         self._trail = Trail()
         self._progress = Progress()
         self._leg: Leg | None = None
@@ -115,6 +117,7 @@ class Navigator:
     def begin(self, start_ned: Array, own: OwnFence = NO_FENCE) -> None:
         """The vehicle, with a fence of its own, stands at the place (3,) of the start."""
         self.ground_down = float(start_ned[2])
+        self._below.begin(self.ground_down)
         self._fence = fence_of(self._settings.geofence, start_ned, own)
         self.steps = steps(self.mission, start_ned)
         self._enter(0)
@@ -130,9 +133,9 @@ class Navigator:
 
     def _enter(self, index: int) -> None:
         self.step_index = index
-        self.step = self.steps[index]
+        self.step = self._below.shifted(self.steps[index])
         self.phase = self.step.phase
-        target = self.step.target_ned
+        target = self.steps[index].target_ned
         before = next((step.target_ned for step in self.steps[:index][::-1] if step.target_ned is not None), None)
         self._length = 0.0 if before is None or target is None else math.dist(before.tolist(), target.tolist())
         self._leg = None
@@ -145,11 +148,19 @@ class Navigator:
         """What is to be flown now, from a place (3,)."""
         leg = self._leg
         if leg is None:
-            step = self.step
-            leg = Leg(step, self.step_index, self._goal(position_ned), self._speed, self._search.busy)
+            step, waits = self.step, self._search.busy or self._below.too_low
+            leg = Leg(step, self.step_index, self._goal(position_ned), self._speed, waits)
             if step.target_ned is not None:  # otherwise the goal is wherever the vehicle is
                 self._leg = leg
         return leg
+
+    def follow(self, ground: Ground | None, here_ned: Array) -> Announcement | None:
+        """The ground below the vehicle, which is at a place (3,); what is to be said of it."""
+        planned = self.steps[self.step_index]
+        changed, said = self._below.follow(ground, planned, float(here_ned[2]))
+        if changed:
+            self.step, self._leg = self._below.shifted(planned), None
+        return said
 
     @property
     def _speed(self) -> float:
@@ -171,7 +182,7 @@ class Navigator:
     @property
     def lowest_return(self) -> float:
         """m, NED: what a scan shows below this is the ground."""
-        return self.ground_down - self._settings.avoidance.ground_height
+        return self._below.lowest_return
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -209,7 +220,7 @@ class Navigator:
 
     def _way_to_landing(self, here: Array) -> tuple[bool, float]:
         """Whether the mission leads straight to where it lands, and the time (s) to the nearest landing place known."""
-        phase, home = self.phase, self.steps[0].target_ned
+        phase, home, here = self.phase, self.steps[0].target_ned, self._below.planned(here)
         assert home is not None
         if phase in _ALONG:
             self._trail.add(here)
@@ -303,7 +314,7 @@ class Navigator:
         """The progress from a place (3,), where the way costs `detour` (m) beyond the least that was to be expected:
         another altitude is tried, or the goal given up, if there has been none for too long."""
         goal = self._goal(position_ned)
-        self._trail.add(position_ned)
+        self._trail.add(self._below.planned(position_ned))
         if self._search.busy:
             self._progress = Progress()
         away = math.hypot(*(goal - position_ned)[:2].tolist())
@@ -338,7 +349,8 @@ class Navigator:
             climb = next((step for step in self.steps[self.step_index :] if step.phase is Phase.CLIMB), None)
             if self.phase in _LOW and climb is not None:
                 back.append(climb)
-            back += [Step(Phase.RETURN, place, passes=True, avoids=True) for place in self._trail.corners(here, home)]
+            corners = self._trail.corners(self._below.planned(here), home)
+            back += [Step(Phase.RETURN, place, passes=True, avoids=True) for place in corners]
             back.append(Step(Phase.RETURN, home, avoids=True))
         self._search.forbid()
         return self._cut(back, now_ns)

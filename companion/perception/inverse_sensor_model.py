@@ -83,6 +83,8 @@ class Layer(NamedTuple):
     """m above and below the middle."""
     ground_down: float
     """m, NED: returns below are the ground."""
+    slope: float = 0.0
+    """By which it may rise away from the vehicle."""
 
 
 class _Wedges(NamedTuple):
@@ -156,7 +158,7 @@ def _add_free(grid: Grid, beams: Beams, layer: Layer, edges: Array, slopes: Arra
         in_layer = range_within_layer(origin[2] - layer.down, down, layer.half_height)
         reach = min(in_layer, 0.5 * size * cell - aside - 2.0 * cell)
         free = min(ranges[k], reach)
-        if hit[k] and ranges[k] <= reach and origin[2] + ranges[k] * down < layer.ground_down:
+        if hit[k] and ranges[k] <= reach and origin[2] + ranges[k] * (down + layer.slope) < layer.ground_down:
             arcs[k] = ranges[k]
             free = ranges[k] - _STANDOFF_M
         if free > 0.0:

@@ -36,10 +36,11 @@ class LocalMap:
     def add(self, scan: Scan, pose: tuple[Array, Array], ground_down: float, now_ns: int) -> None:
         """Add a scan with the pose of its own time: position (3,) NED (m) and attitude (4,) NED to FRD.
 
-        `ground_down` is the NED height (m) below which a return is the ground.
+        `ground_down` is the NED height (m) below which a return is the ground, which may rise with the settings' slope.
         """
-        moving = self._tracker.add(scan, *pose, ground_down)
-        self._map.add(scan, *pose, ground_down, moving)
+        slope = self._settings.ground_slope
+        moving = self._tracker.add(scan, *pose, ground_down, slope)
+        self._map.add(scan, *pose, ground_down, moving, slope)
         for track in self._tracker.moving:
             here, radius = track["mean"][:2], float(track["radius"])
             if track["number"] not in self._moved:  # the way that it came while it seemed to stand

@@ -46,6 +46,8 @@ class RingCheck:
         self.refused = 0
         self.ground_down = math.inf
         """m, NED: what a ring shows below this is the ground."""
+        self.ground_slope = 0.0
+        """By which it may rise away from the vehicle."""
         self._first: tuple[Scan, Array, Pose, int] | None = None
         """The first of the latest rings that are equal, with its returns (n, 3) in the world and its arrival."""
         self._frozen = False
@@ -55,7 +57,7 @@ class RingCheck:
 
     def believes(self, scan: Scan, pose: Pose, now_ns: int) -> bool:
         """Whether the ring, taken at a pose, counts as one."""
-        points = obstacle_points(scan, *pose, self.ground_down)
+        points = obstacle_points(scan, *pose, self.ground_down, self.ground_slope)
         first = self._first
         if first is not None and _same(scan, first[0]):
             self._repeats += 1

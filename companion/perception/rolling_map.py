@@ -59,20 +59,21 @@ class RollingMap:
         attitude_ned_frd: Array,
         ground_down: float,
         moving: BoolArray | None = None,
+        slope: float = 0.0,
     ) -> None:
         """Add a scan that was taken at one pose, (3,) m and (4,).
 
-        `ground_down` is the NED height (m) below which a return is the ground. Returns that are `moving` (n,) show the
-        free space before them and mark no cell.
+        `ground_down` and `slope`: which returns are the ground, see `scans.obstacle_points`. Returns that are `moving`
+        (n,) show the free space before them and mark no cell.
         """
         count = scan.bearings_frd.size
         positions, attitudes = np.empty((count, 3)), np.empty((count, 4))
         positions[:], attitudes[:] = position_ned, attitude_ned_frd
         hit = scan.hit if moving is None else scan.hit & ~moving
         beams = Beams(scan.bearings_frd, scan.ranges_m, hit, scan.known, positions, attitudes, sector_width(scan))
-        self.add_beams(scan.time_ns, beams, ground_down)
+        self.add_beams(scan.time_ns, beams, ground_down, slope)
 
-    def add_beams(self, time_ns: int, beams: Beams, ground_down: float) -> None:
+    def add_beams(self, time_ns: int, beams: Beams, ground_down: float, slope: float = 0.0) -> None:
         """Add beams that may have a pose each. The window follows the last position; a change of height by half the
         layer clears the map."""
         here = beams.positions_ned[-1]
@@ -81,7 +82,7 @@ class RollingMap:
         self._follow(here)
         self._width = max(beams.width, _LEAST_WIDTH)
         grid = self._grid(time_ns)
-        add_beams(grid, tuple(beams), tuple(Layer(self._height, self._settings.layer, ground_down)))
+        add_beams(grid, tuple(beams), tuple(Layer(self._height, self._settings.layer, ground_down, slope)))
         set_disc(grid, float(here[0]), float(here[1]), self._hull_radius, FLOOR, False)
 
     def forget(self, place: Array, radius: float, occupied_radius: float, time_ns: int) -> None:

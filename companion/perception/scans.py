@@ -19,14 +19,17 @@ def sector_width(scan: Scan) -> float:
     return abs(float(bearings[1] - bearings[0])) if bearings.size > 1 else math.radians(5.0)
 
 
-def obstacle_points(scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float) -> Array:
+def obstacle_points(
+    scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float, slope: float = 0.0
+) -> Array:
     """Returns (n, 3) NED (m) of a scan taken at that pose, in the order of bearing, without those of the ground.
 
-    `ground_down` is the NED height (m) below which a return is the ground: a tilted scan looks down.
+    `ground_down` is the NED height (m) below which a return is the ground, since a tilted scan looks down; the ground
+    may rise away from the vehicle with that `slope`.
     """
     bearings, ranges = scan.bearings_frd[scan.hit], scan.ranges_m[scan.hit]
     points = world_points(bearings, ranges, position_ned, attitude_ned_frd)
-    return points[points[:, 2] < ground_down]
+    return points[points[:, 2] < ground_down - slope * ranges]
 
 
 @compiled

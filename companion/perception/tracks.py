@@ -164,10 +164,12 @@ class Tracker:
             points[:, column + 6] = speed
         return points
 
-    def add(self, scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float) -> BoolArray:
+    def add(
+        self, scan: Scan, position_ned: Array, attitude_ned_frd: Array, ground_down: float, slope: float = 0.0
+    ) -> BoolArray:
         """Add a scan taken at one pose, (3,) m and (4,); (n,) which of its returns belong to a moving obstacle.
 
-        `ground_down` is the NED height (m) below which a return is the ground.
+        `ground_down` and `slope`: which returns are the ground, see `scans.obstacle_points`.
         """
         bearings = scan.bearings_frd
         width = sector_width(scan)
@@ -182,7 +184,7 @@ class Tracker:
         posed = _PosedScan(bearings, scan.ranges_m, scan.hit, scan.known, position_ned, attitude_ned_frd, width)
         dt = min(elapsed, _LONGEST_STEP_S)
         self.tracks, self._started, moving = _track(
-            self.tracks, self._rules, self._started, dt, tuple(posed), own, ground_down
+            self.tracks, self._rules, self._started, dt, tuple(posed), own, (ground_down, slope)
         )
         return moving
 
@@ -195,11 +197,11 @@ def _track(
     dt: float,
     posed: tuple[Any, ...],
     own: Array,
-    ground_down: float,
+    ground: tuple[float, float],
 ) -> tuple[Tracks, int, BoolArray]:
     """The tracks after a scan, the number of tracks ever started, and which beams (n,) see a moving obstacle.
 
-    `own` is the vehicle's velocity (2,) north and east (m/s).
+    `own` is the vehicle's velocity (2,) north and east (m/s), `ground` as of `Tracker.add`.
 
     The tracks passed in are overwritten. `posed` is a _PosedScan as a plain tuple: numba needs 2 us to find the type of
     a named one.
@@ -207,7 +209,7 @@ def _track(
     scan = _PosedScan(*posed)
     beams = scan.bearings.size
     points = world_points(scan.bearings, scan.ranges, scan.position, scan.attitude)
-    usable = scan.hit & (points[:, 2] < ground_down)
+    usable = scan.hit & (points[:, 2] < ground[0] - ground[1] * scan.ranges)
     clusters = find_clusters(_Returns(points, usable, scan.ranges, scan.position, scan.width), rules[0])
     spans, centroids, covariances, extents, middles = clusters
     step = scan.bearings[1] - scan.bearings[0] if beams > 1 else scan.width

@@ -16,6 +16,7 @@ ROOM = 0.8
 """Distance (m) that a flight should keep from obstacles, for the hull and the tracking errors."""
 SIDES = 16
 """Sides with which a round obstacle is drawn."""
+_HILL_STEPS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +32,14 @@ class Prism:
 
 
 def solids(world: bytes) -> list[Prism]:
-    """The boxes, walls, cylinders and trees of a world's file. Entries that are not understood are left out, and so is
-    everything in a file that is no TOML."""
+    """The boxes, walls, cylinders, trees and hills of a world's file. Entries that are not understood are left out, and
+    so is everything in a file that is no TOML."""
     try:
         tables = tomllib.loads(world.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError):
         return []
     found: list[Prism] = []
-    for kind, make in (("box", _box), ("wall", _wall), ("cylinder", _cylinder), ("tree", _tree)):
+    for kind, make in _MAKERS.items():
         listed = tables.get(kind, ())
         for table in listed if isinstance(listed, list) else ():
             try:
@@ -96,6 +97,21 @@ def _tree(table: dict[str, Any]) -> list[Prism]:
     name = str(table["name"])
     trunk = Prism(name, _circle(table["center"], table["trunk_radius"]), 0.0, bottom, round=True)
     return [trunk, Prism(name, _circle(table["center"], table["crown_radius"]), bottom, top, round=True)]
+
+
+def _hill(table: dict[str, Any]) -> list[Prism]:
+    """Steps, as high as the hill in the middle of each."""
+    radius, height = float(table["radius"]), float(table["height"])
+    sphere, steps = 0.5 * (radius**2 + height**2) / height, list[Prism]()
+    for step in range(_HILL_STEPS):
+        bottom, top = height * step / _HILL_STEPS, height * (step + 1) / _HILL_STEPS
+        outline = _circle(table["center"], (sphere**2 - (sphere - height + 0.5 * (bottom + top)) ** 2) ** 0.5)
+        steps.append(Prism(str(table["name"]), outline, bottom, top, round=True))
+    return steps
+
+
+_MAKERS = {"box": _box, "wall": _wall, "cylinder": _cylinder, "tree": _tree, "hill": _hill}
+"""The solids of an entry, by the name of its table."""
 
 
 def in_the_way(world: bytes, start_ned: Floats, end_ned: Floats) -> list[str]:

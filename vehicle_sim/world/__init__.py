@@ -1,7 +1,7 @@
-"""The world that is flown in: obstacles on flat ground, and the wind."""
+"""The world that is flown in: obstacles and hills on flat ground, and the wind."""
 
 from vehicle_sim.world.scene import Scene
-from vehicle_sim.world.tables import BoxTable, CylinderTable, OriginTable, WallTable, WorldTable
+from vehicle_sim.world.tables import BoxTable, CylinderTable, HillTable, OriginTable, WallTable, WorldTable
 from vehicle_sim.world.world import World
 
-__all__ = ["BoxTable", "CylinderTable", "OriginTable", "Scene", "WallTable", "World", "WorldTable"]
+__all__ = ["BoxTable", "CylinderTable", "HillTable", "OriginTable", "Scene", "WallTable", "World", "WorldTable"]

@@ -1,7 +1,8 @@
 """Exact distances to obstacles and exact ray hits, compiled.
 
-An obstacle is a row of an array: a box (8,) or an upright cylinder (5,), see the columns below. All coordinates are NED
-in metres. The down axis points downwards, so `down_top` < `down_bottom` <= 0 for an obstacle on or above the ground.
+An obstacle is a row of an array: a box (8,) or an upright cylinder (6,), see the columns below. A cylinder with a
+sphere for its top is the cap of that sphere down to the cylinder's bottom: a hill. All coordinates are NED in metres.
+The down axis points downwards, so `down_top` < `down_bottom` <= 0 for an obstacle on or above the ground.
 """
 
 import math
@@ -11,8 +12,8 @@ from protocol.jit import compiled
 
 BOX_COLUMNS = 8
 """north, east, half_along, half_across, cos_yaw, sin_yaw, down_top, down_bottom."""
-CYLINDER_COLUMNS = 5
-"""north, east, radius, down_top, down_bottom."""
+CYLINDER_COLUMNS = 6
+"""north, east, radius, down_top, down_bottom, sphere_radius; the last is 0 where the top is flat."""
 
 _PARALLEL = 1e-12
 """A direction component below this never crosses the slab within a range that is asked for."""
@@ -26,6 +27,17 @@ def _signed_norm(a: float, b: float, c: float) -> float:
         return deepest
     a, b, c = max(a, 0.0), max(b, 0.0), max(c, 0.0)
     return math.sqrt(a * a + b * b + c * c)
+
+
+@compiled
+def _distance_to_cap(aside: float, down: float, cap: Array) -> float:
+    """Signed distance to a cylinder (6,) with a sphere for its top, from a place so far `aside` (m) of its axis."""
+    below = down - cap[3] - cap[5]
+    from_centre = math.sqrt(aside * aside + below * below)
+    if from_centre > cap[5] and below * cap[5] > (cap[4] - cap[3] - cap[5]) * from_centre:  # the rim is nearest
+        outside, under = max(aside - cap[2], 0.0), float(down - cap[4])
+        return math.sqrt(outside * outside + under * under) if outside > 0.0 else under
+    return float(max(from_centre - cap[5], down - cap[4]))
 
 
 @compiled
@@ -49,9 +61,11 @@ def nearest_obstacle(boxes: Array, cylinders: Array, position_ned: Array) -> tup
     for i in range(cylinders.shape[0]):
         cylinder = cylinders[i]
         dn, de = north - cylinder[0], east - cylinder[1]
-        distance = _signed_norm(
-            math.sqrt(dn * dn + de * de) - cylinder[2], -math.inf, max(cylinder[3] - down, down - cylinder[4])
-        )
+        aside = math.sqrt(dn * dn + de * de)
+        if cylinder[5] > 0.0:
+            distance = _distance_to_cap(aside, down, cylinder)
+        else:
+            distance = _signed_norm(aside - cylinder[2], -math.inf, max(cylinder[3] - down, down - cylinder[4]))
         if distance < nearest:
             index, nearest = boxes.shape[0] + i, distance
     return index, nearest
@@ -99,7 +113,17 @@ def ray_box(box: Array, origin: Array, dn: float, de: float, dd: float) -> float
 
 @compiled
 def ray_cylinder(cylinder: Array, origin: Array, dn: float, de: float, dd: float) -> float:
-    """The same for a cylinder (5,) with its caps."""
+    """The same for a cylinder (6,)."""
+    if cylinder[5] > 0.0:
+        below = origin[2] - cylinder[3] - cylinder[5]
+        north, east = origin[0] - cylinder[0], origin[1] - cylinder[1]
+        along = -(north * dn + east * de + below * dd)
+        square = along * along - (north * north + east * east + below * below - cylinder[5] * cylinder[5])
+        if square < 0.0:
+            return math.inf
+        half = math.sqrt(square)
+        b = _slab(origin[2], dd, -math.inf, cylinder[4])
+        return _entry(max(along - half, b[0]), min(along + half, b[1]))
     a = _disc(origin[0] - cylinder[0], origin[1] - cylinder[1], dn, de, cylinder[2])
     b = _slab(origin[2], dd, cylinder[3], cylinder[4])
     return _entry(max(a[0], b[0]), min(a[1], b[1]))

@@ -122,6 +122,22 @@ class TreeTable(ObstacleTable, frozen=True, forbid_unknown_fields=True, kw_only=
     crown_radius: Positive
 
 
+class HillTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`[[hill]]`: the cap of a sphere, steepest at its foot: by 2 `radius` `height` / (`radius`^2 - `height`^2)."""
+
+    name: Name
+    center: Place
+    radius: Positive
+    """m, of its foot."""
+    height: Positive
+    """m, at most its radius."""
+
+    def __post_init__(self) -> None:
+        _require_finite(self)
+        if self.height > self.radius:
+            raise ValueError(f"height: {self.height} is more than the radius {self.radius}")
+
+
 class WorldTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A whole world file."""
 
@@ -133,3 +149,4 @@ class WorldTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cylinder: tuple[CylinderTable, ...] = ()
     wall: tuple[WallTable, ...] = ()
     tree: tuple[TreeTable, ...] = ()
+    hill: tuple[HillTable, ...] = ()

@@ -1,4 +1,4 @@
-"""Obstacles on flat ground. Axes are NED in metres, with the origin on the ground at the take-off pad."""
+"""Obstacles and hills on flat ground. Axes are NED in metres, with the origin on the ground at the take-off pad."""
 
 import math
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ from vehicle_sim.world.wind import WindSettings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """Boxes and upright cylinders on flat ground, with exact distances and ray hits. It stands still: the dynamic
-    obstacles are where they begin, see `scene.Scene` for the world at a later time."""
+    """Boxes, upright cylinders and hills on flat ground, with exact distances and ray hits. It stands still: the
+    dynamic obstacles are where they begin, see `scene.Scene` for the world at a later time."""
 
     name: str
     origin: tuple[float, float, float]
@@ -27,9 +27,9 @@ class World:
     boxes: Array
     """(n, 8) of geometry.BOX_COLUMNS."""
     cylinders: Array
-    """(m, 5) of geometry.CYLINDER_COLUMNS."""
+    """(m, 6) of geometry.CYLINDER_COLUMNS."""
     names: tuple[str, ...]
-    """Names of the boxes, then of the cylinders."""
+    """Names of the boxes, then of the cylinders, hills included."""
     wind: WindSettings = field(default_factory=WindSettings)
     force_ned: Vector = (0.0, 0.0, 0.0)
     """N, on the vehicle while it is in the air."""
@@ -61,6 +61,10 @@ class World:
                 names.append(tree.name)
             cylinders.append(_cylinder_row(tree.center, tree.crown_radius, bottom, top))
             names.append(tree.name)
+        for hill in table.hill:
+            sphere = 0.5 * (hill.radius**2 + hill.height**2) / hill.height
+            cylinders.append(_cylinder_row(hill.center, hill.radius, 0.0, hill.height, sphere))
+            names.append(hill.name)
         place = table.origin
         return cls(
             name=table.name,
@@ -107,5 +111,5 @@ def _wall_row(wall: WallTable) -> list[float]:
     return [*center, 0.5 * length, 0.5 * wall.thickness, north / length, east / length, -top, -bottom]
 
 
-def _cylinder_row(center: Place, radius: float, bottom: float, top: float) -> list[float]:
-    return [*center, radius, -top, -bottom]
+def _cylinder_row(center: Place, radius: float, bottom: float, top: float, sphere: float = 0.0) -> list[float]:
+    return [*center, radius, -top, -bottom, sphere]

@@ -28,7 +28,7 @@ def test_every_box_and_cylinder_is_where_the_simulator_has_it() -> None:
         }
         assert {(round(n, 6), round(e, 6)) for n, e in prism.outline} == wanted, prism.name
         assert (prism.top, prism.bottom) == (-top, -bottom)
-    for prism, (north, east, radius, top, bottom) in zip(cylinders, WORLD.cylinders, strict=True):
+    for prism, (north, east, radius, top, bottom, _) in zip(cylinders, WORLD.cylinders, strict=True):
         assert all(math.dist(place, (north, east)) == pytest.approx(radius) for place in prism.outline), prism.name
         assert (prism.top, prism.bottom) == (-top, -bottom)
 

@@ -69,7 +69,7 @@ def test_a_turn_of_five_degrees_shifts_the_scan_by_one_sector() -> None:
 
 def test_a_mirrored_world_mirrors_the_scan() -> None:
     boxes = NEIGHBOURHOOD.boxes * [1, -1, 1, 1, 1, -1, 1, 1]  # east and the sine of the yaw
-    cylinders = NEIGHBOURHOOD.cylinders * [1, -1, 1, 1, 1]
+    cylinders = NEIGHBOURHOOD.cylinders * [1, -1, 1, 1, 1, 1]
     mirror = World("mirror", NEIGHBOURHOOD.origin, boxes, cylinders, NEIGHBOURHOOD.names)
     scan = exact_scan(NEIGHBOURHOOD, at(50.0, 3.0, 3.0), turned(roll_deg=4.0, pitch_deg=-3.0, yaw_deg=17.0))
     mirrored = exact_scan(mirror, at(50.0, -3.0, 3.0), turned(roll_deg=-4.0, pitch_deg=-3.0, yaw_deg=-17.0))

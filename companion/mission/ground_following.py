@@ -1,0 +1,85 @@
+"""Heights that count from the ground below the vehicle, where the settings say so: the mission rises and falls with it.
+
+What is known is the ground straight below. The vehicle climbs as the ground will stand a second ahead, sinks as it
+stands here, and waits where it has come too low. Where the ground is not seen any more, the height is kept, and nothing
+that a scan shows counts as ground: so it flies around what rises.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from companion.mission.plan import Phase, Step
+from companion.state import Announcement, Ground, Severity
+from protocol.arrays import Array
+
+_CHANGE_M = 0.1
+"""m by which the ground must rise or fall for the mission to follow."""
+_LEAST_SHARE = 0.6
+"""Of its height, below which the vehicle waits until it has climbed."""
+_FIXED = (Phase.TAKEOFF, Phase.TRACK)
+"""Phases whose heights count from the place of the start all the same."""
+
+
+class GroundFollowing:
+    """The ground under one mission, as m (NED, down) from that of the start."""
+
+    def __init__(self, slope: float, ground_height: float) -> None:
+        """`slope`: of the steepest ground that is followed, 0 if none is; `ground_height`: m above the ground from
+        where on returns count."""
+        self._follows = slope > 0.0
+        self._ground_height = ground_height
+        self._start = 0.0
+        """m, NED: the ground of the start."""
+        self._offset = 0.0
+        """By which heights are shifted."""
+        self._ground = Ground(0.0, 0.0)
+        self._known = True
+        self.too_low = False
+        """The vehicle should climb before it goes on."""
+
+    def begin(self, start_down: float) -> None:
+        """The vehicle stands on the ground (m, NED)."""
+        self._start, self._offset, self._ground = start_down, 0.0, Ground(start_down, start_down)
+
+    @property
+    def lowest_return(self) -> float:
+        """m, NED: what a scan shows below this is the ground."""
+        return self._ground.here - self._ground_height if self._known else math.inf
+
+    def follow(self, ground: Ground | None, step: Step, down: float) -> tuple[bool, Announcement | None]:
+        """The ground is there now, with the vehicle at a height (m, NED) on the way to a step of the mission as it was
+        planned; whether heights have changed, and what is to be said."""
+        if not self._follows or step.phase in _FIXED:
+            return False, None
+        before = self._offset, self.too_low
+        said = self._notice(known=ground is not None)
+        if ground is not None:
+            self._ground = ground
+            if abs(ground.ahead - self._start - self._offset) > _CHANGE_M:
+                self._offset = ground.ahead - self._start
+            wanted = math.inf if step.target_ned is None else self._start - float(step.target_ned[2])
+            self.too_low = step.avoids and ground.ahead - down < _LEAST_SHARE * wanted
+        return (self._offset, self.too_low) != before, said
+
+    def _notice(self, *, known: bool) -> Announcement | None:
+        """Whether the ground has been lost or found."""
+        if known is self._known:
+            return None
+        self._known = known
+        if known:
+            return Announcement(Severity.NOTICE, "the ground below is seen again")
+        self.too_low = False
+        text = "the ground below is not seen any more: keeping the height, and flying around all that is in the way"
+        return Announcement(Severity.WARNING, text)
+
+    def shifted(self, step: Step) -> Step:
+        """A step of the mission as it was planned, above the ground of now."""
+        if step.target_ned is None or step.phase in _FIXED or not self._offset:
+            return step
+        return replace(step, target_ned=step.target_ned + np.array((0.0, 0.0, self._offset)))
+
+    def planned(self, place_ned: Array) -> Array:
+        """A place (3,) as if the ground were that of the start: the opposite of `shifted`."""
+        return place_ned - np.array((0.0, 0.0, self._offset)) if self._offset else place_ned
