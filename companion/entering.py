@@ -102,7 +102,7 @@ def follow_ground(
     of it."""
     if not settings.ground_slope:
         return _stopped_short(state, now, settings.keep_out_below, navigator, guidance, sensing)
-    said = navigator.follow(sensing.below.ground(now), state.position_ned)
+    said = navigator.follow(sensing.ground.ground(now), state.position_ned)
     sensing.ground_at(navigator.lowest_return, settings.ground_slope)
     return said
 

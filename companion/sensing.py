@@ -3,6 +3,7 @@
 import math
 
 from companion.estimate import Estimator
+from companion.perception.ground_below import GroundBelow
 from companion.perception.ring_check import RingCheck
 from companion.perception.surface_below import SurfaceBelow
 from companion.plausibility import Plausibility
@@ -37,6 +38,7 @@ class Sensing:
         """The latest, if it came since the last `look`."""
         self._ring_check = RingCheck()
         self.below = SurfaceBelow()
+        self.ground = GroundBelow()
         self._scan_boot_us: int | None = None
         self._batteries: dict[int, BatteryReading] = {}
         """The latest by their source."""
@@ -83,7 +85,9 @@ class Sensing:
             case RepeatedAttitude():
                 return True
             case RangeBelow():
-                self.below.take(report, self.estimator.pose_at(1000 * report.boot_time_ms), now_ns)
+                pose = self.estimator.pose_at(1000 * report.boot_time_ms)
+                self.below.take(report, pose, now_ns)
+                self.ground.take(report, pose, now_ns)
             case BatteryReading():
                 self._batteries[report.source] = report
             case OdometryReport():

@@ -16,8 +16,8 @@ from protocol.arrays import Array
 
 _CHANGE_M = 0.1
 """m by which the ground must rise or fall for the mission to follow."""
-_LEAST_SHARE = 0.6
-"""Of its height, below which the vehicle waits until it has climbed."""
+_LEAST_SHARE, _LEAST_M = 0.6, 1.0
+"""Of its height, and m above the ground: the vehicle that is lower than both waits until it has climbed."""
 _FIXED = (Phase.TAKEOFF, Phase.TRACK)
 """Phases whose heights count from the place of the start all the same."""
 
@@ -60,7 +60,7 @@ class GroundFollowing:
             if abs(ground.ahead - self._start - self._offset) > _CHANGE_M:
                 self._offset = ground.ahead - self._start
             wanted = math.inf if step.target_ned is None else self._start - float(step.target_ned[2])
-            self.too_low = step.avoids and ground.ahead - down < _LEAST_SHARE * wanted
+            self.too_low = step.avoids and ground.ahead - down < min(_LEAST_SHARE * wanted, _LEAST_M)
         return (self._offset, self.too_low) != before, said
 
     def _notice(self, *, known: bool) -> Announcement | None:

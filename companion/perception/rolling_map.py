@@ -51,6 +51,8 @@ class RollingMap:
         """rad of a beam's sector."""
         self._height = 0.0
         """m, NED: down coordinate of the layer's middle."""
+        self._ground = 0.0
+        """m, NED: the ground's, with which the layer rises and falls."""
 
     def add(
         self,
@@ -74,12 +76,12 @@ class RollingMap:
         self.add_beams(scan.time_ns, beams, ground_down, slope)
 
     def add_beams(self, time_ns: int, beams: Beams, ground_down: float, slope: float = 0.0) -> None:
-        """Add beams that may have a pose each. The window follows the last position; a change of height by half the
-        layer clears the map."""
+        """Add beams that may have a pose each. The window follows the last position; a change of
+        height above the ground by half the layer clears the map."""
         here = beams.positions_ned[-1]
         if self._start_ns is None:
             self._start_ns = time_ns - time_ns % _CLOCK_NS
-        self._follow(here)
+        self._follow(here, ground_down)
         self._width = max(beams.width, _LEAST_WIDTH)
         grid = self._grid(time_ns)
         add_beams(grid, tuple(beams), tuple(Layer(self._height, self._settings.layer, ground_down, slope)))
@@ -116,9 +118,12 @@ class RollingMap:
         arrays = self._log_odds, self._updated_s, self._returns
         return tuple(Grid(*arrays, row, column, self._settings.cell, now_s, self._fading))
 
-    def _follow(self, position_ned: Array) -> None:
-        """Centre the window on a position (3,) NED (m)."""
+    def _follow(self, position_ned: Array, ground_down: float) -> None:
+        """Centre the window on a position (3,) NED (m), and let the layer follow the ground (m, NED)."""
         settings = self._settings
+        if math.isfinite(ground_down):
+            self._height += ground_down - self._ground
+            self._ground = ground_down
         half = settings.cells // 2
         corner = (
             math.floor(position_ned[0] / settings.cell) - half,

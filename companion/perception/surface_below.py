@@ -1,10 +1,9 @@
 """Where the nearest thing straight below the vehicle is, by a range finder that looks down."""
 
 import math
-from collections import deque
 
 from companion.reports import RangeBelow
-from companion.state import Ground, Pose
+from companion.state import Pose
 
 _STALE_NS = 500_000_000
 _UPRIGHT = 0.9
@@ -13,14 +12,6 @@ _ALIKE_M = 0.3
 """Two readings that differ by less are of the same thing."""
 _ABOVE_M = 1.0
 """Height from which on a reading of the ground shows that the beam meets nothing of the vehicle."""
-
-
-_RATE_NS = 600_000_000
-"""Over so long it is found how fast the ground rises."""
-_STEEPEST = 2.0
-"""m/s by which ground may rise; what rises faster is something that stands on it."""
-_AHEAD_S = 1.0
-"""s from now for which the ground is foretold."""
 
 
 class SurfaceBelow:
@@ -34,8 +25,6 @@ class SurfaceBelow:
         self._down = math.inf
         """m, NED, as two readings one after another say."""
         self._read_ns = 0
-        self._seen = deque[tuple[int, float]]()
-        """Time (ns) and height (m, NED) of what two readings agreed about, of the last _RATE_NS."""
 
     def begin(self, lowest: float) -> None:
         """A flight begins; what is lower than that (m, NED) is the ground."""
@@ -57,21 +46,8 @@ class SurfaceBelow:
             self._proven = True
         alike = down == before or abs(down - before) < _ALIKE_M
         self._down, self._read_ns = (max(down, before) if alike else math.inf), now_ns
-        if self._down < math.inf:
-            self._seen.append((now_ns, self._down))
-            while now_ns - self._seen[0][0] > _RATE_NS:
-                self._seen.popleft()
 
     def standing(self, now_ns: int) -> float | None:
         """Height (m, NED) of what stands below the vehicle, higher than the ground; None: nothing is known of any."""
         known = self._proven and now_ns - self._read_ns <= _STALE_NS
         return self._down if known and self._down <= self._lowest else None
-
-    def ground(self, now_ns: int) -> Ground | None:
-        """The ground, or what stands on it there; None: it is not known."""
-        if not self._proven or not self._seen or now_ns - self._seen[-1][0] > _STALE_NS:
-            return None
-        (first_ns, first), (last_ns, here) = self._seen[0], self._seen[-1]
-        seconds = (last_ns - first_ns) * 1e-9
-        climb = (first - here) / seconds if seconds > 0.5e-9 * _RATE_NS else 0.0
-        return Ground(here, here - _AHEAD_S * climb if 0.0 < climb < _STEEPEST else here)
