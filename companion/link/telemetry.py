@@ -3,7 +3,7 @@
 from companion.config import Settings
 from companion.link.firmware.firmware import Firmware
 from companion.link.message_rates import MessageRates
-from companion.link.rings import OBSTACLE_DISTANCE, Rings
+from companion.link.rings import DISTANCE_SENSOR, OBSTACLE_DISTANCE, Rings
 from protocol.messages import dialect
 
 Intervals = list[tuple[int, float]]
@@ -77,5 +77,7 @@ def _needed(settings: Settings) -> dict[int, float]:
     }
     if settings.avoidance.needs_scan:
         needed[OBSTACLE_DISTANCE] = rates.scan
+    if settings.avoidance.ground_slope > 0.0:
+        needed[DISTANCE_SENSOR] = rates.scan
     needed[_EXTENDED_STATE] = 5.0
     return needed
