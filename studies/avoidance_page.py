@@ -53,6 +53,7 @@ LiDAR that reports the nearest of many beams in each sector, as most do, sees th
         "studies.traps",
         "studies.narrow",
         "studies.enclosed",
+        "studies.rising",
         "studies.moving",
         "studies.barn",
         "studies.estimated",
