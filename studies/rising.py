@@ -68,7 +68,7 @@ def run(report: Report) -> None:
 40 m to the goal at 3 m, over three hills whose feet rise by 10 to 20 % (30 to 60 % where they are steep), with trunks
 of 0.6 m between and upon them, one in 60 m2; or over three walls across all of the way. With
 `avoidance.ground_slope = 0.25` heights count from the ground below, which a range finder shows, and what may be ground
-of such a slope is no obstacle ([missions.md](../missions.md#heights-above-the-ground)). From the start on they count in
+of such a slope is no obstacle ([missions.md](missions.md#heights-above-the-ground)). From the start on they count in
 the rows that say so: there the hills are in the way. "Bad sensors": a receiver that wanders by 0.4 m each way, 10 % of
 the sectors dropped, 5 cm of noise, scans 100 ms old. The clearance is that to the ground, too, of hills.
 """
