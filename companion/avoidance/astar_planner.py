@@ -10,6 +10,7 @@ from companion.avoidance.astar import AStar, GridPath, Integers
 from companion.avoidance.moving import add_moving
 from companion.avoidance.path import Path
 from companion.avoidance.shortcut import shorten, timed_path
+from companion.avoidance.smoothing import smoothed
 from companion.config_avoidance import Avoidance
 from companion.perception.distance_field import Floats
 from companion.perception.map_view import MapView, to_certain
@@ -75,7 +76,11 @@ class AStarPlanner:
             self._growth = 1.0
             self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
-            return timed_path(vertices, view, speed, self._settings.course, roomy.detour)
+            course = self._settings.course
+            if speed > course.smooth_from and len(vertices) > 2:
+                limits = speed, course.acceleration, course.braking
+                return Path(*smoothed(vertices, view, velocity, settings.inflation, limits), detour=roomy.detour)
+            return timed_path(vertices, view, speed, course, roomy.detour)
         if before is not None and beside is None:
             beside = self._beside(before, view)
         costmap = self._tight_costmap(view, costmap, beside)
