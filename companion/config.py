@@ -295,7 +295,7 @@ class Rates(Table, frozen=True):
     attitude: Positive = 250.0
     position: Positive = 250.0
     scan: Positive = 15.0
-    """Of rings, and of the range finder that looks down where the ground is followed."""
+    """The rate of rings and, where the ground is followed, of the range finder that looks down."""
     odometry: NotNegative = 30.0
     """ODOMETRY: how certain the vehicle is of its velocity, and resets of its estimate. No flight needs it; 0: neither
     asked for nor listened to."""

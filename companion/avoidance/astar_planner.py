@@ -77,7 +77,7 @@ class AStarPlanner:
             self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
             course = self._settings.course
-            if speed > course.smooth_from and len(vertices) > 2:
+            if speed > course.smooth_from:
                 limits = speed, course.acceleration, course.braking
                 return Path(*smoothed(vertices, view, velocity, settings.inflation, limits), detour=roomy.detour)
             return timed_path(vertices, view, speed, course, roomy.detour)

@@ -20,7 +20,7 @@ _LENGTH_M = 30.0
 """m of path that are smoothed; what lies farther is planned anew before it is flown."""
 _ROUNDS = 150
 _SHARE = 0.8
-"""Of the way to the beam's place that a point moves in a round."""
+"""Share of the way to the beam's place that a point moves in a round."""
 _ASIDE_M = 3.0
 """m that a point may move from where it was."""
 _MARGIN_M = 0.2
@@ -28,7 +28,7 @@ _MARGIN_M = 0.2
 _LEAST_SPEED = 1.0
 """m/s; a slower vehicle may begin in any direction."""
 _LATERAL_SHARE = 0.8
-"""Of the acceleration, for the curves; the rest corrects."""
+"""Share of the acceleration that is for the curves; the rest corrects."""
 
 Place = tuple[float, float]
 

@@ -17,7 +17,7 @@ from protocol.arrays import Array
 _CHANGE_M = 0.1
 """m by which the ground must rise or fall for the mission to follow."""
 _LEAST_SHARE, _LEAST_M = 0.6, 1.0
-"""Of its height, and m above the ground: the vehicle that is lower than both waits until it has climbed."""
+"""A vehicle that is lower than this share of its height, and than so many m, waits until it has climbed."""
 _FIXED = (Phase.TAKEOFF, Phase.TRACK)
 """Phases whose heights count from the place of the start all the same."""
 

@@ -227,19 +227,11 @@ class Navigator:
         way = self._trail.length(here, home)
         homeward = self.cut_short or phase in (Phase.RETURN, Phase.LAND)
         if not (self.mission.return_home or homeward):
-            rest = self._rest(here)
+            rest = _length_of(self.steps[self.step_index :], here)
             homeward = rest <= way
             way = min(rest, way)
         height = max(self.ground_down - float(here[2]), 0.0)
         return homeward, way / self._speed + height / _SINKING
-
-    def _rest(self, here: Array) -> float:
-        """m from a place to the end of the mission; inf where a track is on the way."""
-        left = self.steps[self.step_index :]
-        if any(step.curve is not None for step in left):
-            return math.inf
-        places = [here.tolist(), *(step.target_ned.tolist() for step in left if step.target_ned is not None)]
-        return sum(math.dist(one, other) for one, other in pairwise(places))
 
     def _allowed(self) -> float:
         """Time (s) that the present step may take; the way of the first is up from the ground."""
@@ -349,9 +341,7 @@ class Navigator:
             climb = next((step for step in self.steps[self.step_index :] if step.phase is Phase.CLIMB), None)
             if self.phase in _LOW and climb is not None:
                 back.append(climb)
-            corners = self._trail.corners(self._below.planned(here), home)
-            back += [Step(Phase.RETURN, place, passes=True, avoids=True) for place in corners]
-            back.append(Step(Phase.RETURN, home, avoids=True))
+            back += _way_back(self._trail.corners(self._below.planned(here), home), home)
         self._search.forbid()
         return self._cut(back, now_ns)
 
@@ -370,10 +360,23 @@ class Navigator:
         """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""
         back: list[Step] = []
         if self.mission.return_home and not self._gave_up:
-            back += [Step(Phase.RETURN, place, passes=True, avoids=True) for place in self._trail.back()]
-            back.append(Step(Phase.RETURN, self.steps[0].target_ned, avoids=True))
+            back = _way_back(self._trail.back(), self.steps[0].target_ned)
         way = "back the way it came" if back else "landing"
         text = f"no progress for {self._settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
         self._gave_up = True
         self._search.forbid()
         return Judgement((Announcement(Severity.ERROR, text), self._cut(back, now_ns)), text)
+
+
+def _length_of(left: Sequence[Step], here: Array) -> float:
+    """m from a place (3,) along the steps that are left; inf where a track is on the way."""
+    if any(step.curve is not None for step in left):
+        return math.inf
+    places = [here.tolist(), *(step.target_ned.tolist() for step in left if step.target_ned is not None)]
+    return sum(math.dist(one, other) for one, other in pairwise(places))
+
+
+def _way_back(places: Sequence[Array], home: Array | None) -> list[Step]:
+    """Through places (3,), and home."""
+    through = [Step(Phase.RETURN, place, passes=True, avoids=True) for place in places]
+    return [*through, Step(Phase.RETURN, home, avoids=True)]

@@ -8,7 +8,6 @@ import numpy as np
 from companion.reports import RangeBelow
 from companion.state import Ground, Pose
 from protocol.arrays import Array
-from protocol.frames import to_world
 
 _STALE_NS = 1_000_000_000
 _WINDOW_NS = 1_000_000_000
@@ -22,7 +21,6 @@ _ALIKE_M = 0.4
 _SPREAD_M = 0.5
 """How far the readings must lie apart for a slope to be believed; nearer ones are as if the ground were level."""
 _AHEAD_S = 1.0
-_DOWN = (0.0, 0.0, 1.0)
 
 
 class GroundBelow:
@@ -41,7 +39,8 @@ class GroundBelow:
         if pose is None or not math.isfinite(report.distance_m):
             return
         place, attitude = pose
-        beam = np.array(to_world(attitude, _DOWN))
+        w, x, y, z = attitude.tolist()
+        beam = np.array((2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)))  # the body's down
         if beam[2] < _UPRIGHT:
             return
         self._proven |= report.distance_m > _ABOVE_M

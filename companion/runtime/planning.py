@@ -179,7 +179,8 @@ def rehearse(settings: Avoidance) -> None:
             scan = Scan(time_ns, time_ns // 1000, _BEARINGS, ranges, (ranges < 15.0) & known, known)
             here = np.array([0.1 * min(k, 15), 0.0, -3.0])
             goal, velocity = 20.0 * here, np.array([1.5, 0.0, 0.0])
-            pipeline.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, 3.0))
+            speed = settings.course.smooth_from + (1.0 if k % 2 else -1.0)
+            pipeline.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, speed))
 
 
 def _walker(step: int) -> Array:

@@ -24,7 +24,7 @@ def flown(
 ) -> tuple[Ground | None, float, int]:
     """North over the slope, nodding by up to `tilt_deg`; the ground, the vehicle's place, and the time."""
     below, rng = GroundBelow(), np.random.default_rng(1)
-    north = now_ns = 0
+    north, now_ns = 0.0, 0
     for k in range(readings):
         north, now_ns = speed * k * PERIOD_NS * 1e-9, k * PERIOD_NS
         place = np.array((north, 0.0, ground_at(north, 0.0) - height))
@@ -61,9 +61,9 @@ def test_what_stands_counts_once_it_was_seen_twice() -> None:
     for k in range(10):
         below.take(RangeBelow(0, 3.0), (place, level), k * PERIOD_NS)
     below.take(RangeBelow(0, 1.5), (place, level), 10 * PERIOD_NS)
-    assert below.ground(10 * PERIOD_NS) == Ground(pytest.approx(0.0), pytest.approx(0.0))
+    assert below.ground(10 * PERIOD_NS) == pytest.approx(Ground(0.0, 0.0))
     below.take(RangeBelow(0, 1.5), (place, level), 11 * PERIOD_NS)
-    assert below.ground(11 * PERIOD_NS) == Ground(pytest.approx(-1.5), pytest.approx(-1.5))
+    assert below.ground(11 * PERIOD_NS) == pytest.approx(Ground(-1.5, -1.5))
 
 
 def test_what_is_old_or_out_of_reach_or_askew_is_not_known() -> None:
