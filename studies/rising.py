@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from studies import flown
-from studies.campaign import Setup
+from studies import flown, style
+from studies.campaign import DEFAULT, Job, Setup, end_of_flight
 from studies.campaign_report import Floor, fly_and_tell
 from studies.report import Report
 from studies.worlds import Place, Site, Solids, make_disc, make_place, make_site, make_wall
@@ -74,4 +74,20 @@ the sectors dropped, 5 cm of noise, scans 100 ms old. The clearance is that to t
 """
     )
     flown.picture(report, SETUPS)
+    report.figure(_profile(report), "rising-profile", "Heights along a flight at 5 m/s, seed 2, and the ground below")
     fly_and_tell(report, SETUPS, FLOORS)
+
+
+def _profile(report: Report) -> object:
+    """The vehicle and the ground, over the way to the goal."""
+    job = Job(SETUPS[0], DEFAULT, 5.0, 2, report.choice.logs / report.name)
+    _, joined = end_of_flight(job)
+    places = np.array([*joined.truths, joined.vehicle.state])[::10, :3]
+    down = np.array((0.0, 0.0, 1.0))
+    ground = [-place[2] - joined.vehicle.world.range_along(place, down, 50.0) for place in places]
+    figure, axes = style.sheet(height=2.4)
+    axes.fill_between(places[:, 0], ground, color=style.STONE, alpha=0.5, label="ground")
+    axes.plot(places[:, 0], -places[:, 2], label="vehicle")
+    axes.set(xlabel="north / m", ylabel="height / m", ylim=(0.0, None))
+    axes.legend(loc="lower right")
+    return figure
