@@ -7,7 +7,7 @@ from companion.avoidance.guard import Guard
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.config import Settings
 from companion.control.controller import Controller
-from companion.entering import entered, follow_delay, follow_ground, follow_output, ordered, taken_up
+from companion.entering import entered, follow_delay, follow_output, heed_below, ordered, taken_up
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
@@ -123,7 +123,7 @@ class Autopilot:
     def _fly(self, state: VehicleState, now: int) -> None:
         """Move the reference along the mission, and the mission along itself."""
         navigator, guidance, arrival = self.navigator, self.guidance, Arrival.NOT_YET
-        self._say(follow_ground(state, now, self.settings.avoidance, navigator, guidance, self.sensing))
+        self._say(heed_below(state, now, self.settings.avoidance, navigator, guidance, self.sensing))
         leg = navigator.leg(state.position_ned)
         if leg.step.phase is Phase.RELEASE:
             self.link.request(VehicleRequest.RELEASE, now)

@@ -95,7 +95,7 @@ def follow_delay(
     return delays.words(*pace, instead=controller.output is not link.readiness.output)
 
 
-def follow_ground(
+def heed_below(
     state: VehicleState, now: int, settings: Avoidance, navigator: Navigator, guidance: Guidance, sensing: Sensing
 ) -> Announcement | None:
     """The mission rises and falls with the ground below, or a descent ends above what stands there; what is to be said

@@ -22,7 +22,7 @@ LAST_BUCKET = (1 << 15) - 1
 
 
 def make_queue(entries: int) -> Queue:
-    """A queue for so many entries at a time. Compiled code does not check that it holds them."""
+    """A queue for so many entries at a time; a node for which there is no room is not put in."""
     return np.empty(LAST_BUCKET + 1, np.int32), np.empty(entries, np.int32), np.empty(entries, np.int32)
 
 
@@ -42,8 +42,10 @@ def push(queue: Queue, state: QueueState, key: float, node: int) -> QueueState:
     entry = spare
     if spare >= 0:
         spare = below[spare]
-    else:
+    elif used < nodes.shape[0]:
         entry, used = used, used + 1
+    else:
+        return state
     nodes[entry], below[entry], buckets[bucket] = node, buckets[bucket], entry
     return first, max(last, bucket), spare, used
 

@@ -55,3 +55,9 @@ def test_a_hill_is_in_the_way_once_the_range_finder_is_lost(tmp_path: Path) -> N
     assert summary.outcome == "landed" and summary.contacts == 0 and not summary.released
     assert math.dist(summary.final_position_ned[:2], (0.0, 0.0)) < 1.0
     assert any("the ground below is not seen any more" in line for line in joined.said)
+
+
+def test_without_a_range_finder_the_flight_does_not_begin(tmp_path: Path) -> None:
+    joined = joined_over(tmp_path, FOLLOWS, lost_after_s=0.0).fly(limit_s=5.0)
+    assert not joined.vehicle.flight.armed
+    assert "DISTANCE_SENSOR arrives at 0" in (joined.autopilot.supervisor.waiting_for or "")

@@ -1,5 +1,6 @@
 """The world as it is drawn: the simulator's own shapes, closed and the right way out."""
 
+import itertools
 import math
 import tomllib
 
@@ -31,6 +32,16 @@ def test_every_box_and_cylinder_is_where_the_simulator_has_it() -> None:
     for prism, (north, east, radius, top, bottom, _) in zip(cylinders, WORLD.cylinders, strict=True):
         assert all(math.dist(place, (north, east)) == pytest.approx(radius) for place in prism.outline), prism.name
         assert (prism.top, prism.bottom) == (-top, -bottom)
+
+
+def test_a_hill_is_drawn_as_steps_with_its_volume() -> None:
+    hill = b'[[hill]]\nname = "mound"\ncenter = [5.0, -3.0]\nradius = 20.0\nheight = 4.0\n'
+    steps = solids(hill)
+    assert steps[0].bottom == 0.0 and steps[-1].top == pytest.approx(4.0)
+    assert all(low.top == pytest.approx(high.bottom) for low, high in itertools.pairwise(steps))
+    radii = [math.dist(step.outline[0], (5.0, -3.0)) for step in steps]
+    volume = sum(math.pi * radius**2 * (step.top - step.bottom) for radius, step in zip(radii, steps, strict=True))
+    assert volume == pytest.approx(math.pi * 4.0 * (3.0 * 20.0**2 + 4.0**2) / 6.0, rel=0.01)
 
 
 def test_meshes_are_closed_and_turned_outwards() -> None:
