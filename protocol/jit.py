@@ -121,3 +121,9 @@ def compiled(function: F) -> F:
     """A decorator: compile at the first call for its argument types, in IEEE arithmetic, so runs repeat exactly."""
     result: F = numba.njit(cache=CACHE_FOLDER is not None, error_model="numpy")(function)
     return result
+
+
+def inlined(function: F) -> F:
+    """As `compiled`, into each compiled function that calls it, so that a loop of calls can be vectorised."""
+    result: F = numba.njit(cache=CACHE_FOLDER is not None, error_model="numpy", forceinline=True)(function)
+    return result

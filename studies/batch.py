@@ -1,7 +1,7 @@
 """Many vehicles in one compiled call, for Monte Carlo of control laws without MAVLink.
 
-Each vehicle is a row of every array. A tick of one is `vehicle_sim.tick.advance`, the same code as of the simulated
-vehicle, so a row flies as a vehicle by itself does, to the bit.
+Each vehicle is a row of every array. It flies by the same equations and laws as the simulated vehicle, to the bit; the
+equations of motion of LANES vehicles are computed at once (`vehicle_sim.physics.lanes`).
 """
 
 from collections.abc import Callable
@@ -13,15 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.arrays import Array
-from protocol.jit import CACHE_FOLDER
+from protocol.jit import CACHE_FOLDER, compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe, parameters
-from vehicle_sim.autopilot.control_laws import COMMAND, Level
-from vehicle_sim.physics.integrator import work_array
+from vehicle_sim.autopilot.control_laws import COMMAND, Level, rotor_commands
+from vehicle_sim.physics import lanes
+from vehicle_sim.physics.lanes import LANES
 from vehicle_sim.physics.motion import FEEDBACK
-from vehicle_sim.physics.rigid_body import STATES
-from vehicle_sim.tick import EXACT, advance
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.physics.rigid_body import STATES, depth
+from vehicle_sim.tick import after_step, begin, end, speed_of
+from vehicle_sim.timing import STEP_S, STEPS_PER_TICK, TICK_NS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -49,15 +50,42 @@ def fly(
 ) -> None:
     """Advance n vehicles by so many ticks; `positions` (n, last, 3) gets where they are (m, NED) at the last of them.
 
-    In place: states (n, 17), commands (n,) of COMMAND, feedback (n,) of FEEDBACK. `works` (n, 7, 17) are work arrays.
+    In place: states (n, 17), commands (n,) of COMMAND, feedback (n,) of FEEDBACK. `works` are `lanes.work_lanes` with
+    the vehicles' bodies.
     """
-    for i in numba.prange(len(states)):
-        state, command, p, f = states[i], commands[i : i + 1], parameter_rows[i : i + 1], feedback[i : i + 1]
+    for group in numba.prange(len(works)):
+        first = group * LANES
+        count = min(LANES, len(states) - first)
+        group_states, rows = states[first : first + count], slice(first, first + count)
         silent = ticks - positions.shape[1]
         for tick in range(ticks):
-            advance(state, command, p, f, works[i], EXACT)
+            _fly_tick(group_states, commands[rows], parameter_rows[rows], feedback[rows], works[group])
             if tick >= silent:
-                positions[i, tick - silent] = state[:3]
+                positions[rows, tick - silent] = group_states[:, :3]
+
+
+@compiled
+def _fly_tick(
+    states: Array, commands: NDArray[np.void], parameters: NDArray[np.void], feedback: NDArray[np.void], work: Array
+) -> None:
+    """`vehicle_sim.tick.advance` of up to LANES vehicles on exact estimates."""
+    count = len(states)
+    touching, speeds, rotors = np.empty(count, np.bool_), np.empty(count), np.empty((count, 4))
+    for i in range(count):
+        begin(states[i], commands[i : i + 1], parameters[i : i + 1], feedback[i : i + 1])
+        touching[i] = depth(states[i], parameters[i : i + 1]) > 0.0
+    for _ in range(STEPS_PER_TICK):
+        for i in range(count):
+            rotor_commands(states[i], commands[i : i + 1], parameters[i : i + 1], rotors[i])
+            lanes.command(work, i, rotors[i])
+            speeds[i] = speed_of(states[i])
+        lanes.step(work, STEP_S)
+        for i in range(count):
+            lanes.take(work, i, states[i])
+            touching[i] = after_step(states[i], parameters[i : i + 1], feedback[i : i + 1], speeds[i], touching[i])
+    rates = np.empty(STATES)
+    for i in range(count):
+        end(states[i], rotors[i], parameters[i : i + 1], feedback[i : i + 1], touching[i], rates)
 
 
 @dataclass
@@ -70,7 +98,6 @@ class Fleet:
     parameters: NDArray[np.void]
     """(n,) of airframe.PARAMETERS"""
     feedback: NDArray[np.void]
-    works: Array
 
     @classmethod
     def hovering(cls, airframe: Airframe, count: int, height_m: float = 10.0) -> "Fleet":
@@ -84,7 +111,7 @@ class Fleet:
         commands["level"] = Level.POSITION
         commands["position_ned"] = states[:, :3]
         commands["speed_limits"] = SPEED_LIMITS
-        return cls(states, commands, p, np.zeros(count, FEEDBACK), np.zeros((count, *work_array().shape)))
+        return cls(states, commands, p, np.zeros(count, FEEDBACK))
 
     def disturb(self, rng: np.random.Generator, wind_m_s: float = 6.0, force_n: float = 2.0, load: float = 0.1) -> None:
         """For each a wind and a force of random direction and size up to these, and a load of up to so large a share of
@@ -99,7 +126,8 @@ class Fleet:
         ticks = round(seconds / TICK_S)
         kept = ticks if last_s is None else round(last_s / TICK_S)
         positions = np.empty((len(self.states), kept, 3))
-        fly(self.states, self.commands, self.parameters, self.feedback, self.works, ticks, positions)
+        works = lanes.loaded(self.states, self.parameters)
+        fly(self.states, self.commands, self.parameters, self.feedback, works, ticks, positions)
         return positions
 
 

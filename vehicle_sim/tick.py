@@ -30,6 +30,48 @@ def _estimated(state: Array, error: Array, out: Array) -> None:
 
 
 @compiled
+def begin(seen: Array, command: Command, parameters: Parameters, feedback: Feedback) -> None:
+    """What comes before a tick's steps, by the state (17,) as it is believed."""
+    if command[0].level == Level.POSITION:
+        position_law(seen, command, parameters)
+    feedback[0].impact_m_s = 0.0
+
+
+@compiled
+def after_step(state: Array, parameters: Parameters, feedback: Feedback, speed: float, touched: bool) -> bool:
+    """Whether a foot is on the ground after a step that began at this speed (m/s); impact and energy go to feedback."""
+    p, f = parameters[0], feedback[0]
+    touching = depth(state, parameters) > 0.0
+    if touching and not touched:
+        f.impact_m_s = max(f.impact_m_s, speed)
+    for i in range(13, 17):
+        f.shaft_energy_j += STEP_S * p.torque_per_thrust_m * p.thrust_constant_ns2 * state[i] ** 3
+    return touching
+
+
+@compiled
+def end(
+    state: Array, commands: Array, parameters: Parameters, feedback: Feedback, touching: bool, rates: Array
+) -> None:
+    """The rest of a tick's feedback; `rates` (17,) gets what the state changes by."""
+    f = feedback[0]
+    f.touching = 1.0 if touching else 0.0
+    derivative(state, commands, parameters, rates)
+    q0, q1, q2, q3 = state[6], state[7], state[8], state[9]
+    v = to_world(q0, -q1, -q2, -q3, state[3], state[4], state[5])
+    a = to_world(q0, -q1, -q2, -q3, rates[3], rates[4], rates[5] - GRAVITY)
+    for i in range(3):
+        f.velocity_frd[i] = v[i]
+        f.specific_force_frd[i] = a[i]
+
+
+@compiled
+def speed_of(state: Array) -> float:
+    """m/s, of a state (17,)."""
+    return math.sqrt(state[3] ** 2 + state[4] ** 2 + state[5] ** 2)
+
+
+@compiled
 def advance(
     state: Array, command: Command, parameters: Parameters, feedback: Feedback, work: Array, error: Array
 ) -> None:
@@ -38,34 +80,17 @@ def advance(
     `work` (7, 17) is a work array, see integrator.work_array. The control laws see the state with the estimate's latest
     `error` (13,), or as it is (0,).
     """
-    p, f = parameters[0], feedback[0]
     commands = work[5]
     seen = work[6] if len(error) else state
     if len(error):
         _estimated(state, error, seen)
-    if command[0].level == Level.POSITION:
-        position_law(seen, command, parameters)
-    f.impact_m_s = 0.0
+    begin(seen, command, parameters, feedback)
     touching = depth(state, parameters) > 0.0
     for _ in range(STEPS_PER_TICK):
         if len(error):
             _estimated(state, error, seen)
         rotor_commands(seen, command, parameters, commands)
-        speed = math.sqrt(state[3] ** 2 + state[4] ** 2 + state[5] ** 2)
+        before = speed_of(state)
         step(state, commands, parameters, STEP_S, work)
-        touched = touching
-        touching = depth(state, parameters) > 0.0
-        if touching and not touched:
-            f.impact_m_s = max(f.impact_m_s, speed)
-        for i in range(13, 17):
-            f.shaft_energy_j += STEP_S * p.torque_per_thrust_m * p.thrust_constant_ns2 * state[i] ** 3
-    f.touching = 1.0 if touching else 0.0
-
-    rates = work[0]
-    derivative(state, commands, parameters, rates)
-    q0, q1, q2, q3 = state[6], state[7], state[8], state[9]
-    v = to_world(q0, -q1, -q2, -q3, state[3], state[4], state[5])
-    a = to_world(q0, -q1, -q2, -q3, rates[3], rates[4], rates[5] - GRAVITY)
-    for i in range(3):
-        f.velocity_frd[i] = v[i]
-        f.specific_force_frd[i] = a[i]
+        touching = after_step(state, parameters, feedback, before, touching)
+    end(state, commands, parameters, feedback, touching, work[0])

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.arrays import Array, Vector
-from protocol.jit import compiled
+from protocol.arrays import Array, Quaternion, Vector
+from protocol.jit import compiled, inlined
 from protocol.vehicle_parameters import GRAVITY
 
 Parameters = NDArray[np.void]
@@ -26,7 +26,7 @@ _SLIDING_M_S = 0.05
 """Below this speed friction is viscous, so that the integrator meets no step."""
 
 
-@compiled
+@inlined
 def to_world(q0: float, q1: float, q2: float, q3: float, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Rotate a vector from the body into the world; with (q0, -q1, -q2, -q3) from the world into the body."""
     tx = 2.0 * (q2 * z - q3 * y)
@@ -67,27 +67,29 @@ def _contact_force(p: Any, sunk: float, vx: float, vy: float, vz: float) -> Vect
     return -grip * vx, -grip * vy, -normal
 
 
-@compiled
-def _attitude_derivative(state: Array, out: Array) -> None:
-    """Rate of change of the quaternion into `out` 6:10."""
-    q0, q1, q2, q3 = state[6], state[7], state[8], state[9]
-    wx, wy, wz = state[10], state[11], state[12]
-    out[6] = 0.5 * (-q1 * wx - q2 * wy - q3 * wz)
-    out[7] = 0.5 * (q0 * wx + q2 * wz - q3 * wy)
-    out[8] = 0.5 * (q0 * wy - q1 * wz + q3 * wx)
-    out[9] = 0.5 * (q0 * wz + q1 * wy - q2 * wx)
+@inlined
+def attitude_rate(attitude: Quaternion, rates: Vector) -> Quaternion:
+    """Rate of change (1/s) of the quaternion."""
+    q0, q1, q2, q3 = attitude
+    wx, wy, wz = rates
+    return (
+        0.5 * (-q1 * wx - q2 * wy - q3 * wz),
+        0.5 * (q0 * wx + q2 * wz - q3 * wy),
+        0.5 * (q0 * wy - q1 * wz + q3 * wx),
+        0.5 * (q0 * wz + q1 * wy - q2 * wx),
+    )
 
 
-@compiled
-def _rotor_derivative(state: Array, rotor_commands: Array, p: Any, out: Array) -> None:
-    """Rate of change of the rotor speeds into `out` 13:17: a first-order lag, faster up than down."""
-    for i in range(4):
-        reached = p.voltage_share * min(max(rotor_commands[i], 0.0), p.rotor_max_speed)
-        lack = p.rotor_running[i] * reached - state[13 + i]
-        out[13 + i] = lack / (p.rotor_lag_share[i] * (p.time_constant_up_s if lack > 0.0 else p.time_constant_down_s))
+@inlined
+def rotor_rate(command: float, speed: float, running: float, lag_share: float, p: Any) -> float:
+    """Rate of change (rad/s2) of a rotor's speed (rad/s) under a command: a first-order lag, faster up than down."""
+    reached = p.voltage_share * min(max(command, 0.0), p.rotor_max_speed)
+    lack: float = running * reached - speed
+    lag: float = lag_share * (p.time_constant_up_s if lack > 0.0 else p.time_constant_down_s)
+    return lack / lag
 
 
-@compiled
+@inlined
 def _ground_effect(height: float, radius: float) -> float:
     """Thrust of a rotor at a height (m), as a share of that far above the ground: I. Cheeseman and W. Bennett, "The
     effect of the ground on a helicopter rotor in forward flight", ARC R&M 3021 (1955), down to half a radius."""
@@ -96,19 +98,19 @@ def _ground_effect(height: float, radius: float) -> float:
     return 1.0 / (1.0 - (radius / (4.0 * max(height, 0.5 * radius))) ** 2)
 
 
-@compiled
-def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out: Array) -> None:
-    """Rate of change of the state (17,) into `out` (17,), under commanded rotor speeds (4,) in rad/s."""
-    p = parameters[0]
-    q0, q1, q2, q3 = state[6], state[7], state[8], state[9]
-    wx, wy, wz = state[10], state[11], state[12]
-    ix, iy, iz = p.inertia_kgm2[0], p.inertia_kgm2[1], p.inertia_kgm2[2]
-
-    cushion = _ground_effect(-state[2], p.propeller_radius_m)
-    front = p.rotor_thrust_share[0] * p.thrust_constant_ns2 * state[13] * state[13]
-    right = p.rotor_thrust_share[1] * p.thrust_constant_ns2 * state[14] * state[14]
-    back = p.rotor_thrust_share[2] * p.thrust_constant_ns2 * state[15] * state[15]
-    left = p.rotor_thrust_share[3] * p.thrust_constant_ns2 * state[16] * state[16]
+@inlined
+def air_wrench(
+    down: float, velocity: Vector, attitude: Quaternion, rates: Vector, rotors: Quaternion, p: Any
+) -> tuple[Vector, Vector]:
+    """Force (N, NED) and torque (N m, FRD) of rotors (rad/s), air and what else pushes, at a height of -`down` (m)."""
+    q0, q1, q2, q3 = attitude
+    wx, wy, _ = rates
+    w_front, w_right, w_back, w_left = rotors
+    cushion = _ground_effect(-down, p.propeller_radius_m)
+    front = p.rotor_thrust_share[0] * p.thrust_constant_ns2 * w_front * w_front
+    right = p.rotor_thrust_share[1] * p.thrust_constant_ns2 * w_right * w_right
+    back = p.rotor_thrust_share[2] * p.thrust_constant_ns2 * w_back * w_back
+    left = p.rotor_thrust_share[3] * p.thrust_constant_ns2 * w_left * w_left
     tx = p.arm_length_m * (left - right)
     ty = p.arm_length_m * (front - back)
     tz = p.torque_per_thrust_m * (front + back - right - left)
@@ -116,44 +118,78 @@ def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out:
     tx += p.centre_of_mass_m[1] * thrust
     ty -= p.centre_of_mass_m[0] * thrust
 
-    spin = p.rotor_inertia_kgm2 * (state[14] + state[16] - state[13] - state[15])  # angular momentum along z
+    spin = p.rotor_inertia_kgm2 * (w_right + w_left - w_front - w_back)  # angular momentum along z
     tx -= wy * spin
     ty += wx * spin
 
     # drag and thrust in the body, then all forces in the world
-    ax, ay, az = state[3] - p.wind_ned[0], state[4] - p.wind_ned[1], state[5] - p.wind_ned[2]
+    ax, ay, az = velocity[0] - p.wind_ned[0], velocity[1] - p.wind_ned[1], velocity[2] - p.wind_ned[2]
     bx, by, bz = to_world(q0, -q1, -q2, -q3, ax, ay, az)
     dx = -(p.drag_kg_s[0] + p.quadratic_drag_kg_m[0] * abs(bx)) * bx
     dy = -(p.drag_kg_s[1] + p.quadratic_drag_kg_m[1] * abs(by)) * by
     dz = -(p.drag_kg_s[2] + p.quadratic_drag_kg_m[2] * abs(bz)) * bz - thrust
     fx, fy, fz = to_world(q0, q1, q2, q3, dx, dy, dz)
-    fx, fy, fz = fx + p.force_ned[0], fy + p.force_ned[1], fz + p.force_ned[2]
+    return (fx + p.force_ned[0], fy + p.force_ned[1], fz + p.force_ned[2]), (tx, ty, tz)
 
-    if state[2] + p.foot_radius_m + p.foot_height_m > 0.0:
-        for number in range(4):
-            x, y, z = foot(number, p)
-            rx, ry, rz = to_world(q0, q1, q2, q3, x, y, z)
-            sunk = state[2] + rz
-            if sunk > 0.0:
-                vx, vy, vz = to_world(q0, q1, q2, q3, wy * z - wz * y, wz * x - wx * z, wx * y - wy * x)
-                vx += state[3]
-                vy += state[4]
-                vz += state[5]
-                gx, gy, gz = _contact_force(p, sunk, vx, vy, vz)
-                fx += gx
-                fy += gy
-                fz += gz
-                mx, my, mz = to_world(q0, -q1, -q2, -q3, ry * gz - rz * gy, rz * gx - rx * gz, rx * gy - ry * gx)
-                tx += mx
-                ty += my
-                tz += mz
 
-    out[0], out[1], out[2] = state[3], state[4], state[5]
-    out[3] = fx / p.mass_kg
-    out[4] = fy / p.mass_kg
-    out[5] = fz / p.mass_kg + GRAVITY
-    out[10] = (tx - (iz - iy) * wy * wz) / ix
-    out[11] = (ty - (ix - iz) * wz * wx) / iy
-    out[12] = (tz - (iy - ix) * wx * wy) / iz
-    _attitude_derivative(state, out)
-    _rotor_derivative(state, rotor_commands, p, out)
+@inlined
+def with_ground(
+    wrench: tuple[Vector, Vector], down: float, velocity: Vector, attitude: Quaternion, rates: Vector, p: Any
+) -> tuple[Vector, Vector]:
+    """Force (N, NED) and torque (N m, FRD) with those of the ground on each foot that is in it."""
+    if down + p.foot_radius_m + p.foot_height_m <= 0.0:
+        return wrench
+    (fx, fy, fz), (tx, ty, tz) = wrench
+    q0, q1, q2, q3 = attitude
+    wx, wy, wz = rates
+    for number in range(4):
+        x, y, z = foot(number, p)
+        rx, ry, rz = to_world(q0, q1, q2, q3, x, y, z)
+        sunk = down + rz
+        if sunk > 0.0:
+            vx, vy, vz = to_world(q0, q1, q2, q3, wy * z - wz * y, wz * x - wx * z, wx * y - wy * x)
+            vx += velocity[0]
+            vy += velocity[1]
+            vz += velocity[2]
+            gx, gy, gz = _contact_force(p, sunk, vx, vy, vz)
+            fx += gx
+            fy += gy
+            fz += gz
+            mx, my, mz = to_world(q0, -q1, -q2, -q3, ry * gz - rz * gy, rz * gx - rx * gz, rx * gy - ry * gx)
+            tx += mx
+            ty += my
+            tz += mz
+    return (fx, fy, fz), (tx, ty, tz)
+
+
+@inlined
+def accelerations(wrench: tuple[Vector, Vector], rates: Vector, p: Any) -> tuple[Vector, Vector]:
+    """Acceleration (m/s2, NED, with gravity) and angular acceleration (rad/s2, FRD) under a force and a torque."""
+    (fx, fy, fz), (tx, ty, tz) = wrench
+    wx, wy, wz = rates
+    ix, iy, iz = p.inertia_kgm2[0], p.inertia_kgm2[1], p.inertia_kgm2[2]
+    linear = fx / p.mass_kg, fy / p.mass_kg, fz / p.mass_kg + GRAVITY
+    turning = (
+        (tx - (iz - iy) * wy * wz) / ix,
+        (ty - (ix - iz) * wz * wx) / iy,
+        (tz - (iy - ix) * wx * wy) / iz,
+    )
+    return linear, turning
+
+
+@compiled
+def derivative(state: Array, rotor_commands: Array, parameters: Parameters, out: Array) -> None:
+    """Rate of change of the state (17,) into `out` (17,), under commanded rotor speeds (4,) in rad/s."""
+    p = parameters[0]
+    down, velocity = state[2], (state[3], state[4], state[5])
+    attitude, rates = (state[6], state[7], state[8], state[9]), (state[10], state[11], state[12])
+    rotors = state[13], state[14], state[15], state[16]
+    wrench = air_wrench(down, velocity, attitude, rates, rotors, p)
+    wrench = with_ground(wrench, down, velocity, attitude, rates, p)
+    linear, turning = accelerations(wrench, rates, p)
+    out[0], out[1], out[2] = velocity
+    out[3], out[4], out[5] = linear
+    out[6], out[7], out[8], out[9] = attitude_rate(attitude, rates)
+    out[10], out[11], out[12] = turning
+    for i in range(4):
+        out[13 + i] = rotor_rate(rotor_commands[i], state[13 + i], p.rotor_running[i], p.rotor_lag_share[i], p)
