@@ -28,7 +28,7 @@ from companion.records import RECORD_TYPES
 from companion.runtime.compiling import first_start, planner_compiled_beside
 from companion.runtime.files import is_geodetic
 from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
-from companion.runtime.rehearsal import rehearse
+from companion.runtime.rehearsal import OpenField, rehearse
 from companion.runtime.runner import Runner
 from companion.runtime.side_links import NONE, SideLinks, unheard
 from companion.runtime.station_files import is_of_station
@@ -118,7 +118,8 @@ def prepare(plan: Plan) -> Plan:
             with planner_compiled_beside(settings.avoidance):
                 rehearse(straight, plan.body, plan.mission, plan.output)
         planner = PlannerProcess(settings.avoidance) if _has_planner_process(plan) else None
-        rehearse(settings, plan.body, plan.mission, plan.output)
+        made_up = InProcessPlanner if planner is None else OpenField
+        rehearse(settings, plan.body, plan.mission, plan.output, made_up)
     return replace(plan, planner=planner)
 
 

@@ -21,6 +21,7 @@ from companion.config_avoidance import Avoidance
 from companion.records import ASKED, PLANNED, PLANNED_CORNERS
 from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.mailbox import Outbox, mailbox
+from companion.runtime.memory import give_back
 from companion.state import Scan
 from protocol.arrays import Array
 
@@ -161,6 +162,7 @@ def _think(requests: "Connection", results: Outbox, settings: Avoidance) -> None
         signal.signal(number, signal.SIG_IGN)
     rehearse(settings)
     pipeline = PlanningPipeline(settings, results.empty)
+    give_back()
     with contextlib.suppress(EOFError, OSError):
         results.put(None)
         while True:

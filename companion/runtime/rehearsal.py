@@ -2,23 +2,28 @@
 flight."""
 
 import math
+from collections import deque
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
 
 from companion.autopilot import Autopilot
+from companion.avoidance.path import NO_PATH, Path
+from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.avoidance_methods import methods_in_use
 from companion.config import Settings
-from companion.config_avoidance import AvoidanceAltitudeSearch
+from companion.config_avoidance import Avoidance, AvoidanceAltitudeSearch
 from companion.events import Datagram, Event, Reaction
 from companion.link.audit import LONGEST_HOLD_OF_RATES_S
 from companion.link.firmware.px4 import FIRMWARE as PX4
 from companion.mission.plan import Delivery, Mission, Waypoint
+from companion.perception.free_space import MOVER_COLUMNS, POINT_COLUMNS, FreeSpace
 from companion.perception.ring_check import RingCheck
 from companion.plausibility import Plausibility
 from companion.reports import AttitudeReport, PositionReport
 from companion.runtime.driver import Driver
-from companion.runtime.planning import InProcessPlanner, Planning
+from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
 from companion.state import Output, Scan, Setpoint
 from companion.supervision.states import State
 from companion.trace import Thinning
@@ -44,6 +49,7 @@ _OFFBOARD, _LANDING, _POSITION = 6 << 16, 4 << 16 | 6 << 24, 3 << 16
 """PX4's custom modes."""
 _HOLDS_S = (1.0, LONGEST_HOLD_OF_RATES_S)
 """Times that a vehicle may follow the last setpoint: one for each output that may be chosen."""
+_FREE_M = 6.0
 _UNKNOWN_PARAMETER, _FLOAT = 0.0, dialect.MAV_PARAM_TYPE_REAL32
 _NO_HASHES = ([0] * 8, [0] * 8, [0] * 8)
 
@@ -52,7 +58,46 @@ class RehearsalError(Exception):
     """The autopilot does not get through its own mission on perfect telemetry."""
 
 
-def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
+class OpenField:
+    """A planner that answers at once, without map or search: the way is free, and something comes along it. For where
+    these are in a process of their own, which rehearses them."""
+
+    fault: str | None = None
+
+    def __init__(self, settings: Avoidance) -> None:
+        self._map = settings.map
+        self._asked: deque[PlanRequest] = deque()
+
+    def ask(self, request: PlanRequest) -> None:
+        self._asked.append(request)
+
+    def take(self, patience_s: float) -> PlanResult | None:
+        if not self._asked:
+            return None
+        request = self._asked.popleft()
+        cell, cells, tight = self._map.cell, self._map.cells, request.number % 2 == 0
+        north, east, _ = request.here.tolist()
+        corner = math.floor(north / cell) - cells // 2, math.floor(east / cell) - cells // 2
+        free = np.full((cells, cells), _FREE_M, np.float32)
+        points, movers = np.zeros((1, POINT_COLUMNS)), np.zeros((1, MOVER_COLUMNS))
+        points[0] = movers[0, :POINT_COLUMNS] = north + _FREE_M, east, -1.0, 0.0, 0.5
+        space = FreeSpace(request.asked_ns, free, free.copy(), corner, cell, points, tight, movers)
+        path = NO_PATH
+        if request.goal is not None:
+            path = Path(np.array((request.here[:2], request.goal[:2])), np.array((request.speed, 0.0)), tight=tight)
+        return PlanResult(request.number, request.asked_ns, space, _FREE_M, path, False)
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+def rehearse(
+    settings: Settings,
+    body: VehicleParameters,
+    mission: Mission,
+    output: Output | None,
+    planner: Callable[[Avoidance], PlannerBackend] = InProcessPlanner,
+) -> None:
     """Fly a vehicle that is always where it should be, on each output that may be chosen and by each method: not by all
     pairs, as neither depends on the other. Raises RehearsalError if that does not lead to the end."""
     _judge()
@@ -60,7 +105,8 @@ def rehearse(settings: Settings, body: VehicleParameters, mission: Mission, outp
     methods = methods_in_use(settings.avoidance.method)
     for k in range(max(len(holds_s), len(methods))):
         chosen = msgspec.structs.replace(settings, avoidance=settings.avoidance.by(methods[k % len(methods)]))
-        _fly(chosen, body, mission, output, holds_s[k % len(holds_s)])
+        planning = Planning(planner(settings.avoidance), settings.avoidance.answer_delay)
+        _fly(chosen, body, mission, output, holds_s[k % len(holds_s)], planning)
 
 
 def _judge() -> None:
@@ -77,12 +123,18 @@ def _judge() -> None:
     told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0))
 
 
-def _fly(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None, hold_s: float) -> None:
+def _fly(
+    settings: Settings,
+    body: VehicleParameters,
+    mission: Mission,
+    output: Output | None,
+    hold_s: float,
+    planning: Planning,
+) -> None:
     # At the route's altitudes, where the vehicle here is.
     avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
     autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
     autopilot.sensing.judges = False
-    planning = Planning(InProcessPlanner(settings.avoidance), settings.avoidance.answer_delay)
     thinning = Thinning(settings.log.trace_rate)
 
     def thin(event: Event, reaction: Reaction) -> None:

@@ -2,7 +2,6 @@
 vehicle's clock."""
 
 import contextlib
-import ctypes
 import gc
 import logging
 import os
@@ -17,6 +16,7 @@ from companion.autopilot import Autopilot
 from companion.events import Datagram, Event, PlanReady, Reaction, Tick, operation_record, tick_record
 from companion.records import ASKED, LOGGED, LOOP, OPERATION, PLANNED, TICK
 from companion.runtime.driver import Driver
+from companion.runtime.memory import give_back
 from companion.runtime.planning import Planning, pack_request, pack_result
 from companion.runtime.progress import Progress
 from companion.runtime.router import Router
@@ -386,12 +386,8 @@ def _landing_on_signal(request: Callable[[], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _no_garbage_collection() -> Iterator[None]:
-    """The loop makes no cycles; a full collection would take milliseconds. What the start has left goes back to the
-    system: 14 MB."""
-    gc.collect()
-    libc = ctypes.CDLL(None)
-    if hasattr(libc, "malloc_trim"):  # glibc's alone
-        libc.malloc_trim(0)
+    """The loop makes no cycles; a full collection would take milliseconds."""
+    give_back()
     gc.freeze()
     gc.disable()
     try:

@@ -50,5 +50,5 @@ def weighted(k1: float, k2: float, k3: float, k4: float, dt: float) -> float:
 
 @inlined
 def length(q0: float, q1: float, q2: float, q3: float) -> float:
-    """Of a quaternion."""
+    """The length of a quaternion."""
     return math.sqrt(q0**2 + q1**2 + q2**2 + q3**2)

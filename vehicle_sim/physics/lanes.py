@@ -55,7 +55,7 @@ class Body(NamedTuple):
 
 
 def _row(name: str) -> int:
-    """Of the first number of a field of PARAMETERS."""
+    """The row of the first number of a field of PARAMETERS."""
     assert PARAMETERS.fields is not None
     return _BODY + PARAMETERS.fields[name][1] // 8
 

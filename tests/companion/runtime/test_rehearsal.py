@@ -32,12 +32,13 @@ import pickle
 from companion.runtime.files import load_mission
 from companion.autopilot import Autopilot
 from companion.runtime.files import load_body, load_settings
-from companion.runtime.rehearsal import rehearse
+from companion.runtime.planning import InProcessPlanner
+from companion.runtime.rehearsal import OpenField, rehearse
 from companion.state import Output
 from companion.trace import Thinning
 
 flown = load_settings(None, {coarse!r}), load_body("paper_quad"), load_mission({mission!r})[0], Output({output!r})
-rehearse(*flown)
+rehearse(*flown, {planner})
 before, modules = compiled(), set(sys.modules)
 autopilot = Autopilot(*flown)
 thinning = Thinning(flown[0].log.trace_rate)
@@ -51,25 +52,27 @@ print(sorted(compiled() - before), sorted(set(sys.modules) - modules))
 
 
 @pytest.mark.parametrize(
-    ("mission", "output", "unheard_ns"),
+    ("mission", "output", "planner", "unheard_ns"),
     [
-        ("errand", Output.RATES, 0),
-        (str(ROOT / "tests" / "data" / "eight.toml"), Output.ATTITUDE, 500_000_000),
-        (str(ROOT / "tests" / "data" / "hover.toml"), Output.ACTUATORS, 500_000_000),
+        ("errand", Output.RATES, "OpenField", 0),
+        (str(ROOT / "tests" / "data" / "eight.toml"), Output.ATTITUDE, "InProcessPlanner", 500_000_000),
+        (str(ROOT / "tests" / "data" / "hover.toml"), Output.ACTUATORS, "InProcessPlanner", 500_000_000),
     ],
     ids=["errand", "eight", "hover"],
 )
 def test_nothing_is_compiled_or_imported_in_flight(
-    tmp_path: Path, mission: str, output: Output, unheard_ns: int
+    tmp_path: Path, mission: str, output: Output, planner: str, unheard_ns: int
 ) -> None:
-    """A flight's events again, in a process that has only rehearsed: the simulator is not there to compile for it."""
+    """A flight's events again, in a process that has only rehearsed: the simulator is not there to compile for it, nor,
+    where the planner has a process of its own, the planner."""
     joined = Joined(mission_of(mission), output, overrides=SMALL_MAP)
     joined.meddle = lambda time_ns, data: data if time_ns > unheard_ns else b""  # from the middle of its telemetry on
     joined.fly()
     assert joined.autopilot.ended and joined.autopilot.supervisor.fault is None
     events = tmp_path / "events"
     events.write_bytes(pickle.dumps(joined.events))
-    script = COMPILED + REPLAY.format(events=str(events), mission=mission, output=output.value, coarse=SMALL_MAP)
+    asked = {"mission": mission, "output": output.value, "planner": planner, "coarse": SMALL_MAP}
+    script = COMPILED + REPLAY.format(events=str(events), **asked)
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
     assert done.returncode == 0, done.stderr
