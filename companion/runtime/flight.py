@@ -18,6 +18,7 @@ import msgspec
 
 from companion.autopilot import Autopilot
 from companion.config import STEEPEST_DEG, Settings
+from companion.config_avoidance import Avoidance
 from companion.curves import Shape
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
@@ -27,7 +28,7 @@ from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.compiling import first_start, planner_compiled_beside
 from companion.runtime.files import is_geodetic
-from companion.runtime.planning import InProcessPlanner, PlannerProcess, Planning
+from companion.runtime.planning import InProcessPlanner, PlannerBackend, PlannerProcess, Planning
 from companion.runtime.rehearsal import OpenField, rehearse
 from companion.runtime.runner import Runner
 from companion.runtime.side_links import NONE, SideLinks, unheard
@@ -118,9 +119,15 @@ def prepare(plan: Plan) -> Plan:
             with planner_compiled_beside(settings.avoidance):
                 rehearse(straight, plan.body, plan.mission, plan.output)
         planner = PlannerProcess(settings.avoidance) if _has_planner_process(plan) else None
-        made_up = InProcessPlanner if planner is None else OpenField
-        rehearse(settings, plan.body, plan.mission, plan.output, made_up)
+        rehearse(settings, plan.body, plan.mission, plan.output, planner_to_rehearse_with(plan))
     return replace(plan, planner=planner)
+
+
+def planner_to_rehearse_with(plan: Plan) -> Callable[[Avoidance], PlannerBackend]:
+    """The one that flies, unless it has a process of its own, where it is rehearsed; one of another package in any
+    case: what is wrong with it is said here."""
+    apart = _has_planner_process(plan) and plan.settings.avoidance.plugin is None
+    return OpenField if apart else InProcessPlanner
 
 
 def _has_planner_process(plan: Plan) -> bool:

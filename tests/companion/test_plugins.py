@@ -24,8 +24,9 @@ from companion.perception.map_view import MapView
 from companion.plugins import PluginError
 from companion.reports import LinkDelay
 from companion.runtime.files import load_body, load_mission, load_settings
-from companion.runtime.flight import Plan, Result, fly
-from companion.runtime.planning import PlannerProcess
+from companion.runtime.flight import Pace, Plan, Result, fly, planner_to_rehearse_with
+from companion.runtime.planning import InProcessPlanner, PlannerProcess
+from companion.runtime.rehearsal import OpenField, rehearse
 from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol import toml_files
 from protocol.framing import Framer
@@ -252,6 +253,20 @@ def test_a_path_that_can_not_be_flown_is_refused(answer: str, words: str, broken
     planner = path_planner("broken", msgspec.structs.replace(settings, options={"answer": code}))
     with pytest.raises(PluginError, match=f'^planner "broken" of broken 1: .*{words}'):
         planner.plan(cast(MapView, None), np.zeros(3), np.zeros(3), np.ones(3), 2.0)
+
+
+def test_a_planner_of_a_package_is_rehearsed_where_its_fault_can_be_said(broken: None) -> None:
+    body, mission = load_body("paper_quad"), load_mission("hover")[0]
+
+    def planner(method: str, pace: Pace) -> object:
+        settings = load_settings(None, [f"avoidance.method={method}"])
+        return planner_to_rehearse_with(Plan(settings, body, mission, Output.RATES, pace, {}))
+
+    assert planner("astar", 1.0) is OpenField and planner("astar", "lockstep") is InProcessPlanner
+    assert planner("broken", 1.0) is InProcessPlanner
+    settings = load_settings(None, ["avoidance.method=broken", "avoidance.map.cells=128"])
+    with pytest.raises(PluginError, match=r'^planner "broken" of broken 1: SyntaxError'):
+        rehearse(settings, body, load_mission("errand")[0], Output.RATES)
 
 
 SETPOINT = Setpoint([1.0, 0.0, 0.0, 0.0], [0.2, -0.1, 0.4], [0.0, 0.0, 0.0], 0.4)
