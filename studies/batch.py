@@ -50,8 +50,8 @@ def fly(
 ) -> None:
     """Advance n vehicles by so many ticks; `positions` (n, last, 3) gets where they are (m, NED) at the last of them.
 
-    In place: states (n, 17), commands (n,) of COMMAND, feedback (n,) of FEEDBACK. `works` are `lanes.work_lanes` with
-    the vehicles' bodies.
+    In place: states (n, 17), commands (n,) of COMMAND, feedback (n,) of FEEDBACK. `works` are those of
+    `lanes.loaded`.
     """
     for group in numba.prange(len(works)):
         first = group * LANES
