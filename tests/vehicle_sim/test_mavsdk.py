@@ -201,19 +201,20 @@ def test_a_mission_is_uploaded_flown_paused_and_cleared(user: User) -> None:
 
 
 SETPOINTS: tuple[tuple[str, Any, Callable[[User], bool]], ...] = (
-    ("position_ned", PositionNedYaw(3.0, 2.0, -6.0, 45.0), lambda u: math.dist(u.position, (3.0, 2.0, -6.0)) < 0.3),
+    ("position_ned", PositionNedYaw(3.0, 2.0, -20.0, 45.0), lambda u: math.dist(u.position, (3.0, 2.0, -20.0)) < 0.3),
     ("velocity_ned", VelocityNedYaw(2.0, 0.0, 0.0, 0.0), lambda u: math.dist(u.velocity, (2.0, 0.0, 0.0)) < 0.2),
     ("velocity_body", VelocityBodyYawspeed(0.0, 1.0, 0.0, 10.0), lambda u: abs(u.speed - 1.0) < 0.1),
     ("acceleration_ned", AccelerationNed(1.0, 0.0, 0.0), lambda u: u.velocity[0] > 1.0),
     ("attitude", Attitude(0.0, -5.0, 0.0, 0.475), lambda u: u.velocity[0] > 1.5),
     ("attitude_rate", AttitudeRate(0.0, 5.0, 0.0, 0.475), lambda u: u.velocity[0] < 1.0),
-    ("position_ned", PositionNedYaw(0.0, 0.0, -5.0, 0.0), lambda u: math.dist(u.position, (0.0, 0.0, -5.0)) < 0.3),
+    ("position_ned", PositionNedYaw(0.0, 0.0, -15.0, 0.0), lambda u: math.dist(u.position, (0.0, 0.0, -15.0)) < 0.3),
 )
 
 
 def test_offboard_is_flown_by_every_kind_of_setpoint(user: User) -> None:
     user.fly()
     offboard = Offboard(user.system)
+    # So high that the vehicle does not sink to the ground under an attitude while this process waits for its turn.
     for number, (name, setpoint, flown) in enumerate(SETPOINTS):
         getattr(offboard, f"set_{name}")(setpoint)
         if number == 0:
