@@ -32,6 +32,8 @@ _LOST = ("pending", "lost")
 _LOCAL = {
     "distributed.scheduler.allowed-failures": ATTEMPTS - 1,
     "distributed.comm.timeouts.connect": "60s",  # workers load compiled code meanwhile
+    # A worker that dies starts anew. dask looks once, so long after each death, and gives up who is away just then.
+    "distributed.deploy.lost-worker-timeout": "365 days",
 }
 
 

@@ -185,8 +185,8 @@ def _derivatives(work: Array, at: int, out: int) -> None:
         _put_three(work, _WRENCH, lane, force)
         _put_three(work, _WRENCH + 3, lane, torque)
     for lane in range(LANES):
-        reach = _one(work, _FOOT_RADIUS, lane) + _one(work, _FOOT_HEIGHT, lane)
-        if _one(work, at + 2, lane) + reach > 0.0:
+        down, radius, height = _one(work, at + 2, lane), _one(work, _FOOT_RADIUS, lane), _one(work, _FOOT_HEIGHT, lane)
+        if down + radius + height > 0.0:
             _add_ground(work, at, lane)
     for lane in range(LANES):
         body, rates = _body(work, lane), _three(work, at + 10, lane)
