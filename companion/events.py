@@ -8,7 +8,16 @@ import msgspec
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.records import LEGACY_REQUEST, OPERATION, TICK, OperationKind
 from companion.state import Announcement
-from companion.supervision.operations import LandRequest, LogFault, LogRecovered, Operation, OrderRequest, PlannerFault
+from companion.supervision.operations import (
+    LandRequest,
+    LogFault,
+    LogRecovered,
+    Operation,
+    OrderRequest,
+    PlannerFault,
+    PlannerReady,
+    PlannerStarting,
+)
 from protocol.flightlog import RecordType
 
 
@@ -60,6 +69,8 @@ _KINDS: dict[type[Operation], OperationKind] = {
     LogRecovered: OperationKind.LOG_RECOVERED,
     PlannerFault: OperationKind.PLANNER_FAULT,
     OrderRequest: OperationKind.ORDER,
+    PlannerStarting: OperationKind.PLANNER_STARTING,
+    PlannerReady: OperationKind.PLANNER_READY,
 }
 _LEGACY_LOG_FAULT, _LEGACY_PLANNER_FAULT, _LEGACY_RECOVERED = "log fault: ", "planner fault: ", "log recovered"
 """How logs of version 0.1 begin the text of a LEGACY_REQUEST."""
@@ -88,6 +99,10 @@ def operation_of(kind: RecordType, time_ns: int, record: bytes) -> Operation:
             return PlannerFault(time_ns, fields["text"])
         case OperationKind.ORDER:
             return OrderRequest(time_ns, fields["text"])
+        case OperationKind.PLANNER_STARTING:
+            return PlannerStarting(time_ns)
+        case OperationKind.PLANNER_READY:
+            return PlannerReady(time_ns)
 
 
 def _legacy_operation(time_ns: int, what: str) -> Operation:

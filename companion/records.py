@@ -115,6 +115,8 @@ class OperationKind(IntEnum):
     LOG_RECOVERED = 2
     PLANNER_FAULT = 3
     ORDER = 4
+    PLANNER_STARTING = 5
+    PLANNER_READY = 6
 
 
 OPERATION = record_type(

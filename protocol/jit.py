@@ -9,6 +9,7 @@ can be written to, each process compiles for itself. NUMBA_CACHE_DIR replaces bo
 """
 
 import contextlib
+import functools
 import hashlib
 import importlib
 import os
@@ -19,8 +20,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
 from numba.extending import overload
-from numba.np import linalg
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -65,24 +67,55 @@ def _sources_digest() -> str:
     return digest.hexdigest()[:16]
 
 
+def _stamp() -> str:
+    """Changes whenever a source is written, added or taken away, also in one that is put in an old one's place."""
+    digest = hashlib.sha256()
+    for package in _PACKAGES:
+        for folder, folders, names in os.walk(ROOT / package):
+            folders[:] = sorted(name for name in folders if name != "__pycache__")
+            for name in sorted(names):
+                path = Path(folder, name)
+                state = path.stat()
+                digest.update(f"{path}\0{state.st_ino} {state.st_size} {state.st_ctime_ns}\0".encode())
+    return digest.hexdigest()
+
+
+def _known_digest(place: Path) -> str:
+    """The digest of the sources, which is kept in `place`; all are read only if one of them has changed since."""
+    kept, stamp = place / "sources", _stamp()
+    with contextlib.suppress(OSError, ValueError):
+        of_stamp, digest = kept.read_text().split()
+        if of_stamp == stamp:
+            return digest
+    digest = _sources_digest()
+    with contextlib.suppress(OSError), tempfile.TemporaryDirectory(dir=place) as folder:
+        whole = Path(folder) / kept.name
+        whole.write_text(f"{stamp} {digest}")
+        whole.replace(kept)
+    return digest
+
+
 def _cache_folder() -> Path | None:
     """The first folder that can be written to."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     places = [Path(chosen)] if chosen else [ROOT / ".cache" / "compiled", Path("~/.cache/courier/compiled")]
-    digest = _sources_digest()
     for place in places:
         # RuntimeError: there is no home
         with contextlib.suppress(OSError, RuntimeError):
-            folder = place.expanduser() / digest
-            folder.mkdir(parents=True, exist_ok=True)
+            place = place.expanduser()
+            place.mkdir(parents=True, exist_ok=True)
+            folder = place / _known_digest(place)
+            folder.mkdir(exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 return folder
     return None
 
 
+@functools.cache
 def _load_numba_without_scipy() -> None:
     """numba's module of array functions asks at its import whether SciPy can be imported, which takes 0.2 s. A function
     that multiplies matrices by BLAS still asks when it is compiled. A numba that is built otherwise is left alone."""
+    linalg: Any = importlib.import_module("numba.np.linalg")
     asked = getattr(linalg, "ensure_blas", None)
     if asked is None:
         return
@@ -104,6 +137,7 @@ def _compiled_refuse_shapes(source: tuple[int, ...], slices: tuple[int, ...]) ->
     return refuse
 
 
+@functools.cache
 def _refuse_shapes_in_few_words() -> None:
     """An array that is assigned to a slice of another shape is an error whose text by numba tells both shapes. To
     compile what writes them takes each process more than a second, a tenth of the first start."""
@@ -111,19 +145,38 @@ def _refuse_shapes_in_few_words() -> None:
     importlib.import_module("numba.np.arrayobj").raise_with_shape_context = _refuse_shapes  # type: ignore[attr-defined]
 
 
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """numba's own makes all ready for the compiler before it loads what needs no compiler, which takes 0.4 s."""
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        _load_numba_without_scipy()
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            loaded = self._load_overload(signature, target_context)
+        if loaded is None:
+            _refuse_shapes_in_few_words()
+        return loaded
+
+
 CACHE_FOLDER = _cache_folder()
-_load_numba_without_scipy()
-_refuse_shapes_in_few_words()
 numba.config.CACHE_DIR = str(CACHE_FOLDER or "")
+if CACHE_FOLDER is None:
+    _load_numba_without_scipy()
+    _refuse_shapes_in_few_words()
 
 
 def compiled(function: F) -> F:
     """A decorator: compile at the first call for its argument types, in IEEE arithmetic, so runs repeat exactly."""
-    result: F = numba.njit(cache=CACHE_FOLDER is not None, error_model="numpy")(function)
-    return result
+    return _compiled(function)
 
 
 def inlined(function: F) -> F:
     """As `compiled`, into each compiled function that calls it, so that a loop of calls can be vectorised."""
-    result: F = numba.njit(cache=CACHE_FOLDER is not None, error_model="numpy", forceinline=True)(function)
-    return result
+    return _compiled(function, forceinline=True)
+
+
+def _compiled(function: F, **options: Any) -> F:
+    result: Any = numba.njit(error_model="numpy", **options)(function)
+    if CACHE_FOLDER is not None:
+        result._cache = _Cache(function)
+    return result  # type: ignore[no-any-return]

@@ -50,6 +50,7 @@ def worth_it(log: LogReader) -> bool:
 class Ahead:
     """A `PlannerBackend` whose `take` waits as long as it takes, and raises DivergedError."""
 
+    ready = True
     fault: str | None = None
 
     def __init__(self, path: Path, settings: Avoidance) -> None:

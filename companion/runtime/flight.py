@@ -38,7 +38,7 @@ from companion.state import Adoption, Output
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.compiling import compiling_shown
-from protocol.flightlog import FlightLog
+from protocol.flightlog import FlightLog, RecorderProcess
 from protocol.guarded_link import GuardedLink, inmost
 from protocol.transport import Transport, bytes_per_s
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
@@ -71,7 +71,9 @@ class Plan:
     connect: str = ""
     """The vehicle's URL or name, as it was asked for."""
     planner: PlannerProcess | None = None
-    """The planner's process, if it was started already (`prepare`)."""
+    """The planner's process,"""
+    recorder: RecorderProcess | None = None
+    """and the log's, if they were started already (`prepare`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +111,10 @@ class PlanError(Exception):
 
 
 def prepare(plan: Plan) -> Plan:
-    """Check the plan and rehearse it, so that all is compiled; the plan with the planner's process, which gets ready
-    meanwhile. Raises PlanError and RehearsalError."""
+    """Check the plan and rehearse it, so that all is compiled; the plan with the processes of planner and log, which
+    get ready meanwhile. Raises PlanError and RehearsalError."""
     check(plan)
-    settings = plan.settings
+    settings, recorder = plan.settings, RecorderProcess()
     with compiling_shown():
         if first_start() and settings.avoidance.looks_around:
             straight = msgspec.structs.replace(settings, avoidance=settings.avoidance.by("none"))
@@ -120,7 +122,7 @@ def prepare(plan: Plan) -> Plan:
                 rehearse(straight, plan.body, plan.mission, plan.output)
         planner = PlannerProcess(settings.avoidance) if _has_planner_process(plan) else None
         rehearse(settings, plan.body, plan.mission, plan.output, planner_to_rehearse_with(plan))
-    return replace(plan, planner=planner)
+    return replace(plan, planner=planner, recorder=recorder)
 
 
 def planner_to_rehearse_with(plan: Plan) -> Callable[[Avoidance], PlannerBackend]:
@@ -135,15 +137,10 @@ def _has_planner_process(plan: Plan) -> bool:
 
 
 def _planning(plan: Plan) -> Planning:
-    """Raises PlanError if the planner's process does not start."""
     avoidance = plan.settings.avoidance
     if not _has_planner_process(plan):
         return Planning(InProcessPlanner(avoidance), avoidance.answer_delay)
-    planner = plan.planner or PlannerProcess(avoidance)
-    planner.wait()
-    if planner.fault is not None:
-        raise PlanError(planner.fault)
-    return Planning(planner, None)
+    return Planning(plan.planner or PlannerProcess(avoidance), None)
 
 
 def check(plan: Plan) -> None:
@@ -208,8 +205,7 @@ def fly(
     """Fly a prepared plan and leave a log in a new folder of `logs`. `witness` is heard before the log is closed,
     `opened` is told where the log is.
 
-    Raises, before anything is sent, FlightLogError if the log can't be written and PlanError if the planner's process
-    does not start.
+    Raises FlightLogError, before anything is sent, if the log can't be written.
     """
     plan, note = fitted_to(plan, transport)
     with closing(_planning(plan)) as planning:
@@ -225,6 +221,7 @@ def fly(
             console=console,
             epoch_ns=round(began * 1e9),
             preserves_datagrams=transport.preserves_datagrams,
+            recorder=plan.recorder,
         )
         if opened is not None:
             opened(log.path)

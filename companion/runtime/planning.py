@@ -23,6 +23,7 @@ from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.mailbox import Outbox, mailbox
 from companion.runtime.memory import give_back
 from companion.state import Scan
+from companion.supervision.operations import PlannerFault, PlannerReady, PlannerStarting
 from protocol.arrays import Array
 
 if TYPE_CHECKING:
@@ -44,6 +45,9 @@ _ENDED = "the planner's process has ended by itself"
 class PlannerBackend(Protocol):
     """Answers requests in their order."""
 
+    ready: bool
+    """It answers."""
+
     @property
     def fault(self) -> str | None:
         """Why there will be no more results."""
@@ -61,6 +65,7 @@ class PlannerBackend(Protocol):
 class InProcessPlanner:
     """Computes a result in this process, when it is taken."""
 
+    ready = True
     fault: str | None = None
 
     def __init__(self, settings: Avoidance) -> None:
@@ -78,10 +83,11 @@ class InProcessPlanner:
 
 
 class PlannerProcess:
-    """In a process of its own, which ends with this one. Nothing here waits for it once it is ready."""
+    """In a process of its own, which ends with this one. Nothing here waits for it: until it is ready it is asked
+    nothing, and answers nothing."""
 
     def __init__(self, settings: Avoidance) -> None:
-        """Start it, and do not wait for it."""
+        """Start it."""
         context = multiprocessing.get_context("spawn")
         asked, self._requests = context.Pipe(duplex=False)
         self._results, answered = mailbox(context, _MOST_UNANSWERED + 2, result_bytes(settings))
@@ -94,17 +100,10 @@ class PlannerProcess:
         answered.close()
         self._poll = select.poll()
         self._poll.register(self._results.fileno(), select.POLLIN | select.POLLHUP)
+        self.ready = False
         self._unanswered = 0
         self._waiting: deque[PlanRequest] = deque()
         self._fault: str | None = None
-
-    def wait(self) -> None:
-        """Until it is ready, or has ended."""
-        try:
-            self._results.take()
-        except (EOFError, OSError):
-            self._fault = _ENDED
-            self._process.join(_PATIENCE_S)
 
     @property
     def fault(self) -> str | None:
@@ -119,7 +118,7 @@ class PlannerProcess:
         return self._process.pid
 
     def ask(self, request: PlanRequest) -> None:
-        if self._fault is not None:
+        if self._fault is not None or not self.ready:
             return
         if self._unanswered < _MOST_UNANSWERED:
             self._send(request)
@@ -136,12 +135,17 @@ class PlannerProcess:
             self._fault = _ENDED
 
     def take(self, patience_s: float) -> PlanResult | None:
-        if self._fault is not None or not self._unanswered or not self._poll.poll(1e3 * patience_s):
+        """As of any; or None because it has just got ready."""
+        nothing_comes = self.ready and not self._unanswered
+        if self._fault is not None or nothing_comes or not self._poll.poll(1e3 * patience_s):
             return None
         try:
-            result: PlanResult = self._results.take()
+            result: PlanResult | None = self._results.take()
         except (EOFError, OSError):
             self._fault = _ENDED
+            return None
+        if result is None:
+            self.ready = True
             return None
         self._unanswered -= 1
         if self._waiting:
@@ -209,6 +213,7 @@ class Planning:
         self._backend = backend
         self._delay_ns = None if delay_s is None else round(delay_s * 1e9)
         self._due: deque[int] = deque()
+        self._ready, self._failed = True, False
 
     def ask(self, request: PlanRequest) -> None:
         self._backend.ask(request)
@@ -224,10 +229,16 @@ class Planning:
         self._due.popleft()
         return self._backend.take(_PATIENCE_S)
 
-    @property
-    def fault(self) -> str | None:
-        """Why there will be no more results."""
-        return self._backend.fault
+    def news(self, now_ns: int) -> PlannerStarting | PlannerReady | PlannerFault | None:
+        """What has become of the backend since this was asked last, where at first it was taken to be ready."""
+        ready, fault = self._backend.ready, self._backend.fault
+        if fault is not None:
+            failed, self._failed = self._failed, True
+            return None if failed else PlannerFault(now_ns, fault)
+        if ready is self._ready:
+            return None
+        self._ready = ready
+        return PlannerReady(now_ns) if ready else PlannerStarting(now_ns)
 
     def close(self) -> None:
         self._backend.close()

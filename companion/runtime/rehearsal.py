@@ -31,15 +31,19 @@ from protocol.messages import Encoder, dialect
 from protocol.vehicle_parameters import VehicleParameters
 
 _TICK_NS = 4_000_000
+_FLIGHT_TICK_NS = 20_000_000
+"""From the take-off on: the rates of the telemetry are looked at before it."""
 _LONGEST_TICKS = 50_000
-_ON_GROUND_TICKS = 5
-_ON_THE_WAY_TICKS = 250
+_STREAMS_S = 0.1
+"""For at most so long before it asks for control."""
+_ON_GROUND_NS = 20_000_000
+_ON_THE_WAY_NS = 1_000_000_000
 """So long the vehicle is short of the first waypoint, with obstacles before it; then it is there."""
-_ON_OTHER_WAYS_TICKS = 50
+_ON_OTHER_WAYS_NS = 200_000_000
 _SHORT_OF_M = 12.0
-_EULER_TICKS = 16
+_EULER_UNTIL_NS = 64_000_000
 """So long the attitude comes as Euler angles, too, as a vehicle sends it that was not asked for the quaternion yet."""
-_SCAN_EVERY_TICKS = 16
+_SCAN_EVERY_NS = 60_000_000
 _SCANS, _SCANS_WITH_A_THING = 16, 14
 """Number of scans, and how many of them show something. It turns with the vehicle, long enough to be seen to move."""
 _REHEARSED_LAPS = 0.1
@@ -62,6 +66,7 @@ class OpenField:
     """A planner that answers at once, without map or search: the way is free, and something comes along it. For where
     these are in a process of their own, which rehearses them."""
 
+    ready = True
     fault: str | None = None
 
     def __init__(self, settings: Avoidance) -> None:
@@ -131,9 +136,7 @@ def _fly(
     hold_s: float,
     planning: Planning,
 ) -> None:
-    # At the route's altitudes, where the vehicle here is.
-    avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
-    autopilot = Autopilot(msgspec.structs.replace(settings, avoidance=avoidance), body, _hurried(mission), output)
+    autopilot = Autopilot(_hurried_settings(settings), body, _hurried(mission), output)
     autopilot.sensing.judges = False
     thinning = Thinning(settings.log.trace_rate)
 
@@ -143,9 +146,11 @@ def _fly(
 
     driver = Driver(autopilot, planning, after=thin)
     vehicle = _CannedVehicle(autopilot, hold_s, settings.identity.vehicle or 1)
-    for tick in range(1, _LONGEST_TICKS):
-        driver.handle(Datagram(tick * _TICK_NS, vehicle.telemetry(tick)))
-        driver.tick(tick * _TICK_NS)
+    now = 0
+    for _ in range(_LONGEST_TICKS):
+        now += _TICK_NS if autopilot.supervisor.state < State.FLY else _FLIGHT_TICK_NS
+        driver.handle(Datagram(now, vehicle.telemetry(now)))
+        driver.tick(now)
         if autopilot.ended:
             break
     if autopilot.supervisor.fault is not None or not autopilot.ended:
@@ -161,47 +166,52 @@ class _CannedVehicle:
         self._parameters = {name: _UNKNOWN_PARAMETER for (name, *_) in PX4.parameters} | {PX4.hold_parameter: hold_s}
         self._encoder = Encoder(system, 1)
         self._step, self._step_began = -1, 0
+        self._scans_sent, self._scan_due = 0, 0
 
-    def telemetry(self, tick: int) -> bytes:
-        """All messages of a tick."""
-        yaw = 0.5 * math.sin(tick * 0.01)
-        north, east, down = self._place(tick)
+    def telemetry(self, now: int) -> bytes:
+        """All messages of a time (ns)."""
+        boot_ms, yaw = now // 1_000_000, 0.5 * math.sin(2.5e-9 * now)
+        north, east, down = self._place(now)
         data = b""
-        if tick <= _EULER_TICKS:
-            data += self._send(dialect.MAVLink_attitude_message, tick * 4, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
+        if now <= _EULER_UNTIL_NS:
+            data += self._send(dialect.MAVLink_attitude_message, boot_ms, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
         turned = math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
-        data += self._send(dialect.MAVLink_attitude_quaternion_message, tick * 4, *turned, 0.0, 0.0, 0.0)
-        data += self._send(dialect.MAVLink_local_position_ned_message, tick * 4, north, east, down, 0.1, 0.0, 0.0)
-        return data + self._scans(tick) + self._services(tick) if tick % _SCAN_EVERY_TICKS == 1 else data
+        data += self._send(dialect.MAVLink_attitude_quaternion_message, boot_ms, *turned, 0.0, 0.0, 0.0)
+        data += self._send(dialect.MAVLink_local_position_ned_message, boot_ms, north, east, down, 0.1, 0.0, 0.0)
+        if now < self._scan_due:
+            return data
+        self._scan_due = now + _SCAN_EVERY_NS
+        self._scans_sent += 1
+        return data + self._scans(now) + self._services(now)
 
-    def _place(self, tick: int) -> list[float]:
+    def _place(self, now: int) -> list[float]:
         """At the present step's target, or for a while before it."""
         navigator, place = self._autopilot.navigator, [0.0, 0.0, 0.0]
         if self._autopilot.supervisor.state is not State.FLY or not navigator.steps:
             return place
         if navigator.step_index != self._step:
-            self._step, self._step_began = navigator.step_index, tick
-        if self._step == 0 and tick - self._step_began < _ON_GROUND_TICKS:
+            self._step, self._step_began = navigator.step_index, now
+        if self._step == 0 and now - self._step_began < _ON_GROUND_NS:
             return place
         target = navigator.step.target_ned
         place = target.tolist() if target is not None else place
-        if tick - self._step_began < (_ON_THE_WAY_TICKS if self._step == 1 else _ON_OTHER_WAYS_TICKS):
+        if now - self._step_began < (_ON_THE_WAY_NS if self._step == 1 else _ON_OTHER_WAYS_NS):
             place[0] -= _SHORT_OF_M
         return place
 
-    def _scans(self, tick: int) -> bytes:
+    def _scans(self, now: int) -> bytes:
         """One in sectors, and a whole one."""
-        sensor = (tick * 4, 20, 1500, 300, 0, 10, 0, 0, 0.0, 0.0, (0.0,) * 4, 0)
-        shows = tick // _SCAN_EVERY_TICKS % _SCANS < _SCANS_WITH_A_THING
+        sensor = (now // 1_000_000, 20, 1500, 300, 0, 10, 0, 0, 0.0, 0.0, (0.0,) * 4, 0)
+        shows = self._scans_sent % _SCANS < _SCANS_WITH_A_THING
         ranges = [300] * 4 + [1501] * 68 if shows else [1501] * 72
-        scan = (tick * 4000, 0, ranges, 5, 20, 1500, 5.0, 0.0, 12)
+        scan = (now // 1000, 0, ranges, 5, 20, 1500, 5.0, 0.0, 12)
         return self._send(dialect.MAVLink_distance_sensor_message, *sensor) + self._send(
             dialect.MAVLink_obstacle_distance_message, *scan
         )
 
-    def _services(self, tick: int) -> bytes:
+    def _services(self, now: int) -> bytes:
         """What a vehicle says of itself."""
-        state, now, send = self._autopilot.supervisor.state, tick * _TICK_NS, self._send
+        state, send = self._autopilot.supervisor.state, self._send
         armed = state >= State.ARM and state is not State.LAND
         mode = _LANDING if state is State.LAND else _OFFBOARD if state >= State.ENGAGE else _POSITION
         landed = dialect.MAV_LANDED_STATE_IN_AIR if state is State.FLY else dialect.MAV_LANDED_STATE_ON_GROUND
@@ -226,6 +236,14 @@ class _CannedVehicle:
 
     def _send(self, message: type, *fields: object) -> bytes:
         return self._encoder.encode_fields(message, *fields)
+
+
+def _hurried_settings(settings: Settings) -> Settings:
+    """At the route's altitudes, where the vehicle here is, and without a long wait before it asks for control."""
+    avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
+    streams_s = min(settings.supervision.stream_before_engaging, _STREAMS_S)
+    supervision = msgspec.structs.replace(settings.supervision, stream_before_engaging=streams_s)
+    return msgspec.structs.replace(settings, avoidance=avoidance, supervision=supervision)
 
 
 def _hurried(mission: Mission) -> Mission:

@@ -22,7 +22,7 @@ from companion.runtime.progress import Progress
 from companion.runtime.router import Router
 from companion.runtime.side_links import NONE, SideLinks
 from companion.runtime.vehicle_notes import VehicleNotes
-from companion.supervision.operations import LandRequest, LogFault, LogRecovered, PlannerFault
+from companion.supervision.operations import LandRequest, LogFault, LogRecovered
 from companion.supervision.states import FLYING, State
 from companion.trace import Thinning
 from protocol.clock import RealClock
@@ -86,7 +86,6 @@ class Runner:
         self._now = 0
         self._checked_log_ns = 0
         self._log_failed = False
-        self._planning_failed = False
         self._notes = VehicleNotes(autopilot.link, log, self.say)
         self._thinning = Thinning(autopilot.settings.log.trace_rate)
         self._latencies: list[int] = []
@@ -178,6 +177,7 @@ class Runner:
         overrun_ns = round(autopilot.settings.supervision.overrun * 1e9)
         if self._beside.router is not None:
             self._beside.router.begin()
+        self._hear_planner(clock.now_ns())
         due = clock.now_ns() + TICK_NS
         while not autopilot.ended:
             wait = clock.wall_seconds_until(due)
@@ -264,16 +264,16 @@ class Runner:
         for trouble in news(self._transport):
             self.say(logging.WARNING, trouble)
         self._notes.take(now, ready=self._autopilot.supervisor.state >= State.ENGAGE)
-        answer = b""
-        fault = self._planning.fault
-        if fault is not None and not self._planning_failed:
-            self._planning_failed = True
-            answer += self._driver.handle(PlannerFault(now, fault))
+        answer = self._hear_planner(now)
         fault = self._log.fault
         if (fault is not None) != self._log_failed:  # its words change with the time that it lasts
             self._log_failed = fault is not None
             answer += self._driver.handle(LogRecovered(now) if fault is None else LogFault(now, fault))
         return answer
+
+    def _hear_planner(self, now: int) -> bytes:
+        news = self._planning.news(now)
+        return b"" if news is None else self._driver.handle(news)
 
     def _record(self, event: Event) -> None:
         """Each event goes into the log before it is handled."""

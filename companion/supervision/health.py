@@ -137,7 +137,7 @@ def health(
         landed_for=link.word.landed_for,
         airborne=link.word.airborne,
         overdue=mission.overdue if state is State.FLY else 0.0,
-        refusal=link.refusal or _of_fence(mission),
+        refusal=link.refusal or _of_fence(mission) or own.planner_fault,
         plight=Plight(
             risen=own.airborne,
             full_thrust=own.full_thrust,
@@ -164,6 +164,8 @@ def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport, limits: L
         return link.shortcoming
     if not sensing.has_state:
         return "no position and attitude"
+    if own.planner_fault is not None or not own.planner_ready:
+        return own.planner_fault or "the planner is not ready"
     if own.adoption is not None:
         return None if link.home_known else "the vehicle does not say where it took off (HOME_POSITION)"
     if link.on_ground is False:

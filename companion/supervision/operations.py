@@ -31,6 +31,20 @@ class LogRecovered:
 
 
 @dataclass(frozen=True, slots=True)
+class PlannerStarting:
+    """The planner gets ready, and answers no request before it is."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerReady:
+    """The planner answers requests from now on."""
+
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class PlannerFault:
     """The planner will answer no more requests."""
 
@@ -47,7 +61,7 @@ class OrderRequest:
     """An `Order` of `companion.mission.orders` as JSON."""
 
 
-Operation = LandRequest | LogFault | LogRecovered | PlannerFault | OrderRequest
+Operation = LandRequest | LogFault | LogRecovered | PlannerStarting | PlannerReady | PlannerFault | OrderRequest
 
 
 class OwnReport:
@@ -65,6 +79,8 @@ class OwnReport:
         """The end of the latest overrun."""
         self.land_requested = False
         self.log_fault: str | None = None
+        self.planner_ready = True
+        self.planner_fault: str | None = None
         self.airborne = adoption is not None
         """It flies the vehicle in the air."""
         self.full_thrust = False
@@ -82,7 +98,10 @@ class OwnReport:
             case LogRecovered():
                 self.log_fault = None
                 return Announcement(Severity.NOTICE, "the flight log is written again")
+            case PlannerStarting() | PlannerReady():
+                self.planner_ready = isinstance(event, PlannerReady)
             case PlannerFault():
+                self.planner_fault = event.text
                 return Announcement(Severity.CRITICAL, f"no map any more: {event.text}")
         return None
 

@@ -27,7 +27,7 @@ from protocol.flightlog.reader import LogReader, datagrams, digest, read
 from protocol.flightlog.record_types import DATAGRAM, SCALARS, TEXT, RecordType, datagram_of, record_type
 from protocol.flightlog.selection import Record
 from protocol.flightlog.status import Status
-from protocol.flightlog.writer import FlightLog
+from protocol.flightlog.writer import FlightLog, RecorderProcess
 
 __all__ = [
     "DATAGRAM",
@@ -42,6 +42,7 @@ __all__ = [
     "LogReader",
     "Record",
     "RecordType",
+    "RecorderProcess",
     "Status",
     "datagram_of",
     "datagrams",

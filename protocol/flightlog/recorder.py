@@ -228,13 +228,15 @@ def create(setup: Setup) -> McapFile:
 
 
 def main() -> None:
-    """Record one flight."""
+    """Record one flight, if there is one."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends when the flying process has ended, not before
     memory = mmap.mmap(int(sys.argv[1]), 0)
     os.close(int(sys.argv[1]))
     with os.fdopen(os.dup(0), "rb") as pipe:
         size = int.from_bytes(pipe.read(8), "little")
+        if not size:
+            return  # no log was opened with it
         setup = Setup.decode(pipe.read(size))
     try:
         recorder = Recorder(memory, setup, create(setup))

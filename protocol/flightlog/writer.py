@@ -47,16 +47,16 @@ _MOST_ADDRESSES: Final = 256
 _pack_length = UINT32.pack
 
 
-class FlightLog:
-    """A log that is being written. For one thread; a record costs it 1-2 us and never waits for a disk."""
+class RecorderProcess:
+    """The recorder's process, which gets ready for the log that is opened with it. It ends with this process, or when
+    this is forgotten."""
 
-    def __init__(self, setup: Setup, types: Sequence[RecordType], *, waits: bool, buffer_bytes: int) -> None:
-        self.folder = Path(setup.folder)
-        memory, mapping = shared_buffer.allocate(buffer_bytes)
+    def __init__(self, buffer_bytes: int = BUFFER_BYTES) -> None:
+        memory, self.mapping = shared_buffer.allocate(buffer_bytes)
         try:
             # From the folder that this package is in, so that this one starts there; in a session of its own, so that
             # Ctrl-C ends the flight and not its log.
-            self._process = subprocess.Popen(
+            self.process = subprocess.Popen(
                 [sys.executable, "-m", "protocol.flightlog.recorder", str(memory)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -66,7 +66,15 @@ class FlightLog:
             )
         finally:
             os.close(memory)
-        self._buffer = BufferWriter(mapping, setup.epoch_ns, waits=waits, is_lost=self._is_lost)
+
+
+class FlightLog:
+    """A log that is being written. For one thread; a record costs it 1-2 us and never waits for a disk."""
+
+    def __init__(self, setup: Setup, types: Sequence[RecordType], recorder: RecorderProcess, *, waits: bool) -> None:
+        self.folder = Path(setup.folder)
+        self._process = recorder.process
+        self._buffer = BufferWriter(recorder.mapping, setup.epoch_ns, waits=waits, is_lost=self._is_lost)
         self._words = self._buffer.words
         self._epoch_ns = setup.epoch_ns
         self._channels = {kind: FIRST_CHANNEL + index for index, kind in enumerate(types)}
@@ -89,8 +97,9 @@ class FlightLog:
         epoch_ns: int = 0,
         preserves_datagrams: bool = True,
         buffer_bytes: int = BUFFER_BYTES,
+        recorder: RecorderProcess | None = None,
     ) -> Self:
-        """Start the recorder, which makes `folder`/flight.mcap with the metadata and attachments in it.
+        """Start the recorder, if there is none yet. It makes `folder`/flight.mcap with the metadata and attachments.
 
         on_full: what to do with a record while the buffer is full: "drop" it (real time) or "wait" (lockstep).
         console: write texts to stderr, too. epoch_ns: the wall clock at time 0, or a constant for repeatable logs.
@@ -107,7 +116,7 @@ class FlightLog:
             minimum_free_bytes=minimum_free_bytes,
             preserves_datagrams=preserves_datagrams,
         )
-        return cls(setup, types, waits=on_full == "wait", buffer_bytes=buffer_bytes)
+        return cls(setup, types, recorder or RecorderProcess(buffer_bytes), waits=on_full == "wait")
 
     def _start(self, setup: Setup) -> None:
         pipe, answers = self._process.stdin, self._process.stdout

@@ -8,7 +8,16 @@ from hypothesis import strategies as st
 
 from companion.events import Tick, operation_of, operation_record, tick_of, tick_record
 from companion.records import LEGACY_REQUEST, OPERATION, TICK, OperationKind
-from companion.supervision.operations import LandRequest, LogFault, LogRecovered, Operation, OrderRequest, PlannerFault
+from companion.supervision.operations import (
+    LandRequest,
+    LogFault,
+    LogRecovered,
+    Operation,
+    OrderRequest,
+    PlannerFault,
+    PlannerReady,
+    PlannerStarting,
+)
 
 TIMES = st.integers(0, 2**62)
 TEXTS = st.text(max_size=40)
@@ -18,6 +27,8 @@ OPERATIONS: st.SearchStrategy[Operation] = st.one_of(
     st.builds(LogRecovered, TIMES),
     st.builds(PlannerFault, TIMES, TEXTS),
     st.builds(OrderRequest, TIMES, TEXTS),
+    st.builds(PlannerStarting, TIMES),
+    st.builds(PlannerReady, TIMES),
 )
 
 
@@ -29,7 +40,7 @@ def test_an_operation_comes_back_from_its_record(event: Operation) -> None:
 
 def test_every_operation_has_a_kind_of_its_own() -> None:
     faults: list[Operation] = [LogFault(5, "x"), LogRecovered(5), PlannerFault(5, "x")]
-    events = [LandRequest(5), *faults, OrderRequest(5, "x")]
+    events = [LandRequest(5), *faults, OrderRequest(5, "x"), PlannerStarting(5), PlannerReady(5)]
     assert {type(event) for event in events} == set(get_args(Operation))
     kinds = [OPERATION.unpack(operation_record(event))["kind"] for event in events]
     assert sorted(kinds) == [kind.value for kind in OperationKind]
@@ -51,7 +62,7 @@ def test_a_record_of_version_0_1_is_the_same_event(what: str, event: Operation) 
     assert operation_of(LEGACY_REQUEST, 5, LEGACY_REQUEST.pack(what)) == event
 
 
-@pytest.mark.parametrize("kind", [5, 255])
+@pytest.mark.parametrize("kind", [7, 255])
 def test_a_kind_that_is_not_known_is_an_error(kind: int) -> None:
     with pytest.raises(ValueError, match=str(kind)):
         operation_of(OPERATION, 5, OPERATION.pack(kind, "text"))

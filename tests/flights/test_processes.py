@@ -26,7 +26,7 @@ from companion.records import OPERATION, PLANNED, TICK, TRACE
 from companion.runtime.files import load_body
 from companion.runtime.planning import InProcessPlanner
 from companion.state import Reason
-from companion.supervision.operations import PlannerFault
+from companion.supervision.operations import PlannerFault, PlannerReady, PlannerStarting
 from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
@@ -279,12 +279,32 @@ def test_recorder_killed_and_garbage(tmp_path: Path) -> None:
     assert sum(1 for _ in log.records()) > 100
 
 
+def planner_of(companion: Process) -> int:
+    """The process's number."""
+    (planner,) = (pid for pid in children(companion) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
+    return planner
+
+
+def test_planner_late_and_killed_before_the_start(tmp_path: Path) -> None:
+    """The companion waits for a planner that does not answer yet, and flies nothing with one that is gone."""
+    with waiting_companion(tmp_path, UNHURRIED, "errand") as (companion, port):
+        planner = planner_of(companion)
+        os.kill(planner, signal.SIGSTOP)
+        with simulator_for(port, UNHURRIED) as simulator:
+            companion.wait_for("waiting: the planner is not ready")
+            os.kill(planner, signal.SIGKILL)
+            assert companion.end() == 1
+            assert companion.report()["outcome"] == (
+                "not started: the planner's process has ended by itself (exit code -9)"
+            )
+            simulator.kill()
+
+
 def test_planner_killed(tmp_path: Path) -> None:
     """On the way: it is said to everybody, the vehicle brakes, holds and lands unhurt, and the log replays."""
     with pair(tmp_path, UNHURRIED, "errand") as (simulator, companion):
         companion.wait_for("route, step")
-        (planner,) = (pid for pid in children(companion) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes())
-        os.kill(planner, signal.SIGKILL)
+        os.kill(planner_of(companion), signal.SIGKILL)
         assert companion.end() == 1
         simulator.end()
     said = "no map any more: the planner's process has ended by itself (exit code -9)"
@@ -293,9 +313,12 @@ def test_planner_killed(tmp_path: Path) -> None:
     assert report["outcome"] == "landed" and report["contacts"] == 0 and not report["released"]
     (path,) = tmp_path.glob("*/flight.mcap")
     log = LogReader(path)
-    (operation,) = (operation_of(OPERATION, each.time_ns, each.data) for each in log.records((OPERATION.topic,)))
+    starting, ready, fault = (
+        operation_of(OPERATION, each.time_ns, each.data) for each in log.records((OPERATION.topic,))
+    )
     text = "the planner's process has ended by itself (exit code -9)"
-    assert operation == PlannerFault(operation.time_ns, text)
+    assert [starting, ready] == [PlannerStarting(starting.time_ns), PlannerReady(ready.time_ns)]
+    assert fault == PlannerFault(fault.time_ns, text)
     sent = log.topics["/mavlink/1/191/STATUSTEXT"]
     assert any("no map any more" in sent.unpack(each.data)["text"] for each in log.records((sent.topic,)))
     trace = log.array(TRACE.topic)

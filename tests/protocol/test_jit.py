@@ -83,7 +83,30 @@ def test_the_cache_is_used_and_never_stale(checkout: Path, run: Run) -> None:
     assert run() == (-18.0, False)
     edit(package / "numbers.py", "10.0", "5.0")  # numba looks at caller.py alone, which is as it was
     assert run() == (-8.0, False)
-    assert len(list(cache.iterdir())) == 3
+    assert len([each for each in cache.iterdir() if each.is_dir()]) == 3
+
+
+def test_a_source_that_another_takes_the_place_of_is_seen(checkout: Path, run: Run) -> None:
+    """It has the old one's size and time, as files out of an archive may have."""
+    source = checkout / "protocol" / "numbers.py"
+    assert run() == (22.0, False)
+    state, other = source.stat(), source.with_suffix(".new")
+    other.write_text("OFFSET = 20.0\n")
+    os.utime(other, ns=(state.st_atime_ns, state.st_mtime_ns))
+    other.replace(source)
+    assert run() == (42.0, False)
+
+
+def test_the_sources_are_not_read_where_none_has_changed(checkout: Path, run: Run) -> None:
+    """The digest of the time before counts; where what is kept of it is no such thing, they are read."""
+    kept = checkout / ".cache" / "compiled" / "sources"
+    assert run() == (22.0, False)
+    stamp, digest = kept.read_text().split()
+    kept.write_text(f"{stamp} elsewhere")
+    assert run() == (22.0, False) and (kept.parent / "elsewhere").is_dir()
+    for damaged in ("", stamp, f"{stamp} {digest} more"):
+        kept.write_text(damaged)
+        assert run() == (22.0, True) and kept.read_text() == f"{stamp} {digest}"
 
 
 FORMS = (

@@ -12,7 +12,16 @@ from companion.logs.replay import replay
 from companion.logs.writer import Writer
 from companion.records import LEGACY_REQUEST, OPERATION, TRACE
 from companion.runtime.planning import InProcessPlanner
-from companion.supervision.operations import LandRequest, LogFault, LogRecovered, Operation, OrderRequest, PlannerFault
+from companion.supervision.operations import (
+    LandRequest,
+    LogFault,
+    LogRecovered,
+    Operation,
+    OrderRequest,
+    PlannerFault,
+    PlannerReady,
+    PlannerStarting,
+)
 from companion.supervision.states import State
 from protocol.flightlog import LogReader, Record
 from tests.companion.runtime.hop import LOG, fly
@@ -58,8 +67,8 @@ def text_of(event: Operation) -> str:
             return "log recovered"
         case PlannerFault():
             return f"planner fault: {event.text}"
-        case OrderRequest():
-            raise ValueError("version 0.1 took no orders")
+        case OrderRequest() | PlannerStarting() | PlannerReady():
+            raise ValueError("version 0.1 has none")
 
 
 def legacy(source: Path, target: Path, text: Callable[[Operation], str] = text_of) -> Path:

@@ -43,6 +43,7 @@ class Observed:
     seen: list[tuple[str, Any]] = field(default_factory=list)
     reactions: deque[Reaction] = field(default_factory=deque)
     """To the next events; nothing from there on."""
+    ready: bool = True
     fault: str | None = None
     open: deque[PlanRequest] = field(default_factory=deque)
 

@@ -53,7 +53,10 @@ def questions(count: int = 8) -> list[PlanRequest]:
 @pytest.fixture
 def elsewhere() -> Iterator[PlannerProcess]:
     thinker = PlannerProcess(SETTINGS)
-    thinker.wait()
+    for question in questions():
+        thinker.ask(question)  # which is not kept
+    assert not thinker.ready and thinker.take(PATIENCE_S) is None and thinker.ready
+    assert thinker.take(0.0) is None
     yield thinker
     thinker.close()
 
@@ -131,6 +134,16 @@ def test_a_planner_that_is_killed_is_a_fault_and_no_exception(elsewhere: Planner
     assert elsewhere.fault is not None and "-9" in elsewhere.fault
 
 
+def test_a_planner_that_ends_before_it_is_ready_is_a_fault_and_no_exception() -> None:
+    planner = PlannerProcess(SETTINGS)
+    assert planner.pid is not None
+    os.kill(planner.pid, signal.SIGKILL)
+    assert planner.take(PATIENCE_S) is None and not planner.ready
+    planner.ask(questions()[0])
+    planner.close()
+    assert planner.fault is not None and "-9" in planner.fault
+
+
 def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: PlannerProcess) -> None:
     """Stopped, it takes nothing: questions are put into the pipe as long as it is sure to have room, others wait, then
     it is given up; a `send` that waited would wait for ever."""
@@ -170,8 +183,9 @@ def test_no_interrupt_reaches_a_planner_that_imports_and_none_that_is_left_holds
         "import os, signal; from companion.config import Avoidance\n"
         "from companion.runtime.planning import PlannerProcess\n"
         "if __name__ == '__main__':\n"
-        "    planner = PlannerProcess(Avoidance(method='vfh')); os.kill(planner.pid, signal.SIGINT); planner.wait()\n"
-        "    os.kill(planner.pid, signal.SIGINT); print(planner.fault, signal.pthread_sigmask(signal.SIG_BLOCK, ()))\n"
+        "    planner = PlannerProcess(Avoidance(method='vfh')); os.kill(planner.pid, signal.SIGINT)\n"
+        "    planner.take(60.0); os.kill(planner.pid, signal.SIGINT)\n"
+        "    print(planner.fault, signal.pthread_sigmask(signal.SIG_BLOCK, ()))\n"
     )
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "None set()", "")

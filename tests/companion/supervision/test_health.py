@@ -13,7 +13,7 @@ from companion.config import Supervision
 from companion.reports import LinkReport, MissionReport, SensingReport, StatusReport
 from companion.state import FlightMode, VehicleStatus
 from companion.supervision.health import Health, Judged, health
-from companion.supervision.operations import LandRequest, LogFault, OwnReport
+from companion.supervision.operations import LandRequest, LogFault, OwnReport, PlannerFault, PlannerStarting
 from companion.supervision.states import State
 from companion.supervision.watching import UNWATCHED, Watched
 
@@ -40,6 +40,8 @@ class Reports:
     sensing: SensingReport = SENSING
     mission: MissionReport = MISSION
     log_fault: str | None = None
+    planner_ready: bool = True
+    planner_fault: str | None = None
     land_requested: bool = False
     overrun_ns: int = 0
     watched: Watched = UNWATCHED
@@ -50,6 +52,10 @@ class Reports:
         own = OwnReport(Supervision())
         if self.log_fault is not None:
             own.take(LogFault(0, self.log_fault))
+        if not self.planner_ready:
+            own.take(PlannerStarting(0))
+        if self.planner_fault is not None:
+            own.take(PlannerFault(0, self.planner_fault))
         if self.land_requested:
             own.take(LandRequest(0))
         own.ticked(self.overrun_ns, 0)
@@ -69,6 +75,8 @@ LACKS: list[tuple[dict[str, Any], str]] = [
     ({"log_fault": "disk full"}, "the flight log fails (disk full)"),
     ({"shortcoming": "telemetry too slow"}, "telemetry too slow"),
     ({"has_state": False}, "no position and attitude"),
+    ({"planner_fault": "the planner has ended"}, "the planner has ended"),
+    ({"planner_ready": False}, "the planner is not ready"),
     ({"on_ground": False}, "the vehicle does not say that it stands on the ground"),
     ({"prearm_ok": False, "failed_check": " (compass)"}, "the vehicle's own arming checks fail (compass)"),
 ]
@@ -79,8 +87,8 @@ def lacking(*places: int) -> Reports:
     reports = Reports()
     for place in places:
         for name, value in LACKS[place][0].items():
-            if name == "log_fault":
-                reports.log_fault = value
+            if name in ("log_fault", "planner_fault", "planner_ready"):
+                setattr(reports, name, value)
             elif name == "has_state":
                 reports.sensing = msgspec.structs.replace(reports.sensing, has_state=value)
             else:
@@ -100,6 +108,12 @@ def test_what_is_missing_is_asked_before_the_flight_alone(place: int) -> None:
     for state in State:
         reports.state = state
         assert (reports.health().missing is not None) == (state in BEFORE_FLIGHT)
+
+
+def test_what_ends_the_flight_before_its_start_is_refused() -> None:
+    """A planner that has ended does not come back, one that is not ready does."""
+    assert Reports(planner_fault="it has ended").health().refusal == "it has ended"
+    assert lacking(4).health().refusal is None and Reports().health().refusal is None
 
 
 def test_an_empty_text_of_a_log_fault_is_missing_all_the_same() -> None:

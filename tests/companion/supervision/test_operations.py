@@ -6,7 +6,15 @@ import pytest
 
 from companion.config import Supervision
 from companion.state import Setpoint, Severity
-from companion.supervision.operations import LandRequest, LogFault, LogRecovered, OwnReport, PlannerFault
+from companion.supervision.operations import (
+    LandRequest,
+    LogFault,
+    LogRecovered,
+    OwnReport,
+    PlannerFault,
+    PlannerReady,
+    PlannerStarting,
+)
 
 SETTINGS = Supervision()
 SOUND = Setpoint((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, 0.5)
@@ -46,7 +54,14 @@ def test_a_fault_of_the_planner_is_said_and_is_none_of_the_log() -> None:
     own = OwnReport(SETTINGS)
     said = own.take(PlannerFault(1, "it has ended"))
     assert said is not None and said.severity is Severity.CRITICAL and "it has ended" in said.text
-    assert own.log_fault is None
+    assert own.log_fault is None and own.planner_fault == "it has ended"
+
+
+def test_a_planner_that_starts_is_not_ready_until_it_is() -> None:
+    own = OwnReport(SETTINGS)
+    assert own.planner_ready, "where nothing else is said"
+    for event, ready in ((PlannerStarting(1), False), (PlannerReady(2), True)):
+        assert own.take(event) is None and own.planner_ready is ready
 
 
 def test_a_request_to_land_lasts_and_is_not_said_here() -> None:
