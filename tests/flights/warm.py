@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import TextIO
 
 ROOT = Path(__file__).resolve().parents[2]
-_CONTEXT = multiprocessing.get_context("forkserver")
-_CONTEXT.set_forkserver_preload(["tests.flights.preloaded"])
+CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(["tests.flights.preloaded"])
 
 
 def start(module: str, arguments: tuple[str, ...], *, apart: bool = False) -> tuple[ForkServerProcess, list[TextIO]]:
     """`python -m module arguments`: the process, and what it writes; its errors `apart`, or in the same stream."""
-    pipes = [_CONTEXT.Pipe(duplex=False) for _ in range(1 + apart)]
-    process = _CONTEXT.Process(target=_be, args=(module, arguments, [pipes[0][1], pipes[-1][1]]))
+    pipes = [CONTEXT.Pipe(duplex=False) for _ in range(1 + apart)]
+    process = CONTEXT.Process(target=_be, args=(module, arguments, [pipes[0][1], pipes[-1][1]]))
     process.start()
     for _, theirs in pipes:
         theirs.close()

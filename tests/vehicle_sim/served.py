@@ -1,10 +1,14 @@
-"""A vehicle that strangers' programs reach over loopback, at a pace of its own, in a thread of the tests' process."""
+"""A vehicle that strangers' programs reach over loopback, at a pace of its own. It has a process of its own: their
+callbacks are Python in the tests' process, and would take turns with it."""
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from typing import NamedTuple
 
 from protocol.listeners import Address, UdpListener
+from tests.flights.warm import CONTEXT
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY
 from vehicle_sim.links import Links
 from vehicle_sim.runner import Runner
@@ -18,33 +22,61 @@ _PATIENT = 60.0
 """The times after which a peer counts as lost are so much longer: the machine may stand still for a moment."""
 
 
-class ServedVehicle(Vehicle):
+class Served(NamedTuple):
+    """The tests' end."""
+
+    port: int
+    """Where it can be spoken to."""
+    pipe: Connection
+
+    @property
+    def unhurt(self) -> bool:
+        """It has flown, and stands on the ground without a crash."""
+        self.pipe.send(None)
+        unhurt: bool = self.pipe.recv()
+        return unhurt
+
+
+class _Vehicle(Vehicle):
     """It ends when the test does."""
 
-    port = 0
-    """Where it can be spoken to."""
     stopped = False
 
     @property
     def ended(self) -> bool:
         return self.stopped or super().ended
 
+    def answer(self, pipe: Connection) -> None:
+        """Answer the tests' end until that is gone."""
+        with suppress(EOFError, OSError):
+            while True:
+                pipe.recv()
+                pipe.send(self.finished and self.flight.crash is None)
+        self.stopped = True
 
-@contextmanager
-def served(pace: float, peer: Address | None = None, profile: Profile = Profile.ONBOARD) -> Iterator[ServedVehicle]:
-    """A vehicle on its pad, which speaks to a peer before it has heard it, if there is one."""
+
+def _serve(pace: float, peer: Address | None, profile: Profile, pipe: Connection) -> None:
+    """The process."""
     warm_up(AIRFRAME, EMPTY)
-    vehicle = ServedVehicle(AIRFRAME, EMPTY)
+    vehicle = _Vehicle(AIRFRAME, EMPTY)
     vehicle.parameters.scale_losses(_PATIENT)
     listener = UdpListener(HOST, 0, peer)
-    vehicle.port = listener.port
     links = Links(vehicle, (), [(listener, profile)], None, 0.0)
-    runner = Runner(vehicle, None, once=False, links=links)
-    thread = threading.Thread(target=runner.run_timed, args=(pace,))
-    thread.start()
+    pipe.send(listener.port)
+    threading.Thread(target=vehicle.answer, args=(pipe,), daemon=True).start()
+    Runner(vehicle, None, once=False, links=links).run_timed(pace)
+
+
+@contextmanager
+def served(pace: float, peer: Address | None = None, profile: Profile = Profile.ONBOARD) -> Iterator[Served]:
+    """A vehicle on its pad, which speaks to a peer before it has heard it, if there is one."""
+    pipe, theirs = CONTEXT.Pipe()
+    process = CONTEXT.Process(target=_serve, args=(pace, peer, profile, theirs), daemon=True)
+    process.start()
+    theirs.close()
     try:
-        yield vehicle
+        yield Served(pipe.recv(), pipe)
     finally:
-        vehicle.stopped = True
-        thread.join()
-        links.close()
+        pipe.close()
+        process.join(PATIENCE_S)
+        process.kill()

@@ -97,7 +97,7 @@ class User:
         self.wait(lambda: self.speed < 0.3)
 
 
-@pytest.fixture(scope="module", params=[3.0, 1.0], ids=lambda pace: f"{pace:g}x")
+@pytest.fixture(scope="module", params=[5.0, 1.0], ids=lambda pace: f"{pace:g}x")
 def user(request: pytest.FixtureRequest) -> Iterator[User]:
     """At each pace a vehicle of its own."""
     with served(request.param) as vehicle:
