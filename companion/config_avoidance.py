@@ -143,6 +143,9 @@ class AvoidanceTracks(Table, frozen=True):
     """m/s2, standard deviation of a tracked obstacle's acceleration; 1.5 suits a walking person."""
     confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 3
     """Scans that must see a track before it is confirmed."""
+    hidden_scans: Annotated[int, msgspec.Meta(ge=0)] = 30
+    """For so many scans that can't show it, since they are tilted or something is before it, what moves is expected to
+    go on."""
     delete_misses: Annotated[int, msgspec.Meta(ge=1)] = 4
     """Scans in a row that miss a confirmed track before it is deleted."""
     min_speed: Positive = 0.5

@@ -5,7 +5,7 @@ saw past the whole arc of another ring's return. What stands never shows that, h
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from protocol.arrays import Array
 from protocol.frames import to_body
@@ -22,6 +22,12 @@ _LOW_M = 0.5
 _OVER_LOW_M = 0.05
 """m above the return of a low one up to which a beam would have met it. Higher up it may have passed over the top: as
 the vehicle nears a car, a hedge or a garden wall that its tilted scan has met, the scan rises over it."""
+SIGHTS, SIGHT_EVERY = 3, 3
+"""Places, with the rings that saw a track there, beside which it is to be seen that it has left; and the number of
+scans after which the next of them takes the place of an older one. From nearer a sector is narrower."""
+_SEEN_LEVEL_M, _OFF_LEVEL_M = 0.3, 0.6
+"""m from the sensor's height: up to the first a ring has seen a track level, from the second on from too far above or
+below."""
 
 
 class Sight(NamedTuple):
@@ -75,3 +81,39 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
         if k % around >= sight.free.size or sight.free[k % around] < farthest + _BEYOND_M:
             return False
     return True
+
+
+@compiled
+def seen_level(track: Any, place: Array, sight: Sight) -> bool:
+    """Whether a TRACK that has not left the place where it stood is seen at the sensor's height, and was not there: the
+    scan of a tilted vehicle meets it low or high, and passes below or above what is nearer or farther, so that it can't
+    show that the track has left."""
+    off_level = abs(track["place"][0, 2] - track["position"][0, 2]) > _OFF_LEVEL_M
+    return not track["left"] and off_level and abs(place[2] - sight.position[2]) < _SEEN_LEVEL_M
+
+
+@compiled
+def stand(track: Any, place: Array, sight: Sight) -> None:
+    """A TRACK stands at a place (3,) NED (m), as a ring sees it."""
+    track["left"], track["start"][:] = False, place[:2]
+    for k in range(SIGHTS):
+        take_place(track, k, place, sight)
+
+
+@compiled
+def take_place(track: Any, k: int, place: Array, sight: Sight) -> None:
+    """That a TRACK has left a place (3,) NED (m) is to be seen beside what this ring sees."""
+    track["place"][k], track["position"][k], track["attitude"][k] = place, sight.position, sight.attitude
+    track["free"][k, : sight.free.size] = sight.free
+
+
+@compiled
+def has_left(track: Any, place: Array, sight: Sight) -> bool:
+    """Whether a TRACK that a ring sees at a place (3,) NED (m) was seen to have left one of the places where it was:
+    the ring sees past that, or the one that saw it there saw past this."""
+    for k in range(SIGHTS):
+        free, position, attitude = track["free"][k, : sight.free.size], track["position"][k], track["attitude"][k]
+        before = Sight(free, position, attitude, sight.first, sight.step)
+        if seen_past(sight, track["place"][k], position) or seen_past(before, place, sight.position):
+            return True
+    return False

@@ -22,7 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config_avoidance import AvoidanceTracks
-from companion.perception.departure import Sight, seen_past
+from companion.perception.departure import (
+    SIGHT_EVERY,
+    SIGHTS,
+    Sight,
+    has_left,
+    seen_level,
+    seen_past,
+    stand,
+    take_place,
+)
 from companion.perception.free_space import MOVER_COLUMNS
 from companion.perception.scans import WIDE_SECTOR, sector_width, world_points
 from companion.state import Scan
@@ -45,9 +54,6 @@ _SPEED_ALONG_SIGMA, _SPEED_ACROSS_SIGMA = 2.5, 0.8
 """m/s of a new track, along the line of sight and across it. What comes or goes up to four times as fast as the first
 is followed from its second return on. Across, the first few returns say little beside the width of a sector: with more,
 what comes straight on seems to move to either side, and the vehicle evades to the wrong one."""
-_LEVEL_M, _OFF_LEVEL_M = 0.3, 0.6
-"""m from the sensor's height: up to the first a ring has seen a track level, from the second on from too far above or
-below."""
 _RADIUS_GAIN = 0.2
 """Weight of the latest measurement in a track's radius."""
 
@@ -60,16 +66,18 @@ TRACK = np.dtype(
         ("covariance", "f8", (4, 4)),
         ("radius", "f8"),  # m around the centroid that hold all of it
         ("hits", "i8"),  # scans that saw it
-        ("misses", "i8"),  # last scans in a row that did not see it
+        ("misses", "i8"),  # last scans in a row that did not see it and could have,
+        ("hidden", "i8"),  # and those that could not
         ("fast_scans", "i8"),  # last scans in a row in which its velocity was significant
         ("slow_scans", "i8"),  # last scans in a row in which it was not
         ("moving", "b1"),
         ("left", "b1"),  # it was seen to have left the place where it stood
         ("start", "f8", 2),  # north, east (m), that place, as it was seen first
-        ("place", "f8", 3),  # NED (m), that place, as it was seen level: the return nearest to the centroid
-        ("free", "f8", _MOST_BEAMS),  # the Sight of the ring that saw it there
-        ("position", "f8", 3),
-        ("attitude", "f8", 4),
+        # Where it was seen: first where it stood, level if it was seen so, then in turn from nearer and nearer.
+        ("place", "f8", (SIGHTS, 3)),  # NED (m), the return nearest to the centroid
+        ("free", "f8", (SIGHTS, _MOST_BEAMS)),  # the Sight of the ring that saw it there
+        ("position", "f8", (SIGHTS, 3)),
+        ("attitude", "f8", (SIGHTS, 4)),
     ],
     align=True,
 )
@@ -231,12 +239,14 @@ def _track(
             update_status(tracks[t], rules[0], own)
             if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]:
                 stand(tracks[t], points[middles[c]], sight)
-            elif _seen_level(tracks[t], points[middles[c]], sight):
-                take_place(tracks[t], points[middles[c]], sight)
+            elif seen_level(tracks[t], points[middles[c]], sight):
+                take_place(tracks[t], 0, points[middles[c]], sight)
+            if tracks[t]["hits"] % SIGHT_EVERY == 0:
+                take_place(tracks[t], 1 + tracks[t]["hits"] // SIGHT_EVERY % (SIGHTS - 1), points[middles[c]], sight)
             for k in range(spans[c, 0], spans[c, 0] + spans[c, 1]):
                 moving[k % beams] |= tracks[t]["moving"]
         else:
-            tracks[t]["misses"] += 1
+            miss(tracks[t], rules[0], sight)
         if tracks[t]["misses"] < (rules[0]["delete_misses"] if tracks[t]["hits"] >= rules[0]["confirm_hits"] else 1):
             kept[count] = tracks[t]
             count += 1
@@ -247,6 +257,17 @@ def _track(
             count += 1
             started += 1
     return kept[:count], started, moving
+
+
+@compiled
+def miss(track: Any, rule: Any, sight: Sight) -> None:
+    """A ring does not show a TRACK: what moves is expected to go on for a while where the ring could not show it, as it
+    does not see past that place at the sensor's height."""
+    place = np.array((track["mean"][0], track["mean"][1], sight.position[2]))
+    if track["moving"] and track["hidden"] < rule["hidden_scans"] and not seen_past(sight, place, sight.position):
+        track["hidden"] += 1
+    else:
+        track["misses"] += 1
 
 
 @compiled
@@ -286,43 +307,11 @@ def update_status(track: Any, rule: Any, own: Array) -> None:
 
 
 @compiled
-def _seen_level(track: Any, place: Array, sight: Sight) -> bool:
-    """Whether a TRACK that has not left the place where it stood is seen at the sensor's height, and was not there: the
-    scan of a tilted vehicle meets it low or high, and passes below or above what is nearer or farther, so that it can't
-    show that the track has left."""
-    off_level = abs(track["place"][2] - track["position"][2]) > _OFF_LEVEL_M
-    return not track["left"] and off_level and abs(place[2] - sight.position[2]) < _LEVEL_M
-
-
-@compiled
-def stand(track: Any, place: Array, sight: Sight) -> None:
-    """A TRACK stands at a place (3,) NED (m), as a ring sees it."""
-    track["left"], track["start"][:] = False, place[:2]
-    take_place(track, place, sight)
-
-
-@compiled
-def take_place(track: Any, place: Array, sight: Sight) -> None:
-    """That a TRACK has left a place (3,) NED (m) is to be seen beside what this ring sees."""
-    track["place"][:], track["position"][:], track["attitude"][:] = place, sight.position, sight.attitude
-    track["free"][: sight.free.size] = sight.free
-
-
-@compiled
-def has_left(track: Any, place: Array, sight: Sight) -> bool:
-    """Whether a TRACK that a ring sees at a place (3,) NED (m) was seen to have left the place where it stood: the ring
-    sees past that, or the one that saw it there saw past this."""
-    # [:]: plain arrays, as a scan's are. A field of a record is another type, and all would be compiled once more.
-    free, position, attitude = track["free"][: sight.free.size], track["position"][:], track["attitude"][:]
-    before = Sight(free, position, attitude, sight.first, sight.step)
-    return seen_past(sight, track["place"][:], position) or seen_past(before, place, sight.position)
-
-
-@compiled
 def start_track(track: Any, number: int, centroid: Array, covariance: Array, radius: float, seen_from: Array) -> None:
     """Fill in a new TRACK: at rest, with the uncertainty of its speed as `seen_from` (2,) or more (m, NED)."""
     track["number"], track["radius"], track["moving"] = number, radius, False
-    track["hits"], track["misses"], track["fast_scans"], track["slow_scans"] = 1, 0, 0, 0
+    track["hits"], track["misses"], track["hidden"] = 1, 0, 0
+    track["fast_scans"], track["slow_scans"] = 0, 0
     track["mean"][:2], track["mean"][2:] = centroid, 0.0
     track["covariance"][:] = 0.0
     track["covariance"][:2, :2] = covariance
@@ -371,7 +360,7 @@ def correct(track: Any, centroid: Array, noise: Array, radius: float) -> None:
     mean[:] = mean + gain[:, 0] * north + gain[:, 1] * east
     track["radius"] += _RADIUS_GAIN * (radius - track["radius"])
     track["hits"] += 1
-    track["misses"] = 0
+    track["misses"] = track["hidden"] = 0
 
 
 @compiled

@@ -51,5 +51,5 @@ def test_it_ends_as_it_should(name: str, pace: float, tmp_path: Path, tmp_path_f
             else:
                 said, _ = process.communicate(timeout=PATIENCE_S)
                 assert process.returncode == 0, said[-3000:]
-        assert (vehicle.summary().flight_time_s > 1.0) is (name not in END)
-        assert vehicle.flight.crash is None
+        assert (vehicle.flown.time_s > 1.0) is (name not in END)
+        assert vehicle.flown.crash is None

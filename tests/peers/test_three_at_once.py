@@ -58,8 +58,7 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
     mission = tmp_path / "wait.toml"
     mission.write_text(MISSION)
     with ExitStack() as ends:
-        vehicle = ends.enter_context(served(1.0))
-        vehicle.parameters.scale_losses(1.0)  # the companion refuses a vehicle that waits long
+        vehicle = ends.enter_context(served(1.0, patient=1.0))  # the companion refuses a vehicle that waits long
         place = f"udpout:{HOST}:{vehicle.port}"
         options = ("--avoid", "none", "--log", str(tmp_path / "logs"), "--json", "--no-report", *PATIENT)
         mavsdk = Mavsdk(Configuration.create_manual(*PROGRAM, True))

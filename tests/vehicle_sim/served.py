@@ -30,11 +30,22 @@ class Served(NamedTuple):
     pipe: Connection
 
     @property
-    def unhurt(self) -> bool:
-        """It has flown, and stands on the ground without a crash."""
+    def flown(self) -> "Flown":
+        """Its flight up to now."""
         self.pipe.send(None)
-        unhurt: bool = self.pipe.recv()
-        return unhurt
+        flown: Flown = self.pipe.recv()
+        return flown
+
+
+class Flown(NamedTuple):
+    """A flight."""
+
+    time_s: float
+    """In the air."""
+    finished: bool
+    """It stands on the ground again."""
+    crash: str | None
+    """What it has met."""
 
 
 class _Vehicle(Vehicle):
@@ -51,15 +62,15 @@ class _Vehicle(Vehicle):
         with suppress(EOFError, OSError):
             while True:
                 pipe.recv()
-                pipe.send(self.finished and self.flight.crash is None)
+                pipe.send(Flown(self.summary().flight_time_s, self.finished, self.flight.crash))
         self.stopped = True
 
 
-def _serve(pace: float, peer: Address | None, profile: Profile, pipe: Connection) -> None:
+def _serve(pace: float, peer: Address | None, profile: Profile, patient: float, pipe: Connection) -> None:
     """The process."""
     warm_up(AIRFRAME, EMPTY)
     vehicle = _Vehicle(AIRFRAME, EMPTY)
-    vehicle.parameters.scale_losses(_PATIENT)
+    vehicle.parameters.scale_losses(patient)
     listener = UdpListener(HOST, 0, peer)
     links = Links(vehicle, (), [(listener, profile)], None, 0.0)
     pipe.send(listener.port)
@@ -68,10 +79,12 @@ def _serve(pace: float, peer: Address | None, profile: Profile, pipe: Connection
 
 
 @contextmanager
-def served(pace: float, peer: Address | None = None, profile: Profile = Profile.ONBOARD) -> Iterator[Served]:
+def served(
+    pace: float, peer: Address | None = None, profile: Profile = Profile.ONBOARD, patient: float = _PATIENT
+) -> Iterator[Served]:
     """A vehicle on its pad, which speaks to a peer before it has heard it, if there is one."""
     pipe, theirs = CONTEXT.Pipe()
-    process = CONTEXT.Process(target=_serve, args=(pace, peer, profile, theirs), daemon=True)
+    process = CONTEXT.Process(target=_serve, args=(pace, peer, profile, patient, theirs), daemon=True)
     process.start()
     theirs.close()
     try:

@@ -24,7 +24,7 @@ def test_mavsdk(pace: float) -> None:
             exec(program.replace("(10.0)", f"({PATIENCE_S})"), names)
         finally:
             names["mavsdk"].destroy()
-        assert vehicle.unhurt
+        assert vehicle.flown.finished and vehicle.flown.crash is None
 
 
 @PACES
@@ -33,5 +33,5 @@ def test_pymavlink(pace: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mavutil, "mavlink_connection", {"udpin:127.0.0.1:14540": listening}.__getitem__)
     with served(pace, listening.port.getsockname()) as vehicle:
         exec(PYMAVLINK, {})
-        assert vehicle.unhurt
+        assert vehicle.flown.finished and vehicle.flown.crash is None
     listening.close()

@@ -298,7 +298,64 @@ def test_who_comes_straight_on_moves_though_a_tilted_vehicle_saw_him_first(speed
     assert scene.tracker.moving.size == (speed > 0.0)
     (track,) = scene.tracker.tracks
     assert track["start"][0] == pytest.approx(7.9, abs=0.3), "the map forgets the way from there"
-    assert track["place"][2] == pytest.approx(-2.0, abs=0.1)
+    assert track["place"][0, 2] == pytest.approx(-2.0, abs=0.1)
+
+
+NOSE_DOWN = math.radians(-40.0)
+"""The beams ahead meet the ground 2.4 m away."""
+
+
+def test_a_tilted_vehicle_expects_what_moves_to_go_on() -> None:
+    """It accelerates, and its scan meets the ground before a walker whom it has seen. He is where he should be when the
+    scan shows him again, as the same track."""
+    scene, step = Scene(), PERIOD_NS * 1e-9
+
+    def walker(k: int) -> tuple[float, float]:
+        return 9.0, -4.0 + 1.5 * step * k
+
+    for k in range(55):
+        scene.see([walker(k)], pitch=NOSE_DOWN if 25 <= k < 45 else 0.0)
+        if k >= 25:
+            (track,) = scene.tracker.moving
+            assert math.dist(track["mean"][:2], walker(k)) < 0.5
+            assert track["number"] == 0 and (track["hidden"] > 0) == (k < 45) and track["misses"] == 0
+
+
+@pytest.mark.parametrize("hidden", [0, 5, SETTINGS.hidden_scans])
+def test_what_moves_and_is_not_where_the_scan_shows_its_place_is_gone(hidden: int) -> None:
+    """However long it was hidden before, and in any case after so many scans that could not show it."""
+    scene, step = Scene(), PERIOD_NS * 1e-9
+    for k in range(25):
+        scene.see([(9.0, -4.0 + 1.5 * step * k)])
+    assert len(scene.tracker.moving) == 1
+    for _ in range(hidden):
+        scene.see([], pitch=NOSE_DOWN)
+        assert len(scene.tracker.moving) == 1
+    for k in range(SETTINGS.delete_misses):
+        assert len(scene.tracker.moving) == 1, k
+        scene.see([], pitch=NOSE_DOWN if hidden == SETTINGS.hidden_scans else 0.0)
+    assert 0 not in scene.tracker.tracks["number"]
+
+
+def test_what_stands_is_not_expected_where_it_is_not_seen() -> None:
+    """The map knows it."""
+    scene = Scene()
+    for _ in range(25):
+        scene.see([(9.0, 1.0)])
+    for _ in range(SETTINGS.delete_misses):
+        scene.see([], pitch=NOSE_DOWN)
+    assert 0 not in scene.tracker.tracks["number"]
+
+
+def test_a_walker_is_seen_to_have_left_from_nearer_sooner() -> None:
+    """From 10 m a sector is 0.9 m wide, and a walker of 0.6 m fills two; from 4 m it is half as wide. He crosses ahead
+    of a vehicle at 6 m/s."""
+    scene, step = Scene(noise_m=0.0), PERIOD_NS * 1e-9
+    for k in range(30):
+        scene.see([(10.0, -1.4 + 1.2 * step * k)], np.array([6.0 * step * k, 0.0, -2.0]))
+        if len(scene.tracker.moving):
+            break
+    assert 10.0 - 6.0 * step * k > 3.0
 
 
 def test_two_walkers_that_pass_each_other_keep_their_tracks() -> None:
