@@ -1,6 +1,7 @@
-"""Worlds with shelves, and with a single mover in the open; see `studies.worlds`."""
+"""Worlds with shelves, and with movers in the open; see `studies.worlds`."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +11,14 @@ _GOAL: Place = (40.0, 0.0)
 _HALF_WAY = 12.0
 _OWN_SPEED = 6.0
 """m/s of the vehicle, with which it meets the movers."""
+_CLEAR_M = 4.0
+"""m around the start from which no mover comes."""
 _GONE = 300.0
 """m: so far away a mover does not come back before the flight is over."""
 _SETS_OFF_S = 6.4
 """s: when it would have begun the way at that speed."""
+_ACCELERATION = 5.5
+"""m/s2, about, with which it sets off."""
 
 
 def warehouse(seed: int) -> Site:
@@ -48,6 +53,38 @@ def crossing(seed: int) -> Site:
     side, north, away = rng.choice([-1.0, 1.0]), rng.uniform(8.0, 30.0), rng.uniform(5.0, 15.0)
     return _mover("crossing", seed, (north + rng.uniform(-4.0, 4.0), side * away), (north, -25.0 * side),
                   rng.uniform(0.7, 4.0))  # fmt: skip
+
+
+def setting_off(seed: int) -> Site:
+    """A mover of 0.3-0.6 m at 0.7-3 m/s crosses the way 4-14 m after its start, about when the vehicle comes there:
+    while it accelerates its scan meets the ground before it."""
+    rng = np.random.default_rng(seed)
+    north, speed, angle = rng.uniform(4.0, 14.0), rng.uniform(0.7, 3.0), np.radians(rng.uniform(50.0, 130.0))
+    ramp = min(north, 0.5 * _OWN_SPEED**2 / _ACCELERATION)
+    there = _SETS_OFF_S + np.sqrt(2.0 * ramp / _ACCELERATION) + (north - ramp) / _OWN_SPEED + rng.uniform(-0.5, 0.5)
+    way = np.array([np.cos(angle), rng.choice([-1.0, 1.0]) * np.sin(angle)])
+    row = _row((north, 0.0), way, speed, there, rng.uniform(0.15, 0.3))
+    return make_site("settingoff", seed, {"cylinder": [row]}, _GOAL, height=WALKING_HEIGHT)
+
+
+def several(seed: int) -> Site:
+    """Three movers of 0.4-1 m at 0.5-4 m/s come over the way from any side, each about when the vehicle is there."""
+    rng, rows = np.random.default_rng(seed), []
+    for _ in range(3):
+        north, speed, angle = rng.uniform(8.0, 34.0), rng.uniform(0.5, 4.0), rng.uniform(-np.pi, np.pi)
+        there = _SETS_OFF_S + north / _OWN_SPEED + rng.uniform(-2.5, 2.5)
+        way, over = np.array([np.cos(angle), np.sin(angle)]), (north, rng.uniform(-0.5, 0.5))
+        if np.hypot(*(over - speed * there * way)) < _CLEAR_M:  # not out of where the vehicle takes off
+            way = -way
+        rows.append(_row(over, way, speed, there, rng.uniform(0.2, 0.5)))
+    return make_site("several", seed, {"cylinder": rows}, _GOAL, height=WALKING_HEIGHT)
+
+
+def _row(over: Place, way: Any, speed: float, there: float, radius: float) -> dict[str, Any]:
+    """A mover that is `over` a place at `there` (s), on a straight way along a unit vector (2,)."""
+    start, end = over - speed * there * way, over + _GONE * way
+    route = [make_place(*start), make_place(*end)]
+    return {**make_disc(start[0], start[1], radius), "speed": round(float(speed), 2), "route": route}
 
 
 def overtaking(seed: int) -> Site:

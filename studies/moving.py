@@ -14,6 +14,8 @@ SETUPS = (
     Setup("street", "street with walkers", worlds.street, (3.0,), 120.0, 50),
     Setup("oncoming", "mover ahead on", crowded.oncoming, (6.0,), 60.0, 100),
     Setup("crossing", "mover across", crowded.crossing, (6.0,), 60.0, 100),
+    Setup("settingoff", "mover across soon after the start", crowded.setting_off, (6.0,), 60.0, 100),
+    Setup("several", "three movers", crowded.several, (6.0,), 60.0, 100),
     Setup("overtaking", "mover from behind", crowded.overtaking, (6.0,), 60.0, 100),
     Setup("waiting", "mover where the vehicle waits", crowded.waiting, (6.0,), 60.0, 100),
 )
@@ -25,8 +27,9 @@ def run(report: Report) -> None:
 A pillar of 0.2 m appears when the vehicle's centre is 2 m from its side. In a street of 12 m between walls ten walkers
 of 0.6 m go to and fro at 0.6 to 1.5 m/s, half of them across it, without avoiding anything; they are taller than
 people, whom a tilted scan would miss. In the open a mover of 0.6 m comes ahead on at 2 to 4 m/s, crosses the way at 0.7
-to 4 m/s, comes from behind at 6.5 to 10 m/s, or passes over the place where the vehicle waits at 0.7 to 10 m/s; it
-avoids nothing.
+to 4 m/s, comes from behind at 6.5 to 10 m/s, or passes over the place where the vehicle waits at 0.7 to 10 m/s. One of
+0.3 to 0.6 m at 0.7 to 3 m/s crosses it where the vehicle still accelerates, so that its scan meets the ground ahead;
+and three of 0.4 to 1 m at 0.5 to 4 m/s come over it from any side. They avoid nothing.
 
 A contact is **avoidable** if there was an escape. {_how()}
 
