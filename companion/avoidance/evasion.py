@@ -31,7 +31,7 @@ _BURSTS_S = (0.32, 0.8)
 _SIGMAS, _ENOUGH_SIGMAS = 2.0, 2.5
 """Standard deviations: with fewer the vehicle evades; with so many a manoeuvre is good enough, and it stops evading."""
 _LEAST_SIGMA_M = 0.05
-_SAME_WAY = 4.0
+_SAME_WAY = 1.5
 """Standard deviations that a manoeuvre gains by an acceleration to the side of the first, and loses by one to the other
 side. Not along the way of the obstacle: who began to run from it may find that it must step aside."""
 _UNSEEN = 1.0
