@@ -144,8 +144,7 @@ class AvoidanceTracks(Table, frozen=True):
     confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 3
     """Scans that must see a track before it is confirmed."""
     hidden_scans: Annotated[int, msgspec.Meta(ge=0)] = 30
-    """For so many scans that can't show it, since they are tilted or something is before it, what moves is expected to
-    go on."""
+    """For so many scans that can't show it, since they are tilted, what moves is expected to go on."""
     delete_misses: Annotated[int, msgspec.Meta(ge=1)] = 4
     """Scans in a row that miss a confirmed track before it is deleted."""
     min_speed: Positive = 0.5

@@ -56,6 +56,15 @@ def seen_past(sight: Sight, place: Array, origin: Array) -> bool:
 
 
 @compiled
+def passes_off(sight: Sight, place: Array) -> bool:
+    """Whether a tilted ring passes a place (3,) NED (m) so far above or below that it can't show what stands there."""
+    offset = place[0] - sight.position[0], place[1] - sight.position[1], place[2] - sight.position[2]
+    down = to_body(sight.attitude, (0.0, 0.0, 1.0))
+    off: bool = abs(to_body(sight.attitude, offset)[2]) > _LEVEL_M * down[2]
+    return off
+
+
+@compiled
 def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
     aside = math.tan(0.5 * abs(sight.step))
     across_n, across_e = aside * (origin[1] - place[1]), aside * (place[0] - origin[0])

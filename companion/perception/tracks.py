@@ -27,8 +27,8 @@ from companion.perception.departure import (
     SIGHTS,
     Sight,
     has_left,
+    passes_off,
     seen_level,
-    seen_past,
     stand,
     take_place,
 )
@@ -262,9 +262,9 @@ def _track(
 @compiled
 def miss(track: Any, rule: Any, sight: Sight) -> None:
     """A ring does not show a TRACK: what moves is expected to go on for a while where the ring could not show it, as it
-    does not see past that place at the sensor's height."""
+    is tilted and passes that place far from the sensor's height. Who is behind something else may turn there."""
     place = np.array((track["mean"][0], track["mean"][1], sight.position[2]))
-    if track["moving"] and track["hidden"] < rule["hidden_scans"] and not seen_past(sight, place, sight.position):
+    if track["moving"] and track["hidden"] < rule["hidden_scans"] and passes_off(sight, place):
         track["hidden"] += 1
     else:
         track["misses"] += 1
