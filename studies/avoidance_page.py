@@ -23,7 +23,9 @@ through the gap of 0.9 m. In the forest it is slower at 3 and 5 m/s, 2.87 and 4.
 trunk in 12 m2. Since paths are made smooth above 6 m/s, it is faster there: 5.60 m/s at 7 m/s (60 of 60 arrive) and
 6.28 m/s at 10 m/s (100 of 100), of 7.26 m/s where no tree stands, for 40 m are too short for more. On 150 m of the same
 forest 7.17 m/s are flown (24 of 24), 6.71 without. Of the hills the row at 7 m/s was flown before that. The flights on
-sensors are of an earlier version, too, and were not flown anew.
+sensors are of an earlier version, too, and were not flown anew. So are those of movers: with the present one 47 of 50
+arrive in the street, 60 of 60 where one crosses soon after the start (`settingoff`), 39 of 40 among three (`several`),
+and 40 of 40 where the vehicle waits.
 
 ## What the sensor can't see
 
@@ -37,6 +39,7 @@ The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle
 | what ends below the plane | no beam meets it | [releases](lidar.md#what-a-driver-sends) stop above it | that height |
 | glass that lets the beams through | they return from behind it | it is flown into | no speed |
 | glass or mirrors without a return | the sector stays unknown, not free | the hull stays out | any speed |
+| who crosses before a vehicle that flies fast and low | the tilted scan meets the ground: at 7 m/s and 2 m it shows a person from 7 m on | at 8 m/s among trunks and walkers 13 of 40 flights hit one | 6 m/s, or 3 m of height |
 | pole thinner than the beams' spacing | one beam in 5 degrees may miss it | 5 cm at 4.3 m/s: some hit | see below |
 
 With one beam in each sector of 5 degrees a pole is met by a beam, however the vehicle stands, from `width / 0.087` on.
