@@ -39,7 +39,7 @@ The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle
 | what ends below the plane | no beam meets it | [releases](lidar.md#what-a-driver-sends) stop above it | that height |
 | glass that lets the beams through | they return from behind it | it is flown into | no speed |
 | glass or mirrors without a return | the sector stays unknown, not free | the hull stays out | any speed |
-| who crosses ahead of fast, low flight | the tilted scan meets the ground | 8 m/s, 2 m high: 13 of 40 hit | 6 m/s, or 3 m high |
+| who crosses before a fast, low flight | the scan meets the ground | at 8 m/s 13 of 40 hit | 6 m/s, or 3 m high |
 | pole thinner than the beams' spacing | one beam in 5 degrees may miss it | 5 cm at 4.3 m/s: some hit | see below |
 
 At 2 m above the ground and 7 m/s the scan shows a person from 7 m on, at 3 m from 11 m. The flights at 8 m/s were among
