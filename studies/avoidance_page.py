@@ -39,11 +39,11 @@ The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle
 | what ends below the plane | no beam meets it | [releases](lidar.md#what-a-driver-sends) stop above it | that height |
 | glass that lets the beams through | they return from behind it | it is flown into | no speed |
 | glass or mirrors without a return | the sector stays unknown, not free | the hull stays out | any speed |
-| who crosses before a fast, low flight | the scan meets the ground | at 8 m/s 13 of 40 hit | 6 m/s, or 3 m high |
+| who crosses before a fast, low flight | the scan meets the ground | at 8 m/s 13 of 40 hit | 6 m/s |
 | pole thinner than the beams' spacing | one beam in 5 degrees may miss it | 5 cm at 4.3 m/s: some hit | see below |
 
-At 2 m above the ground and 7 m/s the scan shows a person from 7 m on, at 3 m from 11 m. The flights at 8 m/s were among
-trunks and walkers.
+At 2 m above the ground and 7 m/s the scan shows a person from 7 m on, by its angle; higher up from farther away. The
+flights at 8 m/s were at 2 m, too, among trunks and walkers.
 
 With one beam in each sector of 5 degrees a pole is met by a beam, however the vehicle stands, from `width / 0.087` on.
 The speed is that from which the guard's braking (5.5 m/s2 after 0.25 s) stops the hull (0.36 m) within that distance. A

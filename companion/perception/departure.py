@@ -119,8 +119,9 @@ def take_place(track: Any, k: int, place: Array, sight: Sight) -> None:
 @compiled
 def has_left(track: Any, place: Array, sight: Sight) -> bool:
     """Whether a TRACK that a ring sees at a place (3,) NED (m) was seen to have left one of the places where it was:
-    the ring sees past that, or the one that saw it there saw past this."""
-    for k in range(SIGHTS):
+    the ring sees past that, or the one that saw it there saw past this. Of what seems to stand, the first place alone
+    is looked at."""
+    for k in range(SIGHTS if track["fast_scans"] > 0 else 1):
         free, position, attitude = track["free"][k, : sight.free.size], track["position"][k], track["attitude"][k]
         before = Sight(free, position, attitude, sight.first, sight.step)
         if seen_past(sight, track["place"][k], position) or seen_past(before, place, sight.position):

@@ -66,8 +66,8 @@ TRACK = np.dtype(
         ("covariance", "f8", (4, 4)),
         ("radius", "f8"),  # m around the centroid that hold all of it
         ("hits", "i8"),  # scans that saw it
-        ("misses", "i8"),  # last scans in a row that did not see it and could have,
-        ("hidden", "i8"),  # and those that could not
+        ("misses", "i8"),  # last scans in a row that did not see it,
+        ("hidden", "i8"),  # without those whose tilt hid what moves
         ("fast_scans", "i8"),  # last scans in a row in which its velocity was significant
         ("slow_scans", "i8"),  # last scans in a row in which it was not
         ("moving", "b1"),
@@ -235,7 +235,7 @@ def _track(
         c = seen_as[t]
         if c >= 0:
             correct(tracks[t], centroids[c], covariances[c], _radius(extents[c]))
-            tracks[t]["left"] |= has_left(tracks[t], points[middles[c]], sight)
+            tracks[t]["left"] = tracks[t]["left"] or has_left(tracks[t], points[middles[c]], sight)
             update_status(tracks[t], rules[0], own)
             if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]:
                 stand(tracks[t], points[middles[c]], sight)

@@ -177,7 +177,7 @@ class Runner:
         overrun_ns = round(autopilot.settings.supervision.overrun * 1e9)
         if self._beside.router is not None:
             self._beside.router.begin()
-        self._hear_planner(clock.now_ns())
+        self._send(clock.now_ns(), self._hear_planner(clock.now_ns()))
         due = clock.now_ns() + TICK_NS
         while not autopilot.ended:
             wait = clock.wall_seconds_until(due)
