@@ -148,6 +148,17 @@ def test_it_keeps_to_the_side_on_which_it_began() -> None:
     assert guard.filter(STILL, velocity, np.zeros(3), late).acceleration_ned[1] < 0.0
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("nearer", [-2.0, -1.0])
+def test_it_changes_its_side_where_the_first_one_would_hit(side: float, nearer: float) -> None:
+    """What seemed to come straight on crosses, as is seen later, to the side to which the vehicle runs."""
+    guard = guard_on(field(), mover(6.0, -0.3 * side, -4.0, 0.0))
+    velocity = np.array([6.0, 0.0, 0.0])
+    assert guard.filter(STILL, velocity, np.zeros(3), 0).acceleration_ned[1] * side > 1.0
+    guard.look(guard_space(mover(3.0, -0.4 * side, nearer, 1.5 * side, sigma=0.2)))
+    assert guard.filter(STILL, velocity, np.zeros(3), 60_000_000).acceleration_ned[1] * side < -1.0
+
+
 def guard_space(movers: Array, now_ns: int = 0) -> FreeSpace:
     return free_space(map_of(field()), STILL, now_ns, SETTINGS, movers)
 
