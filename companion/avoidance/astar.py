@@ -68,6 +68,8 @@ class AStar:
         cost, parent, reached = np.empty(count + 1), np.empty(count + 1, np.int32), np.zeros(count + 1, np.int32)
         self._memory: Memory = (cost, parent, reached, make_queue(len(_AROUND) * count + 2))
         self._searches = 0
+        self._failed = {True: False, False: False}
+        """Whether the last search of a limited detour found none, and that of any detour."""
 
     def costmap(self, view: MapView) -> Floats:
         """(cells, cells) cost of a metre in each cell, forbidden ones included. It is valid until the next call.
@@ -108,18 +110,26 @@ class AStar:
         if view.contains(last):
             reach = math.ceil(self._settings.proximity_radius / view.cell) + 1
             last = nearest_allowed_cell(view.states, to_occupied, last, inflation, reach)
-            if to_occupied[last] < inflation or _enclosed(to_occupied, inflation, first, last):
+            if to_occupied[last] < inflation:
                 return None
         frontier = _frontier(view.states, first, last)
-        self._searches += 1
         scales = inflation, view.cell, self._settings.unknown_cost
         expected = view.cell * _to_go(first[0], first[1], last, self._settings.unknown_cost, frontier)
+        limited = max_detour < math.inf
+        doubtful, self._failed[limited] = self._failed[limited], True
+        if doubtful and (limited or view.contains(last)):
+            room = (first, last, False) if limited else (last, first, True)
+            most, most_cells = expected + max_detour + _ROUNDING_M, costmap.size if limited else _MAX_ENCLOSED_CELLS
+            if _cut_off(to_occupied, scales, room, frontier, most, most_cells):
+                return None
+        self._searches += 1
         limits = 3 * self._searches, max_detour + _ROUNDING_M
         backwards = bool(view.contains(last) and costmap[last] > costmap[first] + self._settings.unknown_cost)
         ends = (last, first, True) if backwards else (first, last, False)
         found, cost = _search(costmap, to_occupied, scales, ends, frontier, self._memory, limits)
         if found < 0 or cost - expected > max_detour:
             return None
+        self._failed[limited] = False
         cells, costs = _trace_back(found, self._memory[1], self._memory[0], view.states.shape[1])
         if backwards:
             cells, costs = cells[::-1], cost - costs[::-1]
@@ -198,26 +208,47 @@ def _fill_room(states: Bytes, place: tuple[int, int], reach: int, room: BoolArra
 
 
 @compiled
-def _enclosed(to_occupied: Floats, inflation: float, first: tuple[int, int], last: tuple[int, int]) -> bool:
-    """Whether the last cell can be reached from a few cells only, the first not among them.
+def _cut_off(
+    to_occupied: Floats,
+    scales: tuple[float, float, float],
+    ends: tuple[tuple[int, int], tuple[int, int], bool],
+    frontier: Frontier,
+    most: float,
+    most_cells: int,
+) -> bool:
+    """Whether no path of a cost up to `most` (m), as the heuristic has it, leads from the first cell to the last, or to
+    the border if that lies beyond the window; False where `most_cells` don't tell. `scales` and `ends`: of `_search`.
 
-    Then there is no path, and the search need not go through the whole window. The steps are the search's, backwards.
+    Then the search need not open all that is so cheap. The steps are the search's.
     """
+    inflation, cell, unknown_cost = scales
+    begin, end, backwards = ends
+    first, last = (end, begin) if backwards else (begin, end)
     rows, columns = to_occupied.shape
+    beyond = not (0 <= end[0] < rows and 0 <= end[1] < columns)
     seen = np.zeros((rows, columns), np.bool_)
-    found = np.empty((_MAX_ENCLOSED_CELLS + 8, 2), np.int64)
-    found[0, 0], found[0, 1] = last
-    seen[last] = True
+    found = np.empty((most_cells + len(_AROUND), 2), np.int32)
+    found[0, 0], found[0, 1] = begin
+    seen[begin] = True
     at, count = 0, 1
     while at < count:
         row, column = found[at, 0], found[at, 1]
         at += 1
-        if (row == first[0] and column == first[1]) or count >= _MAX_ENCLOSED_CELLS:
+        at_border = row in (0, rows - 1) or column in (0, columns - 1)
+        if (row == end[0] and column == end[1]) or (beyond and at_border) or count >= most_cells:
             return False
+        room = to_occupied[row, column]
         for i in range(max(row - 1, 0), min(row + 2, rows)):
             for j in range(max(column - 1, 0), min(column + 2, columns)):
-                if not seen[i, j] and to_occupied[row, column] >= min(inflation, to_occupied[i, j]):
-                    seen[i, j] = True
+                if seen[i, j]:
+                    continue
+                from_m, to_m = (to_occupied[i, j], room) if backwards else (room, to_occupied[i, j])
+                if to_m < min(inflation, from_m):
+                    continue
+                seen[i, j] = True
+                down, aside = float(i - first[0]), float(j - first[1])
+                straight = math.sqrt(down * down + aside * aside)
+                if cell * (straight + _to_go(i, j, last, unknown_cost, frontier)) <= most:
                     found[count, 0], found[count, 1] = i, j
                     count += 1
     return True

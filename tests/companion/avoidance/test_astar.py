@@ -99,6 +99,29 @@ def test_paths_between_dear_ends_are_the_cheapest_both_ways() -> None:
             assert tuple(path.cells[0]) == s and tuple(path.cells[-1]) == g
 
 
+def test_a_limited_search_after_one_that_failed_finds_what_it_would_find_before() -> None:
+    """That no path is so cheap is then looked for first. Goals in the window and beyond it."""
+    rng = np.random.default_rng(6)
+    outcomes = set()
+    for _ in range(60):
+        view = view_of(field(rng, density=0.03))
+        start, goal = rng.uniform(0.5, 7.5, 2), rng.uniform(-1.0, 9.0, 2)
+        search = AStar(SETTINGS, 40)
+        costmap = search.costmap(view)
+        whole = search.plan(view, costmap, start, goal)
+        detour = 1.0 if whole is None else whole.detour * rng.choice((0.9, 1.1)) + 1e-3
+        first = search.plan(view, costmap, start, goal, max_detour=detour)
+        walled = view_of(np.where(np.abs(np.indices((40, 40)) - 20).max(axis=0) == 12, OCCUPIED, FREE).astype(np.uint8))
+        assert search.plan(walled, search.costmap(walled), np.full(2, 4.1), np.full(2, 7.5), max_detour=1.0) is None
+        costmap = search.costmap(view)
+        again = search.plan(view, costmap, start, goal, max_detour=detour)
+        assert (first is None) == (again is None) == (whole is None or whole.detour > detour)
+        if first is not None and again is not None:
+            assert first.cost == again.cost and np.array_equal(first.cells, again.cells)
+        outcomes.add((whole is None, first is None, view.contains(view.cell_of(goal))))
+    assert outcomes >= {(False, True, True), (False, False, True), (False, True, False), (False, False, False)}
+
+
 def test_a_dear_goal_does_not_open_the_window() -> None:
     states = np.full((80, 80), FREE, np.uint8)
     states[36:45, 60] = states[36, 50:60] = states[44, 50:60] = OCCUPIED
