@@ -77,7 +77,7 @@ def free_space(
         settings.keep_out_unseen_tight if tight else settings.keep_out_unseen,
     )
     corner_m = np.array(view.corner) * view.cell
-    states = _counted_to_obstacles(view) if tight else view.states
+    states = _counted_to_obstacles(view.states, view.to_occupied) if tight else view.states
     points = nearest_points(states, view.cell, (north, east), hits - corner_m, settings.obstacle_range, keep_outs)
     points[:, :2] += corner_m
     rows, columns = (
@@ -95,12 +95,16 @@ def free_space(
     return FreeSpace(seen_ns, to_occupied, to_unseen, corner, view.cell, points, tight, movers)
 
 
-def _counted_to_obstacles(view: MapView) -> Bytes:
+@compiled
+def _counted_to_obstacles(states: Bytes, to_occupied: Floats) -> Bytes:
     """The states, where the unknown cells beside a return are occupied. A way between walls a hand wider than the hull
     keeps clear of the walls, by the keep-out that these have, and could not keep clear of such cells."""
-    beside = (view.states == UNKNOWN) & (view.to_occupied < _BESIDE_M)
-    states: Bytes = np.where(beside, np.uint8(OCCUPIED), view.states)
-    return states
+    counted, beside = np.empty_like(states), np.float32(_BESIDE_M)
+    for i in range(states.shape[0]):
+        state, distance, row = states[i], to_occupied[i], counted[i]
+        for j in range(states.shape[1]):
+            row[j] = OCCUPIED if state[j] == UNKNOWN and distance[j] < beside else state[j]
+    return counted
 
 
 def space_bytes(cells: int, cell: float) -> int:
