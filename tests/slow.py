@@ -4,6 +4,8 @@ from pathlib import PurePosixPath
 
 SLOW: dict[str, float] = {
     "tests/companion/view/test_live.py::test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider": 20,
+    "tests/companion/view/test_live.py::test_a_camera_follows_the_vehicle_from_where_it_was_put": 9,
+    "tests/companion/test_plugins.py": 25,
     "tests/companion/api/test_companion.py": 6,
     "tests/companion/api/test_companion.py::test_the_example_delivers": 12,
     "tests/companion/avoidance/test_rrt.py::test_ways_are_the_same_in_any_order_and_process": 3,
@@ -54,14 +56,19 @@ SLOW: dict[str, float] = {
     "tests/flights/test_bad_input.py::test_no_vehicle": 3,
     "tests/flights/test_ground_station.py::test_a_ground_station_watches_asks_and_takes_over": 16,
     "tests/flights/test_late.py": 2,
-    "tests/flights/test_joined.py::test_a_goal_without_progress_is_given_up": 8,
-    "tests/flights/test_joined.py::test_the_courier_delivers": 7,
+    "tests/flights/test_hills.py": 8,
+    "tests/flights/test_lost_position.py": 4,
+    "tests/flights/test_steps.py": 4,
+    "tests/flights/test_joined.py::test_a_goal_without_progress_is_given_up": 16,
+    "tests/flights/test_joined.py::test_the_courier_delivers": 12,
     "tests/flights/test_fence_flights.py": 3,
     "tests/flights/test_limits.py": 2,
+    "tests/flights/test_limits.py::test_it_turns_back_in_time_for_the_way_home": 6,
+    "tests/flights/test_limits.py::test_with_less_it_lands_before_the_battery_is_empty": 4,
     "tests/flights/test_links.py::test_over_a_serial_line_with_a_scanner_of_its_own": 15,
     "tests/flights/test_links.py::test_over_tcp_beside_a_ground_station_that_floods": 15,
     "tests/flights/test_links.py::test_a_wrong_url_is_named": 6,
-    "tests/flights/test_other_heights.py": 4,
+    "tests/flights/test_other_heights.py": 6,
     "tests/flights/test_overrides.py::test_a_vehicle_other_than_the_companion_thinks": 10,
     "tests/flights/test_overrides.py::test_what_the_simulator_refuses_is_said_and_nothing_is_flown": 6,
     "tests/flights/test_processes.py::test_companion_killed_at_random_moments": 13,
@@ -91,6 +98,7 @@ SLOW: dict[str, float] = {
     "tests/protocol/flightlog/test_damaged_files.py::test_no_content_of_a_chunk_raises_anything": 3,
     "tests/protocol/test_jit.py": 3,
     "tests/protocol/test_jit.py::test_the_cache_is_used_and_never_stale": 10,
+    "tests/studies/test_batch.py::test_a_batch_flies_as_each_vehicle_by_itself_to_the_bit": 20,
     "tests/studies/test_campaign.py::test_a_contact_is_kept_and_flies_again_to_the_bit": 6,
     "tests/studies/test_campaign.py::test_a_flight_that_arrives": 5,
     "tests/studies/test_campaign.py::test_joined_is_the_same_flight_as_two_processes_over_udp": 15,
@@ -99,9 +107,11 @@ SLOW: dict[str, float] = {
     "tests/studies/test_consistency.py": 6,
     "tests/studies/test_faults.py::test_a_quick_part_of_the_matrix_is_as_promised": 5,
     "tests/studies/test_position_loop.py::test_the_papers_weight_diverges_in_flight_and_ten_does_not": 4,
+    "tests/studies/test_movers.py": 3,
+    "tests/studies/test_sensed.py": 5,
     "tests/studies/test_tracking.py::test_the_flown_circle_is_the_ideal_one_within_a_tenth": 4,
     "tests/studies/test_waypoints.py": 3,
-    "tests/vehicle_sim/test_mavsdk.py": 70,
+    "tests/vehicle_sim/test_mavsdk.py": 45,
     "tests/vehicle_sim/test_warm_up.py": 3,
     "tests/vehicle_sim/test_links.py::test_a_whole_process_is_px4s_instance": 2,
     "tests/test_wheel.py": 4,
@@ -115,8 +125,9 @@ SLOW: dict[str, float] = {
 }
 """Seconds that a test takes on an idle machine, by its id or the beginning of it (a folder, a file, a test without its
 parameters); the longest that fits counts. Of tests that look at the same flight, one is longer: it comes first."""
-TOGETHER = ("tests/vehicle_sim/test_mavsdk.py",)
-"""Files that are slow because their tests follow each other in one flight: the time is that of all of them."""
+TOGETHER = ("tests/companion/test_plugins.py", "tests/vehicle_sim/test_mavsdk.py")
+"""Files that are slow because their tests follow each other in one flight, or look at one: the time is that of all of
+them."""
 WAITING = (
     "tests/companion/logs/test_replay.py::test_real_time_and_a_request_to_land",
     "tests/flights/test_ground_station.py",
