@@ -49,6 +49,9 @@ class AvoidancePlan(Table, frozen=True):
     """Factor by which that share grows with each turn away from such a path, up to 16 times, until there is a path that
     keeps `inflation`. What is seen askew from afar changes its price from scan to scan; so one of two ways is flown to
     its end. 1: it does not grow."""
+    switch_growth_tight: Annotated[float, msgspec.Meta(ge=1.0)] = 8.0
+    """What that share has grown by at the least, where nothing moves, once the vehicle is in a tight passage or at its
+    mouth: who has entered one flies to its end, or to where it is seen to be closed."""
     proximity_radius: Positive = 2.0
     """m; beyond this, obstacles cost nothing."""
     proximity_cost: NotNegative = 3.0

@@ -25,6 +25,8 @@ _BESIDE_M = 0.5
 """m from the path from before; what is farther costs more."""
 _AHEAD_M = 1.5
 """m of path after which one that turns away from the path from before is no longer beside it."""
+_MOUTH_M = 0.5
+"""m beyond the inflation within which a vehicle is at the mouth of the passage that it flies to."""
 _MOST_GROWTH = 16.0
 """Growth of the cost of leaving a path, at most."""
 
@@ -61,14 +63,14 @@ class AStarPlanner:
         before, self._chosen = self._chosen, None
         if before is not None and math.dist(before.goal[:2], goal[:2]) > settings.proximity_radius:
             before, self._growth = None, 1.0
-        beside = None if before is None or view.moving is None else self._beside(before, view)
+        cell = view.cell_of(position)
+        near = view.to_occupied[cell] if before is not None and before.tight and view.contains(cell) else math.inf
+        in_tight = near < settings.inflation
+        beside = None if before is None or view.moving is None else self._beside(before, view, self._growth)
         if view.moving is not None:
             speeds = math.hypot(velocity[0], velocity[1]), speed
             add_moving(costmap, view.moving, (position[0], position[1]), speeds, view.corner, view.cell)
         roomy_costmap = costmap if beside is None else costmap * beside
-        cell = view.cell_of(position)
-        near = view.contains(cell) and view.to_occupied[cell] < settings.inflation
-        in_tight = near and before is not None and before.tight
         roomy = None
         if not in_tight:
             roomy = self._search.plan(view, roomy_costmap, position, goal, max_detour=settings.max_detour)
@@ -82,7 +84,10 @@ class AStarPlanner:
                 return Path(*smoothed(vertices, view, velocity, settings.inflation, limits), detour=roomy.detour)
             return timed_path(vertices, view, speed, course, roomy.detour)
         if before is not None and beside is None:
-            beside = self._beside(before, view)
+            here = np.array(cell) + np.array(view.corner)
+            entered = near < settings.inflation + _MOUTH_M and _is_beside(here, before.cells, view.cell)
+            growth = max(self._growth, settings.switch_growth_tight) if entered else self._growth
+            beside = self._beside(before, view, growth)
         costmap = self._tight_costmap(view, costmap, beside)
         certain = to_certain(view, settings.tight_inflation)
         path = self._search.plan(view, costmap, position, goal, settings.tight_inflation, certain)
@@ -99,9 +104,9 @@ class AStarPlanner:
         vertices = self._vertices(path, view, costmap, (position, goal), inflation)
         return replace(timed_path(vertices, view, speed, self._settings.course, path.detour), tight=tight)
 
-    def _beside(self, before: _Chosen, view: MapView) -> Floats:
+    def _beside(self, before: _Chosen, view: MapView, growth: float) -> Floats:
         """(cells, cells) factors of the cost: more beside the path from before."""
-        beside = np.full(view.states.shape, 1.0 + self._growth * self._settings.plan.switch_cost, np.float32)
+        beside = np.full(view.states.shape, 1.0 + growth * self._settings.plan.switch_cost, np.float32)
         _fill_along(beside, before.cells - np.array(view.corner), math.ceil(_BESIDE_M / view.cell))
         return beside
 
@@ -163,8 +168,12 @@ def _fill_along(factors: Floats, cells: Integers, reach: int) -> None:
 def _turns_away(cells: Integers, before: Integers, cell: float) -> bool:
     """Whether a path soon leaves the one from before, (n, 2) cells of the world each, with a side of `cell` (m)."""
     beyond = np.flatnonzero(np.hypot(*(cells - cells[0]).T) * cell > _AHEAD_M)
-    ahead = cells[beyond[0] if len(beyond) else -1]
-    return bool(np.abs(before - ahead).max(axis=1).min() * cell > _BESIDE_M)
+    return not _is_beside(cells[beyond[0] if len(beyond) else -1], before, cell)
+
+
+def _is_beside(place: Integers, cells: Integers, cell: float) -> bool:
+    """Whether a place (2,) is beside a path (n, 2), both in cells of the world."""
+    return bool(np.abs(cells - place).max(axis=1).min() * cell <= _BESIDE_M)
 
 
 def _up_to_unconfirmed(path: GridPath, view: MapView, inflation: float) -> GridPath:

@@ -12,6 +12,7 @@ _FLOWN_WITHOUT = (
     {"control": {"estimation": {"torque_bandwidth": 0.0, "velocity_settling": 0.0, "climb_uncertainty": 0.0}}},
     {"avoidance": {"plan": {"switch_growth": 1.0}, "keep_out_below": 0.0, "course": {"smooth_from": 1e9}}},
     {"avoidance": {"tracks": {"hidden_scans": 0}}},
+    {"avoidance": {"plan": {"switch_growth_tight": 1.0}}},
     {"control": {"prediction": {"overdue": 0.0, "attitudes_beyond": 60.0}}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""

@@ -125,6 +125,16 @@ def test_without_growth_the_vehicle_turns_round_each_time() -> None:
     assert choices(AStarPlanner(without), DOUBTS) == [-doubted for doubted in DOUBTS]
 
 
+@pytest.mark.parametrize(("growth", "stays"), [(8.0, True), (1.0, False)])
+def test_a_passage_that_was_entered_is_not_left_for_a_doubt(growth: float, stays: bool) -> None:
+    planner = AStarPlanner(replace(SETTINGS, plan=replace(SETTINGS.plan, switch_growth_tight=growth)))
+    assert choices(planner, [1.0]) == [-1.0]
+    mouth, goal = np.array([MIDDLE + 3.2, MIDDLE - 4.0, -2.0]), np.array([MIDDLE + 8.0, MIDDLE, -2.0])
+    assert planner.plan(gaps(1.0), mouth, STILL, goal, 3.0) is not None
+    path = planner.plan(gaps(-1.0), mouth, STILL, goal, 3.0)
+    assert path is not None and path.tight and bool(path.vertices[:, 1].max() < MIDDLE) is stays
+
+
 @pytest.mark.parametrize("north", [8.0, -8.0])
 def test_another_goal_ends_the_growth(north: float) -> None:
     """Behind the wall, too, or behind the vehicle."""
