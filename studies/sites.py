@@ -24,4 +24,7 @@ SITES: dict[str, Callable[..., Site]] = {
     "oncoming": crowded.oncoming,
     "crossing": crowded.crossing,
     "overtaking": crowded.overtaking,
+    "settingoff": crowded.setting_off,
+    "several": crowded.several,
+    "waiting": crowded.waiting,
 }

@@ -31,6 +31,10 @@ LogOrNewest = Annotated[
     Path | None,
     typer.Argument(metavar="[LOG]", help="A flight log (.mcap), a folder with one, or a .tlog; none: newest in logs/."),
 ]
+FlightLogOrNewest = Annotated[
+    Path | None,
+    typer.Argument(metavar="[LOG]", help="A flight log (.mcap), or a folder with one; none: newest in logs/."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 _RARE_FAULTS = frozenset(
     {
@@ -58,7 +62,7 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    log: LogOrNewest = None,
+    log: FlightLogOrNewest = None,
     settings: Annotated[Path | None, typer.Option("--settings", help="Settings instead of the recorded ones.")] = None,
     overrides: Annotated[
         list[str] | None,
