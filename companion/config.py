@@ -259,7 +259,7 @@ class Supervision(Table, frozen=True):
     """So long a vehicle is flown on by its telemetry alone, without a heartbeat that says its mode."""
     scan_timeout: Positive = 0.5
     least_hold: Positive = 1.0
-    """A hold lasts at least so long."""
+    """A hold lasts at least so long; less than `land_after`."""
     land_after: Positive = 5.0
     """A fault that lasts so long turns a hold into a landing."""
     silence_timeout: Positive = 4.0
@@ -287,6 +287,10 @@ class Supervision(Table, frozen=True):
     """So long may others fly before they give control back by putting the vehicle into external control again."""
     step_timeout: Positive = 60.0
     """What a step of the mission may take on top of its hold and three times its way at the mission's speed."""
+
+    def __post_init__(self) -> None:
+        if self.least_hold >= self.land_after:
+            raise ValueError("least_hold must be below land_after")
 
 
 class Rates(Table, frozen=True):

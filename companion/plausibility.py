@@ -236,13 +236,14 @@ class Plausibility:
             return report
         quaternion, rates = report.attitude_ned_frd.tolist(), report.rates_frd.tolist()
         before, time_ms, fast = self._attitude, report.boot_time_ms, math.hypot(*rates)
-        if before is not None and 0 < time_ms - before[0] < _GAP_S * 1e3:
+        if before is not None and 0 <= time_ms - before[0] < _GAP_S * 1e3:
             dt = (time_ms - before[0]) * 1e-3
             allowed = _TURN + _TURNING * max(fast, before[2]) * dt
             last = before[1]
             (a, b, c, d), (e, f, g, h) = quaternion, last
             along = a * e + b * f + c * g + d * h
-            if 8.0 * (1.0 - abs(along)) > allowed * allowed and not self._turns(report, last, allowed, now_ns):
+            leaps = 8.0 * (1.0 - abs(along)) > allowed * allowed
+            if leaps and (dt == 0.0 or not self._turns(report, last, allowed, now_ns)):
                 self._refuse("attitude", now_ns)
                 return None
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
@@ -284,7 +285,11 @@ class Plausibility:
             return report
         place, velocity = report.position_ned.tolist(), report.velocity_ned.tolist()
         before, time_ms = self._place, report.boot_time_ms
-        if before is not None and 0 < time_ms - before[0] < _GAP_S * 1e3:
+        if before is not None and time_ms == before[0]:  # the same moment once more: it brings no jump
+            if math.dist(place, before[1]) > _PLACE_M or math.dist(velocity, before[2]) > _SPEED:
+                self._refuse("velocity", now_ns)
+                return None
+        elif before is not None and 0 < time_ms - before[0] < _GAP_S * 1e3:
             dt = (time_ms - before[0]) * 1e-3
             (x, y, z), (u, v, w), (x0, y0, z0), (u0, v0, w0) = place, velocity, before[1], before[2]
             half = 0.5 * dt

@@ -63,8 +63,8 @@ class MissionDownload:
                 self.items.append(message)
                 self._go_on()
         elif kind == dialect.MAVLINK_MSG_ID_MISSION_ACK and message.type not in _LATE:
-            name = dialect.enums["MAV_MISSION_RESULT"][message.type].name
-            self.fault = f"the vehicle does not give its mission: {name}"
+            known = dialect.enums["MAV_MISSION_RESULT"].get(message.type)
+            self.fault = f"the vehicle does not give its mission: {known.name if known else message.type}"
 
     def _go_on(self) -> None:
         self._tries, self._asked_ns = 0, -INTERVAL_NS

@@ -88,12 +88,14 @@ class Rings:
         below = wire.range_below(message)
         if below is not None:
             return below if source is Source.AUTOPILOT else None
-        if self._best > (source, False):
+        whole = self._best[1] and source is not Source.SENSOR_LINK
+        if whole or self._best > (source, False):
             return None
         sector = wire.sector_distance(message)
         if sector is None:
             return None
-        self._best = source, False
+        if sector.known:
+            self._best = source, False
         return self._counted(self._sectors[source].add(sector, now_ns, peer.lost), source, peer, now_ns)
 
     def _whole(self, message: Any, source: Source, peer: Peer, now_ns: int) -> Scan | None:
@@ -102,7 +104,9 @@ class Rings:
             return None
         if scan.known.any():
             self._best = source, True
-        return scan if source is Source.AUTOPILOT else self._counted(scan, source, peer, now_ns)
+        if source is not Source.AUTOPILOT:
+            return self._counted(scan, source, peer, now_ns)
+        return scan if scan.boot_time_us else self._related(scan, source, peer, now_ns)
 
     def _counted(self, scan: Scan | None, source: Source, peer: Peer, now_ns: int) -> Scan | None:
         """A scan that is no OBSTACLE_DISTANCE of the autopilot's, and does in the place of one."""

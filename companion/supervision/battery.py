@@ -58,7 +58,8 @@ class _Source:
     """One battery."""
 
     def __init__(self) -> None:
-        self.heard_ns = 0
+        self.heard_ns = -1
+        """-1: not yet."""
         self._charges: deque[float] = deque(maxlen=_READINGS)
         self._levels: deque[tuple[BatteryLevel, str]] = deque(maxlen=_READINGS)
         self._latest: float | None = None

@@ -31,6 +31,7 @@ def test_overrides_reach_their_place() -> None:
     "override",
     [
         "supervision.land_after=-1",
+        "supervision.land_after=1.0",
         "limits.tilt_deg=nan",
         "limits.tilt_deg=90",
         "identity.component=300",

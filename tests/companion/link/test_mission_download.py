@@ -58,6 +58,7 @@ def test_items_come_in_order_though_some_are_lost_or_come_twice() -> None:
         ([count(3), item(0)], f"asked {TRIES} times for item 1 of its 3"),
         ([count(0)], "no mission stored"),
         ([ended(dialect.MAV_MISSION_DENIED)], "MAV_MISSION_DENIED"),
+        ([ended(42)], "does not give its mission: 42"),
         ([count(3), item(0), ended(dialect.MAV_MISSION_ERROR)], "MAV_MISSION_ERROR"),
     ],
 )

@@ -146,6 +146,33 @@ def test_a_better_source_is_kept_when_it_falls_silent() -> None:
     assert [type(each) for each in sensed(link, own.scan(2), NOW + 13 * SECOND)] == [Scan]
 
 
+def test_a_sector_of_a_component_takes_no_whole_ring_away() -> None:
+    link, vehicle = found()
+    sensor = Sender(1, 196)
+    assert len(scans(link, vehicle.scan(1))) == 1
+    assert scans(link, sensor.sector(1, 0)) == []
+    assert len(scans(link, vehicle.scan(2), NOW + 70 * MS)) == 1
+
+
+def test_a_sector_that_was_not_measured_takes_nothing_away() -> None:
+    link, vehicle = found(autopilot=ARDUPILOT)
+    sensor = Sender(1, 196)
+    for turn in range(2):
+        hear(link, sensor.sector(100 * turn, 0, quality=1))
+        ring = b"".join(vehicle.sector(100 * turn, k) for k in range(8))
+        assert len(scans(link, ring, NOW + 100 * turn * MS)) == 1
+
+
+def test_a_ring_of_an_autopilot_without_a_stamp_is_of_when_it_came() -> None:
+    link, vehicle = found()
+    stamps = []
+    for boot_ms in (5000, 5070):
+        now = NOW + (boot_ms - 5000) * MS
+        hear(link, vehicle.quaternion(boot_ms), now)
+        stamps += [scan.boot_time_us for scan in scans(link, vehicle.scan(0), now)]
+    assert stamps == [5_000_000, 5_070_000]
+
+
 def test_bytes_of_a_sensors_own_link_may_come_in_pieces_and_mean_rings_alone() -> None:
     link, vehicle = found()
     sensor = Sender(9, 158)

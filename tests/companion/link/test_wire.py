@@ -158,8 +158,18 @@ def test_ring() -> None:
     assert (scan.hit[36], scan.known[36]) == (False, False)
     assert (scan.ranges_m[54], scan.hit[54]) == (15.0, True)
     assert (scan.ranges_m[0], scan.hit[0], scan.known[0]) == (15.0, False, True)
-    counter = wire.obstacle_distance(ring(distances, f=-5.0), 0)
-    assert math.degrees(counter.bearings_frd[18]) == pytest.approx(-90.0)
+
+
+def test_a_ring_against_the_clock_is_turned_round() -> None:
+    """So that the beam before another is the one to its left."""
+    distances = [1501] * 72
+    distances[18], distances[19] = 400, 65535
+    scan = wire.obstacle_distance(ring(distances, f=-5.0, offset=10.0), 0)
+    assert (np.diff(scan.bearings_frd) > 0.0).all()
+    (at,) = np.flatnonzero(scan.hit)
+    assert math.degrees(scan.bearings_frd[at]) == pytest.approx(-80.0) and scan.ranges_m[at] == 4.0
+    (unknown,) = np.flatnonzero(~scan.known)
+    assert math.degrees(scan.bearings_frd[unknown]) == pytest.approx(-85.0)
 
 
 @pytest.mark.parametrize(

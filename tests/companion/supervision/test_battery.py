@@ -225,3 +225,8 @@ def test_what_the_vehicle_says_of_its_battery_counts() -> None:
 def test_a_threshold_of_zero_is_off() -> None:
     off = flight(warn_charge=0.0, return_charge=0.0, land_charge=0.0, way_home_margin=0.0)
     assert off.seconds(map(drains(0.02), range(50))).level is FINE
+
+
+def test_a_reading_at_the_very_first_moment_counts() -> None:
+    first = Flight(now=0, flying=False)
+    assert first.second(b0=0.9).missing is None and first.level is FINE
