@@ -123,7 +123,10 @@ class Autopilot:
     def _fly(self, state: VehicleState, now: int) -> None:
         """Move the reference along the mission, and the mission along itself."""
         navigator, guidance, arrival = self.navigator, self.guidance, Arrival.NOT_YET
-        self._say(heed_below(state, now, self.settings.avoidance, navigator, guidance, self.sensing))
+        said = navigator.go_on(state.position_ned, now)
+        if said is not None:
+            guidance.begin_leg(navigator.leg(state.position_ned), now)
+        self._say(said, heed_below(state, now, self.settings.avoidance, navigator, guidance, self.sensing))
         leg = navigator.leg(state.position_ned)
         if leg.step.phase is Phase.RELEASE:
             self.link.request(VehicleRequest.RELEASE, now)
@@ -134,7 +137,7 @@ class Autopilot:
         if arrival is not Arrival.NOT_YET:
             guidance.arrive(arrival, leg, now)
         if arrival is Arrival.DONE:
-            self._say(navigator.next_step(now))
+            self._say(navigator.next_step(now, state.position_ned))
             guidance.begin_leg(navigator.leg(state.position_ned), now)
 
     def _tick(self, tick: Tick) -> tuple[bytes | None, PlanRequest | None]:

@@ -80,8 +80,8 @@ class Companion:
         await self.fly(Mission("script", takeoff_height=height, waits=True))
 
     async def go_to(self, north: float, east: float, height: float, speed: float | None = None) -> None:
-        """Fly around whatever is in the way to a place (m from the take-off), at most at `speed` (m/s), and wait there.
-        Raises FlightError."""
+        """Fly around whatever is in the way to a place (m from the take-off), at most at `speed` (m/s; None: a
+        mission's default), and wait there. Raises FlightError."""
         place = Waypoint(north, east, height, speed=speed)
         await self.fly(Mission("go-to", waypoints=[place], waits=True))
 

@@ -18,7 +18,9 @@ from companion.mission.altitude_search import AltitudeSearch, Place
 from companion.mission.ground_following import GroundFollowing
 from companion.mission.plan import Mission, Phase, Step, nearest_step, steps
 from companion.mission.stall import Progress, Trail
-from companion.mission.wander import Wander
+from companion.mission.step_time import StepTime
+from companion.mission.taking_up import climb_first, length_to, taken_up
+from companion.mission.wander import Settling
 from companion.reports import CommandReport, MissionReport, MotionReport
 from companion.state import NO_FENCE, Announcement, Ground, OwnFence, Severity, VehicleState
 from protocol.arrays import Array
@@ -28,7 +30,6 @@ NEAR_M = 2.0
 
 _ALONG = (Phase.ROUTE, Phase.RETURN, Phase.TRACK)
 """Phases in which the trail is followed up."""
-_LOW = (Phase.DESCEND, Phase.RELEASE, Phase.CLIMB)
 _SINKING = 0.7
 """m/s at which vehicles land."""
 
@@ -70,12 +71,7 @@ class Navigator:
     """One mission, step by step."""
 
     def __init__(
-        self,
-        settings: Settings,
-        mission: Mission,
-        durations: Sequence[float | None],
-        *,
-        lands: bool = False,
+        self, settings: Settings, mission: Mission, durations: Sequence[float | None], *, lands: bool = False
     ) -> None:
         """`durations`: s that each step's track takes; None for a step without one. `lands`: a vehicle that is taken
         over in flight does nothing else."""
@@ -105,12 +101,14 @@ class Navigator:
         self._gave_up = False
         self.cut_short = False
         """What is left is the way home."""
-        self._step_since_ns = 0
+        self._time = StepTime(settings)
         self._length = 0.0
-        """m from the step before the present one to it."""
+        """m to the present step from the one before it, or from the vehicle if that began farther away."""
         self._arrived_ns: int | None = None
-        self._wander = Wander()
-        self._paused_ns = 0
+        self._settling = Settling(settings.trajectory, at_once=mission.profile == "step")
+        self._parts: tuple[Step, ...] = ()
+        """What is left of the present step: itself, or what is flown in its place; over the ground of the start."""
+        self._others_flew = False
 
     # -- where to go ---------------------------------------------------------------------------------------------------
 
@@ -126,19 +124,33 @@ class Navigator:
         """The vehicle, which started at a place (3,), is taken over in flight at another (3,): what is left of the
         mission is flown from the nearest step on, or nothing but the landing."""
         self.begin(start_ned, own)
-        landing = len(self.steps) - 1
-        self._enter(landing if self._lands else nearest_step(self.steps, start_ned, here_ned))
-        self._step_since_ns = now_ns
+        self.step_index = len(self.steps) - 1 if self._lands else nearest_step(self.steps, start_ned, here_ned)
+        self._others_flew = True
+        self.go_on(here_ned, now_ns)
+        self._time.begin(now_ns)
         return Announcement(Severity.INFO, f"from step {self.step_index + 1} of {len(self.steps)} on")
 
-    def _enter(self, index: int) -> None:
-        self.step_index = index
-        self.step = self._below.shifted(self.steps[index])
-        self.phase = self.step.phase
-        target = self.steps[index].target_ned
-        before = next((step.target_ned for step in self.steps[:index][::-1] if step.target_ned is not None), None)
-        self._length = 0.0 if before is None or target is None else math.dist(before.tolist(), target.tolist())
-        self._leg = None
+    def _enter(self, index: int, here_ned: Array | None = None, parts: tuple[Step, ...] = ()) -> None:
+        """Begin the step of that index, or the parts in its place, from a place (3,) if that is known."""
+        self.step_index, self._parts = index, parts or (self.steps[index],)
+        self.step = self._below.shifted(self._parts[0])
+        self.phase, self._leg = self.step.phase, None
+        here = None if here_ned is None else self._below.planned(here_ned)
+        self._length = length_to(self._parts[0], self.steps[:index], here)
+
+    def go_on(self, here_ned: Array, now_ns: int) -> Announcement | None:
+        """The mission is flown, with the vehicle at a place (3,). If others flew it until now, it is taken up where
+        they left it; what is to be said if something else than the present step comes first."""
+        if not self._others_flew:
+            return None
+        self._others_flew, before, length = False, self.step_index, self._length
+        index, parts = taken_up(self.steps, before, self._below.planned(here_ned), self._settling.distance)
+        self._enter(index, here_ned, parts)
+        elsewhere = bool(parts) or index != before
+        if elsewhere or self._length > length:
+            self._time.begin(now_ns)
+        text = f"the vehicle is elsewhere: {_title(self.step, index, self.steps)}"
+        return Announcement(Severity.INFO, text) if elsewhere else None
 
     def end(self) -> None:
         """Nothing more is flown."""
@@ -156,7 +168,7 @@ class Navigator:
 
     def follow(self, ground: Ground | None, here_ned: Array) -> Announcement | None:
         """The ground below the vehicle, which is at a place (3,); what is to be said of it."""
-        planned = self.steps[self.step_index]
+        planned = self._parts[0]
         changed, said = self._below.follow(ground, planned, float(here_ned[2]))
         if changed:
             self.step, self._leg = self._below.shifted(planned), None
@@ -188,15 +200,16 @@ class Navigator:
 
     def start_step(self, now_ns: int) -> None:
         """The time that the present step may take begins."""
-        self._step_since_ns = now_ns
+        self._time.begin(now_ns)
 
     def pause(self, now_ns: int) -> None:
         """Others fly from now on."""
-        self._paused_ns = now_ns
+        self._time.pause(now_ns)
 
     def resume(self, now_ns: int) -> None:
         """Others flew since `pause`: that time counts for nothing, and the goal is approached afresh."""
-        self._step_since_ns += now_ns - self._paused_ns
+        self._time.resume(now_ns)
+        self._others_flew = True
         self._arrived_ns = None
         self._progress = Progress()
         self._search.begin()
@@ -211,7 +224,7 @@ class Navigator:
         done = bool(self.steps) and self.step.phase is Phase.LAND
         beyond = 0.0 if state is None or self._fence is None else -self._fence.room(state.position_ned)
         allowed = self._allowed() if self.steps else 0.0
-        overdue = max((now_ns - self._step_since_ns) * 1e-9 - allowed, 0.0) if flying else 0.0
+        overdue = self._time.overdue(allowed, now_ns) if flying else 0.0
         report = MissionReport(done, overdue, allowed, outside=outside, beyond=beyond)
         if not flying or state is None:
             return report
@@ -237,10 +250,8 @@ class Navigator:
         """Time (s) that the present step may take; the way of the first is up from the ground."""
         duration = self._durations[self.step_index]
         taken = self.step.hold_s if duration is None else duration
-        way_s = self._length / self._speed
-        if self.step_index == 0:
-            way_s = self.mission.takeoff_height / self._settings.trajectory.climb_speed
-        return self._settings.supervision.step_timeout + taken + 3.0 * way_s
+        climb = self.mission.takeoff_height if self.phase is Phase.TAKEOFF else 0.0
+        return self._time.allowed(taken, self._length, self._speed, climb)
 
     # -- how it goes ---------------------------------------------------------------------------------------------------
 
@@ -259,7 +270,7 @@ class Navigator:
             return Arrival.DONE if near else Arrival.NOT_YET
         target = step.target_ned if motion.track_start_ned is None else motion.track_start_ned
         assert target is not None
-        if self._arrived_ns is None and self._settles(target, state, motion.rests):
+        if self._arrived_ns is None and self._settling.reached(target, state, motion.rests):
             self._arrived_ns = now_ns
         if motion.track_start_ned is not None:
             if self._arrived_ns is None or not motion.rests:
@@ -269,21 +280,9 @@ class Navigator:
         held = self._arrived_ns is not None and now_ns - self._arrived_ns >= step.hold_s * 1e9
         return Arrival.DONE if held else Arrival.NOT_YET
 
-    def _settles(self, target_ned: Array, state: VehicleState, reference_rests: bool) -> bool:
-        """Near to a place and slow; a mission whose reference jumps waits for nothing. Wander widens the bounds once
-        the reference rests: before, its errors are those of a manoeuvre."""
-        if self.mission.profile == "step":
-            return True
-        near, slow = self._settings.trajectory.settled_distance, self._settings.trajectory.settled_speed
-        if reference_rests:
-            near, slow = self._wander.distance(near), self._wander.speed(slow)
-        distance = math.dist(target_ned.tolist(), state.position_ned.tolist())
-        return distance < near and math.hypot(*state.velocity_ned.tolist()) < slow
-
     def tracked(self, errors: Array) -> None:
-        """The errors (6,) from the reference of a control step in the air: of the position (m) and of the virtual rate
-        (m/s)."""
-        self._wander.add(errors)
+        """The errors (6,) from the reference of a control step in the air: position (m) and virtual rate (m/s)."""
+        self._settling.wander.add(errors)
 
     def release(self, answer: CommandReport) -> tuple[Arrival, Announcement | None]:
         """What came of the release of the parcel so far. A parcel that the vehicle does not release is taken home."""
@@ -294,13 +293,13 @@ class Navigator:
             return Arrival.DONE, Announcement(Severity.ERROR, f"parcel not released: {answer.answer}")
         return Arrival.NOT_YET, None
 
-    def next_step(self, now_ns: int) -> Announcement:
-        """Go on to the next step."""
+    def next_step(self, now_ns: int, here_ned: Array | None = None) -> Announcement:
+        """Go on to the next step, from a place (3,) if that is known."""
         self._search.next_leg(stopped=not self.step.passes)
-        self._enter(self.step_index + 1)
-        self._step_since_ns, self._arrived_ns = now_ns, None
-        text = f"{self.step.phase.name.lower()}, step {self.step_index + 1} of {len(self.steps)}"
-        return Announcement(Severity.INFO, text)
+        self._enter(self.step_index + (len(self._parts) < 2), here_ned, self._parts[1:])
+        self._time.begin(now_ns)
+        self._arrived_ns = None
+        return Announcement(Severity.INFO, _title(self.step, self.step_index, self.steps))
 
     def judge(self, position_ned: Array, detour: float, now_ns: int) -> Judgement:
         """The progress from a place (3,), where the way costs `detour` (m) beyond the least that was to be expected:
@@ -317,7 +316,7 @@ class Navigator:
         change = self._change_altitude(position_ned, detour, stuck, now_ns)
         if change is not None:
             return Judgement((change,))
-        return self._give_up(now_ns) if stuck else _GOING_ON
+        return self._give_up(position_ned, now_ns) if stuck else _GOING_ON
 
     def _change_altitude(self, position_ned: Array, detour: float, stuck: bool, now_ns: int) -> Announcement | None:
         """Try another altitude that is allowed, if that may help."""
@@ -330,33 +329,35 @@ class Navigator:
         if change is None:
             return None
         self._progress = Progress()
-        self._step_since_ns = now_ns
+        self._time.begin(now_ns)
         return Announcement(Severity.INFO, f"{change.why}: {self.ground_down - change.down:.1f} m of height")
 
     def go_home(self, here: Array, now_ns: int) -> Announcement:
         """Cut the rest of the mission: fly home from a place (3,) the way it came, and land there."""
-        home, back = self.steps[0].target_ned, list[Step]()
+        home, back, planned = self.steps[0].target_ned, list[Step](), self._below.planned(here)
         assert home is not None
         if self.phase is not Phase.TAKEOFF:  # which is above the landing place
-            climb = next((step for step in self.steps[self.step_index :] if step.phase is Phase.CLIMB), None)
-            if self.phase in _LOW and climb is not None:
-                back.append(climb)
-            back += _way_back(self._trail.corners(self._below.planned(here), home), home)
+            back = climb_first(self.steps[self.step_index :], self.phase, planned)
+            back += _way_back(self._trail.corners(planned, home), home)
         self._search.forbid()
-        return self._cut(back, now_ns)
+        return self._cut(back, here, now_ns)
 
-    def _cut(self, rest: list[Step], now_ns: int) -> Announcement:
+    def _cut(self, rest: list[Step], here: Array, now_ns: int) -> Announcement:
         """Fly the `rest` in place of what was to follow the present step, and land."""
         self.cut_short = True
-        return self.fly([*rest, Step(Phase.LAND)], now_ns)
+        return self.fly([*rest, Step(Phase.LAND)], now_ns, here)
 
-    def fly(self, rest: Sequence[Step], now_ns: int) -> Announcement:
-        """Fly the `rest`, which has no curves, in place of what was to follow the present step."""
+    def fly(self, rest: Sequence[Step], now_ns: int, here_ned: Array | None = None) -> Announcement:
+        """Fly the `rest`, which has no curves, in place of what was to follow the present step, from a place (3,); if
+        that is not known, from anywhere on the way to the present step."""
+        left, self._parts = 0.0 if here_ned is not None else self._length, self._parts[:1]
         self.steps = (*self.steps[: self.step_index + 1], *rest)
         self._durations = self._durations[: self.step_index + 1] + (None,) * len(rest)
-        return self.next_step(now_ns)
+        said = self.next_step(now_ns, here_ned)
+        self._length += left
+        return said
 
-    def _give_up(self, now_ns: int) -> Judgement:
+    def _give_up(self, here: Array, now_ns: int) -> Judgement:
         """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""
         back: list[Step] = []
         if self.mission.return_home and not self._gave_up:
@@ -365,7 +366,11 @@ class Navigator:
         text = f"no progress for {self._settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
         self._gave_up = True
         self._search.forbid()
-        return Judgement((Announcement(Severity.ERROR, text), self._cut(back, now_ns)), text)
+        return Judgement((Announcement(Severity.ERROR, text), self._cut(back, here, now_ns)), text)
+
+
+def _title(step: Step, index: int, plan: Sequence[Step]) -> str:
+    return f"{step.phase.name.lower()}, step {index + 1} of {len(plan)}"
 
 
 def _length_of(left: Sequence[Step], here: Array) -> float:

@@ -1,5 +1,6 @@
 """Orders: what a vehicle that waits in the air does next, from a program that commands it step by step."""
 
+from dataclasses import replace
 from typing import Literal
 
 import msgspec
@@ -49,7 +50,7 @@ def obey(text: str, navigator: Navigator, here_ned: Array, fence: Fence | None, 
         beyond = first_beyond(fence, places)
         if beyond is not None:
             raise OrderError(beyond)
-    return navigator.fly(rest, now_ns)
+    return navigator.fly(rest, now_ns, here_ned)
 
 
 def _steps(order: Order, navigator: Navigator, here_ned: Array) -> list[Step]:
@@ -61,7 +62,8 @@ def _steps(order: Order, navigator: Navigator, here_ned: Array) -> list[Step]:
     if order.do == "fly":
         if order.mission is None:
             raise OrderError("there is no mission to fly")
-        return list(steps(order.mission, start)[1:])
+        speed = order.mission.speed
+        return [replace(step, speed=step.speed or speed) for step in steps(order.mission, start)[1:]]
     waits_at = navigator.step.target_ned if navigator.phase is Phase.WAIT else None
     here = here_ned if waits_at is None else waits_at
     low = delivery(order.delivery, here, start) if order.do == "deliver" else []

@@ -14,6 +14,8 @@ from companion.curves import Curve, Route, Shape
 from protocol.arrays import Array
 
 _AS_NEAR_M = 1.0
+BESIDE_M = 2.0
+"""A vehicle that is farther beside a place is not above or below it."""
 FARTHEST_M = 10_000
 """From the take-off to a waypoint, along each axis."""
 Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
@@ -190,16 +192,23 @@ def wait(place_ned: Array) -> Step:
     return Step(Phase.WAIT, place_ned, hold_s=math.inf, avoids=True)
 
 
+def is_beside(place_ned: Array, here_ned: Array) -> bool:
+    """Whether `here_ned` (3,) is neither above nor below a place (3,)."""
+    return math.dist(place_ned[:2].tolist(), here_ned[:2].tolist()) > BESIDE_M
+
+
 def nearest_step(plan: Sequence[Step], start_ned: Array, here_ned: Array) -> int:
     """The step that is flown from `here_ned` (3,) on: the one whose way, from the place before to its own, is nearest.
 
     Of ways that are as near to within a metre (out and back along the same route) it is the first: rather a part of the
-    mission twice than left out. A track counts as the way to its beginning, from where all of it is flown.
+    mission twice than left out. A track counts as the way to its beginning, from where all of it is flown. The take-off
+    is for a vehicle above its start alone.
     """
     before, distances = start_ned, []
     for step in plan:
-        if step.target_ned is None:
+        if step.target_ned is None or (step.phase is Phase.TAKEOFF and is_beside(start_ned, here_ned)):
             distances.append(math.inf)
+            before = before if step.target_ned is None else step.target_ned
             continue
         way = step.target_ned - before
         length = float(way @ way)

@@ -6,6 +6,8 @@ was seen of it over the last seconds. What lifts off is still finding its thrust
 
 import math
 
+from companion.config import Trajectory
+from companion.state import VehicleState
 from protocol.arrays import Array
 
 _SHARE = 1.0 / 1000.0
@@ -43,3 +45,29 @@ class Wander:
     def speed(self, settled: float) -> float:
         """m/s; the same for the speed."""
         return max(settled, min(_SIGMAS * math.sqrt(self._rate), _MOST * settled))
+
+
+class Settling:
+    """Whether a vehicle has come to rest at a place."""
+
+    def __init__(self, settings: Trajectory, *, at_once: bool) -> None:
+        """`at_once`: nothing is waited for."""
+        self.wander = Wander()
+        self._settings = settings
+        self._at_once = at_once
+
+    @property
+    def distance(self) -> float:
+        """m from a place that is reached, once the reference rests there."""
+        return self.wander.distance(self._settings.settled_distance)
+
+    def reached(self, target_ned: Array, state: VehicleState, reference_rests: bool) -> bool:
+        """Near to a place (3,) and slow. Wander widens the bounds once the reference rests: before, its errors are
+        those of a manoeuvre."""
+        if self._at_once:
+            return True
+        near, slow = self._settings.settled_distance, self._settings.settled_speed
+        if reference_rests:
+            near, slow = self.distance, self.wander.speed(slow)
+        distance = math.dist(target_ned.tolist(), state.position_ned.tolist())
+        return distance < near and math.hypot(*state.velocity_ned.tolist()) < slow

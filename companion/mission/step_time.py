@@ -1,0 +1,34 @@
+"""The time that a step of the mission takes and may take."""
+
+from companion.config import Settings
+
+
+class StepTime:
+    """The time of one step after the other."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._since_ns = 0
+        self._paused_ns = 0
+
+    def begin(self, now_ns: int) -> None:
+        """A step begins."""
+        self._since_ns = now_ns
+
+    def pause(self, now_ns: int) -> None:
+        """From now on the time does not count."""
+        self._paused_ns = now_ns
+
+    def resume(self, now_ns: int) -> None:
+        """The time since the pause has not counted."""
+        self._since_ns += now_ns - self._paused_ns
+
+    def allowed(self, taken: float, length: float, speed: float, climb: float) -> float:
+        """Time (s) that a step may take which stays somewhere, or follows a track, for a time `taken` (s) after a way
+        of a `length` (m) at a `speed` (m/s) or a `climb` (m) from the ground, whichever is longer."""
+        way_s = max(length / speed, climb / self._settings.trajectory.climb_speed)
+        return self._settings.supervision.step_timeout + taken + 3.0 * way_s
+
+    def overdue(self, allowed: float, now_ns: int) -> float:
+        """s beyond the time allowed (s)."""
+        return max((now_ns - self._since_ns) * 1e-9 - allowed, 0.0)
