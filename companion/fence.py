@@ -96,6 +96,10 @@ class Fence:
                     sides.append((sign * _AXES[axis], sign * (bound - float(place[axis]))))
         return sides
 
+    def flat_room(self, place: Array) -> float:
+        """m from a place (2,) or (3,) to the sides, whatever the height; negative outside, inf without sides."""
+        return min((room for _, room in self._sides(place)), default=math.inf)
+
     @cached_property
     def flat(self) -> tuple[float, float, float, float, float, float, float]:
         """Home's north and east, the least and the most of both, and the radius, for the map."""

@@ -19,7 +19,7 @@ from companion.config import Settings
 from companion.fence import Fence, fence_of, first_beyond
 from companion.mission.navigator import NEAR_M, Arrival, Leg
 from companion.mission.plan import Mission, Phase, Step, steps
-from companion.perception.fence_band import Flat
+from companion.perception.fence_band import Walls
 from companion.perception.recent_returns import RecentReturns
 from companion.perception.scans import obstacle_points
 from companion.reports import LinkDelay, MotionReport
@@ -38,8 +38,6 @@ _APPROACH_SPEED = 1.0
 """m/s: the vehicle must be slower for that."""
 _TURN_M = 1.0
 """The heading follows the way to a target that is farther than this."""
-_ALONG_M = 0.1
-"""m beyond the inflation of the map at which the fence stands in it."""
 _SAMPLES = 500
 """Places of a track that are looked at for the fence."""
 _TURN_SPEED = 1.0
@@ -63,8 +61,8 @@ class Guidance:
         """The vehicle's own fence, and how the mission leaves the whole."""
         self._fence: Fence | None = None
         """What the reference keeps to, once the place of the start is known."""
-        self._walls: Flat | None = None
-        """It as the planner gets it: so far outside that there is a way along its edge."""
+        self._walls: Walls | None = None
+        """It as the planner gets it."""
         self._outside = False
         """The reference was begun outside of it, and comes back."""
         self._rest_of_track: Track | None = None
@@ -121,9 +119,8 @@ class Guidance:
         """The reference stands where the vehicle is, and keeps within the fence around its home (3,)."""
         fence = fence_of(self._settings.geofence, home_ned, own)
         if fence is not None:
-            margin = self._settings.geofence.margin
-            self._fence = fence.shrunk(margin)
-            self._walls = self._fence.shrunk(-min(self._settings.avoidance.plan.inflation + _ALONG_M, margin)).flat
+            self._fence = fence.shrunk(self._settings.geofence.margin)
+            self._walls = Walls(self._fence, self._settings.avoidance)
         self.hold_at(state)
         self.decision = AvoidanceDecision(state.position_ned, self._mission.speed, math.inf, False)
 
@@ -131,8 +128,7 @@ class Guidance:
         """Another leg than before is flown from now on."""
         self._rest_of_track = None
         self._steer_at_ns = now_ns
-        before = self.decision
-        self.decision = AvoidanceDecision(_target_of(leg), before.speed_limit, before.clearance, False)
+        self.decision = AvoidanceDecision(_target_of(leg), leg.speed, self.decision.clearance, False)
 
     def hold_at(self, state: VehicleState) -> None:
         """The reference stands where the vehicle is now, with its heading."""
@@ -215,7 +211,8 @@ class Guidance:
             if track.start_yaw is not None:
                 generator.turn_to(now_ns, track.start_yaw)
         if step.avoids and not self.over_map:
-            target, speed = self.decision.target_ned, self.decision.speed_limit
+            if self._settings.avoidance.needs_scan:  # without, there may be none, and no decision for this leg
+                target, speed = self.decision.target_ned, min(speed, self.decision.speed_limit)
             way = target - state.position_ned
             if math.hypot(way[0], way[1]) > _TURN_M:
                 generator.turn_to(now_ns, math.atan2(way[1], way[0]))
@@ -321,7 +318,8 @@ class Guidance:
         self._asked += 1
         self._mapped_ns = self._mapped_ns or now_ns
         goal = leg.goal_ned if self.over_map and leg.step.avoids else None
-        return PlanRequest(self._asked, now_ns, scan, pose, ground_down, place, velocity, goal, leg.speed, self._walls)
+        walls = None if self._walls is None else self._walls.around(place)
+        return PlanRequest(self._asked, now_ns, scan, pose, ground_down, place, velocity, goal, leg.speed, walls)
 
     def map_age(self, now_ns: int) -> float:
         """Age (s) of the scan that is the latest in the guard's map; before the first, since that was asked for."""

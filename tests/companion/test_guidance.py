@@ -67,10 +67,10 @@ def test_another_leg_begins_with_a_decision_of_its_own() -> None:
     flight.steer(leg_to((60.0, 0.0, -3.0), avoids=True), 1.0)
     before = flight.guidance.decision
     assert before.blocked
-    flight.guidance.begin_leg(leg_to((7.0, 8.0, -9.0)), flight.now)
+    flight.guidance.begin_leg(msgspec.structs.replace(leg_to((7.0, 8.0, -9.0)), speed=1.3), flight.now)
     decision = flight.guidance.decision
     assert decision.target_ned.tolist() == [7.0, 8.0, -9.0] and not decision.blocked
-    assert (decision.speed_limit, decision.clearance) == (before.speed_limit, before.clearance)
+    assert (decision.speed_limit, decision.clearance) == (1.3, before.clearance)
     nowhere = Leg(Step(Phase.RELEASE), 2, np.array([1.0, 1.0, 1.0]), 4.0, False)
     flight.guidance.begin_leg(nowhere, flight.now)
     assert flight.guidance.decision.target_ned.tolist() == [1.0, 1.0, 1.0], "where it is, without a target"
@@ -112,6 +112,23 @@ def test_a_straight_leg_is_flown_at_its_own_speed() -> None:
     flight.steer(msgspec.structs.replace(leg_to((12.0, 0.0, -3.0)), speed=1.5), 8.0)
     speeds = [float(np.linalg.norm(reference.velocity_ned)) for reference in flight.references]
     assert max(speeds) == pytest.approx(1.5, abs=1e-3) and ROUTE.speed > 2.0
+
+
+@pytest.mark.parametrize("rings", [False, True])
+@pytest.mark.parametrize("method", ["none", "paper"])
+def test_off_the_map_a_leg_is_flown_at_its_own_speed(method: str, rings: bool) -> None:
+    """As it is now, with and without anything that is seen: a late link may slow it down, and be in time again."""
+    flight = ReferenceFlight(ROUTE, f"avoidance.method={method}")
+    leg = leg_to((200.0, 0.0, -3.0), avoids=True)
+    flight.guidance.begin_leg(msgspec.structs.replace(leg, speed=1.5), flight.now)
+    for speed in (1.5, 3.0, 1.0, 2.0) if method == "none" or rings else (1.5, 1.0):
+        for tick in range(2000):
+            now = msgspec.structs.replace(leg, speed=speed)
+            if rings and tick % 16 == 0:
+                flight.see(now)
+            flight.guidance.steer(now, flight.state, flight.now)
+            flight.move()
+        assert flight.speed == pytest.approx(speed, abs=1e-3)
 
 
 def test_the_descent_has_a_speed_of_its_own() -> None:

@@ -201,6 +201,51 @@ def test_a_plan_says_clearance_and_obstruction_for_the_decision() -> None:
     assert flight.guidance.decision.speed_limit == ROUTE.speed
 
 
+# -- the fence ---------------------------------------------------------------------------------------------------------
+
+RADIUS = 12.0
+INSIDE = leg_to((0.0, 6.0, -3.0), avoids=True)
+
+
+def begun_at(place: tuple[float, float], *overrides: str) -> ReferenceFlight:
+    """A flight that begins at rest at a place, with a circle of a fence around (0, 0)."""
+    flight = ReferenceFlight(ROUTE, f"geofence.radius={RADIUS}", *overrides)
+    flight.state = vehicle((*place, -3.0))
+    flight.guidance.begin(flight.state, np.zeros(3))
+    flight.guidance.brake_from(flight.state, flight.now)
+    return flight
+
+
+@pytest.mark.parametrize("beyond", [10.0, 1.5, 0.6, 0.0, -0.1, -0.3, -0.5, -0.7])
+def test_from_outside_of_the_fence_it_comes_back(beyond: float) -> None:
+    """From far off, from within the band in the map, and from between that and what the reference keeps to; straight
+    back, and as the guard lets it."""
+    flight = begun_at((RADIUS + beyond, 0.0))
+    before = flight.state
+    flight.see(INSIDE)
+    inwards = flight.guidance.guarded(np.array([-2.0, 0.0, 0.0]), before, INSIDE.step, flight.now, held=False)
+    assert inwards is not None and inwards.acceleration_ned[0] <= -2.0 + 1e-9
+    flight.steer(INSIDE, 15.0, until=lambda each: math.dist(each.state.position_ned[:2], (0.0, 6.0)) < 0.5)
+    assert math.dist(flight.state.position_ned[:2], (0.0, 6.0)) < 0.5 and flight.now < 14 * SECOND
+    away = [math.hypot(*reference.position_ned[:2]) for reference in flight.references]
+    assert max(away) <= RADIUS + beyond + 0.01
+
+
+@pytest.mark.parametrize("margin", [0.2, 1.0, 3.0])
+def test_what_the_reference_may_reach_is_clear_of_the_fence_in_the_map(margin: float) -> None:
+    """Whatever the margin is, the guard lets the vehicle stand where the mission may have a waypoint."""
+    at = RADIUS - margin
+    flight = begun_at((at, 0.0), f"geofence.margin={margin}")
+    flight.see(leg_to((at, 0.0, -3.0), avoids=True))
+    room = flight.planning.local_map.clearance(flight.state.position_ned)
+    settings = flight.settings.avoidance
+    assert room + settings.vehicle_radius > settings.guard.keep_out
+    for _ in range(5):
+        flight.see(leg_to((at, 0.0, -3.0), avoids=True))
+        found = flight.guidance.guarded(np.zeros(3), flight.state, FAR.step, flight.now, held=False)
+        assert found is not None and found.reason is Reason.NONE
+
+
 # -- the guard ---------------------------------------------------------------------------------------------------------
 
 

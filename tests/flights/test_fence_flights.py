@@ -97,8 +97,10 @@ def ask(joined: Joined, command: int, *parameters: float) -> None:
     joined.vehicle.receive(Encoder(1, 190).encode_fields(dialect.MAVLink_command_long_message, *fields))
 
 
-def test_given_back_beyond_the_fence_it_comes_back_without_a_jump() -> None:
-    joined = Joined(OUT, overrides=(*FENCE, FREE))
+@pytest.mark.parametrize("method", ["none", "astar"])
+def test_given_back_beyond_the_fence_it_comes_back_without_a_jump(method: str) -> None:
+    """Straight, and over the map, in which the fence stands."""
+    joined = Joined(OUT, overrides=(*FENCE, f"avoidance.method={method}"))
     joined.fly(until=lambda flight: flight.autopilot.navigator.phase is Phase.ROUTE)
     orders.reposition(joined.vehicle.flight, (10.0, 40.0, -5.0), None, None)
     fence = fence_in(joined)
@@ -113,6 +115,15 @@ def test_given_back_beyond_the_fence_it_comes_back_without_a_jump() -> None:
     assert sum("within the fence again" in text for text in joined.said) == 1
     reference = joined.trace()["reference_position_ned"][given_back + 5 :].astype(float)
     assert np.abs(np.diff(reference, axis=0)).max() < 0.1, "25 m/s"
+
+
+def test_a_waypoint_at_the_edge_of_a_narrow_margin_is_reached() -> None:
+    """The margin is less than what the way over the map keeps from obstacles."""
+    edge = Mission(name="edge", waypoints=[Waypoint(9.7, 0.0, 4.0)], speed=3.0)
+    joined = Joined(edge, overrides=("geofence.radius=10.0", "geofence.margin=0.25"))
+    joined.fly()
+    assert joined.autopilot.supervisor.fault is None
+    assert max(truth[0] - joined.truths[0][0] for truth in joined.truths) > 9.5
 
 
 def test_blown_out_of_the_fence_for_good_it_lands() -> None:

@@ -2,11 +2,15 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
+from companion.config_avoidance import Avoidance
+from companion.config_limits import Geofence
+from companion.fence import fence_of
 from companion.perception.distance_field import FAR_M, fill_distances_to_returns
-from companion.perception.fence_band import Flat, with_fence
+from companion.perception.fence_band import Flat, Walls, with_fence
 from companion.perception.map_view import FREE, OCCUPIED, MapView
 
 CELL = 0.25
@@ -68,3 +72,61 @@ def test_returns_inside_keep_their_places() -> None:
 def test_far_from_the_fence_nothing_changes() -> None:
     view = view_with((2.0, 2.0))
     assert with_fence(view, (0.0, 0.0, *CIRCLE[2:6], 100.0)) is view
+
+
+@pytest.mark.parametrize("fence", [CIRCLE, BOX])
+def test_the_distances_to_obstacles_keep_their_margin(fence: Flat) -> None:
+    """Obstacles that are taken for larger than their returns stay as large."""
+    view, alone = view_with((2.06, 1.03), (-3.2, -2.9)), with_fence(view_with(), fence).to_occupied.copy()
+    view.to_occupied[:] = np.maximum(view.to_occupied - np.float32(0.3), 0.0)
+    before = view.to_occupied.copy()
+    after = with_fence(view, fence).to_occupied
+    assert np.array_equal(after, np.minimum(before, alone))
+    assert (after < before).any() and (after < alone).any()
+
+
+# -- where it stands in the map ----------------------------------------------------------------------------------------
+
+AVOIDANCE = Avoidance()
+
+
+def walls_of(**settings: object) -> Walls:
+    fence = fence_of(Geofence(**settings), np.array([1.0, -2.0, 0.5]))  # type: ignore[arg-type]
+    assert fence is not None
+    return Walls(fence, AVOIDANCE)
+
+
+@pytest.mark.parametrize("settings", [{"radius": 20.0}, {"north": (-20.0, 20.0)}, {"east": (-20.0, 20.0)}])
+def test_the_walls_stand_until_the_vehicle_is_in_them_and_again_once_it_is_clear(settings: dict[str, object]) -> None:
+    """They are the inflation and 0.1 m outside; between the two places nothing changes."""
+    walls = walls_of(**settings)
+    out = np.array((0.0, 1.0, 0.0) if "east" in settings else (1.0, 0.0, 0.0))
+    for away, stands in (
+        (0.0, True),
+        (20.3, True),
+        (20.55, True),
+        (20.6, False),
+        (20.5, False),
+        (35.0, False),
+        (20.46, False),
+        (20.44, True),
+        (20.55, True),
+    ):
+        flat = walls.around(np.array([1.0, -2.0, -3.0]) + away * out)
+        assert (flat is not None) is stands, away
+        assert flat is None or min(abs(value - 20.7) for value in (flat[6], flat[3] - 1.0, flat[5] + 2.0)) < 1e-9
+
+
+def test_above_the_fence_its_walls_stand() -> None:
+    for settings in ({"radius": 20.0, "max_height": 10.0}, {"max_height": 10.0}):
+        assert walls_of(**settings).around(np.array([0.0, 0.0, -30.0])) is not None
+
+
+def test_with_cells_larger_than_the_inflation_the_walls_come_back_at_the_fence() -> None:
+    fence = fence_of(Geofence(radius=20.0), np.zeros(3))
+    assert fence is not None
+    coarse = msgspec.structs.replace(AVOIDANCE.map, cell=0.5)
+    plan = msgspec.structs.replace(AVOIDANCE.plan, inflation=0.3, tight_inflation=0.3)
+    walls = Walls(fence, msgspec.structs.replace(AVOIDANCE, map=coarse, plan=plan))
+    for away, stands in ((19.0, True), (20.3, False), (20.01, False), (19.99, True), (20.1, True)):
+        assert (walls.around(np.array([away, 0.0, -3.0])) is not None) is stands, away

@@ -88,3 +88,17 @@ def test_what_a_tilted_scan_rises_over_does_not_move(height: float) -> None:
         seen.look_at(world, np.array([0.4 * step, 0.0, -3.1]), tilted)
         assert seen.view.moving is None, step
     assert seen.returns > 200
+
+
+def test_beside_a_fence_the_obstacles_of_wide_sectors_stay_as_large() -> None:
+    """A scanner of 8 sectors, and a fence somewhere in the window."""
+    bearings, hit = np.radians(45.0 * np.arange(8)), np.arange(8) == 0
+    ranges, found = np.where(hit, 5.0, 12.0), []
+    for fence in (None, (0.0, 0.0, -math.inf, math.inf, -math.inf, math.inf, 20.0)):
+        local_map = LocalMap(Avoidance())
+        for now_ns in range(1_000_000_000, 1_400_000_000, 66_000_000):
+            scan = Scan(now_ns, now_ns // 1000, bearings, ranges, hit, np.ones(8, np.bool_))
+            local_map.add(scan, (HERE, LEVEL), -0.3, now_ns)
+        view = local_map.look(now_ns, fence)
+        found.append([view.distance_at(np.array([north, 0.0])) for north in (2.5, 3.0, 3.5, 4.0)])
+    assert found[0] == found[1]
