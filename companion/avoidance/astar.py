@@ -118,9 +118,9 @@ class AStar:
         limited = max_detour < math.inf
         doubtful, self._failed[limited] = self._failed[limited], True
         if doubtful and (limited or view.contains(last)):
-            room = (first, last, False) if limited else (last, first, True)
+            flooded = (first, last, False) if limited else (last, first, True)
             most, most_cells = expected + max_detour + _ROUNDING_M, costmap.size if limited else _MAX_ENCLOSED_CELLS
-            if _cut_off(to_occupied, scales, room, frontier, most, most_cells):
+            if _cut_off(to_occupied, scales, flooded, frontier, most, most_cells):
                 return None
         self._searches += 1
         limits = 3 * self._searches, max_detour + _ROUNDING_M

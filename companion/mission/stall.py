@@ -1,7 +1,8 @@
 """The trail on which the vehicle came, to fly back along it, and whether it still comes nearer to its goal."""
 
 import math
-from itertools import pairwise
+from collections import defaultdict
+from itertools import product
 
 import numpy as np
 
@@ -24,10 +25,12 @@ class Trail:
 
     def __init__(self) -> None:
         self._places: list[Array] = []
+        self._lengths: list[float] = []
+        """m along the places to each."""
+        self._cubes: defaultdict[tuple[int, ...], list[int]] = defaultdict(list)
+        """The numbers of the places in each cube of `_SPACING`, in their order."""
         self._seen: list[float] | None = None
         """The place that was looked at last."""
-        self._length = 0.0
-        """m along the places."""
 
     def add(self, place: Array) -> None:
         """The vehicle is at a place (3,) m, NED, on the way to a goal of the route."""
@@ -35,20 +38,25 @@ class Trail:
         if self._seen is not None and math.dist(here, self._seen) < _STEP:
             return
         self._seen = here
-        for index, old in enumerate(self._places):
-            if math.dist(here, old.tolist()) < _SPACING:
-                del self._places[index + 1 :]
-                break
-        else:
+        around = product(*((at - 1, at, at + 1) for at in _cube(here)))
+        near = (k for cube in around for k in self._cubes.get(cube, ()))
+        first = min((k for k in near if math.dist(here, self._places[k].tolist()) < _SPACING), default=None)
+        if first is None:
+            further = math.dist(here, self._places[-1].tolist()) if self._places else 0.0
+            self._lengths.append(further + (self._lengths[-1] if self._lengths else 0.0))
+            self._cubes[_cube(here)].append(len(self._places))
             self._places.append(place)
-        self._length = sum(math.dist(one.tolist(), other.tolist()) for one, other in pairwise(self._places))
+        else:  # a loop ends
+            for left_out in self._places[first + 1 :]:
+                self._cubes[_cube(left_out.tolist())].pop()
+            del self._places[first + 1 :], self._lengths[first + 1 :]
 
     def length(self, here: Array, home: Array) -> float:
         """m from a place back along the trail and on to `home`, both (3,) m, NED."""
         if not self._places:
             return math.dist(here.tolist(), home.tolist())
         ends = math.dist(here.tolist(), self._places[-1].tolist()) + math.dist(self._places[0].tolist(), home.tolist())
-        return ends + self._length
+        return ends + self._lengths[-1]
 
     def corners(self, here: Array, home: Array) -> list[Array]:
         """The places at which the way back from `here` along the trail to `home` turns, in that order."""
@@ -57,6 +65,10 @@ class Trail:
     def back(self) -> list[Array]:
         """The places, the latest first."""
         return self._places[::-1]
+
+
+def _cube(place: list[float]) -> tuple[int, ...]:
+    return tuple(math.floor(at / _SPACING) for at in place)
 
 
 def _corners(way: Array) -> list[Array]:

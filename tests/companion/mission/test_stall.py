@@ -68,3 +68,17 @@ def distance(place: Array, start: Array, stop: Array) -> float:
     way = stop - start
     share = float(np.clip((place - start) @ way / max(float(way @ way), 1e-12), 0.0, 1.0))
     return float(np.linalg.norm(place - start - share * way))
+
+
+def test_no_loop_is_left_in_a_trail_through_space() -> None:
+    rng, trail, here, pace = np.random.default_rng(1), Trail(), HOME, np.zeros(3)
+    for _ in range(2000):
+        pace = 0.95 * pace + rng.normal(0.0, 0.3, 3)
+        here = here + pace
+        trail.add(here)
+    places = np.array(trail.back())
+    apart = np.linalg.norm(places[:, None] - places, axis=2) + 10.0 * np.eye(len(places))
+    assert len(places) > 100 and apart.min() >= 5.0
+    way = sum(math.dist(one, other) for one, other in pairwise(places.tolist()))
+    ends = math.dist(here.tolist(), places[0].tolist()) + math.dist(places[-1].tolist(), HOME.tolist())
+    assert trail.length(here, HOME) == pytest.approx(way + ends)
