@@ -462,18 +462,21 @@ def test_a_velocity_that_leaps_is_believed_at_once_where_a_reset_was_told() -> N
     assert told.places[-1][2] == pytest.approx(slower(2992, motion(2992))[1].velocity_ned)
 
 
-@pytest.mark.parametrize("far", [0.0, 500.0])
-def test_what_comes_once_more_for_the_same_moment_brings_no_jump(far: float) -> None:
+@pytest.mark.parametrize(
+    ("far", "turn"), [(0.0, (0.0, 0.0, 0.0)), (500.0, (math.pi, 0.0, 0.0)), (500.0, (0.0, 0.0, 1.0))]
+)
+def test_what_comes_once_more_for_the_same_moment_brings_no_jump(far: float, turn: tuple[float, float, float]) -> None:
     flown = Flown(until_ms=FAULT_MS)
     attitude, position = motion(FAULT_MS - STEP_MS)
     now = FAULT_MS * MS
-    inverted = multiply(attitude.attitude_ned_frd, from_euler(math.pi, 0.0, 0.0)) if far else attitude.attitude_ned_frd
+    other = multiply(from_euler(*turn), attitude.attitude_ned_frd)
     place = position.position_ned + np.array([0.0, far, 0.0])
-    turned = flown.told.attitude(AttitudeReport(attitude.boot_time_ms, inverted, attitude.rates_frd), now)
+    turned = flown.told.attitude(AttitudeReport(attitude.boot_time_ms, other, attitude.rates_frd), now)
     moved = flown.told.position(PositionReport(position.boot_time_ms, place, position.velocity_ned), now)
     assert (turned is None) is (moved is None) is (far > 0.0) and flown.told.refused == (2 if far else 0)
     for ms in range(FAULT_MS, FAULT_MS + 800, STEP_MS):
         attitude, position = motion(ms)
         after = flown.told.position(position, ms * MS)
         assert after is not None and np.allclose(after.position_ned, position.position_ned)
-        assert flown.told.attitude(attitude, ms * MS) is not None
+        still = flown.told.attitude(attitude, ms * MS)
+        assert still is not None and np.allclose(still.attitude_ned_frd, attitude.attitude_ned_frd)
