@@ -6,9 +6,9 @@ AVOIDANCE = Page(
     name="avoidance",
     introduction="""# Avoidance, measured
 
-The default method of avoidance, and in some places the paper's rule, in places that are made by seed. `python -m studies
-worlds NAME --seed N --picture` makes one, with a mission that flies through it; hills and low walls are made by their
-study alone. A flight is the whole companion and the whole simulated vehicle,
+The default method of avoidance, and in some places the paper's rule, in places that are made by seed:
+`python -m studies worlds NAME --seed N --picture` makes one, with a mission that flies through it; hills and low walls
+are made by their study alone. A flight is the whole companion and the whole simulated vehicle,
 MAVLink between them, joined in memory; the same bytes as from two processes (`tests/studies/test_campaign.py`). It is a
 success if the vehicle came within 2 m of the goal, in time, and touched nothing until it stood there.
 
