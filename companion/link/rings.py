@@ -88,9 +88,8 @@ class Rings:
         below = wire.range_below(message)
         if below is not None:
             return below if source is Source.AUTOPILOT else None
-        whole = self._best[1] and source is not Source.SENSOR_LINK
-        if whole or self._best > (source, False):
-            return None
+        if self._best > (source, False) or (self.whole and source is not Source.SENSOR_LINK):
+            return None  # a sector of somebody is no ring of the vehicle's; whoever has a link of its own was asked for
         sector = wire.sector_distance(message)
         if sector is None:
             return None

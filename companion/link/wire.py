@@ -163,13 +163,13 @@ def obstacle_distance(message: Any, time_ns: int) -> Scan:
     if message.max_distance <= message.min_distance:
         raise RefusedRingError(f"OBSTACLE_DISTANCE from {message.min_distance} to {message.max_distance} cm")
     distances = np.array(message.distances, dtype=np.float64)
-    around = abs(increment) * (int((distances != _NOTHING).nonzero()[0].max(initial=0)))
+    known = distances != _NOTHING
+    around = abs(increment) * int(known.nonzero()[0].max(initial=0))
     if around >= 360.0:
         raise RefusedRingError(f"OBSTACLE_DISTANCE with beams over {around:g} deg")
     bearings = _bearings(message.angle_offset, increment, distances.size)
     if increment < 0.0:  # clockwise, as all others
-        distances, bearings = distances[::-1].copy(), bearings[::-1].copy()
-    known = distances != _NOTHING
+        distances, bearings, known = (each[::-1].copy() for each in (distances, bearings, known))
     beyond = distances[known & (distances > message.max_distance + 1)]
     if beyond.size and beyond.min() < beyond.max():
         raise RefusedRingError(f"OBSTACLE_DISTANCE with distances beyond {message.max_distance} cm")

@@ -247,7 +247,7 @@ class Navigator:
         return homeward, way / self._speed + height / _SINKING
 
     def _allowed(self) -> float:
-        """Time (s) that the present step may take; the way of the first is up from the ground."""
+        """Time (s) that the present step may take; a take-off is from the ground."""
         duration = self._durations[self.step_index]
         taken = self.step.hold_s if duration is None else duration
         climb = self.mission.takeoff_height if self.phase is Phase.TAKEOFF else 0.0
@@ -347,15 +347,12 @@ class Navigator:
         self.cut_short = True
         return self.fly([*rest, Step(Phase.LAND)], now_ns, here)
 
-    def fly(self, rest: Sequence[Step], now_ns: int, here_ned: Array | None = None) -> Announcement:
-        """Fly the `rest`, which has no curves, in place of what was to follow the present step, from a place (3,); if
-        that is not known, from anywhere on the way to the present step."""
-        left, self._parts = 0.0 if here_ned is not None else self._length, self._parts[:1]
+    def fly(self, rest: Sequence[Step], now_ns: int, here_ned: Array) -> Announcement:
+        """Fly the `rest`, which has no curves, in place of what was to follow the present step, from a place (3,)."""
+        self._parts = self._parts[:1]
         self.steps = (*self.steps[: self.step_index + 1], *rest)
         self._durations = self._durations[: self.step_index + 1] + (None,) * len(rest)
-        said = self.next_step(now_ns, here_ned)
-        self._length += left
-        return said
+        return self.next_step(now_ns, here_ned)
 
     def _give_up(self, here: Array, now_ns: int) -> Judgement:
         """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""

@@ -187,7 +187,7 @@ def rehearse(settings: Avoidance) -> None:
             goal, velocity = 20.0 * here, np.array([1.5, 0.0, 0.0])
             speed = settings.course.smooth_from + (1.0 if k % 2 else -1.0)
             pipeline.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, speed))
-        pipeline.local_map.free_space(here, time_ns, tight=True)
+        pipeline.local_map.free_space(here, time_ns, tight=True)  # none of those paths is tight by all settings
 
 
 def _walker(step: int) -> Array:
