@@ -20,7 +20,6 @@ from companion.logs.traffic import open_traffic
 from companion.records import TRACE
 from companion.runtime.summary import summarize
 from protocol.flightlog import Direction, FlightLogError
-from protocol.framing import Framer
 from protocol.messages import decode, dialect
 
 _VERSION = 2
@@ -153,12 +152,11 @@ def _flown(found: Info) -> tuple[float | None, float | None]:
         except (ValueError, FlightLogError):  # a trace of another version, without what is asked of it
             return None, None
         return round(summary.distance_m, 2), _rounded(summary.seen_clearance_m)
-    framer = Framer()
     positions = [
         (message.x, message.y, message.z)
-        for datagram in open_traffic(found.path).datagrams()
+        for datagram, frames in open_traffic(found.path).framed()
         if datagram.direction is Direction.IN
-        for frame in framer.datagram(datagram.data)
+        for frame in frames
         if frame.message_id == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and (message := decode(frame)) is not None
     ]
     if not positions:

@@ -72,12 +72,18 @@ def play(
 
 
 def _from_vehicle(traffic: Traffic, start_ns: float) -> Iterator[Datagram]:
-    """The vehicle's datagrams from `start_ns` after the log's first one on; for 0 all, also those stamped earlier."""
+    """The vehicle's datagrams from `start_ns` after the log's first one on; for 0 all, also those stamped earlier.
+
+    Of a stream they are made of the frames that each piece completes: who receives datagrams expects whole ones.
+    """
     began_ns: int | None = None
-    for datagram in traffic.datagrams():
+    for datagram, frames in traffic.framed():
         began_ns = datagram.time_ns if began_ns is None else began_ns
         if datagram.direction is Direction.IN and (start_ns == 0.0 or datagram.time_ns - began_ns >= start_ns):
-            yield datagram
+            if traffic.whole_datagrams:
+                yield datagram
+            elif frames:
+                yield datagram._replace(data=b"".join(frame.raw for frame in frames))
 
 
 def _wait(clock: RealClock, until_ns: int, transport: Transport) -> None:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from companion.config import Log, Settings
+from companion.logs.recordings import whole_datagrams
 from companion.logs.settings import recorded_settings
 from companion.mission.plan import Mission
 from companion.plugins import Kind, installed
@@ -81,7 +82,7 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
         output=output,
         adoption=adoption,
         lockstep=flight.get("pace") == "lockstep",
-        whole_datagrams=flight.get("whole_datagrams") != "False",
+        whole_datagrams=whole_datagrams(log.metadata),
     )
 
 

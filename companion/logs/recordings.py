@@ -76,6 +76,11 @@ def started_unix_s(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
     return as_date(started)
 
 
+def whole_datagrams(metadata: Mapping[str, Mapping[str, str]]) -> bool:
+    """Whether the vehicle's datagrams of a log hold whole frames, and not pieces of a stream (serial, TCP)."""
+    return metadata.get("flight", {}).get("whole_datagrams") != "False"
+
+
 def as_date(unix_s: float) -> float | None:
     """`unix_s` itself, or None if it is no date from 1970 to 9999."""
     return unix_s if math.isfinite(unix_s) and _EARLIEST_S <= unix_s < _LATEST_S else None

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from companion.logs.recordings import whole_datagrams
 from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader, Record, tlog
-from protocol.framing import Framer
+from protocol.flightlog.mavlink_records import FrameFinder
+from protocol.framing import Frame, Framer
 
 
 class Datagram(NamedTuple):
@@ -35,6 +37,17 @@ class Traffic:
     def problem(self) -> str | None:
         """What is wrong with the log, known after `datagrams` has read it."""
         return self.log.problem
+
+    @property
+    def whole_datagrams(self) -> bool:
+        """Whether each of the vehicle's datagrams holds whole frames."""
+        return not isinstance(self.log, LogReader) or whole_datagrams(self.log.metadata)
+
+    def framed(self) -> Iterator[tuple[Datagram, list[Frame]]]:
+        """As `datagrams`, each with the frames that it completes."""
+        finder = FrameFinder(preserves_datagrams=self.whole_datagrams)
+        for datagram in self.datagrams():
+            yield datagram, finder.frames(datagram.direction, datagram.data)
 
     def datagrams(self) -> Iterator[Datagram]:
         """What each side sent; in a telemetry log each entry is a datagram. Raises FlightLogError for a damaged one."""

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from protocol.flightlog.mcap_file import McapFile
 from protocol.flightlog.mcap_format import EMPTY_MESSAGE_LENGTH, MESSAGE_HEADER, Direction
 from protocol.flightlog.record_types import SCALARS, RecordType, datagram_of, record_type
-from protocol.framing import Framer
+from protocol.framing import Frame, Framer
 from protocol.messages import dialect, layout
 
 _MOST_TOPICS: Final = 4096
@@ -71,21 +71,33 @@ def _with_length(payload: bytes) -> bytes:
     return len(payload).to_bytes(4, "little") + payload
 
 
+class FrameFinder:
+    """Finds the frames in recorded datagrams, direction by direction. `preserves_datagrams`: as the link's; of one that
+    does not (serial, TCP), and of a sensor's own, they are pieces of a stream, in which a frame may span several."""
+
+    def __init__(self, *, preserves_datagrams: bool) -> None:
+        self._preserves_datagrams = preserves_datagrams
+        self._framers = [Framer() for _ in Direction]
+
+    def frames(self, direction: int, data: bytes) -> list[Frame]:
+        """The frames that a datagram completes."""
+        framer = self._framers[direction]
+        whole = self._preserves_datagrams and direction != Direction.SENSOR
+        return framer.datagram(data) if whole else framer.feed(data)
+
+
 class MessageWriter:
     """Writes the messages of datagrams into a file, each under `/mavlink/{system}/{component}/{NAME}`."""
 
     def __init__(self, file: McapFile, *, preserves_datagrams: bool) -> None:
         self._file = file
-        self._preserves_datagrams = preserves_datagrams
-        self._framers = [Framer() for _ in Direction]
+        self._finder = FrameFinder(preserves_datagrams=preserves_datagrams)
         self._targets: dict[tuple[int, int, int, bool], _Target] = {}
 
     def add(self, datagram: bytes, sequence: int, log_time: int) -> None:
         """Write the messages in `datagram`, a record of DATAGRAM, with its sequence and log time."""
         direction, _, data = datagram_of(datagram)
-        framer = self._framers[direction]
-        whole = self._preserves_datagrams and direction != Direction.SENSOR
-        for frame in framer.datagram(data) if whole else framer.feed(data):
+        for frame in self._finder.frames(direction, data):
             known = frame.known
             key = frame.message_id, frame.system, frame.component, known
             try:

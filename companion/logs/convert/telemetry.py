@@ -8,7 +8,6 @@ from companion.logs.traffic import Traffic, traffic_of
 from companion.logs.writer import Writer
 from protocol.flightlog import LogReader, tlog
 from protocol.flightlog.tlog import Entry
-from protocol.framing import Framer
 
 FROM_TLOG = "telemetry log"
 """Name of the metadata of a flight log that was made from a telemetry log: each datagram is an entry of that."""
@@ -27,8 +26,8 @@ def to_flight_log(traffic: Traffic, target: Path, metadata: Mapping[str, Mapping
 
 
 def from_flight_log(log: LogReader, target: Path) -> int:
-    """Make a telemetry log of a flight log, an entry for each frame. A flight log made by `to_flight_log` becomes the
-    same bytes again.
+    """Make a telemetry log of a flight log, an entry for each frame, at the time when it was whole. A flight log made
+    by `to_flight_log` becomes the same bytes again.
 
     Returns the number of entries. Raises FlightLogError if the log can't be read or the target can't be made.
     """
@@ -37,12 +36,11 @@ def from_flight_log(log: LogReader, target: Path) -> int:
     as_it_was = FROM_TLOG in log.metadata
 
     def entries() -> Iterator[Entry]:
-        framer = Framer()
-        for datagram in traffic.datagrams():
+        for datagram, frames in traffic.framed():
             time_us = max(epoch_ns + datagram.time_ns, 0) // 1000
             if as_it_was:
                 yield Entry(time_us, datagram.data)
             else:
-                yield from (Entry(time_us, frame.raw) for frame in framer.datagram(datagram.data))
+                yield from (Entry(time_us, frame.raw) for frame in frames)
 
     return tlog.write(target, entries())

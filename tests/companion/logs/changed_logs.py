@@ -76,3 +76,18 @@ def telemetry_log(target: Path, *messages: Any, every_us: int = 100_000, start_u
     frames = [each if isinstance(each, bytes) else bytes(each.pack(sender)) for each in messages]
     write(target, (Entry(start_us + number * every_us, frame) for number, frame in enumerate(frames)))
     return target
+
+
+def stream_log(target: Path, messages: Sequence[bytes], piece: int) -> Path:
+    """A flight log over a serial line: the vehicle's messages, of which each read brought a piece of so many bytes, and
+    one of the companion's between any two pieces."""
+    stream, ours = (
+        b"".join(messages),
+        Encoder(245, 191).encode_fields(dialect.MAVLink_heartbeat_message, 6, 8, 0, 0, 4, 3),
+    )
+    with Writer(target, 1_700_000_000_000_000_000, {"flight": {"whole_datagrams": "False"}}) as writer:
+        for number, at in enumerate(range(0, len(stream), piece)):
+            time_ns = 1_000_000 * number
+            for direction, data in ((Direction.IN, stream[at : at + piece]), (Direction.OUT, ours)):
+                writer.record(DATAGRAM, time_ns, number, DATAGRAM.pack(direction, "/dev/ttyS0", data))
+    return target

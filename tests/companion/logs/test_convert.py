@@ -22,7 +22,7 @@ from protocol.flightlog import DATAGRAM, Direction, FlightLogError, LogReader, d
 from protocol.flightlog.tlog import TlogReader, is_tlog
 from protocol.framing import Framer
 from protocol.messages import dialect
-from tests.companion.logs.changed_logs import Flyer, foreign, telemetry_log
+from tests.companion.logs.changed_logs import Flyer, foreign, heartbeat, stream_log, telemetry_log
 from tests.flights.processes import run
 from tests.protocol.flightlog.test_tlog import by_pymavlink
 
@@ -313,6 +313,14 @@ def test_messages_that_nobody_knows_come_back_as_they_were(tmp_path: Path) -> No
         convert(source, tmp_path / f"{number}.mcap")
         convert(tmp_path / f"{number}.mcap", tmp_path / f"{number}_again.tlog")
         assert (tmp_path / f"{number}_again.tlog").read_bytes() == source.read_bytes()
+
+
+def test_frames_that_span_two_reads_of_a_serial_line_are_in_a_tlog(tmp_path: Path) -> None:
+    messages = [heartbeat(number) for number in range(1, 40)]
+    convert(stream_log(tmp_path / "a.mcap", messages, 16), tmp_path / "a.tlog")
+    found = [entry.data for entry in TlogReader(tmp_path / "a.tlog").entries()]
+    assert [data for data in found if data in messages] == messages
+    assert len({data for data in found if data not in messages}) == 1
 
 
 @pytest.mark.parametrize("content", [b"", b"hello " * 100])

@@ -11,7 +11,7 @@ from protocol.flightlog.tlog import Entry, TlogReader, from_vehicle, write
 from protocol.framing import Framer
 from protocol.messages import dialect, layout
 from protocol.transport import Udp
-from tests.companion.logs.changed_logs import Flyer, telemetry_log
+from tests.companion.logs.changed_logs import Flyer, heartbeat, stream_log, telemetry_log
 from tests.flights.processes import Process, run
 
 DATA = Path(__file__).resolve().parents[2] / "data"
@@ -146,3 +146,10 @@ def test_a_long_wait_is_said(tmp_path: Path, wire: Wire) -> None:
     said: list[float] = []
     play(tmp_path / "a.tlog", wire, speed=2.0, pausing=said.append)
     assert said == pytest.approx([498.0], abs=0.01)
+
+
+def test_of_a_serial_line_whole_frames_are_sent(tmp_path: Path, wire: Wire) -> None:
+    messages = [heartbeat(number) for number in range(1, 40)]
+    played = play(stream_log(tmp_path / "a.mcap", messages, 50), wire)
+    assert [frame.raw for _, data in wire.sent for frame in Framer().datagram(data)] == messages
+    assert played.bytes == sum(map(len, messages))
