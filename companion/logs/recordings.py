@@ -76,6 +76,16 @@ def started_unix_s(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
     return as_date(started)
 
 
+def copied_metadata(log: LogReader) -> dict[str, dict[str, str]]:
+    """The metadata of a log for a copy of it, but for "flightlog", which says what is of the file alone. It still says
+    what is missing, and that the last event may lack its answer, where nobody closed the log or its end is lost."""
+    copied = {name: table for name, table in log.metadata.items() if name not in ("flightlog", "flightlog end")}
+    lost_end = log.abandoned or ("the end of its source is damaged or missing" if log.problem is not None else None)
+    if lost_end is not None or log.missing:
+        copied["flightlog end"] = {"reason": lost_end or "closed", **log.missing}
+    return copied
+
+
 def whole_datagrams(metadata: Mapping[str, Mapping[str, str]]) -> bool:
     """Whether the vehicle's datagrams of a log hold whole frames, and not pieces of a stream (serial, TCP)."""
     return metadata.get("flight", {}).get("whole_datagrams") != "False"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.logs.recordings import printable
+from companion.logs.recordings import copied_metadata, printable
 from companion.logs.target import output
 from companion.logs.traffic import open_log
 from companion.logs.writer import Writer
@@ -48,7 +48,7 @@ def _flight(log: LogReader, target: Path) -> Repair:
     if log.problem is None:
         return Repair(None, kept, last_ns * 1e-9, [])
     lost = [log.problem.removeprefix(f"{log.path}: "), *gaps]
-    metadata = {name: table for name, table in log.metadata.items() if name not in ("flightlog", "flightlog end")}
+    metadata = copied_metadata(log)
     metadata["repair"] = {"source": printable(log.path.name), "lost": "\n".join(lost)}
     with output(target) as draft, Writer(draft, log.epoch_ns, metadata) as writer:
         for name, content in log.attachments.items():

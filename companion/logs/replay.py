@@ -15,6 +15,7 @@ from companion.events import Datagram, Event, PlanReady, Reaction, operation_of,
 from companion.logs.ahead import Ahead, DivergedError, worth_it
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, flown_overrides, open_flight, other_commit, other_versions
+from companion.logs.recordings import copied_metadata
 from companion.logs.target import output
 from companion.logs.writer import Writer
 from companion.records import LEGACY_REQUEST, LOGGED, OPERATION, PLANNED, TICK, TRACE
@@ -84,8 +85,6 @@ def replay(
             second.fly()
     wall_s = clock.now_ns() * 1e-9
     differ = second.differ
-    if not differ.datagrams:
-        raise FlightLogError(f"{path}: there is nothing in it that was sent")
     flown = flight.log.metadata["flight"]
     commit = other_commit(flown) if differ.differences else []
     return Replay(
@@ -129,9 +128,7 @@ def _copy(
         yield None
         return
     log, attachments = flight.log, flight.log.attachments
-    metadata = {name: table for name, table in log.metadata.items() if name not in ("flightlog", "flightlog end")}
-    if log.abandoned is not None:
-        metadata["flightlog end"] = {"reason": log.abandoned}
+    metadata = copied_metadata(log)
     if settings is not None or overrides:
         attachments = {**attachments, "settings.json": msgspec.json.encode(flight.settings)}
         flown = metadata["flight"]
@@ -202,7 +199,7 @@ class _Second:
         """What to do with the time and the data of each."""
 
     def fly(self) -> None:
-        """All events up to the log's end, or to where records are missing."""
+        """All events up to the log's end, or to where records are missing. FlightLogError if nothing was sent."""
         log, topics, writer, events = self._flight.log, self._topics, self._writer, self._events
         if TRACE.topic in topics and not self._compares_trace:
             self._say("the log's trace is not today's, and is not compared")
@@ -230,8 +227,10 @@ class _Second:
                 if first_ns is None:
                     first_ns = now
         else:
-            if log.complete and log.abandoned is None:  # else the last event may have had no answer any more
+            if log.problem is None and log.abandoned is None:  # else the last event's answer may be missing
                 self._overdue()
+        if not self.differ.datagrams:  # here, where no copy has its name yet
+            raise FlightLogError(f"{log.path}: there is nothing in it that was sent")
         if log.problem is not None:
             self._say(log.problem)
         missing = [f"{count} {name}" for name, count in log.missing.items() if name != "undecoded"]

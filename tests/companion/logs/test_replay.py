@@ -10,8 +10,9 @@ import pytest
 
 from companion.events import operation_of
 from companion.logs.difference import EXTRA, MISSING, Differ
+from companion.logs.repair import repair
 from companion.logs.replay import replay
-from companion.records import LOGGED, OPERATION, TRACE
+from companion.records import LOGGED, OPERATION, TICK, TRACE
 from companion.supervision.operations import LandRequest
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
 from protocol.framing import Framer
@@ -212,6 +213,30 @@ def test_the_last_event_of_a_companion_that_was_killed_may_have_no_answer(
     for result in (replay(path, trace=copy), replay(copy)):
         assert {each.field for each in result.differences} == (set() if killed else {EXTRA})
         assert result.datagrams > 100
+
+
+@pytest.mark.parametrize("way", ["repaired", "traced"])
+def test_nor_may_that_of_a_log_that_was_made_of_a_cut_one(fly: Flyer, tmp_path: Path, way: str) -> None:
+    """The cut is looked for where the last event's answer is behind it."""
+    content, cut, copy = fly().read_bytes(), tmp_path / "cut.mcap", tmp_path / "copy.mcap"
+    for size in range(len(content) // 2, len(content), 499):
+        cut.write_bytes(content[:size])
+        *_, last = (each for each in LogReader(cut).records() if not each.topic.startswith("/mavlink/"))
+        if last.topic == TICK.topic and last.time_ns < 8e9:
+            break
+    if way == "repaired":
+        repair(cut, copy)
+    else:
+        replay(cut, trace=copy)
+    result = replay(copy)
+    assert result.problem is None and result.differences == []
+
+
+def test_a_copy_of_a_log_without_anything_sent_is_not_left_behind(fly: Flyer, tmp_path: Path) -> None:
+    path = rewritten(fly(), tmp_path / "silent.mcap", lambda record: [] if sent(record) is not None else [record])
+    with pytest.raises(FlightLogError, match=r"silent\.mcap: there is nothing in it that was sent"):
+        replay(path, trace=tmp_path / "whole.mcap")
+    assert [each.name for each in tmp_path.iterdir()] == ["silent.mcap"]
 
 
 def test_it_ends_where_records_are_missing(fly: Flyer, tmp_path: Path) -> None:
