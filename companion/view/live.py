@@ -19,6 +19,7 @@ from companion.view.live_words import legend, said, words
 from companion.view.sources import Source
 from protocol.clock import RealClock
 from protocol.flightlog import FlightLogError
+from protocol.transport import TransportError
 
 _FRAME_NS = 1_000_000_000 // 32
 """Time between two pictures of the vehicle and its instruments: 30 a second come to the page though some are late."""
@@ -94,9 +95,7 @@ class Page:
 
     def step(self, seconds: float) -> None:
         """Take in what is new and draw the moment that is due `seconds` after the last one."""
-        self._read()
-        if self._control is not None:
-            self._control.step()
+        self._listen()
         self.playback.advance(seconds, self.history, self._source, watched=self.cameras.watched)
         moment = self.history.at(self.playback.time)
         with self._server.atomic():
@@ -104,13 +103,17 @@ class Page:
         self._server.flush()  # otherwise it waits for windows of 17 ms
         self._frame += 1
 
-    def _read(self) -> None:
+    def _listen(self) -> None:
+        """Take in what is new, and send what is due. Of a log that is damaged or a link that is gone the page goes on
+        to show what was heard."""
         try:
             for batch in self._source.poll():
                 self.history.take(batch)
                 if self._control is not None:
                     self._control.take(batch)
-        except FlightLogError as error:
+            if self._control is not None:
+                self._control.step()
+        except (FlightLogError, TransportError) as error:
             self._problem = str(error)
 
     def _choose(self) -> None:

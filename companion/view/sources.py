@@ -55,7 +55,8 @@ class Source(Protocol):
     """How late new records come (s)."""
 
     def poll(self) -> Iterator[Batch]:
-        """The new records, without waiting. Raises FlightLogError if the source can't be read any more."""
+        """The new records, without waiting. Raises FlightLogError or TransportError if the source can't be read any
+        more."""
 
 
 class FinishedLog:

@@ -3,6 +3,7 @@
 import io
 import math
 import os
+import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
@@ -18,6 +19,7 @@ from companion.logs.recordings import newest
 from companion.perception.distance_field import FAR_M
 from companion.state import Reason
 from companion.view.attitudes import quaternions, rotated
+from companion.view.control import Control
 from companion.view.history import History, Moment
 from companion.view.live import Page
 from companion.view.live_scene import BEHIND, ahead, spaced
@@ -27,7 +29,7 @@ from protocol.arrays import Array
 from protocol.flightlog import MAGIC, FlightLogError
 from protocol.frames import from_euler, rotate
 from protocol.messages import Encoder, dialect
-from protocol.transport import Memory
+from protocol.transport import Memory, open_url
 from tests.companion.view.browser import assert_legible, needs_chromium, opened
 from tests.companion.view.made_logs import SPEED, STEP_NS, Values, make, telemetry
 
@@ -261,6 +263,32 @@ def test_time_goes_on_where_a_vehicle_falls_silent_and_the_page_says_so() -> Non
         assert ", live" in live.words.content
     finally:
         live.stop()
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+def test_a_link_that_is_gone_is_said_and_what_was_heard_is_still_shown(controlled: bool) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = open_url(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        theirs, _ = server.accept()
+    control = Control(link.send, lambda: 0) if controlled else None
+    live = Page(Link("tcp", link, b""), 0, control=control)
+
+    def step() -> Page:
+        live.step(0.01)
+        return live
+
+    try:
+        theirs.send(telemetry(Encoder(1, 1), 0, 1.0))
+        wait_for(step, lambda page: page.position_ned() is not None)
+        theirs.close()
+        wait_for(step, lambda page: page._trouble is not None)
+        for _ in range(12):
+            live.step(0.01)
+        assert "closed by the other end" in live.hud.content and "closed by the other end" in live.words.content
+        assert live.position_ned() is not None
+    finally:
+        live.stop()
+        link.close()
 
 
 T = TypeVar("T")
