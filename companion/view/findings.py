@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from companion.logs.recordings import printable
 from companion.outcomes import Outcome
 from companion.state import Reason
 from companion.supervision.states import State
@@ -79,7 +80,7 @@ def _outcome(flight: GatheredFlight) -> list[Finding]:
 def _file(flight: GatheredFlight) -> list[Finding]:
     found = []
     if flight.log.problem is not None:
-        found.append(Finding(Level.WARNING, "log", f"The log is not whole: {flight.log.problem}."))
+        found.append(Finding(Level.WARNING, "log", f"The log is not whole: {printable(flight.log.problem)}."))
     if flight.log.missing:
         figures = ", ".join(f"{count} {name}" for name, count in flight.log.missing.items())
         found.append(Finding(Level.WARNING, "log", "Not every record reached the log.", (figures,)))

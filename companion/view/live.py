@@ -7,6 +7,7 @@ import threading
 import webbrowser
 from collections.abc import Callable
 
+from companion.logs.recordings import printable
 from companion.view.control import Control, Panel
 from companion.view.door import LOOPBACK, Door
 from companion.view.history import History, Moment
@@ -151,7 +152,9 @@ class Page:
 
     def _draw_words(self, moment: Moment) -> None:
         playback, verdict, when = self.playback, self._source.verdict, self.playback.words()
-        self.words.content = words(moment, self._source.name, when, self._trouble, verdict, quiet=playback.is_quiet)
+        self.words.content = words(
+            moment, printable(self._source.name), when, self._trouble, verdict, quiet=playback.is_quiet
+        )
         self._said.content = said(moment)
         playback.draw(self.history)
         if len(self.history.vehicles) > 1 and self._chosen.options != self.history.vehicles:
@@ -161,7 +164,8 @@ class Page:
 
     @property
     def _trouble(self) -> str | None:
-        return self._problem or self._source.problem
+        problem = self._problem or self._source.problem
+        return None if problem is None else printable(problem)
 
     def position_ned(self) -> Floats | None:
         """Where the vehicle is now (3,) in m, whatever moment is shown; None if that is not known."""

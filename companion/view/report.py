@@ -8,7 +8,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from companion.logs.recordings import as_date, started_unix_s
+from companion.logs.recordings import as_date, printable, started_unix_s
 from companion.logs.target import output
 from companion.view.events import events
 from companion.view.findings import findings
@@ -67,7 +67,7 @@ def compose(flight: GatheredFlight) -> Page:
     flown = flight.log.metadata.get("flight", {})
     when = started_unix_s(flight.log.metadata) or as_date(flight.start_ns * 1e-9) or 0.0
     return Page(
-        title=flown.get("mission", "") or flight.log.path.stem,
+        title=flown.get("mission", "") or printable(flight.log.path.stem),
         subtitle=" · ".join(
             filter(
                 None,
@@ -75,7 +75,7 @@ def compose(flight: GatheredFlight) -> Page:
                     _date(when),
                     _vehicle(flight),
                     *_how(flown, flight.output),
-                    flown.get("source") or str(flight.log.path),
+                    flown.get("source") or printable(flight.log.path),
                 ),
             )
         ),

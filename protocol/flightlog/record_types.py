@@ -106,7 +106,8 @@ class RecordType:
     """One topic and the layout of its records; made by `record_type` or read from a file.
 
     `pack(*values)` gives the bytes. Values come in the order of the fields: arrays of fixed size are spread into single
-    values, "time" is seconds and nanoseconds, "string" takes a str, "uint8[]" bytes, other open arrays a sequence.
+    values, "time" is seconds and nanoseconds, "string" takes a str, of which what UTF-8 can't encode is escaped (a
+    file's name may be any bytes), "uint8[]" bytes, other open arrays a sequence.
     Raises ValueError for a definition that a log record can't have.
     """
 
@@ -157,7 +158,7 @@ class RecordType:
             value = values[position]
             position += 1
             if part.kind == "string":
-                value = value.encode()
+                value = value.encode(errors="backslashreplace")
             packed.append(_pack_length(len(value)))
             if not isinstance(value, bytes):
                 value = struct.pack(f"<{len(value)}{SCALARS[part.kind]}", *value)

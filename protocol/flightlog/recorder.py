@@ -16,7 +16,6 @@ import select
 import signal
 import sys
 import time
-from pathlib import Path
 from typing import Final
 
 from protocol.flightlog.console import Console
@@ -131,11 +130,11 @@ class Recorder:
         if dropped > self._dropped_shown and now_ns - self._dropped_shown_ns > _DROPPED_INTERVAL_NS:
             self._dropped_shown = dropped
             self._dropped_shown_ns = now_ns
-            self._console.text(f"{self._setup.folder}: {dropped} records not logged so far, the buffer was full")
+            self._console.text(f"{self._setup.name}: {dropped} records not logged so far, the buffer was full")
 
     def _count_undecoded(self, error: Exception) -> None:
         if not self._undecoded:
-            self._console.text(f"{self._setup.folder}: the flight log left a message undecoded: {error!r}")
+            self._console.text(f"{self._setup.name}: the flight log left a message undecoded: {error!r}")
         self._undecoded += 1
 
     def _handle_request(self, channel: int, data: bytes) -> None:
@@ -169,14 +168,14 @@ class Recorder:
             if writes and self._failed_ns is not None and now_ns - self._failed_ns > _RECOVERS_NS:
                 self._failed_ns = None
                 self._buffer.recover()
-                self._console.text(f"{self._setup.folder}: the flight log is written again, {words[LOST]} records lost")
+                self._console.text(f"{self._setup.name}: the flight log is written again, {words[LOST]} records lost")
         words[WRITTEN] = self._taken - words[LOST]
 
     def _fail(self, error: OSError) -> None:
         first, self._failed_ns = self._failed_ns is None, time.monotonic_ns()
         if not first:
             return
-        text = f"{self._setup.folder}: the flight log can't be written: {error.strerror}"
+        text = f"{self._setup.name}: the flight log can't be written: {error.strerror}"
         self._buffer.fail(text)
         self._console.text(text)
 
@@ -207,14 +206,14 @@ def create(setup: Setup) -> McapFile:
 
     Raises FlightLogError if they can't be made or there is too little space.
     """
-    folder = Path(setup.folder)
+    folder, name = setup.path, setup.name
     try:
         folder.mkdir(parents=True, exist_ok=True)
         space = os.statvfs(folder)
         free = space.f_bavail * space.f_frsize
         if free < setup.minimum_free_bytes:
             raise FlightLogError(
-                f"{folder}: {free / 1e6:.0f} MB free, a flight log needs {setup.minimum_free_bytes / 1e6:.0f} MB"
+                f"{name}: {free / 1e6:.0f} MB free, a flight log needs {setup.minimum_free_bytes / 1e6:.0f} MB"
             )
         file = McapFile(folder / FILE_NAME, with_large_chunks=True)
         file.add_metadata("flightlog", {"version": "1", "epoch_ns": str(setup.epoch_ns)})
@@ -223,7 +222,7 @@ def create(setup: Setup) -> McapFile:
         for name, content in setup.attachments.items():
             file.add_attachment(name, setup.epoch_ns, content)
     except OSError as error:
-        raise FlightLogError(f"{folder}: the flight log can't be written: {error.strerror}") from error
+        raise FlightLogError(f"{name}: the flight log can't be written: {error.strerror}") from error
     return file
 
 

@@ -15,6 +15,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Self
 
 from protocol.flightlog.mcap_format import EMPTY_MESSAGE_LENGTH, MESSAGE_HEADER, RECORD_HEADER
@@ -48,7 +49,8 @@ _pack_header = MESSAGE_HEADER.pack
 class Setup:
     """What the recorder is told at its start, through a pipe that stays open as long as the flying process lives."""
 
-    folder: str
+    folder: bytes
+    """Its path, which on Linux may be any bytes."""
     epoch_ns: int
     metadata: dict[str, dict[str, str]]
     attachments: dict[str, bytes]
@@ -57,6 +59,16 @@ class Setup:
     console: bool
     minimum_free_bytes: int
     preserves_datagrams: bool
+
+    @property
+    def path(self) -> Path:
+        """Of the folder."""
+        return Path(os.fsdecode(self.folder))
+
+    @property
+    def name(self) -> str:
+        """Of the folder, for texts: what is no UTF-8 is escaped."""
+        return self.folder.decode(errors="backslashreplace")
 
     def encode(self) -> bytes:
         """For the pipe."""

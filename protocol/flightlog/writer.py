@@ -72,7 +72,8 @@ class FlightLog:
     """A log that is being written. For one thread; a record costs it 1-2 us and never waits for a disk."""
 
     def __init__(self, setup: Setup, types: Sequence[RecordType], recorder: RecorderProcess, *, waits: bool) -> None:
-        self.folder = Path(setup.folder)
+        self.folder = setup.path
+        self._name = f"{setup.name}/{FILE_NAME}"
         self._process = recorder.process
         self._buffer = BufferWriter(recorder.mapping, setup.epoch_ns, waits=waits, is_lost=self._is_lost)
         self._words = self._buffer.words
@@ -107,7 +108,7 @@ class FlightLog:
         Raises FlightLogError if the folder can't be written to, the file exists already, or too little space is left.
         """
         setup = Setup(
-            folder=str(Path(folder).absolute()),
+            folder=os.fsencode(Path(folder).absolute()),
             epoch_ns=epoch_ns,
             metadata={name: dict(table) for name, table in metadata.items()},
             attachments=dict(attachments),
@@ -132,9 +133,7 @@ class FlightLog:
         with contextlib.suppress(BrokenPipeError):
             pipe.close()
         code = self._process.wait()
-        raise FlightLogError(
-            answer or f"{self.folder}: the flight log's recorder ended at its start (exit code {code})"
-        )
+        raise FlightLogError(answer or f"{setup.name}: the flight log's recorder ended at its start (exit code {code})")
 
     def __enter__(self) -> Self:
         return self
@@ -199,11 +198,11 @@ class FlightLog:
             return None
         code = self._process.poll()
         if code is not None:
-            self._end = f"{self.path}: the log's recorder ended (exit code {code}), nothing more is written"
+            self._end = f"{self._name}: the log's recorder ended (exit code {code}), nothing more is written"
             return self._end
         silent_ns = self._buffer.silent_ns
         if silent_ns > _STALLED_NS:
-            return f"{self.path}: the log's recorder has not moved for {silent_ns * 1e-9:.1f} s"
+            return f"{self._name}: the log's recorder has not moved for {silent_ns * 1e-9:.1f} s"
         return None
 
     @property
@@ -236,4 +235,4 @@ class FlightLog:
         try:
             self._process.wait(_CLOSE_TIMEOUT_S)
         except subprocess.TimeoutExpired:
-            self._end = f"{self.path}: the log's recorder did not finish within {_CLOSE_TIMEOUT_S:.0f} s"
+            self._end = f"{self._name}: the log's recorder did not finish within {_CLOSE_TIMEOUT_S:.0f} s"

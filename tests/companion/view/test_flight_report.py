@@ -2,6 +2,7 @@
 
 import base64
 import math
+import os
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -140,6 +141,16 @@ def test_a_text_of_the_vehicle_can_t_break_out_of_the_page(tmp_path: Path) -> No
     assert block is not None
     page = msgspec.json.decode(block[1].replace("<\\!--", "<!--"), type=Page)
     assert fault in page.findings[0].text
+
+
+@pytest.mark.parametrize("name", [b"l\xe9.mcap", b"l\xe9/flight.mcap"])
+def test_names_of_files_may_be_any_bytes(tmp_path: Path, name: bytes) -> None:
+    """Also that of a log that is not whole, of which a finding tells."""
+    path = tmp_path / os.fsdecode(name)
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(make(tmp_path / "made", 1.0).read_bytes()[:-5])
+    text = write(path).path.read_text(encoding="utf-8")
+    assert text.count("l\\\\udce9") >= 2
 
 
 @pytest.mark.parametrize("name", ["px4_offboard", "ardupilot_guided"])

@@ -265,6 +265,21 @@ def test_time_goes_on_where_a_vehicle_falls_silent_and_the_page_says_so() -> Non
         live.stop()
 
 
+def test_names_of_files_may_be_any_bytes(tmp_path: Path) -> None:
+    """Of a log that is damaged, too: each text of the page can be sent."""
+    path = tmp_path / os.fsdecode(b"l\xe9.mcap")
+    path.write_bytes(make(tmp_path / "made", 1.0).read_bytes()[:-5])
+    os.utime(path, (0.0, 0.0))  # nobody writes to it any more
+    live = Page(open_log(path), 0)
+    try:
+        for _ in range(12):
+            live.step(0.01)
+        for text in (live.hud.content, live.words.content):
+            assert "l\\udce9.mcap" in text.encode().decode()
+    finally:
+        live.stop()
+
+
 @pytest.mark.parametrize("controlled", [False, True])
 def test_a_link_that_is_gone_is_said_and_what_was_heard_is_still_shown(controlled: bool) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:

@@ -1,5 +1,6 @@
 """What the flying process hands over comes out of the file, and a log that can't be started says why."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from protocol.flightlog import (
     DATAGRAM,
+    TEXT,
     Direction,
     FlightLogError,
     LogReader,
@@ -103,6 +105,17 @@ def test_folder_that_is_none(start: Opener, tmp_path: Path) -> None:
             start(name)
         assert str(tmp_path / name) in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_names_of_files_may_be_any_bytes(start: Opener) -> None:
+    """In the folder's name, in what is said of it, and in a text."""
+    name = os.fsdecode(b"l\xe9")
+    log = start(name)
+    log.text(1, 20, "companion", f"world: {name}.toml")
+    log.close()
+    assert [TEXT.unpack(each.data)["message"] for each in LogReader(log.path).records()] == ["world: l\\udce9.toml"]
+    with pytest.raises(FlightLogError, match=r"l\\xe9: the flight log can't be written: File exists"):
+        start(name)
 
 
 def test_file_that_is_there_already_is_kept(start: Opener, tmp_path: Path) -> None:
