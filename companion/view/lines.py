@@ -86,9 +86,12 @@ class Lines(dict[str, Line]):
 
 
 class Track:
-    """Rows of numbers over time, such as a path, thinned evenly: at most 2 * `most` rows of `columns` numbers."""
+    """Rows of numbers over time, such as a path, thinned evenly: at most 2 * `most` rows of `columns` numbers.
 
-    __slots__ = ("_columns", "_held", "_last", "_most", "_parts", "_since", "_step")
+    Batches may come in any order of time, as those of two messages that tell the same do.
+    """
+
+    __slots__ = ("_columns", "_held", "_last", "_most", "_newest", "_ordered", "_parts", "_since", "_step")
 
     def __init__(self, columns: int, most: int = 4000) -> None:
         self._columns = columns
@@ -98,6 +101,8 @@ class Track:
         self._parts: list[Floats] = []
         self._held = 0
         self._since: float | None = None
+        self._newest = -np.inf
+        self._ordered = True
 
     def add(self, times: Floats, rows: Floats) -> None:
         """Times (n,) in s and values (n, columns - 1); the time becomes the first column."""
@@ -105,11 +110,13 @@ class Track:
             return
         if self._since is None:
             self._since = float(times[0])
+        self._ordered = self._ordered and bool(times[0] >= self._newest and (np.diff(times) >= 0.0).all())
+        self._newest = max(self._newest, float(times.max()))
         table = np.column_stack((times, rows))
         self._parts.append(self._every(table))
         self._held += len(self._parts[-1])
         while self._held > 2 * self._most:
-            whole = np.concatenate(self._parts)
+            whole = self.rows()
             span = float(whole[-1, 0] - whole[0, 0])
             self._step = max(2.0 * self._step, span / self._most, 1e-3)
             self._last = -1.0
@@ -131,6 +138,8 @@ class Track:
             return np.empty((0, self._columns))
         if len(self._parts) > 1:
             self._parts = [np.concatenate(self._parts)]
+        if not self._ordered:
+            self._parts, self._ordered = [self._parts[0][np.argsort(self._parts[0][:, 0], kind="stable")]], True
         return self._parts[0]
 
 

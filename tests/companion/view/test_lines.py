@@ -65,6 +65,18 @@ def test_a_track_is_thinned_evenly_over_all_of_its_time() -> None:
     assert np.diff(rows[:, 0]).max() < 2.1 * np.diff(rows[:, 0]).min()
 
 
+@pytest.mark.parametrize("count", [150, 5000])
+def test_a_track_is_in_the_order_of_time_in_whatever_order_its_batches_come(count: int) -> None:
+    """As those of two messages that tell the same do, and those of a clock that was set back."""
+    track = Track(2, most=100)
+    for start, stop in ((0, count), (0, count), (count // 2, count // 2 + 20)):
+        times = 0.1 * np.arange(start, stop)
+        track.add(times[::-1] if start else times, -times[::-1, None] if start else -times[:, None])
+    rows = track.rows()
+    assert (np.diff(rows[:, 0]) >= 0.0).all() and (rows[:, 1] == -rows[:, 0]).all()
+    assert 50 <= len(rows) <= 2 * count + 20 and rows[-1, 0] > 0.09 * count
+
+
 @given(st.lists(st.integers(0, 2), min_size=1, max_size=60), st.integers(1, 20))
 def test_stretches_do_not_depend_on_how_the_stream_is_cut(values: list[int], cut: int) -> None:
     whole, parts = Stretches(), Stretches()

@@ -16,6 +16,7 @@ from playwright.sync_api import Page as Browser
 from viser import ClientHandle
 
 from companion.logs.recordings import newest
+from companion.logs.writer import Writer
 from companion.perception.distance_field import FAR_M
 from companion.state import Reason
 from companion.view.attitudes import quaternions, rotated
@@ -24,9 +25,9 @@ from companion.view.history import History, Moment
 from companion.view.live import Page
 from companion.view.live_scene import BEHIND, ahead, spaced
 from companion.view.live_words import HIGHLIGHT, words
-from companion.view.sources import GrowingLog, Link, Source, open_log
+from companion.view.sources import FinishedLog, GrowingLog, Link, Source, open_log
 from protocol.arrays import Array
-from protocol.flightlog import MAGIC, FlightLogError
+from protocol.flightlog import MAGIC, Direction, FlightLogError, LogReader
 from protocol.frames import from_euler, rotate
 from protocol.messages import Encoder, dialect
 from protocol.transport import Memory, open_url
@@ -263,6 +264,22 @@ def test_time_goes_on_where_a_vehicle_falls_silent_and_the_page_says_so() -> Non
         assert ", live" in live.words.content
     finally:
         live.stop()
+
+
+def test_the_charts_show_their_time_alone_where_two_messages_tell_the_attitude(tmp_path: Path) -> None:
+    """As PX4's do; a log is read message by message."""
+    vehicle, path = Encoder(1, 1), tmp_path / "both.mcap"
+    with Writer(path, 0, {}) as writer:
+        for number in range(6000):
+            turn = from_euler(0.1, 0.0, 0.0).tolist()
+            told = vehicle.encode_fields(dialect.MAVLink_attitude_message, 20 * number, 0.1, 0, 0, 0, 0, 0)
+            told += vehicle.encode_fields(dialect.MAVLink_attitude_quaternion_message, 20 * number, *turn, 0, 0, 0)
+            writer.datagram(20_000_000 * number, number, Direction.IN, "", told)
+    history = filled(FinishedLog(LogReader(path)))
+    for until in range(31, 119):
+        times, angles = history.attitude_deg(until - 30.0, float(until))
+        assert until - 30.1 < times.min() and times.max() < until + 0.1 and len(times) > 1400
+        assert np.allclose(angles[:, 0], np.degrees(0.1), atol=1e-4)
 
 
 def test_names_of_files_may_be_any_bytes(tmp_path: Path) -> None:
