@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 
 from companion.logs.recordings import records, unpack
-from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record, RecordType
+from protocol.flightlog import DATAGRAM, SCALARS, FlightLogError, LogReader, Record, RecordType
+from protocol.flightlog.record_types import VARIABLE
 
 TIME = "time_ns"
 """Name of the first column: time since the log's time 0."""
@@ -19,7 +20,7 @@ _BATCH = 4096
 """Rows that are written together."""
 _LONGEST_NAME = 200
 Column = tuple[str, Any]
-"""Name; values as an array (n,) or (n, k), or a list of n str or bytes."""
+"""Name; values as an array (n,) or (n, k), or a list of n str, bytes or arrays."""
 
 
 def to_tables(log: LogReader, folder: Path, kind: Literal["csv", "parquet"]) -> dict[str, int]:
@@ -111,12 +112,15 @@ def _columns(log: LogReader, kind: RecordType, found: Sequence[Record]) -> list[
 
 
 def _plain(kind: str, length: int | None, values: Any) -> Any:
-    """Numbers as an array (n,) or, for arrays of fixed length, (n, k); str and bytes as they are."""
+    """Numbers as an array (n,) or, for arrays of fixed length, (n, k), and of any length, a list of n arrays; str and
+    bytes as they are."""
     if kind == "time":
         if isinstance(values, list):
             return np.array([seconds * 1_000_000_000 + rest for seconds, rest in values], np.int64)
         return values["sec"].astype(np.int64) * 1_000_000_000 + values["nsec"]
-    if kind == "string" or (length is not None and length < 0):
+    if length == VARIABLE and kind != "uint8":
+        return [np.array(value, "<" + SCALARS[kind]) for value in values]  # an empty one has its type, too
+    if kind == "string" or length == VARIABLE:
         return values
     return values if isinstance(values, np.ndarray) else np.array(values)
 
@@ -133,7 +137,7 @@ class _Csv(_Table):
         for name, values in columns:
             if isinstance(values, list):
                 names.append(name)
-                texts.append([value.hex() if isinstance(value, bytes) else _quoted(str(value)) for value in values])
+                texts.append([_text(value) for value in values])
                 continue
             flat = values.reshape(len(values), -1).astype(str)  # the shortest digits that give the same number
             names += [name] if values.ndim == 1 else [f"{name}[{index}]" for index in range(flat.shape[1])]
@@ -145,6 +149,13 @@ class _Csv(_Table):
 
     def close(self) -> None:
         self._file.close()
+
+
+def _text(value: Any) -> str:
+    """A text, bytes or an array of numbers as a CSV field."""
+    if isinstance(value, np.ndarray):
+        value = tuple(value.tolist())
+    return value.hex() if isinstance(value, bytes) else _quoted(str(value))
 
 
 def _quoted(text: str) -> str:

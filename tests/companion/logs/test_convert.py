@@ -282,6 +282,21 @@ def test_any_text_is_one_field_of_csv(tmp_path: Path) -> None:
     assert table["text"].to_pylist() == words
 
 
+@pytest.mark.parametrize(("kind", "code", "largest"), [("float64", "d", 0.1), ("uint64", "Q", 2**64 - 1)])
+def test_arrays_of_any_length_may_begin_empty(tmp_path: Path, kind: str, code: str, largest: float) -> None:
+    """For more rows than are written together; and their numbers may be the largest of their type."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    records = [(number, struct.pack("<I", 0)) for number in range(5000)]
+    records.append((5000, struct.pack(f"<I{code}{code}", 2, 1, largest)))
+    source = foreign(tmp_path / "a.mcap", {"/arrays": ("x/A", f"{kind}[] values\n", records)})
+    convert(source, tmp_path / "a", "parquet")
+    column = parquet.read_table(tmp_path / "a" / "arrays.parquet")["values"].to_pylist()
+    assert column == [[]] * 5000 + [[1, largest]]
+    convert(source, tmp_path / "b", "csv")
+    *_, last = csv.reader((tmp_path / "b" / "arrays.csv").open())
+    assert last == ["5000", str((type(largest)(1), largest))]
+
+
 def test_topics_of_one_name_are_two_tables(tmp_path: Path) -> None:
     names = ("/a/b", "/a_b", "/A_b", "..", "", "/x" * 200)
     topics = {name: ("x/A", f"float32 x{number}\n", [(number, bytes(4))]) for number, name in enumerate(names)}
