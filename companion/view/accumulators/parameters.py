@@ -9,7 +9,7 @@ _MOST = 2000
 
 
 class Parameters:
-    """The last value of each parameter, the first 2000 or so of them."""
+    """The last value of each parameter, of the first 2000 of them."""
 
     def __init__(self) -> None:
         self._told: dict[str, tuple[str, float, int]] = {}
@@ -17,8 +17,10 @@ class Parameters:
 
     def add(self, sender: str, table: list[dict[str, Any]]) -> None:
         """Fields of PARAM_VALUE."""
-        for row in table[:_MOST] if len(self._told) < _MOST else ():
-            self._told[row["param_id"]] = sender, row["param_value"], row["param_type"]
+        for row in table:
+            name = row["param_id"]
+            if name in self._told or len(self._told) < _MOST:
+                self._told[name] = sender, row["param_value"], row["param_type"]
 
     def values(self, bytewise: Container[str]) -> dict[str, float]:
         """By name. Senders in `bytewise` put an integer's bits into the message's float, all others its value."""

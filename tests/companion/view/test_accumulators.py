@@ -182,6 +182,22 @@ def test_integer_parameters_are_bits_or_values_by_their_sender() -> None:
     assert parameters.values(set()) == {"A": bits, "B": 0.5}
 
 
+def test_a_parameter_that_was_told_again_has_its_last_value() -> None:
+    """However often they were read, and however many that is at once."""
+    parameters = Parameters()
+    rows = [
+        {"param_id": f"P{number}", "param_value": float(time), "param_type": 9}
+        for time in range(3)
+        for number in range(1200)
+    ]
+    parameters.add("1/1", rows)
+    parameters.add("1/1", [{"param_id": f"Q{number}", "param_value": 5.0, "param_type": 9} for number in range(3000)])
+    parameters.add("1/1", [{"param_id": "P7", "param_value": 9.0, "param_type": 9}])
+    values = parameters.values(set())
+    assert len(values) == 2000 and values.pop("P7") == 9.0
+    assert {value for name, value in values.items() if name[0] == "P"} == {2.0}
+
+
 def test_scans_are_ranges_within_the_lidar_s_reach() -> None:
     table = np.zeros(2, message_type(dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, "/x")[0].dtype)
     table["max_distance"], table["distances"], table["increment"] = 500, 501, 5
