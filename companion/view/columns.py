@@ -134,7 +134,8 @@ def _global_position(table: Table) -> Columns:
 
 
 def _battery(table: Table) -> Columns:
-    volts = np.where(table["voltages"] == 65535, 0, table["voltages"]).sum(axis=1) * 1e-3
+    cells = [table[name] for name in ("voltages", "voltages_ext") if name in (table.dtype.names or ())]
+    volts = sum(np.where(each == 65535, 0, each).sum(axis=1) for each in cells) * 1e-3
     return {
         "volts": np.where(volts > 0.0, volts, np.nan),
         "amperes": np.where(table["current_battery"] < 0, np.nan, table["current_battery"] * 0.01),

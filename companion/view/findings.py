@@ -14,7 +14,7 @@ from companion.view.events import phase_name
 from companion.view.finding import Finding, Level, at_text, times_text
 from companion.view.findings_of_streams import setpoint_gaps, setpoints, telemetry
 from companion.view.gather import GatheredFlight
-from companion.view.lines import Stretch
+from companion.view.lines import Floats, Stretch
 
 _SATURATED = 0.98
 """A command is at the end of its range from this fraction of it on."""
@@ -308,16 +308,18 @@ def _vibration(flight: GatheredFlight) -> list[Finding]:
 
 
 def _battery(flight: GatheredFlight) -> list[Finding]:
-    for message in ("BATTERY_STATUS", "SYS_STATUS"):
-        remaining = flight.lines.get(f"{flight.vehicle}/{message}:remaining")
-        if remaining is None:
-            continue
-        times, values = remaining.points()
-        if not len(values):
-            continue
-        lowest = float(values.min())
-        level = Level.WARNING if lowest < _LOW_BATTERY else Level.GOOD
-        text = f"The battery went from {values[0]:.0f} % to {values[-1]:.0f} %."
-        at = (float(times[values.argmin()]),)
-        return [Finding(level, "power", text, (f"lowest {lowest:.0f} %",), at, "Battery left")]
+    """About each battery that told its charge, or about what the vehicle told of all of them."""
+    for sources in (flight.batteries, (f"{flight.vehicle}/SYS_STATUS",)):
+        told = {each: flight.lines[f"{each}:remaining"] for each in sources if f"{each}:remaining" in flight.lines}
+        found = [_charge(source, *line.points()) for source, line in told.items() if len(line.points()[1])]
+        if found:
+            return found
     return []
+
+
+def _charge(source: str, times: Floats, values: Floats) -> Finding:
+    lowest, number = float(values.min()), source.partition(" ")[2]
+    level = Level.WARNING if lowest < _LOW_BATTERY else Level.GOOD
+    text = f"The {f'battery {number}'.strip()} went from {values[0]:.0f} % to {values[-1]:.0f} %."
+    at = (float(times[values.argmin()]),)
+    return Finding(level, "power", text, (f"lowest {lowest:.0f} %",), at, "Battery left")

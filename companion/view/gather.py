@@ -30,6 +30,7 @@ from companion.view.lines import Floats, Lines, Regularity, Stretches
 from protocol.flightlog import TEXT, LogReader
 from protocol.toml_files import TomlFileError
 
+BATTERY = "BATTERY_STATUS"
 _DAY_NS = 86_400_000_000_000
 
 
@@ -71,6 +72,8 @@ class GatheredFlight:
         self.jumps = EstimatorJumps()
         self.energy = Energy()
         self._parameters = Parameters()
+        self._first_battery: dict[str, int] = {}
+        """Number of the battery that each sender told of first."""
         for topic, _, times_ns, table in batches(self.log):
             self._add(topic, self._seconds(times_ns), table)
 
@@ -111,8 +114,18 @@ class GatheredFlight:
             self.texts.add_statustexts(sender, times, table)
         elif name == "PARAM_VALUE":
             self._parameters.add(sender, table)
+        elif name == BATTERY:
+            self._add_batteries(sender, times, table)
         elif not isinstance(table, list):
             self._add_measurements(sender, name, times, table)
+
+    def _add_batteries(self, sender: str, times: Floats, table: Table) -> None:
+        """A vehicle may have several; the first that is told has the message's name, any other its number behind it."""
+        first = self._first_battery.setdefault(sender, int(table["id"][0]))
+        for number in np.unique(table["id"]).tolist():
+            chosen = table["id"] == number
+            source = f"{sender}/{BATTERY}" if number == first else f"{sender}/{BATTERY} {number}"
+            self._add_columns(source, BATTERY, times[chosen], table[chosen])
 
     def _add_measurements(self, sender: str, name: str, times: Floats, table: Table) -> None:
         source = f"{sender}/{name}"
@@ -123,6 +136,9 @@ class GatheredFlight:
             self.lines.add(f"{source}:nearest", times, nearest)
         for part in (self.paths, self.jumps, self.body_rates):
             part.add_message(sender, name, times, table)
+        self._add_columns(source, name, times, table)
+
+    def _add_columns(self, source: str, name: str, times: Floats, table: Table) -> None:
         columns = message_columns(name, table)
         for quantity, values in columns.items():
             self.lines.add(f"{source}:{quantity}", times, values)
@@ -143,6 +159,14 @@ class GatheredFlight:
             if message is not None and message[0] in self.senders.modes:
                 counts[message[0]] = counts.get(message[0], 0) + clock.count
         return max(counts, key=lambda sender: counts[sender], default="")
+
+    @property
+    def batteries(self) -> tuple[str, ...]:
+        """The sources of lines about the vehicle's batteries, each of which has its own; or of those about all of them,
+        where it tells no more."""
+        single = f"{self.vehicle}/{BATTERY}"
+        found = {source for key in self.lines if (source := key.partition(":")[0]).partition(" ")[0] == single}
+        return tuple(sorted(found)) or (f"{self.vehicle}/SYS_STATUS",)
 
     @property
     def output(self) -> str:

@@ -45,6 +45,7 @@ _LARGEST_SCAN_AGE_S = 5.0
 _GAP_S = 0.5
 """Poses further apart than this (s) are not interpolated."""
 _UNKNOWN_CM = 65535
+_ALL_BATTERIES = -1
 _CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
 _SECONDS = np.array([1.0, 1.0, 1.0, 1.0, 1e-3])
 """Factors of a quaternion's and a time's (ms) columns."""
@@ -120,7 +121,7 @@ class Moment:
     link_age: float | None
     """Time since the vehicle was heard (s)."""
     battery: float | None
-    """Charge left (%)."""
+    """Charge left (%), of several batteries in the emptiest."""
     texts: tuple[Text, ...]
     """The last few lines that were said by then."""
     warnings: tuple[Text, ...]
@@ -139,7 +140,8 @@ class _Vehicle:
     unknown."""
     heartbeats: Track = field(default_factory=lambda: Track(4, MOST))
     """custom_mode, armed, critical."""
-    battery: Track = field(default_factory=lambda: Track(2, MOST))
+    batteries: dict[int, Track] = field(default_factory=dict)
+    """The charge (%) of each by its number; _ALL_BATTERIES stands for what is told of all of them."""
     bearings: Floats = field(default_factory=lambda: np.radians(5.0 * np.arange(_SECTORS)))
     is_vehicle: bool = False
     has_quaternion: bool = False
@@ -205,8 +207,11 @@ class History:
         elif name == "HEARTBEAT":
             self._heartbeat(vehicle, times, table)
         elif name in ("BATTERY_STATUS", "SYS_STATUS"):
+            numbers = table["id"] if name == "BATTERY_STATUS" else np.full(len(table), _ALL_BATTERIES)
             left = table["battery_remaining"].astype(np.float64)
-            vehicle.battery.add(times[left >= 0], left[left >= 0, None])
+            for number in np.unique(numbers).tolist():
+                told = (numbers == number) & (left >= 0)
+                vehicle.batteries.setdefault(number, Track(2, MOST)).add(times[told], left[told, None])
         elif name == "STATUSTEXT" and not self._has_log:
             rows = zip(times.tolist(), table, strict=True)
             self._say([Text(at, level_of(row["severity"]), sender, row["text"]) for at, row in rows])
@@ -252,7 +257,7 @@ class History:
         attitude, _ = _row(vehicle.attitudes, time)
         scan, scan_age = _row(vehicle.scans, time)
         heartbeat, heartbeat_age = _row(vehicle.heartbeats, time, stale_s=np.inf)
-        battery, _ = _row(vehicle.battery, time, stale_s=np.inf)
+        charges = [_row(track, time, stale_s=np.inf)[0] for track in vehicle.batteries.values()]
         returns = np.empty((0, 3))
         nearest = None
         if scan is not None:
@@ -273,7 +278,7 @@ class History:
             armed=heartbeat is not None and bool(heartbeat[1]),
             failsafe=heartbeat is not None and bool(heartbeat[2]),
             link_age=min((age for age in ages if age is not None), default=None),
-            battery=None if battery is None else float(battery[0]),
+            battery=min((float(charge[0]) for charge in charges if charge is not None), default=None),
             texts=tuple([text for text in self.texts if text.time <= time][-_TEXTS:]),
             warnings=tuple([text for text in self.warnings() if text.time <= time][-_TEXTS:]),
         )

@@ -273,7 +273,6 @@ def _spectra(flight: GatheredFlight) -> list[Chart]:
 
 def _health(flight: GatheredFlight) -> list[Chart]:
     section = "Vehicle"
-    battery = "BATTERY_STATUS" if f"{flight.vehicle}/BATTERY_STATUS:volts" in flight.lines else "SYS_STATUS"
     vibration = [(f"VIBRATION:vibration.{axis}", name, AXES[axis]) for axis, name in enumerate("xyz")]
     innovations = [
         (f"{message}:{field}", name, color)
@@ -297,9 +296,9 @@ def _health(flight: GatheredFlight) -> list[Chart]:
     return [
         Chart(section, title, unit, _told(flight, *parts))
         for title, unit, parts in (
-            ("Battery voltage", "V", [(f"{battery}:volts", "voltage", BLUE)]),
-            ("Battery current", "A", [(f"{battery}:amperes", "current", RED)]),
-            ("Battery left", "%", [(f"{battery}:remaining", "left", GREEN)]),
+            ("Battery voltage", "V", _batteries(flight, "volts", "voltage")),
+            ("Battery current", "A", _batteries(flight, "amperes", "current")),
+            ("Battery left", "%", _batteries(flight, "remaining", "left")),
             ("Load of the autopilot", "%", [("SYS_STATUS:load", "load", VIOLET)]),
             ("Temperature", "°C", temperatures),
             ("Vibration", "m/s²", vibration),
@@ -313,6 +312,13 @@ def _health(flight: GatheredFlight) -> list[Chart]:
             ("Radio", "", radio),
         )
     ]
+
+
+def _batteries(flight: GatheredFlight, quantity: str, name: str) -> list[tuple[str, str, str]]:
+    """The parts of a chart of a quantity of the batteries, with their numbers behind the name where there are more."""
+    sources = [source.removeprefix(f"{flight.vehicle}/") for source in flight.batteries]
+    named = zip(sources, _OUTPUTS, strict=False)
+    return [(f"{source}:{quantity}", f"{name} {source.partition(' ')[2]}".strip(), color) for source, color in named]
 
 
 def _inertial(flight: GatheredFlight, quantity: str) -> list[tuple[str, str, str]]:

@@ -37,10 +37,10 @@ def tiles(flight: GatheredFlight) -> tuple[tuple[str, str], ...]:
         best = best_line(flight, quantity)
         if best is not None:
             found.append((label, form.format(best.points()[1].max())))
-    for message in ("BATTERY_STATUS", "SYS_STATUS"):
-        energy = flight.energy.watt_hours.get(f"{flight.vehicle}/{message}")
-        if energy is not None:
-            found.append(("energy", f"{energy:.2f} Wh"))
+    for sources in (flight.batteries, (f"{flight.vehicle}/SYS_STATUS",)):
+        energies = [flight.energy.watt_hours[each] for each in sources if each in flight.energy.watt_hours]
+        if energies:
+            found.append(("energy", f"{sum(energies):.2f} Wh"))
             break
     worst = flight.tracking.worst
     if worst is not None:

@@ -16,6 +16,7 @@ from companion.view.finding import Finding, Level
 from companion.view.findings import findings
 from companion.view.gather import GatheredFlight
 from companion.view.report_charts import charts
+from companion.view.report_tables import tiles
 from protocol.flightlog import Direction
 from protocol.messages import Encoder, dialect
 from tests.companion.view.made_logs import Values, from_tlog, make
@@ -209,6 +210,27 @@ def test_energy_is_voltage_times_current_over_time(tmp_path: Path) -> None:
             data = vehicle.encode_fields(dialect.MAVLink_sys_status_message, *status)
             writer.datagram(second * 1_000_000_000, second, Direction.IN, "", data)
     assert GatheredFlight(path).energy.watt_hours == {"1/1/SYS_STATUS": pytest.approx(1.8 - 18.0 / 3600.0, rel=1e-3)}
+
+
+def test_each_battery_is_one_of_its_own(tmp_path: Path) -> None:
+    """48 V of twelve cells and 10 A each for 60 s."""
+    path, vehicle = tmp_path / "batteries.mcap", Encoder(1, 1)
+    with Writer(path, 0, {}) as writer:
+        for second in range(61):
+            data = vehicle.encode_fields(dialect.MAVLink_heartbeat_message, 2, 3, 128, 0, 4, 3)
+            for number, left in ((0, 90), (2, 30)):
+                cells = (0, 0, 0, [4000] * 10, 1000, 0, 0, left - second // 4, 0, 0, [4000, 4000, 0, 0])
+                data += vehicle.encode_fields(dialect.MAVLink_battery_status_message, number, *cells)
+            writer.datagram(second * 1_000_000_000, second, Direction.IN, "", data)
+    flight = GatheredFlight(path)
+    assert flight.energy.watt_hours == {f"1/1/BATTERY_STATUS{end}": pytest.approx(8.0) for end in ("", " 2")}
+    assert ("energy", "16.00 Wh") in tiles(flight)
+    assert [each.text for each in findings(flight) if each.about == "power"] == [
+        "The battery 2 went from 30 % to 15 %.",
+        "The battery went from 90 % to 75 %.",
+    ]
+    drawn = {chart.title: [curve.name for curve in chart.curves] for chart in charts(flight)}
+    assert drawn["Battery voltage"] == ["voltage", "voltage 2"] and drawn["Battery left"] == ["left", "left 2"]
 
 
 def test_a_failed_flight_says_so_first(tmp_path: Path) -> None:

@@ -282,6 +282,18 @@ def test_the_charts_show_their_time_alone_where_two_messages_tell_the_attitude(t
         assert np.allclose(angles[:, 0], np.degrees(0.1), atol=1e-4)
 
 
+def test_of_several_batteries_the_emptiest_is_shown() -> None:
+    """Whichever was told last."""
+    ours, theirs = Memory.pair()
+    source, history, vehicle = Link("memory", ours, b""), History(), Encoder(1, 1)
+    for number, left in ((0, 90), (1, 15), (0, 89)):
+        cells = (0, 0, 0, [65535] * 10, -1, -1, -1, left)
+        theirs.send(vehicle.encode_fields(dialect.MAVLink_battery_status_message, number, *cells))
+        for batch in source.poll():
+            history.take(batch)
+    assert history.at(history.end).battery == 15.0
+
+
 def test_names_of_files_may_be_any_bytes(tmp_path: Path) -> None:
     """Of a log that is damaged, too: each text of the page can be sent."""
     path = tmp_path / os.fsdecode(b"l\xe9.mcap")
