@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from datetime import datetime
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -149,7 +150,8 @@ def _replay_table(result: "Replay") -> dict[str, object]:
                 "field": each.field,
                 "first_s": each.first_ns * 1e-9,
                 "count": each.count,
-                "largest": each.largest,
+                # JSON has no infinity
+                "largest": each.largest if each.largest is not None and isfinite(each.largest) else None,
             }
             for each in result.differences
         ],

@@ -28,7 +28,7 @@ class Difference:
     first_ns: int
     count: int = 0
     largest: float | None = None
-    """Largest absolute difference, in the field's unit; None if it is no number."""
+    """Largest absolute difference, in the field's unit; inf where one of the two was; None if it is no number."""
 
     def add(self, size: float | None) -> None:
         """Add a difference of this size."""
@@ -166,6 +166,6 @@ def _same(then: Any, now: Any) -> bool:
 
 
 def _distance(then: Any, now: Any) -> float | None:
-    if isinstance(then, int | float):
-        return abs(float(now) - float(then))
-    return None
+    """None where it is no number: of texts, and between a number and none."""
+    size = abs(float(now) - float(then)) if isinstance(then, int | float) else math.nan
+    return None if math.isnan(size) else size

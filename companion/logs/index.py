@@ -152,16 +152,18 @@ def _flown(found: Info) -> tuple[float | None, float | None]:
         except (ValueError, FlightLogError):  # a trace of another version, without what is asked of it
             return None, None
         return round(summary.distance_m, 2), _rounded(summary.seen_clearance_m)
-    positions = [
+    told = [
         (message.x, message.y, message.z)
         for datagram, frames in open_traffic(found.path).framed()
         if datagram.direction is Direction.IN
         for frame in frames
         if frame.message_id == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and (message := decode(frame)) is not None
     ]
-    if not positions:
+    positions = np.array(told).reshape(-1, 3)
+    positions = positions[np.isfinite(positions).all(axis=1)]
+    if not len(positions):
         return None, None
-    steps = np.diff(np.array(positions), axis=0)
+    steps = np.diff(positions, axis=0)
     return round(float(np.sqrt((steps**2).sum(axis=1)).sum()), 2), None
 
 

@@ -1,6 +1,7 @@
 """The listing of a folder and its index."""
 
 import json
+import math
 import os
 import shutil
 from pathlib import Path
@@ -139,3 +140,12 @@ def test_a_trace_that_is_cut_is_said(fly: Flyer, tmp_path: Path) -> None:
     rewritten(fly(), tmp_path / "a.mcap", cut)
     (row,) = listing(tmp_path)
     assert row.result == "unreadable" and row.faults[0]
+
+
+def test_places_that_are_no_numbers_count_for_no_distance(tmp_path: Path) -> None:
+    places = [(0.0, 0.0), (3.0, 4.0), (math.nan, 4.0), (3.0, 5.0)]
+    telemetry_log(
+        tmp_path / "a.tlog", *(dialect.MAVLink_local_position_ned_message(1, *place, 0, 0, 0, 0) for place in places)
+    )
+    (row,) = listing(tmp_path)
+    assert row.distance_m == 6.0

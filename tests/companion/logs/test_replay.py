@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.cli.logs import _replay_table
 from companion.events import operation_of
 from companion.logs.difference import EXTRA, MISSING, Differ
 from companion.logs.repair import repair
-from companion.logs.replay import replay
+from companion.logs.replay import Replay, replay
 from companion.records import LOGGED, OPERATION, TICK, TRACE
 from companion.supervision.operations import LandRequest
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
@@ -165,6 +166,21 @@ def test_bytes_that_are_no_frame_are_compared_too() -> None:
     differ.datagram(6, b"\x01\x02", b"\x01\x02")
     (difference,) = differ.differences
     assert (difference.message, difference.first_ns, difference.count) == ("datagram", 5, 1)
+
+
+def test_what_was_infinite_or_no_number_has_no_size_in_json() -> None:
+    """The trace's free distance is inf where all is free; a NaN in a setpoint says that it is not used."""
+    then, now = np.zeros(1, LOGGED.dtype), np.zeros(1, LOGGED.dtype)
+    then["free_distance"], then["clearance"], now["clearance"] = np.inf, np.nan, 2.0
+    differ = Differ()
+    differ.trace(0, then.tobytes(), now.tobytes())
+    differ.trace(1, now.tobytes(), np.zeros(1, LOGGED.dtype).tobytes())
+    differ.trace(2, then.tobytes(), now.tobytes())
+    sizes = {each.field: each.largest for each in differ.differences}
+    assert sizes == {"free_distance": np.inf, "clearance": 2.0}
+    result = Replay(differ.differences, [], 1, 1, 1, 1.0, 1.0, {}, None)
+    rows = json.loads(json.dumps(_replay_table(result), allow_nan=False))["differences"]
+    assert {row["field"]: row["largest"] for row in rows} == {"free_distance": None, "clearance": 2.0}
 
 
 def test_what_if(fly: Flyer, tmp_path: Path) -> None:
