@@ -73,13 +73,14 @@ class Converter:
         self._writer = writer
         self._copied: dict[str, int] = {}
         self._added: dict[str, tuple[int, int]] = {}
-        self._due: dict[str, float] = {}
+        self._written: dict[str, int] = {}
+        """When (ns) each of what is thinned was written last."""
         self._position_ned: Array | None = None
         self._tracks = {name: Track(8, _PATH_POINTS) for name in ("path", "reference_path")}
         self._way = np.empty((0, 2))
         """(k, 2) north and east (m) of the last planned corners; the first is where the vehicle was then."""
         self._mapper = Mapper(avoidance_of(log.attachments.get("settings.json", b"{}")))
-        self._started = False
+        self._start_ns = 0
         self._has_texts = has_texts(log)
         self._kinds = log.topics
 
@@ -87,8 +88,8 @@ class Converter:
         """Convert the whole log. Returns the number of messages that were added."""
         topics = frozenset(self._log.topics) - {DATAGRAM.topic}
         for record in self._log.records(topics):
-            if not self._started:
-                self._started = True
+            if not self._copied:
+                self._start_ns = record.time_ns
                 self._add_world_and_vehicle(record.time_ns)
             self._copy(record)
             self._convert(record)
@@ -119,10 +120,11 @@ class Converter:
         return Timestamp(seconds=seconds, nanos=nanos)
 
     def _is_due(self, name: str, time_ns: int, every_s: float) -> bool:
-        time = time_ns * 1e-9
-        if time < self._due.get(name, -math.inf):
+        """Also where the clock was set back."""
+        last_ns = self._written.get(name)
+        if last_ns is not None and 0 <= time_ns - last_ns < round(every_s * 1e9):
             return False
-        self._due[name] = time + every_s - 1e-9
+        self._written[name] = time_ns
         return True
 
     def _convert(self, record: Record) -> None:
@@ -185,7 +187,7 @@ class Converter:
         track = self._tracks[name]
         track.add(np.array([time_ns * 1e-9]), np.concatenate((place, turn))[None])
         # A path is as long as the flight. It is written each second at first and then ever more rarely, to stay small.
-        if self._is_due(name, time_ns, max(1.0, 0.02 * time_ns * 1e-9)):
+        if self._is_due(name, time_ns, max(1.0, 0.02e-9 * (time_ns - self._start_ns))):
             poses = [Pose(position=_vector(row[1:4]), orientation=_quaternion(row[4:])) for row in track.rows()]
             self._add(name, time_ns, PosesInFrame(timestamp=self._stamp(time_ns), frame_id=WORLD_FRAME, poses=poses))
 

@@ -98,6 +98,33 @@ def test_poses_are_east_north_up_and_the_nose_points_north(tmp_path: Path) -> No
     assert path[-1].position.y == pytest.approx(SPEED * 3.0, abs=0.1)
 
 
+def flown(path: Path, back_s: int = 0) -> Path:
+    """A vehicle's telemetry of 20 s from 2023, with a clock that is set back in the middle."""
+    vehicle = Encoder(1, 1)
+    with Writer(path, 17 * 10**17, {}) as writer:
+        for number in range(1000):
+            time_ns = 20_000_000 * number + (back_s * 10**9 if number < 500 else 0)
+            writer.datagram(time_ns, number, Direction.IN, "", telemetry(vehicle, number, 1.0))
+    return path
+
+
+def test_a_log_whose_start_is_damaged_is_drawn_as_a_whole_one(tmp_path: Path) -> None:
+    """Its times count from 1970 then."""
+    whole, damaged = flown(tmp_path / "whole.mcap"), tmp_path / "damaged.mcap"
+    damaged.write_bytes(whole.read_bytes().replace(b"epoch_ns", b"epoch_xx"))
+    counts = []
+    for path in (whole, damaged):
+        found = decoded(convert(path, tmp_path / "drawn.mcap").path)
+        counts.append({topic: len(messages) for topic, messages in found.items()})
+    assert counts[0] == counts[1] and counts[0]["/foxglove/path"] > 10
+
+
+def test_a_clock_that_was_set_back_stops_no_topic(tmp_path: Path) -> None:
+    poses = decoded(convert(flown(tmp_path / "back.mcap", 100)).path)["/foxglove/pose"]
+    late = [time_ns for time_ns, _ in poses if time_ns < 17 * 10**17 + 50 * 10**9]
+    assert len(late) == len(poses) - len(late) > 50
+
+
 def test_the_reference_looks_where_its_yaw_says(tmp_path: Path) -> None:
     def change(_: float, values: Values) -> None:
         values["reference_yaw"] = math.radians(30.0)
