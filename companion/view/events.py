@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 from companion.mission.plan import Phase
@@ -44,7 +45,7 @@ def events(flight: GatheredFlight) -> list[Event]:
     story += _changes(flight.phases.finish(), "phase", phase_name)
     for sender, stretches in senders.modes.items():
         source = f"mode of {senders.name(sender)}"
-        story += _changes(stretches.finish(), source, lambda mode: senders.mode_names.get(mode, str(mode)))
+        story += _changes(stretches.finish(), source, partial(senders.mode, sender))
     for sender, stretches in senders.armed.items():
         story += _changes(stretches.finish(), senders.name(sender), lambda armed: "armed" if armed else "disarmed")
     return sorted(story, key=lambda event: event.time)[:_MOST_EVENTS]

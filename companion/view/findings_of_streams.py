@@ -65,7 +65,8 @@ def _obeyed_until(flight: GatheredFlight, at: float) -> float:
     modes, armed = senders.modes.get(flight.vehicle), senders.armed.get(flight.vehicle)
     if modes is None or armed is None or not any(s.value and s.start <= at <= s.stop for s in armed.finish()):
         return -math.inf
-    obeyed = (s for s in modes.finish() if s.start <= at <= s.stop and senders.mode_names[s.value] in _OBEYS)
+    at_that_time = (s for s in modes.finish() if s.start <= at <= s.stop)
+    obeyed = (s for s in at_that_time if senders.mode(flight.vehicle, s.value) in _OBEYS)
     return max((stretch.stop for stretch in obeyed), default=-math.inf)
 
 

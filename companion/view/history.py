@@ -143,6 +143,8 @@ class _Vehicle:
     batteries: dict[int, Track] = field(default_factory=dict)
     """The charge (%) of each by its number; _ALL_BATTERIES stands for what is told of all of them."""
     bearings: Floats = field(default_factory=lambda: np.radians(5.0 * np.arange(_SECTORS)))
+    modes: dict[int, str] = field(default_factory=dict)
+    """Names by custom_mode."""
     is_vehicle: bool = False
     has_quaternion: bool = False
 
@@ -158,7 +160,6 @@ class History:
         self._vehicles: dict[str, _Vehicle] = {}
         self._plans = Track(19, MOST)
         self._ways = Track(2 + _COORDINATES, MOST)
-        self._modes: dict[int, str] = {}
         self.shown: str | None = None
         """The sender ("system/component") of the vehicle that is shown; None: the first that was heard."""
         self._has_log = False
@@ -233,7 +234,7 @@ class History:
         vehicle.is_vehicle = True
         for autopilot, mode in {(int(row["autopilot"]), int(row["custom_mode"])) for row in table}:
             firmware = firmware_of(autopilot)
-            self._modes[mode] = firmware.mode_of(mode).value if firmware else f"mode {mode}"
+            vehicle.modes[mode] = firmware.mode_of(mode).value if firmware else f"mode {mode}"
         armed = (table["base_mode"] & dialect.MAV_MODE_FLAG_SAFETY_ARMED) != 0
         critical = np.isin(table["system_status"], _CRITICAL)
         vehicle.heartbeats.add(times, np.column_stack((table["custom_mode"], armed, critical)))
@@ -274,7 +275,7 @@ class History:
             returns_frd=returns,
             nearest=nearest,
             plan=self._plan(time),
-            mode="unknown" if heartbeat is None else self._modes.get(int(heartbeat[0]), "unknown"),
+            mode="unknown" if heartbeat is None else vehicle.modes.get(int(heartbeat[0]), "unknown"),
             armed=heartbeat is not None and bool(heartbeat[1]),
             failsafe=heartbeat is not None and bool(heartbeat[2]),
             link_age=min((age for age in ages if age is not None), default=None),
@@ -320,8 +321,8 @@ class History:
 
     def modes(self) -> list[Span]:
         """The vehicle's modes of flight, from the first to the last time."""
-        rows = self._vehicle.heartbeats.rows()
-        return _spans(rows[:, 0], rows[:, 1:2], lambda codes: self._modes.get(codes[0], "unknown"))
+        rows, names = self._vehicle.heartbeats.rows(), self._vehicle.modes
+        return _spans(rows[:, 0], rows[:, 1:2], lambda codes: names.get(codes[0], "unknown"))
 
     def path_ned(self) -> Floats:
         """(n, 3) the path of the vehicle so far (m)."""

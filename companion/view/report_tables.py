@@ -112,7 +112,7 @@ def bands(flight: GatheredFlight) -> tuple[Band, ...]:
     modes = flight.senders.modes.get(flight.vehicle)
     named = [(stretch.start, stretch.stop, phase_name(stretch.value)) for stretch in phases]
     named += [
-        (max(stretch.start, until), stretch.stop, flight.senders.mode_names[stretch.value])
+        (max(stretch.start, until), stretch.stop, flight.senders.mode(flight.vehicle, stretch.value))
         for stretch in (modes.finish() if modes is not None else ())
         if stretch.stop > until
     ]

@@ -16,8 +16,8 @@ class Senders:
     def __init__(self) -> None:
         self.modes: dict[str, Stretches] = {}
         """Stretches of HEARTBEAT.custom_mode."""
-        self.mode_names: dict[int, str] = {}
-        """By custom_mode, as its maker calls it."""
+        self._mode_names: dict[tuple[str, int], str] = {}
+        """By sender and custom_mode."""
         self.names: dict[str, str] = {}
         """What the sender is."""
         self.armed: dict[str, Stretches] = {}
@@ -31,6 +31,10 @@ class Senders:
         """What the sender is, with its number where there are several."""
         return self.names[sender] if len(self.names) == 1 else f"{self.names[sender]} {sender}"
 
+    def mode(self, sender: str, number: int) -> str:
+        """What the sender's maker calls this custom_mode of it."""
+        return self._mode_names.get((sender, number), f"mode {number}")
+
     def add_heartbeats(self, sender: str, times: Floats, table: Table) -> None:
         """Times (n,) in s and fields of HEARTBEAT (n,)."""
         flown = table["autopilot"] != dialect.MAV_AUTOPILOT_INVALID
@@ -40,7 +44,7 @@ class Senders:
         for autopilot, kind, mode in {(int(r["autopilot"]), int(r["type"]), int(r["custom_mode"])) for r in table}:
             if autopilot == dialect.MAV_AUTOPILOT_PX4:
                 self.bytewise.add(sender)
-            self.mode_names[mode] = mode_name(autopilot, kind, mode)
+            self._mode_names[sender, mode] = mode_name(autopilot, kind, mode)
             self.names[sender] = vehicle_name(autopilot, kind)
         armed = (table["base_mode"] & dialect.MAV_MODE_FLAG_SAFETY_ARMED) != 0
         critical = np.isin(table["system_status"], _CRITICAL)

@@ -169,7 +169,19 @@ def test_only_autopilots_are_senders() -> None:
     assert set(senders.modes) == set(senders.armed) == set(senders.critical) == senders.bytewise == {"1/1"}
     assert [stretch.value for stretch in senders.armed["1/1"].finish()] == [0, 1]
     assert [stretch.value for stretch in senders.critical["1/1"].finish()] == [0, 1]
-    assert list(senders.mode_names.values()) == ["Offboard"]
+    assert senders.mode("1/1", 6 << 16) == "Offboard"
+
+
+def test_each_vehicle_s_modes_have_their_own_names() -> None:
+    """Number 5 is Loiter of a copter and fly by wire of a plane; a gimbal's heartbeat has modes, too."""
+    senders = Senders()
+    kinds = {"1/1": dialect.MAV_TYPE_QUADROTOR, "2/1": dialect.MAV_TYPE_FIXED_WING, "1/154": dialect.MAV_TYPE_GIMBAL}
+    for sender, kind in kinds.items():
+        table = np.zeros(1, message_type(dialect.MAVLINK_MSG_ID_HEARTBEAT, "/x")[0].dtype)
+        table["autopilot"] = dialect.MAV_AUTOPILOT_GENERIC if sender == "1/154" else dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+        table["type"], table["custom_mode"] = kind, 5
+        senders.add_heartbeats(sender, TIMES[:1], table)
+    assert [senders.mode(sender, 5) for sender in kinds] == ["Loiter", "Fly by wire a", "mode 5"]
 
 
 def test_integer_parameters_are_bits_or_values_by_their_sender() -> None:
