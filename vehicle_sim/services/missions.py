@@ -131,6 +131,7 @@ class MissionService:
             self._say(f"Mission upload rejected: {message.count} items, room for {ROOM[kind]}")
             self._answer(partner, kind, dialect.MAV_MISSION_NO_SPACE)
         elif message.count == 0:
+            self._transfer = None
             self._store(kind, [])
             self._answer(partner, kind, _ACCEPTED)
         else:
@@ -263,6 +264,7 @@ class MissionService:
             self._say("Mission clear rejected: busy")
             self._answer(_sender(message), kind, _ERROR)
             return
+        self._transfer = None  # of what is gone no item is left to be requested again
         kinds = list(ROOM) if kind == dialect.MAV_MISSION_TYPE_ALL else [kind]
         for each in kinds:
             if each in ROOM:

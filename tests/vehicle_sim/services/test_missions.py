@@ -1,6 +1,7 @@
 """The mission protocol: uploads, downloads, and all that can go wrong with them."""
 
 import math
+from typing import Any
 
 import pytest
 from pymavlink import mavwp
@@ -186,6 +187,23 @@ def test_who_never_confirms_a_download_is_served_on(pilot: ForeignPilot) -> None
         pilot.fly(0.004)
         assert len(pilot.all(answer, before)) >= 1 and not pilot.texts, answer
         assert not [ack for ack in pilot.all("MISSION_ACK", before) if ack.type != ACCEPTED]
+
+
+@pytest.mark.parametrize(
+    "empties",
+    [mavlink.MAVLink_mission_clear_all_message(1, 1, MISSION), mavlink.MAVLink_mission_count_message(1, 1, 0, MISSION)],
+)
+def test_the_last_item_requested_again_when_the_mission_has_gone(pilot: ForeignPilot, empties: Any) -> None:
+    assert upload(pilot, ROWS[MISSION]) == ACCEPTED
+    pilot.send(mavlink.MAVLink_mission_request_list_message(1, 1, MISSION))
+    for number in range(len(ROWS[MISSION])):
+        pilot.send(mavlink.MAVLink_mission_request_int_message(1, 1, number, MISSION))
+    pilot.send(empties)
+    pilot.fly(0.004)
+    assert pilot.last("MISSION_ACK").type == ACCEPTED
+    pilot.send(mavlink.MAVLink_mission_request_int_message(1, 1, len(ROWS[MISSION]) - 1, MISSION))
+    pilot.fly(0.004)
+    assert pilot.last("MISSION_ACK").type == ERROR
 
 
 def test_the_current_item_is_set_and_said(pilot: ForeignPilot) -> None:
