@@ -66,8 +66,8 @@ class MissionService:
         """Messages of the items, by type."""
         self._received: list[Any] = []
         self._transfer: Transfer | None = None
-        self._complete: Transfer | None = None
-        """The latest upload: its last item may come again."""
+        self._complete: tuple[Transfer, int] | None = None
+        """The latest upload and what was answered to it: its last item may come again."""
         self._said_current: int | None = None
         self.handlers: dict[int, Callable[[Any], None]] = {
             dialect.MAVLINK_MSG_ID_MISSION_COUNT: self._for_vehicle(self._count),
@@ -166,16 +166,20 @@ class MissionService:
         if transfer.next < transfer.count:
             self._ask(transfer)
             return
-        self._transfer, self._complete = None, transfer
-        self._answer(partner, transfer.kind, _ACCEPTED if self._store(transfer.kind, self._received) else _ERROR)
+        result = _ACCEPTED if self._store(transfer.kind, self._received) else _ERROR
+        self._transfer, self._complete = None, (transfer, result)
+        self._answer(partner, transfer.kind, result)
 
     def _answer_late_item(self, message: Any, partner: tuple[int, int]) -> None:
         """The last item once more: its answer was lost. Any other one belongs to no transfer."""
-        done = self._complete
-        known = done is not None and done.partner == partner and message.seq == done.count - 1
-        if not known:
-            self._say("Mission item ignored: no transfer")
-        self._answer(partner, message.mission_type, _ACCEPTED if known else _ERROR)
+        if self._complete is not None:
+            done, result = self._complete
+            last = done.partner, done.kind, done.count - 1
+            if (partner, message.mission_type, message.seq) == last:
+                self._answer(partner, done.kind, result)
+                return
+        self._say("Mission item ignored: no transfer")
+        self._answer(partner, message.mission_type, _ERROR)
 
     def _store(self, kind: int, messages: list[Any]) -> bool:
         """Put an upload into effect; False if its items don't belong together. The same once more changes nothing."""

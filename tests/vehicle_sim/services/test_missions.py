@@ -145,6 +145,20 @@ def test_items_out_of_turn_from_others_and_of_other_types(pilot: ForeignPilot) -
     assert pilot.last("MISSION_ACK").type == ERROR
 
 
+def test_a_last_item_that_comes_again_has_the_answer_that_was_given(pilot: ForeignPilot) -> None:
+    lone = at(CORNER, 0.0, 0.0, 0.0, 3.0)
+    assert upload(pilot, [lone], FENCE) == ERROR, "a polygon of three corners"
+    for kind, result in ((FENCE, ERROR), (RALLY, ERROR)):
+        pilot.send(message(lone, 0, kind))
+        pilot.fly(0.004)
+        assert (pilot.last("MISSION_ACK").type, pilot.last("MISSION_ACK").mission_type) == (result, kind)
+    assert upload(pilot, ROWS[RALLY], RALLY) == ACCEPTED
+    for kind, result in ((RALLY, ACCEPTED), (MISSION, ERROR)):
+        pilot.send(message(ROWS[RALLY][1], 1, kind))
+        pilot.fly(0.004)
+        assert (pilot.last("MISSION_ACK").type, pilot.last("MISSION_ACK").mission_type) == (result, kind)
+
+
 def test_too_many_unknown_and_cancelled(pilot: ForeignPilot) -> None:
     for count, kind, result in (
         (ROOM[RALLY] + 1, RALLY, mavlink.MAV_MISSION_NO_SPACE),
