@@ -36,7 +36,7 @@ def check(message: Any, origin: Geodetic) -> None:
         to_item(message, origin)
     elif kind == dialect.MAV_MISSION_TYPE_FENCE and command in _POLYGONS:
         placed(message, origin)
-        if message.param1 < 3.0:
+        if not 3.0 <= message.param1 < math.inf:
             raise ItemError(dialect.MAV_MISSION_ERROR)
     elif kind == dialect.MAV_MISSION_TYPE_FENCE and command in _CIRCLES:
         if not message.param1 >= 0.0:

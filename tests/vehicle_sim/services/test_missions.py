@@ -82,6 +82,8 @@ def test_the_loader_of_pymavlink_gets_its_items_in_real_numbers(pilot: ForeignPi
         (do(mavlink.MAV_CMD_DO_SET_ROI, 2.0), MISSION, mavlink.MAV_MISSION_INVALID_PARAM1),
         (at(CIRCLE, 0.0, 0.0, 0.0, -1.0), FENCE, mavlink.MAV_MISSION_INVALID_PARAM1),
         (at(CORNER, 0.0, 0.0, 0.0, 2.0), FENCE, ERROR),
+        (at(CORNER, 0.0, 0.0, 0.0, math.nan), FENCE, ERROR),
+        (at(CORNER, 0.0, 0.0, 0.0, math.inf), FENCE, ERROR),
         (at(CORNER, 0.0, 0.0, 0.0, 3.0), FENCE, ERROR),
     ],
 )
