@@ -12,7 +12,7 @@ from vehicle_sim.services.identity import COMPONENT, Identity
 from vehicle_sim.services.mission_items import ItemError, check, params_of, placed, to_item, zones
 from vehicle_sim.services.mode_messages import mission_progress
 from vehicle_sim.services.outbox import Outbox
-from vehicle_sim.services.places import ON_EARTH, Geodetic
+from vehicle_sim.services.places import ON_EARTH, Geodetic, as_real, as_whole
 
 RETRY_NS = 250_000_000
 """Time without an item after which it is requested again."""
@@ -235,8 +235,9 @@ class MissionService:
     def _send_item(self, partner: tuple[int, int], item: Any, *, whole: bool) -> None:
         """As it was uploaded, in the form (with whole or real numbers) that is asked for."""
         x, y, was_whole = item.x, item.y, item.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT
-        if was_whole != whole and item.frame in ON_EARTH:
-            x, y = (round(item.x * 1e7), round(item.y * 1e7)) if whole else (item.x * 1e-7, item.y * 1e-7)
+        if was_whole != whole:
+            convert, scale = (as_whole, 1e7) if whole else (as_real, 1e-7)
+            x, y = (convert(value, scale if item.frame in ON_EARTH else 1.0) for value in (x, y))
         self._outbox.send(
             dialect.MAVLink_mission_item_int_message if whole else dialect.MAVLink_mission_item_message,
             *partner,
@@ -246,8 +247,8 @@ class MissionService:
             int(item.mission_type == 0 and item.seq == self._flight.mission.current),
             item.autocontinue,
             *params_of(item),
-            int(x) if whole else float(x),
-            int(y) if whole else float(y),
+            x,
+            y,
             item.z,
             item.mission_type,
         )

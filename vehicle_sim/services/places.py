@@ -33,6 +33,17 @@ def on_earth(position_ned: Sequence[float], origin: Geodetic) -> tuple[int, int,
     return round(math.degrees(latitude) * 1e7), round(math.degrees(longitude) * 1e7), altitude
 
 
+def as_whole(value: float, scale: float) -> int:
+    """A coordinate of MISSION_ITEM in MISSION_ITEM_INT; unset if it is not given, or none that fits there."""
+    scaled = value * scale
+    return round(scaled) if abs(scaled) < UNSET_E7 else UNSET_E7
+
+
+def as_real(value: int, scale: float) -> float:
+    """A coordinate of MISSION_ITEM_INT in MISSION_ITEM; not a number if it is unset."""
+    return math.nan if value == UNSET_E7 else value * scale
+
+
 def place_of(item: Any, origin: Geodetic) -> Place | None:
     """Where a MISSION_ITEM or MISSION_ITEM_INT in a global frame is; None if there is no such place.
 

@@ -8,7 +8,7 @@ from pymavlink import mavwp
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicle_sim.foreign_pilot import ForeignPilot
-from tests.vehicle_sim.mission_uploader import RELATIVE, Row, at, do, download, message, upload
+from tests.vehicle_sim.mission_uploader import ON_THE_SPOT, RELATIVE, Row, at, do, download, message, upload
 from vehicle_sim.services.missions import RETRY_NS, ROOM, TIMEOUT_NS
 
 ACCEPTED, ERROR = mavlink.MAV_MISSION_ACCEPTED, mavlink.MAV_MISSION_ERROR
@@ -59,6 +59,30 @@ def test_the_loader_of_pymavlink_gets_its_items_in_real_numbers(pilot: ForeignPi
         pilot.fly(0.004)
         item = pilot.last("MISSION_ITEM")
         assert (item.x, item.y, item.z) == pytest.approx((loader.wp(number).x, 8.0, 5.0), abs=1e-5)
+
+
+@pytest.mark.parametrize("unused", [math.nan, math.inf, -1e30])
+@pytest.mark.parametrize("command", [mavlink.MAV_CMD_DO_CHANGE_SPEED, mavlink.MAV_CMD_DO_SET_ROI_NONE])
+def test_what_no_whole_number_can_say_is_unset_in_one(pilot: ForeignPilot, command: int, unused: float) -> None:
+    frame = RELATIVE if command == mavlink.MAV_CMD_DO_SET_ROI_NONE else ON_THE_SPOT
+    params = (0.0, 3.0, 0.0, 0.0)
+    pilot.send(mavlink.MAVLink_mission_count_message(1, 1, 1))
+    pilot.send(mavlink.MAVLink_mission_item_message(1, 1, 0, frame, command, 0, 1, *params, unused, 12.0, 0.0))
+    pilot.fly(0.004)
+    assert pilot.last("MISSION_ACK").type == ACCEPTED
+    (item,) = download(pilot)
+    assert (item.x, item.y) == (2**31 - 1, 120_000_000 if frame == RELATIVE else 12)
+
+
+def test_a_place_that_is_not_given_is_no_number_of_degrees(pilot: ForeignPilot) -> None:
+    unset = 2**31 - 1
+    here = (mavlink.MAV_CMD_NAV_TAKEOFF, RELATIVE, (0.0,) * 4, unset, unset, 5.0)
+    assert upload(pilot, [here]) == ACCEPTED
+    pilot.send(mavlink.MAVLink_mission_request_list_message(1, 1))
+    pilot.send(mavlink.MAVLink_mission_request_message(1, 1, 0))
+    pilot.fly(0.004)
+    item = pilot.last("MISSION_ITEM")
+    assert math.isnan(item.x) and math.isnan(item.y) and item.z == 5.0
 
 
 @pytest.mark.parametrize(
