@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from vehicle_sim.timing import TICK_NS
 
 TICK_US = TICK_NS // 1000
+_LONGEST_US = 2**31 - 1
+"""MESSAGE_INTERVAL has room for no longer interval, which is 36 minutes."""
 
 
 @dataclass(slots=True)
@@ -41,7 +43,8 @@ class Schedule:
         self._reschedule()
 
     def set_interval(self, message_id: int, interval_us: int) -> bool:
-        """-1: off, 0: the default, else rounded down to whole ticks, but not below the least interval.
+        """-1: off, 0: the default, else rounded down to whole ticks, but not below the least interval, and at most
+        `_LONGEST_US`.
 
         False: there is no such message.
         """
@@ -53,7 +56,7 @@ class Schedule:
         elif interval_us == 0:
             stream.ticks = stream.default_ticks
         else:
-            stream.ticks = max(stream.min_ticks, interval_us // TICK_US)
+            stream.ticks = max(stream.min_ticks, min(interval_us, _LONGEST_US) // TICK_US)
         self._reschedule()
         return True
 

@@ -172,6 +172,15 @@ def test_an_interval_can_be_ended_reset_and_read() -> None:
     assert pilot.interval(position, -7) == DENIED
 
 
+@pytest.mark.parametrize("asked_us", [3e9, 1e38])
+def test_the_longest_interval_is_what_can_be_told(asked_us: float) -> None:
+    pilot = ForeignPilot()
+    position = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    assert pilot.interval(position, asked_us) == ACCEPTED
+    assert pilot.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, position) == ACCEPTED
+    assert pilot.last("MESSAGE_INTERVAL").interval_us == pytest.approx(2**31, abs=4000.0)
+
+
 def test_all_streams_can_be_switched_off() -> None:
     pilot = ForeignPilot()
     for message_id in pilot.vehicle.telemetry.message_ids:
