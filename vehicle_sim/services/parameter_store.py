@@ -23,8 +23,9 @@ Value = float | int
 _NO_TRANSMITTER_NEEDED = 7
 _VOLATILE = frozenset({"COM_FLIGHT_UUID"})
 """Changes by itself, and does not count for the hash."""
-
-
+_HIGHEST_FLOAT = (2.0 - 2.0**-23) * 2.0**127
+_INT32, _FLOAT32 = (-(2.0**31), 2.0**31 - 1.0), (-_HIGHEST_FLOAT, _HIGHEST_FLOAT)
+"""What PARAM_VALUE has room for, at the least and at the most."""
 _LOSSES = ("COM_DL_LOSS_T", "COM_OBC_LOSS_T", "COM_OF_LOSS_T", "COM_RC_LOSS_T")
 
 
@@ -192,9 +193,10 @@ class Parameters:
         if name in self._facts:
             return None if value == self[name] else Refusal.READ_ONLY
         bound = OBEYED.get(name)
-        least = -math.inf if entry.least is None else entry.least
-        most = math.inf if entry.most is None else entry.most
-        if not (math.isfinite(value) and least <= value <= most):
+        lowest, highest = _INT32 if entry.is_integer else _FLOAT32
+        least = lowest if entry.least is None else entry.least
+        most = highest if entry.most is None else entry.most
+        if not least <= value <= most:  # NaN neither
             return Refusal.VALUE_OUT_OF_RANGE
         if bound is not None and bound.choices and value not in bound.choices:
             return Refusal.VALUE_OUT_OF_RANGE

@@ -42,6 +42,18 @@ def test_parameters_are_shown_and_set_and_what_is_unknown_is_said() -> None:
     assert "1.16" in run(pilot, "ver all")
 
 
+@pytest.mark.parametrize("assignment", ["SYS_HAS_MAG 99999999999", "SYS_PARAM_VER 2147483648", "BAT1_V_CHARGED -1e300"])
+def test_a_value_that_no_message_can_tell_is_out_of_range(assignment: str) -> None:
+    pilot = ForeignPilot()
+    name, before = assignment.split()[0], pilot.vehicle.parameters.checksum()
+    assert run(pilot, f"param set {assignment}") == f"{name}: value out of range"
+    assert pilot.vehicle.parameters.checksum() == before
+    assert run(pilot, "param set BAT1_V_CHARGED 3.4028234663852886e38").startswith("BAT1_V_CHARGED : 3.4")
+    pilot.send(mavlink.MAVLink_param_request_list_message(1, 1))
+    pilot.fly(0.5)
+    assert len(pilot.all("PARAM_VALUE")) == len(pilot.vehicle.parameters.names) + 1
+
+
 def test_a_list_is_cut_where_it_says_so() -> None:
     pilot = ForeignPilot()
     lines = run(pilot, "param show").splitlines()
