@@ -214,13 +214,15 @@ class FlightCommands:
     # --- mission and payload ---
 
     def _set_mission_current(self, message: Any) -> Result:
-        mission = self._flight.mission
-        if message.param2 == 1.0:
+        mission, number, anew = self._flight.mission, whole(message.param1), message.param2 == 1.0
+        if number == -1:
+            number = 0 if anew else mission.current
+        if not 0 <= number < len(mission.items):
+            return self._flight.refuse(f"Mission item {number} is not in the list", Result.DENIED)
+        if anew:
             mission.rewind()
-        number = whole(message.param1)
-        if mission.go_to(mission.current if number == -1 else number):
-            return Result.ACCEPTED
-        return self._flight.refuse(f"Mission item {number} is not in the list", Result.DENIED)
+        mission.go_to(number)
+        return Result.ACCEPTED
 
     def _pause_or_continue(self, message: Any) -> Result:
         modes = {0: Mode.HOLD, 1: Mode.MISSION}

@@ -256,6 +256,12 @@ def test_the_current_item_is_set_and_said(pilot: ForeignPilot) -> None:
     assert pilot.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 3) == mavlink.MAV_RESULT_ACCEPTED
     assert pilot.last("MISSION_CURRENT").seq == 3
     assert pilot.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 4) == mavlink.MAV_RESULT_DENIED
+    assert pilot.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, 4, 1) == mavlink.MAV_RESULT_DENIED
+    pilot.fly(0.004)
+    assert pilot.last("MISSION_CURRENT").seq == 3, "what is refused resets nothing"
     pilot.send(mavlink.MAVLink_mission_set_current_message(1, 1, 9))
     pilot.fly(0.004)
     assert pilot.last("MISSION_CURRENT").seq == 3 and "Mission item 9 is not in the list" in pilot.texts
+    for params, current in (((-1,), 3), ((2, 1), 2), ((-1, 1), 0)):
+        assert pilot.command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, *params) == mavlink.MAV_RESULT_ACCEPTED
+        assert pilot.last("MISSION_CURRENT").seq == current
