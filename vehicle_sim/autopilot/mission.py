@@ -140,7 +140,7 @@ class Mission:
     def _begin(self) -> None:
         item = self.items[self.current]
         self._begun, self._since_ns, self._yaw = True, None, None
-        must_fly = item.command < dialect.MAV_CMD_NAV_LAST and item.command != dialect.MAV_CMD_NAV_LAND
+        must_fly = item.is_flown_to and item.command != dialect.MAV_CMD_NAV_LAND
         if self._landed and must_fly and item.place is not None:
             north, east, down = self._motion.position_ned
             top = min(item.place.ned(self._home_ned)[2], down - self._settings.auto.takeoff_height_m)

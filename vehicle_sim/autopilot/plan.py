@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from protocol.arrays import Vector
+from protocol.messages import dialect
 from vehicle_sim.autopilot import fence
 
 
@@ -32,6 +33,11 @@ class Item(NamedTuple):
     """None for items that happen where the vehicle is."""
     autocontinue: bool = True
 
+    @property
+    def is_flown_to(self) -> bool:
+        """Its place is one to fly to, and not one to look at."""
+        return self.command < int(dialect.MAV_CMD_NAV_LAST)
+
 
 @dataclass(slots=True)
 class Limits:
@@ -49,7 +55,7 @@ class Limits:
     def objection(self, items: tuple[Item, ...]) -> str | None:
         """Which item of a mission the fence does not allow, or None."""
         for number, item in enumerate(items):
-            place = item.place
+            place = item.place if item.is_flown_to else None
             if place is not None and not math.isnan(place.north) and not fence.allows(self.zones, place[:2]):
                 return f"item {number} is outside of the geofence"
         return None

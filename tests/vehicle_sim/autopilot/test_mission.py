@@ -211,6 +211,15 @@ def test_leaving_the_fence_ends_in_hold() -> None:
     assert pilot.set_mode(RETURN) == ACCEPTED
 
 
+def test_what_is_looked_at_may_lie_beyond_the_fence() -> None:
+    pilot = in_the_air(at(mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0.0, 40.0, 0.0), at(WAYPOINT, 8.0, 0.0, 3.0))
+    circle = mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
+    assert upload(pilot, [at(circle, 0.0, 0.0, 0.0, 20.0)], FENCE) == mavlink.MAV_MISSION_ACCEPTED
+    assert pilot.set_mode(HOLD) == ACCEPTED and pilot.set_mode(MISSION) == ACCEPTED
+    assert pilot.fly(15.0, until=lambda: pilot.mode == HOLD)
+    assert reached(pilot) == [0, 1]
+
+
 def test_a_return_leads_to_the_nearest_of_home_and_the_rally_points() -> None:
     pilot = in_the_air(at(WAYPOINT, 20.0, 0.0, 3.0))
     point = mavlink.MAV_CMD_NAV_RALLY_POINT
