@@ -92,7 +92,7 @@ class SetpointService:
             if place is None:
                 return
             above_home = message.coordinate_frame in ABOVE_HOME
-            position = *place, (self._flight.home_ned[2] if above_home else self._origin[2]) - message.alt
+            position = *place, _finite((self._flight.home_ned[2] if above_home else self._origin[2]) - message.alt)
         self._set_target(message, position, *_rates(message))
 
     def _set_target(self, message: Any, position: Axes, velocity: Axes, acceleration: Axes) -> None:

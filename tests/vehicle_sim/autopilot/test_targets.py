@@ -93,6 +93,20 @@ def test_a_place_on_earth(aloft: ForeignPilot) -> None:
     assert aloft.vehicle.motion.position_ned == pytest.approx((4.0, 3.0, -5.0), abs=0.15)
 
 
+@pytest.mark.parametrize("altitude", [math.nan, math.inf, -math.inf])
+def test_a_place_without_an_altitude_brakes(aloft: ForeignPilot, altitude: float) -> None:
+    """It leaves the height open."""
+    latitude, longitude, _ = to_geodetic(np.array([40.0, 30.0, -5.0]), EMPTY.origin)
+    x, y = (round(math.degrees(angle) * 1e7) for angle in (latitude, longitude))
+    frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+    message = mavlink.MAVLink_set_position_target_global_int_message(
+        0, 1, 1, frame, ALL & ~POSITION, x, y, altitude, *NONE, *NONE, 0.0, 0.0
+    )
+    before = aloft.vehicle.motion.position_ned
+    fly(aloft, 2.0, lambda: aloft.send(message))
+    assert aloft.vehicle.motion.position_ned == pytest.approx(before, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("uses", "frame", "said"),
     [
