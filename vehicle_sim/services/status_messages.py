@@ -63,7 +63,10 @@ _BASE_MODES = {
 """Flags of base_mode, by what is flown; those of the automatic modes otherwise."""
 
 _NOTHING_8 = bytes(8)
-_UNUSED_CELLS = (65535,) * 9
+_UNUSED = 65535
+"""A voltage (mV) that is not told."""
+_CELLS = 10
+"""BATTERY_STATUS has so many of them."""
 
 
 class StatusMessages:
@@ -120,7 +123,7 @@ class StatusMessages:
             everything,
             health,
             100,
-            round(volts * 1e3),
+            min(round(volts * 1e3), _UNUSED),
             int16(amperes * 100.0),
             round(remaining * 100.0),
             *(0,) * 6,
@@ -153,7 +156,7 @@ class StatusMessages:
             dialect.MAV_BATTERY_FUNCTION_ALL,
             dialect.MAV_BATTERY_TYPE_LIPO,
             32767,
-            (round(volts * 1e3), *_UNUSED_CELLS),
+            _as_cells(round(volts * 1e3)),
             int16(amperes * 100.0),
             round(used_wh / volts * 1e3),
             round(used_wh * 36.0),
@@ -217,3 +220,12 @@ class StatusMessages:
         full = math.sqrt(self._airframe.body.rotor_max_thrust_n / rotors.thrust_constant_ns2)
         pulses = [round(1000.0 + 1000.0 * speed / full) for speed in now.truth.rotor_speeds]
         return self._encode(dialect.MAVLink_servo_output_raw_message, now.now_us & 0xFFFFFFFF, 0, *pulses, *(0,) * 12)
+
+
+def _as_cells(millivolts: int) -> list[int]:
+    """The voltage of a whole battery where those of its cells belong: what one has no room for, the next ones have."""
+    cells: list[int] = []
+    while len(cells) < _CELLS:
+        cells.append(min(millivolts, _UNUSED - 1) if millivolts else _UNUSED)
+        millivolts -= min(millivolts, _UNUSED - 1)
+    return cells

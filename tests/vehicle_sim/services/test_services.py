@@ -402,6 +402,15 @@ def test_battery_runs_down(moving: ForeignPilot) -> None:
     assert last.current_battery > 300
 
 
+def test_a_voltage_beyond_16_bits_is_told_in_parts() -> None:
+    airframe = airframe_with("battery.full_v=75.6", "battery.empty_v=60.0")
+    pilot = ForeignPilot(airframe=airframe, all_streams=True)
+    pilot.fly(2.1)
+    assert pilot.last("SYS_STATUS").voltage_battery == 65535
+    first, second, *rest = pilot.last("BATTERY_STATUS").voltages
+    assert first == 65534 and first + second == pytest.approx(75_600, abs=10) and rest == [65535] * 8
+
+
 def test_a_battery_says_how_low_it_is() -> None:
     states = {0.5: 1, 0.14: 2, 0.06: 3, 0.04: 4}  # ok, low, critical, emergency
     for charge, state in states.items():
