@@ -14,7 +14,8 @@ class LandDetector:
     """Decides from the motion after each tick."""
 
     def __init__(self, foot_height_m: float) -> None:
-        self._foot_height_m = foot_height_m
+        self._stood_m = foot_height_m
+        """Estimated height at which a foot touched the ground last: the estimate drifts while the vehicle stands."""
         self._still_since_ns: int | None = None
 
     def update(self, motion: Motion, *, landed: bool, idle: bool, lost: bool = False) -> bool:
@@ -23,7 +24,8 @@ class LandDetector:
         speed = abs(motion.velocity_ned[2]) if lost else motion.speed
         if not motion.touching:
             self._still_since_ns = None
-            return landed and -motion.position_ned[2] <= self._foot_height_m + _LIFTED_M
+            return landed and -motion.position_ned[2] <= self._stood_m + _LIFTED_M
+        self._stood_m = -motion.position_ned[2]
         if landed:
             return True
         if not idle or speed > STILL_M_S:

@@ -1,6 +1,7 @@
 """When the vehicle counts as landed, decided from single motions."""
 
 import numpy as np
+import pytest
 
 from tests.vehicle_sim.foreign_pilot import AIRFRAME
 from vehicle_sim.autopilot.land_detector import LANDED_AFTER_NS, LandDetector
@@ -47,3 +48,11 @@ def test_a_landed_vehicle_is_in_the_air_once_its_feet_are_clear_of_the_ground() 
     assert detector.update(motion(0, touching=True), landed=True, idle=False)
     assert detector.update(motion(1, touching=False, height_m=FOOT_M + 0.04), landed=True, idle=False)
     assert not detector.update(motion(2, touching=False, height_m=FOOT_M + 0.06), landed=True, idle=False)
+
+
+@pytest.mark.parametrize("drift_m", [-0.8, 0.8])
+def test_a_height_that_drifted_on_the_ground_makes_no_difference(drift_m: float) -> None:
+    detector, stands_m = LandDetector(FOOT_M), FOOT_M + drift_m
+    assert detector.update(motion(0, touching=True, height_m=stands_m), landed=True, idle=False)
+    assert detector.update(motion(1, touching=False, height_m=stands_m + 0.04), landed=True, idle=False)
+    assert not detector.update(motion(2, touching=False, height_m=stands_m + 0.06), landed=True, idle=False)
