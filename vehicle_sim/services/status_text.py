@@ -20,6 +20,8 @@ class StatusTexts:
         pieces = [data[i : i + _PIECE_CHARACTERS] for i in range(0, len(data), _PIECE_CHARACTERS)]
         number = 0
         if len(pieces) > 1:
+            if len(pieces[-1]) == _PIECE_CHARACTERS:
+                pieces.append(b"")  # a piece that is not full ends the text
             self._text_id = number = self._text_id % 65535 + 1
         for chunk, piece in enumerate(pieces):
             self._outbox.send(dialect.MAVLink_statustext_message, int(severity), piece, number, chunk)

@@ -429,14 +429,17 @@ def test_mavsdk_gets_what_it_waits_for() -> None:
         assert pilot.all(name), name
 
 
-def test_a_long_text_goes_in_numbered_pieces() -> None:
+@pytest.mark.parametrize(("letters", "count"), [(120, 3), (100, 3), (51, 2)])
+def test_a_long_text_goes_in_numbered_pieces(letters: int, count: int) -> None:
+    """The last one is not full, which says that it is the last."""
     pilot = ForeignPilot()
-    text = "".join(itertools.islice(itertools.cycle("abcdefghij klmnopqrst"), 120))
+    text = "".join(itertools.islice(itertools.cycle("abcdefghij klmnopqrst"), letters))
     pilot.vehicle.flight.announce(Severity.INFO, text)
     pilot.fly(0.004)
     pieces = pilot.all("STATUSTEXT")
     assert "".join(piece.text for piece in pieces) == text
-    assert [piece.chunk_seq for piece in pieces] == [0, 1, 2]
+    assert [piece.chunk_seq for piece in pieces] == list(range(count))
+    assert [len(piece.text) == 50 for piece in pieces] == [True] * (count - 1) + [False]
     assert len({piece.id for piece in pieces}) == 1
     assert pieces[0].id != 0
 
