@@ -99,8 +99,8 @@ class Companion:
         if self._flight is not None:
             await self._order(Order("fly", msgspec.structs.replace(mission, vehicle=self._vehicle)))
             return self.verdict
-        await self._begin(msgspec.structs.replace(mission, vehicle=self._vehicle))
         try:
+            await self._begin(msgspec.structs.replace(mission, vehicle=self._vehicle))
             await self._done(-1, waits=mission.waits)
         except asyncio.CancelledError:
             if not mission.waits:  # it takes no orders
@@ -139,23 +139,28 @@ class Companion:
     # -- the process ---------------------------------------------------------------------------------------------------
 
     async def _begin(self, mission: Mission) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / f"{mission.name}.toml"
-            file.write_text(to_toml(mission))
-            options = ("--connect", self._url, "--log", str(self._logs), "--orders", *self._arguments)
-            self._process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "companion", "fly", str(file), *options),
-                stdin=asyncio.subprocess.PIPE,
-                stdout=asyncio.subprocess.DEVNULL,
-                stderr=asyncio.subprocess.PIPE,
-                start_new_session=True,  # an interrupt at the terminal is the program's, which then lands the vehicle
-            )
-            opened = asyncio.Event()
-            self._flight = asyncio.create_task(self._attend(self._process, opened))
-            await opened.wait()
+        folder = tempfile.TemporaryDirectory()
+        file = Path(folder.name) / f"{mission.name}.toml"
+        file.write_text(to_toml(mission))
+        options = ("--connect", self._url, "--log", str(self._logs), "--orders", *self._arguments)
+        self._process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "companion", "fly", str(file), *options),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,  # an interrupt at the terminal is the program's, which then lands the vehicle
+        )
+        opened = asyncio.Event()
+        self._flight = asyncio.create_task(self._attend(self._process, opened, folder))
+        await opened.wait()
 
-    async def _attend(self, process: asyncio.subprocess.Process, opened: asyncio.Event) -> None:
-        """Listen to the process until it ends."""
+    async def _attend(
+        self,
+        process: asyncio.subprocess.Process,
+        opened: asyncio.Event,
+        folder: "tempfile.TemporaryDirectory[str]",
+    ) -> None:
+        """Listen to the process until it ends. When it says where its log is, it has read its mission in the folder."""
         assert process.stderr is not None
         following: asyncio.Task[None] | None = None
         over = asyncio.ensure_future(process.wait())
@@ -167,12 +172,14 @@ class Companion:
                 if line.startswith(LOG_AT):
                     self.log = Path(line.removeprefix(LOG_AT))
                     following = asyncio.create_task(self._telemetry.follow(self.log, over))
+                    folder.cleanup()
                     opened.set()
             await over
             if following is not None and self.log is not None:
                 await following
                 self.verdict = recorded(LogReader(self.log).metadata.get("result", {}))
         finally:
+            folder.cleanup()
             self._telemetry.end()
             opened.set()
 

@@ -111,6 +111,24 @@ def test_who_is_cancelled_leaves_the_vehicle_holding_and_who_leaves_lands_it(tmp
     assert LogReader(log).metadata["result"]["landed"] == "True"
 
 
+@pytest.mark.parametrize("waits", [True, False])
+def test_who_is_cancelled_while_the_flight_gets_ready_can_still_call_it_off(tmp_path: Path, waits: bool) -> None:
+    async def flight() -> None:
+        async with Companion.connect(ANY_PORT, logs=tmp_path) as vehicle:
+            flying = asyncio.create_task(vehicle.fly(Mission("hop", waypoints=[Waypoint(1.0, 0.0, 3.0)], waits=waits)))
+            while vehicle._process is None:
+                await asyncio.sleep(0.01)
+            flying.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await flying
+            assert vehicle.log is None
+            if not waits:  # it was called off already
+                assert [state async for state in vehicle.states()] == []
+        assert vehicle.verdict is not None and vehicle.verdict.outcome is Outcome.CALLED_OFF
+
+    asyncio.run(flight())
+
+
 def test_a_flight_that_can_not_begin_says_why(tmp_path: Path) -> None:
     async def flight(*options: str) -> None:
         async with Companion.connect(ANY_PORT, *options, logs=tmp_path) as vehicle:
