@@ -47,7 +47,7 @@ class Autopilot:
 
     def handle(self, event: Event) -> Reaction:
         """Take one event in. Raises nothing for whatever bytes come."""
-        trace, request = None, None
+        trace, request, link = None, None, self.link
         match event:
             case Datagram():
                 trace = self._receive(event)
@@ -56,8 +56,8 @@ class Autopilot:
             case PlanReady():
                 self._plan = event.result
             case _:
-                self._say(self.own.take(event), ordered(event, self.navigator, self.guidance, self.sensing))
-        datagram = self.link.outbox.flush()
+                self._say(self.own.take(event), ordered(event, link, self.navigator, self.guidance, self.sensing))
+        datagram = link.outbox.flush()
         said, self._said = tuple(self._said), []
         return Reaction(datagram, trace, said, request) if datagram or said or trace or request else NOTHING
 

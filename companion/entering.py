@@ -14,7 +14,7 @@ from companion.mission.navigator import Navigator
 from companion.mission.orders import OrderError, obey
 from companion.mission.plan import Phase
 from companion.sensing import Sensing
-from companion.state import Announcement, Output, Severity, VehicleState
+from companion.state import Announcement, Output, Severity, VehicleRequest, VehicleState
 from companion.supervision.operations import Operation, OrderRequest
 from companion.supervision.states import AWAY, COMMANDED, State
 from companion.supervision.supervisor import Supervisor
@@ -128,7 +128,9 @@ def _stopped_short(
     return Announcement(Severity.WARNING, f"something stands below: the descent ends {standing - down:.1f} m above it")
 
 
-def ordered(event: Operation, navigator: Navigator, guidance: Guidance, sensing: Sensing) -> Announcement | None:
+def ordered(
+    event: Operation, link: VehicleLink, navigator: Navigator, guidance: Guidance, sensing: Sensing
+) -> Announcement | None:
     """Follow an order, if the event is one; what is to be said of it."""
     if not isinstance(event, OrderRequest):
         return None
@@ -139,6 +141,7 @@ def ordered(event: Operation, navigator: Navigator, guidance: Guidance, sensing:
         said = obey(event.text, navigator, here, guidance.fence, now)
     except OrderError as error:
         return Announcement(Severity.WARNING, f"order refused: {error}")
+    link.requests.forget(VehicleRequest.RELEASE)  # what came of an earlier delivery says nothing of the next one
     guidance.begin_leg(navigator.leg(here), now)
     return said
 

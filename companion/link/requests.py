@@ -70,6 +70,11 @@ class Requests:
         """The mode that was asked for is not wanted any more."""
         self._commander.forget(_SET_MODE)
 
+    def forget(self, wanted: VehicleRequest) -> None:
+        """It is not wanted any more, unless it is asked for anew."""
+        command, _ = self._command(wanted)
+        self._commander.forget(command)
+
     def _command(self, wanted: VehicleRequest) -> tuple[int, tuple[float, ...]]:
         if wanted not in _MODES:
             return _COMMANDS[wanted]

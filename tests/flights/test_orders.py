@@ -10,7 +10,9 @@ from companion.autopilot import Autopilot
 from companion.mission.plan import Mission, Phase
 from companion.outcomes import Outcome
 from companion.supervision.operations import OrderRequest
+from protocol.messages import dialect
 from studies.joined import Joined
+from vehicle_sim.autopilot.modes import Result
 
 SCRIPT = Mission("script", takeoff_height=2.0, waits=True)
 PLANLESS = ("avoidance.method=none", "geofence.radius=20.0")
@@ -59,6 +61,21 @@ def test_what_is_ordered_is_flown(flown: Joined) -> None:
     north, east, down = summary.released_at_ned
     assert np.hypot(north - 6.0, east) < 0.2 and -0.8 < down < -0.3
     assert 1.0 < summary.final_position_ned[0] < 5.9, "it was stopped on the way"
+
+
+def test_a_second_delivery_has_an_answer_of_its_own() -> None:
+    joined = Joined(SCRIPT, overrides=PLANLESS).fly(until=waits)
+    commands = joined.vehicle._services._commands._commands
+    opens = commands[dialect.MAV_CMD_DO_GRIPPER]
+    commands[dialect.MAV_CMD_DO_GRIPPER] = lambda message: Result.FAILED
+    order(joined, do="deliver")
+    joined.fly(until=waits)
+    assert any("parcel not released: failed" in said for said in joined.said)
+    assert not joined.autopilot.navigator.released
+    commands[dialect.MAV_CMD_DO_GRIPPER] = opens
+    order(joined, do="deliver")
+    joined.fly(until=waits)
+    assert joined.vehicle.summary().released and joined.autopilot.navigator.released
 
 
 def test_orders_are_events_which_give_the_same_bytes_again(flown: Joined) -> None:
