@@ -85,17 +85,23 @@ class Simulation:
         `seed`: of all noise. Raises RuntimeError if it does not get there.
         """
         self._vehicle = vehicle = Vehicle(self.airframe, self.world, seed=seed)
-        vehicle.flight.take_off(height)
-        vehicle.flight.arm(force=True)
+        flight = vehicle.flight
+        for _ in range(_LONGEST_CLIMB):
+            if not vehicle.estimator.position_lost:  # until the first fix
+                break
+            vehicle.step()
+        flight.take_off(height)
+        flight.arm(force=True)
         for _ in range(_LONGEST_CLIMB):
             vehicle.step()
             at_rest = float(np.linalg.norm(vehicle.state[VELOCITY])) < _AT_REST_M_S
-            if (vehicle.flight.mode is Mode.HOLD and at_rest) or vehicle.flight.crash is not None:
+            if (flight.mode is Mode.HOLD and at_rest) or flight.crash is not None:
                 break
-        self._send(vehicle, Setpoint(thrust=self.hover_thrust))
-        vehicle.flight.set_mode(Mode.OFFBOARD)
-        if vehicle.flight.mode is not Mode.OFFBOARD:
-            raise RuntimeError(f"the vehicle did not get up to {height:g} m: it is in {vehicle.flight.mode.name}")
+        if flight.mode is Mode.HOLD and not flight.landed:
+            self._send(vehicle, Setpoint(thrust=self.hover_thrust))
+            flight.set_mode(Mode.OFFBOARD)
+        if flight.mode is not Mode.OFFBOARD:
+            raise RuntimeError(f"the vehicle did not get up to {height:g} m: it is in {flight.mode.name}")
         return self.state
 
     def step(self, setpoint: Setpoint, ticks: int = 1) -> State:

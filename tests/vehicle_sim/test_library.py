@@ -41,6 +41,13 @@ def test_it_turns_as_it_is_told(simulation: Simulation) -> None:
         assert 2.0 * state.attitude_ned_frd[1 + axis] == pytest.approx(rate * 0.6, rel=0.25)
 
 
+def test_it_takes_off_with_its_first_fix() -> None:
+    sensing = Simulation(vehicle_overrides=['estimator.sensors="gnss"'])
+    state = sensing.reset(seed=3)
+    assert state.position_ned == pytest.approx([0.0, 0.0, -3.0], abs=0.5)
+    assert sensing.step(Setpoint(thrust=sensing.hover_thrust), ticks=50).position_ned[2] < -2.0
+
+
 def test_the_seed_repeats_a_flight_and_nothing_is_left_of_the_one_before() -> None:
     noisy = Simulation(vehicle_overrides=['estimator.sensors="gnss"'])
 
@@ -51,6 +58,12 @@ def test_the_seed_repeats_a_flight_and_nothing_is_left_of_the_one_before() -> No
     first, other, again = flown(3), flown(4), flown(3)
     assert np.array_equal(first.position_ned, again.position_ned)
     assert not np.array_equal(first.position_ned, other.position_ned)
+
+
+@pytest.mark.parametrize(("height", "mode"), [(0.0, "HOLD"), (-1.0, "HOLD"), (np.nan, "HOLD"), (500.0, "TAKEOFF")])
+def test_a_height_that_is_not_reached_is_said(simulation: Simulation, height: float, mode: str) -> None:
+    with pytest.raises(RuntimeError, match=f"did not get up to {height:g} m: it is in {mode}"):
+        simulation.reset(height=height)
 
 
 def test_without_a_reset_there_is_nothing_to_step() -> None:
