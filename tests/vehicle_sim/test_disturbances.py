@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from protocol.vehicle_parameters import GRAVITY
-from tests.vehicle_sim.foreign_pilot import AIRFRAME, LAND, ForeignPilot, world_with
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, HOLD, LAND, RETURN, UNSET, ForeignPilot, world_with
 from vehicle_sim.airframe import parameters
 from vehicle_sim.physics.integrator import step, work_array
 from vehicle_sim.physics.rigid_body import POSITION, RATES, ROTORS, STATES, VELOCITY
@@ -98,3 +98,16 @@ def test_worlds_without_the_tables_are_calm() -> None:
     world = World.build(table)
     assert world.wind.mean_ned == (0.0, 0.0, 0.0) == world.force_ned
     assert world.wind.turbulence_m_s == 0.0
+
+
+def test_a_steady_wind_that_keeps_it_off_ends_neither_take_off_nor_return() -> None:
+    """The position law has no integral: it stands as far from its target as the wind makes it."""
+    pilot = ForeignPilot(world=world_with("wind.mean_ned=[12.0, 0.0, 0.0]"))
+    pilot.fly(1.2)
+    assert pilot.command(mavlink.MAV_CMD_NAV_TAKEOFF, *(UNSET,) * 7) == mavlink.MAV_RESULT_ACCEPTED
+    assert pilot.arm() == mavlink.MAV_RESULT_ACCEPTED
+    assert pilot.fly(15.0, until=lambda: pilot.mode == HOLD)
+    assert pilot.set_mode(RETURN) == mavlink.MAV_RESULT_ACCEPTED
+    assert pilot.fly(20.0, until=lambda: pilot.mode == LAND)
+    assert 0.5 < pilot.vehicle.motion.position_ned[0] < 2.0
+    assert pilot.fly(15.0, until=lambda: not pilot.armed) and pilot.vehicle.flight.crash is None

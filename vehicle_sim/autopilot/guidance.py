@@ -18,6 +18,8 @@ STILL_M_S = 0.3
 """Below this speed the vehicle counts as at rest."""
 
 _ARRIVED_M = 0.5
+_SETTLED_NS = 3_000_000_000
+"""At rest near its target for so long, the vehicle comes no nearer: a steady wind keeps it off."""
 _BELOW_GROUND_M = 10.0
 """Depth of the target of a landing, which is never reached."""
 
@@ -43,6 +45,8 @@ class Guidance:
         """Target (m) of a take-off."""
         self._above_climb = False
         """Returning: the climb is over, or was not needed."""
+        self._moved_ns = 0
+        """When it was not at rest near its target last."""
         self.circle: Circle | None = None
         """Flown instead of the position target."""
         self._tracker = Tracker(airframe, settings)
@@ -75,6 +79,7 @@ class Guidance:
     def start(self, mode: Mode, motion: Motion, home_ned: Vector, *, landed: bool) -> None:
         """Enter a mode: set the target, the speed limits, and keep the present yaw."""
         target = self.stopping_point(motion, landed=landed)
+        self._moved_ns = motion.time_ns
         if mode is Mode.TAKEOFF:
             target = self.takeoff_ned
         elif mode is Mode.RETURN:
@@ -149,18 +154,25 @@ class Guidance:
         self._tracker.follow(target, motion, landed=landed)
 
     def _update_takeoff(self, motion: Motion, *, landed: bool) -> Arrival | None:
-        if not landed and abs(motion.position_ned[2] - self.takeoff_ned[2]) < 0.5 * _ARRIVED_M:
-            return Arrival(Trigger.CLIMBED, self.takeoff_ned)
-        return None
+        off = math.inf if landed else abs(motion.position_ned[2] - self.takeoff_ned[2])
+        settled = self._is_settled(motion, near=off < self._settings.height_acceptance_m)
+        return Arrival(Trigger.CLIMBED, self.takeoff_ned) if off < 0.5 * _ARRIVED_M or settled else None
 
     def _update_return(self, motion: Motion, home_ned: Vector) -> Arrival | None:
         """First up, then home; near home without a climb."""
         north, east, down = motion.position_ned
         distance = math.hypot(north - home_ned[0], east - home_ned[1])
         high = float(self.command["position_ned"][0][2])
+        settled = self._is_settled(motion, near=distance < self._settings.acceptance_m)
         if not self._above_climb and (distance < _ARRIVED_M or abs(down - high) < _ARRIVED_M):
             self._above_climb = True
             self.aim((home_ned[0], home_ned[1], high))
-        elif self._above_climb and distance < _ARRIVED_M and motion.speed < STILL_M_S:
+        elif self._above_climb and (settled or (distance < _ARRIVED_M and motion.speed < STILL_M_S)):
             return Arrival(Trigger.ABOVE_HOME, (home_ned[0], home_ned[1], _BELOW_GROUND_M))
         return None
+
+    def _is_settled(self, motion: Motion, *, near: bool) -> bool:
+        """It is at rest as `near` to its target as it comes."""
+        if not near or motion.speed >= STILL_M_S:
+            self._moved_ns = motion.time_ns
+        return motion.time_ns - self._moved_ns >= _SETTLED_NS
