@@ -253,8 +253,9 @@ def _factor(pace: str) -> float | None:
 
 def _release(firmware: str) -> tuple[int, int]:
     major, _, minor = firmware.partition(".")
-    if not (major.isascii() and major.isdigit() and minor.isascii() and minor.isdigit() and len(firmware) < 6):
-        _fail(f"--firmware {firmware}: write it as 1.16")
+    for part in (major, minor):  # a byte each of AUTOPILOT_VERSION
+        if not (part.isascii() and part.isdigit() and len(part) < 4 and int(part) < 256):
+            _fail(f"--firmware {firmware}: write it as 1.16")
     return int(major), int(minor)
 
 

@@ -44,6 +44,8 @@ def test_the_command_line_loads_without_compiled_code() -> None:
         (["--signing-key", "no/such/key"], ["no/such/key"]),
         (["--gcs", "udpin:0.0.0.0:0"], ["udpin:0.0.0.0:0", "--insecure"]),
         (["--firmware", "new"], ["--firmware new"]),
+        (["--firmware", "1.256"], ["--firmware 1.256"]),
+        (["--firmware", "999.9"], ["--firmware 999.9"]),
         (["--sensors", "eyes"], ["eyes", "gnss", "vio"]),
         (["--bind", "udpout:127.0.0.1:9", "--param", "NAV_DLL_ACT=9"], ["NAV_DLL_ACT", "out of range"]),
     ],
