@@ -24,7 +24,7 @@ from studies.campaigns.runner import Campaign, Case, Flown, Stop, lost
 from studies.campaigns.statistics import compared, paired, wilson
 from studies.campaigns.table import MERGED, PARTS, Table, digest, read, write
 from studies.engine import Failed, as_they_end, cluster, in_order
-from tests.studies.harm import harmful, late, once
+from tests.studies.harm import harmful, late, once, pair
 
 POLE = Setup("pole", "pole", worlds.pole, (3.0,))
 
@@ -74,6 +74,15 @@ def test_a_result_that_is_lost_with_its_worker_is_computed_again(
     with cluster(workers=1) as client:
         (done,) = itertools.chain.from_iterable(as_they_end(client, late, [tmp_path / "marker"]))
     assert isinstance(done.result, int) and done.result != os.getpid()
+
+
+def test_most_workers_may_go_at_once(tmp_path: Path) -> None:
+    """More jobs are flying then than there are workers."""
+    with cluster(workers=3) as client:
+        client.wait_for_workers(3)
+        jobs = [tmp_path / str(number) for number in range(6)]
+        ended = [done.result for batch in as_they_end(client, pair, jobs) for done in batch]
+    assert sorted(ended) == list(range(6)) and {path.name for path in tmp_path.iterdir()} == {"1", "2"}  # type: ignore[type-var]
 
 
 def test_workers_that_die_again_and_again_are_not_given_up() -> None:
