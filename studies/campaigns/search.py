@@ -23,7 +23,7 @@ from protocol.toml_files import TomlFileError
 from studies.campaign import Row
 from studies.campaigns.files import AT_LEAST_ONE, CampaignFile, Count
 from studies.campaigns.runner import fly_afar
-from studies.engine import Failed, as_they_end
+from studies.engine import LIMIT_S, Failed, as_they_end
 from studies.worlds import toml
 
 GENERATION = 8
@@ -83,7 +83,10 @@ class SearchFile:
             raise TomlFileError(f"{path}: {name} is not in {lacks}")
         found = cls(search, tables)
         middle = {name: 0.5 * (low + high) for name, (low, high) in search.ranges.items()}
-        found.flight("middle", middle, 1).setups()
+        toml_files.convert(_filled(tables, middle), CampaignFile, str(path))  # its own name, too
+        flight = found.flight("middle", middle, 1)
+        if len(flight.jobs(flight.setups(), Path())) != 1:
+            raise TomlFileError(f"{path}: a search has one place, vehicle, settings, fault, method and speed")
         return found
 
     def flight(self, name: str, values: Values, seed: int) -> CampaignFile:
@@ -164,7 +167,14 @@ class Chooser:
 
     def _values(self, point: Array) -> dict[str, float]:
         found = self._low + point * (self._high - self._low)
-        return {name: float(f"{each:.4g}") for name, each in zip(self._names, found, strict=True)}
+        ends = zip(self._names, found, self._low, self._high, strict=True)
+        return {name: _short(each, low, high) for name, each, low, high in ends}
+
+
+def _short(value: float, low: float, high: float) -> float:
+    """A number of a range with as many digits as a thousandth of its width needs, four at least."""
+    digits = math.floor(math.log10(max(-low, high) / (high - low)))
+    return min(max(float(f"{value:.{4 + max(digits, 0)}g}"), float(low)), float(high))
 
 
 def search(file: SearchFile, sampler: str, client: Client) -> Iterator[Tried]:
@@ -173,24 +183,25 @@ def search(file: SearchFile, sampler: str, client: Client) -> Iterator[Tried]:
     asked, number, failures = file.search, 0, 0
     chooser = Chooser(asked.ranges, sampler, asked.seed)
     while number < asked.budget and failures < asked.failures:
-        trials = dict(enumerate(chooser.ask(), start=number + 1))
+        trials = dict(enumerate(chooser.ask()[: asked.budget - number], start=number + 1))
         number += len(trials)
         tried = _fly(file, trials, client)
-        chooser.tell([each.score for each in tried])
+        if number < asked.budget:
+            chooser.tell([each.score for each in tried])
         failures += sum(each.score <= 0.0 for each in tried)
         yield from tried
 
 
 def _fly(file: SearchFile, trials: dict[int, tuple[dict[str, float], int]], client: Client) -> list[Tried]:
     """A generation, by its numbers."""
-    numbers, limits = {}, {}
+    numbers, limits, wall_limit_s = {}, {}, LIMIT_S
     for number, (values, seed) in trials.items():
         flight = file.flight(f"{number}", values, seed)
         (job,) = flight.jobs(flight.setups(), Path())
         numbers[job] = number
-        limits[number] = flight.limit_s
+        limits[number], wall_limit_s = flight.limit_s, flight.wall_limit_s
     tried = {}
-    for batch in as_they_end(client, fly_afar, list(numbers)):
+    for batch in as_they_end(client, fly_afar, list(numbers), wall_limit_s):
         for done in batch:
             number = numbers[done.job]
             values, seed = trials[number]

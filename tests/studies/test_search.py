@@ -1,6 +1,7 @@
 """The search for failures: its file, its score, its samplers, and what it finds as a file."""
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 from protocol.toml_files import TomlFileError
 from studies import worlds
 from studies.campaign import Job, Setup
-from studies.campaigns import files
-from studies.campaigns.runner import lost
+from studies.campaigns import files, search
+from studies.campaigns.runner import Flown, lost
 from studies.campaigns.search import SAMPLERS, SearchFile, Tried, keep, score
+from studies.engine import Done
 
 FILE = """
 name = "near"
@@ -63,12 +65,33 @@ def test_what_is_found_is_a_file_that_is_that_flight(tmp_path: Path) -> None:
         (FILE.replace("late = [0.0, 0.05]", ""), "late is not in the table search.ranges"),
         (FILE.replace("budget", "bugdet"), "bugdet"),
         (FILE.split("[search]")[0], "no table [search]"),
+        (FILE.replace('"near"', '"near"\nmethods = ["astar", "none"]'), "one place, vehicle, settings, fault, method"),
+        (FILE.replace('name = "near"', ""), "missing required field `name`"),
+        (FILE.replace('"near"', '"far/near"'), "at `name`"),
     ],
 )
 def test_what_can_not_be_searched_is_said_before_anything_flies(tmp_path: Path, text: str, says: str) -> None:
     with pytest.raises(TomlFileError) as raised:
         SearchFile.load(written(tmp_path, text))
     assert says in str(raised.value)
+
+
+def test_a_search_keeps_to_its_budget_to_its_time_and_to_its_ranges(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def fly(client: object, function: object, jobs: list[Job], limit_s: float) -> Iterator[list[Done[Job, Flown]]]:
+        asked.append((len(jobs), limit_s))
+        rows = (dataclasses.replace(lost(job, "reached"), least_clearance=1.0, route_s=1.0) for job in jobs)
+        yield [Done(job, Flown(row, {}, "")) for job, row in zip(jobs, rows, strict=True)]
+
+    monkeypatch.setattr(search, "as_they_end", fly)
+    far = FILE.replace("[2.0, 3.0]", "[10001.0, 10002.0]").replace('"near"', '"near"\nwall_limit_s = 30.0')
+    tried = list(search.search(SearchFile.load(written(tmp_path, far)), "cma", None))  # type: ignore[arg-type]
+    assert [each.number for each in tried] == list(range(1, 21)) and asked == [(8, 30.0), (8, 30.0), (4, 30.0)]
+    ahead = {each.values["ahead"] for each in tried}
+    assert len(ahead) > 10 and min(ahead) >= 10001.0 and max(ahead) <= 10002.0
 
 
 def test_the_score_falls_towards_contact_and_towards_the_end_of_time() -> None:
