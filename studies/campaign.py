@@ -44,7 +44,7 @@ DEFAULT = Avoidance().method
 REACHED = "reached"
 
 _LONGEST_NAME = 80
-_ON_ROUTE = (Phase.ROUTE,)
+_ON_ROUTE = (Phase.ROUTE, Phase.RELEASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class Job:
         words = re.sub(r"[^A-Za-z0-9_.,+-]+", "_", self.setup.name)
         if len(words) > _LONGEST_NAME:
             words = words[:_LONGEST_NAME] + sha256(self.setup.name.encode()).hexdigest()[:8]
-        return f"{words}_{self.method}_{self.speed:.3g}"
+        return f"{words}_{self.method}_{self.speed:.9g}"
 
     @property
     def key(self) -> Key:
@@ -281,6 +281,7 @@ class _Watch:
         self._job = job
         self._site = site
         self._began: int | None = None
+        self._last_step = 0
         self._arrived: int | None = None
 
     def over(self, joined: Joined) -> bool:
@@ -288,6 +289,8 @@ class _Watch:
         if self._began is None:
             if phase in _ON_ROUTE:
                 self._began = vehicle.tick
+                steps = enumerate(joined.autopilot.navigator.steps)
+                self._last_step = max(number for number, step in steps if step.phase is Phase.ROUTE)
             return vehicle.finished
         position = vehicle.motion.position_ned
         if self._arrived is None and self._heads_for_goal(joined):
@@ -299,7 +302,7 @@ class _Watch:
 
     def _heads_for_goal(self, joined: Joined) -> bool:
         """The vehicle is on the last leg: a way over many waypoints may pass near the goal earlier."""
-        return joined.autopilot.navigator.step_index >= len(self._site.waypoints)
+        return joined.autopilot.navigator.step_index >= self._last_step
 
     def row(self, joined: Joined) -> Row:
         vehicle, site, job = joined.vehicle, self._site, self._job

@@ -19,6 +19,7 @@ from studies import __main__ as command_line
 from studies import barn, campaign, worlds
 from studies.campaign import Job, Row, Setup
 from studies.campaign_report import Floor, fly_and_tell
+from studies.campaigns.files import PlaceTable, place_at
 from studies.campaigns.statistics import wilson
 from studies.campaigns.table import TIMINGS, read, write
 from studies.escape import Abilities, avoidable
@@ -72,6 +73,18 @@ def test_a_flight_that_arrives(tmp_path: Path) -> None:
     again = dataclasses.replace(campaign.fly(job), **{name: getattr(flown, name) for name in TIMINGS})
     assert again == flown
     assert not (tmp_path / "failed").exists()
+
+
+def test_a_parcel_on_the_way_is_a_part_of_the_way(tmp_path: Path) -> None:
+    """The way is over at its last waypoint, which there are more steps before than waypoints."""
+    mission = tmp_path / "parcel.toml"
+    points = ("north = 6.0\nrelease = true", "north = 2.0\nrelease = true", "north = 10.0")
+    places = "".join(f"[[waypoints]]\neast = 0.0\nheight = 3.0\n{point}\n" for point in points)
+    mission.write_text(f'name = "parcel"\nworld = "empty"\ntakeoff_height = 3.0\n{places}')
+    site = partial(place_at, table=PlaceTable(mission=str(mission)))
+    flown = campaign.fly(Job(Setup("parcel", "parcel", site, (3.0,), mission=str(mission)), "none", 3.0, 1, tmp_path))
+    assert flown.succeeded and flown.path_m == pytest.approx(flown.straight_m - campaign.GOAL_M, abs=0.2)
+    assert flown.straight_m == 18.0
 
 
 def test_a_contact_is_kept_and_flies_again_to_the_bit(tmp_path: Path) -> None:
