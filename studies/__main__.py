@@ -77,7 +77,10 @@ def _studies(page: Page) -> list[Study]:
 def _check_choice(choice: Choice) -> None:
     """Raises TomlFileError for what the companion would refuse, before anything is flown."""
     from companion.runtime.files import load_settings
+    from studies.campaign import chooses_method
 
+    if chooses_method(choice.overrides):
+        raise TomlFileError("--set avoidance.method: flights are listed by their method; choose it by --method")
     for method in choice.methods:
         load_settings(None, [f'avoidance.method="{method}"'])
     load_settings(None, list(choice.overrides))

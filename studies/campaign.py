@@ -118,6 +118,12 @@ class Job:
         return (*self.setup.overrides, f'avoidance.method="{self.method}"', *self.overrides)
 
 
+def chooses_method(overrides: Sequence[str]) -> bool:
+    """Whether overrides of the settings choose the method of avoidance, which is the job's. Raises TomlFileError."""
+    avoidance = toml_files.convert({}, dict, "settings", overrides).get("avoidance")
+    return isinstance(avoidance, dict) and "method" in avoidance
+
+
 @cache
 def _sources() -> str:
     return flights.code(__file__, escape.__file__, worlds.__file__)

@@ -8,6 +8,7 @@ import faulthandler
 import importlib.util
 import logging
 import os
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -150,7 +151,7 @@ def _limited(function: Callable[[Job], Result], job: Job, key: str, limit_s: flo
     """Do a job. After its limit a thread that needs no interpreter ends the process,
     whatever hangs in it, and says on standard error where it hung."""
     get_worker().log_event(_BEGUN, key)
-    faulthandler.dump_traceback_later(limit_s, exit=True, file=2)
+    faulthandler.dump_traceback_later(min(limit_s, threading.TIMEOUT_MAX), exit=True, file=2)
     try:
         return function(job)
     finally:

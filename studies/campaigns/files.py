@@ -15,7 +15,7 @@ from companion.runtime.files import load_mission, load_settings
 from protocol import toml_files as toml_files
 from protocol.toml_files import TomlFileError
 from protocol.vehicle_parameters import Positive
-from studies.campaign import DEFAULT, Job, Setup
+from studies.campaign import DEFAULT, Job, Setup, chooses_method
 from studies.campaigns.runner import AT_LEAST, Stop
 from studies.engine import LIMIT_S
 from studies.faults.catalogue import FAULTS
@@ -96,12 +96,20 @@ class CampaignFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         names = [setup.name for setup in self._all()]
         if len(set(names)) < len(names):
             raise ValueError("two cases are the same: give the settings names of their own")
+        for key, values in (("methods", self.methods), ("speeds", self.speeds)):
+            if len(set(values)) < len(values):
+                raise ValueError(f"{key}: one of them is there twice")
         for fault in self.faults:
             if fault and fault not in FAULTS:
                 raise ValueError(f"faults: there is no {fault!r} (there: {', '.join(FAULTS)})")
         for place in self.place:
             if place.world is None and place.mission is None:
                 raise ValueError("place: it has either a world, or a mission, or both")
+            if place.world is None and place.options:
+                raise ValueError(f"place {place.mission}: options are of a kind of place, and there is no world")
+        for variant in self.settings:
+            if chooses_method(variant.set):
+                raise ValueError(f"settings {variant.name}: avoidance.method is for the key methods")
 
     @property
     def stopping(self) -> Stop | None:
@@ -159,7 +167,7 @@ class CampaignFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 def place_at(seed: int, table: PlaceTable) -> Site:
     """The place of a seed. Raises TomlFileError."""
-    site = None if table.world is None else SITES[table.world](seed, **_as_asked(table))
+    site = None if table.world is None else _made(seed, table.world, table)
     if table.mission is not None:
         mission = load_mission(table.mission)[0]
         if site is None:
@@ -169,6 +177,14 @@ def place_at(seed: int, table: PlaceTable) -> Site:
         site = replace(site, waypoints=places, height=mission.takeoff_height)
     assert site is not None
     return replace(site, tables=toml_files.convert(site.tables, dict, table.title, table.set))
+
+
+def _made(seed: int, world: str, table: PlaceTable) -> Site:
+    """A place of its kind. Raises TomlFileError for options of which none can be made."""
+    try:
+        return SITES[world](seed, **_as_asked(table))
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise TomlFileError(f"place {table.title}: seed {seed} can't be made ({error})") from error
 
 
 def _as_asked(table: PlaceTable) -> Mapping[str, Any]:
@@ -186,10 +202,13 @@ def _check(setup: Setup, seed: int) -> None:
         for name in table.options:
             if name not in known:
                 raise TomlFileError(f"place {table.world}: no such option {name} (there: {', '.join(known) or 'none'})")
-    if table.mission is not None and not load_mission(table.mission)[0].waypoints:
+    mission = None if table.mission is None else load_mission(table.mission)[0]
+    if mission is not None and not mission.waypoints:
         raise TomlFileError(f"place {table.mission}: a campaign needs a mission with waypoints")
+    if mission is not None and mission.profile != "smooth":
+        raise TomlFileError(f'place {table.mission}: a campaign needs a mission with the profile "smooth"')
     World.from_tables(setup.site(seed).tables, setup.name)
-    vehicle = setup.vehicle or (load_mission(table.mission)[0].vehicle if table.mission else "paper_quad")
+    vehicle = setup.vehicle or ("paper_quad" if mission is None else mission.vehicle)
     Airframe.load(toml_files.find("vehicles", vehicle), setup.vehicle_overrides)
 
 

@@ -231,7 +231,11 @@ def test_the_way_is_compared_with_the_shortest_where_it_is_known() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
-    [(["--method", "swamp"], "method 'swamp': there are"), (["--set", "avoidance.swamp=1"], "swamp")],
+    [
+        (["--method", "swamp"], "method 'swamp': there are"),
+        (["--set", "avoidance.swamp=1"], "swamp"),
+        (["--set", "avoidance.method=none", "--seeds", "1"], "choose it by --method"),
+    ],
 )
 def test_what_the_companion_would_refuse_is_one_line_before_anything_flies(arguments: list[str], says: str) -> None:
     done = CliRunner().invoke(command_line.app, ["forest", *arguments])

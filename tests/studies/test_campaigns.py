@@ -44,6 +44,8 @@ def flown(job: Job, **changes: object) -> Row:
 
 def test_who_dies_hangs_or_throws_costs_a_row_and_no_other(tmp_path: Path) -> None:
     with cluster(workers=2) as client:
+        ((free,),) = as_they_end(client, abs, [-1], limit_s=1e300)
+        assert free.result == 1, "beyond what a clock can wait for"
         ended = [done for batch in as_they_end(client, harmful, range(9), limit_s=4.0) for done in batch]
         (second,) = itertools.chain.from_iterable(as_they_end(client, once, [tmp_path / "marker"]))
         assert list(in_order(client, abs, [-3, 2, -1])) == [3, 2, 1]
@@ -227,6 +229,14 @@ def test_a_file_is_all_combinations(tmp_path: Path) -> None:
         ({"place": [{"world": "forest", "options": {"wet": 1.0}}]}, "no such option wet (there: density, diameter)"),
         ({"place": [{"mission": "circle"}]}, "circle: a campaign needs a mission with waypoints"),
         ({"place": [{"world": "forest", "set": ["wind.mean=3"]}]}, "wind.mean"),
+        ({"place": [{"world": "forest", "options": {"density": 0.0}}]}, "forest, density 0: seed 1 can't be made"),
+        ({"place": [{"world": "forest", "options": {"density": -1.0}}]}, "forest, density -1: seed 1 can't be made"),
+        ({"place": [{"world": "maze", "options": {"cells": 2.5}}]}, "maze, cells 2.5: seed 1 can't be made"),
+        ({"place": [{"mission": "courier", "options": {"density": 0.1}}]}, "courier: options are of a kind of place"),
+        ({"place": [{"mission": "curve"}]}, 'curve: a campaign needs a mission with the profile "smooth"'),
+        ({"speeds": [3.0, 3.0]}, "speeds: one of them is there twice"),
+        ({"methods": ["astar", "none", "astar"]}, "methods: one of them is there twice"),
+        ({"settings": [{"name": "a", "set": ["avoidance.method=vfh"]}]}, "avoidance.method is for the key methods"),
         ({"place": [{}]}, "either a world, or a mission"),
         ({"methods": ["swamp"]}, "method 'swamp'"),
         ({"settings": [{"name": "a", "set": ["limits.swamp=1"]}]}, "swamp"),

@@ -88,7 +88,7 @@ def test_a_search_keeps_to_its_budget_to_its_time_and_to_its_ranges(
 
     monkeypatch.setattr(search, "as_they_end", fly)
     far = FILE.replace("[2.0, 3.0]", "[10001.0, 10002.0]").replace('"near"', '"near"\nwall_limit_s = 30.0')
-    tried = list(search.search(SearchFile.load(written(tmp_path, far)), "cma", None))  # type: ignore[arg-type]
+    tried = list(search.search(SearchFile.load(written(tmp_path, far)), "cma", None))
     assert [each.number for each in tried] == list(range(1, 21)) and asked == [(8, 30.0), (8, 30.0), (4, 30.0)]
     ahead = {each.values["ahead"] for each in tried}
     assert len(ahead) > 10 and min(ahead) >= 10001.0 and max(ahead) <= 10002.0
