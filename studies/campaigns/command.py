@@ -113,9 +113,10 @@ def compare(
 ) -> None:
     """Compare two campaigns, seed by seed: McNemar's exact test of success, bootstrap intervals of the rest."""
     from studies.campaigns.statistics import compared
-    from studies.campaigns.table import read
+    from studies.campaigns.table import of_one_version
 
-    lines = compared(read(first), read(second))
+    with _errors():
+        lines = compared(of_one_version(first), of_one_version(second))
     if not lines:
         _refuse(f"{first} and {second} have no flight of the same set-up, speed and seed")
     for line in lines:
@@ -125,11 +126,12 @@ def compare(
 @contextmanager
 def _errors() -> Iterator[None]:
     """What the user can mend is one line."""
+    from studies.campaigns.table import TableError
     from studies.engine import EngineError
 
     try:
         yield
-    except TomlFileError as error:
+    except (TomlFileError, TableError) as error:
         _refuse(str(error))
     except EngineError as error:
         _say(str(error))

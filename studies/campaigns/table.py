@@ -18,13 +18,22 @@ TIMINGS = ("wall_s", "map_us", "way_us", "space_us", "step_us")
 """Columns of wall times: all others are the same whenever and wherever a flight is flown."""
 
 
+class TableError(Exception):
+    """A table that can't be read or written, or whose rows can't be told apart; the text names the file or folder."""
+
+
 class Table:
     """The rows of a campaign; a later row of the same flight replaces an earlier one."""
 
     def __init__(self, folder: Path) -> None:
+        """Raises TableError for a folder that can't be written to, before anything is flown."""
         self.folder = folder
+        try:
+            (folder / PARTS).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise TableError(f"{folder}: {error.strerror}") from error
         self._rows = {row.key: row for row in read(folder)}
-        numbers = (int(path.stem) for path in (folder / PARTS).glob("*.parquet"))
+        numbers = (int(path.stem) for path in (folder / PARTS).glob("*.parquet") if path.stem.isdecimal())
         self._parts = max(numbers, default=0)
 
     def row(self, job: Job) -> Row | None:
@@ -88,14 +97,29 @@ def _files(folder: Path) -> list[Path]:
 
 
 def read(folder: Path) -> list[Row]:
-    """All rows in a folder, sorted, each flight once."""
-    from pyarrow import parquet
+    """All rows in a folder, sorted, each flight once. Raises TableError."""
+    latest: dict[Key, Row] = {row.key: row for path in _files(folder) for row in _rows_of(path)}
+    return [latest[key] for key in sorted(latest)]
+
+
+def _rows_of(path: Path) -> list[Row]:
+    from pyarrow import ArrowException, parquet
 
     names = {field.name for field in dataclasses.fields(Row)}  # older files have more
-    rows = [
-        Row(**{name: value for name, value in row.items() if name in names})
-        for path in _files(folder)
-        for row in parquet.read_table(path).to_pylist()
-    ]
-    latest: dict[Key, Row] = {row.key: row for row in rows}
-    return [latest[key] for key in sorted(latest)]
+    try:
+        rows = parquet.read_table(path).to_pylist()
+        return [Row(**{name: value for name, value in row.items() if name in names}) for row in rows]
+    except (ArrowException, OSError, TypeError) as error:  # a column that is not there is a TypeError
+        raise TableError(f"{path}: no table of flights ({error})") from error
+
+
+def of_one_version(folder: Path) -> list[Row]:
+    """The same. Raises TableError, too, if a case has rows of two versions of code or settings: a campaign that was
+    begun anew by another version and is not at its end yet, or has fewer seeds now."""
+    codes: dict[tuple[str, str, float], str] = {}
+    rows = read(folder)
+    for row in rows:
+        if codes.setdefault(row.key[:3], row.code) != row.code:
+            raise TableError(f"{folder}: {row.setup}, {row.method}, {row.speed:g} m/s: its rows are of two versions; "
+                             "fly all its seeds by one, or into a folder of its own")  # fmt: skip
+    return rows

@@ -10,9 +10,11 @@ from typing import Any
 
 import dask
 import numpy as np
+import pyarrow as pa
 import pytest
 from dask.utils import parse_timedelta
 from distributed import Client, Future, LocalCluster, as_completed
+from pyarrow import parquet
 from scipy import stats
 from typer.testing import CliRunner
 
@@ -307,6 +309,29 @@ def test_methods_are_paired_by_name_where_there_are_several(tmp_path: Path) -> N
     assert [pairs.name for pairs in paired(first, other)] == ["pole, 3 m/s"]
     assert [pairs.name for pairs in paired([*first, *other], other)] == ["pole, paper, 3 m/s"]
     assert paired(first, [dataclasses.replace(row, speed=4.0) for row in first]) == []
+
+
+def test_rows_of_two_versions_are_not_compared(tmp_path: Path) -> None:
+    for name, rows in zip("ab", sides(tmp_path), strict=True):
+        write(rows, tmp_path / name / MERGED)
+    Table(tmp_path / "b").add([dataclasses.replace(row, code="other") for row in read(tmp_path / "b")[:10]])
+    for order in ("ab", "ba"):
+        done = CliRunner().invoke(command.app, ["compare", *(str(tmp_path / name) for name in order)])
+        assert done.exit_code == command.UNUSABLE and done.output.count("\n") == 1
+        assert f"{tmp_path / 'b'}: pole, none, 3 m/s: its rows are of two versions" in done.output
+
+
+def test_a_table_that_is_none_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    for columns in ({}, {"setup": ["pole"]}):
+        parquet.write_table(pa.table(columns), tmp_path / "a" / MERGED)
+        if not columns:
+            (tmp_path / "a" / MERGED).write_bytes(b"torn")
+        for arguments in (["compare", str(tmp_path / "a"), str(tmp_path / "a")],
+                          ["fly", "smoke", "--folder", str(tmp_path / "a" / MERGED)]):  # fmt: skip
+            done = CliRunner().invoke(command.app, arguments)
+            assert done.exit_code == command.UNUSABLE and done.output.count("\n") == 1
+            assert str(tmp_path / "a" / MERGED) in done.output
 
 
 def test_comparing_is_one_command(tmp_path: Path) -> None:
