@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import os
 import time
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -309,6 +310,20 @@ def test_methods_are_paired_by_name_where_there_are_several(tmp_path: Path) -> N
     assert [pairs.name for pairs in paired(first, other)] == ["pole, 3 m/s"]
     assert [pairs.name for pairs in paired([*first, *other], other)] == ["pole, paper, 3 m/s"]
     assert paired(first, [dataclasses.replace(row, speed=4.0) for row in first]) == []
+
+
+def test_many_flights_are_compared_in_little_memory(tmp_path: Path) -> None:
+    (job,), rng = jobs(1, tmp_path), np.random.default_rng(1)
+    rows = [dataclasses.replace(flown(job), seed=seed, least_clearance=float(rng.normal())) for seed in range(5000)]
+    (pairs,) = paired([dataclasses.replace(row, least_clearance=0.0) for row in rows], rows)
+    tracemalloc.start()
+    try:
+        found = pairs.difference(lambda row: row.least_clearance)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found is not None and found[1].low < 0.0 < found[1].high
+    assert most < 200e6, "all samples at once are 800 MB"
 
 
 def test_rows_of_two_versions_are_not_compared(tmp_path: Path) -> None:
