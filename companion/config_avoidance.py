@@ -17,15 +17,15 @@ class AvoidanceMap(Table, frozen=True):
     cell: Annotated[float, msgspec.Meta(ge=0.025)] = 0.125
     """m, from 0.025 on: size of a cell."""
     cells: int = 384
-    """Along each side of the window around the vehicle; an even number."""
+    """Along each side of the window around the vehicle; an even number up to 4096."""
     layer: Positive = 3.0
     """m above and below the height of flight that the map stands for."""
     memory_s: Positive = 120.0
     """How long a return at close range is remembered; weaker evidence fades in proportion."""
 
     def __post_init__(self) -> None:
-        if self.cells < 16 or self.cells % 2:
-            raise ValueError(f"cells {self.cells}: not an even number from 16 on")
+        if not 16 <= self.cells <= 4096 or self.cells % 2:
+            raise ValueError(f"cells {self.cells}: not an even number from 16 to 4096")
 
 
 class AvoidancePlan(Table, frozen=True):

@@ -36,6 +36,8 @@ def test_overrides_reach_their_place() -> None:
         "limits.tilt_deg=90",
         "identity.component=300",
         "rates.least_share=1.5",
+        "avoidance.map.cells=17",
+        "avoidance.map.cells=1000000000",
     ],
 )
 def test_impossible_values(override: str) -> None:
