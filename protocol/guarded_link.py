@@ -24,9 +24,12 @@ _MOST_DRAINED = 100_000
 
 
 def refuse_exposed(url: str, *, signed: bool, insecure: bool) -> None:
-    """Raises TransportError for an address that others than this machine's users can send to, without a key."""
-    scheme = url.partition(":")[0]
-    if signed or insecure or scheme not in ("udpin", "tcpin") or is_local(url):
+    """Raises TransportError for an address that others than this machine's users can send to, without a key.
+
+    One without a place or a port is left to `open_url`, which says how it is written."""
+    scheme, _, rest = url.partition(":")
+    written = rest.rpartition(":")[0] != ""
+    if signed or insecure or not written or scheme not in ("udpin", "tcpin") or is_local(url):
         return
     raise TransportError(
         f"{url}: who can reach this machine could command the vehicle. Give both sides a key (companion key FILE, then "

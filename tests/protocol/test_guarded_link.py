@@ -7,7 +7,7 @@ from protocol.framing import Framer
 from protocol.guarded_link import GuardedLink, drain, forward, is_local, refuse_exposed, stopped
 from protocol.key_files import Keeper
 from protocol.messages import Encoder, dialect
-from protocol.transport import Memory, Transport, TransportError, Udp
+from protocol.transport import Memory, Transport, TransportError, Udp, open_url
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32 * [7])
 VEHICLE = Encoder(1, 1)
@@ -184,6 +184,13 @@ def test_an_address_beyond_this_machine_needs_a_key(url: str, local: bool) -> No
     else:
         with pytest.raises(TransportError, match=r"--signing-key.*127\.0\.0\.1.*--insecure"):
             refuse_exposed(url, signed=False, insecure=False)
+
+
+@pytest.mark.parametrize("url", ["udpin:127.0.0.1", "tcpin:0.0.0.0", "udpin::14540", "udpin:", "udpin"])
+def test_what_is_no_address_is_told_how_one_is_written(url: str) -> None:
+    with pytest.raises(TransportError, match="write it as udpin:HOST:PORT"):
+        refuse_exposed(url, signed=False, insecure=False)
+        open_url(url)
 
 
 @pytest.mark.parametrize("url", ["udpout:10.0.0.1:14540", "tcp:10.0.0.1:5760", "serial:/dev/ttyACM0:921600"])
