@@ -246,8 +246,8 @@ def _factor(pace: str) -> float | None:
         factor = float(pace)
     except ValueError:
         factor = 0.0
-    if not 0.0 < factor <= 1000.0:
-        _fail(f"--pace {pace}: write realtime, lockstep or a factor above 0 and up to 1000")
+    if not 0.001 <= factor <= 1000.0:
+        _fail(f"--pace {pace}: write realtime, lockstep or a factor from 0.001 to 1000")
     return factor
 
 

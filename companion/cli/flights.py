@@ -443,6 +443,6 @@ def _pace(text: str) -> "Pace":
         factor = float(text)
     except ValueError:
         factor = 0.0
-    if not 0.0 < factor < 1000.0:
-        raise PlanError(f"--pace {text}: there are realtime, lockstep and factors such as 4")
+    if not 0.001 <= factor <= 1000.0:
+        raise PlanError(f"--pace {text}: there are realtime, lockstep and factors such as 4, from 0.001 to 1000")
     return factor

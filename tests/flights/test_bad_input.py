@@ -68,7 +68,9 @@ def test_mission_and_its_files(tmp_path: Path) -> None:
     assert "waypoints" in refused("companion", "fly", str(path))
 
 
-@pytest.mark.parametrize("option", [("--output", "thoughts"), ("--pace", "slow"), ("--pace", "-1")])
+@pytest.mark.parametrize(
+    "option", [("--output", "thoughts"), ("--pace", "slow"), ("--pace", "-1"), ("--pace", "1e-300")]
+)
 def test_options(option: tuple[str, str]) -> None:
     assert option[1] in refused(*FLY, *option)
 

@@ -37,6 +37,7 @@ def test_the_command_line_loads_without_compiled_code() -> None:
         (["--vehicle", "zeppelin"], ["zeppelin", "paper_quad"]),
         (["--pace", "slowly"], ["slowly", "lockstep"]),
         (["--pace", "0"], ["--pace 0"]),
+        (["--pace", "1e-300"], ["--pace 1e-300", "from 0.001 to 1000"]),
         (["--bind", "pigeon:1:2"], ["pigeon"]),
         (["--bind", "udpin:127.0.0.1"], ["udpin:127.0.0.1"]),
         (["--bind", "udpin:0.0.0.0:0"], ["udpin:0.0.0.0:0", "--signing-key", "--insecure"]),
