@@ -19,6 +19,7 @@ from uuid import uuid4
 
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed, get_worker
+from distributed.utils import silence_logging_cmgr
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -62,12 +63,13 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
     The local cluster listens on loopback alone. It has a dashboard where bokeh is installed. Raises EngineError.
     """
     if scheduler is not None:
-        try:
-            client = Client(scheduler, timeout="20s")
-        except (OSError, ValueError) as error:
-            raise EngineError(f"{scheduler}: no scheduler answers ({error})") from error
-        with client:
-            yield client
+        with silence_logging_cmgr(logging.CRITICAL):  # that the scheduler has gone is one line of ours, pages of dask's
+            try:
+                client = Client(scheduler, timeout="20s")
+            except (OSError, ValueError) as error:
+                raise EngineError(f"{scheduler}: no scheduler answers ({error})") from error
+            with client:
+                yield client
         return
     with (
         dask.config.set(_LOCAL),

@@ -1,7 +1,9 @@
 """Campaigns: who dies, hangs or throws costs a row and no other; tables that resume; files; two campaigns compared."""
 
 import dataclasses
+import io
 import itertools
+import logging
 import os
 import time
 import tracemalloc
@@ -88,6 +90,17 @@ def test_most_workers_may_go_at_once(tmp_path: Path) -> None:
         jobs = [tmp_path / str(number) for number in range(6)]
         ended = [done.result for batch in as_they_end(client, pair, jobs) for done in batch]
     assert sorted(ended) == list(range(6)) and {path.name for path in tmp_path.iterdir()} == {"1", "2"}  # type: ignore[type-var]
+
+
+def test_what_dask_says_of_a_scheduler_that_goes_away_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its client writes pages of it on standard error, beside the one line of ours."""
+    shown, logger = io.StringIO(), logging.getLogger("distributed")
+    monkeypatch.setattr(logger, "handlers", [logging.StreamHandler(shown)])
+    with LocalCluster(1, processes=False, dashboard_address=None) as local, cluster(local.scheduler_address):
+        logger.error("lost the connection")
+    assert shown.getvalue() == ""
+    logger.error("said")
+    assert shown.getvalue() == "said\n"
 
 
 def test_workers_that_die_again_and_again_are_not_given_up() -> None:
