@@ -41,21 +41,23 @@ def fly(
         from studies.campaigns import files
         from studies.campaigns.page import write
         from studies.campaigns.runner import Campaign
+        from studies.campaigns.table import alone
         from studies.engine import cluster, dashboard
 
         path = toml_files.find("campaigns", file)
         given = files.load(path)
         setups, own = given.setups(), folder / given.name
-        flying = Campaign(given.jobs(setups, own), own, given.stopping)
-        todo = flying.todo
-        if len(todo) < len(flying.jobs):
-            _say(f"{len(flying.jobs) - len(todo)} of {len(flying.jobs)} flights are there already")
-        if todo:
-            with cluster(scheduler, workers) as client:
-                if (link := dashboard(client)) is not None:
-                    _say(f"dashboard: {link}")
-                _fly(flying, client, given.wall_limit_s)
-        page = write(f"Campaign {given.name}", f"campaign {file}", own, setups, flying.finish())
+        with alone(own):
+            flying = Campaign(given.jobs(setups, own), own, given.stopping)
+            todo = flying.todo
+            if len(todo) < len(flying.jobs):
+                _say(f"{len(flying.jobs) - len(todo)} of {len(flying.jobs)} flights are there already")
+            if todo:
+                with cluster(scheduler, workers) as client:
+                    if (link := dashboard(client)) is not None:
+                        _say(f"dashboard: {link}")
+                    _fly(flying, client, given.wall_limit_s)
+            page = write(f"Campaign {given.name}", f"campaign {file}", own, setups, flying.finish())
         typer.echo(page.read_text(encoding="utf-8"))
         _say(f"written: {page}")
 

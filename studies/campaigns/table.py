@@ -5,8 +5,10 @@ sorted, so the table does not depend on the order in which flights ended. Most r
 """
 
 import dataclasses
+import fcntl
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, get_args
 
@@ -14,12 +16,31 @@ from studies.campaign import Job, Key, Row
 
 MERGED = "rows.parquet"
 PARTS = "parts"
+LOCK = "flying"
+"""Locked by the campaign that flies."""
 TIMINGS = ("wall_s", "map_us", "way_us", "space_us", "step_us")
 """Columns of wall times: all others are the same whenever and wherever a flight is flown."""
 
 
 class TableError(Exception):
     """A table that can't be read or written, or whose rows can't be told apart; the text names the file or folder."""
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """A block in which no other campaign flies into the folder: each would write over the other's parts. Raises
+    TableError if one does; one that was killed does not any more."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / LOCK).open("w")
+    except OSError as error:
+        raise TableError(f"{folder}: {error.strerror}") from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise TableError(f"{folder}: another campaign is flying into it") from None
+        yield
 
 
 class Table:

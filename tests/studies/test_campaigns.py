@@ -27,7 +27,7 @@ from studies.campaign import Job, Row, Setup
 from studies.campaigns import command, files, page, smoke
 from studies.campaigns.runner import Campaign, Case, Flown, Stop, lost
 from studies.campaigns.statistics import compared, paired, wilson
-from studies.campaigns.table import MERGED, PARTS, Table, digest, read, write
+from studies.campaigns.table import MERGED, PARTS, Table, alone, digest, read, write
 from studies.engine import Failed, as_they_end, cluster, in_order
 from tests.studies.harm import harmful, late, once, pair
 
@@ -360,6 +360,16 @@ def test_a_table_that_is_none_is_one_line(tmp_path: Path) -> None:
             done = CliRunner().invoke(command.app, arguments)
             assert done.exit_code == command.UNUSABLE and done.output.count("\n") == 1
             assert str(tmp_path / "a" / MERGED) in done.output
+
+
+def test_a_campaign_that_is_begun_twice_at_once_is_refused(tmp_path: Path) -> None:
+    """Both would number their parts alike, so that each lost rows of the other."""
+    with alone(tmp_path / "smoke"):
+        done = CliRunner().invoke(command.app, ["fly", "smoke", "--folder", str(tmp_path)])
+    assert done.exit_code == command.UNUSABLE and done.output.count("\n") == 1
+    assert f"{tmp_path / 'smoke'}: another campaign is flying into it" in done.output
+    with alone(tmp_path / "smoke"):
+        assert not (tmp_path / "smoke" / PARTS).exists()
 
 
 def test_comparing_is_one_command(tmp_path: Path) -> None:
