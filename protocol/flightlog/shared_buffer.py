@@ -62,12 +62,12 @@ class Setup:
 
     @property
     def path(self) -> Path:
-        """Of the folder."""
+        """The folder."""
         return Path(os.fsdecode(self.folder))
 
     @property
     def name(self) -> str:
-        """Of the folder, for texts: what is no UTF-8 is escaped."""
+        """The folder for texts: what is no UTF-8 is escaped."""
         return self.folder.decode(errors="backslashreplace")
 
     def encode(self) -> bytes:

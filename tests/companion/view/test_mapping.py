@@ -170,5 +170,5 @@ def test_a_flight_s_own_settings_make_its_map() -> None:
 def test_the_settings_of_an_old_log_are_read_by_their_old_names() -> None:
     old = b'{"avoidance": {"tracks": {"slowest": 0.8, "rest": 9, "gap": 0.7}, "map": {"cells": 64}}}'
     avoidance = avoidance_of(old)
-    assert (avoidance.tracks.min_speed, avoidance.tracks.stopped_scans, avoidance.tracks.gap) == (0.8, 9, 0.7)
+    assert (avoidance.tracks.min_speed, avoidance.tracks.stopped_scans, avoidance.tracks.range_gap) == (0.8, 9, 0.7)
     assert avoidance.map.cells == 64
