@@ -138,8 +138,8 @@ class AvoidanceCourse(Table, frozen=True):
 class AvoidanceTracks(Table, frozen=True):
     """Tracking of moving obstacles (`perception.tracks`)."""
 
-    gap: Positive = 1.0
-    """m; neighbouring returns farther apart than this belong to two segments."""
+    range_gap: Positive = 0.2
+    """m; neighbouring returns whose ranges differ by more belong to two segments."""
     max_extent: Positive = 1.2
     """m; wider segments are not tracked."""
     acceleration_noise: Positive = 1.5
@@ -147,12 +147,13 @@ class AvoidanceTracks(Table, frozen=True):
     confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 3
     """Scans that must see a track before it is confirmed."""
     hidden_scans: Annotated[int, msgspec.Meta(ge=0)] = 30
-    """For so many scans that can't show it, since they are tilted, what moves is expected to go on."""
+    """For so many scans in a row that can't show it, since they are tilted, or of which something hides a part, what
+    moves is expected to go on."""
     delete_misses: Annotated[int, msgspec.Meta(ge=1)] = 4
     """Scans in a row that miss a confirmed track before it is deleted."""
     min_speed: Positive = 0.5
     """m/s; slower tracks stand."""
-    min_speed_sigmas: Positive = 3.0
+    min_speed_sigmas: Positive = 2.5
     """Standard deviations by which the velocity of a moving track differs from 0, at least."""
     moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 1
     """Scans in a row with such a velocity after which a track is moving."""

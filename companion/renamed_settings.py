@@ -21,6 +21,7 @@ RENAMED_SETTINGS = {
     "avoidance.plan.comfort": "avoidance.plan.proximity_radius",
     "avoidance.plan.closeness": "avoidance.plan.proximity_cost",
     "avoidance.plan.unknown": "avoidance.plan.unknown_cost",
+    "avoidance.tracks.gap": "avoidance.tracks.range_gap",
     "avoidance.tracks.widest": "avoidance.tracks.max_extent",
     "avoidance.tracks.acceleration": "avoidance.tracks.acceleration_noise",
     "avoidance.tracks.hits": "avoidance.tracks.confirm_hits",

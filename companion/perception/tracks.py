@@ -1,10 +1,9 @@
 """Tracks of moving obstacles: a constant-velocity Kalman filter for each small cluster of returns.
 
-- Clusters: neighbouring returns nearer to each other than `gap` form a segment. A segment that is small and fully
-  visible is a cluster, measured by its centroid. Its covariance has the sensor's shape: a few centimetres along the
-  beam, and across it as much as the sector is wide. A wide segment such as a wall, or one around the vehicle, is no
-  cluster: its visible part travels with the vehicle.
+- Clusters: see `perception.clusters`.
 - Association: tracks and clusters are paired nearest first by their Mahalanobis distance, within a gate.
+- Turns: a track that moves and is met elsewhere than expected again and again, by the normalized square of the
+  innovations, has turned. Its velocity gets uncertain, so that it follows within a few scans.
 - Status: a track is confirmed after some hits, deleted after some misses, and moves if its velocity differs from 0
   significantly for some scans in a row and it was seen to have left its place (`perception.departure`). Its velocity
   must differ from the vehicle's, too: the place where a beam meets a long wall goes along with the vehicle. Of what
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config_avoidance import AvoidanceTracks
+from companion.perception.clusters import Integers, Returns, find_clusters
 from companion.perception.departure import (
     SIGHT_EVERY,
     SIGHTS,
@@ -42,10 +42,6 @@ _GATE = 11.8
 """Squared Mahalanobis distance that holds 99.7 % in two dimensions."""
 _LONGEST_STEP_S = 0.5
 """s: a longer time between two scans counts as this."""
-_RANGE_SIGMA_M = 0.08
-"""m along the beam: the range noise and the round front of an obstacle."""
-_WIDEST_VIEW = math.radians(120.0)
-"""rad that a cluster fills at the most: `max_extent` wide, it would have to be within the hull to fill more."""
 _MOST_BEAMS = 72
 """Beams of a ring at most: OBSTACLE_DISTANCE has no more."""
 _LEAST_RADIUS_M = 0.2
@@ -56,8 +52,13 @@ is followed from its second return on. Across, the first few returns say little 
 what comes straight on seems to move to either side, and the vehicle evades to the wrong one."""
 _RADIUS_GAIN = 0.2
 """Weight of the latest measurement in a track's radius."""
-
-Integers = NDArray[np.int64]
+_SURPRISE_GAIN, _SURPRISE, _NO_SURPRISE = 0.5, 3.0, 2.0
+"""Weight of the latest innovation in a track's surprise, the surprise that tells a turn, and its expected value: the
+innovation has two dimensions."""
+_SETTLED_HITS = 15
+"""Scans after which the velocity of a track has settled, so that a surprise tells a turn."""
+_TURN_SIGMA = 1.0
+"""m/s that is added to the uncertainty of a velocity at a turn."""
 
 TRACK = np.dtype(
     [
@@ -67,9 +68,10 @@ TRACK = np.dtype(
         ("radius", "f8"),  # m around the centroid that hold all of it
         ("hits", "i8"),  # scans that saw it
         ("misses", "i8"),  # last scans in a row that did not see it,
-        ("hidden", "i8"),  # without those whose tilt hid what moves
+        ("hidden", "i8"),  # last scans in a row that showed only a part of it, or hid it by their tilt
         ("fast_scans", "i8"),  # last scans in a row in which its velocity was significant
         ("slow_scans", "i8"),  # last scans in a row in which it was not
+        ("surprise", "f8"),  # mean of the latest innovations' squares in standard deviations
         ("moving", "b1"),
         ("left", "b1"),  # it was seen to have left the place where it stood
         ("start", "f8", 2),  # north, east (m), that place, as it was seen first
@@ -106,36 +108,6 @@ class _PosedScan(NamedTuple):
     """(4,) NED to FRD"""
     width: float
     """rad of a sector."""
-
-
-class _Returns(NamedTuple):
-    """The returns of a scan as points."""
-
-    points: Array
-    """(n, 3) NED (m), of all beams."""
-    usable: BoolArray
-    """(n,) the beam has a return, and not from the ground."""
-    ranges: Array
-    """(n,) m"""
-    position: Array
-    """(3,) NED (m) of the sensor."""
-    width: float
-    """rad of a sector."""
-
-
-class Clusters(NamedTuple):
-    """The clusters of a scan."""
-
-    spans: Integers
-    """(k, 2) first beam and number of beams."""
-    centroids: Array
-    """(k, 2) north, east (m)."""
-    covariances: Array
-    """(k, 2, 2) m2, of the centroids."""
-    extents: Array
-    """(k,) m, the largest distance between two returns."""
-    middles: Integers
-    """(k,) beam of the return nearest to the centroid."""
 
 
 class Tracker:
@@ -218,8 +190,8 @@ def _track(
     beams = scan.bearings.size
     points = world_points(scan.bearings, scan.ranges, scan.position, scan.attitude)
     usable = scan.hit & (points[:, 2] < ground[0] - ground[1] * scan.ranges)
-    clusters = find_clusters(_Returns(points, usable, scan.ranges, scan.position, scan.width), rules[0])
-    spans, centroids, covariances, extents, middles = clusters
+    clusters = find_clusters(Returns(points, usable, scan.ranges, scan.position, scan.width), rules[0])
+    spans, centroids, covariances, extents, middles, hidden = clusters
     step = scan.bearings[1] - scan.bearings[0] if beams > 1 else scan.width
     free = np.zeros(min(beams, _MOST_BEAMS))  # by a loop: np.where takes a second to compile
     for k in range(free.size):
@@ -227,14 +199,15 @@ def _track(
             free[k] = scan.ranges[k]
     sight = Sight(free, scan.position, scan.attitude, scan.bearings[0], step)
     predict(tracks, dt, rules[0]["acceleration_noise"])
-    seen_as = associate(tracks, centroids, covariances)
+    seen_as = associate(tracks, centroids, covariances, hidden)
     moving = np.zeros(beams, np.bool_)
     kept = np.empty(tracks.size + centroids.shape[0], tracks.dtype)
     count = 0
     for t in range(tracks.size):
         c = seen_as[t]
-        if c >= 0:
+        if c >= 0 and not (hidden[c] and tracks[t]["hidden"] >= rules[0]["hidden_scans"]):
             correct(tracks[t], centroids[c], covariances[c], _radius(extents[c]))
+            tracks[t]["hidden"] = tracks[t]["hidden"] + 1 if hidden[c] else 0
             tracks[t]["left"] = tracks[t]["left"] or has_left(tracks[t], points[middles[c]], sight)
             update_status(tracks[t], rules[0], own)
             if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]:
@@ -251,7 +224,7 @@ def _track(
             kept[count] = tracks[t]
             count += 1
     for c in range(centroids.shape[0]):
-        if not np.any(seen_as == c):
+        if not np.any(seen_as == c) and not hidden[c]:
             start_track(kept[count], started, centroids[c], covariances[c], _radius(extents[c]), scan.position)
             stand(kept[count], points[middles[c]], sight)
             count += 1
@@ -271,17 +244,19 @@ def miss(track: Any, rule: Any, sight: Sight) -> None:
 
 
 @compiled
-def associate(tracks: Tracks, centroids: Array, covariances: Array) -> Integers:
+def associate(tracks: Tracks, centroids: Array, covariances: Array, hidden: BoolArray) -> Integers:
     """(tracks,) index of the cluster, of centroids (c, 2) and their covariances (c, 2, 2), that each track continues
-    with; -1: none. The nearest pair is chosen first."""
+    with; -1: none. The nearest pair is chosen first, of clusters of which a part is `hidden` (c,) after the others:
+    the edge of an obstacle, which is farther away than its front, may be such a one beside it."""
     squares = np.empty((tracks.size, centroids.shape[0]))
     for t in range(tracks.size):
         for c in range(centroids.shape[0]):
             spread = tracks[t]["covariance"][:2, :2] + covariances[c]
-            squares[t, c] = mahalanobis_squared(spread, centroids[c] - tracks[t]["mean"][:2])
+            square = mahalanobis_squared(spread, centroids[c] - tracks[t]["mean"][:2])
+            squares[t, c] = math.inf if square >= _GATE else square + _GATE if hidden[c] else square
     chosen = np.full(tracks.size, -1)
     while True:
-        least, first, second = _GATE, -1, -1
+        least, first, second = math.inf, -1, -1
         for t in range(tracks.size):
             for c in range(centroids.shape[0]):
                 if squares[t, c] < least:
@@ -311,7 +286,7 @@ def start_track(track: Any, number: int, centroid: Array, covariance: Array, rad
     """Fill in a new TRACK: at rest, with the uncertainty of its speed as `seen_from` (2,) or more (m, NED)."""
     track["number"], track["radius"], track["moving"] = number, radius, False
     track["hits"], track["misses"], track["hidden"] = 1, 0, 0
-    track["fast_scans"], track["slow_scans"] = 0, 0
+    track["fast_scans"], track["slow_scans"], track["surprise"] = 0, 0, _NO_SURPRISE
     track["mean"][:2], track["mean"][2:] = centroid, 0.0
     track["covariance"][:] = 0.0
     track["covariance"][:2, :2] = covariance
@@ -349,6 +324,7 @@ def correct(track: Any, centroid: Array, noise: Array, radius: float) -> None:
     mean, covariance = track["mean"], track["covariance"]
     spread = covariance[:2, :2] + noise
     determinant = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
+    _notice_turn(track, mahalanobis_squared(spread, centroid - mean[:2]))
     gain = np.empty((4, 2))
     for i in range(4):
         gain[i, 0] = (covariance[i, 0] * spread[1, 1] - covariance[i, 1] * spread[1, 0]) / determinant
@@ -360,7 +336,18 @@ def correct(track: Any, centroid: Array, noise: Array, radius: float) -> None:
     mean[:] = mean + gain[:, 0] * north + gain[:, 1] * east
     track["radius"] += _RADIUS_GAIN * (radius - track["radius"])
     track["hits"] += 1
-    track["misses"] = track["hidden"] = 0
+    track["misses"] = 0
+
+
+@compiled
+def _notice_turn(track: Any, innovation: float) -> None:
+    """Make the velocity of a TRACK uncertain if it has turned, as the square of its innovation in standard deviations
+    tells (the white-noise level is adjusted: Bar-Shalom, Li and Kirubarajan 2001)."""
+    track["surprise"] += _SURPRISE_GAIN * (innovation - track["surprise"])
+    if track["moving"] and track["hits"] >= _SETTLED_HITS and track["surprise"] > _SURPRISE:
+        track["covariance"][2, 2] += _TURN_SIGMA * _TURN_SIGMA
+        track["covariance"][3, 3] += _TURN_SIGMA * _TURN_SIGMA
+        track["surprise"] = _NO_SURPRISE
 
 
 @compiled
@@ -389,96 +376,3 @@ def _congruent(left: Array, middle: Array) -> Array:
 def _radius(extent: float) -> float:
     """Radius (m) of a cluster of that extent (m)."""
     return max(0.5 * extent, _LEAST_RADIUS_M)
-
-
-@compiled
-def find_clusters(returns: _Returns, rule: Any) -> Clusters:
-    """The segments that are small and fully visible.
-
-    What a nearer return hides a part of has no known centroid and is left out.
-    """
-    spans = segments(returns.points, returns.usable, rule["gap"])
-    centroids, covariances = np.empty((spans.shape[0], 2)), np.empty((spans.shape[0], 2, 2))
-    extents, middles = np.empty(spans.shape[0]), np.empty(spans.shape[0], np.int64)
-    count = 0
-    for k in range(spans.shape[0]):
-        first, length = spans[k]
-        extent = _extent(returns.points, first, length)
-        if (
-            extent <= rule["max_extent"]
-            and length * returns.width < _WIDEST_VIEW
-            and not _hidden(returns, first, length)
-        ):
-            spans[count], extents[count] = spans[k], extent
-            centroids[count], covariances[count], middles[count] = _measure(returns, first, length)
-            count += 1
-    return Clusters(spans[:count], centroids[:count], covariances[:count], extents[:count], middles[:count])
-
-
-@compiled
-def _extent(points: Array, first: int, length: int) -> float:
-    """The largest distance (m) between two returns of a segment, in the plane."""
-    square = 0.0
-    for k in range(first, first + length):
-        for m in range(first, k):
-            one, other = points[k % points.shape[0]], points[m % points.shape[0]]
-            square = max(square, (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2)
-    return math.sqrt(square)
-
-
-@compiled
-def _hidden(returns: _Returns, first: int, length: int) -> bool:
-    """Whether a nearer neighbour may hide a part of a segment."""
-    usable, ranges = returns.usable, returns.ranges
-    last = (first + length - 1) % ranges.size
-    before, after = (first - 1) % ranges.size, (last + 1) % ranges.size
-    left: bool = usable[before] and ranges[before] < ranges[first]
-    right: bool = usable[after] and ranges[after] < ranges[last]
-    return left or right
-
-
-@compiled
-def _measure(returns: _Returns, first: int, length: int) -> tuple[Array, Array, int]:
-    """Centroid (2,) of a segment, its covariance (2, 2), and the beam of the return nearest to it."""
-    points, position = returns.points, returns.position
-    centroid = np.zeros(2)
-    for k in range(first, first + length):
-        centroid += points[k % points.shape[0], :2] / length
-    north, east = centroid[0] - position[0], centroid[1] - position[1]
-    distance = max(math.hypot(north, east), 1e-6)
-    along = _RANGE_SIGMA_M * _RANGE_SIGMA_M
-    across = along + (distance * returns.width) ** 2 / 12.0
-    un, ue = north / distance, east / distance
-    cross = (along - across) * un * ue
-    # A tuple of tuples: compiled code would take a list of lists from the heap.
-    covariance = np.array(((along * un * un + across * ue * ue, cross), (cross, along * ue * ue + across * un * un)))
-    middle, least = first, math.inf
-    for k in range(first, first + length):
-        point = points[k % points.shape[0]]
-        away = math.hypot(point[0] - centroid[0], point[1] - centroid[1])
-        if away < least:
-            middle, least = k % points.shape[0], away
-    return centroid, covariance, middle
-
-
-@compiled
-def _connected(points: Array, usable: BoolArray, a: int, b: int, gap: float) -> bool:
-    return usable[a] and usable[b] and math.hypot(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1]) < gap
-
-
-@compiled
-def segments(points: Array, usable: BoolArray, gap: float) -> Integers:
-    """(k, 2) first beam and number of beams of each segment: usable returns, of points (n, 3), whose neighbours are
-    nearer than `gap` (m). A scan in which all are connected has none."""
-    count = usable.size
-    found = np.empty((count, 2), np.int64)
-    number = 0
-    for k in range(count):
-        if not usable[k] or _connected(points, usable, (k - 1) % count, k, gap):
-            continue
-        length = 1
-        while length < count and _connected(points, usable, (k + length - 1) % count, (k + length) % count, gap):
-            length += 1
-        found[number, 0], found[number, 1] = k, length
-        number += 1
-    return found[:number]

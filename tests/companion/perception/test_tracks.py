@@ -15,7 +15,6 @@ from companion.perception.tracks import (
     correct,
     mahalanobis_squared,
     predict,
-    segments,
     start_track,
     update_status,
 )
@@ -27,7 +26,7 @@ from vehicle_sim.sensors.lidar import Lidar, LidarSettings
 from vehicle_sim.world import CylinderTable, OriginTable, WallTable, World, WorldTable
 
 SETTINGS = AvoidanceTracks(
-    gap=1.0,
+    range_gap=0.2,
     max_extent=1.2,
     acceleration_noise=1.5,
     confirm_hits=4,
@@ -168,17 +167,27 @@ def test_the_nearest_pair_is_taken_first() -> None:
     tracks = np.concatenate([track_of(np.array([place, 0.0, 0.0, 0.0]), 0.01 * np.eye(4)) for place in (0.0, 0.3, 9.0)])
     clusters = np.array([[0.2, 0.0], [0.5, 0.0], [20.0, 0.0]])
     noises = np.broadcast_to(0.01 * np.eye(2), (3, 2, 2)).copy()
-    assert associate(tracks, clusters, noises).tolist() == [
+    whole = np.zeros(3, np.bool_)
+    assert associate(tracks, clusters, noises, whole).tolist() == [
         -1,
         0,
         -1,
     ]  # the first is farther from the second than the gate
-    assert associate(tracks, clusters[:1], noises[:1]).tolist() == [-1, 0, -1]
-    assert associate(tracks[:1], clusters, noises).tolist() == [0]
+    assert associate(tracks, clusters[:1], noises[:1], whole[:1]).tolist() == [-1, 0, -1]
+    assert associate(tracks[:1], clusters, noises, whole).tolist() == [0]
     # Within the gate by the uncertainty of the track and of the cluster together, by neither alone.
-    assert associate(tracks[:1], np.array([[0.0, 0.45]]), noises[:1]).tolist() == [0]
-    assert associate(tracks[:0], clusters, noises).tolist() == []
-    assert associate(tracks, clusters[:0], noises[:0]).tolist() == [-1] * 3
+    assert associate(tracks[:1], np.array([[0.0, 0.45]]), noises[:1], whole[:1]).tolist() == [0]
+    assert associate(tracks[:0], clusters, noises, whole).tolist() == []
+    assert associate(tracks, clusters[:0], noises[:0], whole[:0]).tolist() == [-1] * 3
+
+
+def test_what_is_seen_whole_is_taken_before_what_something_hides_a_part_of() -> None:
+    """Though that is nearer; alone it is taken."""
+    tracks = track_of(np.zeros(4), 0.01 * np.eye(4))
+    clusters, noises = np.array([[0.1, 0.0], [0.2, 0.0]]), np.broadcast_to(0.01 * np.eye(2), (2, 2, 2)).copy()
+    hidden = np.array([True, False])
+    assert associate(tracks, clusters, noises, hidden).tolist() == [1]
+    assert associate(tracks, clusters[:1], noises[:1], hidden[:1]).tolist() == [0]
 
 
 def test_the_filter_is_consistent() -> None:
@@ -394,16 +403,6 @@ def test_an_unconfirmed_track_is_deleted_at_its_first_miss() -> None:
     assert len(scene.tracker.tracks) == 0
 
 
-def test_segments_go_around_the_scan() -> None:
-    """A segment across the last and the first beam is one; a scan in which all are connected has none."""
-    points = np.column_stack([5.0 * np.cos(BEARINGS), 5.0 * np.sin(BEARINGS), np.zeros(72)])
-    usable = np.zeros(72, np.bool_)
-    usable[[70, 71, 0, 1, 20, 40, 41]] = True
-    assert sorted(map(tuple, segments(points, usable, 1.0).tolist())) == [(20, 1), (40, 2), (70, 4)]
-    assert len(segments(points, np.ones(72, np.bool_), 1.0)) == 0
-    assert sorted(segments(points, usable, 0.1)[:, 1].tolist()) == [1] * 7
-
-
 def test_a_walker_that_turns_back_is_still_moving() -> None:
     """Back and forth on a line, slow for a moment at each turn; after a stop the track no longer moves."""
     scene = Scene()
@@ -416,3 +415,44 @@ def test_a_walker_that_turns_back_is_still_moving() -> None:
     for _ in range(40):
         scene.see([(north, 5.0)], yaw=math.pi / 2)
     assert len(scene.tracker.moving) == 0
+
+
+def test_who_turns_back_at_once_is_followed_within_a_few_scans() -> None:
+    """At 1.4 m/s, without being slow for a moment: it is the same track all the time, and never lost."""
+    scene, step = Scene(), 1.4 * PERIOD_NS * 1e-9
+    for k in range(60):
+        north = -2.0 + step * (k if k <= 40 else 80 - k)
+        scene.see([(north, 4.0)], yaw=math.pi / 2)
+        if k >= 30:
+            (track,) = scene.tracker.moving
+            assert track["number"] == 0 and abs(track["mean"][0] - north) < 0.3
+            if k >= 46:
+                assert track["mean"][2] < -1.0
+    assert track["mean"][2] == pytest.approx(-1.4, abs=0.3)
+
+
+def test_who_comes_along_a_hallway_is_not_taken_for_its_walls() -> None:
+    """In 2 m between walls, which are nearer on both sides than he is: he is seen to move at 3.5 m."""
+    walls = tuple(
+        WallTable(name=f"{e}", start=(-5.0, e), end=(20.0, e), thickness=0.2, height=4.0) for e in (-1.1, 1.1)
+    )
+    scene, step = Scene(walls=walls), 1.2 * PERIOD_NS * 1e-9
+    for k in range(75):
+        scene.see([(9.0 - step * k, 0.35)])
+        if 9.0 - step * k < 3.5:
+            (track,) = scene.tracker.moving
+            assert track["mean"][:2] == pytest.approx([9.0 - step * k, 0.35], abs=0.45)
+            assert track["mean"][2:] == pytest.approx([-1.2, 0.0], abs=0.4)
+
+
+def test_the_wall_beside_which_somebody_went_does_not_go_on_with_the_vehicle() -> None:
+    """He comes along a hallway and passes; the vehicle flies on, and sees pieces of the wall where he was expected."""
+    walls = tuple(
+        WallTable(name=f"{e}", start=(-20.0, e), end=(60.0, e), thickness=0.2, height=4.0) for e in (-1.7, 1.7)
+    )
+    scene, step, elsewhere = Scene(walls=walls), PERIOD_NS * 1e-9, 0
+    for k in range(150):
+        place = 10.0 - step * k, 1.2
+        scene.see([place], np.array([2.0 * step * k, 0.0, -2.0]))
+        elsewhere += any(math.dist(track["mean"][:2], place) > 1.0 for track in scene.tracker.moving)
+    assert elsewhere <= SETTINGS.delete_misses

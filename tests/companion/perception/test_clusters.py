@@ -1,0 +1,62 @@
+"""Clusters: which returns are one segment, and what is known of a segment's centroid."""
+
+import math
+
+import numpy as np
+import pytest
+
+from companion.config_avoidance import AvoidanceTracks
+from companion.perception.clusters import Clusters, Returns, find_clusters, segments
+from companion.perception.tracks import Tracker
+from protocol.arrays import Array
+
+WIDTH = math.radians(5.0)
+BEARINGS: Array = np.radians(5.0 * np.arange(72))
+RULE = Tracker(AvoidanceTracks())._rules[0]
+
+
+def clusters_of(ranges: dict[int, float]) -> Clusters:
+    """The clusters of a ring at 2 m in which these beams alone have a return."""
+    usable = np.isin(np.arange(72), list(ranges))
+    measured = np.array([ranges.get(k, 15.0) for k in range(72)])
+    points = np.column_stack([measured * np.cos(BEARINGS), measured * np.sin(BEARINGS), np.full(72, -2.0)])
+    return Clusters(*find_clusters(Returns(points, usable, measured, np.array([0.0, 0.0, -2.0]), WIDTH), RULE))
+
+
+def test_segments_go_around_the_ring() -> None:
+    """A segment across the last and the first beam is one; a ring in which all are connected has none."""
+    ranges = np.full(72, 5.0)
+    ranges[[1, 41]] = 5.15
+    usable = np.zeros(72, np.bool_)
+    usable[[70, 71, 0, 1, 20, 40, 41]] = True
+    assert sorted(map(tuple, segments(ranges, usable, 0.2).tolist())) == [(20, 1), (40, 2), (70, 4)]
+    assert len(segments(ranges, np.ones(72, np.bool_), 0.2)) == 0
+    assert sorted(segments(ranges, usable, 0.1)[:, 1].tolist()) == [1, 1, 1, 1, 3]
+
+
+@pytest.mark.parametrize("distance", [1.5, 3.0, 6.0])
+def test_who_stands_before_a_wall_is_a_cluster_at_any_distance(distance: float) -> None:
+    """0.4 m before a wall: the returns of both are as near to each other as those of the wall are."""
+    wall = {k % 72: (distance + 0.4) / math.cos(k * WIDTH) for k in range(-10, 11)}
+    person = {k % 72: distance + 0.02 * abs(k) for k in (-1, 0, 1)}
+    found = clusters_of(wall | person)
+    place = found.spans.tolist().index([71, 3])
+    assert found.centroids[place] == pytest.approx([distance, 0.0], abs=0.05) and not found.hidden[place]
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_what_a_nearer_return_may_hide_is_known_less_well_across_and_as_well_along(side: int) -> None:
+    """On either side; beside a farther return all of it is seen."""
+    alone, beside = clusters_of({0: 4.0}), clusters_of({0: 4.0, side % 72: 5.0})
+    hidden = clusters_of({0: 4.0, side % 72: 3.0})
+    place = int(np.flatnonzero(hidden.spans[:, 0] == 0)[0])
+    assert hidden.hidden[place] and not hidden.hidden[1 - place]
+    assert not alone.hidden[0] and not beside.hidden[np.flatnonzero(beside.spans[:, 0] == 0)[0]]
+    along, across = np.diag(alone.covariances[0])
+    assert np.diag(hidden.covariances[place]) == pytest.approx([along, across + 0.3**2])
+
+
+def test_a_wide_segment_is_no_cluster() -> None:
+    """A wall across, and a wall all around the vehicle."""
+    assert len(clusters_of({k % 72: 3.0 for k in range(-10, 11)}).spans) == 0
+    assert len(clusters_of(dict.fromkeys(range(30), 0.5)).spans) == 0
