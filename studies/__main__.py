@@ -91,7 +91,7 @@ def worlds(
     name: Annotated[str | None, typer.Argument(help="A kind of place; left out: list them.")] = None,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     folder: Annotated[Path, typer.Option(help="Where to write it.")] = Path(),
-    speed: Annotated[float, typer.Option(min=0.1, help="Of the mission (m/s).")] = 5.0,
+    speed: Annotated[float, typer.Option(min=0.1, max=100.0, help="Of the mission (m/s).")] = 5.0,
     picture: Annotated[bool, typer.Option("--picture", help="Draw it, too, as it is at the start.")] = False,
 ) -> None:
     """Make a place by its seed: NAME_SEED.toml, and NAME_SEED_mission.toml that flies through it."""

@@ -199,3 +199,5 @@ def test_command_line(tmp_path: Path) -> None:
     assert load_mission(str(tmp_path / "gap_7_mission.toml"))[0].speed == 2.0
     wrong = CliRunner().invoke(command_line.places, ["swamp"])
     assert wrong.exit_code == 2 and "swamp: no such place (there: forest" in wrong.output
+    endless = CliRunner().invoke(command_line.places, ["gap", "--folder", str(tmp_path / "no"), "--speed", "inf"])
+    assert endless.exit_code == 2 and "--speed" in endless.output and not (tmp_path / "no").exists()
