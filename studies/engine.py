@@ -112,8 +112,7 @@ def as_they_end(
 
     def fill() -> None:
         # no job waits at a worker: those that do would be suspected with the one that kills it
-        # workers may have gone, so that more are flying than there is room for
-        for job in islice(todo, max(max(slots(client), 1) - len(flying), 0)):
+        for job in islice(todo, max(slots(client), 1, len(flying)) - len(flying)):
             key = f"flight-{run}-{next(numbers)}"
             future = client.submit(_limited, function, job, key, limit_s, key=key, pure=False, retries=ATTEMPTS - 1)
             flying[future] = job

@@ -3,7 +3,6 @@
 import os
 import signal
 import threading
-import time
 from pathlib import Path
 
 
@@ -17,16 +16,6 @@ def harmful(number: int) -> int:
         case 6:
             signal.pause()
     return number * number
-
-
-def pair(marker: Path) -> int:
-    """The first attempts at two of the jobs kill their workers, shortly before the first job ends."""
-    time.sleep(1.0 if marker.name == "0" else 0.0)
-    if marker.name in ("1", "2") and not marker.exists():
-        marker.touch()
-        time.sleep(0.9)
-        os.kill(os.getpid(), signal.SIGKILL)
-    return int(marker.name)
 
 
 def late(marker: Path) -> int:

@@ -116,8 +116,9 @@ def test_who_is_cancelled_while_the_flight_gets_ready_can_still_call_it_off(tmp_
     async def flight() -> None:
         async with Companion.connect(ANY_PORT, logs=tmp_path) as vehicle:
             flying = asyncio.create_task(vehicle.fly(Mission("hop", waypoints=[Waypoint(1.0, 0.0, 3.0)], waits=waits)))
-            while vehicle._process is None:
-                await asyncio.sleep(0.01)
+            async with asyncio.timeout(60.0):
+                while vehicle._process is None:
+                    await asyncio.sleep(0)
             flying.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await flying
