@@ -67,7 +67,7 @@ TRACK = np.dtype(
         ("covariance", "f8", (4, 4)),
         ("radius", "f8"),  # m around the centroid that hold all of it
         ("hits", "i8"),  # scans that saw it
-        ("misses", "i8"),  # last scans in a row that did not see it,
+        ("misses", "i8"),  # last scans in a row that did not see it, without those of `hidden`
         ("hidden", "i8"),  # last scans in a row that showed only a part of it, or hid it by their tilt
         ("fast_scans", "i8"),  # last scans in a row in which its velocity was significant
         ("slow_scans", "i8"),  # last scans in a row in which it was not
