@@ -1,7 +1,8 @@
 """Whether an obstacle was seen to move: it is now where nothing was, or nothing is now where it was.
 
 A sector reports its nearest return, which lies anywhere on an arc across the sector. An obstacle has moved if a ring
-saw past the whole arc of another ring's return. What stands never shows that, however coarse the sectors are.
+saw past the whole arc of another ring's return. What stands never shows that, however coarse the sectors are, if it was
+hit above the beam that saw past and below: a tilted ring passes over a van, and under the crown of a tree.
 """
 
 import math
@@ -17,6 +18,9 @@ _DEPTH_M = 0.2
 """m behind a return that must be free, too: a beam may graze the front of what stands."""
 _LEVEL_M = 1.0
 """m from the height of a return up to which a beam would have met the obstacle."""
+_HEIGHT_M = 0.02
+"""m beyond the heights at which an obstacle was hit, at which a beam would have met it, too: level rings see all at one
+height."""
 _LOW_M = 0.5
 """m below the sensor from which on an obstacle may be low: its top is somewhere above its return."""
 _OVER_LOW_M = 0.05
@@ -46,13 +50,13 @@ class Sight(NamedTuple):
 
 
 @compiled
-def seen_past(sight: Sight, place: Array, origin: Array) -> bool:
+def seen_past(sight: Sight, place: Array, origin: Array, heights: tuple[float, float]) -> bool:
     """Whether a ring saw past the whole arc of a return at a `place` that was seen from `origin`, (3,) m NED each, and
-    past what was right behind it."""
+    past what was right behind it. `heights` (m, NED): the highest and the lowest at which the obstacle was hit."""
     distance = max(math.hypot(place[0] - origin[0], place[1] - origin[1]), 1e-6)
     behind = place.copy()
     behind[:2] += _DEPTH_M / distance * (place[:2] - origin[:2])
-    return _arc_seen_past(sight, place, origin) and _arc_seen_past(sight, behind, origin)
+    return _arc_seen_past(sight, place, origin, heights) and _arc_seen_past(sight, behind, origin, heights)
 
 
 @compiled
@@ -65,7 +69,7 @@ def passes_off(sight: Sight, place: Array) -> bool:
 
 
 @compiled
-def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
+def _arc_seen_past(sight: Sight, place: Array, origin: Array, heights: tuple[float, float]) -> bool:
     aside = math.tan(0.5 * abs(sight.step))
     across_n, across_e = aside * (origin[1] - place[1]), aside * (place[0] - origin[0])
     around = round(2.0 * math.pi / abs(sight.step))  # sectors of a whole ring
@@ -79,7 +83,8 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array) -> bool:
             place[2] - sight.position[2],
         )
         x, y, z = to_body(sight.attitude, offset)
-        if not -_LEVEL_M * down[2] <= z <= over * down[2]:
+        height = place[2] - z / down[2]
+        if not (-_LEVEL_M * down[2] <= z <= over * down[2] and heights[0] <= height <= heights[1]):
             return False
         x, y = x - z / down[2] * down[0], y - z / down[2] * down[1]  # straight above or below, in the scan's plane
         farthest = max(farthest, math.hypot(x, y))
@@ -105,8 +110,15 @@ def seen_level(track: Any, place: Array, sight: Sight) -> bool:
 def stand(track: Any, place: Array, sight: Sight) -> None:
     """A TRACK stands at a place (3,) NED (m), as a ring sees it."""
     track["left"], track["start"][:] = False, place[:2]
+    track["highest"] = track["lowest"] = place[2]
     for k in range(SIGHTS):
         take_place(track, k, place, sight)
+
+
+@compiled
+def hit_at(track: Any, down: float) -> None:
+    """A TRACK was hit at a height (m, NED)."""
+    track["highest"], track["lowest"] = min(track["highest"], down), max(track["lowest"], down)
 
 
 @compiled
@@ -121,9 +133,11 @@ def has_left(track: Any, place: Array, sight: Sight) -> bool:
     """Whether a TRACK that a ring sees at a place (3,) NED (m) was seen to have left one of the places where it was:
     the ring sees past that, or the one that saw it there saw past this. Of what seems to stand, the first place alone
     is looked at."""
+    heights = (track["highest"] - _HEIGHT_M, track["lowest"] + _HEIGHT_M)
     for k in range(SIGHTS if track["fast_scans"] > 0 else 1):
         free, position, attitude = track["free"][k, : sight.free.size], track["position"][k], track["attitude"][k]
         before = Sight(free, position, attitude, sight.first, sight.step)
-        if seen_past(sight, track["place"][k], position) or seen_past(before, place, sight.position):
+        sees_past = seen_past(sight, track["place"][k], position, heights)
+        if sees_past or seen_past(before, place, sight.position, heights):
             return True
     return False

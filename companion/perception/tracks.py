@@ -27,6 +27,7 @@ from companion.perception.departure import (
     SIGHTS,
     Sight,
     has_left,
+    hit_at,
     passes_off,
     seen_level,
     stand,
@@ -75,6 +76,8 @@ TRACK = np.dtype(
         ("moving", "b1"),
         ("left", "b1"),  # it was seen to have left the place where it stood
         ("start", "f8", 2),  # north, east (m), that place, as it was seen first
+        ("highest", "f8"),  # NED (m): the heights at which it was hit there
+        ("lowest", "f8"),
         # Where it was seen: first where it stood, level if it was seen so, then in turn from nearer and nearer.
         ("place", "f8", (SIGHTS, 3)),  # NED (m), the return nearest to the centroid
         ("free", "f8", (SIGHTS, _MOST_BEAMS)),  # the Sight of the ring that saw it there
@@ -208,14 +211,12 @@ def _track(
         if c >= 0 and not (hidden[c] and tracks[t]["hidden"] >= rules[0]["hidden_scans"]):
             correct(tracks[t], centroids[c], covariances[c], _radius(extents[c]))
             tracks[t]["hidden"] = tracks[t]["hidden"] + 1 if hidden[c] else 0
-            tracks[t]["left"] = tracks[t]["left"] or has_left(tracks[t], points[middles[c]], sight)
-            update_status(tracks[t], rules[0], own)
-            if tracks[t]["slow_scans"] >= rules[0]["stopped_scans"]:
-                stand(tracks[t], points[middles[c]], sight)
-            elif seen_level(tracks[t], points[middles[c]], sight):
-                take_place(tracks[t], 0, points[middles[c]], sight)
-            if tracks[t]["hits"] % SIGHT_EVERY == 0:
-                take_place(tracks[t], 1 + tracks[t]["hits"] // SIGHT_EVERY % (SIGHTS - 1), points[middles[c]], sight)
+            whole = not hidden[c]
+            if whole:
+                hit_at(tracks[t], points[middles[c], 2])
+            tracks[t]["left"] = tracks[t]["left"] or (whole and has_left(tracks[t], points[middles[c]], sight))
+            update_status(tracks[t], rules[0], own, whole)
+            _keep_place(tracks[t], rules[0], points[middles[c]], sight)
             for k in range(spans[c, 0], spans[c, 0] + spans[c, 1]):
                 moving[k % beams] |= tracks[t]["moving"]
         else:
@@ -230,6 +231,17 @@ def _track(
             count += 1
             started += 1
     return kept[:count], started, moving
+
+
+@compiled
+def _keep_place(track: Any, rule: Any, place: Array, sight: Sight) -> None:
+    """Keep where a ring sees a TRACK, (3,) NED (m), if that is to be looked at by later ones."""
+    if track["slow_scans"] >= rule["stopped_scans"]:
+        stand(track, place, sight)
+    elif seen_level(track, place, sight):
+        take_place(track, 0, place, sight)
+    if track["hits"] % SIGHT_EVERY == 0:
+        take_place(track, 1 + track["hits"] // SIGHT_EVERY % (SIGHTS - 1), place, sight)
 
 
 @compiled
@@ -268,14 +280,15 @@ def associate(tracks: Tracks, centroids: Array, covariances: Array, hidden: Bool
 
 
 @compiled
-def update_status(track: Any, rule: Any, own: Array) -> None:
-    """Decide whether a TRACK that was seen is moving, by the settings as a record and the vehicle's velocity (2,)."""
+def update_status(track: Any, rule: Any, own: Array, whole: bool) -> None:
+    """Decide whether a TRACK that was seen is moving, by the settings as a record and the vehicle's velocity (2,). It
+    does not begin to where something hides a part of it: the place of that part is not its own."""
     mean, significant = track["mean"], rule["min_speed_sigmas"] ** 2
     fast = math.hypot(mean[2], mean[3]) > rule["min_speed"]
     fast = fast and mahalanobis_squared(track["covariance"][2:, 2:], mean[2:]) > significant
     track["fast_scans"] = track["fast_scans"] + 1 if fast else 0
     track["slow_scans"] = 0 if fast else track["slow_scans"] + 1
-    begins = track["left"] and track["fast_scans"] >= rule["moving_scans"]
+    begins = whole and track["left"] and track["fast_scans"] >= rule["moving_scans"]
     begins = begins and mahalanobis_squared(track["covariance"][2:, 2:], mean[2:] - own) > significant
     goes_on = begins or (track["moving"] and track["slow_scans"] < rule["stopped_scans"])
     track["moving"] = track["hits"] >= rule["confirm_hits"] and goes_on

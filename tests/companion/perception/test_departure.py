@@ -11,6 +11,8 @@ from protocol.frames import from_euler, rotate
 
 WIDTH = math.radians(5.0)
 HERE = np.array([1.0, -2.0, -3.0])
+ALL = (-math.inf, math.inf)
+"""An obstacle that was hit at all heights."""
 
 
 def sight(ranges: Array, yaw: float = 0.0, pitch: float = 0.0, first: float = 0.0) -> Sight:
@@ -36,9 +38,9 @@ def test_all_sectors_of_the_arc_count_and_no_others(bearing_deg: float, yaw_deg:
     for k in range(72):
         ranges = np.full(72, 15.0)
         ranges[k] = 6.3
-        assert seen_past(sight(ranges, yaw), place, HERE) == (k not in beams), k
+        assert seen_past(sight(ranges, yaw), place, HERE, ALL) == (k not in beams), k
         left = sight(np.roll(ranges[::-1], 1), yaw)._replace(step=-WIDTH)
-        assert seen_past(left, place, HERE) == (k not in beams), k
+        assert seen_past(left, place, HERE, ALL) == (k not in beams), k
 
 
 @pytest.mark.parametrize("roll", [-0.6, 0.6])
@@ -53,7 +55,7 @@ def test_a_tilted_ring_sees_past_what_is_above_its_plane(roll: float) -> None:
     for k in range(72):
         ranges = np.full(72, 15.0)
         ranges[k] = 1.1
-        seen = seen_past(Sight(ranges, HERE, attitude, 0.0, WIDTH), place, HERE)
+        seen = seen_past(Sight(ranges, HERE, attitude, 0.0, WIDTH), place, HERE, ALL)
         assert seen or abs(k - meets) <= 1, k
         assert not seen or k != meets, k
 
@@ -65,22 +67,34 @@ def test_an_arc_seen_from_afar_is_wide() -> None:
     for k in range(72):
         ranges = np.full(72, 15.0)
         ranges[k] = 2.2
-        blocked += not seen_past(sight(ranges), place, origin)
+        blocked += not seen_past(sight(ranges), place, origin, ALL)
     assert blocked == 7  # 2 atan(0.61 / 2) = 34 degrees, and no more behind it
 
 
 def test_what_was_not_measured_or_not_at_that_height_is_not_seen() -> None:
     place = at(30.0, 6.0)
     free = np.full(72, 15.0)
-    assert seen_past(sight(free), place, HERE)
-    assert not seen_past(sight(np.where(np.arange(72) == 6, 0.0, free)), place, HERE)
-    assert not seen_past(sight(free), at(30.0, 14.9), HERE), "not farther than it saw"
-    assert seen_past(sight(free), at(30.0, 6.0, -0.9), HERE) and not seen_past(sight(free), at(30.0, 6.0, -1.1), HERE)
-    assert seen_past(sight(free), at(30.0, 6.0, 0.4), HERE)
-    assert not seen_past(sight(free), at(30.0, 6.0, 0.6), HERE), "it may have looked over the top"
+    assert seen_past(sight(free), place, HERE, ALL)
+    assert not seen_past(sight(np.where(np.arange(72) == 6, 0.0, free)), place, HERE, ALL)
+    assert not seen_past(sight(free), at(30.0, 14.9), HERE, ALL), "not farther than it saw"
+    assert seen_past(sight(free), at(30.0, 6.0, -0.9), HERE, ALL) and not seen_past(
+        sight(free), at(30.0, 6.0, -1.1), HERE, ALL
+    )
+    assert seen_past(sight(free), at(30.0, 6.0, 0.4), HERE, ALL)
+    assert not seen_past(sight(free), at(30.0, 6.0, 0.6), HERE, ALL), "it may have looked over the top"
     for falls, seen in ((0.62, False), (0.68, True), (0.9, True)):  # m on 6 m: it looks over, at, and under 0.7 m
-        assert seen_past(sight(free, pitch=-math.atan2(falls, 6.0)), at(0.0, 6.0, 0.7), HERE) is seen, falls
-    assert not seen_past(sight(free, pitch=-0.25), at(0.0, 6.0), HERE), "a tilted ring looks over it"
+        assert seen_past(sight(free, pitch=-math.atan2(falls, 6.0)), at(0.0, 6.0, 0.7), HERE, ALL) is seen, falls
+    assert not seen_past(sight(free, pitch=-0.25), at(0.0, 6.0), HERE, ALL), "a tilted ring looks over it"
     ahead = sight(np.full(37, 15.0), first=-0.5 * math.pi)  # half a ring, from the left to the right
-    assert seen_past(ahead, at(60.0, 6.0), HERE) and not seen_past(ahead, at(150.0, 6.0), HERE)
-    assert seen_past(ahead, at(-60.0, 6.0), HERE) and not seen_past(ahead, at(-150.0, 6.0), HERE)
+    assert seen_past(ahead, at(60.0, 6.0), HERE, ALL) and not seen_past(ahead, at(150.0, 6.0), HERE, ALL)
+    assert seen_past(ahead, at(-60.0, 6.0), HERE, ALL) and not seen_past(ahead, at(-150.0, 6.0), HERE, ALL)
+
+
+@pytest.mark.parametrize("pitch_deg", [-3.0, 0.0, 3.0])
+def test_a_ring_sees_past_what_was_hit_above_its_beam_and_below(pitch_deg: float) -> None:
+    """At 6 m the tilt of 3 degrees is 0.31 m: over a top that was never hit so high, or under a crown."""
+    pitched, place, up = sight(np.full(72, 15.0), pitch=math.radians(pitch_deg)), at(0.0, 6.0), HERE[2]
+    beam = up - 6.0 * math.tan(math.radians(pitch_deg))
+    for highest, lowest in ((-0.4, 0.4), (-0.4, 0.1), (-0.1, 0.4), (-0.1, 0.1)):
+        heights = (up + highest, up + lowest)
+        assert seen_past(pitched, place, HERE, heights) == (heights[0] <= beam <= heights[1])
