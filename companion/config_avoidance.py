@@ -155,7 +155,7 @@ class AvoidanceTracks(Table, frozen=True):
     """m/s; slower tracks stand."""
     min_speed_sigmas: Positive = 2.5
     """Standard deviations by which the velocity of a moving track differs from 0, at least."""
-    moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 2
+    moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 1
     """Scans in a row with such a velocity after which a track is moving."""
     stopped_scans: Annotated[int, msgspec.Meta(ge=1)] = 15
     """Scans in a row without it after which a moving track stands. A walker who turns back is slow for a moment."""
