@@ -145,6 +145,8 @@ class BatteryWatch:
         self._charges = settings.warn_charge, settings.return_charge, settings.land_charge
         self._sources: dict[int, _Source] = {}
         self._verdict = BatteryVerdict()
+        self._told = BatteryLevel.FINE
+        """The worst level that was said in flight."""
         self._due_ns = 0
         self._short_since_ns: int | None = None
         self._said: set[str] = set()
@@ -167,7 +169,8 @@ class BatteryWatch:
         if not flying:
             self._verdict = BatteryVerdict(level, text, self._missing(level, text, doubts))
             return self._verdict
-        news = [text] if level > self._verdict.level else []
+        news = [text] if level > self._told else []
+        self._told = max(level, self._told)
         if news or self._verdict.missing:
             self._verdict = BatteryVerdict(max(level, self._verdict.level), text)
         news += [doubt for doubt in doubts if doubt not in self._said]

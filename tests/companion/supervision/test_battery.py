@@ -73,6 +73,15 @@ def test_each_level_is_said_once_and_names_the_charge() -> None:
     assert told.level is LAND
 
 
+def test_a_charge_that_was_low_before_the_start_is_said_once_in_flight() -> None:
+    told = flight()
+    told.flying = False
+    assert told.seconds([0.2] * 5).news == []
+    told.flying = True
+    assert told.seconds([0.2] * 5).news == ["battery at 20 %"]
+    assert told.level is WARN
+
+
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=60))
 @settings(max_examples=60)
 def test_no_reading_takes_an_answer_back_in_flight(charges: list[float]) -> None:
