@@ -225,6 +225,7 @@ class Navigator:
         beyond = 0.0 if state is None or self._fence is None else -self._fence.room(state.position_ned)
         allowed = self._allowed() if self.steps else 0.0
         overdue = self._time.overdue(allowed, now_ns) if flying else 0.0
+        outside = None if self._lands else outside  # nothing of the mission is flown
         report = MissionReport(done, overdue, allowed, outside=outside, beyond=beyond)
         if not flying or state is None:
             return report
