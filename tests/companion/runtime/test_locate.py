@@ -32,8 +32,20 @@ def test_the_place_is_the_vehicle_s_own_and_nothing_is_flown() -> None:
     assert not link.sent & NEVER_SENT and not link.vehicle.flight.armed
 
 
+def test_in_flight_the_place_is_that_of_the_take_off() -> None:
+    """A mission around the vehicle's present place would be flown elsewhere."""
+    link = Listened()
+    link.vehicle.flight.home_ned = (30.0, 0.0, 0.0)
+    there, here = locate(SETTINGS, link, home=True), locate(SETTINGS, link)
+    assert there is not None and here is not None and here == pytest.approx(origin_of("empty"), abs=1e-6)
+    assert math.radians(there[0] - here[0]) * 6.37e6 == pytest.approx(30.0, abs=0.2)
+    assert there[1] == pytest.approx(here[1], abs=1e-6)
+    assert not link.sent & NEVER_SENT
+
+
 def test_without_a_vehicle_there_is_none() -> None:
-    assert locate(load_settings(None, [IMPATIENT]), Nobody()) is None
+    for home in (False, True):
+        assert locate(load_settings(None, [IMPATIENT]), Nobody(), home=home) is None
 
 
 HOME = origin_of("empty")
