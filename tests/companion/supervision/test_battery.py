@@ -144,6 +144,15 @@ def test_a_battery_that_never_reports_is_refused_where_one_is_required(sources: 
     assert waiting.second(b0=0.9).level is FINE
 
 
+@pytest.mark.parametrize(("silent_s", "level"), [(3, FINE), (9, FINE), (12, RETURN)])
+def test_a_vehicle_that_is_taken_over_in_flight_has_time_to_report(silent_s: int, level: BatteryLevel) -> None:
+    told = flight(required=True)
+    for _ in range(silent_s):
+        told.second()
+    told.seconds([0.9] * 5)
+    assert told.level is level and bool(told.news) is (level is RETURN)
+
+
 def drains(rate: float, start: float = 0.9) -> Callable[[int], float]:
     return lambda second: percent(start - rate * second)
 
