@@ -172,7 +172,7 @@ def test_a_silent_battery_returns_where_one_is_required() -> None:
     told = flight(required=True).seconds([0.9] * 20)
     for _ in range(15):
         told.second()
-    assert told.level is RETURN
+    assert told.level is RETURN and told.news == ["battery silent"]
 
 
 def test_a_stuck_charge_is_said_and_returns_where_one_is_required() -> None:
