@@ -58,7 +58,7 @@ class Readiness:
         """A vehicle was found, or has started anew."""
         settings = self._settings
         terms = Terms(self._asked_output, own_system, settings.limits.tilt_deg, settings.supervision.gap)
-        self._firmware = firmware
+        self._firmware, self._estimator, self._had_position = firmware, None, False
         self.audit = Audit(firmware, terms, self._settings.supervision)
 
     # -- the vehicle's messages ----------------------------------------------------------------------------------------

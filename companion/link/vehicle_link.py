@@ -170,7 +170,7 @@ class VehicleLink:
         if isinstance(shown, ClockSet):
             text = f"the vehicle's clock was set by {1e-3 * shown.by_ms:.2f} s: gone along with"
             return self._complain(Severity.WARNING, text)
-        self.telemetry.rates.denied.clear()
+        self.telemetry.rates.restart()
         if not self.said.status.armed:
             self._begin_audit()
         return self._complain(Severity.ERROR, "the vehicle rebooted")
