@@ -298,10 +298,14 @@ def _located(asked: FlyOptions, plan: "Plan", transport: "Transport", folder: Pa
     from companion.mission.files import MissionFileError, to_waypoints
     from companion.runtime.flight import PlanError
     from companion.runtime.locate import download, locate
+    from companion.runtime.side_links import unheard
 
     if plan.pace == "lockstep":
         raise PlanError(f"{asked.mission}: not with --pace lockstep; companion demo flies files so")
-    place = locate(plan.settings, transport, home=asked.adopt)
+    try:
+        place = locate(plan.settings, transport, home=asked.adopt)
+    except MissionFileError as error:
+        raise PlanError(f"{error} at {unheard(asked.connect)}") from error
     if place is None:
         where = "took off (HOME_POSITION)" if asked.adopt else "stands (GLOBAL_POSITION_INT)"
         raise PlanError(f"{asked.mission}: the vehicle does not say where on earth it {where}")

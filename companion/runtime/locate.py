@@ -53,9 +53,11 @@ class _Where:
 
 def locate(settings: Settings, transport: Transport, *, home: bool = False) -> Place | None:
     """The place of the vehicle at the other end, or of its `home`, where it took off; None if it does not say it.
-    Raises TransportError."""
+    Raises TransportError, and MissionFileError if there is no vehicle."""
     where = _Where(_HOME if home else _POSITION)
-    _answered(where, settings, transport, gives_up=True)
+    link = _answered(where, settings, transport, gives_up=True)
+    if link.firmware is None:
+        raise _nobody(settings)
     return where.place
 
 
@@ -65,10 +67,14 @@ def download(settings: Settings, transport: Transport, home: Place) -> MissionFi
     asked = MissionDownload()
     link = _answered(asked, settings, transport, gives_up=False)
     if link.firmware is None:
-        raise MissionFileError(f"no vehicle within {settings.supervision.find_timeout:g} s")
+        raise _nobody(settings)
     if asked.fault:
         raise MissionFileError(asked.fault)
     return stored(asked.items, home, first_is_home=link.firmware.first_item_is_home)
+
+
+def _nobody(settings: Settings) -> MissionFileError:
+    return MissionFileError(f"no vehicle within {settings.supervision.find_timeout:g} s")
 
 
 def _answered(question: _Question, settings: Settings, transport: Transport, *, gives_up: bool) -> VehicleLink:

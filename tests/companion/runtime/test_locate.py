@@ -43,9 +43,18 @@ def test_in_flight_the_place_is_that_of_the_take_off() -> None:
     assert not link.sent & NEVER_SENT
 
 
-def test_without_a_vehicle_there_is_none() -> None:
-    for home in (False, True):
-        assert locate(load_settings(None, [IMPATIENT]), Nobody(), home=home) is None
+@pytest.mark.parametrize("home", [False, True])
+def test_without_a_vehicle_that_is_what_is_said(home: bool) -> None:
+    with pytest.raises(MissionFileError, match=r"no vehicle within 0\.05 s"):
+        locate(load_settings(None, [IMPATIENT]), Nobody(), home=home)
+
+
+def test_the_command_says_where_no_vehicle_was_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(side_links, "open_link", lambda url: Nobody())
+    file = tmp_path / "round.plan"
+    file.write_text(json.dumps(plan(CORPUS["round"], HOME)))
+    done = CliRunner().invoke(app, ["fly", str(file), "--set", IMPATIENT], env={"COLUMNS": "200"})
+    assert done.exit_code == UNUSABLE and "no vehicle within 0.05 s at udpin:127.0.0.1:14540" in done.output
 
 
 HOME = origin_of("empty")
