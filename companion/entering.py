@@ -16,7 +16,7 @@ from companion.mission.plan import Phase
 from companion.sensing import Sensing
 from companion.state import Announcement, Output, Severity, VehicleRequest, VehicleState
 from companion.supervision.operations import Operation, OrderRequest
-from companion.supervision.states import AWAY, COMMANDED, State
+from companion.supervision.states import AWAY, COMMANDED, ENDING, State
 from companion.supervision.supervisor import Supervisor
 
 _SHORT_M = 0.1
@@ -39,6 +39,8 @@ def entered(
         guidance.halt(now)
     if new in AWAY:
         navigator.pause(now)
+    if new in ENDING:
+        navigator.lands = True
     if new is State.ADOPT:
         home, fence = link.said.home, link.readiness.fence
         guidance.begin(sensing.present, home, fence)

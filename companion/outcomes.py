@@ -110,12 +110,16 @@ def judge(
     *,
     failure: str | None = None,
     ended: bool = True,
+    began: bool = True,
 ) -> Verdict:
     """The verdict on a flight. `found`: what the supervisor found wrong with it. `delivered`: None for a flight that
-    was to deliver nothing. `failure`: of the companion's own loop or link. `ended`: it was not abandoned."""
+    was to deliver nothing. `failure`: of the companion's own loop or link. `ended`: it was not abandoned. `began`: the
+    vehicle was asked to arm, or taken over."""
     verdicts = [] if found is None else [found]
     if failure is not None:
         verdicts.append(Verdict(Outcome.FAILED, failure))
+    elif not ended and not began:
+        verdicts.append(Verdict(Outcome.CALLED_OFF, "abandoned before the start"))
     elif not ended:
         verdicts.append(Verdict(Outcome.LEFT, "abandoned: a vehicle in the air holds and lands by itself"))
     if delivered is not None:

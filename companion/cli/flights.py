@@ -293,17 +293,22 @@ def _say_log(log: Path) -> None:
 
 
 def _located(asked: FlyOptions, plan: "Plan", transport: "Transport", folder: Path) -> "Plan":
-    """The plan around where the vehicle stands, of its own mission if that is asked for, which gets a file in `folder`.
-    Raises PlanError, TomlFileError and TransportError."""
+    """The plan around where the vehicle stands, or took off if it is taken over in flight. If its own mission is asked
+    for, that gets a file in `folder`. Raises PlanError, TomlFileError and TransportError."""
     from companion.mission.files import MissionFileError, to_waypoints
     from companion.runtime.flight import PlanError
     from companion.runtime.locate import download, locate
+    from companion.runtime.side_links import unheard
 
     if plan.pace == "lockstep":
         raise PlanError(f"{asked.mission}: not with --pace lockstep; companion demo flies files so")
-    place = locate(plan.settings, transport)
+    try:
+        place = locate(plan.settings, transport, home=asked.adopt)
+    except MissionFileError as error:
+        raise PlanError(f"{error} at {unheard(asked.connect)}") from error
     if place is None:
-        raise PlanError(f"{asked.mission}: the vehicle does not say where on earth it stands (GLOBAL_POSITION_INT)")
+        where = "took off (HOME_POSITION)" if asked.adopt else "stands (GLOBAL_POSITION_INT)"
+        raise PlanError(f"{asked.mission}: the vehicle does not say where on earth it {where}")
     if asked.mission == STORED:
         try:
             file = download(plan.settings, transport, place)
@@ -387,7 +392,7 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
         mission, path = Mission(STORED, waits=True), None  # as long as the vehicle's is not known
     elif is_of_station(asked.mission):
         mission, path, radius, notes = load_of_station(asked.mission, changes["mission"], origin)
-        settings = fenced(settings, radius)
+        settings = fenced(settings, path, radius)
         for each in notes if place or seed is not None else ():  # once
             note(f"{path}: {each}")
     else:

@@ -36,6 +36,13 @@ class MessageRates:
                 self._welcome[message_id], self._asks_left[message_id] = rate, _WELCOME_ASKS
                 self._arrivals[message_id] = deque(maxlen=1)
 
+    def restart(self) -> None:
+        """The vehicle has started anew, and knows nothing of what it was asked for."""
+        self.denied.clear()
+        for each in self._asks_left:
+            self._asks_left[each] = _WELCOME_ASKS
+            self._arrivals[each].clear()
+
     def unheard(self) -> list[int]:
         """What is good to have, never came, and is worth asking for once more."""
         unheard = [each for each, left in self._asks_left.items() if left > 0 and not self._arrivals[each]]

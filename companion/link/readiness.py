@@ -35,6 +35,8 @@ class Readiness:
         """AUTOPILOT_VERSION.flight_sw_version."""
         self.audit: Audit | None = None
         """The audit of its parameters, once a vehicle was found."""
+        self.kind: int | None = None
+        """MAV_TYPE, once a vehicle was found."""
         self.prearm_ok = True
         self.emergency = ""
         """The first text of an emergency since arming."""
@@ -56,7 +58,7 @@ class Readiness:
         """A vehicle was found, or has started anew."""
         settings = self._settings
         terms = Terms(self._asked_output, own_system, settings.limits.tilt_deg, settings.supervision.gap)
-        self._firmware = firmware
+        self._firmware, self._estimator, self._had_position = firmware, None, False
         self.audit = Audit(firmware, terms, self._settings.supervision)
 
     # -- the vehicle's messages ----------------------------------------------------------------------------------------
@@ -128,6 +130,8 @@ class Readiness:
         """Why this vehicle is not flown, whatever one waits for."""
         if self._firmware is None or self.audit is None:
             return None
+        if self.kind is not None and self.kind not in self._firmware.kinds:
+            return f"it is no copter, but {_name_of(self.kind)}"
         refusal = None if self.version is None else self._firmware.refusal(self.output, self.version)
         return refusal or self.audit.refusal
 
@@ -166,3 +170,9 @@ class Readiness:
             return None
         lacking = [name for flag, name in _FLAGS.items() if not self._estimator & flag]
         return f"the vehicle's estimator has no {', '.join(lacking)} yet{self.failed_check(now_ns)}"
+
+
+def _name_of(kind: int) -> str:
+    """A MAV_TYPE in words."""
+    entry = dialect.enums["MAV_TYPE"].get(kind)
+    return f"type {kind}" if entry is None else entry.name.removeprefix("MAV_TYPE_").replace("_", " ").lower()

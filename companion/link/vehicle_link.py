@@ -170,7 +170,7 @@ class VehicleLink:
         if isinstance(shown, ClockSet):
             text = f"the vehicle's clock was set by {1e-3 * shown.by_ms:.2f} s: gone along with"
             return self._complain(Severity.WARNING, text)
-        self.telemetry.rates.denied.clear()
+        self.telemetry.rates.restart()
         if not self.said.status.armed:
             self._begin_audit()
         return self._complain(Severity.ERROR, "the vehicle rebooted")
@@ -178,12 +178,12 @@ class VehicleLink:
     def _find(self, frame: Frame) -> Peer | None:
         """Take the sender for the vehicle if it may be."""
         heartbeat = may_be_vehicle(frame, self._settings.identity.vehicle)
-        firmware = None if heartbeat is None else firmware_of(heartbeat.autopilot)
-        if firmware is None:
+        if heartbeat is None or (firmware := firmware_of(heartbeat.autopilot)) is None:
             return None
         self.outbox.address((frame.system, VEHICLE_COMPONENT))
         self.peer = Peer(frame.system, VEHICLE_COMPONENT)
-        self.firmware = self.requests.firmware = firmware
+        self.firmware, self.readiness.kind = firmware, heartbeat.type
+        self.requests.firmware = firmware
         self.telemetry.expect(firmware)
         self._begin_audit()
         return self.peer

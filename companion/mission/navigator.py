@@ -89,7 +89,8 @@ class Navigator:
         """m, NED: the place of the start."""
         self._settings = settings
         self._top_speed = math.inf
-        self._lands = lands
+        self.lands = lands
+        """Nothing is left but the landing."""
         self._durations = tuple(durations)
         self._fence: Fence | None = None
         self._search = AltitudeSearch(settings.avoidance.altitude_search)
@@ -124,7 +125,7 @@ class Navigator:
         """The vehicle, which started at a place (3,), is taken over in flight at another (3,): what is left of the
         mission is flown from the nearest step on, or nothing but the landing."""
         self.begin(start_ned, own)
-        self.step_index = len(self.steps) - 1 if self._lands else nearest_step(self.steps, start_ned, here_ned)
+        self.step_index = len(self.steps) - 1 if self.lands else nearest_step(self.steps, start_ned, here_ned)
         self._others_flew = True
         self.go_on(here_ned, now_ns)
         self._time.begin(now_ns)
@@ -225,6 +226,7 @@ class Navigator:
         beyond = 0.0 if state is None or self._fence is None else -self._fence.room(state.position_ned)
         allowed = self._allowed() if self.steps else 0.0
         overdue = self._time.overdue(allowed, now_ns) if flying else 0.0
+        outside = None if self.lands else outside  # nothing of the mission is flown
         report = MissionReport(done, overdue, allowed, outside=outside, beyond=beyond)
         if not flying or state is None:
             return report

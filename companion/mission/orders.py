@@ -40,7 +40,8 @@ def obey(text: str, navigator: Navigator, here_ned: Array, fence: Fence | None, 
         raise OrderError("this mission takes none")
     if navigator.phase in (Phase.PREPARE, Phase.TAKEOFF):
         raise OrderError("the take-off is not done")
-    if navigator.cut_short or navigator.phase in (Phase.LAND, Phase.DONE):
+    too_late = navigator.lands and order.do != "land"
+    if too_late or navigator.cut_short or navigator.phase in (Phase.LAND, Phase.DONE):
         raise OrderError("the flight is ending")
     rest = _steps(order, navigator, here_ned)
     if any(step.curve is not None for step in rest):

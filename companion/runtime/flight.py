@@ -35,6 +35,7 @@ from companion.runtime.side_links import NONE, SideLinks, unheard
 from companion.runtime.station_files import is_of_station
 from companion.runtime.summary import Axes, Summary
 from companion.state import Adoption, Output
+from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.compiling import compiling_shown
@@ -291,7 +292,9 @@ def _judge(
     found = autopilot.supervisor.verdict
     if found is not None and found.outcome is Outcome.NOT_STARTED and autopilot.link.vehicle is None and plan.connect:
         found = msgspec.structs.replace(found, cause=f"{found.cause} at {unheard(plan.connect)}")
-    return judge(found, delivered, testimony, failure=runner.failure, ended=autopilot.ended), delivered
+    supervisor, failure = autopilot.supervisor, runner.failure
+    began = supervisor.flew or supervisor.state in (State.ARM, State.DISARM)
+    return judge(found, delivered, testimony, failure=failure, ended=autopilot.ended, began=began), delivered
 
 
 def _ending(result: Result) -> dict[str, object]:

@@ -145,7 +145,11 @@ class BatteryWatch:
         self._charges = settings.warn_charge, settings.return_charge, settings.land_charge
         self._sources: dict[int, _Source] = {}
         self._verdict = BatteryVerdict()
+        self._told = BatteryLevel.FINE
+        """The worst level that was said in flight."""
         self._due_ns = 0
+        self._flying_ns: int | None = None
+        """When the flight began."""
         self._short_since_ns: int | None = None
         self._said: set[str] = set()
         """Doubts, each of which is said once."""
@@ -162,15 +166,18 @@ class BatteryWatch:
             if reading.time_ns != source.heard_ns:
                 source.take(reading, *self._of(reading))
             source.watch(airborne, now_ns)
+        if flying and self._flying_ns is None:
+            self._flying_ns = now_ns
         doubts = self._doubts(now_ns)
         level, text = self._worst(doubts if flying else [], landing_s, now_ns)
         if not flying:
             self._verdict = BatteryVerdict(level, text, self._missing(level, text, doubts))
             return self._verdict
-        news = [text] if level > self._verdict.level else []
+        news = [text] if level > self._told else []
+        self._told = max(level, self._told)
         if news or self._verdict.missing:
             self._verdict = BatteryVerdict(max(level, self._verdict.level), text)
-        news += [doubt for doubt in doubts if doubt not in self._said]
+        news += [doubt for doubt in doubts if doubt not in self._said and doubt not in news]
         self._said.update(doubts)
         return msgspec.structs.replace(self._verdict, news=", ".join(news)) if news else self._verdict
 
@@ -230,10 +237,11 @@ class BatteryWatch:
         return max(found, key=lambda each: each[0])
 
     def _doubts(self, now_ns: int) -> list[str]:
-        """What is not known of the batteries."""
-        counting = self._counting(now_ns)
+        """What is not known of the batteries. A vehicle that has just been taken over in flight may still report."""
+        counting, began_ns = self._counting(now_ns), self._flying_ns
         if all(source.measured is None for _, source in counting):
-            return ["no battery reports its charge"]
+            early = began_ns is not None and now_ns - began_ns < _SILENT_S * 1e9
+            return [] if early else ["no battery reports its charge"]
         doubts = [f"{self._name(number)} silent" for number, source in counting if source.silence(now_ns)]
         return doubts + [
             f"{self._name(number)} stuck at {100.0 * (source.measured or 0.0):.0f} %"

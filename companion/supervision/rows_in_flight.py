@@ -343,6 +343,15 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.WITHDRAW,
+        lambda h, s, t: h.land_requested,
+        State.LAND,
+        NOTICE,
+        "landing on request (interrupt again to abandon)",
+        ends=Outcome.CALLED_OFF,
+        cause="called off in flight",
+    ),
+    row(
+        State.WITHDRAW,
         lambda h, s, t: t > s.land_after,
         State.LAND,
         CRITICAL,

@@ -38,6 +38,8 @@ FOLLOWING = frozenset({State.RELINQUISHED, State.ADOPT})
 """States in which setpoints are sent to stay wherever the vehicle is, which others fly, or its own failsafe."""
 AWAY = FOLLOWING | {State.GAP}
 """States in which the companion does not move the vehicle, and from which a hold leads back to the mission."""
+ENDING = frozenset({State.WITHDRAW, State.LAND, State.WATCH, State.RELEASED, State.DISARM, State.ENDED})
+"""States from which nothing leads back to the mission."""
 
 COMMANDED = {State.WITHDRAW: FlightMode.HOLD, State.LAND: FlightMode.LAND}
 """The mode that a state asks the vehicle for, until the vehicle was in it once."""

@@ -73,6 +73,7 @@ IN_FLIGHT: list[Way] = [
     ),
     (Outcome.LEFT, "who fly", (OTHERS, replace(OTHERS, land_requested=True)), False, {}),
     (Outcome.LEFT, "abandoned", (), False, {"ended": False}),
+    (Outcome.CALLED_OFF, "before the start", (), False, {"ended": False, "began": False}),
     (Outcome.FAILED, "the link is gone", (), False, {"failure": "the link is gone: unplugged"}),
     (Outcome.FAILED, "loop", (DONE,), True, {"failure": "the companion's loop failed: KeyError('x')"}),
     (Outcome.LOST, "silent", (replace(WELL, silence=11.0, telemetry_age=11.0),), True, {}),

@@ -9,7 +9,8 @@ import pytest
 from companion.autopilot import Autopilot
 from companion.mission.plan import Mission, Phase
 from companion.outcomes import Outcome
-from companion.supervision.operations import OrderRequest
+from companion.supervision.operations import LandRequest, OrderRequest
+from companion.supervision.states import State
 from protocol.messages import dialect
 from studies.joined import Joined
 from vehicle_sim.autopilot.modes import Result
@@ -118,3 +119,12 @@ def test_there_is_a_time_for_orders() -> None:
     joined.fly(until=waits)
     order(joined, do="land")
     assert "the flight is ending" in order(joined, do="hold")
+
+
+def test_a_flight_that_is_called_off_takes_no_orders() -> None:
+    joined = Joined(SCRIPT, overrides=PLANLESS).fly(until=waits)
+    joined._driver.handle(LandRequest(joined.vehicle.time_ns))
+    joined.fly(until=lambda flight: flight.autopilot.supervisor.state is State.LAND)
+    assert "the flight is ending" in order(joined, **to(6.0, 0.0, 3.0))
+    assert "the flight is ending" in order(joined, do="hold")
+    assert "refused" not in order(joined, do="land"), "that is what it does"

@@ -3,7 +3,7 @@ thrust, so NAV_TAKEOFF is not needed."""
 
 import math
 
-from companion.link.firmware.firmware import Firmware, Judge, Terms, Values, first_known, positive, within
+from companion.link.firmware.firmware import COPTERS, Firmware, Judge, Terms, Values, first_known, positive, within
 from companion.reports import Finding, VehicleSettings
 from companion.state import NO_FENCE, FlightMode, Output, OwnFence, Safety
 from protocol.messages import dialect
@@ -147,6 +147,7 @@ def _settings(values: Values) -> VehicleSettings:
 FIRMWARE = Firmware(
     name="ArduPilot",
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    kinds=COPTERS,  # planes, those that take off upright too, rovers and boats have other modes by the same numbers
     mode_of=_mode_of,
     mode_command=_mode_command,
     refusal=_refusal,

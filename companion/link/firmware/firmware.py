@@ -7,6 +7,23 @@ from dataclasses import dataclass
 from companion.link.parameters import Question
 from companion.reports import Finding, VehicleSettings
 from companion.state import FlightMode, Output, Safety
+from protocol.messages import dialect
+
+COPTERS = frozenset(
+    {
+        dialect.MAV_TYPE_GENERIC,
+        dialect.MAV_TYPE_QUADROTOR,
+        dialect.MAV_TYPE_COAXIAL,
+        dialect.MAV_TYPE_HELICOPTER,
+        dialect.MAV_TYPE_HEXAROTOR,
+        dialect.MAV_TYPE_OCTOROTOR,
+        dialect.MAV_TYPE_TRICOPTER,
+        dialect.MAV_TYPE_DODECAROTOR,
+        dialect.MAV_TYPE_DECAROTOR,
+        43,  # MAV_TYPE_GENERIC_MULTIROTOR, which older dialects lack
+    }
+)
+"""MAV_TYPE of what hovers; a vehicle that does not say what it is may."""
 
 Values = Mapping[str, float]
 """Parameters of the vehicle by name; those that it does not have are left out."""
@@ -33,6 +50,8 @@ class Firmware:
     name: str
     autopilot: int
     """MAV_AUTOPILOT"""
+    kinds: frozenset[int]
+    """MAV_TYPE of the vehicles that have these modes and can be flown."""
     mode_of: Callable[[int], FlightMode]
     """From HEARTBEAT.custom_mode."""
     mode_command: Callable[[FlightMode], tuple[float, float, float]]

@@ -2,7 +2,7 @@
 
 import math
 
-from companion.link.firmware.firmware import Firmware, Judge, Terms, Values, positive, within
+from companion.link.firmware.firmware import COPTERS, Firmware, Judge, Terms, Values, positive, within
 from companion.reports import Finding, VehicleSettings
 from companion.state import FlightMode, Output, OwnFence, Safety
 from protocol.messages import dialect
@@ -30,6 +30,8 @@ _COMMANDS = {
     FlightMode.RETURN: (_AUTO, 5),
     FlightMode.LAND: (_AUTO, 6),
 }
+_VTOLS = frozenset(range(19, 26))
+"""MAV_TYPE_VTOL_..., of which versions of the dialect have other names."""
 _LAST_WITH_ACTUATOR_CONTROLS = (1, 13)
 
 _HOLD_LIMIT_S = 1.0
@@ -139,6 +141,7 @@ def _settings(values: Values) -> VehicleSettings:
 FIRMWARE = Firmware(
     name="PX4",
     autopilot=dialect.MAV_AUTOPILOT_PX4,
+    kinds=COPTERS | _VTOLS,
     mode_of=_mode_of,
     mode_command=_mode_command,
     refusal=_refusal,

@@ -29,8 +29,10 @@ class Sender:
     def __call__(self, message: type[Any], *fields: object) -> bytes:
         return self.encoder.encode_fields(message, *fields)
 
-    def heartbeat(self, autopilot: int = PX4, mode: int = OFFBOARD, base: int = 81, state: int = 4) -> bytes:
-        return self(dialect.MAVLink_heartbeat_message, 2, autopilot, base, mode, state, 3)
+    def heartbeat(
+        self, autopilot: int = PX4, mode: int = OFFBOARD, base: int = 81, state: int = 4, kind: int = 2
+    ) -> bytes:
+        return self(dialect.MAVLink_heartbeat_message, kind, autopilot, base, mode, state, 3)
 
     def quaternion(self, boot_ms: int, w: float = 1.0) -> bytes:
         return self(dialect.MAVLink_attitude_quaternion_message, boot_ms, w, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3)

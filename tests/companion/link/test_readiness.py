@@ -97,6 +97,25 @@ def test_a_vehicle_that_does_not_report_its_estimator_is_flown(autopilot: int) -
     assert report.shortcoming is None and report.refusal is None and report.prearm_ok
 
 
+def test_after_a_reboot_nothing_is_known_of_the_estimator_and_all_is_asked_for_again() -> None:
+    link, vehicle = found(autopilot=ARDUPILOT)
+
+    def asked(now: int) -> set[float]:
+        link.beat(now, asks_rates=True)
+        messages = [each for each in sent(link) if each.get_type() == "COMMAND_LONG"]
+        return {each.param1 for each in messages if each.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL}
+
+    welcome = {dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT, dialect.MAVLINK_MSG_ID_BATTERY_STATUS}
+    assert welcome <= asked(NOW)
+    battery = vehicle(dialect.MAVLink_battery_status_message, 0, 0, 0, 0, [12000] + [65535] * 9, 0, 0, 0, 90)
+    hear(link, vehicle.version(4, 7) + vehicle.quaternion(60_000) + estimator(vehicle, POSITION) + battery)
+    assert not welcome & asked(NOW + SECOND)
+    hear(link, vehicle.quaternion(500), NOW + 2 * SECOND)
+    assert welcome <= asked(NOW + 2 * SECOND) and not link.report(NOW, None, before_flight=True).position_lost
+    hear(link, estimator(vehicle, ATTITUDE), NOW + 3 * SECOND)
+    assert not link.report(NOW + 3 * SECOND, None, before_flight=True).position_lost, "it had none since then"
+
+
 def test_the_reason_is_the_vehicle_s_own_words() -> None:
     """ArduPilot repeats the failed check each 30 s; other warnings in between don't hide it."""
     link, vehicle = found(autopilot=ARDUPILOT)

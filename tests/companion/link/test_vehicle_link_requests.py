@@ -241,6 +241,28 @@ def test_an_output_that_the_firmware_does_not_take_is_refused_at_once(
     assert link.report(NOW, None, before_flight=False).refusal is None
 
 
+@pytest.mark.parametrize(
+    ("autopilot", "kind", "name"),
+    [
+        (PX4, dialect.MAV_TYPE_GENERIC, None),
+        (PX4, dialect.MAV_TYPE_HEXAROTOR, None),
+        (PX4, dialect.MAV_TYPE_VTOL_QUADROTOR, None),
+        (PX4, dialect.MAV_TYPE_FIXED_WING, "fixed wing"),
+        (PX4, 250, "type 250"),
+        (ARDUPILOT, dialect.MAV_TYPE_QUADROTOR, None),
+        (ARDUPILOT, dialect.MAV_TYPE_VTOL_QUADROTOR, "vtol quadrotor"),
+        (ARDUPILOT, dialect.MAV_TYPE_FIXED_WING, "fixed wing"),
+        (ARDUPILOT, dialect.MAV_TYPE_GROUND_ROVER, "ground rover"),
+    ],
+)
+def test_what_is_no_copter_is_refused_at_once(autopilot: int, kind: int, name: str | None) -> None:
+    """ArduPilot's mode 4 is GUIDED of a copter, ACRO of a plane and HOLD of a rover."""
+    link, vehicle = VehicleLink(SETTINGS, Output.RATES), Sender()
+    hear(link, vehicle.heartbeat(autopilot, kind=kind))
+    refusal = link.report(NOW, None, before_flight=True).refusal
+    assert refusal == (None if name is None else f"it is no copter, but {name}")
+
+
 def test_the_beat_is_once_a_second_and_asks_for_rates_only_when_told() -> None:
     link = VehicleLink(SETTINGS, Output.RATES)
     link.beat(0, asks_rates=True)

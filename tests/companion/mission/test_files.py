@@ -19,10 +19,11 @@ from companion.mission.files import (
     to_waypoints,
 )
 from companion.mission.plan import Delivery, Mission, Phase, Waypoint, steps
-from companion.runtime.files import load_mission
-from companion.runtime.station_files import load_of_station, origin_of
+from companion.runtime.files import load_mission, load_settings
+from companion.runtime.station_files import fenced, load_of_station, origin_of
 from protocol.frames import to_geodetic, to_local
 from protocol.messages import dialect
+from protocol.toml_files import TomlFileError
 from studies.joined import Joined
 
 ORIGIN = origin_of("empty")
@@ -187,6 +188,16 @@ def test_the_fence_is_kept_inside_of() -> None:
             fence_radius(parse(text), ORIGIN)
     rally = plan([UP, at(*A), HOME], rallyPoints={"points": [[47.0, 8.0, 50.0]], "version": 2})
     assert "1 rally" in parse(rally).notes[0]
+
+
+def test_the_nearer_fence_counts_and_a_take_off_at_its_edge_is_refused() -> None:
+    plain, file = load_settings(None, []), Path("trip.plan")
+    near = load_settings(None, ["geofence.radius=20"])
+    assert fenced(plain, file, None) is plain
+    assert fenced(plain, file, 30.0).geofence.radius == 30.0
+    assert fenced(near, file, 30.0) is near and fenced(near, file, 10.0).geofence.radius == 10.0
+    with pytest.raises(TomlFileError, match=r"trip\.plan: the take-off is 0\.50 m inside of the fence"):
+        fenced(plain, file, 0.5)
 
 
 def test_waypoints_are_read_and_written_as_mavproxy_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -302,6 +302,13 @@ def test_from_the_delivery_it_climbs_before_it_flies_home() -> None:
     assert Phase.RELEASE not in phases and phases[-2:] == [Phase.RETURN, Phase.LAND]
 
 
+@pytest.mark.parametrize("lands", [False, True])
+def test_a_vehicle_that_is_only_landed_leaves_no_fence_by_its_mission(lands: bool) -> None:
+    navigator = Navigator(DEFAULTS, ROUTE, [None] * len(missions.steps(ROUTE, START)), lands=lands)
+    outside = navigator.report(0, outside="route at north 9.0", flying=False).outside
+    assert outside == (None if lands else "route at north 9.0")
+
+
 @pytest.mark.parametrize(("north", "homeward"), [(90.0, False), (110.0, True)])
 def test_a_mission_that_does_not_return_lands_where_it_is_nearer(north: float, homeward: bool) -> None:
     one_way = msgspec.structs.replace(LONG_WAY, return_home=False)

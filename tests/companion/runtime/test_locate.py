@@ -32,8 +32,29 @@ def test_the_place_is_the_vehicle_s_own_and_nothing_is_flown() -> None:
     assert not link.sent & NEVER_SENT and not link.vehicle.flight.armed
 
 
-def test_without_a_vehicle_there_is_none() -> None:
-    assert locate(load_settings(None, [IMPATIENT]), Nobody()) is None
+def test_in_flight_the_place_is_that_of_the_take_off() -> None:
+    """A mission around the vehicle's present place would be flown elsewhere."""
+    link = Listened()
+    link.vehicle.flight.home_ned = (30.0, 0.0, 0.0)
+    there, here = locate(SETTINGS, link, home=True), locate(SETTINGS, link)
+    assert there is not None and here is not None and here == pytest.approx(origin_of("empty"), abs=1e-6)
+    assert math.radians(there[0] - here[0]) * 6.37e6 == pytest.approx(30.0, abs=0.2)
+    assert there[1] == pytest.approx(here[1], abs=1e-6)
+    assert not link.sent & NEVER_SENT
+
+
+@pytest.mark.parametrize("home", [False, True])
+def test_without_a_vehicle_that_is_what_is_said(home: bool) -> None:
+    with pytest.raises(MissionFileError, match=r"no vehicle within 0\.05 s"):
+        locate(load_settings(None, [IMPATIENT]), Nobody(), home=home)
+
+
+def test_the_command_says_where_no_vehicle_was_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(side_links, "open_link", lambda url: Nobody())
+    file = tmp_path / "round.plan"
+    file.write_text(json.dumps(plan(CORPUS["round"], HOME)))
+    done = CliRunner().invoke(app, ["fly", str(file), "--set", IMPATIENT], env={"COLUMNS": "200"})
+    assert done.exit_code == UNUSABLE and "no vehicle within 0.05 s at udpin:127.0.0.1:14540" in done.output
 
 
 HOME = origin_of("empty")

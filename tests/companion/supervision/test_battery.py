@@ -73,6 +73,15 @@ def test_each_level_is_said_once_and_names_the_charge() -> None:
     assert told.level is LAND
 
 
+def test_a_charge_that_was_low_before_the_start_is_said_once_in_flight() -> None:
+    told = flight()
+    told.flying = False
+    assert told.seconds([0.2] * 5).news == []
+    told.flying = True
+    assert told.seconds([0.2] * 5).news == ["battery at 20 %"]
+    assert told.level is WARN
+
+
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=60))
 @settings(max_examples=60)
 def test_no_reading_takes_an_answer_back_in_flight(charges: list[float]) -> None:
@@ -135,6 +144,15 @@ def test_a_battery_that_never_reports_is_refused_where_one_is_required(sources: 
     assert waiting.second(b0=0.9).level is FINE
 
 
+@pytest.mark.parametrize(("silent_s", "level"), [(3, FINE), (9, FINE), (12, RETURN)])
+def test_a_vehicle_that_is_taken_over_in_flight_has_time_to_report(silent_s: int, level: BatteryLevel) -> None:
+    told = flight(required=True)
+    for _ in range(silent_s):
+        told.second()
+    told.seconds([0.9] * 5)
+    assert told.level is level and bool(told.news) is (level is RETURN)
+
+
 def drains(rate: float, start: float = 0.9) -> Callable[[int], float]:
     return lambda second: percent(start - rate * second)
 
@@ -154,7 +172,7 @@ def test_a_silent_battery_returns_where_one_is_required() -> None:
     told = flight(required=True).seconds([0.9] * 20)
     for _ in range(15):
         told.second()
-    assert told.level is RETURN
+    assert told.level is RETURN and told.news == ["battery silent"]
 
 
 def test_a_stuck_charge_is_said_and_returns_where_one_is_required() -> None:
