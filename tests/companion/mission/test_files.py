@@ -136,6 +136,7 @@ def test_what_is_done_on_the_way(write: Any) -> None:
         ([UP, at(10.0, 0.0, -1.0), HOME], 2, "-1 m"),
         ([UP, (WAYPOINT, [0.0] * 6 + [5.0]), HOME], 2, "no latitude"),
         ([UP, at(*A), do(JUMP, 2, -1), HOME], 3, "for ever"),
+        ([UP, at(*A), do(JUMP, 2, math.inf), HOME], 3, "for ever"),
         ([UP, at(*A), do(JUMP, 9, 1), HOME], 3, "item 9"),
         ([UP, at(*A), do(JUMP, 2, 5001), HOME], 3, "more than 1000"),
         ([UP, at(*A), do(GRIPPER, 1, 1), HOME], 3, "opened alone"),
@@ -156,6 +157,38 @@ def test_altitudes_are_above_the_take_off() -> None:
     for frame in (0, 10):
         with pytest.raises(MissionFileError, match=r"item 1: .*frame"):
             flown(wpl([UP, at(*A), HOME], frame))
+
+
+@pytest.mark.parametrize("frame", [0, 10])
+def test_an_altitude_without_a_place_is_above_the_take_off_too(frame: int) -> None:
+    text = wpl([UP, at(*A), do(LOITER, 5, 0, 0, 0, 0, 0, 550), HOME]).replace(f"3\t{LOITER}\t", f"{frame}\t{LOITER}\t")
+    with pytest.raises(MissionFileError, match=rf"item 3: .*frame {frame}"):
+        flown(text)
+
+
+def test_a_jump_that_leaves_its_number_open_is_refused() -> None:
+    with pytest.raises(MissionFileError, match="item 3: it does not say how many times"):
+        flown(plan([UP, at(*A), do(JUMP, 2, NAN), HOME]))
+
+
+def test_a_byte_order_mark_is_no_part_of_a_file() -> None:
+    items = [UP, at(*A), HOME]
+    for text in (wpl(items), plan(items)):
+        assert flown(f"\ufeff{text}") == flown(text)
+
+
+def test_numbers_and_nestings_beyond_all_bounds_are_no_plan() -> None:
+    whole = plan([UP, at(*A), HOME])
+    for number, other in (
+        ('"frame": 3', '"frame": Infinity'),
+        ('"doJumpId": 2', '"doJumpId": [2]'),
+        ('"hoverSpeed": 5.0', f'"hoverSpeed": {10**400}'),
+    ):
+        assert number in whole
+        with pytest.raises(MissionFileError, match="no plan"):
+            parse(whole.replace(number, other))
+    with pytest.raises(MissionFileError, match="JSON"):
+        parse("[" * 200_000)
 
 
 def test_files_that_are_none() -> None:
@@ -181,6 +214,7 @@ def test_the_fence_is_kept_inside_of() -> None:
     for text, why in (
         (fence(circle(60.0, 50.0)), "outside"),
         (fence(circle(0.0, 50.0, inclusion=False)), "kept out of"),
+        (fence(circle(0.0, NAN)), "nan m"),
         (fence(polygons=({"polygon": [[0, 0]] * 5, "inclusion": True},)), "5 corners"),
     ):
         with pytest.raises(MissionFileError, match=why):
