@@ -141,7 +141,7 @@ class Companion:
     async def _begin(self, mission: Mission) -> None:
         folder = tempfile.TemporaryDirectory()
         file = Path(folder.name) / f"{mission.name}.toml"
-        file.write_text(to_toml(mission))
+        file.write_text(to_toml(mission), encoding="utf-8")
         options = ("--connect", self._url, "--log", str(self._logs), "--orders", *self._arguments)
         self._process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "companion", "fly", str(file), *options),

@@ -404,8 +404,8 @@ def _lines(table: dict[str, Any], defaults: dict[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    if not isinstance(value, dict):
-        return json.dumps(value)
+    if not isinstance(value, dict):  # TOML has no pairs of surrogates, and no delete as it is
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return "{ " + ", ".join(f"{name} = {_value(each)}" for name, each in value.items() if each is not None) + " }"
 
 

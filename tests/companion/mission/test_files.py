@@ -268,11 +268,12 @@ def test_a_mission_of_a_plan_is_a_mission_file(tmp_path: Path) -> None:
             "parcel", waypoints=[Waypoint(1.0, 2.0, 3.0, speed=1.0)], delivery=Delivery(0.7), description='"a" = b'
         ),
         Mission("round", trajectory=Shape("helix", 2.0, radius=3.0, laps=2.0), return_home=False),
+        Mission("letters", waits=True, vehicle="/home/\U0001f681/quad.toml", description="Stra\xdfe\t\x7f\x00\u2028"),
     ],
     ids=lambda mission: str(mission.name),
 )
 def test_a_mission_made_in_code_is_a_mission_file(mission: Mission, tmp_path: Path) -> None:
-    (tmp_path / "own.toml").write_text(to_toml(mission))
+    (tmp_path / "own.toml").write_text(to_toml(mission), encoding="utf-8")
     assert load_mission(str(tmp_path / "own.toml"))[0] == mission
 
 
