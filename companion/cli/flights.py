@@ -387,7 +387,7 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
         mission, path = Mission(STORED, waits=True), None  # as long as the vehicle's is not known
     elif is_of_station(asked.mission):
         mission, path, radius, notes = load_of_station(asked.mission, changes["mission"], origin)
-        settings = fenced(settings, radius)
+        settings = fenced(settings, radius, path)
         for each in notes if place or seed is not None else ():  # once
             note(f"{path}: {each}")
     else:

@@ -78,9 +78,14 @@ def origin_of(world: str) -> Place:
     return origin.latitude_deg, origin.longitude_deg
 
 
-def fenced(settings: Settings, radius: float | None) -> Settings:
-    """The settings with a fence of that radius (m), if it is the nearer one."""
+def fenced(settings: Settings, radius: float | None, path: Path) -> Settings:
+    """The settings with the fence of that radius (m) of a file, if it is the nearer one. Raises TomlFileError for one
+    that leaves no room."""
     fence = settings.geofence
     if radius is None or (fence.radius is not None and fence.radius <= radius):
         return settings
+    if radius <= fence.margin:
+        raise TomlFileError(
+            f"{path}: its fence leaves {radius:.2f} m around the take-off, and geofence.margin is {fence.margin:g} m"
+        )
     return msgspec.structs.replace(settings, geofence=msgspec.structs.replace(fence, radius=radius))

@@ -49,6 +49,16 @@ def test_what_can_not_be_flown_is_one_line(tmp_path: Path) -> None:
     assert "item 2: NAV_LOITER_UNLIM" in ran("mission", "convert", file, tmp_path / "x.toml")[1]
 
 
+def test_a_fence_without_room_is_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "tight.plan"
+    circle = {"circle": {"center": at(*A)[1][4:6], "radius": A[0] + 0.5}, "inclusion": True, "version": 1}
+    file.write_text(plan([UP, at(*A), HOME], geoFence={"circles": [circle], "version": 2}))
+    code, said = ran("demo", file)
+    assert code == UNUSABLE and said == (
+        f"companion: {file}: its fence leaves 0.50 m around the take-off, and geofence.margin is 1 m\n"
+    )
+
+
 def test_the_newest_log_is_taken_where_none_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
