@@ -1,5 +1,6 @@
 """The commands for missions: show, convert."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,17 +64,26 @@ def convert(
     to: Annotated[Path, typer.Argument(metavar="TO", help="A new file .toml, or .waypoints from a .plan.")],
 ) -> None:
     """Write a ground station's mission as a file for missions/, with its places around where it was planned from; or a
-    .plan as .waypoints."""
+    .plan as .waypoints. What the new file can't hold is said."""
     from companion.mission.files import to_toml, to_waypoints
     from companion.runtime.station_files import is_of_station, read_of_station
 
+    left: list[str] = []
     if to.suffix == ".toml":
-        text = to_toml(_mission(file)[0])
+        found, radius = _mission(file)
+        text = to_toml(found)
+        if radius is not None:
+            left.append(f"the fence: --set geofence.radius={math.floor(radius)}")
     elif to.suffix == ".waypoints" and is_of_station(file):
-        text = to_waypoints(exit_on_user_error(read_of_station, file))
+        read = exit_on_user_error(read_of_station, file)
+        text = to_waypoints(read)
+        left += [] if read.speed is None else [f"the speed: --set mission.speed={read.speed:g}"]
+        left += ["the fence"] if read.fences else []
     else:
         exit_as_unusable(f"{to}: what is written is a .toml, and a .waypoints from a ground station's file")
     exit_on_user_error(_write, to, text)
+    for each in left:
+        note(f"{to} does not hold {each}")
     typer.echo(f"mission: {to}")
 
 

@@ -49,6 +49,19 @@ def test_what_can_not_be_flown_is_one_line(tmp_path: Path) -> None:
     assert "item 2: NAV_LOITER_UNLIM" in ran("mission", "convert", file, tmp_path / "x.toml")[1]
 
 
+def test_what_a_converted_file_does_not_hold_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "fenced.plan"
+    circle = {"circle": {"center": at(0.0, 0.0, 1.0)[1][4:6], "radius": 80.5}, "inclusion": True, "version": 1}
+    file.write_text(plan([UP, at(*A), HOME], geoFence={"circles": [circle], "version": 2}))
+    toml, waypoints = tmp_path / "fenced.toml", tmp_path / "fenced.waypoints"
+    said = ran("mission", "convert", file, toml)[1]
+    assert f"{toml} does not hold the fence: --set geofence.radius=80\n" in said and "speed" not in said
+    said = ran("mission", "convert", file, waypoints)[1]
+    assert f"{waypoints} does not hold the speed: --set mission.speed=5\n" in said
+    assert f"{waypoints} does not hold the fence\n" in said
+    assert "does not hold" not in ran("mission", "convert", waypoints, tmp_path / "again.toml")[1]
+
+
 def test_a_fence_without_room_is_one_line(tmp_path: Path) -> None:
     file = tmp_path / "tight.plan"
     circle = {"circle": {"center": at(*A)[1][4:6], "radius": A[0] + 0.5}, "inclusion": True, "version": 1}
