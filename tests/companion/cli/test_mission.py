@@ -66,10 +66,21 @@ def test_a_fence_without_room_is_one_line(tmp_path: Path) -> None:
     file = tmp_path / "tight.plan"
     circle = {"circle": {"center": at(*A)[1][4:6], "radius": A[0] + 0.5}, "inclusion": True, "version": 1}
     file.write_text(plan([UP, at(*A), HOME], geoFence={"circles": [circle], "version": 2}))
-    code, said = ran("demo", file)
-    assert code == UNUSABLE and said == (
-        f"companion: {file}: its fence leaves 0.50 m around the take-off, and geofence.margin is 1 m\n"
-    )
+    for command in (("demo", file), ("mission", "show", file)):
+        code, said = ran(*command)
+        assert code == UNUSABLE and said.endswith(
+            f"companion: {file}: its fence leaves 0.50 m around the take-off, and geofence.margin is 1 m\n"
+        )
+
+
+def test_a_mission_that_leaves_its_own_fence_is_shown_as_one_that_can_not_be_flown(tmp_path: Path) -> None:
+    file = tmp_path / "beyond.plan"
+    for radius, ends in ((A[0] + 0.5, UNUSABLE), (A[0] + 1.1, 0)):
+        circle = {"circle": {"center": at(0.0, 0.0, 1.0)[1][4:6], "radius": radius}, "inclusion": True, "version": 1}
+        file.write_text(plan([UP, at(*A), HOME], geoFence={"circles": [circle], "version": 2}))
+        code, said = ran("mission", "show", file)
+        assert code == ends
+        assert (f"{file}: the mission leaves its fence: route at north 10.0" in said) is bool(ends)
 
 
 def test_the_newest_log_is_taken_where_none_is_named(
