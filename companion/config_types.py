@@ -8,6 +8,11 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 
+FARTHEST_M = 10_000
+"""From the take-off to a place of a mission, along each axis."""
+Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
+Height = Annotated[float, msgspec.Meta(gt=0, le=FARTHEST_M)]
+
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all tables: an unknown key is an error."""

@@ -2,17 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
-import msgspec
-
-from companion.config_types import NotNegative, Positive, Table
+from companion.config_types import Height, Metres, NotNegative, Positive, Table
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY
 
 _LEAST_AT_TOP = 1.5
 """Gravities of acceleration that a loop needs at its top."""
-Offset = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 
 
 class Shape(Table, frozen=True):
@@ -47,9 +44,9 @@ class Shape(Table, frozen=True):
     A curve too short for both ramps is flown more slowly."""
     heading: Literal["fixed", "along"] = "fixed"
     """"fixed": as at take-off, of a loop north; "along": the direction of motion."""
-    north: Offset = 0.0
-    east: Offset = 0.0
-    height: Positive | None = None
+    north: Metres = 0.0
+    east: Metres = 0.0
+    height: Height | None = None
     """Height (m) of the start above the take-off place; not set: the mission's `takeoff_height`."""
 
     def __post_init__(self) -> None:

@@ -2,6 +2,7 @@
 orders by a pipe: nothing that the program does can delay it, and if the program dies the vehicle lands."""
 
 import asyncio
+import contextlib
 import logging
 import sys
 import tempfile
@@ -42,6 +43,11 @@ class Companion:
         self._telemetry = Telemetry()
         self._process: asyncio.subprocess.Process | None = None
         self._flight: asyncio.Task[None] | None = None
+        self._starting = asyncio.Lock()
+        """One command alone starts the process."""
+        self._left = False
+        self._orders = 0
+        """Given so far; a refusal is of the latest."""
         self._words: deque[str] = deque(maxlen=20)
         """What the process said last."""
         self.log: Path | None = None
@@ -64,7 +70,9 @@ class Companion:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._hang_up()
+        self._left = True
+        async with self._starting:  # a process that is being started is waited for, too
+            self._hang_up()
         if self._flight is not None:
             await asyncio.shield(self._flight)
 
@@ -96,12 +104,15 @@ class Companion:
     async def fly(self, mission: Mission) -> Verdict | None:
         """Fly a mission; in the air, all of it but the take-off. Returns how the flight came out, or None if the
         mission ends with waiting. Raises FlightError."""
-        if self._flight is not None:
-            await self._order(Order("fly", msgspec.structs.replace(mission, vehicle=self._vehicle)))
+        mission = msgspec.structs.replace(mission, vehicle=self._vehicle)
+        async with self._starting:
+            opened = None if self._flight is not None else await self._begin(mission)
+        if opened is None:
+            await self._order(Order("fly", mission))
             return self.verdict
         try:
-            await self._begin(msgspec.structs.replace(mission, vehicle=self._vehicle))
-            await self._done(-1, waits=mission.waits)
+            await opened.wait()
+            await self._done(0, -1, waits=mission.waits)
         except asyncio.CancelledError:
             if not mission.waits:  # it takes no orders
                 self._hang_up()
@@ -138,10 +149,13 @@ class Companion:
 
     # -- the process ---------------------------------------------------------------------------------------------------
 
-    async def _begin(self, mission: Mission) -> None:
+    async def _begin(self, mission: Mission) -> asyncio.Event:
+        """Start the process. The event comes when its log is there, or when it has ended without one."""
+        if self._left:
+            raise FlightError("the flight is over: its block was left")
         folder = tempfile.TemporaryDirectory()
         file = Path(folder.name) / f"{mission.name}.toml"
-        file.write_text(to_toml(mission))
+        file.write_text(to_toml(mission), encoding="utf-8")
         options = ("--connect", self._url, "--log", str(self._logs), "--orders", *self._arguments)
         self._process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "companion", "fly", str(file), *options),
@@ -152,7 +166,9 @@ class Companion:
         )
         opened = asyncio.Event()
         self._flight = asyncio.create_task(self._attend(self._process, opened, folder))
-        await opened.wait()
+        if self._left:  # meanwhile
+            self._hang_up()
+        return opened
 
     async def _attend(
         self,
@@ -188,29 +204,35 @@ class Companion:
         step = -1 if self.state is None else self.state.step
         self._telemetry.refused = ""
         self._send(order)
+        self._orders += 1
         try:
             ends = order.do == "land" or (order.mission is not None and not order.mission.waits)
-            await self._done(step, waits=not ends)
+            await self._done(self._orders, step, waits=not ends)
         except asyncio.CancelledError:
-            self._send(Order("hold"))
+            with contextlib.suppress(FlightError):  # it may have ended at this very moment
+                self._send(Order("hold"))
             raise
 
     def _send(self, order: Order) -> None:
-        if self._process is None or self._process.stdin is None or self._telemetry.ended:
+        if self._process is None or self._process.stdin is None or self._telemetry.ended or self.state is None:
             raise FlightError("the vehicle is not in the air")
         self._process.stdin.write(msgspec.json.encode(order) + b"\n")
 
-    async def _done(self, step: int, *, waits: bool) -> None:
-        """Until the flight waits at a later step, or has ended. Raises FlightError."""
+    async def _done(self, number: int, step: int, *, waits: bool) -> None:
+        """Until the flight waits at a later step, or has ended, or refuses the order of that number. Raises
+        FlightError."""
         telemetry = self._telemetry
 
         def is_waiting() -> bool:
             state = telemetry.state
             return waits and state is not None and state.phase is Phase.WAIT and state.step > step
 
-        while not (telemetry.ended or telemetry.refused or is_waiting()):
+        def is_refused() -> bool:
+            return bool(telemetry.refused) and number == self._orders
+
+        while not (telemetry.ended or is_refused() or is_waiting()):
             await telemetry.news()
-        if telemetry.refused:
+        if is_refused():
             raise FlightError(telemetry.refused)
         if telemetry.ended and (waits or self.verdict is None):
             raise FlightError(self.verdict.text if self.verdict else " / ".join(self._words))

@@ -349,6 +349,8 @@ def _beside(asked: FlyOptions, transport: "Transport", security: "Security") -> 
     from companion.runtime.orders import Orders
     from companion.runtime.side_links import open_side_links
 
+    if asked.orders and sys.stdin is None:
+        raise PlanError("--orders: standard input is closed")
     if asked.pace == "lockstep" and (asked.gcs or asked.lidar):
         raise PlanError("--gcs and --lidar: not with --pace lockstep, in which time is the vehicle's alone")
     beside = open_side_links(transport, asked.gcs or (), asked.lidar, security)

@@ -1,5 +1,6 @@
 """The commands for missions: show, convert."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,7 +9,9 @@ import typer
 from companion.cli.shell import exit_as_unusable, exit_on_user_error, note
 
 if TYPE_CHECKING:
-    from companion.mission.plan import Mission
+    from collections.abc import Sequence
+
+    from companion.mission.plan import Mission, Step
 
 File = Annotated[str, typer.Argument(metavar="FILE", help="A .plan, a .waypoints, or a mission by name or path.")]
 
@@ -28,7 +31,7 @@ def show(
     ] = None,
 ) -> None:
     """List what is flown, step by step, with the places around the take-off, draw it from above, and say what of its
-    surroundings the LiDAR does not show. Exit code 2 if it can't be flown."""
+    surroundings the LiDAR does not show. Exit code 2 if it can't be flown, as beyond the fence of its file."""
     import numpy as np
 
     from companion.cli.logs import table
@@ -55,6 +58,7 @@ def show(
         world = exit_on_user_error(find, "worlds", found.world).read_bytes()
         exit_on_user_error(_write, html, page(found, plan, world, fence_radius))
         typer.echo(f"map: {html}")
+    exit_on_user_error(_keep_within, file, fence_radius, plan)
 
 
 @mission.command()
@@ -63,18 +67,44 @@ def convert(
     to: Annotated[Path, typer.Argument(metavar="TO", help="A new file .toml, or .waypoints from a .plan.")],
 ) -> None:
     """Write a ground station's mission as a file for missions/, with its places around where it was planned from; or a
-    .plan as .waypoints."""
+    .plan as .waypoints. What the new file can't hold is said."""
     from companion.mission.files import to_toml, to_waypoints
     from companion.runtime.station_files import is_of_station, read_of_station
 
+    left: list[str] = []
     if to.suffix == ".toml":
-        text = to_toml(_mission(file)[0])
+        found, radius = _mission(file)
+        text = to_toml(found)
+        if radius is not None:
+            left.append(f"the fence: --set geofence.radius={math.floor(radius)}")
     elif to.suffix == ".waypoints" and is_of_station(file):
-        text = to_waypoints(exit_on_user_error(read_of_station, file))
+        read = exit_on_user_error(read_of_station, file)
+        text = to_waypoints(read)
+        left += [] if read.speed is None else [f"the speed: --set mission.speed={read.speed:g}"]
+        left += ["the fence"] if read.fences else []
     else:
         exit_as_unusable(f"{to}: what is written is a .toml, and a .waypoints from a ground station's file")
     exit_on_user_error(_write, to, text)
+    for each in left:
+        note(f"{to} does not hold {each}")
     typer.echo(f"mission: {to}")
+
+
+def _keep_within(file: str, radius: float | None, plan: "Sequence[Step]") -> None:
+    """Raises TomlFileError for steps beyond the file's own fence, inside of which the default margin is kept."""
+    import numpy as np
+
+    from companion.config import Settings
+    from companion.fence import fence_of, first_beyond
+    from companion.runtime.station_files import fenced
+    from protocol.toml_files import TomlFileError
+
+    settings = fenced(Settings(), Path(file), radius).geofence
+    fence = fence_of(settings, np.zeros(3))
+    places = [(step.phase.name.lower(), step.target_ned) for step in plan if step.target_ned is not None]
+    beyond = None if fence is None else first_beyond(fence.shrunk(settings.margin), places)
+    if beyond is not None:
+        raise TomlFileError(f"{file}: the mission leaves its fence: {beyond}")
 
 
 def _world(found: "Mission") -> bytes:

@@ -36,6 +36,7 @@ _PLAN_VERSIONS = 1, 2
 """Versions of the plan and of the mission in it."""
 _AT_HOME_M = 1.0
 """A take-off from so near is from its place."""
+_NOT_ABOVE_HOME = "altitudes count from the take-off (frame 3), not as in frame {}"
 _PLACE = frozenset({"north", "east", "height"})
 
 
@@ -82,16 +83,19 @@ class MissionFile(msgspec.Struct, frozen=True):
 
 
 def parse(text: str) -> MissionFile:
-    """Read a file of either kind. Raises MissionFileError."""
-    if text.lstrip("\ufeff").startswith("QGC WPL"):
+    """Read a file of either kind, with or without a byte order mark. Raises MissionFileError."""
+    text = text.removeprefix("\ufeff")
+    if text.startswith("QGC WPL"):
         return _waypoints(text)
     try:
         tables = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # not JSON, a number or a nesting without end
         raise MissionFileError(f"neither {_HEAD} nor JSON: {error}") from None
     try:
         return _plan(tables)
-    except (KeyError, TypeError, IndexError, AttributeError) as error:
+    except MissionFileError:
+        raise
+    except (LookupError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise MissionFileError(f"no plan of QGroundControl: {error!r}") from None
 
 
@@ -99,7 +103,7 @@ def parse(text: str) -> MissionFile:
 
 
 def _waypoints(text: str) -> MissionFile:
-    head, *lines = text.lstrip("\ufeff").splitlines()
+    head, *lines = text.splitlines()
     if head.strip() != _HEAD:
         raise MissionFileError(f"{head.strip()}: the version that is read is {_HEAD}")
     items = []
@@ -160,7 +164,7 @@ def _plan(tables: dict[str, Any]) -> MissionFile:
             f"a plan of version {versions[0]}, its mission of version {versions[1]}: 1 and 2 are read"
         )
     for index, table in enumerate(mission["items"], 1):
-        number = table.get("doJumpId", index)
+        number = int(table.get("doJumpId", index))
         if table["type"] != "SimpleItem":
             kind = table.get("complexItemType", table["type"])
             raise MissionFileError(f"item {number}: a pattern ({kind}) is not flown: plan its waypoints one by one")
@@ -178,7 +182,10 @@ def _plan(tables: dict[str, Any]) -> MissionFile:
         if not each["inclusion"]:
             raise MissionFileError("a circle that is kept out of is not kept to: draw the mission around it")
         center, radius = each["circle"]["center"], each["circle"]["radius"]
-        fences.append(Circle((float(center[0]), float(center[1])), float(radius)))
+        circle = Circle((float(center[0]), float(center[1])), float(radius))
+        if not all(map(math.isfinite, (*circle.center, circle.radius))):
+            raise MissionFileError(f"a circle of {circle.radius:g} m around {circle.center} is no fence")
+        fences.append(circle)
     rally = len(tables.get("rallyPoints", {}).get("points", ()))
     notes = (f"{rally} rally points play no part: the way home is the way it came",) if rally else ()
     home = float(latitude), float(longitude)
@@ -225,7 +232,7 @@ class _Maker:
 
     def _add(self, item: Item, hold_s: float = 0.0) -> None:
         if item.frame not in _ABOVE_HOME:
-            raise MissionFileError(f"altitudes count from the take-off (frame 3), not as in frame {item.frame}")
+            raise MissionFileError(_NOT_ABOVE_HOME.format(item.frame))
         if item.place is None:
             raise MissionFileError("it has no latitude and longitude")
         height = item.params[6]
@@ -262,6 +269,8 @@ class _Maker:
     def loiter(self, item: Item) -> None:
         if item.place is None:
             last, height = self._last, item.params[6]
+            if item.frame in _ON_EARTH - _ABOVE_HOME and height > 0.0:
+                raise MissionFileError(_NOT_ABOVE_HOME.format(item.frame))
             if item.frame in _ABOVE_HOME and height > 0.0 and height != last["height"]:
                 self._fly_to((last["north"], last["east"]), height)
             self._last["hold_s"] += _time(item.params[0])
@@ -293,7 +302,9 @@ class _Maker:
 
     def jump(self, item: Item) -> int | None:
         target, times = item.params[:2]
-        if times < 0.0:
+        if math.isnan(times):
+            raise MissionFileError("it does not say how many times it jumps")
+        if times < 0.0 or times == math.inf:
             raise MissionFileError("it jumps for ever")
         if target not in self._items:
             raise MissionFileError(f"it jumps to item {target:g}, which is not there")
@@ -393,8 +404,8 @@ def _lines(table: dict[str, Any], defaults: dict[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    if not isinstance(value, dict):
-        return json.dumps(value)
+    if not isinstance(value, dict):  # TOML has no pairs of surrogates, and no delete as it is
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return "{ " + ", ".join(f"{name} = {_value(each)}" for name, each in value.items() if each is not None) + " }"
 
 

@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
+from companion.config_types import FARTHEST_M
 from companion.mission.files import MissionFileError, Place, offset
-from companion.mission.plan import FARTHEST_M
 
 _BOUNDS = {"latitude": 90.0, "longitude": 180.0}
 _METRES = "north", "east"

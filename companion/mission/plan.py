@@ -9,16 +9,13 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from companion.config_types import NotNegative, Positive, Table
+from companion.config_types import Height, Metres, NotNegative, Positive, Table
 from companion.curves import Curve, Route, Shape
 from protocol.arrays import Array
 
 _AS_NEAR_M = 1.0
 BESIDE_M = 2.0
 """A vehicle that is farther beside a place is not above or below it."""
-FARTHEST_M = 10_000
-"""From the take-off to a waypoint, along each axis."""
-Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 
 class Waypoint(Table, frozen=True):
@@ -28,7 +25,7 @@ class Waypoint(Table, frozen=True):
     """m north of the take-off point."""
     east: Metres
     """m east of it."""
-    height: Positive
+    height: Height
     """m above it."""
     hold_s: NotNegative = 0.0
     """Stop there for so long; 0: pass through."""
@@ -43,7 +40,7 @@ class Waypoint(Table, frozen=True):
 class Delivery(Table, frozen=True):
     """At the last waypoint: descend, release the parcel, climb."""
 
-    release_height: Positive = 0.5
+    release_height: Height = 0.5
     """m above the take-off point."""
 
 
@@ -62,7 +59,7 @@ class Mission(Table, frozen=True):
     """Name or path of the vehicle's file."""
     description: str = ""
     """For people."""
-    takeoff_height: Positive = 3.0
+    takeoff_height: Height = 3.0
     """m; to where the vehicle climbs first."""
     speed: Positive = 4.0
     """m/s, at most."""

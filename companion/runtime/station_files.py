@@ -86,6 +86,6 @@ def fenced(settings: Settings, path: Path, radius: float | None) -> Settings:
         return settings
     if radius <= fence.margin:
         raise TomlFileError(
-            f"{path}: the take-off is {radius:.2f} m inside of the fence, and geofence.margin is {fence.margin:g} m"
+            f"{path}: its fence leaves {radius:.2f} m around the take-off, and geofence.margin is {fence.margin:g} m"
         )
     return msgspec.structs.replace(settings, geofence=msgspec.structs.replace(fence, radius=radius))

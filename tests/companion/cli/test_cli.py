@@ -1,6 +1,7 @@
 """What the command line says: at an interrupt, of a log's result, and of a file that can't be used."""
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -81,3 +82,10 @@ def test_a_key_is_made_and_a_bad_one_refused(tmp_path: Path) -> None:
     for command in (["fly", "hover"], ["check"]):
         done = CliRunner().invoke(app, [*command, "--connect", "udpin:127.0.0.1:0", "--signing-key", str(file)])
         assert done.exit_code == 2 and "0644" in done.output
+
+
+def test_orders_need_an_input_that_is_open(tmp_path: Path) -> None:
+    options = f"--connect udpin:127.0.0.1:0 --orders --log {shlex.quote(str(tmp_path))}"
+    flight = f"{shlex.quote(sys.executable)} -m companion fly hover {options} <&-"
+    done = subprocess.run(["sh", "-c", flight], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "companion: --orders: standard input is closed\n")

@@ -49,6 +49,40 @@ def test_what_can_not_be_flown_is_one_line(tmp_path: Path) -> None:
     assert "item 2: NAV_LOITER_UNLIM" in ran("mission", "convert", file, tmp_path / "x.toml")[1]
 
 
+def test_what_a_converted_file_does_not_hold_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "fenced.plan"
+    circle = {"circle": {"center": at(0.0, 0.0, 1.0)[1][4:6], "radius": 80.5}, "inclusion": True, "version": 1}
+    file.write_text(plan([UP, at(*A), HOME], geoFence={"circles": [circle], "version": 2}))
+    toml, waypoints = tmp_path / "fenced.toml", tmp_path / "fenced.waypoints"
+    said = ran("mission", "convert", file, toml)[1]
+    assert f"{toml} does not hold the fence: --set geofence.radius=80\n" in said and "speed" not in said
+    said = ran("mission", "convert", file, waypoints)[1]
+    assert f"{waypoints} does not hold the speed: --set mission.speed=5\n" in said
+    assert f"{waypoints} does not hold the fence\n" in said
+    assert "does not hold" not in ran("mission", "convert", waypoints, tmp_path / "again.toml")[1]
+
+
+def test_a_fence_without_room_is_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "tight.plan"
+    circle = {"circle": {"center": at(*A)[1][4:6], "radius": A[0] + 0.5}, "inclusion": True, "version": 1}
+    file.write_text(plan([UP, at(*A), HOME], geoFence={"circles": [circle], "version": 2}))
+    for command in (("demo", file), ("mission", "show", file)):
+        code, said = ran(*command)
+        assert code == UNUSABLE and said.endswith(
+            f"companion: {file}: its fence leaves 0.50 m around the take-off, and geofence.margin is 1 m\n"
+        )
+
+
+def test_a_mission_that_leaves_its_own_fence_is_shown_as_one_that_can_not_be_flown(tmp_path: Path) -> None:
+    file = tmp_path / "beyond.plan"
+    for radius, ends in ((A[0] + 0.5, UNUSABLE), (A[0] + 1.1, 0)):
+        circle = {"circle": {"center": at(0.0, 0.0, 1.0)[1][4:6], "radius": radius}, "inclusion": True, "version": 1}
+        file.write_text(plan([UP, at(*A), HOME], geoFence={"circles": [circle], "version": 2}))
+        code, said = ran("mission", "show", file)
+        assert code == ends
+        assert (f"{file}: the mission leaves its fence: route at north 10.0" in said) is bool(ends)
+
+
 def test_the_newest_log_is_taken_where_none_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -137,6 +137,7 @@ def test_what_is_done_on_the_way(write: Any) -> None:
         ([UP, at(10.0, 0.0, -1.0), HOME], 2, "-1 m"),
         ([UP, (WAYPOINT, [0.0] * 6 + [5.0]), HOME], 2, "no latitude"),
         ([UP, at(*A), do(JUMP, 2, -1), HOME], 3, "for ever"),
+        ([UP, at(*A), do(JUMP, 2, math.inf), HOME], 3, "for ever"),
         ([UP, at(*A), do(JUMP, 9, 1), HOME], 3, "item 9"),
         ([UP, at(*A), do(JUMP, 2, 5001), HOME], 3, "more than 1000"),
         ([UP, at(*A), do(GRIPPER, 1, 1), HOME], 3, "opened alone"),
@@ -157,6 +158,38 @@ def test_altitudes_are_above_the_take_off() -> None:
     for frame in (0, 10):
         with pytest.raises(MissionFileError, match=r"item 1: .*frame"):
             flown(wpl([UP, at(*A), HOME], frame))
+
+
+@pytest.mark.parametrize("frame", [0, 10])
+def test_an_altitude_without_a_place_is_above_the_take_off_too(frame: int) -> None:
+    text = wpl([UP, at(*A), do(LOITER, 5, 0, 0, 0, 0, 0, 550), HOME]).replace(f"3\t{LOITER}\t", f"{frame}\t{LOITER}\t")
+    with pytest.raises(MissionFileError, match=rf"item 3: .*frame {frame}"):
+        flown(text)
+
+
+def test_a_jump_that_leaves_its_number_open_is_refused() -> None:
+    with pytest.raises(MissionFileError, match="item 3: it does not say how many times"):
+        flown(plan([UP, at(*A), do(JUMP, 2, NAN), HOME]))
+
+
+def test_a_byte_order_mark_is_no_part_of_a_file() -> None:
+    items = [UP, at(*A), HOME]
+    for text in (wpl(items), plan(items)):
+        assert flown(f"\ufeff{text}") == flown(text)
+
+
+def test_numbers_and_nestings_beyond_all_bounds_are_no_plan() -> None:
+    whole = plan([UP, at(*A), HOME])
+    for number, other in (
+        ('"frame": 3', '"frame": Infinity'),
+        ('"doJumpId": 2', '"doJumpId": [2]'),
+        ('"hoverSpeed": 5.0', f'"hoverSpeed": {10**400}'),
+    ):
+        assert number in whole
+        with pytest.raises(MissionFileError, match="no plan"):
+            parse(whole.replace(number, other))
+    with pytest.raises(MissionFileError, match="JSON"):
+        parse("[" * 200_000)
 
 
 def test_files_that_are_none() -> None:
@@ -182,6 +215,7 @@ def test_the_fence_is_kept_inside_of() -> None:
     for text, why in (
         (fence(circle(60.0, 50.0)), "outside"),
         (fence(circle(0.0, 50.0, inclusion=False)), "kept out of"),
+        (fence(circle(0.0, NAN)), "nan m"),
         (fence(polygons=({"polygon": [[0, 0]] * 5, "inclusion": True},)), "5 corners"),
     ):
         with pytest.raises(MissionFileError, match=why):
@@ -196,7 +230,7 @@ def test_the_nearer_fence_counts_and_a_take_off_at_its_edge_is_refused() -> None
     assert fenced(plain, file, None) is plain
     assert fenced(plain, file, 30.0).geofence.radius == 30.0
     assert fenced(near, file, 30.0) is near and fenced(near, file, 10.0).geofence.radius == 10.0
-    with pytest.raises(TomlFileError, match=r"trip\.plan: the take-off is 0\.50 m inside of the fence"):
+    with pytest.raises(TomlFileError, match=r"trip\.plan: its fence leaves 0\.50 m around the take-off"):
         fenced(plain, file, 0.5)
 
 
@@ -245,11 +279,12 @@ def test_a_mission_of_a_plan_is_a_mission_file(tmp_path: Path) -> None:
             "parcel", waypoints=[Waypoint(1.0, 2.0, 3.0, speed=1.0)], delivery=Delivery(0.7), description='"a" = b'
         ),
         Mission("round", trajectory=Shape("helix", 2.0, radius=3.0, laps=2.0), return_home=False),
+        Mission("letters", waits=True, vehicle="/home/\U0001f681/quad.toml", description="Stra\xdfe\t\x7f\x00\u2028"),
     ],
     ids=lambda mission: str(mission.name),
 )
 def test_a_mission_made_in_code_is_a_mission_file(mission: Mission, tmp_path: Path) -> None:
-    (tmp_path / "own.toml").write_text(to_toml(mission))
+    (tmp_path / "own.toml").write_text(to_toml(mission), encoding="utf-8")
     assert load_mission(str(tmp_path / "own.toml"))[0] == mission
 
 

@@ -125,5 +125,16 @@ def test_impossible_shapes_are_refused_with_file_and_key(tmp_path: Path, shape: 
     assert word in refused(tmp_path, SHAPE.format(shape) + lines + "\n")
 
 
+def test_a_height_beyond_what_messages_hold_is_refused_with_its_key(tmp_path: Path) -> None:
+    circle = SHAPE.format("circle") + "radius = 2.0\n"
+    for text, key in (
+        (WAYPOINT.replace("3.0", "1e39"), "waypoints[0].height"),
+        ("takeoff_height = 1e39\n" + WAYPOINT, "takeoff_height"),
+        (WAYPOINT + "[delivery]\nrelease_height = 1e39\n", "delivery.release_height"),
+        (circle + "height = 1e39\n", "trajectory.height"),
+    ):
+        assert f"<= 10000.0 - at `{key}`" in refused(tmp_path, text)
+
+
 def test_radius_from_speed_and_acceleration() -> None:
     assert Shape("circle", speed=6.0, acceleration=12.0).size == 3.0
