@@ -24,6 +24,8 @@ _RATE_LIMIT = 40.0
 _OF_VELOCITY = np.array(((0, 1, 2), (1, 6, 7), (2, 7, 11)))
 """Where the covariance of velocity lies in the upper triangle, row by row, of a matrix (6, 6)."""
 _NOTHING = 65535
+_SLACK = 1e-3
+"""Of a beam: 360 degrees over an increment in single precision may be so much more than the beams of a turn."""
 _HALF_SECTOR = math.pi / SECTORS
 _ARDUPILOT_RING = 10
 """PROXIMITY_SENSOR_ID_START"""
@@ -167,7 +169,9 @@ def obstacle_distance(message: Any, time_ns: int) -> Scan:
     around = abs(increment) * int(known.nonzero()[0].max(initial=0))
     if around >= 360.0:
         raise RefusedRingError(f"OBSTACLE_DISTANCE with beams over {around:g} deg")
-    bearings = _bearings(message.angle_offset, increment, distances.size)
+    count = min(distances.size, max(2, math.ceil(360.0 / abs(increment) - _SLACK)))  # the rest of the array is unused
+    distances, known = distances[:count], known[:count]
+    bearings = _bearings(message.angle_offset, increment, count)
     if increment < 0.0:  # clockwise, as all others
         distances, bearings, known = (each[::-1].copy() for each in (distances, bearings, known))
     beyond = distances[known & (distances > message.max_distance + 1)]

@@ -64,7 +64,8 @@ class Clusters(NamedTuple):
 @compiled
 def find_clusters(returns: Returns, rule: Any) -> Clusters:
     """The segments that are small, by the settings as a record."""
-    spans = segments(returns.ranges, returns.usable, rule["range_gap"])
+    closed = returns.ranges.size * returns.width > 2.0 * math.pi - 0.5 * returns.width
+    spans = segments(returns.ranges, returns.usable, rule["range_gap"], closed)
     centroids, covariances = np.empty((spans.shape[0], 2)), np.empty((spans.shape[0], 2, 2))
     extents, middles = np.empty(spans.shape[0]), np.empty(spans.shape[0], np.int64)
     hidden = np.empty(spans.shape[0], np.bool_)
@@ -74,7 +75,7 @@ def find_clusters(returns: Returns, rule: Any) -> Clusters:
         extent = _extent(returns.points, first, length)
         if extent <= rule["max_extent"] and length * returns.width < _WIDEST_VIEW:
             spans[count], extents[count] = spans[k], extent
-            hidden[count] = _is_hidden(returns, first, length)
+            hidden[count] = _is_hidden(returns, first, length, closed)
             centroids[count], covariances[count], middles[count] = _measure(returns, first, length, hidden[count])
             count += 1
     found = spans[:count], centroids[:count], covariances[:count], extents[:count], middles[:count], hidden[:count]
@@ -82,17 +83,18 @@ def find_clusters(returns: Returns, rule: Any) -> Clusters:
 
 
 @compiled
-def segments(ranges: Array, usable: BoolArray, gap: float) -> Integers:
+def segments(ranges: Array, usable: BoolArray, gap: float, closed: bool) -> Integers:
     """(k, 2) first beam and number of beams of each segment: usable returns whose `ranges` (n,) (m) differ from their
-    neighbours' by less than `gap` (m). A ring in which all are connected has none."""
+    neighbours' by less than `gap` (m). The last beam is the first one's neighbour in a ring that is `closed`; if all
+    are connected, that has no segment."""
     count = usable.size
     found = np.empty((count, 2), np.int64)
     number = 0
     for k in range(count):
-        if not usable[k] or _connected(ranges, usable, (k - 1) % count, k, gap):
+        if not usable[k] or ((k > 0 or closed) and _connected(ranges, usable, (k - 1) % count, k, gap)):
             continue
-        length = 1
-        while length < count and _connected(ranges, usable, (k + length - 1) % count, (k + length) % count, gap):
+        length, most = 1, count if closed else count - k
+        while length < most and _connected(ranges, usable, (k + length - 1) % count, (k + length) % count, gap):
             length += 1
         found[number, 0], found[number, 1] = k, length
         number += 1
@@ -117,13 +119,13 @@ def _extent(points: Array, first: int, length: int) -> float:
 
 
 @compiled
-def _is_hidden(returns: Returns, first: int, length: int) -> bool:
-    """Whether a nearer neighbour may hide a part of a segment."""
+def _is_hidden(returns: Returns, first: int, length: int, closed: bool) -> bool:
+    """Whether a nearer neighbour may hide a part of a segment. At an end of a ring that is not closed none is known."""
     usable, ranges = returns.usable, returns.ranges
     last = (first + length - 1) % ranges.size
     before, after = (first - 1) % ranges.size, (last + 1) % ranges.size
-    left: bool = usable[before] and ranges[before] < ranges[first]
-    right: bool = usable[after] and ranges[after] < ranges[last]
+    left: bool = (closed or first > 0) and usable[before] and ranges[before] < ranges[first]
+    right: bool = (closed or after > 0) and usable[after] and ranges[after] < ranges[last]
     return left or right
 
 

@@ -9,8 +9,9 @@ from protocol.arrays import Array
 from protocol.frames import to_world
 from protocol.jit import compiled
 
-WIDE_SECTOR = math.radians(15.0)
-"""rad: in a wider sector the place of a return is too uncertain to tell that it moves, or that it should have."""
+WIDE_SECTOR = math.radians(15.01)
+"""rad: in a wider sector the place of a return is too uncertain to tell that it moves, or that it should have. Those of
+15 degrees, 24 around the vehicle, are not wider, however they are rounded."""
 
 
 def sector_width(scan: Scan) -> float:

@@ -326,6 +326,18 @@ def test_a_ring_of_more_than_a_turn_is_none() -> None:
         assert wire.obstacle_distance(ring(distances, f=increment), 0).known.sum() == count
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("sectors", [72, 60, 45, 36, 24, 7])
+def test_a_ring_has_the_beams_of_a_turn_alone(sectors: int, sign: float) -> None:
+    """The unused rest of the array is no beam, at either end: the last beam is the first one's neighbour."""
+    distances = [100 + k for k in range(sectors)] + [65535] * (72 - sectors)
+    scan = wire.obstacle_distance(ring(distances, f=sign * 360.0 / sectors), 0)
+    assert scan.bearings_frd.shape == scan.ranges_m.shape == (sectors,) and scan.known.all()
+    step = np.diff([*scan.bearings_frd, scan.bearings_frd[0] + 2.0 * np.pi])
+    assert step == pytest.approx(np.full(sectors, 2.0 * np.pi / sectors), abs=1e-6)
+    assert np.argsort(scan.ranges_m).tolist() == list(range(sectors))[:: int(sign)]
+
+
 def test_distances_that_the_format_does_not_have_are_no_ring() -> None:
     with pytest.raises(wire.RefusedRingError, match="distances beyond"):
         wire.obstacle_distance(ring([500] * 70 + [30_000, 40_000]), 0)

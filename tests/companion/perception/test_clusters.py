@@ -29,9 +29,23 @@ def test_segments_go_around_the_ring() -> None:
     ranges[[1, 41]] = 5.15
     usable = np.zeros(72, np.bool_)
     usable[[70, 71, 0, 1, 20, 40, 41]] = True
-    assert sorted(map(tuple, segments(ranges, usable, 0.2).tolist())) == [(20, 1), (40, 2), (70, 4)]
-    assert len(segments(ranges, np.ones(72, np.bool_), 0.2)) == 0
-    assert sorted(segments(ranges, usable, 0.1)[:, 1].tolist()) == [1, 1, 1, 1, 3]
+    assert sorted(map(tuple, segments(ranges, usable, 0.2, True).tolist())) == [(20, 1), (40, 2), (70, 4)]
+    assert len(segments(ranges, np.ones(72, np.bool_), 0.2, True)) == 0
+    assert sorted(segments(ranges, usable, 0.1, True)[:, 1].tolist()) == [1, 1, 1, 1, 3]
+
+
+def test_the_ends_of_a_ring_that_does_not_close_are_no_neighbours() -> None:
+    """A camera's, over 79 degrees: what stands at one edge neither hides nor continues what stands at the other."""
+    ranges, usable = np.full(72, 5.0), np.ones(72, np.bool_)
+    assert segments(ranges, usable, 0.2, False).tolist() == [[0, 72]]
+    usable[5:70] = False
+    assert segments(ranges, usable, 0.2, False).tolist() == [[0, 5], [70, 2]]
+    width = math.radians(79.0 / 72.0)
+    bearings = width * (np.arange(72) - 35.5)
+    ranges[:5] = 3.0
+    points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings), np.full(72, -2.0)])
+    found = find_clusters(Returns(points, usable, ranges, np.array([0.0, 0.0, -2.0]), width), RULE)
+    assert found.spans.tolist() == [[0, 5], [70, 2]] and not found.hidden.any()
 
 
 @pytest.mark.parametrize("distance", [1.5, 3.0, 6.0])
