@@ -2,7 +2,8 @@
 
 - Neighbouring returns whose ranges differ little form a segment. Their distance along the ring says nothing: at a range
   of 6 m the sectors of 5 degrees are as far apart as a person is wide. So a person beside a wall is a segment of its
-  own, unless both are equally far away.
+  own, unless both are equally far away. A LiDAR that is noisier than usual parts them later: else its walls would fall
+  into pieces that seem to move.
 - A segment that is small is a cluster, measured by its centroid. Its covariance has the sensor's shape: a few
   centimetres along the beam, and across it as much as the sector is wide. A wide segment such as a wall, or one around
   the vehicle, is no cluster: its visible part travels with the vehicle.
@@ -20,7 +21,11 @@ from protocol.arrays import Array, BoolArray
 from protocol.jit import compiled
 
 _RANGE_SIGMA_M = 0.08
-"""m along the beam: the range noise and the round front of an obstacle."""
+"""m along the beam: the noise of a usual LiDAR and the round front of an obstacle."""
+_NOISE_SHARE = 1.5
+"""Of the noise of one that has more, along the beam."""
+_GAP_SIGMAS = 6.0
+"""Ranges of neighbours differ by sqrt(2) times the noise, one standard deviation."""
 _HIDDEN_SIGMA_M = 0.3
 """m across the beam that the centroid may be off where a part is hidden: the radius of a person."""
 _WIDEST_VIEW = math.radians(120.0)
@@ -42,6 +47,8 @@ class Returns(NamedTuple):
     """(3,) NED (m) of the sensor."""
     width: float
     """rad of a sector."""
+    noise: float
+    """m, one standard deviation of the ranges; 0 if it is not known."""
 
 
 class Clusters(NamedTuple):
@@ -65,7 +72,8 @@ class Clusters(NamedTuple):
 def find_clusters(returns: Returns, rule: Any) -> Clusters:
     """The segments that are small, by the settings as a record."""
     closed = returns.ranges.size * returns.width > 2.0 * math.pi - 0.5 * returns.width
-    spans = segments(returns.ranges, returns.usable, rule["range_gap"], closed)
+    gap = max(rule["range_gap"], _GAP_SIGMAS * returns.noise)
+    spans = segments(returns.ranges, returns.usable, gap, closed)
     centroids, covariances = np.empty((spans.shape[0], 2)), np.empty((spans.shape[0], 2, 2))
     extents, middles = np.empty(spans.shape[0]), np.empty(spans.shape[0], np.int64)
     hidden = np.empty(spans.shape[0], np.bool_)
@@ -138,7 +146,7 @@ def _measure(returns: Returns, first: int, length: int, hidden: bool) -> tuple[A
         centroid += points[k % points.shape[0], :2] / length
     north, east = centroid[0] - position[0], centroid[1] - position[1]
     distance = max(math.hypot(north, east), 1e-6)
-    along = _RANGE_SIGMA_M * _RANGE_SIGMA_M
+    along = max(_RANGE_SIGMA_M, _NOISE_SHARE * returns.noise) ** 2
     across = along + (distance * returns.width) ** 2 / 12.0 + (_HIDDEN_SIGMA_M**2 if hidden else 0.0)
     un, ue = north / distance, east / distance
     cross = (along - across) * un * ue

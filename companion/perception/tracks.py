@@ -34,6 +34,7 @@ from companion.perception.departure import (
     take_place,
 )
 from companion.perception.free_space import MOVER_COLUMNS
+from companion.perception.range_noise import RangeNoise
 from companion.perception.scans import WIDE_SECTOR, sector_width, world_points
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
@@ -111,6 +112,8 @@ class _PosedScan(NamedTuple):
     """(4,) NED to FRD"""
     width: float
     """rad of a sector."""
+    noise: float
+    """m, one standard deviation of the ranges; 0 if it is not known."""
 
 
 class Tracker:
@@ -121,6 +124,7 @@ class Tracker:
         self._started = 0
         self._time_ns: int | None = None
         self._position: Array | None = None
+        self._noise = RangeNoise()
         self.tracks: Tracks = np.empty(0, TRACK)
         """All tracks, the oldest first."""
 
@@ -164,11 +168,13 @@ class Tracker:
         if self._position is not None and elapsed > 0.0:
             own = (position_ned[:2] - self._position[:2]) / elapsed
         self._position = position_ned.copy()
-        posed = _PosedScan(bearings, scan.ranges_m, scan.hit, scan.known, position_ned, attitude_ned_frd, width)
+        pose, noise = (position_ned, attitude_ned_frd), self._noise.sigma_m
+        posed = _PosedScan(bearings, scan.ranges_m, scan.hit, scan.known, *pose, width, noise)
         dt = min(elapsed, _LONGEST_STEP_S)
-        self.tracks, self._started, moving = _track(
+        self.tracks, self._started, moving, usable = _track(
             self.tracks, self._rules, self._started, dt, tuple(posed), own, (ground_down, slope)
         )
+        self._noise.take(scan.ranges_m, usable, *pose)
         return moving
 
 
@@ -181,8 +187,9 @@ def _track(
     posed: tuple[Any, ...],
     own: Array,
     ground: tuple[float, float],
-) -> tuple[Tracks, int, BoolArray]:
-    """The tracks after a scan, the number of tracks ever started, and which beams (n,) see a moving obstacle.
+) -> tuple[Tracks, int, BoolArray, BoolArray]:
+    """The tracks after a scan, the number of tracks ever started, and which beams (n,) see a moving obstacle, and which
+    more than the ground.
 
     `own` is the vehicle's velocity (2,) north and east (m/s), `ground` as of `Tracker.add`.
 
@@ -193,7 +200,7 @@ def _track(
     beams = scan.bearings.size
     points = world_points(scan.bearings, scan.ranges, scan.position, scan.attitude)
     usable = scan.hit & (points[:, 2] < ground[0] - ground[1] * scan.ranges)
-    clusters = find_clusters(Returns(points, usable, scan.ranges, scan.position, scan.width), rules[0])
+    clusters = find_clusters(Returns(points, usable, scan.ranges, scan.position, scan.width, scan.noise), rules[0])
     spans, centroids, covariances, extents, middles, hidden = clusters
     step = scan.bearings[1] - scan.bearings[0] if beams > 1 else scan.width
     free = np.zeros(min(beams, _MOST_BEAMS))  # by a loop: np.where takes a second to compile
@@ -230,7 +237,7 @@ def _track(
             stand(kept[count], points[middles[c]], sight)
             count += 1
             started += 1
-    return kept[:count], started, moving
+    return kept[:count], started, moving, usable
 
 
 @compiled

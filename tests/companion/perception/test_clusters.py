@@ -15,12 +15,12 @@ BEARINGS: Array = np.radians(5.0 * np.arange(72))
 RULE = Tracker(AvoidanceTracks())._rules[0]
 
 
-def clusters_of(ranges: dict[int, float]) -> Clusters:
+def clusters_of(ranges: dict[int, float], noise: float = 0.0) -> Clusters:
     """The clusters of a ring at 2 m in which these beams alone have a return."""
     usable = np.isin(np.arange(72), list(ranges))
     measured = np.array([ranges.get(k, 15.0) for k in range(72)])
     points = np.column_stack([measured * np.cos(BEARINGS), measured * np.sin(BEARINGS), np.full(72, -2.0)])
-    return Clusters(*find_clusters(Returns(points, usable, measured, np.array([0.0, 0.0, -2.0]), WIDTH), RULE))
+    return Clusters(*find_clusters(Returns(points, usable, measured, np.array([0.0, 0.0, -2.0]), WIDTH, noise), RULE))
 
 
 def test_segments_go_around_the_ring() -> None:
@@ -44,7 +44,7 @@ def test_the_ends_of_a_ring_that_does_not_close_are_no_neighbours() -> None:
     bearings = width * (np.arange(72) - 35.5)
     ranges[:5] = 3.0
     points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings), np.full(72, -2.0)])
-    found = find_clusters(Returns(points, usable, ranges, np.array([0.0, 0.0, -2.0]), width), RULE)
+    found = find_clusters(Returns(points, usable, ranges, np.array([0.0, 0.0, -2.0]), width, 0.0), RULE)
     assert found.spans.tolist() == [[0, 5], [70, 2]] and not found.hidden.any()
 
 
@@ -68,6 +68,19 @@ def test_what_a_nearer_return_may_hide_is_known_less_well_across_and_as_well_alo
     assert not alone.hidden[0] and not beside.hidden[np.flatnonzero(beside.spans[:, 0] == 0)[0]]
     along, across = np.diag(alone.covariances[0])
     assert np.diag(hidden.covariances[place]) == pytest.approx([along, across + 0.3**2])
+
+
+def test_a_noisy_lidar_parts_later_and_knows_less_along() -> None:
+    """With what is usual nothing changes."""
+    quiet, usual, noisy = (clusters_of({0: 4.0, 1: 4.5, 20: 5.0}, noise) for noise in (0.0, 0.03, 0.1))
+    assert quiet.spans.tolist() == usual.spans.tolist() == [[0, 1], [1, 1], [20, 1]]
+    assert (quiet.covariances == usual.covariances).all()
+    assert noisy.spans.tolist() == [[0, 2], [20, 1]]
+    bearing = BEARINGS[20]
+    beam, across = np.array([math.cos(bearing), math.sin(bearing)]), np.array([-math.sin(bearing), math.cos(bearing)])
+    before, after = quiet.covariances[2], noisy.covariances[1]
+    assert beam @ before @ beam == pytest.approx(0.08**2) and beam @ after @ beam == pytest.approx(0.15**2)
+    assert across @ after @ across > across @ before @ across > 0.01
 
 
 def test_a_wide_segment_is_no_cluster() -> None:
