@@ -139,8 +139,8 @@ class AvoidanceTracks(Table, frozen=True):
     """Tracking of moving obstacles (`perception.tracks`)."""
 
     range_gap: Positive = 0.2
-    """m; neighbouring returns whose ranges differ by more belong to two segments. With a LiDAR of more noise, as it shows
-    at rest, that is six standard deviations of it."""
+    """m; neighbouring returns whose ranges differ by more belong to two segments. Six standard deviations of the noise
+    that a LiDAR shows at rest, if that is more."""
     max_extent: Positive = 1.2
     """m; wider segments are not tracked."""
     acceleration_noise: Positive = 1.5

@@ -25,7 +25,7 @@ _OF_VELOCITY = np.array(((0, 1, 2), (1, 6, 7), (2, 7, 11)))
 """Where the covariance of velocity lies in the upper triangle, row by row, of a matrix (6, 6)."""
 _NOTHING = 65535
 _SLACK = 1e-3
-"""Of a beam: 360 degrees over an increment in single precision may be so much more than the beams of a turn."""
+"""Part of a beam: 360 degrees over an increment in single precision may be so much more than the beams of a turn."""
 _HALF_SECTOR = math.pi / SECTORS
 _ARDUPILOT_RING = 10
 """PROXIMITY_SENSOR_ID_START"""

@@ -23,7 +23,7 @@ from protocol.jit import compiled
 _RANGE_SIGMA_M = 0.08
 """m along the beam: the noise of a usual LiDAR and the round front of an obstacle."""
 _NOISE_SHARE = 1.5
-"""Of the noise of one that has more, along the beam."""
+"""m along the beam for each of the noise, where that is more."""
 _GAP_SIGMAS = 6.0
 """Ranges of neighbours differ by sqrt(2) times the noise, one standard deviation."""
 _HIDDEN_SIGMA_M = 0.3
