@@ -170,6 +170,14 @@ def test_what_is_left_of_a_track_at_its_end_is_to_stay_there(shape: Shape) -> No
         assert not left.at(time_s)[1:5].any()
 
 
+@pytest.mark.parametrize("shape", [CIRCLE, LOOP, SQUARE], ids=lambda shape: shape.shape)
+def test_nothing_is_left_of_a_track_without_ramps_at_its_end(shape: Shape) -> None:
+    whole = track(msgspec.structs.replace(shape, ramp_s=0.0))
+    left = whole.resumed_at(whole.duration_s + 1.0)
+    assert left.duration_s == 0.0
+    assert np.allclose(left.start_ned, whole.at(1e9)[0], atol=1e-9)
+
+
 def following(shape: Shape) -> ReferenceGenerator:
     generator = ReferenceGenerator(SETTINGS)
     flown = track(shape)
