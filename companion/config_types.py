@@ -11,7 +11,11 @@ Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 FARTHEST_M = 10_000
 """From the take-off to a place of a mission, along each axis."""
 Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
-Height = Annotated[float, msgspec.Meta(gt=0, le=FARTHEST_M)]
+Size = Annotated[float, msgspec.Meta(gt=0, le=FARTHEST_M)]
+Height = Size
+FASTEST_M_S = 1000
+"""That a mission may ask for."""
+Speed = Annotated[float, msgspec.Meta(gt=0, le=FASTEST_M_S)]
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

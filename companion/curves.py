@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from companion.config_types import Height, Metres, NotNegative, Positive, Table
+from companion.config_types import FARTHEST_M, Height, Metres, NotNegative, Positive, Size, Speed, Table
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY
 
@@ -27,13 +27,13 @@ class Shape(Table, frozen=True):
     """
 
     shape: Literal["circle", "helix", "lemniscate", "ellipse", "square", "loop"]
-    speed: Positive
+    speed: Speed
     """Peak speed (m/s). The angle turns at a constant rate, so ellipse and lemniscate are slower elsewhere."""
-    radius: Positive | None = None
+    radius: Size | None = None
     """m."""
     acceleration: Positive | None = None
     """Peak acceleration (m/s2) of circle or ellipse, in place of `radius`, which is then speed^2 / acceleration."""
-    minor_radius: Positive | None = None
+    minor_radius: Size | None = None
     """m, of the ellipse; not set: half the radius."""
     pitch: NotNegative | None = None
     """m that the helix climbs each lap; not set: 1."""
@@ -54,6 +54,8 @@ class Shape(Table, frozen=True):
             raise ValueError("radius: give either it or acceleration")
         if self.acceleration is not None and self.shape not in ("circle", "ellipse", "loop"):
             raise ValueError(f"acceleration: a {self.shape} takes a radius")
+        if not 0.0 < self.size <= FARTHEST_M:
+            raise ValueError(f"acceleration: at {self.speed:g} m/s the radius is {self.size:g} m, up to {FARTHEST_M}")
         for key, value, shape in (("minor_radius", self.minor_radius, "ellipse"), ("pitch", self.pitch, "helix")):
             if value is not None and self.shape != shape:
                 raise ValueError(f"{key}: only for shape {shape!r}")

@@ -97,6 +97,7 @@ class Estimator:
             self._attitude = restamped(self._attitude, boot_time_ms=self.boot_time_ms)
         if self._position is not None:
             self._position = restamped(self._position, boot_time_ms=(self._position.boot_time_ms + by_ms) % wraps)
+        self._velocity_match.clock_set()
         self._poses = deque(((pose[0] + by_ms, pose[1], pose[2]) for pose in self._poses), _POSES_KEPT)
 
     def age_ns(self, now_ns: int) -> int | None:

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from companion.config import Control
 from companion.plugins import Plugin
 from companion.state import Output, Setpoint
-from protocol.messages import dialect
+from protocol.messages import Encoder, dialect
 
 ATTITUDE_IGNORE_RATES = 0x07
 RATES_IGNORE_ATTITUDE = 0x80
@@ -115,12 +115,15 @@ def encoders(settings: Control) -> Callable[[Output], Encode]:
 def _foreign(
     plugin: Plugin, made: SetpointOutput, output: Output, setpoint: Setpoint, boot_time_ms: int, target: tuple[int, int]
 ) -> Message:
-    """What an output of another package makes of a setpoint. Raises PluginError for what is no sound setpoint."""
+    """What an output of another package makes of a setpoint. Raises PluginError for what is no sound setpoint, or can't
+    be packed."""
     try:
         message, fields = made.message(output, setpoint, boot_time_ms, target)
         number, name = message.id, message.msgname
         flat = [value for field in fields for value in (field if isinstance(field, list | tuple) else (field,))]
         sound = all(map(math.isfinite, flat))
+        if sound:
+            Encoder(1, 1).encode_fields(message, *fields)
     except Exception as error:
         raise plugin.broken(error) from error
     if number not in SETPOINTS:

@@ -44,6 +44,10 @@ class VelocityMatch:
         """A flight begins: learn from now on, or, of a vehicle that `stands`, once it has left."""
         self._lack, self._flies, self._stood_ned = np.zeros(3), not stands, None
 
+    def clock_set(self) -> None:
+        """The vehicle's clock was set: its stamps say nothing of the time from the last report to the next."""
+        self._before = None
+
     def velocity(self, report: PositionReport) -> Array:
         """(3,) m/s, NED: that of the report and what it lacks."""
         if not self._settling:

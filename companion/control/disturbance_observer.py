@@ -140,7 +140,7 @@ def _predict(observer: Any, dt: float, f: Array, r: Array, noise: Noise, excitat
     for i in range(3):
         for k in range(STATES):
             covariance[k, i] += dt * covariance[k, 3 + i] + f[i] * covariance[k, 6] + r[i] * covariance[k, 7]
-    kept = 1.0 - dt * noise.fading
+    kept = max(1.0 - dt * noise.fading, 0.0)
     mean[_DOWNWARD] *= kept
     for k in range(STATES):
         covariance[_DOWNWARD, k] *= kept

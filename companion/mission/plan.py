@@ -9,7 +9,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from companion.config_types import Height, Metres, NotNegative, Positive, Table
+from companion.config_types import Height, Metres, NotNegative, Speed, Table
 from companion.curves import Curve, Route, Shape
 from protocol.arrays import Array
 
@@ -29,7 +29,7 @@ class Waypoint(Table, frozen=True):
     """m above it."""
     hold_s: NotNegative = 0.0
     """Stop there for so long; 0: pass through."""
-    speed: Positive | None = None
+    speed: Speed | None = None
     """m/s on the way there; left out, the mission's."""
     yaw_deg: float | None = None
     """Heading to turn to while it holds there, clockwise from north."""
@@ -61,7 +61,7 @@ class Mission(Table, frozen=True):
     """For people."""
     takeoff_height: Height = 3.0
     """m; to where the vehicle climbs first."""
-    speed: Positive = 4.0
+    speed: Speed = 4.0
     """m/s, at most."""
     delivery: Delivery | None = None
     """Delivery of a parcel at the last waypoint; None: there is none."""

@@ -14,6 +14,9 @@ from companion.trajectory.timing import Phases, law_at, motion
 from protocol.arrays import Array
 from protocol.jit import compiled
 
+_AT_CORNER = 1e-9
+"""A parameter so much beyond a corner of the square is there, but for rounding."""
+
 
 @compiled
 def harmonic_at(along: float, across: float, twice: float, climb: float, rise: float, angle: float) -> Array:
@@ -36,8 +39,8 @@ def harmonic_at(along: float, across: float, twice: float, climb: float, rise: f
 @compiled
 def square_at(edge: float, parameter: float) -> Array:
     """(5, 3) position (m) and derivatives by the parameter, which grows by 1 along each edge: north, east, south,
-    west."""
-    side = math.floor(parameter)
+    west. A corner belongs to the edge that leads there: who stops there does not turn to the next one."""
+    side = max(math.ceil(parameter - _AT_CORNER) - 1, 0)
     along = edge * (parameter - side)
     out = np.zeros((5, 3))
     turn = side % 4

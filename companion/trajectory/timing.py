@@ -135,7 +135,7 @@ class TimeLaw:
         """The highest rate (1/s) that is reached."""
         ramps = 0.5 * (self.up_s + self.down_s)
         distance = self.end - self.start
-        return self.wanted_rate if distance > self.wanted_rate * ramps else distance / ramps
+        return self.wanted_rate if ramps == 0.0 or distance > self.wanted_rate * ramps else distance / ramps
 
     @property
     def duration_s(self) -> float:

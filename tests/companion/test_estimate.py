@@ -88,6 +88,20 @@ def test_the_clock_wraps_and_a_far_future_is_refused() -> None:
     assert estimator.position(position(7, 1.02), 8 * MS)
 
 
+@pytest.mark.parametrize("by_ms", [-175, 160, 175])
+def test_a_clock_that_is_set_is_no_lack_of_the_velocity(by_ms: int) -> None:
+    estimator = Estimator(velocity_settling=0.5)
+    estimator.begin(stands=False)
+    for tick in range(100):
+        if tick == 50:
+            estimator.clock_set(by_ms)
+        boot_ms = 1000 + 20 * tick + by_ms * (tick >= 50)
+        assert estimator.attitude(attitude(boot_ms), 20_000_000 * tick)
+        assert estimator.position(position(boot_ms, 0.01 * tick, 0.5), 20_000_000 * tick)
+        state = estimator.state()
+        assert state is not None and state.velocity_ned[0] == pytest.approx(0.5)
+
+
 @pytest.mark.parametrize(
     ("interval_ms", "limit_ms"), [(4, 100), (20, 100), (33, 132), (50, 200), (100, 400), (200, 400)]
 )

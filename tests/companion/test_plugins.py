@@ -303,6 +303,10 @@ def test_an_output_makes_the_message(example: None) -> None:
         ("(dialect.MAVLink_command_long_message, (1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))", "COMMAND_LONG is no setpoint"),
         ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0, nan], 0, 0, 0, 0))", "nan"),
         ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0, 0], 0, 0, nan, 0))", "nan"),
+        ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0))", "TypeError"),
+        ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0], 0, 0, 0, 0))", "q"),
+        ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 256, [1, 0, 0, 0], 0, 0, 0, 0))", "type_mask"),
+        ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 1e39))", "thrust"),
     ],
 )
 def test_what_is_no_sound_setpoint_is_not_sent(answer: str, words: str, broken: None) -> None:

@@ -320,6 +320,20 @@ def test_the_observer_is_the_textbooks_kalman_filter(told: Array) -> None:
     assert (seen[:2] > least**2).all()
 
 
+@pytest.mark.parametrize("fading", [20.0, 200.0, 1000.0])
+def test_a_vertical_disturbance_that_fades_at_once_is_none(fading: float) -> None:
+    """Within a step it falls back to zero, and not beyond it."""
+    rng, observer = np.random.default_rng(3), np.zeros(1, disturbance_observer.OBSERVER)
+    walk = np.array([0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 0.005, 0.1])
+    noise = disturbance_observer.Noise(0.02, walk, fading, np.zeros(3), 0.2, 0.1)
+    disturbance_observer.reset(observer[0], np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.3, 0.3]))
+    for tick in range(300):
+        velocity, time_ns = 0.02 * rng.normal(size=3), START_NS + tick * 20_000_000
+        hover = np.array([0.0, 0.0, -GRAVITY])
+        disturbance_observer.update(observer[0], time_ns, velocity, hover, np.zeros(3), noise)
+    assert abs(observer["mean"][0, 5]) < 0.1
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_flies_the_circle(law: str) -> None:
     errors, _ = tracked(nominal(), f"control.position.law={law}")

@@ -136,5 +136,18 @@ def test_a_height_beyond_what_messages_hold_is_refused_with_its_key(tmp_path: Pa
         assert f"<= 10000.0 - at `{key}`" in refused(tmp_path, text)
 
 
+def test_speeds_and_sizes_that_nothing_flies_are_refused_with_their_key(tmp_path: Path) -> None:
+    circle, at_most = SHAPE.format("circle"), "<= 1000.0 - at `{}`"
+    for text, words in (
+        ("speed = 1e300\n" + WAYPOINT, at_most.format("speed")),
+        (WAYPOINT + "speed = 1e300\n", at_most.format("waypoints[0].speed")),
+        (circle.replace("2.0", "1e200") + "acceleration = 1.0\n", at_most.format("trajectory.speed")),
+        (circle + "radius = 1e300\n", "<= 10000.0 - at `trajectory.radius`"),
+        (circle + "acceleration = 1e-300\n", "acceleration: at 2 m/s the radius is 4e+300 m, up to 10000"),
+        (circle.replace("2.0", "1e-200") + "acceleration = 1.0\n", "acceleration: at 1e-200 m/s the radius is 0 m"),
+    ):
+        assert words in refused(tmp_path, text)
+
+
 def test_radius_from_speed_and_acceleration() -> None:
     assert Shape("circle", speed=6.0, acceleration=12.0).size == 3.0

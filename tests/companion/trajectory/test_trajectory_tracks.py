@@ -135,6 +135,14 @@ def test_a_square_jumps_at_its_corners_alone() -> None:
     assert (np.abs(np.diff(motion[:, 1], axis=0)).max(axis=1) > 1.0).sum() == 5
 
 
+@pytest.mark.parametrize(("laps", "heading_deg"), [(0.25, 0.0), (0.5, 90.0), (0.75, 180.0), (1.0, -90.0), (3.0, -90.0)])
+def test_a_square_ends_with_the_heading_of_its_last_edge(laps: float, heading_deg: float) -> None:
+    flown = track(msgspec.structs.replace(SQUARE, laps=laps))
+    for before_s in (0.3, 1e-3, 1e-6, 0.0, -1.0):
+        heading = flown.at(flown.duration_s - before_s)[5, 0]
+        assert abs(wrap(heading - math.radians(heading_deg))) < 1e-9
+
+
 def test_without_ramps_it_is_at_speed_at_once() -> None:
     flown = track(Shape("circle", speed=4.0, radius=3.0, ramp_s=0.0))
     assert np.linalg.norm(flown.at(0.0)[1]) == pytest.approx(4.0)
@@ -168,6 +176,14 @@ def test_what_is_left_of_a_track_at_its_end_is_to_stay_there(shape: Shape) -> No
     for time_s in (0.0, 0.5, left.duration_s, 1e9):
         assert np.allclose(left.at(time_s)[0], whole.at(1e9)[0], atol=1e-9)
         assert not left.at(time_s)[1:5].any()
+
+
+@pytest.mark.parametrize("shape", [CIRCLE, LOOP, SQUARE], ids=lambda shape: shape.shape)
+def test_nothing_is_left_of_a_track_without_ramps_at_its_end(shape: Shape) -> None:
+    whole = track(msgspec.structs.replace(shape, ramp_s=0.0))
+    left = whole.resumed_at(whole.duration_s + 1.0)
+    assert left.duration_s == 0.0
+    assert np.allclose(left.start_ned, whole.at(1e9)[0], atol=1e-9)
 
 
 def following(shape: Shape) -> ReferenceGenerator:
