@@ -5,7 +5,7 @@ from pathlib import PurePosixPath
 SLOW: dict[str, float] = {
     "tests/companion/view/test_live.py::test_the_page_moves_the_vehicle_draws_the_scan_and_obeys_the_slider": 20,
     "tests/companion/view/test_live.py::test_a_camera_follows_the_vehicle_from_where_it_was_put": 9,
-    "tests/companion/test_plugins.py": 25,
+    "tests/companion/test_plugins.py": 5,
     "tests/companion/api/test_companion.py": 6,
     "tests/companion/api/test_companion.py::test_the_example_delivers": 12,
     "tests/companion/avoidance/test_rrt.py::test_ways_are_the_same_in_any_order_and_process": 3,

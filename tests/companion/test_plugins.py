@@ -50,9 +50,9 @@ READY_S = 60.0
 PACKAGE = "courier-example 0.1.0"
 
 
-def flown(folder: Path, overrides: tuple[str, ...], name: str = "errand") -> Result:
-    """A mission with the vehicle in memory."""
-    mission, file = load_mission(name)
+def flown(folder: Path, overrides: tuple[str, ...]) -> Result:
+    """The errand, with the vehicle in memory."""
+    mission, file = load_mission("errand")
     files = {
         "mission": file,
         "vehicle": toml_files.find("vehicles", mission.vehicle),
@@ -71,32 +71,32 @@ def example(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def courier(example: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def delivery(example: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The log of a delivery by the example's laws, planner and output."""
-    result = flown(tmp_path_factory.mktemp("flight"), ALL, "courier")
+    result = flown(tmp_path_factory.mktemp("flight"), ALL)
     assert result.verdict.outcome is Outcome.DELIVERED
     return result.log
 
 
-def test_a_foreign_law_and_a_foreign_planner_deliver_and_fly_again_to_the_byte(courier: Path) -> None:
-    again = replay(courier)
+def test_a_foreign_law_and_a_foreign_planner_deliver_and_fly_again_to_the_byte(delivery: Path) -> None:
+    again = replay(delivery)
     assert again.differences == [] and again.datagrams > 1000 and again.notes == []
-    flight = info(courier).flight
+    flight = info(delivery).flight
     assert flight["position law"] == f'"saturated" of {PACKAGE}' and flight["planner"] == f'"detour" of {PACKAGE}'
     assert flight["attitude law"] == f'"cascade" of {PACKAGE}' and flight["output message"] == f'"both" of {PACKAGE}'
     assert flight["output"] == "rates"
 
 
-def test_a_replay_without_the_package_says_what_is_missing(courier: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_replay_without_the_package_says_what_is_missing(delivery: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plugins.installed.cache_clear()
     monkeypatch.setattr(plugins, "entry_points", lambda group: ())
     with pytest.raises(TomlFileError) as refused:
-        open_flight(courier)
+        open_flight(delivery)
     flew = ('position law "saturated"', 'attitude law "cascade"', 'planner "detour"', 'output message "both"')
     assert str(refused.value).endswith(" and the ".join(f"{each} of {PACKAGE}" for each in flew))
     overrides = ["control.position.law=pid", "control.attitude.law=lqr", "avoidance.method=none"]
     overrides += ["control.output.message=standard"]
-    assert open_flight(courier, overrides=overrides).settings.plugins == ()
+    assert open_flight(delivery, overrides=overrides).settings.plugins == ()
     plugins.installed.cache_clear()
 
 
