@@ -9,12 +9,12 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 
 FARTHEST_M = 10_000
-"""From the take-off to a place of a mission, along each axis."""
+"""m from the take-off to a place of a mission, along each axis, at most."""
 Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 Size = Annotated[float, msgspec.Meta(gt=0, le=FARTHEST_M)]
 Height = Size
 FASTEST_M_S = 1000
-"""That a mission may ask for."""
+"""m/s that a mission may ask for, at most."""
 Speed = Annotated[float, msgspec.Meta(gt=0, le=FASTEST_M_S)]
 
 

@@ -23,9 +23,9 @@ from protocol.jit import compiled
 _RANGE_SIGMA_M = 0.08
 """m along the beam: the noise of a usual LiDAR and the round front of an obstacle."""
 _NOISE_SHARE = 1.5
-"""m along the beam for each of the noise, where that is more."""
+"""m along the beam for each m of noise, where that is more."""
 _GAP_SIGMAS = 6.0
-"""Ranges of neighbours differ by sqrt(2) times the noise, one standard deviation."""
+"""Gap over the noise of one range; neighbours differ by sqrt(2) of it, one standard deviation."""
 _HIDDEN_SIGMA_M = 0.3
 """m across the beam that the centroid may be off where a part is hidden: the radius of a person."""
 _WIDEST_VIEW = math.radians(120.0)

@@ -8,7 +8,7 @@ import numpy as np
 from protocol.arrays import Array, BoolArray
 
 _STILL_M, _STILL = 0.01, 0.004
-"""m in the plane and rad that the vehicle may have moved from one ring to the next."""
+"""m in the plane, and rad, that the vehicle may have moved from one ring to the next."""
 _FEWEST_BEAMS = 8
 _FEWEST_RINGS, _MOST_RINGS = 5, 15
 _MEDIAN_DIFFERENCE = 0.6745 * math.sqrt(2.0)
@@ -28,7 +28,8 @@ class RangeNoise:
         """Take a ring's ranges (n,) m with which of them are returns of more than the ground, and its pose, (3,) m and
         (4,)."""
         before = self._before
-        self._before = ranges, usable, position_ned.copy(), attitude_ned_frd.copy()
+        # Copies: a ring's memory is used again (`runtime.mailbox`).
+        self._before = ranges.copy(), usable, position_ned.copy(), attitude_ned_frd.copy()
         if before is None or before[0].size != ranges.size:
             return
         moved = math.dist(position_ned[:2].tolist(), before[2][:2].tolist())

@@ -34,7 +34,8 @@ def test_segments_go_around_the_ring() -> None:
     assert sorted(segments(ranges, usable, 0.1, True)[:, 1].tolist()) == [1, 1, 1, 1, 3]
 
 
-def test_the_ends_of_a_ring_that_does_not_close_are_no_neighbours() -> None:
+@pytest.mark.parametrize("near", [slice(0, 5), slice(70, 72)])
+def test_the_ends_of_a_ring_that_does_not_close_are_no_neighbours(near: slice) -> None:
     """A camera's, over 79 degrees: what stands at one edge neither hides nor continues what stands at the other."""
     ranges, usable = np.full(72, 5.0), np.ones(72, np.bool_)
     assert segments(ranges, usable, 0.2, False).tolist() == [[0, 72]]
@@ -42,7 +43,7 @@ def test_the_ends_of_a_ring_that_does_not_close_are_no_neighbours() -> None:
     assert segments(ranges, usable, 0.2, False).tolist() == [[0, 5], [70, 2]]
     width = math.radians(79.0 / 72.0)
     bearings = width * (np.arange(72) - 35.5)
-    ranges[:5] = 3.0
+    ranges[near] = 3.0
     points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings), np.full(72, -2.0)])
     found = find_clusters(Returns(points, usable, ranges, np.array([0.0, 0.0, -2.0]), width, 0.0), RULE)
     assert found.spans.tolist() == [[0, 5], [70, 2]] and not found.hidden.any()
