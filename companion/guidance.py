@@ -76,6 +76,8 @@ class Guidance:
         """Where the course began (north, east) and the generator waits for its end."""
         self._velocity = np.zeros(2)
         """m/s, north and east: what the course takes up."""
+        self._onward = np.zeros(2)
+        """m/s2, north and east, by which that changes along a curve."""
         self._steer_at_ns = 0
         self._path = NO_PATH
         self.free_distance = math.inf
@@ -245,20 +247,22 @@ class Guidance:
         looks = now_ns >= self._steer_at_ns
         if looks:
             self._steer_at_ns = now_ns + _STEER_EVERY_NS
-            self._velocity = self._velocity_over_map(leg, state, now_ns)
-        self._course.advance(now_ns, self._velocity, state.position_ned[:2])
+            self._velocity, self._onward = self._motion_over_map(leg, state, now_ns)
+        self._course.advance(now_ns, self._velocity, self._onward, state.position_ned[:2])
         return looks
 
-    def _velocity_over_map(self, leg: Leg, state: VehicleState, now_ns: int) -> Array:
-        """(2,) m/s that is wanted of the course, no faster than it can stop within what was seen free; heading and
-        altitude follow."""
+    def _motion_over_map(self, leg: Leg, state: VehicleState, now_ns: int) -> tuple[Array, Array]:
+        """Velocity (2,) (m/s) that is wanted of the course, no faster than it can stop within what was seen free, and
+        the acceleration (2,) (m/s2) by which it changes; heading and altitude follow."""
         assert self._guard is not None
         settings, generator, goal = self._settings.avoidance, self._generator, leg.goal_ned
         here, velocity = state.position_ned, state.velocity_ned
-        steering = steer(self._path, here[:2], velocity[:2], goal[:2], leg.speed, settings.course.braking)
-        wanted, speed = steering.velocity, math.hypot(*steering.velocity.tolist())
+        limits = leg.speed, settings.course.braking
+        steering = steer(self._path, here[:2], velocity[:2], goal[:2], limits, settings.guard.lag_s)
+        wanted, onward = steering.velocity, steering.acceleration
+        speed = math.hypot(*wanted.tolist())
         if leg.waits:
-            wanted, speed = np.zeros(2), 0.0
+            wanted, onward, speed = np.zeros(2), np.zeros(2), 0.0
         limit = self._guard.limit(here, velocity, steering.path, speed)
         self.free_distance = limit.free
         if speed > limit.speed:
@@ -273,7 +277,7 @@ class Guidance:
         generator.move_to(now_ns, np.array((*self._course_start_ned, down)), self._mission.speed, vertical_speed)
         target = np.array((*steering.path[0].tolist(), down))
         self.decision = AvoidanceDecision(target, limit.speed, self.decision.clearance, self.decision.blocked)
-        return wanted
+        return wanted, onward
 
     def _leave_course(self, now_ns: int) -> None:
         """The generator takes the course's motion over, and brakes."""

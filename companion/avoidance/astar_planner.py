@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from companion.avoidance.astar import AStar, GridPath, Integers
 from companion.avoidance.moving import add_moving
 from companion.avoidance.path import Path
+from companion.avoidance.reach import add_turns
 from companion.avoidance.shortcut import shorten, timed_path
 from companion.avoidance.smoothing import smoothed
 from companion.config_avoidance import Avoidance
@@ -70,6 +71,11 @@ class AStarPlanner:
         if view.moving is not None:
             speeds = math.hypot(velocity[0], velocity[1]), speed
             add_moving(costmap, view.moving, (position[0], position[1]), speeds, view.corner, view.cell)
+        course, smooth = self._settings.course, speed > self._settings.course.smooth_from
+        if smooth:
+            here, motion = (position[0], position[1]), (velocity[0], velocity[1])
+            limits = course.acceleration, course.braking, self._settings.guard.lag_s
+            add_turns(costmap, here, motion, limits, view.corner, view.cell)
         roomy_costmap = costmap if beside is None else costmap * beside
         roomy = None
         if not in_tight:
@@ -78,14 +84,14 @@ class AStarPlanner:
             self._growth = 1.0
             self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
-            course = self._settings.course
-            if speed > course.smooth_from:
-                limits = speed, course.acceleration, course.braking
-                return Path(*smoothed(vertices, view, velocity, settings.inflation, limits), detour=roomy.detour)
+            if smooth:
+                fastest = speed, course.acceleration, course.braking
+                curve = smoothed(vertices, view, velocity, settings.inflation, fastest)
+                return Path(*curve, smooth=True, detour=roomy.detour)
             return timed_path(vertices, view, speed, course, roomy.detour)
         if before is not None and beside is None:
-            here = np.array(cell) + np.array(view.corner)
-            entered = near < settings.inflation + _MOUTH_M and _is_beside(here, before.cells, view.cell)
+            at = np.array(cell) + np.array(view.corner)
+            entered = near < settings.inflation + _MOUTH_M and _is_beside(at, before.cells, view.cell)
             growth = max(self._growth, settings.switch_growth_tight) if entered else self._growth
             beside = self._beside(before, view, growth)
         costmap = self._tight_costmap(view, costmap, beside)
@@ -102,7 +108,7 @@ class AStarPlanner:
             path = _up_to_unconfirmed(path, view, settings.tight_inflation)
         inflation = settings.tight_inflation if tight else settings.inflation
         vertices = self._vertices(path, view, costmap, (position, goal), inflation)
-        return replace(timed_path(vertices, view, speed, self._settings.course, path.detour), tight=tight)
+        return replace(timed_path(vertices, view, speed, course, path.detour), tight=tight)
 
     def _beside(self, before: _Chosen, view: MapView, growth: float) -> Floats:
         """(cells, cells) factors of the cost: more beside the path from before."""

@@ -17,6 +17,8 @@ class Path(msgspec.Struct, frozen=True):
     """rad, clockwise from north; None with vertices, or if the vehicle is to stop."""
     tight: bool = False
     """The path leads through a passage narrower than the inflation, or to where such a passage may be."""
+    smooth: bool = False
+    """The vertices are points of a curve, which can be flown at the speeds: see `smoothing`."""
     detour: float = 0.0
     """m, the cost beyond the least that was expected; inf if there is no path; 0 if it is not known."""
 

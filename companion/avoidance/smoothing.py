@@ -116,20 +116,27 @@ def _smooth(points: Array, near: Floats, corner: tuple[float, float, float], lea
 
 
 @compiled
+def curvature(points: Array, i: int) -> float:
+    """1/m, positive to the right, of a curve (n, 2) (m, NED) at one of its points: that of the circle through it and
+    the points two before and two after; 0 where two of them are one."""
+    a, b, c = points[max(i - 2, 0)], points[i], points[min(i + 2, points.shape[0] - 1)]
+    sides = math.hypot(b[0] - a[0], b[1] - a[1]) * math.hypot(c[0] - b[0], c[1] - b[1])
+    sides *= math.hypot(c[0] - a[0], c[1] - a[1])
+    if sides < 1e-9:
+        return 0.0
+    turn: float = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
+    return 2.0 * turn / sides
+
+
+@compiled
 def curve_speeds(points: Array, speed: float, acceleration: float, braking: float) -> Array:
     """Speed (n,) (m/s) at each of the points (n, 2) (m) of a curve that ends at rest, at most `speed` (m/s): within the
-    lateral `acceleration` (m/s2) on the circle through the points two before and two after, and the `braking` (m/s2)
-    to what comes."""
+    lateral `acceleration` (m/s2) and the `braking` (m/s2) to what comes."""
     last = points.shape[0] - 1
     speeds = np.full(last + 1, speed)
     speeds[last] = 0.0
     for i in range(1, last):
-        a, b, c = points[max(i - 2, 0)], points[i], points[min(i + 2, last)]
-        sides = math.hypot(b[0] - a[0], b[1] - a[1]) * math.hypot(c[0] - b[0], c[1] - b[1])
-        twice_area = abs((b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]))
-        if twice_area > 1e-9:
-            radius = sides * math.hypot(c[0] - a[0], c[1] - a[1]) / (2.0 * twice_area)
-            speeds[i] = min(speed, math.sqrt(acceleration * radius))
+        speeds[i] = min(speed, math.sqrt(acceleration / max(abs(curvature(points, i)), 1e-9)))
     for i in range(last - 1, -1, -1):
         leg = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
         speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2.0 * braking * leg))

@@ -1,6 +1,7 @@
 """The motion along a path: the desired velocity, and a reference of limited acceleration and jerk that takes it up.
 
-The reference stays close to the vehicle. Where the guard has changed the command, the reference yields towards the
+A smooth path is followed by its curve: the acceleration that keeps the vehicle on it is known before it is off it. The
+reference stays close to the vehicle. Where the guard has changed the command, the reference yields towards the
 vehicle's own motion, so that it does not go on asking for what can't be flown.
 """
 
@@ -9,7 +10,9 @@ import math
 import msgspec
 import numpy as np
 
+from companion.avoidance.clearance import Place
 from companion.avoidance.path import Path
+from companion.avoidance.smoothing import curvature
 from companion.config_avoidance import AvoidanceCourse
 from protocol.arrays import Array
 from protocol.jit import compiled
@@ -18,6 +21,8 @@ _LOOKAHEAD_M, _TIGHT_LOOKAHEAD_M, _LOOKAHEAD_S = 0.8, 0.25, 0.35
 """Least lookahead distance along a path and along a tight one, and lookahead time."""
 _APPROACH_M, _APPROACH_1_S = 1.0, 1.5
 """Within this distance of the goal the vehicle flies straight to it, at this speed by distance."""
+_SLOWING_FROM = 1.5
+"""m/s below the speeds of a curve that fall: a faster vehicle begins to brake as they do."""
 _SLOW_M, _SLOW_SPEED = 8.0, 3.0
 """Without vertices: the speed (m/s) within this distance (m) of the goal, at most."""
 _TURN_SPEED = 1.0
@@ -34,19 +39,24 @@ class Steering(msgspec.Struct, frozen=True, gc=False):
     """(2,) m/s, NED"""
     path: Array
     """(k, 2) m, NED: the vertices that the vehicle flies to, one after the other."""
+    acceleration: Array
+    """(2,) m/s2, NED: that of the motion along a curve; 0 without one."""
 
 
-def steer(path: Path, here: Array, velocity: Array, goal: Array, speed: float, braking: float) -> Steering:
+def steer(path: Path, here: Array, velocity: Array, goal: Array, limits: tuple[float, float], lag: float) -> Steering:
     """The desired velocity along a path to a goal.
 
-    `here`, `velocity` and `goal` (2,) m and m/s, NED; at most at `speed` (m/s), with `braking` (m/s2).
+    `here`, `velocity` and `goal` (2,) m and m/s, NED. `limits`: the highest speed (m/s) and the braking (m/s2); `lag`:
+    s from a command to the acceleration.
     """
+    if path.smooth:
+        return Steering(*along_curve(path.vertices, path.speeds, here, velocity, goal, (*limits, lag)))
     if len(path.vertices):
         lookahead = _TIGHT_LOOKAHEAD_M if path.tight else _LOOKAHEAD_M
-        return Steering(*along(path.vertices, path.speeds, here, velocity, goal, (speed, braking, lookahead)))
+        return Steering(*along(path.vertices, path.speeds, here, velocity, goal, (*limits, lookahead)), np.zeros(2))
     if path.bearing is not None:
-        return Steering(*towards(path.bearing, here, velocity, goal, speed, braking))
-    return Steering(np.zeros(2), here[None].copy())
+        return Steering(*towards(path.bearing, here, velocity, goal, *limits), np.zeros(2))
+    return Steering(np.zeros(2), here[None].copy(), np.zeros(2))
 
 
 @compiled
@@ -74,6 +84,50 @@ def along(
     """
     speed, braking, lookahead = limits
     now = math.hypot(velocity[0], velocity[1])
+    leg, done, length = _nearest(vertices, here)
+    to_vertex = max(length - done - 0.1 * now, 0.0)
+    allowed = min(speed, math.sqrt(speeds[leg + 1] ** 2 + 2.0 * braking * to_vertex))
+    remaining = _remaining(vertices, leg, done + max(lookahead, _LOOKAHEAD_S * now))
+    return _approach(remaining[0] - here, allowed, goal - here), remaining
+
+
+@compiled
+def along_curve(
+    vertices: Array, speeds: Array, here: Array, velocity: Array, goal: Array, limits: tuple[float, float, float]
+) -> tuple[Array, Array, Array]:
+    """Velocity (2,) (m/s), remaining vertices (n, 2) and acceleration (2,) (m/s2) for points (k, 2) (m, NED) of a
+    curve, at least two, and their speeds (k,).
+
+    The velocity is along the curve where the vehicle is, and back to it. The acceleration is the centripetal one and
+    the braking where the vehicle will be after the lag. `limits`: speed (m/s), braking (m/s2) and lag (s).
+    """
+    speed, braking, lag = limits
+    now = math.hypot(velocity[0], velocity[1])
+    leg, done, length = _nearest(vertices, here)
+    lookahead = max(_LOOKAHEAD_M, _LOOKAHEAD_S * now)
+    share = done / max(length, 1e-9)
+    tangent_n, tangent_e = _tangent(vertices, leg, share)
+    aim_n = vertices[leg, 0] + share * (vertices[leg + 1, 0] - vertices[leg, 0]) + lookahead * tangent_n
+    aim_e = vertices[leg, 1] + share * (vertices[leg + 1, 1] - vertices[leg, 1]) + lookahead * tangent_e
+    remaining = _remaining(vertices, leg, done + lookahead)
+
+    soon, done, length = _leg_after(vertices, leg, done + lag * now)
+    share = min(done / max(length, 1e-9), 1.0)
+    onward = math.sqrt(speeds[soon + 1] ** 2 + 2.0 * braking * (1.0 - share) * length)
+    slows = onward < speed and speeds[soon + 1] < speeds[soon]
+    slowing = braking * min(max(1.0 - (onward - now) / _SLOWING_FROM, 0.0), 1.0) if slows else 0.0
+    bend = (1.0 - share) * curvature(vertices, soon) + share * curvature(vertices, soon + 1)
+    tangent_n, tangent_e = _tangent(vertices, soon, share)
+    acceleration = np.array(
+        [-slowing * tangent_n - now * now * bend * tangent_e, now * now * bend * tangent_n - slowing * tangent_e]
+    )
+    wanted = _approach(np.array([aim_n - here[0], aim_e - here[1]]), min(speed, onward), goal - here)
+    return wanted, remaining, acceleration
+
+
+@compiled
+def _nearest(vertices: Array, here: Array) -> tuple[int, float, float]:
+    """The leg of a path (k, 2) nearest to a place (2,), how far along it that is (m), and its length (m)."""
     nearest, leg, done, length = math.inf, 0, 0.0, 0.0
     for k in range(vertices.shape[0] - 1):
         dn, de = vertices[k + 1, 0] - vertices[k, 0], vertices[k + 1, 1] - vertices[k, 1]
@@ -86,17 +140,41 @@ def along(
         off = math.hypot(vertices[k, 0] + share * dn - here[0], vertices[k, 1] + share * de - here[1])
         if off < nearest:
             nearest, leg, done, length = off, k, flown, whole
-    to_vertex = max(length - done - 0.1 * now, 0.0)
-    allowed = min(speed, math.sqrt(speeds[leg + 1] ** 2 + 2.0 * braking * to_vertex))
-    ahead = done + max(lookahead, _LOOKAHEAD_S * now)
+    return leg, done, length
+
+
+@compiled
+def _leg_after(vertices: Array, leg: int, ahead: float) -> tuple[int, float, float]:
+    """The leg on which a path (k, 2) is `ahead` (m) of the begin of one of its legs, how far along it, and its length
+    (m); beyond its end on the last."""
+    length = math.hypot(vertices[leg + 1, 0] - vertices[leg, 0], vertices[leg + 1, 1] - vertices[leg, 1])
     while ahead > length and leg + 2 < vertices.shape[0]:
         ahead -= length
         leg += 1
         length = math.hypot(vertices[leg + 1, 0] - vertices[leg, 0], vertices[leg + 1, 1] - vertices[leg, 1])
-    share = min(ahead / max(length, 1e-9), 1.0)
+    return leg, ahead, length
+
+
+@compiled
+def _remaining(vertices: Array, leg: int, ahead: float) -> Array:
+    """What of a path (k, 2) lies `ahead` (m) of the begin of one of its legs: (n, 2), from that place on."""
+    leg, ahead, length = _leg_after(vertices, leg, ahead)
     remaining = vertices[leg:].copy()
-    remaining[0] += share * (vertices[leg + 1] - vertices[leg])
-    return _approach(remaining[0] - here, allowed, goal - here), remaining
+    remaining[0] += min(ahead / max(length, 1e-9), 1.0) * (vertices[leg + 1] - vertices[leg])
+    return remaining
+
+
+@compiled
+def _tangent(points: Array, leg: int, share: float) -> Place:
+    """The unit vector along a curve (n, 2) at a share of one of its legs: between those of its ends."""
+    north, east = 0.0, 0.0
+    for i, weight in ((leg, 1.0 - share), (leg + 1, share)):
+        a, b = points[max(i - 1, 0)], points[min(i + 1, points.shape[0] - 1)]
+        weight /= max(math.hypot(b[0] - a[0], b[1] - a[1]), 1e-9)
+        north += weight * (b[0] - a[0])
+        east += weight * (b[1] - a[1])
+    length = max(math.hypot(north, east), 1e-9)
+    return north / length, east / length
 
 
 @compiled
@@ -142,12 +220,13 @@ class Course:
     def stop(self) -> None:
         self._time_ns = None
 
-    def advance(self, now_ns: int, desired: Array, here: Array) -> None:
-        """Take up a desired velocity (2,) (m/s, NED); `here` (2,) (m, NED) is where the vehicle is."""
+    def advance(self, now_ns: int, desired: Array, onward: Array, here: Array) -> None:
+        """Take up a desired velocity (2,) (m/s, NED), which itself changes by `onward` (2,) (m/s2, NED); `here` (2,)
+        (m, NED) is where the vehicle is."""
         assert self._time_ns is not None
         self._dt = dt = min(max((now_ns - self._time_ns) * 1e-9, 0.0), _MAX_STEP_S)
         self._time_ns = now_ns
-        _advance(self._motion, desired, here, dt, self._limits)
+        _advance(self._motion, (desired, onward), here, dt, self._limits)
 
     def yield_to(self, here: Array, velocity: Array, acceleration: Array) -> None:
         """Move towards the vehicle's own motion, (2,) or more each, NED, for the duration of the last step."""
@@ -181,13 +260,14 @@ def _limited(vector: Array, most: float) -> Array:
 
 
 @compiled
-def _advance(motion: Array, desired: Array, here: Array, dt: float, limits: Array) -> None:
-    """Advance the motion (3, 2) by `dt` (s).
+def _advance(motion: Array, wanted: tuple[Array, Array], here: Array, dt: float, limits: Array) -> None:
+    """Advance the motion (3, 2) by `dt` (s) towards a velocity that changes by an acceleration, (2,) each.
 
     `limits` (4,): gain of the velocity (1/s), acceleration (m/s2), jerk (m/s3), lead over the vehicle (m).
     """
     gain, acceleration, jerk, max_lead = limits[0], limits[1], limits[2], limits[3]
-    asked = _limited(gain * (desired - motion[1]), acceleration)
+    desired, onward = wanted
+    asked = _limited(gain * (desired - motion[1]) + onward, acceleration)
     motion[2] += _limited(asked - motion[2], jerk * dt)
     motion[0] = here + _limited(motion[0] + dt * motion[1] + 0.5 * dt * dt * motion[2] - here, max_lead)
     motion[1] += dt * motion[2]

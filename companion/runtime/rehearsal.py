@@ -11,6 +11,7 @@ import numpy as np
 from companion.autopilot import Autopilot
 from companion.avoidance.path import NO_PATH, Path
 from companion.avoidance.planner import PlanRequest, PlanResult
+from companion.avoidance.steering import steer
 from companion.avoidance_methods import methods_in_use
 from companion.config import Settings
 from companion.config_avoidance import Avoidance, AvoidanceAltitudeSearch
@@ -115,7 +116,8 @@ def rehearse(
 
 
 def _judge() -> None:
-    """What a flight looks at and the made-up one can't pass: a reset, a ring from two places, and another one."""
+    """What a flight looks at and the made-up one can't pass: a reset, a ring from two places, another one, and a path
+    for more than the mission's speed."""
     told, check, level = Plausibility(), RingCheck(), np.array((1.0, 0.0, 0.0, 0.0))
     flags, still = np.ones(72, np.bool_), np.zeros(3)
     told.watch(stands=False)
@@ -125,6 +127,8 @@ def _judge() -> None:
         told.attitude(AttitudeReport(ms, attitude, still), ms)
         told.position(PositionReport(ms, np.array((float(ms), 0.0, 0.0)), still), ms)
         check.believes(ring, (np.array((float(ms), 0.0, 0.0)), attitude), ms)
+    curve = Path(np.array(((0.0, 0.0), (5.0, 0.0))), np.array((5.0, 0.0)), smooth=True)
+    steer(curve, still[:2], still[:2], curve.vertices[-1], (5.0, 4.0), 0.1)
     told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0))
 
 

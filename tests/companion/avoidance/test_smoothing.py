@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.avoidance.smoothing import curve_speeds, smoothed
+from companion.avoidance.smoothing import curvature, curve_speeds, smoothed
 from companion.perception.distance_field import distance_to
 from companion.perception.map_view import FREE, OCCUPIED, MapView
 from protocol.arrays import Array
@@ -68,6 +68,14 @@ def test_what_lies_far_ahead_stays_as_it_was() -> None:
     points, speeds = smoothed(far, view_of(), np.array([5.0, 0.0]), INFLATION, LIMITS)
     np.testing.assert_allclose(points[-2:], far[-2:])
     assert len(points) == len(speeds) and np.hypot(*np.diff(points[:31], axis=0).T).max() < 1.2
+
+
+def test_the_curvature_is_that_of_the_circle_positive_to_the_right() -> None:
+    angles = np.arange(0.0, 2.0, 0.1)
+    right = 8.0 * np.column_stack((np.sin(angles), 1.0 - np.cos(angles)))
+    for k in (0, 1, 9, len(angles) - 1):
+        assert curvature(right, k) == pytest.approx(0.0 if k in (0, len(angles) - 1) else 1.0 / 8.0)
+        assert curvature(right * [1.0, -1.0], k) == -curvature(right, k)
 
 
 def test_the_speed_on_a_circle_is_that_of_its_lateral_acceleration() -> None:
