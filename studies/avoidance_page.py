@@ -60,6 +60,7 @@ LiDAR that reports the nearest of many beams in each sector, as most do, sees th
 """,
     studies=(
         "studies.forest",
+        "studies.fast",
         "studies.traps",
         "studies.narrow",
         "studies.enclosed",

@@ -143,13 +143,14 @@ def make_wall(start: Place, end: Place, thickness: float = 0.2, height: float = 
 # --- kinds of worlds ---
 
 
-def forest(seed: int, density: float = 1 / 25, diameter: float = 0.6) -> Site:
-    """Trunks of a Poisson process, `density` a m2, on 30 x 60 m; 40 m to the goal. After Loquercio et al. 2021. No
-    trunk's surface is within 2.5 m of start and goal."""
+def forest(seed: int, density: float = 1 / 25, diameter: float = 0.6, length: float = 40.0) -> Site:
+    """Trunks of a Poisson process, `density` a m2, 30 m wide and from 10 m before the start to 10 m beyond the goal,
+    which is `length` (m) away; 40 m after Loquercio et al. 2021. No trunk's surface is within 2.5 m of start and
+    goal."""
     rng = np.random.default_rng(seed)
-    goal = (40.0, 0.0)
-    count = int(rng.poisson(density * 30.0 * 60.0))
-    places = np.stack((rng.uniform(-10.0, 50.0, count), rng.uniform(-15.0, 15.0, count)), axis=1)
+    goal = (length, 0.0)
+    count = int(rng.poisson(density * 30.0 * (length + 20.0)))
+    places = np.stack((rng.uniform(-10.0, length + 10.0, count), rng.uniform(-15.0, 15.0, count)), axis=1)
     free = 2.5 + 0.5 * diameter
     kept = [p for p in places.tolist() if math.hypot(*p) > free and math.dist(p, goal) > free]
     return make_site(

@@ -74,6 +74,15 @@ def test_a_forest_has_the_density_it_says() -> None:
     assert -15.0 <= trees[:, 1].min() < -14.9 and 14.9 < trees[:, 1].max() <= 15.0
 
 
+def test_a_longer_forest_is_as_dense_up_to_beyond_its_goal() -> None:
+    sites = [worlds.forest(seed, length=150.0) for seed in range(20)]
+    assert all(site.goal == (150.0, 0.0) for site in sites)
+    trees = np.concatenate([site.world().cylinders for site in sites])
+    expected = 20.0 * (30.0 * 170.0 - 2.0 * math.pi * 2.8**2) / 25.0
+    assert abs(len(trees) - expected) < 4.0 * math.sqrt(expected)
+    assert -10.0 <= trees[:, 0].min() < -9.5 and 159.5 < trees[:, 0].max() <= 160.0
+
+
 @pytest.mark.parametrize("seed", range(50))
 def test_the_shaft_is_as_wide_as_it_says(seed: int) -> None:
     """And the start is within it, clear of the hull by a hand."""
