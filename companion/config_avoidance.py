@@ -126,7 +126,8 @@ class AvoidanceCourse(Table, frozen=True):
     braking: Positive = 4.5
     """m/s2, before vertices and the goal."""
     smooth_from: NotNegative = 6.0
-    """m/s; the paths of "astar" are made smooth for a higher speed than this, so that less is lost at corners."""
+    """m/s; for a higher speed than this the paths of "astar" are made smooth and followed by their curve, and lead
+    around what appears on the side that is in reach, so that less speed is lost."""
     velocity_gain: Positive = 3.0
     """1/s: acceleration by the difference between desired and reference velocity."""
     max_lead: Positive = 0.3

@@ -74,10 +74,8 @@ class Guidance:
         self._course = Course(avoidance.course)
         self._course_start_ned: Sequence[float] = (0.0, 0.0)
         """Where the course began (north, east) and the generator waits for its end."""
-        self._velocity = np.zeros(2)
-        """m/s, north and east: what the course takes up."""
-        self._onward = np.zeros(2)
-        """m/s2, north and east, by which that changes along a curve."""
+        self._wanted = np.zeros(2), np.zeros(2)
+        """Velocity (m/s) that the course takes up, and acceleration (m/s2) by which that changes, north and east."""
         self._steer_at_ns = 0
         self._path = NO_PATH
         self.free_distance = math.inf
@@ -247,8 +245,8 @@ class Guidance:
         looks = now_ns >= self._steer_at_ns
         if looks:
             self._steer_at_ns = now_ns + _STEER_EVERY_NS
-            self._velocity, self._onward = self._motion_over_map(leg, state, now_ns)
-        self._course.advance(now_ns, self._velocity, self._onward, state.position_ned[:2])
+            self._wanted = self._motion_over_map(leg, state, now_ns)
+        self._course.advance(now_ns, *self._wanted, state.position_ned[:2])
         return looks
 
     def _motion_over_map(self, leg: Leg, state: VehicleState, now_ns: int) -> tuple[Array, Array]:
@@ -257,10 +255,8 @@ class Guidance:
         assert self._guard is not None
         settings, generator, goal = self._settings.avoidance, self._generator, leg.goal_ned
         here, velocity = state.position_ned, state.velocity_ned
-        limits = leg.speed, settings.course.braking
-        steering = steer(self._path, here[:2], velocity[:2], goal[:2], limits, settings.guard.lag_s)
-        wanted, onward = steering.velocity, steering.acceleration
-        speed = math.hypot(*wanted.tolist())
+        steering = steer(self._path, here[:2], velocity[:2], goal[:2], leg.speed, settings)
+        wanted, onward, speed = steering.velocity, steering.acceleration, math.hypot(*steering.velocity.tolist())
         if leg.waits:
             wanted, onward, speed = np.zeros(2), np.zeros(2), 0.0
         limit = self._guard.limit(here, velocity, steering.path, speed)

@@ -13,7 +13,7 @@ import numpy as np
 from companion.avoidance.clearance import Place
 from companion.avoidance.path import Path
 from companion.avoidance.smoothing import curvature
-from companion.config_avoidance import AvoidanceCourse
+from companion.config_avoidance import Avoidance, AvoidanceCourse
 from protocol.arrays import Array
 from protocol.jit import compiled
 
@@ -43,14 +43,14 @@ class Steering(msgspec.Struct, frozen=True, gc=False):
     """(2,) m/s2, NED: that of the motion along a curve; 0 without one."""
 
 
-def steer(path: Path, here: Array, velocity: Array, goal: Array, limits: tuple[float, float], lag: float) -> Steering:
+def steer(path: Path, here: Array, velocity: Array, goal: Array, speed: float, settings: Avoidance) -> Steering:
     """The desired velocity along a path to a goal.
 
-    `here`, `velocity` and `goal` (2,) m and m/s, NED. `limits`: the highest speed (m/s) and the braking (m/s2); `lag`:
-    s from a command to the acceleration.
+    `here`, `velocity` and `goal` (2,) m and m/s, NED; at most at `speed` (m/s), with the braking of the settings.
     """
+    limits = speed, settings.course.braking
     if path.smooth:
-        return Steering(*along_curve(path.vertices, path.speeds, here, velocity, goal, (*limits, lag)))
+        return Steering(*along_curve(path.vertices, path.speeds, here, velocity, goal, (*limits, settings.guard.lag_s)))
     if len(path.vertices):
         lookahead = _TIGHT_LOOKAHEAD_M if path.tight else _LOOKAHEAD_M
         return Steering(*along(path.vertices, path.speeds, here, velocity, goal, (*limits, lookahead)), np.zeros(2))

@@ -128,7 +128,7 @@ def _judge() -> None:
         told.position(PositionReport(ms, np.array((float(ms), 0.0, 0.0)), still), ms)
         check.believes(ring, (np.array((float(ms), 0.0, 0.0)), attitude), ms)
     curve = Path(np.array(((0.0, 0.0), (5.0, 0.0))), np.array((5.0, 0.0)), smooth=True)
-    steer(curve, still[:2], still[:2], curve.vertices[-1], (5.0, 4.0), 0.1)
+    steer(curve, still[:2], still[:2], curve.vertices[-1], 5.0, Avoidance())
     told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0))
 
 

@@ -11,7 +11,7 @@ from companion.avoidance.astar_planner import _up_to_unconfirmed
 from companion.avoidance.path import NO_PATH, Path
 from companion.avoidance.planner import Planner
 from companion.avoidance.steering import Course, steer
-from companion.config_avoidance import Avoidance, AvoidanceCourse, AvoidanceMap
+from companion.config_avoidance import Avoidance, AvoidanceCourse, AvoidanceGuard, AvoidanceMap
 from companion.mission.stall import Progress, Trail
 from companion.perception.distance_field import FAR_M, distance_to
 from companion.perception.map_view import FREE, OCCUPIED, MapView
@@ -22,6 +22,9 @@ ON_A_MAP = Avoidance(method="astar", map=AvoidanceMap(cell=0.2, cells=256))
 TICK_NS = 4_000_000
 BRAKING = 3.5
 LAG_S = 0.15
+FLOWN, AT_ONCE = (
+    Avoidance(course=AvoidanceCourse(braking=BRAKING), guard=AvoidanceGuard(lag_s=lag_s)) for lag_s in (LAG_S, 0.0)
+)
 AHEAD = np.array([[0.0, 0.0], [30.0, 0.0]])
 
 
@@ -73,16 +76,16 @@ def test_a_wish_keeps_to_the_way_and_slows_down_before_a_corner() -> None:
     vertices = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 20.0]])
     path = Path(vertices, np.array([6.0, 2.0, 0.0]))
     velocity = np.zeros(2)
-    far = steer(path, np.array([1.0, 0.5]), velocity, vertices[-1], (6.0, BRAKING), LAG_S)
+    far = steer(path, np.array([1.0, 0.5]), velocity, vertices[-1], 6.0, FLOWN)
     assert np.linalg.norm(far.velocity) == pytest.approx(6.0) and far.velocity[1] < 0.0  # back to the line
-    near = steer(path, np.array([9.5, 0.0]), velocity, vertices[-1], (6.0, BRAKING), LAG_S)
+    near = steer(path, np.array([9.5, 0.0]), velocity, vertices[-1], 6.0, FLOWN)
     assert np.linalg.norm(near.velocity) == pytest.approx(math.sqrt(4.0 + 2.0 * BRAKING * 0.5))
     assert near.velocity[1] > 0.0  # looks round the corner
     assert far.path[-1] == pytest.approx(vertices[-1]) and len(far.path) == 3 and len(near.path) == 2
-    onward = steer(path, np.array([7.0, 0.0]), np.array([5.0, 0.0]), vertices[-1], (6.0, BRAKING), LAG_S)
+    onward = steer(path, np.array([7.0, 0.0]), np.array([5.0, 0.0]), vertices[-1], 6.0, FLOWN)
     left = 3.0 - 0.1 * 5.0  # it brakes a tenth of a second later
     assert np.linalg.norm(onward.velocity) == pytest.approx(math.sqrt(4.0 + 2.0 * BRAKING * left))
-    beside = steer(path, np.array([10.0, 19.6]), velocity, vertices[-1], (6.0, BRAKING), LAG_S)
+    beside = steer(path, np.array([10.0, 19.6]), velocity, vertices[-1], 6.0, FLOWN)
     assert beside.velocity == pytest.approx([0.0, 0.6])
 
 
@@ -107,11 +110,11 @@ def test_on_a_curve_the_acceleration_is_the_centripetal_one_of_where_the_vehicle
     angle = 8.0 / radius
     place, tangent, inward = at_angle(angle)
     _, _, soon_inward = at_angle(angle + LAG_S * speed / radius)
-    steered = steer(path, place, speed * tangent, goal, (speed, BRAKING), LAG_S)
+    steered = steer(path, place, speed * tangent, goal, speed, FLOWN)
     assert steered.acceleration == pytest.approx(speed**2 / radius * soon_inward, abs=0.05)
     assert steered.velocity == pytest.approx(speed * tangent, abs=0.1)
     assert math.dist(steered.path[0], place) == pytest.approx(0.35 * speed, abs=0.05)
-    outside = steer(path, place - 0.5 * inward, speed * tangent, goal, (speed, BRAKING), LAG_S)
+    outside = steer(path, place - 0.5 * inward, speed * tangent, goal, speed, FLOWN)
     assert outside.velocity @ inward == pytest.approx(speed * math.sin(math.atan(0.5 / (0.35 * speed))), abs=0.1)
 
 
@@ -123,12 +126,12 @@ def test_on_a_curve_that_slows_down_the_vehicle_brakes_once_it_is_about_as_fast(
     path = Path(points, speeds, smooth=True)
     here, goal = np.array([5.0, 0.0]), points[-1]
     fast = math.sqrt(2.0 * BRAKING * 15.0)
-    steered = steer(path, here, np.array([fast, 0.0]), goal, (20.0, BRAKING), 0.0)
+    steered = steer(path, here, np.array([fast, 0.0]), goal, 20.0, AT_ONCE)
     assert steered.velocity == pytest.approx([fast, 0.0]) and steered.acceleration == pytest.approx([-BRAKING, 0.0])
-    slow = steer(path, here, np.array([fast - 0.75, 0.0]), goal, (20.0, BRAKING), 0.0)
+    slow = steer(path, here, np.array([fast - 0.75, 0.0]), goal, 20.0, AT_ONCE)
     assert slow.acceleration == pytest.approx([-0.5 * BRAKING, 0.0])
-    assert not steer(path, here, np.array([2.0, 0.0]), goal, (20.0, BRAKING), 0.0).acceleration.any()
-    assert not steer(path, here, np.array([fast, 0.0]), goal, (5.0, BRAKING), 0.0).acceleration.any(), "not its limit"
+    assert not steer(path, here, np.array([2.0, 0.0]), goal, 20.0, AT_ONCE).acceleration.any()
+    assert not steer(path, here, np.array([fast, 0.0]), goal, 5.0, AT_ONCE).acceleration.any(), "not its limit"
 
 
 def test_a_vehicle_that_follows_late_keeps_to_a_curve_but_not_to_its_vertices() -> None:
@@ -143,7 +146,7 @@ def test_a_vehicle_that_follows_late_keeps_to_a_curve_but_not_to_its_vertices() 
         off, tick = 0.0, 0
         while place[1] < 9.0:
             tick += 1
-            steered = steer(path, place, velocity, np.array([100.0, 0.0]), (speed, BRAKING), LAG_S)
+            steered = steer(path, place, velocity, np.array([100.0, 0.0]), speed, FLOWN)
             course.advance(tick * TICK_NS, steered.velocity, steered.acceleration, place)
             wanted = at(course, tick * TICK_NS)
             asked = wanted[2] + 3.0 * (wanted[1] - velocity)
@@ -162,13 +165,13 @@ def test_a_vehicle_that_follows_late_keeps_to_a_curve_but_not_to_its_vertices() 
 def test_a_bearing_across_the_motion_is_taken_slowly_and_none_is_a_stop() -> None:
     east = Path(NO_PATH.vertices, NO_PATH.speeds, 0.5 * math.pi)
     goal = np.array([0.0, 50.0])
-    straight = steer(east, np.zeros(2), np.array([0.0, 5.0]), goal, (5.0, BRAKING), LAG_S)
-    across = steer(east, np.zeros(2), np.array([5.0, 0.0]), goal, (5.0, BRAKING), LAG_S)
+    straight = steer(east, np.zeros(2), np.array([0.0, 5.0]), goal, 5.0, FLOWN)
+    across = steer(east, np.zeros(2), np.array([5.0, 0.0]), goal, 5.0, FLOWN)
     assert straight.velocity == pytest.approx([0.0, 5.0], abs=1e-9)
     assert across.velocity == pytest.approx([0.0, 1.0], abs=1e-9)
-    aslant = steer(east, np.zeros(2), 5.0 * np.array([math.sin(1.0), math.cos(1.0)]), goal, (5.0, BRAKING), LAG_S)
+    aslant = steer(east, np.zeros(2), 5.0 * np.array([math.sin(1.0), math.cos(1.0)]), goal, 5.0, FLOWN)
     assert aslant.velocity == pytest.approx([0.0, 5.0 * math.cos(1.0) ** 2], abs=1e-9)
-    assert not steer(NO_PATH, np.zeros(2), np.zeros(2), goal, (5.0, BRAKING), LAG_S).velocity.any()
+    assert not steer(NO_PATH, np.zeros(2), np.zeros(2), goal, 5.0, FLOWN).velocity.any()
 
 
 def test_what_may_be_a_gap_is_looked_at_from_a_little_before_it() -> None:
