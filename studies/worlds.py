@@ -146,7 +146,9 @@ def make_wall(start: Place, end: Place, thickness: float = 0.2, height: float = 
 def forest(seed: int, density: float = 1 / 25, diameter: float = 0.6, length: float = 40.0) -> Site:
     """Trunks of a Poisson process, `density` a m2, 30 m wide and from 10 m before the start to 10 m beyond the goal,
     which is `length` (m) away; 40 m after Loquercio et al. 2021. No trunk's surface is within 2.5 m of start and
-    goal."""
+    goal. Raises ValueError for a length that is not above 0."""
+    if not length > 0.0:
+        raise ValueError(f"length {length:g}: not above 0")
     rng = np.random.default_rng(seed)
     goal = (length, 0.0)
     count = int(rng.poisson(density * 30.0 * (length + 20.0)))

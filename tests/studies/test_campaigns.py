@@ -243,11 +243,15 @@ def test_a_file_is_all_combinations(tmp_path: Path) -> None:
     ("changes", "says"),
     [
         ({"place": [{"world": "swamp"}]}, "swamp: no such kind of place"),
-        ({"place": [{"world": "forest", "options": {"wet": 1.0}}]}, "no such option wet (there: density, diameter)"),
+        (
+            {"place": [{"world": "forest", "options": {"wet": 1.0}}]},
+            "no such option wet (there: density, diameter, length)",
+        ),
         ({"place": [{"mission": "circle"}]}, "circle: a campaign needs a mission with waypoints"),
         ({"place": [{"world": "forest", "set": ["wind.mean=3"]}]}, "wind.mean"),
         ({"place": [{"world": "forest", "options": {"density": 0.0}}]}, "forest, density 0: seed 1 can't be made"),
         ({"place": [{"world": "forest", "options": {"density": -1.0}}]}, "forest, density -1: seed 1 can't be made"),
+        ({"place": [{"world": "forest", "options": {"length": -5.0}}]}, "forest, length -5: seed 1 can't be made"),
         ({"place": [{"world": "maze", "options": {"cells": 2.5}}]}, "maze, cells 2.5: seed 1 can't be made"),
         ({"place": [{"mission": "courier", "options": {"density": 0.1}}]}, "courier: options are of a kind of place"),
         ({"place": [{"mission": "curve"}]}, 'curve: a campaign needs a mission with the profile "smooth"'),
