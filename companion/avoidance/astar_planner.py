@@ -68,12 +68,11 @@ class AStarPlanner:
         near = view.to_occupied[cell] if before is not None and before.tight and view.contains(cell) else math.inf
         in_tight = near < settings.inflation
         beside = None if before is None or view.moving is None else self._beside(before, view, self._growth)
+        here, motion = (position[0], position[1]), (velocity[0], velocity[1])
         if view.moving is not None:
-            speeds = math.hypot(velocity[0], velocity[1]), speed
-            add_moving(costmap, view.moving, (position[0], position[1]), speeds, view.corner, view.cell)
+            add_moving(costmap, view.moving, here, (math.hypot(*motion), speed), view.corner, view.cell)
         course, smooth = self._settings.course, speed > self._settings.course.smooth_from
         if smooth:
-            here, motion = (position[0], position[1]), (velocity[0], velocity[1])
             limits = course.acceleration, course.braking, self._settings.guard.lag_s
             add_turns(costmap, here, motion, limits, view.corner, view.cell)
         roomy_costmap = costmap if beside is None else costmap * beside

@@ -98,7 +98,7 @@ def along_curve(
     """Velocity (2,) (m/s), remaining vertices (n, 2) and acceleration (2,) (m/s2) for points (k, 2) (m, NED) of a
     curve, at least two, and their speeds (k,).
 
-    The velocity is along the curve where the vehicle is, and back to it. The acceleration is the centripetal one and
+    The velocity is that of the curve where the vehicle is, and back to it. The acceleration is the centripetal one and
     the braking where the vehicle will be after the lag. `limits`: speed (m/s), braking (m/s2) and lag (s).
     """
     speed, braking, lag = limits
@@ -110,18 +110,19 @@ def along_curve(
     aim_n = vertices[leg, 0] + share * (vertices[leg + 1, 0] - vertices[leg, 0]) + lookahead * tangent_n
     aim_e = vertices[leg, 1] + share * (vertices[leg + 1, 1] - vertices[leg, 1]) + lookahead * tangent_e
     remaining = _remaining(vertices, leg, done + lookahead)
+    allowed = math.sqrt(speeds[leg + 1] ** 2 + 2.0 * braking * (length - done))
 
     soon, done, length = _leg_after(vertices, leg, done + lag * now)
     share = min(done / max(length, 1e-9), 1.0)
-    onward = math.sqrt(speeds[soon + 1] ** 2 + 2.0 * braking * (1.0 - share) * length)
-    slows = onward < speed and speeds[soon + 1] < speeds[soon]
-    slowing = braking * min(max(1.0 - (onward - now) / _SLOWING_FROM, 0.0), 1.0) if slows else 0.0
+    allowed_soon = math.sqrt(speeds[soon + 1] ** 2 + 2.0 * braking * (1.0 - share) * length)
+    slows = allowed_soon < speed and speeds[soon + 1] < speeds[soon]
+    slowing = braking * min(max(1.0 - (allowed - now) / _SLOWING_FROM, 0.0), 1.0) if slows else 0.0
     bend = (1.0 - share) * curvature(vertices, soon) + share * curvature(vertices, soon + 1)
     tangent_n, tangent_e = _tangent(vertices, soon, share)
     acceleration = np.array(
         [-slowing * tangent_n - now * now * bend * tangent_e, now * now * bend * tangent_n - slowing * tangent_e]
     )
-    wanted = _approach(np.array([aim_n - here[0], aim_e - here[1]]), min(speed, onward), goal - here)
+    wanted = _approach(np.array([aim_n - here[0], aim_e - here[1]]), min(speed, allowed), goal - here)
     return wanted, remaining, acceleration
 
 
@@ -226,7 +227,7 @@ class Course:
         assert self._time_ns is not None
         self._dt = dt = min(max((now_ns - self._time_ns) * 1e-9, 0.0), _MAX_STEP_S)
         self._time_ns = now_ns
-        _advance(self._motion, (desired, onward), here, dt, self._limits)
+        _advance(self._motion, desired, onward, here, dt, self._limits)
 
     def yield_to(self, here: Array, velocity: Array, acceleration: Array) -> None:
         """Move towards the vehicle's own motion, (2,) or more each, NED, for the duration of the last step."""
@@ -260,13 +261,12 @@ def _limited(vector: Array, most: float) -> Array:
 
 
 @compiled
-def _advance(motion: Array, wanted: tuple[Array, Array], here: Array, dt: float, limits: Array) -> None:
-    """Advance the motion (3, 2) by `dt` (s) towards a velocity that changes by an acceleration, (2,) each.
+def _advance(motion: Array, desired: Array, onward: Array, here: Array, dt: float, limits: Array) -> None:
+    """Advance the motion (3, 2) by `dt` (s) towards a desired velocity that changes by `onward`, (2,) each.
 
     `limits` (4,): gain of the velocity (1/s), acceleration (m/s2), jerk (m/s3), lead over the vehicle (m).
     """
     gain, acceleration, jerk, max_lead = limits[0], limits[1], limits[2], limits[3]
-    desired, onward = wanted
     asked = _limited(gain * (desired - motion[1]) + onward, acceleration)
     motion[2] += _limited(asked - motion[2], jerk * dt)
     motion[0] = here + _limited(motion[0] + dt * motion[1] + 0.5 * dt * dt * motion[2] - here, max_lead)

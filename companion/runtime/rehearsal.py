@@ -107,6 +107,7 @@ def rehearse(
     """Fly a vehicle that is always where it should be, on each output that may be chosen and by each method: not by all
     pairs, as neither depends on the other. Raises RehearsalError if that does not lead to the end."""
     _judge()
+    _follow_a_curve()
     holds_s = _HOLDS_S if output is None else _HOLDS_S[:1]
     methods = methods_in_use(settings.avoidance.method)
     for k in range(max(len(holds_s), len(methods))):
@@ -116,8 +117,7 @@ def rehearse(
 
 
 def _judge() -> None:
-    """What a flight looks at and the made-up one can't pass: a reset, a ring from two places, another one, and a path
-    for more than the mission's speed."""
+    """What a flight looks at and the made-up one can't pass: a reset, a ring from two places, and another one."""
     told, check, level = Plausibility(), RingCheck(), np.array((1.0, 0.0, 0.0, 0.0))
     flags, still = np.ones(72, np.bool_), np.zeros(3)
     told.watch(stands=False)
@@ -127,9 +127,13 @@ def _judge() -> None:
         told.attitude(AttitudeReport(ms, attitude, still), ms)
         told.position(PositionReport(ms, np.array((float(ms), 0.0, 0.0)), still), ms)
         check.believes(ring, (np.array((float(ms), 0.0, 0.0)), attitude), ms)
-    curve = Path(np.array(((0.0, 0.0), (5.0, 0.0))), np.array((5.0, 0.0)), smooth=True)
-    steer(curve, still[:2], still[:2], curve.vertices[-1], 5.0, Avoidance())
     told.setpoint(Setpoint((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0))
+
+
+def _follow_a_curve() -> None:
+    """What is steered along once a mission is flown faster than it asks for."""
+    start, end = np.zeros(2), np.array((5.0, 0.0))
+    steer(Path(np.array((start, end)), np.array((5.0, 0.0)), smooth=True), start, start, end, 5.0, Avoidance())
 
 
 def _fly(

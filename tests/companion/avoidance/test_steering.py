@@ -128,6 +128,12 @@ def test_on_a_curve_that_slows_down_the_vehicle_brakes_once_it_is_about_as_fast(
     fast = math.sqrt(2.0 * BRAKING * 15.0)
     steered = steer(path, here, np.array([fast, 0.0]), goal, 20.0, AT_ONCE)
     assert steered.velocity == pytest.approx([fast, 0.0]) and steered.acceleration == pytest.approx([-BRAKING, 0.0])
+    late = steer(path, here, np.array([fast, 0.0]), goal, 20.0, FLOWN)
+    assert late.velocity == pytest.approx([fast, 0.0]), "of where it is"
+    soon = steer(path, here - [1.0, 0.0], np.array([fast, 0.0]), goal, fast, FLOWN)
+    below = math.sqrt(2.0 * BRAKING * 16.0) - fast
+    assert soon.acceleration == pytest.approx([-BRAKING * (1.0 - below / 1.5), 0.0]), "of where it will be"
+    assert not steer(path, here - [1.0, 0.0], np.array([fast, 0.0]), goal, fast, AT_ONCE).acceleration.any()
     slow = steer(path, here, np.array([fast - 0.75, 0.0]), goal, 20.0, AT_ONCE)
     assert slow.acceleration == pytest.approx([-0.5 * BRAKING, 0.0])
     assert not steer(path, here, np.array([2.0, 0.0]), goal, 20.0, AT_ONCE).acceleration.any()

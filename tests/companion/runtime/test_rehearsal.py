@@ -79,6 +79,31 @@ def test_nothing_is_compiled_or_imported_in_flight(
     assert done.stdout.strip() == "[] []"
 
 
+FASTER = """
+import numpy as np
+from companion.avoidance.path import Path
+from companion.avoidance.steering import steer
+from companion.runtime.files import load_body, load_mission, load_settings
+from companion.runtime.rehearsal import OpenField, rehearse
+from companion.state import Output
+
+settings, mission = load_settings(None, []), load_mission("errand")[0]
+rehearse(settings, load_body("paper_quad"), mission, Output.RATES, OpenField)
+before, here = compiled(), np.array((1.0, 0.0, -3.0))
+curve = Path(np.array(((0.0, 0.0), (4.0, 1.0), (8.0, 4.0))), np.array((8.0, 6.0, 0.0)), smooth=True)
+way = steer(curve, here[:2], here[:2], np.array((8.0, 4.0, -3.0))[:2], 8.0, settings.avoidance)
+print(mission.speed < settings.avoidance.course.smooth_from, way.acceleration.any(), sorted(compiled() - before))
+"""
+
+
+def test_nothing_is_compiled_once_a_mission_is_flown_faster_than_it_asks_for() -> None:
+    """By DO_CHANGE_SPEED: its paths become curves in flight, which no rehearsal of the mission has flown."""
+    command = [sys.executable, "-c", COMPILED + FASTER]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=200, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "True True []"
+
+
 PLANS = """
 import numpy as np
 from companion.avoidance.planner import PlanningPipeline, PlanRequest
