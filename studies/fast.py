@@ -19,7 +19,7 @@ def run(report: Report) -> None:
     report.text(
         """
 The thinner forest of above, 150 m long, so that the start and the stop count little: with 6 m/s2 up and 4.5 m/s2 down
-40 m without a tree take as long as at 7.3 m/s.
+the mean is 7.1 m/s on 40 m without a tree and 8.9 m/s on 150 m.
 """
     )
     flown.picture(report, SETUPS)
