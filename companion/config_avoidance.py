@@ -132,6 +132,9 @@ class AvoidanceCourse(Table, frozen=True):
     """1/s: acceleration by the difference between desired and reference velocity."""
     max_lead: Positive = 0.3
     """m between the reference and the vehicle, at most."""
+    adapts: bool = False
+    """The integrals of the position law go on along the way over the map, too. There the reference leads the vehicle,
+    so they would learn a wind that is none, and the guard's braking would fall short by it."""
     yield_threshold: Positive = 0.3
     """m/s2; the reference yields to the vehicle's motion if the guard changes the command by more."""
 
@@ -183,7 +186,9 @@ class AvoidanceGuard(Table, frozen=True):
     keep_out_moving: Positive = 0.5
     """m to the edge of a moving obstacle."""
     braking: Positive = 5.5
-    """m/s2 that the vehicle can brake with."""
+    """m/s2 that the vehicle brakes with, by which its speed is chosen."""
+    emergency_braking: NotNegative = 9.5
+    """m/s2 that it brakes with where no stop at `braking` is free any more, if that is more."""
     evasion: Positive = 9.5
     """m/s2 that the vehicle evades moving obstacles with."""
     reaction_time: Positive = 0.25

@@ -154,7 +154,7 @@ class Guidance:
         """The generator's; on a course only its altitude and heading."""
         reference = self._generator.at(time_ns)
         if self._course.active:
-            self._course.put(time_ns, reference.rows)
+            reference = self._course.put(time_ns, reference)
         if self._fence is not None and not self._outside:
             self._fence.keep(reference.rows)
         return reference

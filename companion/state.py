@@ -146,6 +146,8 @@ class Reference(msgspec.Struct, frozen=True, gc=False):
     rows: Array
     """(6, 3) position, velocity, acceleration, jerk and snap, NED; yaw, its rate and its acceleration. Nobody else has
     it: whoever asked for a reference may write into it."""
+    tied: bool = False
+    """North and east are tied to the vehicle's own motion, so the errors there are none of the model."""
 
     @property
     def position_ned(self) -> Array:

@@ -6,8 +6,8 @@ vehicle can still stop in free space.
    (`avoidance.barriers`).
 3. If something that moves would meet the vehicle soon, it gets out of the way (`avoidance.evasion`).
 4. From where that acceleration leads to within the horizon, a stop, straight or with a swerve, must lie in free space
-   (`avoidance.stops`). If there is none, the vehicle flies the stop that is free from where it is now, or the one that
-   is free the longest.
+   (`avoidance.stops`). If there is none, the vehicle flies the stop that is free from where it is now. Where there is
+   none either, it brakes as hard as it can, along the stop that is then free the longest.
 
 Unknown is not free; it has a smaller keep-out of its own, since it can't be hit before it was seen. If the view is too
 old, the vehicle brakes. The vertical acceleration is never changed.
@@ -48,6 +48,7 @@ PARAMETERS = np.dtype(
         ("least", "f8"),
         ("unseen", "f8"),
         ("braking", "f8"),
+        ("emergency_braking", "f8"),
         ("evasion", "f8"),
         ("barrier_gain", "f8"),
         ("closing_gain", "f8"),
@@ -175,6 +176,7 @@ def _parameters(settings: AvoidanceGuard, keep_out: float, keep_out_unseen: floa
         "least": settings.keep_out_tight,
         "unseen": keep_out_unseen,
         "braking": settings.braking,
+        "emergency_braking": max(settings.emergency_braking, settings.braking),
         "evasion": settings.evasion,
         "barrier_gain": settings.barrier_gain,
         "closing_gain": settings.closing_gain,
@@ -239,6 +241,10 @@ def _filter(
     if share == 1.0:
         return n, e, reason
     swerve, share = best_stop(clearances, (north, east), (vn, ve), keep_out, braking)
-    n, e = straight_stop(vn, ve, p.braking)
+    reason = 2 if share == 1.0 else 3
+    if reason == 3:
+        braking = Braking(p.emergency_braking, p.lag)
+        swerve, _ = best_stop(clearances, (north, east), (vn, ve), keep_out, braking)
+    n, e = straight_stop(vn, ve, braking.deceleration)
     c, s = math.cos(swerve), math.sin(swerve)
-    return c * n + s * e, c * e - s * n, 2 if share == 1.0 else 3
+    return c * n + s * e, c * e - s * n, reason

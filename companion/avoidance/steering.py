@@ -14,6 +14,7 @@ from companion.avoidance.clearance import Place
 from companion.avoidance.path import Path
 from companion.avoidance.smoothing import curvature
 from companion.config_avoidance import Avoidance, AvoidanceCourse
+from companion.state import Reference
 from protocol.arrays import Array
 from protocol.jit import compiled
 
@@ -204,6 +205,7 @@ class Course:
     def __init__(self, settings: AvoidanceCourse) -> None:
         s = settings
         self._limits = np.array([s.velocity_gain, s.acceleration, s.jerk, s.max_lead])
+        self._tied = not s.adapts
         self._motion = np.zeros((3, 2))
         """Position (m), velocity (m/s) and acceleration (m/s2), NED, a row each."""
         self._time_ns: int | None = None
@@ -234,10 +236,11 @@ class Course:
         own = np.array([here[:2], velocity[:2], acceleration[:2]])
         self._motion = self._motion + min(self._dt / _YIELD_S, 1.0) * (own - self._motion)
 
-    def put(self, time_ns: int, rows: Array) -> None:
-        """Write north and east of a reference's rows (6, 3) (`trajectory`), a little after the last step."""
+    def put(self, time_ns: int, reference: Reference) -> Reference:
+        """A reference with north and east of the course, a little after the last step; its rows are written to."""
         assert self._time_ns is not None
-        _put(self._motion, (time_ns - self._time_ns) * 1e-9, rows)
+        _put(self._motion, (time_ns - self._time_ns) * 1e-9, reference.rows)
+        return Reference(reference.rows, tied=self._tied)
 
 
 @compiled

@@ -22,13 +22,15 @@ def acceleration_command(
     reference: Array,
     mass: float,
     airborne: bool,
+    tied: bool,
     controller: NDArray[np.void],
 ) -> None:
     """Disturbance observer, prediction and position law, which write their results into the memory of `controller`
     (1,) of CONTROLLER (an array as a compiled function's result would cost more than all arguments).
 
     `measured` is position, velocity, attitude and rates (see `prediction.Measured`), `times` (ns) are now and when
-    attitude and position were measured, `reference` the rows (6, 3) of a `Reference`, `mass` in kg.
+    attitude and position were measured, `reference` the rows (6, 3) of a `Reference`, which may be `tied`; `mass` in
+    kg.
     """
     now_ns = times[0]
     p, m = controller[0].parameters, controller[0].memory
@@ -48,8 +50,10 @@ def acceleration_command(
     m.e1[:], m.e2[:] = backstepping.errors(m.position, m.velocity, reference[0], reference_velocity, pace * p.c1)
     if airborne and not m.limited:
         gamma = pace * pace * p.gamma
-        m.adaptive_term[:] = backstepping.integrated(m.adaptive_term, m.e2, gamma, m.dt, p.adaptation_bound)
-        m.integral[:] = backstepping.integrated(m.integral, m.e1, pace * p.unit, m.dt, p.adaptation_bound)
+        adapted = backstepping.integrated(m.adaptive_term, m.e2, gamma, m.dt, p.adaptation_bound)
+        integral = backstepping.integrated(m.integral, m.e1, pace * p.unit, m.dt, p.adaptation_bound)
+        first = 2 if tied else 0
+        m.adaptive_term[first:], m.integral[first:] = adapted[first:], integral[first:]
     if p.adaptive:
         m.disturbance += m.adaptive_term
     # the law in a time that runs at the pace: speeds are by 1 / pace, accelerations by 1 / pace^2 greater there

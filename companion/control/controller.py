@@ -186,14 +186,14 @@ class Controller:
         """The acceleration (3,) in m/s2, NED, that the position law commands.
 
         The state was measured at `measured_ns`; the reference is for the first of `reference_times`; `mass` in kg. The
-        observer and the integrals run while `airborne`.
+        observer and the integrals run while `airborne`; where the reference is tied, those of north and east wait.
         """
         if state.certainty is not self._certainty:
             self._hear(state.certainty)
         measured = state.position_ned, state.velocity_ned, state.attitude_ned_frd, state.rates_frd
         rows = np.ascontiguousarray(reference.rows)
         times = now_ns, measured_ns, measured_ns - max(state.position_age_ns, 0)
-        acceleration_command(measured, times, rows, mass, airborne, self._record)
+        acceleration_command(measured, times, rows, mass, airborne, reference.tied, self._record)
         if self._foreign_position is not None:
             self._foreign_position.command(airborne)
         acceleration: Array = self._acceleration.copy()

@@ -28,6 +28,7 @@ SETTINGS = AvoidanceGuard(
     keep_out_unseen_tight=0.38,
     tight_speed=1.0,
     braking=4.5,
+    emergency_braking=6.8,
     evasion=6.5,
     barrier_gain=4.0,
     closing_gain=2.0,
@@ -251,9 +252,10 @@ def test_a_stop_is_straight_or_swerves_to_the_free_side(side: int) -> None:
     reason, found = verdict_before(5.3, 3)
     assert reason is Reason.STOP and found[0] < -1.0 and found[1] * side > 1.0
     assert math.hypot(found[0], found[1]) == pytest.approx(SETTINGS.braking)
-    for north, expected in ((5.9, Reason.STOP), (3.3, Reason.NO_STOP)):
+    stop, hardest = (Reason.STOP, SETTINGS.braking), (Reason.NO_STOP, SETTINGS.emergency_braking)
+    for north, (expected, braking) in ((5.9, stop), (5.1, hardest), (3.3, hardest)):
         reason, found = verdict_before(north, 9)
-        assert reason is expected and np.allclose(found, [-SETTINGS.braking, 0.0])
+        assert reason is expected and np.allclose(found, [-braking, 0.0])
     assert verdict_before(9.0, 9)[0] is Reason.NONE
 
 
@@ -330,9 +332,10 @@ def flown(
     seconds: float,
     moving: Array | None = None,
     tight: bool = False,
+    settings: AvoidanceGuard = SETTINGS,
 ) -> tuple[Array, Array]:
     """A point mass whose acceleration follows the guard's with a lag of 0.1 s: positions and velocities (n, 2)."""
-    guard = Guard(SETTINGS)
+    guard = Guard(settings)
     view = view_of(states)
     position, acceleration, dt = np.zeros(3), np.zeros(3), 0.004
     velocity = velocity.copy()
@@ -344,7 +347,7 @@ def flown(
             if moving is not None:
                 around = moving.copy()
                 around[:, :2] += k * dt * moving[:, 2:4]
-            guard.look(free_space(view, position, now, SETTINGS, around, tight=tight))
+            guard.look(free_space(view, position, now, settings, around, tight=tight))
         command = guard.filter(position, velocity, 2.5 * (wish - velocity), now).acceleration_ned
         command *= min(1.0, 6.8 / max(math.hypot(*command[:2]), 1e-9))
         acceleration += (command - acceleration) * dt / 0.1
@@ -365,6 +368,19 @@ def test_who_flies_straight_at_a_wall_stops_before_it(what: int, speed: float) -
     assert position[:, 0].max() < (10.0 - 0.36 if what == OCCUPIED else 10.1 - 0.45 + 0.01)
     assert position[-1, 0] > 10.0 - 1.4 and np.hypot(*velocity[-1]) < 0.05
     assert velocity[:, 0].max() > min(0.9 * speed, 5.0)
+
+
+@pytest.mark.parametrize("speed", [4.0, 6.0])
+def test_what_appears_too_near_is_braked_for_as_hard_as_can_be(speed: float) -> None:
+    """A wall that stands where a stop at the usual braking would end in it, seen by nobody before."""
+    velocity, nearest = np.array([speed, 0.0, 0.0]), []
+    for hardest in (0.0, SETTINGS.emergency_braking):
+        settings = replace(SETTINGS, emergency_braking=hardest, obstacle_range=0.1)
+        usual = SETTINGS.lag_s * speed + 0.5 * speed * speed / SETTINGS.braking
+        states = wall(free_field(), 0.85 * usual + settings.keep_out)
+        position, _ = flown(states, velocity, velocity, 3.0, settings=settings)
+        nearest.append((np.argwhere(states == OCCUPIED)[0, 0] + 0.5) * CELL - MIDDLE - position[:, 0].max())
+    assert nearest[0] < settings.keep_out - 0.1 < settings.keep_out < nearest[1] + 0.05
 
 
 def passage() -> Bytes:

@@ -15,6 +15,7 @@ from companion.config_avoidance import Avoidance, AvoidanceCourse, AvoidanceGuar
 from companion.mission.stall import Progress, Trail
 from companion.perception.distance_field import FAR_M, distance_to
 from companion.perception.map_view import FREE, OCCUPIED, MapView
+from companion.state import Reference
 from protocol.arrays import Array
 
 SETTINGS = AvoidanceCourse()
@@ -31,7 +32,7 @@ AHEAD = np.array([[0.0, 0.0], [30.0, 0.0]])
 def at(course: Course, time_ns: int) -> Array:
     """(3, 2) position, velocity and acceleration."""
     rows = np.full((6, 3), np.nan)
-    course.put(time_ns, rows)
+    assert course.put(time_ns, Reference(rows)).rows is rows
     assert not rows[3:5, :2].any() and np.isnan(rows[:, 2]).all() and np.isnan(rows[5]).all()
     motion: Array = rows[:3, :2]
     return motion
