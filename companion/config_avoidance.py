@@ -137,6 +137,9 @@ class AvoidanceCourse(Table, frozen=True):
     so they would learn a wind that is none, and the guard's braking would fall short by it."""
     yield_threshold: Positive = 0.3
     """m/s2; the reference yields to the vehicle's motion if the guard changes the command by more."""
+    max_yield: Positive = 6.0
+    """m/s2 of the guard's acceleration that the reference takes over, at most: with more, it would go on backwards
+    after an emergency."""
 
 
 class AvoidanceTracks(Table, frozen=True):

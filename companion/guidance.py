@@ -14,7 +14,7 @@ from companion.avoidance.guard import Guard, Verdict
 from companion.avoidance.methods import goal_rule
 from companion.avoidance.path import NO_PATH
 from companion.avoidance.planner import PlanRequest, PlanResult
-from companion.avoidance.steering import Course, steer
+from companion.avoidance.steering import Course, limited, steer
 from companion.config import Settings
 from companion.fence import Fence, fence_of, first_beyond
 from companion.mission.navigator import NEAR_M, Arrival, Leg
@@ -337,13 +337,13 @@ class Guidance:
         """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up."""
         if verdict.changed <= self._settings.avoidance.course.yield_threshold:
             return
-        here, velocity, allowed = state.position_ned, state.velocity_ned, verdict.acceleration_ned
+        here, velocity = state.position_ned[:2], state.velocity_ned[:2]
+        allowed = limited(verdict.acceleration_ned[:2], self._settings.avoidance.course.max_yield)
         if self._course.active:
             self._course.yield_to(here, velocity, allowed)
             return
-        place, moves = np.array([*here[:2], reference.position_ned[2]]), reference.velocity_ned[2]
-        pushed = np.array([*allowed[:2], reference.acceleration_ned[2]])
-        self._generator.brake_from(now_ns, place, np.array([*velocity[:2], moves]), pushed)
+        own = np.array([here, velocity, allowed])
+        self._generator.brake_from(now_ns, *np.hstack((own, reference.rows[:3, 2:])))
 
 
 def _places(mission: Mission, tracks: Sequence[Track | None]) -> Iterator[tuple[str, Array]]:

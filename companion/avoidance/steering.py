@@ -232,8 +232,8 @@ class Course:
         _advance(self._motion, desired, onward, here, dt, self._limits)
 
     def yield_to(self, here: Array, velocity: Array, acceleration: Array) -> None:
-        """Move towards the vehicle's own motion, (2,) or more each, NED, for the duration of the last step."""
-        own = np.array([here[:2], velocity[:2], acceleration[:2]])
+        """Move towards the vehicle's own motion, (2,) each, NED, for the duration of the last step."""
+        own = np.array([here, velocity, acceleration])
         self._motion = self._motion + min(self._dt / _YIELD_S, 1.0) * (own - self._motion)
 
     def put(self, time_ns: int, reference: Reference) -> Reference:
@@ -255,7 +255,7 @@ def _put(motion: Array, dt: float, rows: Array) -> None:
 
 
 @compiled
-def _limited(vector: Array, most: float) -> Array:
+def limited(vector: Array, most: float) -> Array:
     """The vector (2,), at most `most` long."""
     length = math.hypot(vector[0], vector[1])
     if length > most:
@@ -270,7 +270,7 @@ def _advance(motion: Array, desired: Array, onward: Array, here: Array, dt: floa
     `limits` (4,): gain of the velocity (1/s), acceleration (m/s2), jerk (m/s3), lead over the vehicle (m).
     """
     gain, acceleration, jerk, max_lead = limits[0], limits[1], limits[2], limits[3]
-    asked = _limited(gain * (desired - motion[1]) + onward, acceleration)
-    motion[2] += _limited(asked - motion[2], jerk * dt)
-    motion[0] = here + _limited(motion[0] + dt * motion[1] + 0.5 * dt * dt * motion[2] - here, max_lead)
+    asked = limited(gain * (desired - motion[1]) + onward, acceleration)
+    motion[2] += limited(asked - motion[2], jerk * dt)
+    motion[0] = here + limited(motion[0] + dt * motion[1] + 0.5 * dt * dt * motion[2] - here, max_lead)
     motion[1] += dt * motion[2]

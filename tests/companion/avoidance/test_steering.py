@@ -10,7 +10,7 @@ from companion.avoidance.astar import GridPath
 from companion.avoidance.astar_planner import _up_to_unconfirmed
 from companion.avoidance.path import NO_PATH, Path
 from companion.avoidance.planner import Planner
-from companion.avoidance.steering import Course, steer
+from companion.avoidance.steering import Course, limited, steer
 from companion.config_avoidance import Avoidance, AvoidanceCourse, AvoidanceGuard, AvoidanceMap
 from companion.mission.stall import Progress, Trail
 from companion.perception.distance_field import FAR_M, distance_to
@@ -71,6 +71,20 @@ def test_a_course_waits_for_the_vehicle_and_gives_in_to_the_guard() -> None:
         course.advance(tick * TICK_NS, np.zeros(2), np.zeros(2), np.zeros(2))
         course.yield_to(np.zeros(2), np.zeros(2), np.zeros(2))
     assert np.abs(at(course, 624 * TICK_NS)).max() < 0.05
+
+
+def test_after_an_emergency_the_reference_does_not_go_on_backwards() -> None:
+    """The guard asks for 30 m/s2 for 0.4 s, of which the reference takes over what it may; then it hovers."""
+    course, backwards = Course(SETTINGS), []
+    course.start(0, np.zeros(2), np.array([4.0, 0.0]), np.zeros(2))
+    for tick in range(1, 400):
+        speed = max(4.0 - 10.0 * tick * 0.004, 0.0)
+        course.advance(tick * TICK_NS, np.zeros(2), np.zeros(2), np.zeros(2))
+        if speed > 0.0:
+            allowed = limited(np.array([-30.0, 0.0]), SETTINGS.max_yield)
+            course.yield_to(np.zeros(2), np.array([speed, 0.0]), allowed)
+        backwards.append(at(course, tick * TICK_NS)[1, 0])
+    assert min(backwards) > -0.2 and abs(backwards[-1]) < 0.05
 
 
 def test_a_wish_keeps_to_the_way_and_slows_down_before_a_corner() -> None:
