@@ -137,7 +137,7 @@ class AvoidanceCourse(Table, frozen=True):
     so they would learn a wind that is none, and the guard's braking would fall short by it."""
     yield_threshold: Positive = 0.3
     """m/s2; the reference yields to the vehicle's motion if the guard changes the command by more."""
-    max_yield: Positive = 6.0
+    max_yield: Positive = 9.5
     """m/s2 of the guard's acceleration that the reference takes over, at most: with more, it would go on backwards
     after an emergency."""
 

@@ -32,7 +32,8 @@ AHEAD = np.array([[0.0, 0.0], [30.0, 0.0]])
 def at(course: Course, time_ns: int) -> Array:
     """(3, 2) position, velocity and acceleration."""
     rows = np.full((6, 3), np.nan)
-    assert course.put(time_ns, Reference(rows)).rows is rows
+    reference = course.put(time_ns, Reference(rows))
+    assert reference.rows is rows and reference.tied
     assert not rows[3:5, :2].any() and np.isnan(rows[:, 2]).all() and np.isnan(rows[5]).all()
     motion: Array = rows[:3, :2]
     return motion
