@@ -110,7 +110,7 @@ class Autopilot:
             verdict = guidance.guarded(acceleration, here, navigator.step, now, held=supervised is State.HOLD)
         if verdict is not None:
             acceleration, changed = verdict.acceleration_ned, verdict.reason is not Reason.NONE
-            guidance.yield_to(verdict, reference, here, now)
+            guidance.yield_to(verdict, here, now)
         control, limited = controller.attitude_command(acceleration, now, ahead, mass, changed)
         if airborne:
             navigator.tracked(control[:6])

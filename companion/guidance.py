@@ -333,8 +333,9 @@ class Guidance:
             return None
         return self._guard.filter(state.position_ned, state.velocity_ned, wanted, now_ns, evades_only=only)
 
-    def yield_to(self, verdict: Verdict, reference: Reference, state: VehicleState, now_ns: int) -> None:
-        """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up."""
+    def yield_to(self, verdict: Verdict, state: VehicleState, now_ns: int) -> None:
+        """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up. Its
+        altitude is that of now, not of when a command takes effect: it would run ahead by so much at each step."""
         if verdict.changed <= self._settings.avoidance.course.yield_threshold:
             return
         here, velocity = state.position_ned[:2], state.velocity_ned[:2]
@@ -343,7 +344,7 @@ class Guidance:
             self._course.yield_to(here, velocity, allowed)
             return
         own = np.array([here, velocity, allowed])
-        self._generator.brake_from(now_ns, *np.hstack((own, reference.rows[:3, 2:])))
+        self._generator.brake_from(now_ns, *np.hstack((own, self.reference(now_ns).rows[:3, 2:])))
 
 
 def _places(mission: Mission, tracks: Sequence[Track | None]) -> Iterator[tuple[str, Array]]:

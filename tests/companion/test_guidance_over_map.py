@@ -9,6 +9,7 @@ import pytest
 
 from companion.avoidance.guard import Verdict
 from companion.mission.navigator import Leg
+from companion.mission.plan import Phase
 from companion.state import Reason, Scan
 from protocol.arrays import Array
 from tests.companion.reference_flight import (
@@ -279,9 +280,9 @@ def test_the_reference_gives_in_where_the_guard_changes_much(
     threshold = flight.settings.avoidance.course.yield_threshold
     before = flight.reference
     behind = vehicle(before.position_ned - np.array([0.2, 0.1, 0.0]), before.velocity_ned - np.array([1.0, 0.0, 0.0]))
-    flight.guidance.yield_to(verdict(threshold), before, behind, flight.now)
+    flight.guidance.yield_to(verdict(threshold), behind, flight.now)
     assert np.array_equal(flight.reference.rows, before.rows)
-    flight.guidance.yield_to(verdict(threshold + 1e-6), before, behind, flight.now)
+    flight.guidance.yield_to(verdict(threshold + 1e-6), behind, flight.now)
     after = flight.reference
     for row, own in ((0, behind.position_ned), (1, behind.velocity_ned)):
         was, now = (np.abs(each.rows[row, :2] - own[:2]) for each in (before, after))
@@ -290,3 +291,18 @@ def test_the_reference_gives_in_where_the_guard_changes_much(
         assert (between >= -1e-12).all(), "towards the vehicle, not past it"
     assert after.position_ned[2] == pytest.approx(before.position_ned[2])
     assert after.velocity_ned[2] == pytest.approx(before.velocity_ned[2]), "the altitude stays the reference's"
+
+
+@pytest.mark.parametrize("late_ns", [2_000_000, 50_000_000])
+def test_the_altitude_runs_no_faster_while_the_reference_gives_in(late_ns: int) -> None:
+    """On a descent with something moving around it, however late a command takes effect."""
+    flight, descent = ReferenceFlight(), leg_to((0.0, 0.0, 15.0), Phase.DESCEND)
+    flight.steer(descent, 2.0)
+    heights = []
+    for _ in range(100):
+        flight.guidance.steer(descent, flight.state, flight.now)
+        flight.guidance.reference(flight.now + late_ns)
+        flight.guidance.yield_to(verdict(3.0), flight.state, flight.now)
+        heights.append(float(flight.reference.position_ned[2]))
+        flight.move()
+    assert np.diff(heights).max() <= DT * flight.settings.trajectory.descent_speed + 1e-9
