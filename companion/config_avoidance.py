@@ -266,8 +266,10 @@ class Avoidance(Table, frozen=True):
         return plugin(Kind.PLANNER, "method", self.method, METHODS)
 
     def by(self, method: str) -> "Avoidance":
-        """The same by another method that flies with the chosen one."""
-        return msgspec.structs.replace(self, method=method, options=self.options if method == self.method else {})
+        """The same by another method that flies with the chosen one; without a guard where that has none."""
+        options = self.options if method == self.method else {}
+        guard = self.guard if method_of(method).needs_scan else msgspec.structs.replace(self.guard, enabled=None)
+        return msgspec.structs.replace(self, method=method, options=options, guard=guard)
 
     @property
     def mapped(self) -> bool:

@@ -27,6 +27,12 @@ def test_overrides_reach_their_place() -> None:
     assert settings.control.attitude == config.AttitudeControl()
 
 
+def test_a_method_without_a_guard_flies_with_one_whose_guard_was_asked_for() -> None:
+    """On the very first start all that is compiled is flown with "none" first."""
+    asked = load_settings(None, ["avoidance.guard.enabled=true"]).avoidance
+    assert asked.guarded and asked.by("vfh").guarded and not asked.by("none").guarded
+
+
 @pytest.mark.parametrize(
     "override",
     [
