@@ -223,7 +223,8 @@ class Avoidance(Table, frozen=True):
     ground_slope: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.0
     """Rise over run of the steepest ground that is followed: then the heights of the route count from the ground below
     the vehicle, as a range finder that looks down shows it, and returns that may be such ground are none of an
-    obstacle. Steeper ground is flown around. 0: heights count from the take-off point, and the ground is flat."""
+    obstacle. Steeper ground is flown around. For the mapped methods alone. 0: heights count from the take-off point,
+    and the ground is flat."""
     keep_out_below: NotNegative = 0.7
     """m above what stands where a parcel is to be released, by a range finder that looks down: the descent ends there.
     0: it is not looked at."""
@@ -259,6 +260,8 @@ class Avoidance(Table, frozen=True):
         options_for(self.plugin, self.options)
         if self.guard.enabled and not self.needs_scan:
             raise ValueError(f'guard.enabled: there is no guard with method "{self.method}", which needs no scan')
+        if self.ground_slope > 0.0 and not self.mapped:
+            raise ValueError(f'ground_slope: with method "{self.method}" heights do not follow the ground')
 
     @property
     def plugin(self) -> Plugin | None:
@@ -266,10 +269,11 @@ class Avoidance(Table, frozen=True):
         return plugin(Kind.PLANNER, "method", self.method, METHODS)
 
     def by(self, method: str) -> "Avoidance":
-        """The same by another method that flies with the chosen one; without a guard where that has none."""
-        options = self.options if method == self.method else {}
-        guard = self.guard if method_of(method).needs_scan else msgspec.structs.replace(self.guard, enabled=None)
-        return msgspec.structs.replace(self, method=method, options=options, guard=guard)
+        """The same by another method that flies with the chosen one; without what it does not go with."""
+        other, options = method_of(method), self.options if method == self.method else {}
+        guard = self.guard if other.needs_scan else msgspec.structs.replace(self.guard, enabled=None)
+        slope = self.ground_slope if other.mapped else 0.0
+        return msgspec.structs.replace(self, method=method, options=options, guard=guard, ground_slope=slope)
 
     @property
     def mapped(self) -> bool:

@@ -310,8 +310,7 @@ class Guidance:
         """
         place, velocity = state.position_ned, state.velocity_ned
         if not self.over_map:
-            slope = self._settings.avoidance.ground_slope
-            points = self._returns.add(obstacle_points(scan, *pose, ground_down, slope), now_ns)
+            points = self._returns.add(obstacle_points(scan, *pose, ground_down), now_ns)
             self.decision = self.method.decide(points, place, velocity, leg.goal_ned, leg.speed)
         if self._guard is None:
             return None

@@ -27,10 +27,18 @@ def test_overrides_reach_their_place() -> None:
     assert settings.control.attitude == config.AttitudeControl()
 
 
-def test_a_method_without_a_guard_flies_with_one_whose_guard_was_asked_for() -> None:
+def test_a_method_flies_with_another_one_without_what_it_does_not_go_with() -> None:
     """On the very first start all that is compiled is flown with "none" first."""
-    asked = load_settings(None, ["avoidance.guard.enabled=true"]).avoidance
+    asked = load_settings(None, ["avoidance.guard.enabled=true", "avoidance.ground_slope=0.2"]).avoidance
     assert asked.guarded and asked.by("vfh").guarded and not asked.by("none").guarded
+    assert asked.by("vfh").ground_slope == 0.2 and asked.by("none").ground_slope == 0.0
+
+
+@pytest.mark.parametrize("method", ["none", "paper", "paper-literal"])
+def test_heights_follow_the_ground_over_the_map_alone(method: str) -> None:
+    """The straight way to a goal that rises would lead into the hill."""
+    with pytest.raises(TomlFileError, match=f'ground_slope: with method "{method}"'):
+        load_settings(None, ["avoidance.ground_slope=0.2", f"avoidance.method={method}"])
 
 
 @pytest.mark.parametrize(
