@@ -18,8 +18,6 @@ _CHANGE_M = 0.1
 """m by which the ground must rise or fall for the mission to follow."""
 _LEAST_SHARE, _LEAST_M = 0.6, 1.0
 """A vehicle that is lower than this share of its height, and than so many m, waits until it has climbed."""
-_FIXED = (Phase.TAKEOFF, Phase.TRACK)
-"""Phases whose heights count from the place of the start all the same."""
 
 
 class GroundFollowing:
@@ -51,7 +49,7 @@ class GroundFollowing:
     def follow(self, ground: Ground | None, step: Step, down: float) -> tuple[bool, Announcement | None]:
         """The ground is there now, with the vehicle at a height (m, NED) on the way to a step of the mission as it was
         planned; whether heights have changed, and what is to be said."""
-        if not self._follows or step.phase in _FIXED:
+        if not self._follows or _is_fixed(step):
             return False, None
         before = self._offset, self.too_low
         said = self._notice(known=ground is not None)
@@ -76,10 +74,15 @@ class GroundFollowing:
 
     def shifted(self, step: Step) -> Step:
         """A step of the mission as it was planned, above the ground of now."""
-        if step.target_ned is None or step.phase in _FIXED or not self._offset:
+        if step.target_ned is None or _is_fixed(step) or not self._offset:
             return step
         return replace(step, target_ned=step.target_ned + np.array((0.0, 0.0, self._offset)))
 
     def planned(self, place_ned: Array) -> Array:
         """A place (3,) as if the ground were that of the start: the opposite of `shifted`."""
         return place_ned - np.array((0.0, 0.0, self._offset)) if self._offset else place_ned
+
+
+def _is_fixed(step: Step) -> bool:
+    """Its heights count from the place of the start all the same: a take-off, and a track, home too."""
+    return step.phase is Phase.TAKEOFF or step.curve is not None

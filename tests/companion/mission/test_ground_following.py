@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from companion.curves import Route
 from companion.mission.ground_following import GroundFollowing
 from companion.mission.plan import Phase, Step
 from companion.state import Ground
@@ -41,9 +42,11 @@ def test_a_little_more_or_less_changes_nothing() -> None:
     assert following.follow(Ground(1.95, 1.95), ROUTE, -1.0) == (False, None)
 
 
-@pytest.mark.parametrize("phase", [Phase.TAKEOFF, Phase.TRACK])
+@pytest.mark.parametrize("phase", [Phase.TAKEOFF, Phase.TRACK, Phase.RETURN])
 def test_take_off_and_tracks_count_from_the_start(phase: Phase) -> None:
-    following, step = begun(), Step(phase, np.array((0.0, 0.0, -1.0)))
+    """The curve home, too: it would end as far below its home as the ground lies lower where it begins."""
+    curve = None if phase is Phase.TAKEOFF else Route(np.array([[0.0, 0.0, 0.0], [20.0, 0.0, 0.0]]), 4.0)
+    following, step = begun(), Step(phase, np.array((0.0, 0.0, -1.0)), curve=curve)
     assert following.follow(Ground(0.0, 0.0), step, -1.0) == (False, None)
     following.follow(Ground(0.0, 0.0), ROUTE, -1.0)
     assert following.shifted(step) is step
