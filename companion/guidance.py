@@ -33,7 +33,7 @@ _STEER_EVERY_NS = 15_000_000
 each one."""
 _APPROACH_M = 1.0
 """A goal that is stopped at is approached by the generator from this distance on, not along the map's way, until it is
-farther than NEAR_M again."""
+farther than NEAR_M again, or than this with something in the way."""
 _APPROACH_SPEED = 1.0
 """m/s: the vehicle must be slower for that."""
 _TURN_M = 1.0
@@ -224,13 +224,14 @@ class Guidance:
         generator.move_to(now_ns, target, speed, settings.climb_speed if climbs else settings.descent_speed)
 
     def _arrives(self, step: Step, state: VehicleState) -> bool:
-        """So near to a goal that is stopped at that no way over the map is needed."""
+        """So near to a goal that is stopped at that no way over the map is needed. What stands in the way is flown
+        around, but for the last metre: a goal beside an obstacle has it in the way to its end."""
         if step.passes:
             return False
         assert step.target_ned is not None
         away = math.dist(step.target_ned.tolist()[:2], state.position_ned.tolist()[:2])
         if not self._course.active:
-            return away < NEAR_M
+            return away < (_APPROACH_M if self.decision.blocked else NEAR_M)
         return away < _APPROACH_M and math.hypot(*state.velocity_ned[:2].tolist()) < _APPROACH_SPEED
 
     # -- over the map --------------------------------------------------------------------------------------------------
