@@ -48,6 +48,7 @@ def entered(
         sensing.begin(navigator.lowest_return, stands=False)
         return said
     if old in AWAY and new is State.HOLD:
+        controller.given_back(sensing.present)
         guidance.brake_from(sensing.present, now)
         navigator.resume(now)
     elif new is State.CHECK:

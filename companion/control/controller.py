@@ -156,6 +156,10 @@ class Controller:
         """The vehicle was armed on the ground."""
         self._lift_off.begin()
 
+    def given_back(self, state: VehicleState) -> None:
+        """Others had the vehicle; see `LiftOff.given_back`."""
+        self._lift_off.given_back(state)
+
     def flies(self, state: VehicleState, now_ns: int, mass: float, rises: bool, motors: Motors) -> bool:
         """Whether the vehicle is in the air; see `LiftOff.update`. Until then, `setpoint` gives the thrust to lift off
         with."""

@@ -44,12 +44,19 @@ class LiftOff:
         self._at_most_s = 0.0
         self._time_ns: int | None = None
         self._ground_down: float | None = None
+        self._stood_down: float | None = None
+        """m: the ground, as it was known last."""
 
     def begin(self) -> None:
         """The motors were armed on the ground."""
         self.thrust = 0.0
         self._clock_s = self._spooling_s = self._at_most_s = 0.0
-        self._time_ns = self._ground_down = None
+        self._time_ns = self._ground_down = self._stood_down = None
+
+    def given_back(self, state: VehicleState) -> None:
+        """Others had the vehicle: above where it stood it flies, whoever made it do so."""
+        if self._stood_down is not None and self._stood_down - float(state.position_ned[2]) > _CLEAR:
+            self.thrust = None
 
     def update(self, state: VehicleState, now_ns: int, mass: float, rises: bool, spooling: bool) -> float | None:
         """The scale of the thrust if the vehicle has just left the ground, else None.
@@ -70,6 +77,8 @@ class LiftOff:
         if self._ground_down is None:
             self._ground_down = down
         self._ground_down += min(dt / _SINKING_S, 1.0) * max(down - self._ground_down, 0.0)
+        if rises:
+            self._stood_down = self._ground_down
         thrust = self._raised(hover, dt)
         climb = self._ground_down - down
         if rises and ((climb > _CLIMB and speed < -_CLIMB_SPEED) or climb > _CLEAR) and self.thrust:

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from companion.config import Limits
+from companion.control.controller import SIZE
 from companion.control.lift_off import LiftOff
 from companion.mission.plan import Phase
 from companion.runtime.files import load_body
 from companion.state import VehicleState
 from companion.supervision.states import State
 from protocol.arrays import Array
+from protocol.messages import Encoder, dialect
 from protocol.vehicle_parameters import GRAVITY
 from studies.joined import Joined, mission_of
 
@@ -138,6 +140,37 @@ def test_a_hold_on_the_ground_begins_again() -> None:
         lift_off.update(vehicle.state(), tick * DT_NS, BODY.mass_kg, tick < 200 or tick >= 300, False)
         thrusts.append(lift_off.thrust)
     assert thrusts[250] == thrusts[0] and thrusts[399] == pytest.approx(thrusts[99], rel=0.01)
+
+
+@pytest.mark.parametrize(("height", "flies"), [(0.0, False), (0.05, False), (0.5, True)])
+def test_a_vehicle_given_back_above_where_it_stood_flies(height: float, flies: bool) -> None:
+    """It was taken over before it had left the ground, wherever that seems to be meanwhile."""
+    lift_off, vehicle = LiftOff(LIMITS, BODY), Vertical(1.0, 0.0)
+    lift_off.begin()
+    for tick in range(400):
+        assert lift_off.update(vehicle.state(), tick * DT_NS, BODY.mass_kg, tick < 200, False) is None
+        vehicle.height = height if tick > 200 else 0.0
+    lift_off.given_back(vehicle.state())
+    assert (lift_off.thrust is None) == flies
+
+
+def test_who_took_over_on_the_ground_gives_a_flying_vehicle_back() -> None:
+    """One that says nothing of a landing: it is not asked for the little thrust that a lift-off begins with."""
+    joined = Joined(mission_of("hover"), overrides=('avoidance.method="none"',))
+    del joined.autopilot.link._handlers[245]
+    joined.fly(limit_s=30.0, until=lambda joined: joined.autopilot.supervisor.state is State.FLY).fly(limit_s=0.3)
+    assert joined.autopilot.controller.setpoint(np.zeros(SIZE)).thrust > 0.0 and not joined.autopilot.own.airborne
+    for mode, seconds in (((4.0, 2.0), 8.0), ((6.0, 0.0), 0.0)):  # it takes off by itself, and is given back
+        fields = (1, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1.0, *mode, 0.0, 0.0, 0.0, 0.0)
+        joined.vehicle.receive(Encoder(1, 190).encode_fields(dialect.MAVLink_command_long_message, *fields))
+        joined.fly(limit_s=seconds)
+    height = -joined.vehicle.motion.position_ned[2]
+    assert height > 2.0 and joined.trace()["state"][-1] == State.RELINQUISHED
+    joined.fly(limit_s=1.0)
+    assert joined.trace()["state"][-1] == State.HOLD
+    assert -joined.vehicle.motion.position_ned[2] > height - 0.2
+    joined.fly(limit_s=30.0)
+    assert joined.autopilot.supervisor.fault is None and joined.vehicle.summary().outcome == "landed"
 
 
 def test_a_vehicle_that_flies_already_is_not_touched() -> None:
