@@ -55,6 +55,18 @@ def test_an_older_report_is_never_applied() -> None:
     assert estimator.attitude(attitude(5), 30 * MS)
 
 
+def test_what_comes_once_more_is_as_old_as_it_was() -> None:
+    """Of the same moment, something else is news."""
+    estimator = Estimator()
+    assert estimator.position(position(1000, 1.0), 0) and estimator.attitude(attitude(1000), 0)
+    for ms in range(10, 200, 10):
+        assert not estimator.position(position(1000, 1.0), ms * MS)
+        assert not estimator.attitude(attitude(1000), ms * MS)
+    assert estimator.age_ns(200 * MS) == 200 * MS and estimator.lacks_position(200 * MS)
+    assert estimator.position(position(1000, 1.1), 200 * MS) and estimator.attitude(attitude(1000, 0.1), 200 * MS)
+    assert estimator.age_ns(200 * MS) == 0
+
+
 def test_age_is_that_of_the_older_part() -> None:
     estimator = Estimator()
     estimator.attitude(attitude(0), 100 * MS)

@@ -1,4 +1,4 @@
-"""Joined flights whose telemetry is well formed and wrong, with fresh stamps."""
+"""Joined flights whose telemetry is well formed and wrong, most with fresh stamps."""
 
 from collections.abc import Callable
 
@@ -60,6 +60,23 @@ def test_a_stuck_position_hands_the_vehicle_over_within_300_ms() -> None:
     assert "position stuck" in (joined.autopilot.supervisor.fault or "")
     joined.fly(limit_s=2.0)
     assert joined.vehicle.motion.speed < 0.1 and joined.vehicle.summary().contacts == 0
+
+
+def test_a_position_that_comes_again_with_its_stamp_is_as_old_as_it_was() -> None:
+    """It brakes as without one, and the telemetry is lost half a second later."""
+    joined, kept = Joined(mission_of("courier"), overrides=QUICK), list[bytes]()
+    joined.fly(until=lambda joined: joined.vehicle.motion.position_ned[0] > 8.0)
+
+    def repeat(time_ns: int, data: bytes) -> bytes:
+        frames = list(Framer().datagram(data))
+        kept[:] = kept or [frame.raw for frame in frames if frame.message_id == POSITION]
+        return b"".join(kept[0] if frame.message_id == POSITION else frame.raw for frame in frames)
+
+    joined.meddle, speed = repeat, joined.vehicle.motion.speed
+    joined.fly(limit_s=0.48)
+    assert state_of(joined) is State.FLY and joined.vehicle.motion.speed < 0.8 * speed
+    joined.fly(limit_s=0.1)
+    assert "telemetry lost" in (joined.autopilot.supervisor.fault or "")
 
 
 def test_a_reset_of_the_estimator_is_followed_to_the_end() -> None:
