@@ -220,6 +220,7 @@ class VehicleLink:
         assert self.firmware is not None and self.peer is not None
         self.peer.heartbeat(now_ns)
         self.said.heartbeat(message, self.firmware.mode_of(message.custom_mode), self.peer, now_ns)
+        self._know_motors()
 
     def _on_extended_state(self, message: Any, now_ns: int) -> None:
         self.said.extended_state(message, self.peer, now_ns)

@@ -75,11 +75,15 @@ def test_the_companion_takes_the_vehicles_system_unless_it_has_its_own() -> None
         assert (frame.system, frame.component) == (system, OWN_COMPONENT)
 
 
-def test_ardupilot_turns_slowly_about_its_yaw_axis() -> None:
+@pytest.mark.parametrize("tells", [True, False])
+def test_ardupilot_turns_slowly_about_its_yaw_axis(tells: bool) -> None:
+    """Whether it tells of its landing or not."""
     for autopilot in (PX4, ARDUPILOT):
         link, vehicle = found(autopilot=autopilot)
-        hear(link, vehicle.extended_state(dialect.MAV_LANDED_STATE_ON_GROUND))
+        if tells:
+            hear(link, vehicle.extended_state(dialect.MAV_LANDED_STATE_ON_GROUND))
         assert link.motors.own_loops is (autopilot == ARDUPILOT)
+        assert link.motors.spooling is (tells and autopilot == ARDUPILOT)
 
 
 @pytest.mark.parametrize(("base", "state"), [(81, 4), (81 | 128, 4), (81 | 128, 5), (81, 6), (81, 3)])
