@@ -140,6 +140,7 @@ class Controller:
             delay, left = 0.0, delay + left
         law = None if self._foreign_position is None else self._foreign_position.small
         pace = pace_for(design_of(self._configured[0], law), delay, left)
+        self._memory["integral"] *= (self._parameters["pace"] / pace.share) ** 2  # which gives what it has given
         self._parameters["pace"] = pace.share
         self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace.share, torque=False)
         self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace.share, torque=True)

@@ -8,8 +8,11 @@ from companion.control import controller, laws
 from companion.control.parameters import controller_parameters
 from companion.control.tracking_error import TrackingError
 from companion.records import CONTROL_FIELDS
+from companion.reports import LinkDelay
 from companion.runtime.files import load_body, load_settings
-from companion.state import Output
+from companion.state import Output, Reference, VehicleState
+
+STILL = Reference(np.zeros((6, 3)))
 
 
 def test_the_settings_know_every_law_and_no_other() -> None:
@@ -35,6 +38,20 @@ def test_the_compiled_choice_is_the_tables(name: str) -> None:
         assert np.array_equal(found[-1], law.acceleration_command(error, acceleration, gains))
     others = [each for other, each in laws.LAWS.items() if other != name]
     assert not any(np.array_equal(found[-1], each.acceleration_command(error, acceleration, gains)) for each in others)
+
+
+def test_an_integral_gives_at_another_pace_what_it_has_given() -> None:
+    """PID against a steady push, that nothing else estimates, over a link that becomes late."""
+    body = load_body("paper_quad")
+    flown = controller.Controller(load_settings(None, ["control.position.law=pid"]), body, Output.RATES)
+    flown._memory["integral"] = 0.5, -0.2, 0.1
+    state = VehicleState(0, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
+    given = [
+        (flown.follow(delay).share, flown.acceleration_command(state, 1, 1, STILL, body.mass_kg, False))
+        for delay in (LinkDelay(), LinkDelay(age=0.15, command=0.15), LinkDelay())
+    ]
+    assert given[1][0] < 0.9
+    assert np.array([acceleration for _, acceleration in given]) == pytest.approx(np.tile((1.0, -0.4, 0.2), (3, 1)))
 
 
 def test_the_controllers_places_are_those_of_the_records_fields() -> None:
