@@ -177,7 +177,8 @@ class Guidance:
                 self._leave_course(now_ns)
                 if step.phase is Phase.TAKEOFF:
                     generator.rise_with(now_ns, state.position_ned, state.velocity_ned)
-                self._move_straight(leg, state, now_ns)
+                if not _stops_first(generator, step, now_ns):
+                    self._move_straight(leg, state, now_ns)
         track = None if following else self._track_to_join(leg)
         start_ned = None if track is None else track.start_ned
         return MotionReport(following, generator.at_rest(now_ns), start_ned, over_map)
@@ -224,8 +225,7 @@ class Guidance:
         generator.move_to(now_ns, target, speed, settings.climb_speed if climbs else settings.descent_speed)
 
     def _arrives(self, step: Step, state: VehicleState) -> bool:
-        """So near to a goal that is stopped at that no way over the map is needed. What stands in the way is flown
-        around, but for the last metre: a goal beside an obstacle has it in the way to its end."""
+        """So near to a goal that is stopped at that no way over the map is needed, though something be beside it."""
         if step.passes:
             return False
         assert step.target_ned is not None
@@ -334,8 +334,7 @@ class Guidance:
         return self._guard.filter(state.position_ned, state.velocity_ned, wanted, now_ns, evades_only=only)
 
     def yield_to(self, verdict: Verdict, state: VehicleState, now_ns: int) -> None:
-        """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up. Its
-        altitude is that of now, not of when a command takes effect: it would run ahead by so much at each step."""
+        """Where the guard changes much of what the reference asks for, the reference gives in, or it would wind up."""
         if verdict.changed <= self._settings.avoidance.course.yield_threshold:
             return
         here, velocity = state.position_ned[:2], state.velocity_ned[:2]
@@ -343,8 +342,16 @@ class Guidance:
         if self._course.active:
             self._course.yield_to(here, velocity, allowed)
             return
-        own = np.array([here, velocity, allowed])
-        self._generator.brake_from(now_ns, *np.hstack((own, self.reference(now_ns).rows[:3, 2:])))
+        rest = self.reference(now_ns).rows[:3, 2:]  # of now: of when a command takes effect, it would run ahead
+        self._generator.brake_from(now_ns, *np.hstack(([here, velocity, allowed], rest)))
+
+
+def _stops_first(generator: ReferenceGenerator, step: Step, now_ns: int) -> bool:
+    """Where the guard does not brake, what brakes goes on until it is slow: the way over the map was as fast as it can
+    stop with the guard's braking, which is harder than the generator turns round."""
+    if step.avoids or step.phase is Phase.TAKEOFF or not generator.brakes:
+        return False
+    return math.hypot(*generator.at(now_ns).velocity_ned[:2].tolist()) > _APPROACH_SPEED
 
 
 def _places(mission: Mission, tracks: Sequence[Track | None]) -> Iterator[tuple[str, Array]]:

@@ -169,7 +169,7 @@ class ReferenceGenerator:
 
     def brake(self, time_ns: int) -> None:
         """Brake to a standstill at any position. Out of a track, braking may be as hard as the track was."""
-        if self._track is None and (self._goal is None or self._goal == ()):
+        if self._track is None and (self._goal is None or self.brakes):
             return
         inputs = _braking(self._present(time_ns), self._settings.acceleration, 2.0 * self._settings.jerk)
         self._change(inputs, time_ns, ())
@@ -224,6 +224,11 @@ class ReferenceGenerator:
     def following(self) -> bool:
         """A track is followed, not a target."""
         return self._track is not None
+
+    @property
+    def brakes(self) -> bool:
+        """The motion leads, or has led, to a standstill at any position."""
+        return self._goal == ()
 
     def remaining_track(self, time_ns: int) -> Track | None:
         """The rest of the track that is followed; None if there is none."""

@@ -96,6 +96,17 @@ def test_leaving_the_course_hands_the_motion_over_without_a_jump(ending: str) ->
         assert np.abs(rows[-1, 1:3]).max() < 1e-6
 
 
+def test_a_leg_on_which_nothing_is_avoided_begins_with_a_stop_within_what_was_seen_free() -> None:
+    """There the guard does not brake: an order to deliver, in full flight."""
+    flight = ReferenceFlight().steer(FAR, 3.0)
+    before, guard = flight.reference, flight.settings.avoidance.guard
+    place, speed = float(before.position_ned[0]), flight.speed
+    flight.steer(leg_to((place, 0.0, -1.0), Phase.DESCEND), 6.0)
+    farthest = max(float(reference.position_ned[0]) for reference in flight.references)
+    assert speed > 3.9 and farthest - place < speed**2 / (2.0 * guard.braking) + speed * guard.reaction_time
+    assert flight.reference.position_ned == pytest.approx((place, 0.0, -1.0), abs=1e-6)
+
+
 def test_the_course_begins_with_the_motion_that_there_is() -> None:
     flight = ReferenceFlight()
     flight.steer(leg_to((60.0, 10.0, -3.0)), 1.5)
