@@ -34,7 +34,8 @@ def acceleration_command(
     """
     now_ns = times[0]
     p, m = controller[0].parameters, controller[0].memory
-    m.dt = min(max((now_ns - m.time_ns) * 1e-9, 0.0), LONGEST_STEP_S)
+    since = now_ns - m.time_ns if m.time_ns else 0  # nothing has passed since a reset
+    m.dt = min(max(since * 1e-9, 0.0), LONGEST_STEP_S)
     m.time_ns = now_ns
     m.reference[:] = reference
     mean = m.observer.mean
