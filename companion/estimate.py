@@ -110,10 +110,11 @@ class Estimator:
         self._poses = deque(((pose[0] + by_ms, pose[1], pose[2]) for pose in self._poses), _POSES_KEPT)
 
     def age_ns(self, now_ns: int) -> int | None:
-        """Age (ns) of the older part; None before both have come."""
+        """Age (ns) of the older part, by when it came or by its stamp; None before both have come."""
         if self._attitude is None or self._position is None:
             return None
-        return now_ns - min(self._attitude_ns, self._position_ns)
+        behind_ms = max(later_ms(self._attitude.boot_time_ms, self._position.boot_time_ms), 0)
+        return now_ns - min(self._attitude_ns - behind_ms * 1_000_000, self._position_ns)
 
     def lacks_position(self, now_ns: int) -> bool:
         """No position has come for so long that the last one is not to be flown by: longer than jitter and a few losses

@@ -74,6 +74,15 @@ def test_age_is_that_of_the_older_part() -> None:
     assert estimator.age_ns(140 * MS) == 100 * MS
 
 
+def test_a_position_that_queued_up_is_as_old_as_its_stamp() -> None:
+    """However often one comes."""
+    estimator = Estimator()
+    for ms in range(0, 2000, 20):
+        estimator.attitude(attitude(ms), ms * MS)
+        estimator.position(position(ms // 2, 0.001 * ms), ms * MS)
+    assert estimator.age_ns(2000 * MS) == (20 + 990) * MS
+
+
 def test_pose_of_a_scans_own_time() -> None:
     estimator = Estimator()
     assert estimator.pose_at(0) is None

@@ -79,6 +79,25 @@ def test_a_position_that_comes_again_with_its_stamp_is_as_old_as_it_was() -> Non
     assert "telemetry lost" in (joined.autopilot.supervisor.fault or "")
 
 
+def test_positions_that_queue_up_on_their_way_are_not_flown_by_for_long() -> None:
+    """By a quarter of a second more with each second."""
+    joined, queue = Joined(mission_of("courier"), overrides=QUICK), list[tuple[int, bytes]]()
+    joined.fly(until=lambda joined: joined.vehicle.motion.position_ned[0] > 1.0)
+    begin_ns = joined.vehicle.time_ns
+
+    def late(time_ns: int, data: bytes) -> bytes:
+        frames = list(Framer().datagram(data))
+        queue.extend((time_ns, frame.raw) for frame in frames if frame.message_id == POSITION)
+        heard = b"".join(frame.raw for frame in frames if frame.message_id != POSITION)
+        while queue and time_ns - queue[0][0] >= 0.25 * (time_ns - begin_ns):
+            heard += queue.pop(0)[1]
+        return heard
+
+    joined.meddle = late
+    joined.fly(limit_s=10.0, until=lambda joined: joined.autopilot.supervisor.fault is not None)
+    assert "telemetry lost" in (joined.autopilot.supervisor.fault or "") and joined.vehicle.flight.crash is None
+
+
 def test_a_reset_of_the_estimator_is_followed_to_the_end() -> None:
     turn, shift = from_euler(0.0, 0.0, 1.2), np.array([40.0, -7.0, 3.0])
 
