@@ -230,8 +230,7 @@ class VehicleLink:
         assert self.firmware is not None and self.readiness.audit is not None
         spooling = bool(self.said.on_ground) and self.firmware.spools_on_ground
         motors = Motors(spooling, self.readiness.audit.vehicle.angle_boost, self.firmware.own_loops)
-        if motors != self.motors:  # whoever uses them asks whether they are others than before
-            self.motors = motors
+        self.motors = self.motors if motors == self.motors else motors  # users ask whether they are others than before
 
     def _on_home(self, message: Any, now_ns: int) -> None:
         self.said.home_ned = wire.home_position(message)

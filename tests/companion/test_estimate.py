@@ -56,7 +56,7 @@ def test_an_older_report_is_never_applied() -> None:
 
 
 def test_what_comes_once_more_is_as_old_as_it_was() -> None:
-    """Of the same moment, something else is news."""
+    """Something else of the same moment is news."""
     estimator = Estimator()
     assert estimator.position(position(1000, 1.0), 0) and estimator.attitude(attitude(1000), 0)
     for ms in range(10, 200, 10):
