@@ -47,6 +47,8 @@ _EULER_UNTIL_NS = 64_000_000
 _SCAN_EVERY_NS = 60_000_000
 _SCANS, _SCANS_WITH_A_THING = 16, 14
 """Number of scans, and how many of them show something. It turns with the vehicle, long enough to be seen to move."""
+_SCANS_WITH_A_MOVER = 4
+"""How many of them show something that comes, where no map is rehearsed."""
 _REHEARSED_LAPS = 0.1
 _REHEARSED_RAMP_S = 0.2
 _REHEARSED_REACH_M = 3.0
@@ -64,8 +66,8 @@ class RehearsalError(Exception):
 
 
 class OpenField:
-    """A planner that answers at once, without map or search: the way is free, and something comes along it. For where
-    these are in a process of their own, which rehearses them."""
+    """A planner that answers at once, without map or search: the way is free, and something comes along it, not all the
+    time, or the reference would never come to rest. For where these have a process of their own, which rehearses them."""
 
     ready = True
     fault: str | None = None
@@ -85,8 +87,9 @@ class OpenField:
         north, east, _ = request.here.tolist()
         corner = math.floor(north / cell) - cells // 2, math.floor(east / cell) - cells // 2
         free = np.full((cells, cells), _FREE_M, np.float32)
-        points, movers = np.zeros((1, POINT_COLUMNS)), np.zeros((1, MOVER_COLUMNS))
-        points[0] = movers[0, :POINT_COLUMNS] = north + _FREE_M, east, -1.0, 0.0, 0.5
+        comes = request.number % _SCANS < _SCANS_WITH_A_MOVER
+        points, movers = np.zeros((1, POINT_COLUMNS)), np.zeros((int(comes), MOVER_COLUMNS))
+        points[0] = movers[:, :POINT_COLUMNS] = north + _FREE_M, east, -1.0, 0.0, 0.5
         space = FreeSpace(request.asked_ns, free, free.copy(), corner, cell, points, tight, movers)
         path = NO_PATH
         if request.goal is not None:

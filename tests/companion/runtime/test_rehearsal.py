@@ -3,12 +3,15 @@
 import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from companion.config_avoidance import Avoidance
 from companion.runtime.files import load_body, load_mission, load_settings
-from companion.runtime.rehearsal import RehearsalError, rehearse
+from companion.runtime.planning import InProcessPlanner, PlannerBackend
+from companion.runtime.rehearsal import OpenField, RehearsalError, rehearse
 from companion.state import Output
 from studies.joined import Joined, mission_of
 from tests.companion.reference_flight import SMALL_MAP
@@ -147,10 +150,14 @@ def test_nothing_is_compiled_at_the_first_tight_way() -> None:
         ("errand", None),
     ],
 )
-def test_every_mission_gets_through_its_rehearsal(mission: str, output: Output | None) -> None:
-    """Also where it is to fly another system than the first alone."""
+@pytest.mark.parametrize("planner", [InProcessPlanner, OpenField])
+def test_every_mission_gets_through_its_rehearsal(
+    mission: str, output: Output | None, planner: Callable[[Avoidance], PlannerBackend]
+) -> None:
+    """Also where it is to fly another system than the first alone, and where the planner has a process of its own, as
+    in real time."""
     settings = load_settings(None, ["identity.vehicle=6", *SMALL_MAP])
-    rehearse(settings, load_body("paper_quad"), load_mission(mission)[0], output)
+    rehearse(settings, load_body("paper_quad"), load_mission(mission)[0], output, planner)
 
 
 def test_a_rehearsal_that_does_not_end_is_an_error() -> None:
