@@ -50,12 +50,8 @@ class Estimator:
     def attitude(self, report: AttitudeReport, time_ns: int) -> bool:
         """Take it in; False (and nothing changes) if it is older than what is known, or the same once more: that is as
         old as it was."""
-        known = self._attitude
-        if known is not None:
-            later = later_ms(report.boot_time_ms, known.boot_time_ms)
-            same = later == 0 and np.array_equal(report.attitude_ned_frd, known.attitude_ned_frd)
-            if later < 0 or (same and np.array_equal(report.rates_frd, known.rates_frd)):
-                return False
+        if not _is_news(report, self._attitude):
+            return False
         self._attitude = report
         self.boot_time_ms = report.boot_time_ms
         self._attitude_ns = time_ns
@@ -63,15 +59,11 @@ class Estimator:
 
     def position(self, report: PositionReport, time_ns: int) -> bool:
         """The same for a position; one from far ahead of the attitude is no position either."""
-        known = self._position
-        if known is not None:
-            later = later_ms(report.boot_time_ms, known.boot_time_ms)
-            same = later == 0 and np.array_equal(report.position_ned, known.position_ned)
-            if later < 0 or (same and np.array_equal(report.velocity_ned, known.velocity_ned)):
-                return False
+        if not _is_news(report, self._position):
+            return False
         if self._attitude is not None and later_ms(report.boot_time_ms, self._attitude.boot_time_ms) > _AHEAD_MS:
             return False
-        gap_ns = 0 if known is None else min(time_ns - self._position_ns, _LATEST_NS)
+        gap_ns = 0 if self._position is None else min(time_ns - self._position_ns, _LATEST_NS)
         self._interval_ns += _SHARE * (gap_ns - self._interval_ns)
         self._position, self._velocity = report, self._velocity_match.velocity(report)
         self._position_ns = time_ns
@@ -160,3 +152,13 @@ class Estimator:
                 break
             best = pose
         return best[1:]
+
+
+def _is_news(report: AttitudeReport | PositionReport, known: AttitudeReport | PositionReport | None) -> bool:
+    """Whether a report is newer than the one that is known, or something else of the same moment."""
+    if known is None:
+        return True
+    later = later_ms(report.boot_time_ms, known.boot_time_ms)
+    if later:
+        return later > 0
+    return not all(map(np.array_equal, msgspec.structs.astuple(report), msgspec.structs.astuple(known)))
