@@ -225,7 +225,7 @@ class Guidance:
         generator.move_to(now_ns, target, speed, settings.climb_speed if climbs else settings.descent_speed)
 
     def _arrives(self, step: Step, state: VehicleState) -> bool:
-        """So near to a goal that is stopped at that no way over the map is needed, though something be beside it."""
+        """So near to a goal that is stopped at that no way over the map is needed; nearer with something in the way."""
         if step.passes:
             return False
         assert step.target_ned is not None

@@ -241,10 +241,9 @@ def _filter(
     if share == 1.0:
         return n, e, reason
     swerve, share = best_stop(clearances, (north, east), (vn, ve), keep_out, braking)
-    reason = 2 if share == 1.0 else 3
-    if reason == 3:
+    if share < 1.0:
         braking = Braking(p.emergency_braking, p.lag)
         swerve, _ = best_stop(clearances, (north, east), (vn, ve), keep_out, braking)
     n, e = straight_stop(vn, ve, braking.deceleration)
     c, s = math.cos(swerve), math.sin(swerve)
-    return c * n + s * e, c * e - s * n, reason
+    return c * n + s * e, c * e - s * n, 2 if share == 1.0 else 3

@@ -314,6 +314,25 @@ def test_the_reference_gives_in_where_the_guard_changes_much(
     assert after.velocity_ned[2] == pytest.approx(before.velocity_ned[2]), "the altitude stays the reference's"
 
 
+@pytest.mark.parametrize("over_map", [True, False])
+def test_the_reference_takes_over_no_more_than_it_may_of_an_emergency(
+    flown: Callable[[], ReferenceFlight], over_map: bool
+) -> None:
+    """The barriers of what is too near ask for 30 m/s2; a reference that took them over would go on backwards."""
+    flight = flown()
+    if not over_map:
+        flight.guidance.steer(leg_to((60.0, 0.0, -3.0)), flight.state, flight.now)
+    most = flight.settings.avoidance.course.max_yield
+    taken = []
+    for _ in range(50):
+        if over_map:
+            flight.guidance.steer(FAR, flight.state, flight.now)
+        flight.guidance.yield_to(verdict(27.0, (-30.0, 0.0, 0.0)), flight.state, flight.now)
+        taken.append(math.hypot(*flight.reference.acceleration_ned[:2]))
+        flight.move()
+    assert 0.3 * most < max(taken) <= most + 1e-6
+
+
 @pytest.mark.parametrize("late_ns", [2_000_000, 50_000_000])
 def test_the_altitude_runs_no_faster_while_the_reference_gives_in(late_ns: int) -> None:
     """On a descent with something moving around it, however late a command takes effect."""
