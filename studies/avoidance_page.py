@@ -21,7 +21,7 @@ beside it. Pictures of single flights are flown again each time.
 The long forest, shafts, passages, alleys, halls and offices are told of as the present version flew them, but for
 orders and goals less than 2 m behind an obstacle, with times a stage of a machine that had other work beside. Movers
 are told of as the version before flew them, which learned a wind from its own reference and braked less than it was
-asked to. Of them the present one was flown through 295: none is met ahead on (50), across (50), soon after the start
+asked to. Of them the present one was flown through 345: none is met ahead on (50), across (50), soon after the start
 (30), from behind (20), by who waits (20) and behind pillars (15), one of 60 times three at once, and in the street
 with walkers two of 100, where the one before met two in 100 as well: the fifty of the table are those without.
 Forests, traps, narrow places and fields are told of as an earlier one flew them. The present one, flown with the
