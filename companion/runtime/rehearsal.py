@@ -66,8 +66,9 @@ class RehearsalError(Exception):
 
 
 class OpenField:
-    """A planner that answers at once, without map or search: the way is free, and something comes along it, not all the
-    time, or the reference would never come to rest. For where these have a process of their own, which rehearses them."""
+    """A planner that answers at once, without map or search: the way is free, and something comes along it, but not all
+    the time, or the reference would never come to rest. For where both have a process of their own, which rehearses
+    them."""
 
     ready = True
     fault: str | None = None
