@@ -133,37 +133,46 @@ def _transform(marked: BoolArray, reach: int, lengths: Floats, result: Floats) -
 def _refine(distances: Floats, returns: Array, corner_row: int, corner_column: int, cell: float, near: float) -> None:
     """Replace the distances below `near` (m), which no cell's centre has, by those to the returns (k, 2).
 
-    `squares` is set and read in each row only from the first to the last cell that a return is near to.
+    A row at a time, whose squares stay in the processor's nearest memory: the returns are put in the order of their
+    rows first.
     """
     rows, columns = distances.shape
-    reach = math.ceil(near / cell) + 1
+    count, reach = returns.shape[0], math.ceil(near / cell)
+    begins = np.zeros(rows + 2 * reach + 2, np.int64)  # of the returns in each row, and in `reach` rows on either side
+    places = np.empty(count, np.int64)
+    for k in range(count):
+        row = math.floor(returns[k, 0] / cell) - corner_row
+        places[k] = min(max(row + reach, 0), rows + 2 * reach)
+        begins[places[k] + 1] += 1
+    for i in range(begins.size - 1):
+        begins[i + 1] += begins[i]
+    norths, asides, firsts = np.empty(count), np.empty(count, np.float32), np.empty(count, np.int64)
+    filled = begins.copy()
+    for k in range(count):
+        east = returns[k, 1] / cell
+        at = filled[places[k]]
+        filled[places[k]] += 1
+        norths[at] = returns[k, 0] / cell - corner_row - 0.5
+        firsts[at] = max(math.floor(east) - corner_column - reach - 1, 0)
+        asides[at] = np.float32(firsts[at] - (east - corner_column - 0.5))
+    size, far = np.float32(cell), np.float32(math.inf)
     farthest = np.float32((near / cell + 1e-4) ** 2)
-    squares = np.empty((rows, columns), np.float32)
-    first, last = np.full(rows, columns), np.zeros(rows, np.int64)
-    for k in range(returns.shape[0]):  # the span of each row that is near to a return
-        row, column = math.floor(returns[k, 0] / cell) - corner_row, math.floor(returns[k, 1] / cell) - corner_column
-        for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
-            first[i] = min(first[i], max(column - reach, 0))
-            last[i] = max(last[i], min(column + reach + 1, columns))
+    squares = np.full(columns, far)
     for i in range(rows):
-        squares[i, first[i] : last[i]] = np.float32(math.inf)
-    for k in range(returns.shape[0]):
-        north, east = returns[k, 0] / cell - corner_row - 0.5, returns[k, 1] / cell - corner_column - 0.5
-        row, column = math.floor(returns[k, 0] / cell) - corner_row, math.floor(returns[k, 1] / cell) - corner_column
-        left, right = max(column - reach, 0), min(column + reach + 1, columns)
-        aside = np.float32(left - east)
-        for i in range(max(row - reach, 0), min(row + reach + 1, rows)):
-            along = np.float32((i - north) * (i - north))
-            beside = squares[i, left:right]
-            for j in range(right - left):
-                away = aside + np.float32(j)
+        first, last = columns, 0
+        for k in range(begins[i], begins[i + 2 * reach + 1]):
+            along = np.float32((i - norths[k]) * (i - norths[k]))
+            begin, end = firsts[k], min(firsts[k] + 2 * reach + 2, columns)
+            first, last = min(first, begin), max(last, end)
+            beside = squares[begin:end]
+            for j in range(end - begin):
+                away = asides[k] + np.float32(j)
                 beside[j] = min(beside[j], along + away * away)
-    size = np.float32(cell)
-    for i in range(rows):
-        near_row, row_squares = distances[i, first[i] : last[i]], squares[i, first[i] : last[i]]
-        for j in range(last[i] - first[i]):
-            if row_squares[j] <= farthest:
-                near_row[j] = min(near_row[j], size * np.sqrt(row_squares[j]))
+        row_squares, row_distances = squares[first:last], distances[i, first:last]
+        for j in range(last - first):
+            square = row_squares[j]
+            row_distances[j] = min(row_distances[j], size * np.sqrt(square) if square <= farthest else far)
+        row_squares[:] = far
 
 
 @compiled
