@@ -9,6 +9,7 @@ their sender. So no station speaks to the vehicle in the companion's name, and n
 which a listener could send one after the other.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from protocol.framing import Frame, Framer
@@ -19,6 +20,10 @@ from protocol.transport import Transport, TransportError
 
 _MOST_READS = 4
 """Datagrams of a station that are taken at a tick; the others wait in its socket, or are lost there."""
+_LONGEST_WAIT_NS = 1_000_000_000
+_MOST_HELD = 1 << 16
+"""What a station sends beyond its share waits so long, and is so many bytes; then all that waits is dropped. A command
+that comes late is worse than none: its sender has asked again, or changed its mind."""
 _BURST_S = 0.5
 """So much of a second's bytes may come at once."""
 _MOST_WAITING = 1 << 16
@@ -40,10 +45,16 @@ class Station:
         self.sent_on = 0
         """Frames to the vehicle."""
         self._transport: Transport | None = transport
+        self._whole = transport.preserves_datagrams
         self._open_again = open_again
         self._framer = Framer()
         self._allowance = 0.0
-        """Bytes that may be taken now."""
+        """Bytes that may be sent on now."""
+        self._bytes_per_s = 0.0
+        self._held: deque[tuple[int, bytes]] = deque()
+        """When what waits for that was taken (ns), and its bytes."""
+        self._held_bytes = 0
+        self._drops = False
         self._waiting: list[bytes] = []
         self._reopen_ns = 0
         self.trouble: str | None = None
@@ -56,6 +67,7 @@ class Station:
 
     def grant(self, seconds: float, bytes_per_s: float) -> None:
         """Time has passed."""
+        self._bytes_per_s = bytes_per_s
         self._allowance = min(self._allowance + seconds * bytes_per_s, _BURST_S * bytes_per_s)
 
     def drain(self) -> None:
@@ -66,23 +78,50 @@ class Station:
     def frames(self, now_ns: int) -> list[Frame]:
         """What it has sent, as much as it is allowed to."""
         found: list[Frame] = []
+        end: TransportError | None = None
         if self._transport is None:
             self._reopen(now_ns)
         try:
-            for _ in range(_MOST_READS):
-                if self._transport is None or self._allowance <= 0.0:
-                    break
-                data = self._transport.receive(0.0)
-                if data is None:
-                    break
-                self._allowance -= len(data)
-                if isinstance(self._transport, GuardedLink):
-                    data = self._transport.heard  # with its senders' signatures, for the vehicle to verify
-                whole = self._transport.preserves_datagrams
-                found += self._framer.datagram(data) if whole else self._framer.feed(data)
+            self._take(now_ns)
         except TransportError as error:
-            self._gone(error)
+            end = error
+        self._drop(now_ns)
+        while self._held and self._allowance > 0.0:
+            _, data = self._held.popleft()
+            self._held_bytes -= len(data)
+            self._allowance -= len(data)
+            found += self._framer.datagram(data) if self._whole else self._framer.feed(data)
+        if end is not None:
+            self._gone(end)
         return found
+
+    def _take(self, now_ns: int) -> None:
+        """Whether it may be sent on or not: what is left in the socket grows old unseen. Raises TransportError."""
+        for _ in range(_MOST_READS):
+            data = None if self._transport is None else self._transport.receive(0.0)
+            if data is None:
+                return
+            if isinstance(self._transport, GuardedLink):
+                data = self._transport.heard  # with its senders' signatures, for the vehicle to verify
+            self._held.append((now_ns, data))
+            self._held_bytes += len(data)
+
+    def _drop(self, now_ns: int) -> None:
+        """What has come too late, with all behind it."""
+        if not self._held or (now_ns - self._held[0][0] <= _LONGEST_WAIT_NS and self._held_bytes <= _MOST_HELD):
+            return
+        self._forget()
+        if not self._drops:
+            self._drops = True
+            self.trouble = (
+                f"ground station {self.url} sends more than the {self._bytes_per_s:.0f} bytes a second that go to the "
+                "vehicle: what would come late is dropped"
+            )
+
+    def _forget(self) -> None:
+        self._held.clear()
+        self._held_bytes = 0
+        self._framer = Framer()  # of a stream, what has begun has no end any more
 
     def queue(self, raw: bytes) -> None:
         """A frame for it."""
@@ -110,7 +149,7 @@ class Station:
         self.trouble = f"ground station {self.url} is gone: {error}"
         self.close()
         self.seen.clear()
-        self._framer = Framer()
+        self._forget()
 
     def _reopen(self, now_ns: int) -> None:
         if self._open_again is None or now_ns < self._reopen_ns:

@@ -201,6 +201,38 @@ def test_a_flood_takes_no_more_than_its_share() -> None:
     assert forwarded < 20_000 * 2.5 + 2000, "two seconds' share and the burst"
 
 
+def test_a_command_is_not_late_behind_more_than_a_slow_link_carries() -> None:
+    """RTK corrections with 1.9 kB/s over a link on which the station has 1.2: a command comes within a second of being
+    sent, or not at all. The station is told so once."""
+    net = Net(1, bytes_per_s=1152.0)
+    corrections = GCS.encode_fields(dialect.MAVLink_gps_rtcm_data_message, 0, 180, bytes(range(1, 181)))
+    asked, came = dict[bytes, int](), dict[bytes, int]()
+    for tick in range(60 * 250):
+        if tick % 25 == 0:
+            net.ends[0].send(corrections)
+        if tick % 250 == 0:
+            wanted = command(GCS, 1, 1, tick)
+            net.ends[0].send(wanted)
+            asked[wanted] = tick
+        came |= {frame: tick for frame in net.pump() if frame in asked}
+    assert len(came) > 0.4 * len(asked)
+    assert max(came[each] - asked[each] for each in came) <= 251
+    (told,) = net.router.troubles()
+    assert "more than the 1152 bytes a second" in told
+
+
+def test_what_came_before_a_caller_left_is_sent_on() -> None:
+    near, far = Memory.pair()
+    near.__class__ = Leaving
+    router = Router([Station("s0", near)])
+    router.heard(heartbeat(VEHICLE))
+    router.pump(TICK)
+    wanted = command(GCS, 1, 1)
+    far.send(wanted)
+    assert [data for _, data in router.pump(2 * TICK)] == [wanted]
+    assert router.troubles() == ["ground station s0 is gone: closed"]
+
+
 def test_a_flood_of_senders_and_of_telemetry_is_bounded() -> None:
     net = Net(1)
     for system in range(2, 250):
@@ -211,6 +243,19 @@ def test_a_flood_of_senders_and_of_telemetry_is_bounded() -> None:
         net.router.heard(heartbeat(VEHICLE))
     net.pump()
     assert net.router.left_out > 0 and len(received(net.ends[0])) < 4000
+
+
+class Leaving(Memory):
+    """Its caller leaves after what it has sent; a tick without anything is none."""
+
+    heard = False
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        data = super().receive(timeout_s)
+        if data is None and self.heard:
+            raise TransportError("closed")
+        self.heard = self.heard or data is not None
+        return data
 
 
 class Broken(Memory):
