@@ -20,13 +20,16 @@ class Orders:
         self._rest = b""
 
     def take(self, now_ns: int) -> list[OrderRequest | LandRequest]:
-        """What has come since the last call. The end of the pipe, when whoever gave the orders has gone, lands."""
+        """What has come since the last call. The end of the pipe, when whoever gave the orders has gone, lands; so does
+        one that can't be read, as a socket whose other end was killed."""
         if self._descriptor is None:
             return []
         try:
             data = os.read(self._descriptor, _MOST_BYTES)
         except BlockingIOError:
             return []
+        except OSError:
+            data = b""
         if not data:
             self._descriptor = None
             return [LandRequest(now_ns)]
