@@ -19,6 +19,7 @@ from companion.cli.shell import (
     exit_as_unusable,
     exit_on_interrupt,
     exit_on_user_error,
+    leave_gone_readers,
     note,
     say,
 )
@@ -236,6 +237,7 @@ def demo(asked: DemoOptions) -> None:
             key=asked.signing_key,
             stations=asked.gcs or (),
         )
+    leave_gone_readers()
     print_end(result, as_json=asked.as_json, verbose=asked.verbose)
     with _abandoned():
         print_next(result.log, report=asked.report)
@@ -279,6 +281,7 @@ def _fly(asked: FlyOptions, folder: Path) -> None:
     with _abandoned("; a vehicle in the air holds and lands by itself"):
         opened = _say_log if asked.orders else None
         result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside, opened=opened)
+    leave_gone_readers()
     if result.landed is not None or asked.as_json:
         print_end(result, as_json=asked.as_json, verbose=asked.verbose)
         with _abandoned():

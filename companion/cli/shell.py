@@ -2,6 +2,7 @@
 
 import errno
 import os
+import select
 import stat
 import sys
 from collections.abc import Callable, Iterator
@@ -94,6 +95,18 @@ def run(app: typer.Typer) -> None:
         note(f"standard output: {error.strerror}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left in the buffer has nowhere to go
         sys.exit(UNUSABLE)
+
+
+def leave_gone_readers() -> None:
+    """Write to nowhere what a terminal that has hung up, or a pipe that nobody reads any more, would be told: what
+    follows a flight, as its report, is done all the same."""
+    for number in (1, 2):
+        poll = select.poll()
+        poll.register(number, 0)
+        if poll.poll(0):
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, number)
+            os.close(null)
 
 
 def log_or_newest(log: Path | None) -> Path:

@@ -366,7 +366,8 @@ def lockstep_time(datagram: bytes) -> int | None:
 
 @contextlib.contextmanager
 def _landing_on_signal(request: Callable[[], None]) -> Iterator[None]:
-    """The first Ctrl-C or SIGTERM asks for a landing, the second ends the program. The main thread alone gets them."""
+    """The first Ctrl-C or SIGTERM asks for a landing, the second ends the program. A terminal that hangs up asks for a
+    landing however often it says so, unless that is ignored (nohup). The main thread alone gets signals."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -376,7 +377,10 @@ def _landing_on_signal(request: Callable[[], None]) -> Iterator[None]:
             signal.signal(each, signal.default_int_handler)
         request()
 
-    before = {each: signal.signal(each, first) for each in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {signal.SIGINT: first, signal.SIGTERM: first}
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        handlers[signal.SIGHUP] = lambda number, frame: request()
+    before = {each: signal.signal(each, handler) for each, handler in handlers.items()}
     try:
         yield
     finally:

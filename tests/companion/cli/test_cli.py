@@ -1,9 +1,11 @@
 """What the command line says: at an interrupt, of a log's result, and of a file that can't be used."""
 
 import json
+import os
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +84,20 @@ def test_a_key_is_made_and_a_bad_one_refused(tmp_path: Path) -> None:
     for command in (["fly", "hover"], ["check"]):
         done = CliRunner().invoke(app, [*command, "--connect", "udpin:127.0.0.1:0", "--signing-key", str(file)])
         assert done.exit_code == 2 and "0644" in done.output
+
+
+@pytest.mark.parametrize("kind", [os.openpty, os.pipe])
+def test_whoever_has_gone_does_not_end_what_follows(kind: Callable[[], tuple[int, int]]) -> None:
+    """A terminal that hangs up, and a pipe that nobody reads: what is said meets no error, and so the work goes on."""
+    far, near = kind()
+    os.close(far)
+    code = (
+        "import typer; from companion.cli.shell import leave_gone_readers, say\n"
+        "leave_gone_readers(); typer.echo('the end'); say('the log')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], stdout=near, stderr=near, timeout=60)
+    os.close(near)
+    assert done.returncode == 0
 
 
 def test_orders_need_an_input_that_is_open(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from companion.autopilot import Autopilot
 from companion.events import operation_of
 from companion.logs.replay import replay
+from companion.outcomes import Outcome
 from companion.records import OPERATION, RECORD_TYPES
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, Planning
@@ -147,6 +148,30 @@ def test_without_a_recorder_the_flight_is_told_all_the_same(tmp_path: Path, capf
     said = capfd.readouterr().err.splitlines()
     for text in ("armed, taking off", "the flight log fails: ", "landed and disarmed"):
         assert len([line for line in said if text in line]) == 1, (text, said)
+
+
+class HangUp(Queue):
+    """A transport during whose flight the terminal hangs up, and says so twice, as the kernel and a shell do."""
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        if self.vehicle.time_ns in (4_000_000_000, 4_500_000_000):
+            signal.raise_signal(signal.SIGHUP)
+        return super().receive(timeout_s)
+
+
+@pytest.mark.parametrize("ignored", [False, True])
+def test_a_terminal_that_hangs_up_lands_and_one_that_is_not_listened_to_does_not(ignored: bool, tmp_path: Path) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else lambda number, frame: None)
+    try:
+        with opened(tmp_path / "log") as log:
+            runner = runner_of(HangUp(), log)
+            runner.run()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert runner.failure is None
+    supervisor = runner._autopilot.supervisor
+    called_off = supervisor.verdict is not None and supervisor.verdict.outcome is Outcome.CALLED_OFF
+    assert called_off is not ignored and supervisor.flew
 
 
 def test_a_time_that_can_not_be_is_none(tmp_path: Path) -> None:
