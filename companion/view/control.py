@@ -55,6 +55,7 @@ _RETRY_NS = 500_000_000
 _TRIES = 6
 _FARTHEST_M = 1000.0
 """A click farther than this (m) from the vehicle, near the horizon, is not taken for a place."""
+_FARTHEST_TOLD_M = 1e5
 _LOWEST_M, _HIGHEST_M = 0.5, 120.0
 _RESULTS = {
     dialect.MAV_RESULT_ACCEPTED: "accepted",
@@ -92,7 +93,7 @@ class _Vehicle:
     firmware: Firmware
     home: _Place | None = None
     here: _Place | None = None
-    position_ned: Array = field(default_factory=lambda: np.zeros(3))
+    position_ned: Array | None = None
     counted_from_ns: int | None = None
     heard: dict[str, int] = field(default_factory=lambda: dict.fromkeys(_STREAMS, 0))
     """How many of _STREAMS have come since then."""
@@ -136,11 +137,11 @@ class Control:
         if name == "COMMAND_ACK":
             self._answered(sender, table)
         elif name == "HOME_POSITION":
-            vehicle.home = _ned(table[-1]), _on_earth(table[-1], "latitude", "longitude", "altitude")
+            vehicle.home = _place(_ned(table[-1]), table[-1], "latitude", "longitude", "altitude") or vehicle.home
         elif name == "LOCAL_POSITION_NED":
             vehicle.position_ned = _ned(table[-1])
         elif name == "GLOBAL_POSITION_INT":
-            vehicle.here = vehicle.position_ned, _on_earth(table[-1], "lat", "lon", "alt")
+            vehicle.here = _place(vehicle.position_ned, table[-1], "lat", "lon", "alt") or vehicle.here
 
     def choose(self, sender: str) -> None:
         """Send what is asked from now on to this vehicle ("system/component"), once it is heard."""
@@ -381,13 +382,18 @@ def _ids(sender: str) -> tuple[int, int]:
     return int(system), int(component)
 
 
-def _ned(row: Any) -> Array:
-    return np.array([row["x"], row["y"], row["z"]], np.float64)
+def _ned(row: Any) -> Array | None:
+    """None for what is not a number or too far away to be true."""
+    place = np.array([row["x"], row["y"], row["z"]], np.float64)
+    return place if (abs(place) <= _FARTHEST_TOLD_M).all() else None
 
 
-def _on_earth(row: Any, latitude: str, longitude: str, altitude: str) -> tuple[float, float, float]:
-    """Fields in 1e-7 degrees and mm, as rad and m."""
-    return math.radians(row[latitude] * 1e-7), math.radians(row[longitude] * 1e-7), float(row[altitude]) * 1e-3
+def _place(place_ned: Array | None, row: Any, latitude: str, longitude: str, altitude: str) -> _Place | None:
+    """A place with its fields in 1e-7 degrees and mm; None where either is not known."""
+    degrees = row[latitude] * 1e-7, row[longitude] * 1e-7
+    if place_ned is None or abs(degrees[0]) > 90.0 or abs(degrees[1]) > 180.0:
+        return None
+    return place_ned, (math.radians(degrees[0]), math.radians(degrees[1]), float(row[altitude]) * 1e-3)
 
 
 def _for_us(table: Any) -> Any:

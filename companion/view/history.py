@@ -47,6 +47,10 @@ _GAP_S = 0.5
 _UNKNOWN_CM = 65535
 _ALL_BATTERIES = -1
 _CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
+_NOT_UNIT = 0.02
+"""A quaternion whose square is farther from 1 is none."""
+_FARTHEST = 1e5
+"""A position (m) or a velocity (m/s) beyond is none, nor is one that is not a number: no companion flies by it."""
 _SECONDS = np.array([1.0, 1.0, 1.0, 1.0, 1e-3])
 """Factors of a quaternion's and a time's (ms) columns."""
 
@@ -196,13 +200,19 @@ class History:
     def _message(self, sender: str, name: str, times: Floats, table: Table) -> None:
         vehicle = self._vehicles.setdefault(sender, _Vehicle())
         if name == "LOCAL_POSITION_NED":
-            vehicle.positions.add(times, stacked(table, "x", "y", "z", "vx", "vy", "vz"))
+            motion = stacked(table, "x", "y", "z", "vx", "vy", "vz")
+            told = (abs(motion) <= _FARTHEST).all(axis=1)
+            vehicle.positions.add(times[told], motion[told])
         elif name == "ATTITUDE_QUATERNION":
             vehicle.has_quaternion = True
-            vehicle.attitudes.add(times, stacked(table, "q1", "q2", "q3", "q4", "time_boot_ms") * _SECONDS)
+            turns = stacked(table, "q1", "q2", "q3", "q4", "time_boot_ms") * _SECONDS
+            told = abs((turns[:, :4] ** 2).sum(axis=1) - 1.0) < _NOT_UNIT
+            vehicle.attitudes.add(times[told], turns[told])
         elif name == "ATTITUDE" and not vehicle.has_quaternion:
-            turns = quaternions(stacked(table, "roll", "pitch", "yaw"))
-            vehicle.attitudes.add(times, np.column_stack((turns, 1e-3 * table["time_boot_ms"])))
+            angles = stacked(table, "roll", "pitch", "yaw")
+            told = np.isfinite(angles).all(axis=1)
+            turns = np.column_stack((quaternions(angles[told]), 1e-3 * table["time_boot_ms"][told]))
+            vehicle.attitudes.add(times[told], turns)
         elif name == "OBSTACLE_DISTANCE":
             self._scan(vehicle, times, table)
         elif name == "HEARTBEAT":
@@ -218,6 +228,10 @@ class History:
             self._say([Text(at, level_of(row["severity"]), sender, row["text"]) for at, row in rows])
 
     def _scan(self, vehicle: _Vehicle, times: Floats, table: Table) -> None:
+        told = np.isfinite(table["increment_f"]) & np.isfinite(table["angle_offset"])
+        times, table = times[told], table[told]
+        if not len(table):
+            return
         last = table[-1]
         step = float(last["increment_f"]) or float(last["increment"])
         vehicle.bearings = np.radians(float(last["angle_offset"]) + step * np.arange(_SECTORS))

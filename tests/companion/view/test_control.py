@@ -6,7 +6,8 @@ import pytest
 from companion.view.control import Control, go_to_words, on_ground
 from companion.view.history import History
 from companion.view.sources import Link
-from protocol.messages import Encoder, dialect
+from protocol.framing import Framer
+from protocol.messages import Encoder, decode, dialect
 from protocol.toml_files import find
 from protocol.transport import Memory
 from vehicle_sim.airframe import Airframe
@@ -251,3 +252,27 @@ def test_position_and_attitude_are_asked_for_where_they_come_seldom(period_us: i
     rows = flight.history._vehicle
     for track in (rows.positions, rows.attitudes):
         assert len(track.rows()) and np.sum(track.rows()[:, 0] > before) == pytest.approx(wanted, rel=0.15)
+
+
+def test_a_place_on_earth_is_known_once_both_of_its_kinds_are() -> None:
+    """The page was opened in flight, and hears the vehicle's latitude before its place in its own frame."""
+    vehicle, told = Encoder(1, 1), list[bytes]()
+    ours, theirs = Memory.pair()
+    link, control = Link("memory", ours, b""), Control(told.append, lambda: 0)
+
+    def hear(*parts: bytes) -> None:
+        theirs.send(b"".join(parts))
+        for batch in link.poll():
+            control.take(batch)
+
+    on_earth = dialect.MAVLink_global_position_int_message, 0, 473977418, 85455939, 0, 0, 0, 0, 0, 0
+    local = dialect.MAVLink_local_position_ned_message, 0, 300.0, 0.0, -10.0, 0, 0, 0
+    hear(vehicle.encode_fields(dialect.MAVLink_heartbeat_message, 2, 12, 81, 0, 4, 3), vehicle.encode_fields(*on_earth))
+    control.send_to(np.array([300.0, 0.0, -10.0]))
+    assert control.answer == "go to: the vehicle has not said where on earth it is"
+    hear(vehicle.encode_fields(*local))
+    hear(vehicle.encode_fields(*on_earth))
+    control.send_to(np.array([300.0, 0.0, -10.0]))
+    control.step()
+    sent = decode(Framer().datagram(told[-1])[0])
+    assert sent is not None and (sent.x, sent.y) == (473977418, 85455939)

@@ -1,5 +1,6 @@
 """What the live page shows of senders that tell the same twice, have several batteries, or are gone."""
 
+import math
 import os
 import socket
 from pathlib import Path
@@ -46,6 +47,35 @@ def test_of_several_batteries_the_emptiest_is_shown() -> None:
         for batch in source.poll():
             history.take(batch)
     assert history.at(history.end).battery == 15.0
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -1e38])
+def test_what_is_no_number_is_not_shown(wrong: float) -> None:
+    """A position, an attitude and a ring of a broken estimator or sensor: the page goes on with all else."""
+    ours, theirs = Memory.pair()
+    vehicle, station = Encoder(1, 1), Control(theirs.send, lambda: 0)
+    live = Page(Link("memory", ours, b""), 0, control=station)
+    ring = (0, [200] * 72, 5, 20, 1500, wrong, wrong, 12)
+    try:
+        for number in range(40):
+            theirs.send(telemetry(vehicle, 0, 1.0))
+            strange = (
+                vehicle.encode_fields(dialect.MAVLink_local_position_ned_message, 10, wrong, 1.0, wrong, 0, wrong, 0),
+                vehicle.encode_fields(dialect.MAVLink_attitude_quaternion_message, 10, wrong, 0, 0, 0, 0, 0, 0),
+                vehicle.encode_fields(dialect.MAVLink_attitude_message, 10, wrong, 0, 0, 0, 0, 0),
+                vehicle.encode_fields(dialect.MAVLink_obstacle_distance_message, number, *ring),
+                vehicle.encode_fields(
+                    dialect.MAVLink_home_position_message, 2**31 - 1, 0, 0, wrong, 0, 0, [1, 0, 0, 0], 0, 0, 0
+                ),
+            )
+            theirs.send(b"".join(strange))
+            station.send_to(np.array([1.0, 0.0, -2.0]))
+            live.step(0.03)
+        place = live.position_ned()
+        assert place is not None and np.isfinite(place).all() and live._trouble is None
+        assert "has not said where on earth it is" in station.answer
+    finally:
+        live.stop()
 
 
 def test_names_of_files_may_be_any_bytes(tmp_path: Path) -> None:
