@@ -229,6 +229,10 @@ class McapFile:
             )
         )
 
+    def sync(self) -> None:
+        """Wait until what was written is on the disk. Raises OSError if it can't be brought there."""
+        os.fdatasync(self._file)
+
     def finish(self) -> None:
         """Write the summary and the end, sync the file to the disk, and close it.
 
@@ -336,5 +340,6 @@ class _LargeChunkCopy(McapFile):
         try:
             os.link(f"/proc/self/fd/{self._file}", draft, dst_dir_fd=folder)  # linkat: it follows the link in /proc
             os.replace(draft, self._path.name, src_dir_fd=folder, dst_dir_fd=folder)
+            os.fsync(folder)
         finally:
             os.close(folder)

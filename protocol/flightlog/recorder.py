@@ -40,6 +40,7 @@ from protocol.flightlog.shared_buffer import (
     decode_metadata,
 )
 from protocol.flightlog.status import Status
+from protocol.flightlog.syncing import Syncing
 
 _POLL_MS: Final = 5
 CHUNK_AGE_NS: Final = 80_000_000
@@ -70,11 +71,14 @@ class Recorder:
         self._undecoded = 0
         self._failed_ns: int | None = None
         """When a write has failed last; None while all is well."""
+        self._syncing: Syncing | None = None
         for kind in (DATAGRAM, TEXT, *(RecordType(*kind) for kind in setup.types)):
             file.add_channel(kind)
 
     def run(self) -> None:
         """Returns when the pipe has closed, the buffer is empty and the file is finished."""
+        if self._setup.syncs:
+            self._syncing = Syncing(self._file.sync)
         poller = select.poll()
         poller.register(0, 0)
         while True:
@@ -90,6 +94,8 @@ class Recorder:
             elif now_ns - self._chunk_start_ns > CHUNK_AGE_NS:
                 self._end_chunk()
             self._show_dropped(now_ns)
+            if self._syncing is not None and self._syncing.error is not None:
+                self._fail(self._syncing.error)
             if ended and head == self._words[HEAD]:
                 break
         self._finish()
@@ -183,6 +189,8 @@ class Recorder:
         closed = bool(self._words[CLOSING])
         dropped = self._words[DROPPED]
         self._end_chunk()
+        if self._syncing is not None:
+            self._syncing.stop()
         try:
             self._file.add_metadata(
                 "flightlog end",

@@ -59,6 +59,8 @@ class Setup:
     console: bool
     minimum_free_bytes: int
     preserves_datagrams: bool
+    syncs: bool
+    """Whether it is taken to the disk as it is written."""
 
     @property
     def path(self) -> Path:

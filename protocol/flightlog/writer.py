@@ -102,7 +102,8 @@ class FlightLog:
     ) -> Self:
         """Start the recorder, if there is none yet. It makes `folder`/flight.mcap with the metadata and attachments.
 
-        on_full: what to do with a record while the buffer is full: "drop" it (real time) or "wait" (lockstep).
+        on_full: what to do with a record while the buffer is full: "drop" it (real time) or "wait" (lockstep). What is
+        flown in real time is on the disk after a second or two, safe from a cut of the power.
         console: write texts to stderr, too. epoch_ns: the wall clock at time 0, or a constant for repeatable logs.
         preserves_datagrams: as the transport's; if False, frames may span several calls of `datagram`.
         Raises FlightLogError if the folder can't be written to, the file exists already, or too little space is left.
@@ -116,6 +117,7 @@ class FlightLog:
             console=console,
             minimum_free_bytes=minimum_free_bytes,
             preserves_datagrams=preserves_datagrams,
+            syncs=on_full == "drop",
         )
         return cls(setup, types, recorder or RecorderProcess(buffer_bytes), waits=on_full == "wait")
 

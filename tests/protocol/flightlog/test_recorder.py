@@ -1,11 +1,14 @@
 """The recorder against kills, signals and full disks."""
 
+import errno
 import os
 import resource
 import signal
 import subprocess
 import sys
+from collections import deque
 from pathlib import Path
+from threading import Event
 
 import pytest
 from mcap.reader import make_reader
@@ -15,8 +18,10 @@ from protocol.flightlog import (
     LogReader,
 )
 from protocol.flightlog.shared_buffer import METADATA_CHANNEL, encode_metadata
+from protocol.flightlog.syncing import Syncing
 from tests.protocol.flightlog.made_logs import (
     COUNT,
+    DEADLINE_S,
     EPOCH_NS,
     TRACE,
     Opener,
@@ -122,6 +127,45 @@ def test_signals_for_the_flight_do_not_end_the_log(start: Opener) -> None:
     count(log, range(10))
     log.close()
     assert numbers_of(log.path) == list(range(10))
+
+
+def test_what_is_flown_in_real_time_is_taken_to_the_disk(start: Opener) -> None:
+    """By a thread beside the recorder's own; in lockstep no battery is torn off."""
+    threads = [Path(f"/proc/{start(how, on_full=how).recorder_pid}/task") for how in ("drop", "wait")]
+    until(lambda: [len(list(each.iterdir())) for each in threads] == [2, 1])
+
+
+def test_each_second_of_a_log_is_taken_to_the_disk_and_a_disk_that_fails_is_told() -> None:
+    answers: deque[OSError | None] = deque((None, OSError(errno.EIO, "Input/output error"), None))
+    seen: list[OSError | None] = []
+    begun = Event()
+
+    def sync() -> None:
+        assert begun.wait(DEADLINE_S)
+        seen.append(syncing.error)
+        if (answer := answers.popleft() if answers else None) is not None:
+            raise answer
+
+    syncing = Syncing(sync, every_s=0.001)
+    begun.set()
+    until(lambda: len(seen) >= 4)
+    syncing.stop()
+    calls = len(seen)
+    assert [error and error.errno for error in seen[:4]] == [None, None, errno.EIO, None]
+    assert syncing.error is None and len(seen) == calls
+
+
+def test_a_file_system_without_such_a_call_is_left_alone() -> None:
+    calls: list[int] = []
+
+    def sync() -> None:
+        calls.append(1)
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    syncing = Syncing(sync, every_s=0.001)
+    until(lambda: not syncing._thread.is_alive())
+    assert calls == [1] and syncing.error is None
+    syncing.stop()
 
 
 def test_full_disk_in_flight_is_said_and_what_is_written_stays_readable(start: Opener) -> None:

@@ -95,7 +95,8 @@ def test_a_size_that_is_no_power_of_two_is_refused() -> None:
 
 
 def test_what_goes_to_the_recorder_is_decoded_as_it_was() -> None:
-    setup = Setup(b"/tmp/x\xe9", 5, {"m": {"k": "ü"}}, {"a": b"\x00\xff"}, [("/t", "x/X", "uint8 a\n")], True, 7, False)
+    types = [("/t", "x/X", "uint8 a\n")]
+    setup = Setup(b"/tmp/x\xe9", 5, {"m": {"k": "ü"}}, {"a": b"\x00\xff"}, types, True, 7, False, True)
     assert Setup.decode(setup.encode()) == setup
     assert decode_metadata(encode_metadata("name", {"k": "v"})) == ("name", {"k": "v"})
 
