@@ -174,9 +174,8 @@ class Runner:
         """Datagrams are handled as they come, ticks at absolute deadlines: sleep, then spin for the last part."""
         autopilot, transport = self._autopilot, self._transport
         drain(transport)  # what queued up before the start is old
+        self._beside.begin()
         overrun_ns = round(autopilot.settings.supervision.overrun * 1e9)
-        if self._beside.router is not None:
-            self._beside.router.begin()
         self._send(clock.now_ns(), self._hear_planner(clock.now_ns()))
         due = clock.now_ns() + TICK_NS
         while not autopilot.ended:

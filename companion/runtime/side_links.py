@@ -1,13 +1,14 @@
 """The links of a flight beside the vehicle's: to ground stations, to a sensor, and to a program that gives orders."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 
 from companion.link.candidates import Candidates
 from companion.runtime.orders import Orders
 from companion.runtime.router import STATION_BYTES_PER_S, Router, Station
-from protocol.guarded_link import GuardedLink, inmost, refuse_exposed
+from protocol.guarded_link import GuardedLink, drain, inmost, refuse_exposed
 from protocol.key_files import Keeper
 from protocol.transport import Tcp, Transport, TransportError, Udp, bytes_per_s, open_url
 
@@ -53,6 +54,14 @@ class SideLinks:
         stations = self.router.stations if self.router is not None else ()
         lines = [f"ground station at {station.url}" for station in stations]
         return lines if self.sensor is None else [*lines, f"sensor at {self.sensor_url}"]
+
+    def begin(self) -> None:
+        """The flight begins: what has queued up before, from stations and sensor, is old."""
+        if self.router is not None:
+            self.router.begin()
+        if self.sensor is not None:
+            with suppress(TransportError):  # which the first look at it meets, too
+                drain(self.sensor)
 
     def close(self) -> None:
         """Release all addresses."""

@@ -19,12 +19,16 @@ from companion.records import OPERATION, RECORD_TYPES
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.runtime.runner import Runner, lockstep_time
+from companion.runtime.side_links import SideLinks
 from companion.state import Output
 from companion.supervision.operations import LogFault, LogRecovered
 from companion.supervision.states import State
 from protocol import toml_files as toml_files
-from protocol.flightlog import FlightLog, LogReader
+from protocol.clock import RealClock
+from protocol.flightlog import Direction, FlightLog, LogReader
+from protocol.flightlog.reader import datagrams
 from protocol.messages import Encoder, dialect
+from protocol.transport import Memory
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
@@ -202,6 +206,22 @@ class Broken(Faulty):
         if self._now_s >= self._faults[0][0]:
             raise struct.error("argument out of range")
         self._log.record(*arguments)
+
+
+def test_rings_from_before_the_start_are_old(tmp_path: Path) -> None:
+    """The scanner's driver runs already while the companion compiles: those rings would pass for new ones."""
+    sensor, driver = Memory.pair()
+    for _ in range(100):
+        driver.send(bytes(180))
+    settings = load_settings(None, ["avoidance.method=none", "supervision.find_timeout=0.2"])
+    autopilot = Autopilot(settings, load_body(HOVER.vehicle), HOVER, Output.RATES)
+    planning = Planning(InProcessPlanner(settings.avoidance), None)
+    beside = SideLinks(sensor=sensor)
+    with opened(tmp_path / "log") as log:
+        runner = Runner(autopilot, Memory.pair()[0], log, RealClock(), planning, beside=beside)
+        runner.run()
+    assert autopilot.ended and runner.failure is None
+    assert Direction.SENSOR not in {direction for _, direction, _, _ in datagrams(tmp_path / "log" / "flight.mcap")}
 
 
 def test_whatever_the_log_does_the_loop_ends_with_a_word(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
