@@ -41,6 +41,9 @@ _NOT_CARRIED = frozenset(
 next one may arrive."""
 
 
+_GIVEN_UP_MS = 20_000
+"""A TCP connection on which what was sent is not taken for so long is gone, as that of a machine that was switched off
+or lost its network. The system's own patience is a quarter of an hour, for which no other caller would be heard."""
 LOCKSTEP_SPIN_S = 2e-3 if (os.cpu_count() or 1) > 1 else 0.0
 """How long the two ends of a lockstep poll for a datagram before they sleep; their turns take 0.1 ms."""
 _SPINS_LEFT_OUT = 100
@@ -272,6 +275,7 @@ class Tcp:
         self._peer = peer
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _GIVEN_UP_MS)
 
     @property
     def port(self) -> int:

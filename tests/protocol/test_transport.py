@@ -252,6 +252,14 @@ def test_closed_by_the_other_end(opened: Opener, who: str) -> None:
         keep_sending(staying)
 
 
+def test_who_takes_nothing_any_more_is_given_up(opened: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ground station that was switched off, or whose network is gone: else the next caller is refused meanwhile."""
+    monkeypatch.setattr("protocol.transport._GIVEN_UP_MS", 100)
+    listener, _ = tcp_pair(opened)
+    with pytest.raises(TransportError, match=r"^tcpin:127\.0\.0\.1:\d+: .*timed out"):
+        keep_sending(listener)
+
+
 def keep_sending(end: Transport) -> None:
     give_up = time.monotonic() + PATIENCE_S
     while time.monotonic() < give_up:
