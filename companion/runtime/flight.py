@@ -8,11 +8,11 @@ import platform
 import subprocess
 import time
 from collections.abc import Callable, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -39,7 +39,7 @@ from companion.supervision.states import State
 from protocol import toml_files as toml_files
 from protocol.clock import RealClock
 from protocol.compiling import compiling_shown
-from protocol.flightlog import FlightLog, RecorderProcess
+from protocol.flightlog import FlightLog, FlightLogError, RecorderProcess
 from protocol.guarded_link import GuardedLink, inmost
 from protocol.transport import Transport, bytes_per_s
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
@@ -213,7 +213,7 @@ def fly(
         autopilot = Autopilot(plan.settings, plan.body, plan.mission, plan.output, plan.adoption)
         began = time.time()
         clock = None if plan.pace == "lockstep" else RealClock(plan.pace)
-        log = FlightLog.open(
+        log = _open_log(
             new_folder(logs, plan.mission.name, began),
             metadata={"flight": {**_metadata(plan, began), "whole_datagrams": str(transport.preserves_datagrams)}},
             attachments=_attachments(plan),
@@ -241,6 +241,16 @@ def fly(
             tables = {"result": result_table(result), "vehicle": _vehicle(autopilot)}
             log.close({name: {key: str(value) for key, value in table.items()} for name, table in tables.items()})
     return replace(result, log_fault=log.fault, records_lost=log.lost)
+
+
+def _open_log(folder: Path, **options: Any) -> FlightLog:
+    """A log in a new folder, of which nothing is left if there is none."""
+    try:
+        return FlightLog.open(folder, **options)
+    except FlightLogError:
+        with suppress(OSError):
+            folder.rmdir()
+        raise
 
 
 def _result(
@@ -375,14 +385,25 @@ def _axes(values: Axes | None) -> list[float | None] | None:
 
 
 def new_folder(logs: Path, name: str, began: float) -> Path:
-    """`<start time>_<name>`, with a number behind it if two flights start in one second."""
+    """`<start time>_<name>`, made, with a number behind it if several flights start in one second. Why it can't be,
+    the log says."""
     stem = time.strftime("%Y-%m-%d_%H-%M-%S", time.localtime(began)) + f"_{name}"
-    folder = logs / stem
-    number = 2
-    while folder.exists():
-        folder = logs / f"{stem}_{number}"
+    folder, number = logs / stem, 1
+    while _is_taken(folder):
         number += 1
+        folder = logs / f"{stem}_{number}"
     return folder
+
+
+def _is_taken(folder: Path) -> bool:
+    """By another flight, perhaps at this moment; otherwise it is made now."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return os.path.lexists(folder)
+    except OSError:
+        return False
+    return False
 
 
 def _metadata(plan: Plan, began: float) -> dict[str, str]:

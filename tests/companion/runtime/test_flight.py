@@ -3,13 +3,15 @@
 import time
 from pathlib import Path
 
+import pytest
+
 from companion.logs.info import info
 from companion.outcomes import Outcome, Testimony, Verdict
 from companion.runtime.files import load_body, load_settings
-from companion.runtime.flight import Plan, Result, fly
+from companion.runtime.flight import Plan, Result, fly, new_folder
 from companion.state import Output
 from protocol import toml_files
-from protocol.flightlog import TEXT, LogReader
+from protocol.flightlog import TEXT, FlightLogError, LogReader
 from tests.companion.runtime.hop import OVERRIDES, InMemory, hop_in
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.modes import Mode
@@ -64,3 +66,24 @@ def test_what_the_simulator_saw_is_in_the_log(tmp_path: Path) -> None:
     assert found.verdict == result.verdict
     assert (found.result["contacts"], found.result["least_clearance_m"]) == ("1", "-0.012")
     assert said(result.log)[-2:] == ["landed and disarmed", "outcome: crashed: hit tree"]
+
+
+def test_flights_that_start_together_have_folders_of_their_own(tmp_path: Path) -> None:
+    """Two companions of a machine, the second before the first one's log is there."""
+    made = [new_folder(tmp_path / "logs", "hop", 1e9).name for _ in range(3)]
+    assert len(set(made)) == 3 and all(name.startswith(made[0]) for name in made)
+    (tmp_path / "gone").symlink_to(tmp_path / "nowhere" / "at all")
+    (tmp_path / "file").touch()
+    for place in ("gone", "file"):
+        assert new_folder(tmp_path / place, "hop", 1e9).name == made[0], "the log says what is wrong with that"
+
+
+def test_a_log_that_can_not_be_made_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*arguments: object, **options: object) -> None:
+        raise FlightLogError("0 MB free")
+
+    monkeypatch.setattr("companion.runtime.flight.FlightLog.open", full)
+    (tmp_path / "plan").mkdir()
+    with pytest.raises(FlightLogError):
+        flown(tmp_path / "plan", InMemory)
+    assert [path for path in (tmp_path / "plan").iterdir() if path.is_dir()] == []
