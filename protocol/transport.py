@@ -7,6 +7,7 @@ URLs are those that pymavlink's users know: `udpin:HOST:PORT` (bind, answer whoe
 import collections
 import contextlib
 import errno
+import math
 import os
 import select
 import socket
@@ -44,6 +45,7 @@ next one may arrive."""
 _GIVEN_UP_MS = 20_000
 """A TCP connection on which what was sent is not taken for so long is gone, as that of a machine that was switched off
 or lost its network. The system's own patience is a quarter of an hour, for which no other caller would be heard."""
+_LOOKS_EVERY_S = 1.0
 LOCKSTEP_SPIN_S = 2e-3 if (os.cpu_count() or 1) > 1 else 0.0
 """How long the two ends of a lockstep poll for a datagram before they sleep; their turns take 0.1 ms."""
 _SPINS_LEFT_OUT = 100
@@ -117,6 +119,9 @@ class Udp:
         self._earlier: tuple[str, int] | None = None
         self._peer = ""
         self._connected = False
+        self._calls = not bind
+        self._looked_s = -math.inf
+        """When a new way to the peer was looked for last."""
         self._before_lock: collections.deque[bytes] = collections.deque()
         self._blocking_s = 0.0
         self._no_spins = 0
@@ -226,6 +231,21 @@ class Udp:
                 self._socket.sendto(data, _DONTWAIT, self._address)
         except OSError as error:
             self._forgive(error)
+            if error.errno == errno.ENETUNREACH and self._calls:
+                self._look_for_way()
+
+    def _look_for_way(self) -> None:
+        """A connected socket keeps the address of this machine that it began with. Where that has changed, as with
+        another network, a new socket takes its place."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s < _LOOKS_EVERY_S or self._address is None:
+            return
+        self._looked_s = now_s
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as fresh, contextlib.suppress(OSError):
+            fresh.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+            fresh.connect(self._address)
+            os.dup2(fresh.fileno(), self._socket.fileno(), inheritable=False)
+            self._blocking_s = 0.0
 
     def _forgive(self, error: OSError) -> None:
         """Ignore the loss of a datagram; raise any other error as TransportError."""

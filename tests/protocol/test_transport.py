@@ -1,11 +1,13 @@
 """Transports: both ways, and what happens when the other end, the address or the room is missing. Loopback only."""
 
+import errno
 import os
 import random
 import select
 import socket
 import time
 from collections.abc import Callable, Iterator
+from typing import Any, cast
 
 import pytest
 
@@ -200,6 +202,36 @@ def test_a_locked_peer_that_has_left_may_come_back(opened: Opener, deaf: socket.
     vehicle.connect(("127.0.0.1", listening.port))
     listening.send(b"anybody?")
     assert vehicle.recv(64) == b"anybody?"
+
+
+class NoWay:
+    """A socket whose machine has another address by now."""
+
+    def __init__(self, real: socket.socket) -> None:
+        self._real = real
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._real, name)
+
+    def send(self, data: bytes, flags: int) -> int:
+        raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+
+def test_after_a_change_of_networks_another_socket_speaks(opened: Opener) -> None:
+    listener, url = udp_in(opened)
+    caller = opened(url)
+    assert isinstance(caller, Udp)
+    assert caller.receive(0.11) is None  # with a timeout of the old socket's own
+    real, port = caller._socket, caller.port
+    caller._socket = cast(socket.socket, NoWay(real))
+    caller.send(b"lost")
+    caller._socket = real
+    caller.send(b"hello")
+    assert received(listener, 5) == b"hello"
+    assert listener.peer == f"127.0.0.1:{caller.port}" and caller.port != port
+    listener.send(b"good day")
+    assert received(caller, 8) == b"good day"
+    assert caller.receive(0.11) is None
 
 
 # --- TCP --------------------------------------------------------------------------------------------------------------
