@@ -6,6 +6,7 @@ The index is in the user's cache: a folder that is listed is not written to.
 import contextlib
 import hashlib
 import os
+from collections import defaultdict
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -22,7 +23,7 @@ from companion.runtime.summary import summarize
 from protocol.flightlog import Direction, FlightLogError
 from protocol.messages import decode, dialect
 
-_VERSION = 2
+_VERSION = 3
 _SUFFIXES = frozenset((".mcap", ".tlog"))
 
 
@@ -152,14 +153,12 @@ def _flown(found: Info) -> tuple[float | None, float | None]:
         except (ValueError, FlightLogError):  # a trace of another version, without what is asked of it
             return None, None
         return round(summary.distance_m, 2), _rounded(summary.seen_clearance_m)
-    told = [
-        (message.x, message.y, message.z)
-        for datagram, frames in open_traffic(found.path).framed()
-        if datagram.direction is Direction.IN
-        for frame in frames
-        if frame.message_id == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and (message := decode(frame)) is not None
-    ]
-    positions = np.array(told).reshape(-1, 3)
+    told: defaultdict[tuple[int, int], list[tuple[float, float, float]]] = defaultdict(list)
+    for datagram, frames in open_traffic(found.path).framed():
+        for frame in frames if datagram.direction is Direction.IN else ():
+            if frame.message_id == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and (message := decode(frame)) is not None:
+                told[frame.system, frame.component].append((message.x, message.y, message.z))
+    positions = np.array(max(told.values(), key=len, default=[])).reshape(-1, 3)  # of several vehicles, of one
     positions = positions[np.isfinite(positions).all(axis=1)]
     if not len(positions):
         return None, None

@@ -6,6 +6,7 @@ nothing. The frames are those of Foxglove's own converter for PX4: `local_origin
 """
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,6 +84,7 @@ class Converter:
         self._start_ns = 0
         self._has_texts = has_texts(log)
         self._kinds = log.topics
+        self._others = _others(log)
 
     def run(self) -> int:
         """Convert the whole log. Returns the number of messages that were added."""
@@ -141,7 +143,9 @@ class Converter:
         elif record.topic == TEXT.topic:
             said = self._fields(record)
             self._say(record.time_ns, said["level"], said["name"], said["message"])
-        elif record.topic.startswith("/mavlink/"):
+        elif record.topic.startswith("/mavlink/") and (
+            name == "STATUSTEXT" or _system(record.topic) not in self._others
+        ):
             if name in NAMES and self._mapper.take(name, self._fields(record), record.time_ns):
                 self._map(record.time_ns)
             self._message(record, name)
@@ -308,6 +312,17 @@ class Converter:
         if entities:
             self._add("world", time_ns, SceneUpdate(entities=entities))
         self._add("vehicle", time_ns, SceneUpdate(entities=[_airframe(stamp)]))
+
+
+def _others(log: LogReader) -> frozenset[str]:
+    """The systems that tell a place, but for the one that tells it most, which is the vehicle that is drawn."""
+    told = [topic for topic in log.topics if topic.startswith("/mavlink/") and topic.endswith("/LOCAL_POSITION_NED")]
+    counts = Counter(_system(record.topic) for record in log.records(told)) if len(told) > 1 else Counter[str]()
+    return frozenset(system for system, _ in counts.most_common()[1:])
+
+
+def _system(topic: str) -> str:
+    return topic.split("/", 3)[2]
 
 
 def _airframe(stamp: Timestamp) -> SceneEntity:

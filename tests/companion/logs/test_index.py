@@ -13,7 +13,7 @@ import pytest
 from companion.logs.index import index_of, listing
 from companion.view.foxglove import convert as draw
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
-from protocol.messages import dialect
+from protocol.messages import Encoder, dialect
 from tests.companion.logs.changed_logs import Flyer, foreign, rewritten, telemetry_log
 from tests.flights.processes import run
 
@@ -149,3 +149,14 @@ def test_places_that_are_no_numbers_count_for_no_distance(tmp_path: Path) -> Non
     )
     (row,) = listing(tmp_path)
     assert row.distance_m == 6.0
+
+
+def test_the_distance_between_two_vehicles_is_none_that_was_flown(tmp_path: Path) -> None:
+    with (tmp_path / "two.tlog").open("wb") as file:
+        for number in range(20):
+            for system in (1, 2) if number % 2 else (1,):
+                place = 1, 50.0 * system, 0.1 * number, 0, 0, 0, 0
+                data = Encoder(system, 1).encode_fields(dialect.MAVLink_local_position_ned_message, *place)
+                file.write((1_700_000_000_000_000 + number).to_bytes(8, "big") + data)
+    (row,) = listing(tmp_path)
+    assert row.distance_m == 1.9

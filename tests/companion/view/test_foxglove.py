@@ -261,3 +261,18 @@ def test_the_layout_shows_only_what_there_is(tmp_path: Path) -> None:
         return [node] if isinstance(node, str) else [*panels(node["first"]), *panels(node["second"])]
 
     assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+
+
+def test_of_several_vehicles_one_is_drawn(tmp_path: Path) -> None:
+    """The one that tells its place most; the other one's place is no leap of it, and its ring none of its own."""
+    drawn, other = Encoder(2, 1), Encoder(1, 1)
+    with Writer(tmp_path / "two.mcap", 0, {}) as writer:
+        for number in range(1000):
+            told = telemetry(drawn, number, 50.0)
+            if number % 2:
+                told += telemetry(other, number - 1, 0.0)
+            writer.datagram(7_000_000 * number, number, Direction.IN, "", told)
+    found = decoded(convert(tmp_path / "two.mcap")[0])
+    poses = [pose for _, pose in found["/foxglove/pose"]]
+    assert len(poses) > 100 and {round(each.pose.position.y) for each in poses} == {50}
+    assert len(found["/foxglove/ring"]) == 40
