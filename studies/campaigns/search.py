@@ -5,6 +5,7 @@ A `[search]` table has the ranges by name; "{name}" stands for the number anywhe
 drawn anew for each flight. Each failure becomes a file of its own, which flies again by its name.
 """
 
+import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -215,10 +216,14 @@ def _fly(file: SearchFile, trials: dict[int, tuple[dict[str, float], int]], clie
 
 
 def keep(tried: Tried, folder: Path) -> Path:
-    """Write a flight as a campaign's file, which flies it again by its name."""
+    """Write a flight as a campaign's file, which flies it again by its name. Where another search has found another
+    failure as that flight, that one is kept, and the new one's name has a number behind it."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{tried.file['name']}.toml"
-    path.write_text(
-        f"# Found by a search, as flight {tried.number}: {tried.outcome}.\n{toml(tried.file)}", encoding="utf-8"
-    )
+    for number in itertools.count(1):
+        name = f"{tried.file['name']}{f'_{number}' if number > 1 else ''}"
+        text = f"# Found by a search, as flight {tried.number}: {tried.outcome}.\n{toml({**tried.file, 'name': name})}"
+        path = folder / f"{name}.toml"
+        if not path.exists() or path.read_text(encoding="utf-8") == text:
+            break
+    path.write_text(text, encoding="utf-8")
     return path

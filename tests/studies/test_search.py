@@ -57,6 +57,16 @@ def test_what_is_found_is_a_file_that_is_that_flight(tmp_path: Path) -> None:
     assert site.tables["cylinder"] == worlds.pop_up(42, ahead=2.25).tables["cylinder"]
 
 
+def test_no_search_writes_over_what_another_one_has_found(tmp_path: Path) -> None:
+    found, paths = SearchFile.load(written(tmp_path)), []
+    for seed in (42, 43, 42):
+        tried = Tried(7, VALUES, seed, -1.0, "contact", found.filled("near-7", VALUES, seed))
+        paths.append(keep(tried, tmp_path / "campaigns"))
+    assert [path.stem for path in paths] == ["near-7", "near-7_2", "near-7"]
+    again = [files.load(path) for path in paths]
+    assert [(each.name, each.first_seed) for each in again] == [("near-7", 42), ("near-7_2", 43), ("near-7", 42)]
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
