@@ -2,7 +2,7 @@
 flight."""
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 
 import msgspec
@@ -18,7 +18,7 @@ from companion.config_avoidance import Avoidance, AvoidanceAltitudeSearch
 from companion.events import Datagram, Event, Reaction
 from companion.link.audit import LONGEST_HOLD_OF_RATES_S
 from companion.link.firmware.px4 import FIRMWARE as PX4
-from companion.mission.plan import Delivery, Mission, Waypoint
+from companion.mission.plan import Delivery, Mission, Phase, Waypoint
 from companion.perception.free_space import MOVER_COLUMNS, POINT_COLUMNS, FreeSpace
 from companion.perception.ring_check import RingCheck
 from companion.plausibility import Plausibility
@@ -42,6 +42,8 @@ _ON_THE_WAY_NS = 1_000_000_000
 """So long the vehicle is short of the first waypoint, with obstacles before it; then it is there."""
 _ON_OTHER_WAYS_NS = 200_000_000
 _SHORT_OF_M = 12.0
+_WAYS_OF_A_PHASE = 20
+"""What a mission of hundreds of waypoints has beyond, it has had before: there the vehicle is at once."""
 _EULER_UNTIL_NS = 64_000_000
 """So long the attitude comes as Euler angles, too, as a vehicle sends it that was not asked for the quaternion yet."""
 _SCAN_EVERY_NS = 60_000_000
@@ -178,6 +180,8 @@ class _CannedVehicle:
         self._parameters = {name: _UNKNOWN_PARAMETER for (name, *_) in PX4.parameters} | {PX4.hold_parameter: hold_s}
         self._encoder = Encoder(system, 1)
         self._step, self._step_began = -1, 0
+        self._seen = Counter[Phase]()
+        """Steps of each phase up to now."""
         self._scans_sent, self._scan_due = 0, 0
 
     def telemetry(self, now: int) -> bytes:
@@ -203,12 +207,13 @@ class _CannedVehicle:
             return place
         if navigator.step_index != self._step:
             self._step, self._step_began = navigator.step_index, now
+            self._seen[navigator.phase] += 1
         if self._step == 0 and now - self._step_began < _ON_GROUND_NS:
             return place
         target = navigator.step.target_ned
         place = target.tolist() if target is not None else place
         if now - self._step_began < (_ON_THE_WAY_NS if self._step == 1 else _ON_OTHER_WAYS_NS):
-            place[0] -= _SHORT_OF_M
+            place[0] -= _SHORT_OF_M if self._seen[navigator.phase] <= _WAYS_OF_A_PHASE else 0.0
         return place
 
     def _scans(self, now: int) -> bytes:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from companion.config_avoidance import Avoidance
+from companion.mission.plan import Mission, Waypoint
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, PlannerBackend
 from companion.runtime.rehearsal import OpenField, RehearsalError, rehearse
@@ -165,3 +166,13 @@ def test_a_rehearsal_that_does_not_end_is_an_error() -> None:
     settings = load_settings(None, ["rates.attitude=100000.0"])
     with pytest.raises(RehearsalError, match="ATTITUDE_QUATERNION"):
         rehearse(settings, load_body("paper_quad"), load_mission("hover")[0], Output.RATES)
+
+
+def test_a_survey_of_hundreds_of_waypoints_is_not_rehearsed_waypoint_by_waypoint(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The start of 400 waypoints took 20 s, each time."""
+    monkeypatch.setattr("companion.runtime.rehearsal._LONGEST_TICKS", 2500)
+    row = [Waypoint(20.0 * (k // 20), 10.0 * abs(k % 20 - 19 * (k // 20 % 2)), 10.0) for k in range(400)]
+    settings = load_settings(None, ["avoidance.method=none"])
+    rehearse(settings, load_body("paper_quad"), Mission("survey", waypoints=row), Output.RATES)
