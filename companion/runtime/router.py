@@ -71,9 +71,12 @@ class Station:
         self._allowance = min(self._allowance + seconds * bytes_per_s, _BURST_S * bytes_per_s)
 
     def drain(self) -> None:
-        """What has queued up before the flight is old, and no command any more."""
-        if self._transport is not None and self._transport.preserves_datagrams:
-            drain(self._transport)
+        """What has queued up before the flight, or in a gap of it, is old, and no command any more."""
+        try:
+            if self._transport is not None and self._transport.preserves_datagrams:
+                drain(self._transport)
+        except TransportError as error:
+            self._gone(error)
 
     def frames(self, now_ns: int) -> list[Frame]:
         """What it has sent, as much as it is allowed to."""
@@ -190,7 +193,7 @@ class Router:
         """Bytes that no station was sent, since too many came at once."""
 
     def begin(self) -> None:
-        """The flight begins."""
+        """The flight begins, or goes on after a gap."""
         for station in self.stations:
             station.drain()
 
@@ -221,6 +224,8 @@ class Router:
         self._waiting_bytes = 0
         seconds = 0.0 if self._last_ns is None else max(now_ns - self._last_ns, 0) * 1e-9
         self._last_ns = now_ns
+        if seconds * 1e9 > _LONGEST_WAIT_NS:  # the loop stood still
+            self.begin()
         for_vehicle: list[tuple[str, bytes]] = []
         for station in self.stations:
             station.grant(seconds, self.bytes_per_s)

@@ -245,6 +245,16 @@ def test_a_flood_of_senders_and_of_telemetry_is_bounded() -> None:
     assert net.router.left_out > 0 and len(received(net.ends[0])) < 4000
 
 
+def test_what_was_commanded_while_the_loop_stood_still_is_old() -> None:
+    net = Net()
+    old, new = command(GCS, 1, 1, 176), command(GCS, 1, 1, 400)
+    net.ends[0].send(old)
+    net.now += 2_000_000_000
+    assert net.pump() == []
+    net.ends[0].send(new)
+    assert net.pump() == [new]
+
+
 class Leaving(Memory):
     """Its caller leaves after what it has sent; a tick without anything is none."""
 
