@@ -232,6 +232,8 @@ class Companion:
 
         while not (telemetry.ended or is_refused() or is_waiting()):
             await telemetry.news()
+            if telemetry.silent and not telemetry.ended:
+                raise FlightError(f"nothing is heard of the flight any more: {' / '.join(self._words)}")
         if is_refused():
             raise FlightError(telemetry.refused)
         if telemetry.ended and (waits or self.verdict is None):

@@ -8,12 +8,13 @@ from typing import Any
 
 from companion.mission.plan import Phase
 from companion.records import LOGGED
-from protocol.flightlog import DATAGRAM, TEXT, LogFollower
+from protocol.flightlog import DATAGRAM, TEXT, FlightLogError, LogFollower
 
 Triple = tuple[float, float, float]
 
 _LOOK_S = 0.05
 """The log grows each tenth of a second."""
+_SILENT_S = 10.0
 _MOST_WAITING = 2000
 """Records that wait for a listener: one that does not keep up loses the oldest."""
 
@@ -63,20 +64,29 @@ class Telemetry:
         """The latest."""
         self.refused = ""
         """What was said to the latest order, if that was refused."""
+        self.silent = False
+        """Nothing has come for so long, once something had: the log can't be written or read any more."""
         self._listeners: list[tuple[str, asyncio.Queue[tuple[int, dict[str, Any]] | None]]] = []
         self._news = asyncio.Event()
 
     async def follow(self, path: Path, flight: "asyncio.Future[Any]") -> None:
         """Read the log until the flight is over. Raises FlightLogError if it is damaged."""
-        log, over = LogFollower(path, lambda topic: topic != DATAGRAM.topic), False
-        while not over:
-            over = flight.done()  # what was written before is read in this round
-            for records in log.poll():
-                kinds = log.topics
-                for topic, time_ns, _, data in records:
-                    self._take(topic, time_ns, kinds[topic].unpack, data)
+        log, over, quiet_s = LogFollower(path, lambda topic: topic != DATAGRAM.topic), False, 0.0
+        try:
+            while not over:
+                over = flight.done()  # what was written before is read in this round
+                quiet_s += _LOOK_S  # by looks: a program that was busy with something else has missed nothing
+                for records in log.poll():
+                    kinds, quiet_s = log.topics, 0.0
+                    for topic, time_ns, _, data in records:
+                        self._take(topic, time_ns, kinds[topic].unpack, data)
+                self.silent = self.state is not None and quiet_s > _SILENT_S
+                self._tell()
+                await asyncio.sleep(_LOOK_S)
+        except FlightLogError:
+            self.silent = True
             self._tell()
-            await asyncio.sleep(_LOOK_S)
+            raise
 
     def end(self) -> None:
         """Nothing more will come."""

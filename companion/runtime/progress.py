@@ -51,8 +51,9 @@ class Progress:
         if state is not None:
             if navigator.steps and supervised in FLYING:
                 ahead = self._ahead(state.position_ned, now_ns)
-                self._whole_s = max(self._whole_s, ahead.seconds)
-                done = 1.0 - ahead.seconds / self._whole_s if self._whole_s else None
+                if math.isfinite(ahead.seconds):  # not while it waits for orders
+                    self._whole_s = max(self._whole_s, ahead.seconds)
+                    done = 1.0 - ahead.seconds / self._whole_s if self._whole_s else None
                 figures += [] if math.isinf(ahead.metres) else [("to go", f"{ahead.metres:.0f} m")]
                 figures.append(("time to go", clock_text(ahead.seconds)))
             height = navigator.ground_down - float(state.position_ned[2])

@@ -17,7 +17,9 @@ from companion import Companion, Delivery, FlightError, Mission, Outcome, Phase,
 from companion.logs.replay import replay
 from companion.logs.verdict import verdict_of
 from companion.mission.orders import Order
-from protocol.flightlog import LogReader
+from protocol.flightlog import FlightLogError, LogReader
+from protocol.flightlog.chunks import CHUNK_MARK
+from tests.companion.view.made_logs import make
 from tests.flights.processes import PATIENT, ROOT, simulator_for
 
 LOCKSTEP = ("--pace", "lockstep", "--output", "rates", *PATIENT)
@@ -137,6 +139,34 @@ def test_a_flight_that_can_not_begin_says_why(tmp_path: Path) -> None:
 
     with pytest.raises(FlightError, match=r"avoidance\.method|magic"):
         asyncio.run(flight("--avoid", "magic"))
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_log_that_grows_no_more_is_an_error_and_no_wait_for_ever(
+    damaged: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its recorder was killed, or its disk is full or broken: the vehicle may be where it was sent long ago."""
+    monkeypatch.setattr("companion.api.telemetry._SILENT_S", 0.1)
+    log = make(tmp_path, 2.0)
+    if damaged:
+        data = bytearray(log.read_bytes())
+        chunk = data.index(CHUNK_MARK) + 64
+        data[chunk : chunk + 64] = bytes(64)
+        log.write_bytes(data)
+
+    async def flight() -> None:
+        vehicle, over = Companion.connect(ANY_PORT), asyncio.get_running_loop().create_future()
+        following = asyncio.create_task(vehicle._telemetry.follow(log, over))
+        with pytest.raises(FlightError, match="nothing is heard of the flight"):
+            await vehicle._done(0, 1000, waits=True)
+        over.set_result(None)
+        if not damaged:
+            await following
+        else:
+            with pytest.raises(FlightLogError):
+                await following
+
+    asyncio.run(flight())
 
 
 def test_the_page_shows_the_example_and_the_orders_as_they_are() -> None:

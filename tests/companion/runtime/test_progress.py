@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from companion.curves import Route
-from companion.mission.plan import Phase, Step
+from companion.mission.plan import Mission, Phase, Step
 from companion.runtime.progress import Progress, ahead, clock_text
 from protocol.flightlog import Status
+from studies.joined import Joined
 from tests.companion.runtime import hop
 
 SPEEDS = 4.0, 2.0
@@ -64,3 +65,17 @@ def test_a_flight_is_shown_from_its_start_to_its_end(tmp_path: Path, monkeypatch
     assert figures[-1]["link"] == "good" and figures[-1]["battery"].endswith("%")
     autopilot.supervisor.waiting_for = "no ring"
     assert Progress(autopilot).status(0, 0.0).title.endswith("waiting: no ring")
+
+
+def test_what_waits_for_orders_has_no_share_done() -> None:
+    """Nor has it an end: it was shown as done by nan %, and so was all that was ordered afterwards."""
+    joined = Joined(Mission("script", takeoff_height=2.0, waits=True), overrides=("avoidance.method=none",))
+    progress, shown = Progress(joined.autopilot), list[Status]()
+
+    def waits(flight: Joined) -> bool:
+        shown.append(progress.status(flight.vehicle.time_ns, 0.0))
+        return flight.autopilot.navigator.phase is Phase.WAIT
+
+    joined.fly(until=waits)
+    assert shown[-1].title.startswith("script: wait") and ("time to go", "-") in shown[-1].figures
+    assert {status.done for status in shown} == {None}
