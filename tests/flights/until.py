@@ -1,0 +1,15 @@
+"""When a joined flight has shown what it is flown for; what comes after it is shown elsewhere."""
+
+from companion.mission.plan import Phase
+from companion.supervision.states import State
+from studies.joined import Joined
+
+
+def landing(joined: Joined) -> bool:
+    """All but the landing is flown."""
+    return joined.autopilot.supervisor.state is State.LAND
+
+
+def returning(joined: Joined) -> bool:
+    """On the way home, or landing where there is none."""
+    return joined.autopilot.navigator.phase is Phase.RETURN or landing(joined)
