@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from companion.mission.plan import Phase
 from companion.state import Output
 from studies.joined import Joined, mission_of
+from tests.flights.until import returning
 
 ASIDE = "unmodelled.centre_of_mass_m=[0.014, -0.014]"
 """2 cm."""
@@ -17,8 +19,9 @@ def error(output: Output, *vehicle: str, bandwidth: float | None = None) -> floa
     if bandwidth is not None:
         overrides.append(f"control.estimation.torque_bandwidth={bandwidth}")
     mission = mission_of("circle", "trajectory.laps=1")
-    joined = Joined(mission, output, tuple(overrides), vehicle_overrides=vehicle, remembers=False).fly()
-    assert joined.vehicle.summary().outcome == "landed"
+    joined = Joined(mission, output, tuple(overrides), vehicle_overrides=vehicle, remembers=False)
+    joined.fly(until=returning)
+    assert joined.autopilot.navigator.phase is Phase.RETURN and joined.autopilot.supervisor.fault is None
     on_track = np.linalg.norm(joined.trace()["reference_velocity_ned"][:-1, :2], axis=1) > 0.5
     return float(np.sqrt((joined.tracking_error()[on_track] ** 2).sum(axis=1).mean()))
 
@@ -42,6 +45,7 @@ def test_a_vehicle_that_turns_slowly_about_its_yaw_axis_is_not_swung() -> None:
         overrides = ('avoidance.method="none"', f"control.estimation.torque_bandwidth={bandwidth}")
         mission = mission_of("circle", "trajectory.laps=1", "trajectory.speed=4.0")
         slow = ("inner_loop.rate_gain_1_s=[20.0, 20.0, 1.5]",)
-        joined = Joined(mission, Output.RATES, overrides, vehicle_overrides=slow, remembers=False).fly()
+        joined = Joined(mission, Output.RATES, overrides, vehicle_overrides=slow, remembers=False)
+        joined.fly(until=returning)
         turned.append(np.abs(joined.trace()["rates_frd"][:, 2]).max())
     assert turned[1] < 1.1 * turned[0]

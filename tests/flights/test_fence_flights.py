@@ -10,9 +10,12 @@ from companion.state import FlightMode
 from companion.supervision.states import State
 from protocol.messages import Encoder, dialect
 from studies.joined import Joined, mission_of
+from tests.flights.until import landing, returning
 from vehicle_sim.autopilot import orders
 
 FREE = 'avoidance.method="none"'
+SMALL_MAP = "avoidance.map.cells=128"
+"""16 m."""
 MARGIN = 1.0
 OUT = Mission(name="out", waypoints=[Waypoint(25.0, 0.0, 5.0, hold_s=2.0)], speed=4.0)
 FENCE = ("geofence.radius=30.0", "geofence.east=[-12.0, 15.0]", "geofence.max_height=9.0")
@@ -44,7 +47,7 @@ def random_mission(seed: int) -> tuple[Mission, tuple[float, float, float]]:
     waypoints = [Waypoint(float(place[0]), float(place[1]), -float(place[2]) - 1e-3) for place in places]
     north, east = random.uniform(-4.0, 4.0, 2).tolist()
     speed = float(random.uniform(3.0, 9.0))
-    return Mission(name="random", waypoints=waypoints, speed=speed), (north, east, 0.0)
+    return Mission(name="random", waypoints=waypoints, speed=speed, return_home=False), (north, east, 0.0)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -54,8 +57,8 @@ def test_no_flight_leaves_the_fence(seed: int) -> None:
     world = (f"wind.mean_ned={list(wind)}",)
     joined = Joined(mission, overrides=(*ours, FREE), vehicle_overrides=its, world_overrides=world, seed=seed)
     joined.remembers = False
-    joined.fly()
-    assert joined.autopilot.supervisor.fault is None
+    joined.fly(until=landing)
+    assert landing(joined) and joined.autopilot.supervisor.fault is None
     assert least_room(joined, "reference_position_ned") >= MARGIN - 0.005, "home is known to a millimetre"
     assert least_room(joined, "position_ned") >= 0.0
 
@@ -100,17 +103,17 @@ def ask(joined: Joined, command: int, *parameters: float) -> None:
 @pytest.mark.parametrize("method", ["none", "astar"])
 def test_given_back_beyond_the_fence_it_comes_back_without_a_jump(method: str) -> None:
     """Straight, and over the map, in which the fence stands."""
-    joined = Joined(OUT, overrides=(*FENCE, f"avoidance.method={method}"))
+    joined = Joined(OUT, overrides=(*FENCE, f"avoidance.method={method}", SMALL_MAP))
     joined.fly(until=lambda flight: flight.autopilot.navigator.phase is Phase.ROUTE)
-    orders.reposition(joined.vehicle.flight, (10.0, 40.0, -5.0), None, None)
+    orders.reposition(joined.vehicle.flight, (3.0, 40.0, -5.0), None, None)
     fence = fence_in(joined)
-    joined.fly(limit_s=20.0, until=lambda flight: fence.room(flight.vehicle.state[:3]) < -10.0)
-    assert fence.room(joined.vehicle.state[:3]) < -10.0
+    joined.fly(limit_s=20.0, until=lambda flight: fence.room(flight.vehicle.state[:3]) < -4.0)
+    assert fence.room(joined.vehicle.state[:3]) < -4.0
     assert joined.autopilot.link.said.status.mode is not FlightMode.EXTERNAL
     ask(joined, dialect.MAV_CMD_DO_SET_MODE, 1.0, 6.0)
     given_back = len(joined.traces)
-    joined.fly()
-    assert joined.autopilot.supervisor.fault is None
+    joined.fly(until=returning)
+    assert joined.autopilot.navigator.phase is Phase.RETURN and joined.autopilot.supervisor.fault is None
     assert sum("beyond the fence" in text for text in joined.said) == 1
     assert sum("within the fence again" in text for text in joined.said) == 1
     reference = joined.trace()["reference_position_ned"][given_back + 5 :].astype(float)
@@ -120,9 +123,9 @@ def test_given_back_beyond_the_fence_it_comes_back_without_a_jump(method: str) -
 def test_a_waypoint_at_the_edge_of_a_narrow_margin_is_reached() -> None:
     """The margin is less than what the way over the map keeps from obstacles."""
     edge = Mission(name="edge", waypoints=[Waypoint(9.7, 0.0, 4.0)], speed=3.0)
-    joined = Joined(edge, overrides=("geofence.radius=10.0", "geofence.margin=0.25"))
-    joined.fly()
-    assert joined.autopilot.supervisor.fault is None
+    joined = Joined(edge, overrides=("geofence.radius=10.0", "geofence.margin=0.25", SMALL_MAP))
+    joined.fly(until=returning)
+    assert joined.autopilot.navigator.phase is Phase.RETURN and joined.autopilot.supervisor.fault is None
     assert max(truth[0] - joined.truths[0][0] for truth in joined.truths) > 9.5
 
 

@@ -15,6 +15,7 @@ from protocol.messages import decode, dialect
 from studies.faults.changes import POSITION, late
 from studies.faults.injector import Change, Injector, Link, Onset
 from studies.joined import Joined, mission_of
+from tests.flights.until import landing
 
 SQUARE = mission_of("square", "trajectory.laps=1")
 TILT_DEG = 45.0
@@ -37,9 +38,10 @@ def steepest_deg(joined: Joined) -> float:
     ids=["100 ms each way", "asymmetric, jitter, losses", "position 150 ms"],
 )
 def test_a_square_over_a_late_link(link: Link, change: Change | None) -> None:
-    joined = Joined(SQUARE, injector=Injector(link, change), remembers=False).fly()
-    assert joined.vehicle.summary().outcome == "landed" and joined.autopilot.supervisor.fault is None
+    joined = Joined(SQUARE, injector=Injector(link, change), remembers=False).fly(until=landing)
+    assert landing(joined) and joined.autopilot.supervisor.fault is None
     assert steepest_deg(joined) < TILT_DEG
+    joined.fly(until=lambda joined: not joined.autopilot.supervisor.streams).fly(limit_s=0.1)  # after the last setpoint
     flown = joined.trace()["state"][:-1] == State.FLY.value
     error = np.linalg.norm(joined.tracking_error()[flown], axis=1)
     assert error.max() < 1.0
@@ -51,7 +53,7 @@ def test_a_link_that_becomes_late_while_the_vehicle_turns_hard(after_s: float) -
     before. The vehicle would fall over if no attitudes were sent in the place of rates."""
     jump = Onset(after_s, Link(there=0.2, back=0.2), None)
     joined = Joined(SQUARE, Output.RATES, injector=Injector(Link(there=0.02, back=0.02), onset=jump), remembers=False)
-    joined.fly(limit_s=after_s + 5.0)
+    joined.fly(limit_s=after_s + 3.0)
     assert joined.vehicle.summary().contacts == 0 and joined.autopilot.supervisor.fault is None
     assert steepest_deg(joined) < 60.0
     assert any("400 ms late: attitudes are commanded" in line for line in joined.said)

@@ -13,6 +13,7 @@ from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
 from studies.worlds import Site, pole
+from tests.flights.until import landing
 
 RING = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
 FAR_CM = 1500
@@ -52,14 +53,14 @@ class Sectors:
 def flown(site: Site, folder: Path, speed: float) -> Joined:
     mission = site.mission(speed, site.save(folder)[0])
     overrides = ("avoidance.map.cells=128",)
-    return Joined(mission, meddle=Sectors(), overrides=overrides, remembers=True).fly(limit_s=120.0)
+    return Joined(mission, meddle=Sectors(), overrides=overrides, remembers=False).fly(limit_s=120.0, until=landing)
 
 
 def test_a_pole_is_flown_around(tmp_path: Path) -> None:
     joined = flown(pole(1), tmp_path, 2.0)
     summary = joined.vehicle.summary()
-    assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
-    assert np.hypot(*(np.array(summary.final_position_ned[:2]) - pole(1).goal)) < 0.5
+    assert landing(joined) and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
+    assert math.dist(joined.vehicle.motion.position_ned[:2], pole(1).goal) < 0.5
     assert summary.least_clearance_m is not None and summary.least_clearance_m > 0.1
 
 
@@ -108,13 +109,13 @@ def test_out_of_open_country_past_a_pole_and_into_it_again(tmp_path: Path) -> No
     meddle = ArduPilotsSectors()
     overrides = ("avoidance.map.cells=128",)
     mission = site.mission(2.0, site.save(tmp_path)[0])
-    joined = Joined(mission, meddle=meddle, overrides=overrides, remembers=True)
+    joined = Joined(mission, meddle=meddle, overrides=overrides, remembers=False)
     joined.fly(limit_s=5.0, until=lambda each: each.autopilot.link.firmware is not None)
     joined.autopilot.link.telemetry.rings.silent_when_free = True
-    joined.fly(limit_s=120.0)
+    joined.fly(limit_s=120.0, until=landing)
     summary = joined.vehicle.summary()
-    assert summary.outcome == "landed" and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
-    assert np.hypot(*(np.array(summary.final_position_ned[:2]) - site.goal)) < 0.5
+    assert landing(joined) and summary.contacts == 0 and joined.autopilot.supervisor.fault is None
+    assert math.dist(joined.vehicle.motion.position_ned[:2], site.goal) < 0.5
     assert meddle.silent > 20 and meddle.said > 20, "both were flown through"
     assert not any("holding" in text or "no ring" in text for text in joined.said)
 

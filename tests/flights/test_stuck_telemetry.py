@@ -11,6 +11,7 @@ from protocol.frames import from_euler, multiply, rotate
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
+from tests.flights.until import landing
 
 ATTITUDE, POSITION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 QUICK = ('avoidance.method="none"',)
@@ -108,10 +109,9 @@ def test_a_reset_of_the_estimator_is_followed_to_the_end() -> None:
         changed: Fields = np.concatenate(told).tolist()
         return changed
 
-    joined = meddled(reset).fly()
-    summary = joined.vehicle.summary()
-    assert joined.autopilot.supervisor.fault is None and summary.outcome == "landed"
-    assert np.hypot(*summary.final_position_ned[:2]) < 0.3
+    joined = meddled(reset).fly(until=landing)
+    assert landing(joined) and joined.autopilot.supervisor.fault is None
+    assert np.hypot(*joined.vehicle.motion.position_ned[:2]) < 0.3
     assert any("reset" in text for text in joined.said)
 
 

@@ -8,14 +8,16 @@ from companion.supervision.states import State
 from protocol.framing import Framer
 from protocol.messages import dialect
 from studies.joined import Joined, mission_of
+from tests.flights.until import landing
 
 FREE = ("avoidance.method=none",)
+SMALL_MAP = ("avoidance.map.cells=128",)
+"""16 m."""
 
 
 def flown(mission: str, *changes: str) -> Joined:
-    joined = Joined(mission_of(mission, *changes), overrides=FREE, remembers=False).fly()
-    assert joined.autopilot.supervisor.fault is None
-    assert joined.vehicle.summary().outcome == "landed"
+    joined = Joined(mission_of(mission, *changes), overrides=FREE, remembers=False).fly(until=landing)
+    assert landing(joined) and joined.autopilot.supervisor.fault is None
     return joined
 
 
@@ -32,8 +34,7 @@ def test_a_shape_is_flown_to_its_end(mission: str, within: float) -> None:
     assert speed.max() == pytest.approx(shape.speed, rel=1e-3)
     error = np.linalg.norm(track["position_ned"] - track["reference_position_ned"], axis=1)
     assert error.max() < within
-    landed = joined.vehicle.summary().final_position_ned
-    assert np.hypot(*landed[:2]) < 0.3
+    assert np.hypot(*joined.vehicle.motion.position_ned[:2]) < 0.3
 
 
 def test_a_curve_of_least_snap_passes_its_points_and_comes_back() -> None:
@@ -54,14 +55,13 @@ def test_a_curve_of_least_snap_passes_its_points_and_comes_back() -> None:
 
 def test_a_hold_on_the_circle_brakes_smoothly_and_the_rest_is_flown_afterwards() -> None:
     """No ring for a second at 4 m/s; the circle is taken up where it was left, and ends where it began."""
-    joined = Joined(mission_of("circle"))
+    joined = Joined(mission_of("circle"), overrides=SMALL_MAP, remembers=False)
     joined.fly(until=lambda each: each.autopilot.navigator.phase is Phase.TRACK).fly(limit_s=7.0)
     assert np.linalg.norm(joined.vehicle.motion.velocity_ned) == pytest.approx(4.0, abs=0.1)
     blind_ns = range(joined.vehicle.time_ns, joined.vehicle.time_ns + 1_000_000_000)
     joined.meddle = lambda time_ns, data: without_ring(data) if time_ns in blind_ns else data
-    joined.fly()
-    assert joined.autopilot.supervisor.fault is None
-    assert joined.vehicle.summary().outcome == "landed"
+    joined.fly(until=landing)
+    assert landing(joined) and joined.autopilot.supervisor.fault is None
     trace = joined.trace()
     in_the_air = trace[(trace["phase"] == Phase.TRACK.value) & (trace["step"] == 1)]
     held = in_the_air["state"] == State.HOLD.value
