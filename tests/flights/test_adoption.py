@@ -11,7 +11,7 @@ from companion.supervision.states import State
 from studies.joined import Joined, mission_of
 from tests.flights.test_gaps import HOVER, NO_WAY_TO_FIND, in_phase
 
-SQUARE = mission_of("square", "trajectory.laps=1")
+SQUARE = mission_of("square", "trajectory.laps=1", "trajectory.radius=1.0")
 
 
 def killed(mission: Mission, phase: Phase, alone_s: float) -> Joined:

@@ -11,7 +11,7 @@ from protocol.framing import Framer
 from protocol.messages import dialect
 from studies.joined import Joined, mission_of
 
-HOVER, CIRCLE = mission_of("hover"), mission_of("circle", "trajectory.laps=2")
+HOVER, CIRCLE = mission_of("hover"), mission_of("circle", "trajectory.laps=1.5")
 NO_WAY_TO_FIND = ('avoidance.method="none"',)
 
 

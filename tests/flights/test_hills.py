@@ -14,16 +14,16 @@ from studies.joined import Joined
 from studies.worlds import Site
 
 FOLLOWS = "avoidance.ground_slope=0.25"
-HILL = {"name": "hill", "center": [55.0, 0.0], "radius": 50.0, "height": 5.0}
+HILL = {"name": "hill", "center": [34.0, 0.0], "radius": 30.0, "height": 3.6}
 TREES = [
-    {"name": f"tree {k}", "center": [18.0 + 14.0 * k, 0.3 * (-1) ** k], "radius": 0.3, "height": 12.0} for k in range(2)
+    {"name": f"tree {k}", "center": [14.0 + 9.0 * k, 0.3 * (-1) ** k], "radius": 0.3, "height": 12.0} for k in range(2)
 ]
 HEIGHT = 3.0
 
 
 def joined_over(folder: Path, *overrides: str, lost_after_s: float | None = None) -> Joined:
     origin = {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_m": 488.0}
-    site = Site("hill", {"name": "hill", "origin": origin, "hill": [HILL], "cylinder": TREES}, ((52.0, 0.0),), HEIGHT)
+    site = Site("hill", {"name": "hill", "origin": origin, "hill": [HILL], "cylinder": TREES}, ((32.0, 0.0),), HEIGHT)
     mission = replace(site.mission(4.0, site.save(folder)[0]), delivery=Delivery(0.5), return_home=True)
     joined = Joined(mission, overrides=overrides, remembers=False)
     if lost_after_s is not None:
@@ -50,7 +50,7 @@ def test_the_flight_keeps_its_height_above_the_ground_and_delivers_on_the_hill(t
 
 def test_a_hill_is_in_the_way_once_the_range_finder_is_lost(tmp_path: Path) -> None:
     """It is neither flown into nor over: the goal is given up in time, and the parcel comes home."""
-    joined = joined_over(tmp_path, FOLLOWS, "avoidance.give_up_s=10", lost_after_s=10.0)
+    joined = joined_over(tmp_path, FOLLOWS, "avoidance.give_up_s=5", lost_after_s=8.5)
     summary = joined.fly(limit_s=200.0).vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0 and not summary.released
     assert math.dist(summary.final_position_ned[:2], (0.0, 0.0)) < 1.0

@@ -14,7 +14,7 @@ from vehicle_sim.physics.battery import battery_state
 
 ERRAND = mission_of("errand")
 QUICK = ('avoidance.method="paper"',)
-STRAIGHT = Mission(name="straight", waypoints=[Waypoint(150.0, 0.0, 5.0), Waypoint(150.0, 150.0, 5.0)], speed=5.0)
+STRAIGHT = Mission(name="straight", waypoints=[Waypoint(75.0, 0.0, 5.0), Waypoint(75.0, 75.0, 5.0)], speed=5.0)
 FREE = ('avoidance.method="none"',)
 
 
@@ -59,7 +59,7 @@ def test_a_courier_whose_battery_does_not_suffice_comes_home_with_the_parcel() -
 
 
 def test_with_less_it_lands_before_the_battery_is_empty() -> None:
-    vehicle = ("battery.charge=0.25", "battery.capacity_wh=15")
+    vehicle = ("battery.charge=0.25", "battery.capacity_wh=12")
     settings = (*FREE, "battery.way_home_margin=0.0")
     joined = Joined(STRAIGHT, overrides=settings, vehicle_overrides=vehicle).fly()
     summary, fault = joined.vehicle.summary(), joined.autopilot.supervisor.fault
@@ -71,7 +71,7 @@ def test_with_less_it_lands_before_the_battery_is_empty() -> None:
 
 def test_it_turns_back_in_time_for_the_way_home() -> None:
     """Far above any threshold; without the estimate it would have to land on the way."""
-    vehicle = ("battery.charge=0.6", "battery.capacity_wh=10")
+    vehicle = ("battery.charge=0.6", "battery.capacity_wh=7.5")
     joined = Joined(STRAIGHT, overrides=FREE, vehicle_overrides=vehicle).fly()
     summary, fault = joined.vehicle.summary(), joined.autopilot.supervisor.fault
     assert fault is not None and "needed for the way home" in fault

@@ -10,8 +10,8 @@ from companion.supervision.states import State
 from protocol.toml_files import ROOT
 from studies.joined import Joined
 
-SILENT_S = 20.0
-HOVER = Mission("hover", waypoints=[Waypoint(0.0, 0.0, 6.0, 90.0)], takeoff_height=6.0)
+SILENT_S = 12.0
+HOVER = Mission("hover", waypoints=[Waypoint(0.0, 0.0, 4.0, 90.0)], takeoff_height=4.0)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

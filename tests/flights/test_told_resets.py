@@ -12,7 +12,7 @@ from studies.faults.changes import edited
 from studies.faults.injector import Change
 from studies.joined import Joined
 
-AT_NS = 12_010_000_000
+AT_NS = 8_010_000_000
 TOLD_TICKS = 10
 """Later the vehicle's next ODOMETRY has come, and a position after it."""
 ALONE = 'avoidance.method="none"'

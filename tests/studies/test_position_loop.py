@@ -6,6 +6,7 @@ import pytest
 
 from companion.control import lqr
 from protocol import toml_files as toml_files
+from studies import position_loop
 from studies.position_loop import (
     CHECKED,
     CONSTANTS,
@@ -64,7 +65,8 @@ def test_nothing_grows_from_the_weight_that_is_said(drag: bool) -> None:
         assert growth(FRAME.body, c, 0.95 * weight, drag=drag) > 0.0 > growth(FRAME.body, c, 1.05 * weight, drag=drag)
 
 
-def test_the_papers_weight_diverges_in_flight_and_ten_does_not() -> None:
+def test_the_papers_weight_diverges_in_flight_and_ten_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(position_loop, "HOLD_S", 15.0)
     frame = without_drag(FRAME)
     assert frame.body.drag_kg_s == (0.0, 0.0, 0.0)
     assert msgspec.structs.replace(frame.body, drag_kg_s=FRAME.body.drag_kg_s) == FRAME.body
