@@ -45,22 +45,22 @@ def do(command: int, *params: float) -> Planned:
     return Planned(command, params, frame=PLAIN)
 
 
-UP, BACK, DOWN = Planned(TAKEOFF, height=6.0), do(RTL), do(LAND)
-A, B, C = (12.0, 0.0, 6.0), (12.0, 15.0, 7.0), (-4.0, 15.0, 5.0)
+UP, BACK, DOWN = Planned(TAKEOFF, height=3.0), do(RTL), do(LAND)
+A, B, C = (6.0, 0.0, 3.0), (6.0, 8.0, 4.0), (-3.0, 8.0, 2.5)
 CORPUS = {
-    "out and back": Entry((UP, to(*A), BACK), (A, (0, 0, 6))),
-    "round": Entry((UP, to(*A), to(*B), to(*C), BACK), (A, B, C, (0, 0, 5))),
-    "land there": Entry((UP, to(*A), to(*B, command=LAND)), (A, (12, 15, 6))),
+    "out and back": Entry((UP, to(*A), BACK), (A, (0, 0, 3))),
+    "round": Entry((UP, to(*A), to(*B), to(*C), BACK), (A, B, C, (0, 0, 2.5))),
+    "land there": Entry((UP, to(*A), to(*B, command=LAND)), (A, (6, 8, 3))),
     "land at the last": Entry((UP, to(*A), to(*B), DOWN), (A, B)),
-    "hover": Entry((UP, do(DELAY, 5.0), DOWN), ((0, 0, 6),)),
-    "take-off aside": Entry((to(3.0, 4.0, 6.0, command=TAKEOFF), to(*A), BACK), ((3, 4, 6), A, (0, 0, 6))),
-    "take-off at home": Entry((to(0.0, 0.5, 6.0, command=TAKEOFF), to(*A), BACK), (A, (0, 0, 6))),
-    "loiter at a place": Entry((UP, to(*A, 4.0, command=LOITER), BACK), (A, (0, 0, 6))),
-    "loiter higher": Entry((UP, to(*A), Planned(LOITER, (4.0,), height=9.0), BACK), (A, (12, 0, 9), (0, 0, 9))),
-    "twice": Entry((UP, to(*A), to(*B), do(JUMP, 2, 1), BACK), (A, B, A, B, (0, 0, 7))),
+    "hover": Entry((UP, do(DELAY, 2.0), DOWN), ((0, 0, 3),)),
+    "take-off aside": Entry((to(3.0, 4.0, 3.0, command=TAKEOFF), to(*A), BACK), ((3, 4, 3), A, (0, 0, 3))),
+    "take-off at home": Entry((to(0.0, 0.5, 3.0, command=TAKEOFF), to(*A), BACK), (A, (0, 0, 3))),
+    "loiter at a place": Entry((UP, to(*A, 2.0, command=LOITER), BACK), (A, (0, 0, 3))),
+    "loiter higher": Entry((UP, to(*A), Planned(LOITER, (2.0,), height=5.5), BACK), (A, (6, 0, 5.5), (0, 0, 5.5))),
+    "twice": Entry((UP, to(*A), to(*B), do(JUMP, 2, 1), BACK), (A, B, A, B, (0, 0, 4))),
     "speed, heading, parcel": Entry(
         (UP, do(SPEED, 1, 2.0, -1), to(*A), do(YAW, 90.0), to(*B), do(GRIPPER, 1, 0), do(LAND_START), BACK),
-        (A, B, (0, 0, 7)),
+        (A, B, (0, 0, 4)),
     ),
     "absolute": Entry((UP, to(*A)._replace(frame=ABSOLUTE), BACK), refused=2),
     "terrain": Entry((UP, to(*A), to(*B)._replace(frame=TERRAIN), BACK), refused=3),

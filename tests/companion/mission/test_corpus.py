@@ -32,7 +32,7 @@ def test_a_file_is_read_as_its_items_say_or_refused(entry: Entry, tmp_path: Path
                 read_as(text)
             continue
         mission = read_as(text)
-        assert mission.takeoff_height == 6.0 and len(mission.waypoints) == len(entry.places)
+        assert mission.takeoff_height == 3.0 and len(mission.waypoints) == len(entry.places)
         for waypoint, place in zip(mission.waypoints, entry.places, strict=True):
             assert (waypoint.north, waypoint.east, waypoint.height) == pytest.approx(place, abs=0.05)
 
@@ -72,9 +72,9 @@ def test_without_a_home_it_is_around_its_first_place_or_where_the_vehicle_stands
     lines[1] = "\t".join([*home[:8], "0", "0", *home[10:]])
     file.write_text("\n".join(lines) + "\n")
     first, second = load_of_station(str(file)).mission.waypoints[:2]
-    assert (first.north, first.east) == (0.0, 0.0) and (second.north, second.east) == pytest.approx((0, 15), abs=0.05)
+    assert (first.north, first.east) == (0.0, 0.0) and (second.north, second.east) == pytest.approx((0, 8), abs=0.05)
     there = load_of_station(str(file), origin=lambda mission: HOME).mission.waypoints[0]
-    assert (there.north, there.east) == pytest.approx((12, 0), abs=0.05)
+    assert (there.north, there.east) == pytest.approx((6, 0), abs=0.05)
     file.write_text("\n".join(lines[:3]) + "\n")
     with pytest.raises(TomlFileError, match="nor any place"):
         load_of_station(str(file))
