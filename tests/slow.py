@@ -102,7 +102,7 @@ SLOW: dict[str, float] = {
     "tests/studies/test_campaign.py::test_joined_is_the_same_flight_as_two_processes_over_udp": 15,
     "tests/studies/test_campaigns.py::test_a_smoke_on_two_workers_one_of_which_is_killed": 10,
     "tests/studies/test_campaigns.py::test_who_dies_hangs_or_throws_costs_a_row_and_no_other": 6,
-    "tests/studies/test_consistency.py": 6,
+    "tests/studies/test_consistency.py": 10,
     "tests/studies/test_faults.py::test_a_quick_part_of_the_matrix_is_as_promised": 5,
     "tests/studies/test_position_loop.py::test_the_papers_weight_diverges_in_flight_and_ten_does_not": 4,
     "tests/studies/test_movers.py": 3,
@@ -123,7 +123,11 @@ SLOW: dict[str, float] = {
 }
 """Seconds that a test takes on an idle machine, by its id or the beginning of it (a folder, a file, a test without its
 parameters); the longest that fits counts. Of tests that look at the same flight, one is longer: it comes first."""
-TOGETHER = ("tests/companion/test_plugins.py", "tests/vehicle_sim/test_mavsdk.py")
+TOGETHER = (
+    "tests/companion/test_plugins.py",
+    "tests/studies/test_consistency.py",
+    "tests/vehicle_sim/test_mavsdk.py",
+)
 """Files that are slow because their tests follow each other in one flight, or look at one: the time is that of all of
 them."""
 WAITING = (
