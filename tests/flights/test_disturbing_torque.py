@@ -18,7 +18,7 @@ def error(output: Output, *vehicle: str, bandwidth: float | None = None) -> floa
     overrides = ['avoidance.method="none"']
     if bandwidth is not None:
         overrides.append(f"control.estimation.torque_bandwidth={bandwidth}")
-    mission = mission_of("circle", "trajectory.laps=1")
+    mission = mission_of("circle", "trajectory.laps=1", "takeoff_height=1.5")
     joined = Joined(mission, output, tuple(overrides), vehicle_overrides=vehicle, remembers=False)
     joined.fly(until=returning)
     assert joined.autopilot.navigator.phase is Phase.RETURN and joined.autopilot.supervisor.fault is None
@@ -43,7 +43,7 @@ def test_a_vehicle_that_turns_slowly_about_its_yaw_axis_is_not_swung() -> None:
     turned = []
     for bandwidth in (0.0, 2.0):
         overrides = ('avoidance.method="none"', f"control.estimation.torque_bandwidth={bandwidth}")
-        mission = mission_of("circle", "trajectory.laps=1", "trajectory.speed=4.0")
+        mission = mission_of("circle", "trajectory.laps=1", "trajectory.speed=4.0", "takeoff_height=1.5")
         slow = ("inner_loop.rate_gain_1_s=[20.0, 20.0, 1.5]",)
         joined = Joined(mission, Output.RATES, overrides, vehicle_overrides=slow, remembers=False)
         joined.fly(until=returning)

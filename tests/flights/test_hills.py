@@ -14,6 +14,8 @@ from studies.joined import Joined
 from studies.worlds import Site
 
 FOLLOWS = "avoidance.ground_slope=0.25"
+SMALL_MAP = "avoidance.map.cells=192"
+"""24 m."""
 HILL = {"name": "hill", "center": [34.0, 0.0], "radius": 30.0, "height": 3.6}
 TREES = [
     {"name": f"tree {k}", "center": [14.0 + 9.0 * k, 0.3 * (-1) ** k], "radius": 0.3, "height": 12.0} for k in range(2)
@@ -25,7 +27,7 @@ def joined_over(folder: Path, *overrides: str, lost_after_s: float | None = None
     origin = {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_m": 488.0}
     site = Site("hill", {"name": "hill", "origin": origin, "hill": [HILL], "cylinder": TREES}, ((32.0, 0.0),), HEIGHT)
     mission = replace(site.mission(4.0, site.save(folder)[0]), delivery=Delivery(0.5), return_home=True)
-    joined = Joined(mission, overrides=overrides, remembers=False)
+    joined = Joined(mission, overrides=(SMALL_MAP, *overrides), remembers=False)
     if lost_after_s is not None:
         lose, after_ns = missing((dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR,)), round(lost_after_s * 1e9)
         joined.meddle = lambda now_ns, data: data if now_ns < after_ns else lose(now_ns, data)
