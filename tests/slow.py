@@ -56,7 +56,7 @@ SLOW: dict[str, float] = {
     "tests/flights/test_bad_input.py::test_no_vehicle": 3,
     "tests/flights/test_ground_station.py::test_a_ground_station_watches_asks_and_takes_over": 16,
     "tests/flights/test_late.py": 2,
-    "tests/flights/test_hills.py": 5,
+    "tests/flights/test_hills.py": 4,
     "tests/flights/test_lost_position.py": 3,
     "tests/flights/test_no_progress.py": 4,
     "tests/flights/test_joined.py::test_the_courier_delivers": 12,
