@@ -148,8 +148,8 @@ class AvoidanceTracks(Table, frozen=True):
     range_gap: Positive = 0.2
     """m; neighbouring returns whose ranges differ by more belong to two segments. Six standard deviations of the noise
     that a LiDAR shows at rest, if that is more."""
-    max_extent: Positive = 1.2
-    """m; wider segments are not tracked."""
+    max_extent: Positive = 5.0
+    """m, a car's length; wider segments are not tracked."""
     acceleration_noise: Positive = 1.5
     """m/s2, standard deviation of a tracked obstacle's acceleration; 1.5 suits a walking person."""
     confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 3

@@ -80,6 +80,16 @@ def several(seed: int) -> Site:
     return make_site("several", seed, {"cylinder": rows}, _GOAL, height=WALKING_HEIGHT)
 
 
+def car(seed: int) -> Site:
+    """A mover of 1.4-3 m at 1-8 m/s crosses the way, about when the vehicle is there."""
+    rng = np.random.default_rng(seed)
+    north, speed, angle = rng.uniform(8.0, 34.0), rng.uniform(1.0, 8.0), np.radians(rng.uniform(40.0, 140.0))
+    there = _SETS_OFF_S + north / _OWN_SPEED + rng.uniform(-1.5, 1.5)
+    way = np.array([np.cos(angle), rng.choice([-1.0, 1.0]) * np.sin(angle)])
+    row = _row((north, 0.0), way, speed, there, rng.uniform(0.7, 1.5))
+    return make_site("car", seed, {"cylinder": [row]}, _GOAL, height=WALKING_HEIGHT)
+
+
 def _row(over: Place, way: Any, speed: float, there: float, radius: float) -> dict[str, Any]:
     """A mover that is `over` a place at `there` (s), on a straight way along a unit vector (2,)."""
     start, end = over - speed * there * way, over + _GONE * way

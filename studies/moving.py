@@ -15,6 +15,7 @@ SETUPS = (
     Setup("oncoming", "mover ahead on", crowded.oncoming, (6.0,), 60.0, 100),
     Setup("crossing", "mover across", crowded.crossing, (6.0,), 60.0, 100),
     Setup("settingoff", "mover across soon after the start", crowded.setting_off, (6.0,), 60.0, 100),
+    Setup("car", "mover as wide as a car", crowded.car, (6.0,), 60.0, 100),
     Setup("several", "three movers", crowded.several, (6.0,), 60.0, 100),
     Setup("overtaking", "mover from behind", crowded.overtaking, (6.0,), 60.0, 100),
     Setup("waiting", "mover where the vehicle waits", crowded.waiting, (6.0,), 60.0, 100),
@@ -29,7 +30,8 @@ of 0.6 m go to and fro at 0.6 to 1.5 m/s, half of them across it, without avoidi
 people, whom a tilted scan would miss. In the open a mover of 0.6 m comes ahead on at 2 to 4 m/s, crosses the way at 0.7
 to 4 m/s, comes from behind at 6.5 to 10 m/s, or passes over the place where the vehicle waits at 0.7 to 10 m/s. One of
 0.3 to 0.6 m at 0.7 to 3 m/s crosses it where the vehicle still accelerates, so that its scan meets the ground ahead;
-and three of 0.4 to 1 m at 0.5 to 4 m/s come over it from any side. They avoid nothing.
+one of 1.4 to 3 m, as wide as a car, crosses it at 1 to 8 m/s; and three of 0.4 to 1 m at 0.5 to 4 m/s come over it from
+any side. They avoid nothing.
 
 A contact is **avoidable** if there was an escape. {_how()}
 

@@ -1,4 +1,4 @@
-"""Clusters of a ring's returns: what is small enough to be an obstacle that moves.
+"""Clusters of a ring's returns: what is small enough to be an obstacle that moves, a car at the most.
 
 - Neighbouring returns whose ranges differ little form a segment. Their distance along the ring says nothing: at a range
   of 6 m the sectors of 5 degrees are as far apart as a person is wide. So a person beside a wall is a segment of its
@@ -29,7 +29,7 @@ _GAP_SIGMAS = 6.0
 _HIDDEN_SIGMA_M = 0.3
 """m across the beam that the centroid may be off where a part is hidden: the radius of a person."""
 _WIDEST_VIEW = math.radians(120.0)
-"""rad that a cluster fills at the most: `max_extent` wide, it would have to be within the hull to fill more."""
+"""rad that a cluster fills at the most: what fills more is around the vehicle."""
 
 Integers = NDArray[np.int64]
 

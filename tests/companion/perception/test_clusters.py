@@ -86,5 +86,5 @@ def test_a_noisy_lidar_parts_later_and_knows_less_along() -> None:
 
 def test_a_wide_segment_is_no_cluster() -> None:
     """A wall across, and a wall all around the vehicle."""
-    assert len(clusters_of({k % 72: 3.0 for k in range(-10, 11)}).spans) == 0
+    assert len(clusters_of({k % 72: 4.0 for k in range(-10, 11)}).spans) == 0
     assert len(clusters_of(dict.fromkeys(range(30), 0.5)).spans) == 0
