@@ -18,21 +18,23 @@ case that is flown is kept as Parquet, one row a flight, in `logs/avoidance/`; a
 and `--seeds 0` writes it without flying. A floor is compared with the share itself; Wilson's 95 % interval stands
 beside it. Pictures of single flights are flown again each time.
 
-The long forest, shafts, passages, alleys, halls and offices are told of as a late version flew them, with times a
-stage of a machine that had other work beside; all but the long forest before its last changes, with which 12 of each
-kind of enclosed place were flown and arrive. Movers are told of as an earlier version flew them, which learned a wind
-from its own reference, braked less than it was asked to and tracked nothing wider than 1.2 m. Of them the one before
-the present one was flown through 345: none is met ahead on (50), across (50), soon after the start (30), from behind
-(20), by who waits (20) and behind pillars (15), one of 60 times three at once, and in the street with walkers two of
-100: the fifty of the table are those without. The present one meets as many of three at once and one in the first fifty
-streets. Of 40 movers as wide as a car, 1.4 to 3 m, that cross its way at 1 to 8 m/s it meets one, and met four before
-they were tracked. Forests, traps, narrow places and fields are told of as an earlier version flew them. The one before
-the present one, flown with the default method alone, reaches the goal in as many forests, traps and mazes, in 99 of 100
-fields and 19 of 20 times through the gap of 0.9 m. In the forest it is slower at 3 and 5 m/s, 2.87 and 4.41 m/s on the
-way, and 4.15 m/s with a trunk in 12 m2. Above 6 m/s paths are made smooth and followed by their curve: an earlier
-version flew 5.79 m/s at 7 m/s and 6.47 m/s at 10 m/s (100 of 100 arrive each), and 40 m without a tree at 5.93 and 7.05
-m/s. Of the hills the row at 7 m/s was flown before that. The flights on sensors are of an earlier version, too, and
-were not flown anew.
+The tables are not all of one version. What is told of which, and what later ones gave where they were flown:
+
+- **Shafts, passages, alleys, halls, offices:** a recent version. The one after it was flown in 12 of each: all arrive.
+- **The long forest:** a recent version. Times a stage are of a machine that had other work beside.
+- **Movers:** an earlier version, which learned a wind from its own reference, braked less than it was asked to and
+  tracked nothing wider than 1.2 m. A recent one was flown through 345: none is met ahead on (50), across (50), soon
+  after the start (30), from behind (20), by who waits (20) and behind pillars (15), one of 60 times three at once, and
+  two of 100 in the street with walkers; the fifty streets of the table are those where the earlier one met none. The
+  present one meets one of 60 times three at once, and one in the first fifty streets.
+- **Movers as wide as a car,** 1.4 to 3 m, across the way at 1 to 8 m/s, are in no table yet. The present version meets
+  one of 40. Before they were tracked, four of the same 40 were met.
+- **Forests, traps, narrow places, fields:** an earlier version. A recent one, flown with the default method alone,
+  reaches the goal in as many forests, traps and mazes, in 99 of 100 fields and 19 of 20 times through the gap of 0.9 m.
+  In the forest it is slower at 3 and 5 m/s, 2.87 and 4.41 m/s on the way, and 4.15 m/s with a trunk in 12 m2. Above 6
+  m/s paths are made smooth and followed by their curve: 5.79 m/s are flown at 7 m/s and 6.47 m/s at 10 m/s (100 of 100
+  arrive each), where 40 m without a tree are flown at 5.93 and 7.05 m/s.
+- **Hills and low walls, flights on sensors:** earlier versions, of the hills at 7 m/s the earliest.
 
 ## What the sensor can't see
 

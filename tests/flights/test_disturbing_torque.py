@@ -6,7 +6,7 @@ import pytest
 from companion.mission.plan import Phase
 from companion.state import Output
 from studies.joined import Joined, mission_of
-from tests.flights.until import returning
+from tests.flights.short import returning
 
 ASIDE = "unmodelled.centre_of_mass_m=[0.014, -0.014]"
 """2 cm."""

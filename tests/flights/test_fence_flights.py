@@ -10,12 +10,10 @@ from companion.state import FlightMode
 from companion.supervision.states import State
 from protocol.messages import Encoder, dialect
 from studies.joined import Joined, mission_of
-from tests.flights.until import landing, returning
+from tests.flights.short import SMALL_MAP, landing, returning
 from vehicle_sim.autopilot import orders
 
 FREE = 'avoidance.method="none"'
-SMALL_MAP = "avoidance.map.cells=128"
-"""16 m."""
 MARGIN = 1.0
 OUT = Mission(name="out", waypoints=[Waypoint(25.0, 0.0, 5.0, hold_s=2.0)], speed=4.0)
 FENCE = ("geofence.radius=30.0", "geofence.east=[-12.0, 15.0]", "geofence.max_height=9.0")
@@ -116,8 +114,12 @@ def test_given_back_beyond_the_fence_it_comes_back_without_a_jump(method: str) -
     assert joined.autopilot.navigator.phase is Phase.RETURN and joined.autopilot.supervisor.fault is None
     assert sum("beyond the fence" in text for text in joined.said) == 1
     assert sum("within the fence again" in text for text in joined.said) == 1
-    reference = joined.trace()["reference_position_ned"][given_back + 5 :].astype(float)
-    assert np.abs(np.diff(reference, axis=0)).max() < 0.1, "25 m/s"
+    trace = joined.trace()[given_back:]
+    reference = trace["reference_position_ned"].astype(float)
+    assert np.abs(reference - trace["position_ned"])[:200].max() < 0.1, (
+        "it begins where the vehicle is, not at the fence"
+    )
+    assert np.abs(np.diff(reference[5:], axis=0)).max() < 0.1, "25 m/s"
 
 
 def test_a_waypoint_at_the_edge_of_a_narrow_margin_is_reached() -> None:

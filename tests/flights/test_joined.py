@@ -19,7 +19,7 @@ from protocol.arrays import Array
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
-from tests.flights.until import landing, returning
+from tests.flights.short import SMALL_MAP, landing, returning
 from vehicle_sim.autopilot import orders
 from vehicle_sim.world import World
 
@@ -27,8 +27,6 @@ COURIER = mission_of("courier")
 QUICK = ('avoidance.method="paper"',)
 """Where the way does not matter: without the map, which takes half of a flight's time."""
 FREE = ("avoidance.method=none",)
-SMALL_MAP = ("avoidance.map.cells=128",)
-"""16 m."""
 HOVER, SHORT = mission_of("hover"), mission_of("errand")
 BRIEF = msgspec.structs.replace(HOVER, waypoints=[msgspec.structs.replace(HOVER.waypoints[0], hold_s=2.5)])
 
@@ -123,7 +121,7 @@ def test_hover_on_each_output(output: Output) -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not() -> None:
-    first, second, other = (Joined(SHORT, seed=seed, overrides=SMALL_MAP).fly(limit_s=8.0) for seed in (3, 3, 4))
+    first, second, other = (Joined(SHORT, seed=seed, overrides=(SMALL_MAP,)).fly(limit_s=8.0) for seed in (3, 3, 4))
     heard, again, else_heard = (
         [each for each in flight.events if not isinstance(each, PlanReady)] for flight in (first, second, other)
     )
@@ -165,7 +163,7 @@ def test_pilot_takes_over() -> None:
 
 
 def test_who_was_held_up_in_mid_leg_and_given_control_back_delivers() -> None:
-    joined = Joined(SHORT, seed=2, overrides=SMALL_MAP)
+    joined = Joined(SHORT, seed=2, overrides=(SMALL_MAP,))
     joined.fly(until=lambda joined: in_phase(Phase.ROUTE)(joined) and joined.vehicle.motion.position_ned[0] > 6.0)
     step = joined.autopilot.navigator.step_index
     ask_mode(joined, 4.0, 3.0)
@@ -387,7 +385,7 @@ def test_the_vehicle_survives_its_companion(mission: str, until_s: float, output
     """The companion dies at random moments, on any output: the vehicle holds, lands and disarms, unhurt. In the street
     at moments at which nothing stands where it brakes: it is blind without its companion."""
     joined = Joined(mission_of(mission), output=output, overrides=QUICK)
-    moments = np.sort(np.random.default_rng(4).uniform(2.0, until_s, 2))
+    moments = np.sort(np.random.default_rng(4).uniform(2.0, until_s, 3))
     for moment in moments:
         joined.fly(limit_s=moment - joined.vehicle.time_ns * 1e-9)
         orphan = copy.deepcopy(joined.vehicle)

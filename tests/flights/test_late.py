@@ -15,7 +15,7 @@ from protocol.messages import decode, dialect
 from studies.faults.changes import POSITION, late
 from studies.faults.injector import Change, Injector, Link, Onset
 from studies.joined import Joined, mission_of
-from tests.flights.until import landing
+from tests.flights.short import landing
 
 SQUARE = mission_of("square", "trajectory.laps=1")
 TILT_DEG = 45.0

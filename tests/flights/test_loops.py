@@ -11,7 +11,7 @@ from protocol.arrays import Array
 from studies.joined import Joined
 from studies.loops import FREE, LOOP, OUTPUTS, VEHICLE
 from studies.tracks import AGILE
-from tests.flights.until import returning
+from tests.flights.short import returning
 
 MISSION = Mission("loop", trajectory=LOOP, vehicle=VEHICLE, takeoff_height=5.0)
 

@@ -9,10 +9,9 @@ import pytest
 from companion.mission.plan import Delivery
 from studies.joined import Joined, mission_of
 from studies.worlds import make_site, make_wall
+from tests.flights.short import SMALL_MAP
 
 COURIER = mission_of("courier")
-SMALL_MAP = ("avoidance.map.cells=128",)
-"""16 m."""
 
 
 @pytest.mark.parametrize("back", [True, False])
@@ -25,7 +24,7 @@ def test_a_goal_without_progress_is_given_up(back: bool, tmp_path: Path) -> None
     mission = msgspec.structs.replace(
         site.mission(4.0, site.save(tmp_path)[0]), return_home=back, delivery=Delivery(0.5) if back else None
     )
-    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=3.0", *SMALL_MAP)
+    overrides = ('avoidance.method="vfh"', "avoidance.give_up_s=3.0", SMALL_MAP)
     joined = Joined(mission, overrides=overrides, remembers=False).fly(limit_s=100.0)
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0 and not summary.released
@@ -39,6 +38,6 @@ def test_no_progress_ends_in_a_landing() -> None:
     """A goal inside an obstacle: it holds before it, and lands when the step is overdue."""
     waypoint = msgspec.structs.replace(COURIER.waypoints[0], north=12.0, east=0.2)  # within the lamp's post
     mission = msgspec.structs.replace(COURIER, waypoints=[waypoint], delivery=None)
-    joined = Joined(mission, overrides=("supervision.step_timeout=5.0", *SMALL_MAP)).fly()
+    joined = Joined(mission, overrides=("supervision.step_timeout=5.0", SMALL_MAP)).fly()
     assert joined.vehicle.summary().outcome == "landed" and joined.vehicle.summary().contacts == 0
     assert "no progress" in (joined.autopilot.supervisor.fault or "")

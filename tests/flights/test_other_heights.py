@@ -7,7 +7,7 @@ import numpy as np
 from protocol.arrays import Array, BoolArray
 from studies.joined import Joined
 from studies.worlds import Site
-from tests.flights.until import landing
+from tests.flights.short import SMALL_MAP, landing
 
 GOAL = (12.0, 0.0)
 HEIGHT = 4.9
@@ -33,7 +33,7 @@ def joined_to(folder: Path, height: object, *overrides: str, route_height: float
     mission = site.mission(4.0, site.save(folder)[0])
     changes = (
         "avoidance.give_up_s=2.0",
-        "avoidance.map.cells=128",
+        SMALL_MAP,
         *(f"avoidance.altitude_search.{each}" for each in overrides),
     )
     return Joined(mission, overrides=changes, remembers=False)

@@ -13,7 +13,7 @@ from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
 from studies.worlds import Site, pole
-from tests.flights.until import landing
+from tests.flights.short import SMALL_MAP, landing
 
 RING = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
 FAR_CM = 1500
@@ -52,7 +52,7 @@ class Sectors:
 
 def flown(site: Site, folder: Path, speed: float) -> Joined:
     mission = site.mission(speed, site.save(folder)[0])
-    overrides = ("avoidance.map.cells=128",)
+    overrides = (SMALL_MAP,)
     return Joined(mission, meddle=Sectors(), overrides=overrides, remembers=False).fly(limit_s=120.0, until=landing)
 
 
@@ -107,7 +107,7 @@ def test_out_of_open_country_past_a_pole_and_into_it_again(tmp_path: Path) -> No
     """No hold where nothing is to be seen: not before the take-off, not behind the last obstacle."""
     site = pole(1)
     meddle = ArduPilotsSectors()
-    overrides = ("avoidance.map.cells=128",)
+    overrides = (SMALL_MAP,)
     mission = site.mission(2.0, site.save(tmp_path)[0])
     joined = Joined(mission, meddle=meddle, overrides=overrides, remembers=False)
     joined.fly(limit_s=5.0, until=lambda each: each.autopilot.link.firmware is not None)

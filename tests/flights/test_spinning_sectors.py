@@ -17,7 +17,7 @@ from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined
 from studies.worlds import Site
-from tests.flights.until import landing
+from tests.flights.short import landing
 from vehicle_sim.timing import TICK_NS
 
 RADIUS, REACH, KEPT_MS, REPORT_MS = 1.0, 16.0, 1000, 65

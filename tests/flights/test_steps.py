@@ -9,7 +9,7 @@ from companion.supervision.states import State
 from studies.joined import Joined, mission_of
 from studies.paper_settings import paper_settings
 from tests.flights import table_3
-from tests.flights.until import returning
+from tests.flights.short import returning
 
 STEP = mission_of("step")
 STEP = replace(

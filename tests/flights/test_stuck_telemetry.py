@@ -11,7 +11,7 @@ from protocol.frames import from_euler, multiply, rotate
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of
-from tests.flights.until import landing
+from tests.flights.short import landing
 
 ATTITUDE, POSITION = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 QUICK = ('avoidance.method="none"',)

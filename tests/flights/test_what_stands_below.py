@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from companion.mission.plan import Delivery, Phase
 from studies.joined import Joined
 from studies.worlds import Site
-from tests.flights.until import returning
+from tests.flights.short import returning
 
 HIGH = 1.2
 """m: what stands there."""

@@ -8,11 +8,9 @@ from companion.supervision.states import State
 from protocol.framing import Framer
 from protocol.messages import dialect
 from studies.joined import Joined, mission_of
-from tests.flights.until import landing
+from tests.flights.short import SMALL_MAP, landing
 
 FREE = ("avoidance.method=none",)
-SMALL_MAP = ("avoidance.map.cells=128",)
-"""16 m."""
 
 
 def flown(mission: str, *changes: str) -> Joined:
@@ -55,7 +53,7 @@ def test_a_curve_of_least_snap_passes_its_points_and_comes_back() -> None:
 
 def test_a_hold_on_the_circle_brakes_smoothly_and_the_rest_is_flown_afterwards() -> None:
     """No ring for a second at 4 m/s; the circle is taken up where it was left, and ends where it began."""
-    joined = Joined(mission_of("circle"), overrides=SMALL_MAP, remembers=False)
+    joined = Joined(mission_of("circle"), overrides=(SMALL_MAP,), remembers=False)
     joined.fly(until=lambda each: each.autopilot.navigator.phase is Phase.TRACK).fly(limit_s=7.0)
     assert np.linalg.norm(joined.vehicle.motion.velocity_ned) == pytest.approx(4.0, abs=0.1)
     blind_ns = range(joined.vehicle.time_ns, joined.vehicle.time_ns + 1_000_000_000)

@@ -1,8 +1,11 @@
-"""When a joined flight has shown what it is flown for; what comes after it is shown elsewhere."""
+"""What keeps joined flights short: a small map, and ends where a flight has shown what it is flown for."""
 
 from companion.mission.plan import Phase
 from companion.supervision.states import State
 from studies.joined import Joined
+
+SMALL_MAP = "avoidance.map.cells=128"
+"""16 m."""
 
 
 def landing(joined: Joined) -> bool:
