@@ -25,6 +25,7 @@ SITES: dict[str, Callable[..., Site]] = {
     "crossing": crowded.crossing,
     "overtaking": crowded.overtaking,
     "settingoff": crowded.setting_off,
+    "car": crowded.car,
     "several": crowded.several,
     "waiting": crowded.waiting,
 }

@@ -4,6 +4,7 @@ import itertools
 import math
 import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 
 from companion.runtime.files import load_mission
 from studies import __main__ as command_line
-from studies import worlds
+from studies import enclosed, moving, narrow, traps, worlds
 from studies.sites import SITES
 from studies.worlds import HULL, shortest
 from vehicle_sim.world import Scene, World
@@ -38,6 +39,11 @@ def test_the_seed_is_the_place_and_the_file_is_the_world(kind: str, tmp_path: Pa
     mission, _ = load_mission(str(mission_file))
     assert mission == site.mission(3.5, world_file.absolute())
     assert (mission.waypoints[-1].north, mission.waypoints[-1].east) == site.goal
+
+
+@pytest.mark.parametrize("study", [enclosed, moving, narrow, traps])
+def test_what_is_flown_through_can_be_made_by_name(study: ModuleType) -> None:
+    assert {setup.site for setup in study.SETUPS} <= set(SITES.values())
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("fig6", "shaft")])
