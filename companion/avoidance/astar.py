@@ -169,10 +169,9 @@ def nearest_allowed_cell(
     """The nearest cell at least `inflation` (m) from an occupied one, within `reach` rows and columns of a place and in
     its room, which the occupied cells bound; the place itself if there is none. A place within an obstacle, on its
     surface or enclosed by it, has no room: then any cell will do."""
-    allowed = to_occupied >= inflation
-    if allowed[place]:
+    if to_occupied[place] >= inflation:
         return place
-    room = np.zeros(states.shape, np.bool_)
+    allowed, room = to_occupied >= inflation, np.zeros(states.shape, np.bool_)
     if states[place] != OCCUPIED and _fill_room(states, place, reach, room):
         allowed &= room
     best, nearest = reach * reach + 1, place

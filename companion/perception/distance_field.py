@@ -19,6 +19,8 @@ FAR_M = 3.0
 """m at which the distances of a map saturate."""
 _NEAR_M = 0.8
 """m below which distances are measured to the returns, not to the centres of their cells."""
+_RUN = 16
+"""Cells that a loop of a length known beforehand takes at once: the processor needs no tests for the last few."""
 
 Floats = NDArray[np.float32]
 
@@ -153,26 +155,27 @@ def _refine(distances: Floats, returns: Array, corner_row: int, corner_column: i
         at = filled[places[k]]
         filled[places[k]] += 1
         norths[at] = returns[k, 0] / cell - corner_row - 0.5
-        firsts[at] = max(math.floor(east) - corner_column - reach - 1, 0)
+        firsts[at] = min(max(math.floor(east) - corner_column - reach - 1, 0), columns)
         asides[at] = np.float32(firsts[at] - (east - corner_column - 0.5))
     size, far = np.float32(cell), np.float32(math.inf)
     farthest = np.float32((near / cell + 1e-4) ** 2)
-    squares = np.full(columns, far)
+    width = math.ceil((2 * reach + 2) / _RUN) * _RUN
+    squares = np.full(columns + width, far)
     for i in range(rows):
         first, last = columns, 0
         for k in range(begins[i], begins[i + 2 * reach + 1]):
             along = np.float32((i - norths[k]) * (i - norths[k]))
-            begin, end = firsts[k], min(firsts[k] + 2 * reach + 2, columns)
-            first, last = min(first, begin), max(last, end)
-            beside = squares[begin:end]
-            for j in range(end - begin):
-                away = asides[k] + np.float32(j)
-                beside[j] = min(beside[j], along + away * away)
-        row_squares, row_distances = squares[first:last], distances[i, first:last]
-        for j in range(last - first):
+            first, last = min(first, firsts[k]), max(last, firsts[k] + width)
+            for run in range(0, width, _RUN):
+                for j in range(_RUN):
+                    at, away = firsts[k] + run + j, asides[k] + np.float32(run + j)
+                    squares[at] = min(squares[at], along + away * away)
+        end = min(last, columns)
+        row_squares, row_distances = squares[first:end], distances[i, first:end]
+        for j in range(end - first):
             square = row_squares[j]
             row_distances[j] = min(row_distances[j], size * np.sqrt(square) if square <= farthest else far)
-        row_squares[:] = far
+        squares[first:last] = far
 
 
 @compiled

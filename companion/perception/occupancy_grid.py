@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.perception.distance_field import Floats
-from companion.perception.map_view import FREE, OCCUPIED, Bytes
+from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes
 from protocol.arrays import Array
 from protocol.jit import compiled
 
@@ -112,17 +112,21 @@ def classify(cells: tuple[Any, ...], states: Bytes) -> Array:
         _classify_run(log_odds[row, size - wrap :], updated_s[row, size - wrap :], now, rate, states[i, :wrap])
         _classify_run(log_odds[row, : size - wrap], updated_s[row, : size - wrap], now, rate, states[i, wrap:])
         counts[i] = _occupied(states[i])
-    hits = np.empty((counts.sum(), 3))
+    hits, occupied = np.empty((counts.sum(), 3)), np.empty(size + 1, np.int32)
     count = 0
     for i in range(size):
         if counts[i] == 0:
             continue
-        row = (corner_row + i) % size
-        for j in range(size):
-            if states[i, j] == OCCUPIED:
-                column = (corner_column + j) % size
-                hits[count] = returns[row, column]
-                count += 1
+        row, state = (corner_row + i) % size, states[i]
+        found = 0
+        for j in range(size):  # without a branch: each column is written, and kept if it counts
+            occupied[found] = j
+            found += int(state[j] == OCCUPIED)
+        for k in range(found):
+            column = (corner_column + occupied[k]) % size
+            for axis in range(3):
+                hits[count, axis] = returns[row, column, axis]
+            count += 1
     return hits
 
 
@@ -138,10 +142,9 @@ def _occupied(states: Bytes) -> int:
 @compiled
 def _classify_run(log_odds: Floats, updated_s: Floats, now_s: np.float32, fading: np.float32, states: Bytes) -> None:
     """Classify adjacent cells (n,), all in 32 bits and without a branch: the processor handles eight at a time."""
-    free_below, occupied_above, zero = np.float32(-FREE_BELOW), np.float32(OCCUPIED_ABOVE), np.float32(0.0)
+    free_below, occupied_above = np.float32(-FREE_BELOW), np.float32(OCCUPIED_ABOVE)
+    free, occupied, unknown = np.uint8(FREE), np.uint8(OCCUPIED), np.uint8(UNKNOWN)
     for j in range(states.shape[0]):
-        value = log_odds[j]
-        left = abs(value) - fading * (now_s - updated_s[j])
-        free = (value < zero) & (left > free_below)
-        occupied = (value > zero) & (left > occupied_above)
-        states[j] = np.uint8(FREE) * np.uint8(free) + np.uint8(OCCUPIED) * np.uint8(occupied)
+        value, faded_by = log_odds[j], fading * (now_s - updated_s[j])
+        known = occupied if value - faded_by > occupied_above else unknown
+        states[j] = free if -value - faded_by > free_below else known
