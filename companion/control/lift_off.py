@@ -6,9 +6,12 @@ So the thrust rises quickly to what should hover, then creeps for the time that 
 
     share of the believed hover thrust: 0.25 at 0 s, 1 at 1.5 s, 1.14 at 5 s, then 0.5 more with each second
 
+A vehicle that slides is light on its feet, and the wind takes it along: its motors do follow, and it does not creep.
 Whether the vehicle flies is told by its motion, not by the landed state that it reports, which comes early with one
 make, late or never with another. The thrust at which it rose is the weight, to begin with.
 """
+
+import math
 
 from companion.config import Limits
 from companion.state import VehicleState
@@ -17,6 +20,8 @@ from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 _BEGIN, _QUICK_S, _CREEP_S = 0.25, 1.5, 3.5
 _CREEP, _RISE = 0.04, 0.5
 """Shares of the hover thrust by second."""
+_SLIDING = 0.2
+"""m/s over the ground."""
 _LONGEST_SPOOL_S = 6.0
 """So long is a vehicle believed that its motors don't follow yet."""
 _PATIENCE_S = 4.0
@@ -38,8 +43,8 @@ class LiftOff:
         """Fraction of the full thrust, for a vehicle on the ground; None: it flies."""
         self._limits = limits
         self._full_n = body.max_thrust_n
-        self._clock_s = 0.0
-        """For how long the thrust has been rising."""
+        self._clock_s = self._slid_s = 0.0
+        """For how long the thrust has been rising, and the vehicle sliding meanwhile in place of a creep."""
         self._spooling_s = 0.0
         self._at_most_s = 0.0
         self._time_ns: int | None = None
@@ -50,7 +55,7 @@ class LiftOff:
     def begin(self) -> None:
         """The motors were armed on the ground."""
         self.thrust = 0.0
-        self._clock_s = self._spooling_s = self._at_most_s = 0.0
+        self._clock_s = self._slid_s = self._spooling_s = self._at_most_s = 0.0
         self._time_ns = self._ground_down = self._stood_down = None
 
     def given_back(self, state: VehicleState) -> None:
@@ -68,10 +73,14 @@ class LiftOff:
         self._time_ns = now_ns
         hover = mass * GRAVITY / self._full_n
         if not rises:
-            self._clock_s, self._ground_down = 0.0, None
+            self._clock_s = self._slid_s = 0.0
+            self._ground_down = None
         elif spooling and self._spooling_s < _LONGEST_SPOOL_S:
             self._spooling_s += dt
-            self._clock_s, self._ground_down = 0.0, None
+            self._clock_s = self._slid_s = 0.0
+            self._ground_down = None
+        elif _QUICK_S <= self._clock_s and math.hypot(*state.velocity_ned[:2]) > _SLIDING:
+            self._slid_s += dt
         else:
             self._clock_s += dt
         if self._ground_down is None:
@@ -91,7 +100,8 @@ class LiftOff:
         """The thrust that belongs to the clock; the lowest if the highest has not lifted the vehicle."""
         t = self._clock_s
         share = _BEGIN + (1.0 - _BEGIN) * min(t / _QUICK_S, 1.0)
-        share += _CREEP * min(max(t - _QUICK_S, 0.0), _CREEP_S) + _RISE * max(t - _QUICK_S - _CREEP_S, 0.0)
+        share += _CREEP * min(max(t - _QUICK_S, 0.0), _CREEP_S)
+        share += _RISE * (max(t - _QUICK_S - _CREEP_S, 0.0) + self._slid_s)
         if share * hover >= self._limits.highest_thrust:
             self._at_most_s += dt
         if self._at_most_s > _PATIENCE_S:

@@ -142,6 +142,16 @@ def test_a_hold_on_the_ground_begins_again() -> None:
     assert thrusts[250] == thrusts[0] and thrusts[399] == pytest.approx(thrusts[99], rel=0.01)
 
 
+@pytest.mark.parametrize(("wind", "most"), [(4.5, 0.3), (8.0, 0.75)])
+def test_the_wind_does_not_carry_it_along_while_it_is_light(wind: float, most: float) -> None:
+    """It slides from the moment at which its feet hold it no more, and is in the air soon after."""
+    joined = Joined(mission_of("hover"), world_overrides=(f"wind.mean_ned=[0.0, {wind}, 0.0]",))
+    joined.fly(limit_s=10.0, until=lambda each: each.vehicle.state[2] < -1.0)
+    assert joined.vehicle.state[2] < -1.0
+    places = np.array(joined.truths)[:, :2]
+    assert np.linalg.norm(places - places[0], axis=1).max() < most
+
+
 @pytest.mark.parametrize(("height", "flies"), [(0.0, False), (0.05, False), (0.5, True)])
 def test_a_vehicle_given_back_above_where_it_stood_flies(height: float, flies: bool) -> None:
     """It was taken over before it had left the ground, wherever that seems to be meanwhile."""
