@@ -25,8 +25,8 @@ from protocol.toml_files import find, load
 from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.sensors.settings import SensorSettings
-from vehicle_sim.sensors.suite import TICK_S, Fix, SensorSuite
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.sensors.suite import Fix, SensorSuite
+from vehicle_sim.timing import TICK_NS, TICK_S
 
 ASKED_HZ = 50.0
 """How often each sensor is looked at; most often there is nothing new."""

@@ -23,8 +23,8 @@ from protocol.jit import compiled
 from protocol.toml_files import find, load
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.sensors.settings import SensorSettings, Wander
-from vehicle_sim.sensors.suite import TICK_S, SensorSuite, as_row, read
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.sensors.suite import SensorSuite, as_row, read
+from vehicle_sim.timing import TICK_NS, TICK_S
 
 HOUR_S = 3600.0
 TIMES_S = (0.4, 10.0)

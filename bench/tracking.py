@@ -30,8 +30,8 @@ from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.sensors.settings import SensorSettings
-from vehicle_sim.sensors.suite import TICK_S, SensorSuite
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.timing import TICK_NS, TICK_S
 
 STEP_S = 0.005
 """On the truth; on sensors it is a tick of theirs."""

@@ -27,8 +27,8 @@ from vehicle_sim.estimation import kalman
 from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.sensors.faults import Failure
-from vehicle_sim.sensors.suite import TICK_S, SensorSuite
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.timing import TICK_NS, TICK_S
 
 NAME = "consistency"
 TITLE = "The estimator's consistency"

@@ -79,7 +79,7 @@ class LiftOff:
             self._spooling_s += dt
             self._clock_s = self._slid_s = 0.0
             self._ground_down = None
-        elif _QUICK_S <= self._clock_s and math.hypot(*state.velocity_ned[:2]) > _SLIDING:
+        elif self._clock_s >= _QUICK_S and math.hypot(*state.velocity_ned[:2]) > _SLIDING:
             self._slid_s += dt
         else:
             self._clock_s += dt

@@ -48,16 +48,15 @@ def test_a_constant_force_accelerates_a_falling_body_exactly() -> None:
 
 
 def test_force_of_a_world_pushes_from_take_off_to_landing() -> None:
-    """In hold the vehicle leans against it, held off by what its two gains give; on the ground it stands still."""
+    """In hold the vehicle leans against it and comes back to its place; on the ground it stands still."""
     push = 3.0
     pilot = ForeignPilot(world_with(f"disturbance.force_ned=[0.0, {push}, 0.0]"))
     pilot.fly(1.0)
     assert pilot.vehicle.motion.speed < 1e-9
     pilot.take_off()
-    pilot.fly(8.0)
-    auto, mass = AIRFRAME.auto, AIRFRAME.takeoff_mass_kg
-    pushed_m = push / mass / (auto.position_gain_1_s * auto.velocity_gain_1_s)
-    assert pilot.vehicle.motion.position_ned[:2] == pytest.approx((0.0, pushed_m), abs=0.01)
+    pilot.fly(20.0)
+    mass = AIRFRAME.takeoff_mass_kg
+    assert pilot.vehicle.motion.position_ned[:2] == pytest.approx((0.0, 0.0), abs=0.01)
     assert pilot.vehicle.motion.tilt == pytest.approx(math.atan(push / (mass * GRAVITY)), abs=1e-3)
     pilot.set_mode(LAND)
     assert pilot.fly(20.0, until=lambda: pilot.vehicle.flight.landed)
@@ -100,14 +99,29 @@ def test_worlds_without_the_tables_are_calm() -> None:
     assert world.wind.turbulence_m_s == 0.0
 
 
-def test_a_steady_wind_that_keeps_it_off_ends_neither_take_off_nor_return() -> None:
-    """The position law has no integral: it stands as far from its target as the wind makes it."""
+def test_a_steady_wind_keeps_it_off_neither_in_take_off_nor_in_return() -> None:
     pilot = ForeignPilot(world=world_with("wind.mean_ned=[12.0, 0.0, 0.0]"))
     pilot.fly(1.2)
     assert pilot.command(mavlink.MAV_CMD_NAV_TAKEOFF, *(UNSET,) * 7) == mavlink.MAV_RESULT_ACCEPTED
     assert pilot.arm() == mavlink.MAV_RESULT_ACCEPTED
     assert pilot.fly(15.0, until=lambda: pilot.mode == HOLD)
+    assert pilot.vehicle.motion.position_ned[0] > 0.2  # it slid, and had to learn the wind
     assert pilot.set_mode(RETURN) == mavlink.MAV_RESULT_ACCEPTED
     assert pilot.fly(20.0, until=lambda: pilot.mode == LAND)
-    assert 0.5 < pilot.vehicle.motion.position_ned[0] < 2.0
     assert pilot.fly(15.0, until=lambda: not pilot.armed) and pilot.vehicle.flight.crash is None
+    assert math.hypot(*pilot.vehicle.motion.position_ned[:2]) < 0.3
+
+
+def test_what_was_learned_of_the_wind_in_hold_is_kept_for_the_landing_and_forgotten_on_the_ground() -> None:
+    pilot = ForeignPilot(world=world_with("wind.mean_ned=[0.0, 8.0, 0.0]"))
+    pilot.take_off()
+    pilot.fly(15.0)
+    learned = pilot.vehicle.flight.guidance.command["integral"][0].copy()
+    assert learned[1] == pytest.approx(-8.0 * AIRFRAME.body.drag_kg_s[1] / AIRFRAME.takeoff_mass_kg, rel=0.1)
+    pilot.set_mode(LAND)
+    pilot.fly(1.0)
+    assert pilot.vehicle.motion.position_ned[:2] == pytest.approx((0.0, 0.0), abs=0.05)
+    assert pilot.fly(20.0, until=lambda: not pilot.armed)
+    assert math.hypot(*pilot.vehicle.motion.position_ned[:2]) < 0.15
+    pilot.set_mode(HOLD)
+    assert pilot.vehicle.flight.guidance.command["integral"].tolist() == [[0.0, 0.0]]

@@ -13,6 +13,7 @@ from protocol.arrays import Array
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.physics.rigid_body import Parameters
+from vehicle_sim.timing import TICK_S
 
 
 class Level(IntEnum):
@@ -31,6 +32,8 @@ COMMAND = np.dtype(
         ("position_ned", "f8", 3),
         ("speed_limits", "f8", 3),  # m/s: horizontal, up, down
         ("yaw", "f8"),
+        ("integrates", "b1"),  # the position law learns what holds the vehicle off, such as wind
+        ("integral", "f8", 2),  # m/s2, north and east: what it has learned
         ("attitude_ned_frd", "f8", 4),  # from here on: computed for a command of a higher level
         ("rates_frd", "f8", 3),
         ("torque_frd", "f8", 3),
@@ -39,6 +42,8 @@ COMMAND = np.dtype(
 )
 Command = NDArray[np.void]
 """(1,) of COMMAND."""
+VELOCITY_INTEGRAL_1_S2 = 1.0
+"""Gain on the integral of a velocity's error."""
 
 
 @compiled
@@ -50,17 +55,21 @@ def _limited(value: float, limit: float) -> float:
 def position_law(state: Array, command: Command, parameters: Parameters) -> None:
     """Attitude and thrust from position and yaw, into the command.
 
-    P on the position, speed limits, P on the velocity, acceleration limits, then the tilt at which the thrust gives
-    that acceleration. The feedback compensates drag.
+    P on the position, speed limits, PI on the velocity, acceleration limits, then the tilt at which the thrust gives
+    that acceleration. The integral waits at the limit.
     """
     p, c = parameters[0], command[0]
     vn = p.position_gain * (c.position_ned[0] - state[0])
     ve = p.position_gain * (c.position_ned[1] - state[1])
     scale = min(1.0, c.speed_limits[0] / max(1e-9, math.hypot(vn, ve)))
     vd = min(max(p.position_gain * (c.position_ned[2] - state[2]), -c.speed_limits[1]), c.speed_limits[2])
-    an = p.velocity_gain * (vn * scale - state[3])
-    ae = p.velocity_gain * (ve * scale - state[4])
+    slow_n, slow_e = vn * scale - state[3], ve * scale - state[4]
+    an = p.velocity_gain * slow_n + c.integral[0]
+    ae = p.velocity_gain * slow_e + c.integral[1]
     scale = min(1.0, p.acceleration_limit / max(1e-9, math.hypot(an, ae)))
+    if c.integrates and scale == 1.0:
+        c.integral[0] += VELOCITY_INTEGRAL_1_S2 * slow_n * TICK_S
+        c.integral[1] += VELOCITY_INTEGRAL_1_S2 * slow_e * TICK_S
     an *= scale
     ae *= scale
     lift = GRAVITY - _limited(p.velocity_gain * (vd - state[5]), p.climb_acceleration_limit)

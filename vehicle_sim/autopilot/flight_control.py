@@ -321,6 +321,8 @@ class FlightControl:
 
     def enter(self, mode: Mode) -> None:
         """Begin to fly in a mode."""
+        if self.landed or self.mode.flies not in (Flies.TARGET, Flies.MISSION):  # else the wind is known already
+            self.guidance.command["integral"] = 0.0
         self.mode = mode
         self.watch.alive_ns = self.motion.time_ns
         self.guidance.start(mode, self.motion, self._haven, landed=self.landed)

@@ -19,7 +19,7 @@ STILL_M_S = 0.3
 
 _ARRIVED_M = 0.5
 _SETTLED_NS = 3_000_000_000
-"""At rest near its target for so long, the vehicle comes no nearer: a steady wind keeps it off."""
+"""At rest near its target for so long, the vehicle comes no nearer: a steady downdraught keeps it off."""
 _BELOW_GROUND_M = 10.0
 """Depth of the target of a landing, which is never reached."""
 
@@ -39,7 +39,7 @@ class Guidance:
         self._settings = settings
         self._foot_height_m = airframe.ground.foot_height_m
         self.command: Command = np.zeros(1, COMMAND)
-        self.command["level"] = Level.POSITION
+        self.command["level"], self.command["integrates"] = Level.POSITION, True
         self.command["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
         self.takeoff_ned = start_ned
         """Target (m) of a take-off."""
@@ -163,11 +163,10 @@ class Guidance:
         north, east, down = motion.position_ned
         distance = math.hypot(north - home_ned[0], east - home_ned[1])
         high = float(self.command["position_ned"][0][2])
-        settled = self._is_settled(motion, near=distance < self._settings.acceptance_m)
         if not self._above_climb and (distance < _ARRIVED_M or abs(down - high) < _ARRIVED_M):
             self._above_climb = True
             self.aim((home_ned[0], home_ned[1], high))
-        elif self._above_climb and (settled or (distance < _ARRIVED_M and motion.speed < STILL_M_S)):
+        elif self._above_climb and distance < _ARRIVED_M and motion.speed < STILL_M_S:
             return Arrival(Trigger.ABOVE_HOME, (home_ned[0], home_ned[1], _BELOW_GROUND_M))
         return None
 

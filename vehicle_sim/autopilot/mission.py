@@ -11,8 +11,9 @@ from vehicle_sim.autopilot.guidance import Guidance
 from vehicle_sim.autopilot.modes import Mode, Trigger
 from vehicle_sim.autopilot.plan import Item, Place
 from vehicle_sim.autopilot.settings import Settings
-from vehicle_sim.autopilot.tracking import TICK_S, course, turned
+from vehicle_sim.autopilot.tracking import course, turned
 from vehicle_sim.physics.motion import Motion
+from vehicle_sim.timing import TICK_S
 
 _FACING = math.radians(5.0)
 _COURSE_M = 1.0

@@ -10,8 +10,9 @@ from vehicle_sim.autopilot.control_laws import Command, Level
 from vehicle_sim.autopilot.guidance import STILL_M_S
 from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.autopilot.settings import Settings
-from vehicle_sim.autopilot.tracking import TICK_S, Axes, Target, Tracker, in_heading
+from vehicle_sim.autopilot.tracking import Axes, Target, Tracker, in_heading
 from vehicle_sim.physics.motion import Motion
+from vehicle_sim.timing import TICK_S
 
 _ACRO_RATE = math.radians(100.0)
 """PX4's MC_ACRO_R_MAX."""

@@ -7,19 +7,16 @@ import numpy as np
 
 from protocol.arrays import Vector
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.autopilot.control_laws import COMMAND, Command, Level
+from vehicle_sim.autopilot.control_laws import COMMAND, VELOCITY_INTEGRAL_1_S2, Command, Level
 from vehicle_sim.autopilot.settings import Settings
 from vehicle_sim.physics.motion import Motion
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.timing import TICK_S
 
 Axes = tuple[float | None, float | None, float | None]
 """North, east, down; None: free."""
 FREE: Axes = (None, None, None)
 STILL: Axes = (0.0, 0.0, 0.0)
 
-TICK_S = TICK_NS * 1e-9
-
-_VELOCITY_INTEGRAL_1_S2 = 1.0
 _LIFT_OFF_M_S2 = 0.1
 """Upward acceleration from which a target means to leave the ground."""
 _UNLIMITED = (1e6, 1e6, 1e6)
@@ -96,7 +93,7 @@ class Tracker:
             error = speed - motion.velocity_ned[axis]
             wanted[axis] += auto.velocity_gain_1_s * error + self._integral[axis]
             if abs(wanted[axis]) < limits[axis]:
-                self._integral[axis] += _VELOCITY_INTEGRAL_1_S2 * error * TICK_S
+                self._integral[axis] += VELOCITY_INTEGRAL_1_S2 * error * TICK_S
         return wanted
 
     def _velocity(self, target: Target, motion: Motion) -> list[float | None]:

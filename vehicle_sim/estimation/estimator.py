@@ -13,8 +13,8 @@ from vehicle_sim.estimation import ground, kalman
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.physics.rigid_body import to_world
 from vehicle_sim.sensors.settings import DRIFT_TIME_S
-from vehicle_sim.sensors.suite import TICK_S, Fix, SensorSuite, as_row, field_ned, wanders
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.sensors.suite import Fix, SensorSuite, as_row, field_ned, wanders
+from vehicle_sim.timing import TICK_NS, TICK_S
 
 _SPREAD_TICKS = 5
 OUTPUT_S = 0.25

@@ -15,9 +15,8 @@ from vehicle_sim.physics.motion import Motion
 from vehicle_sim.physics.rigid_body import to_world
 from vehicle_sim.sensors.faults import Fault
 from vehicle_sim.sensors.settings import DRIFT_TIME_S, Satellites, SensorSettings, Wander
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.timing import TICK_S
 
-TICK_S = TICK_NS * 1e-9
 POSITION, HARD_IRON, BAROMETER = slice(6, 9), slice(9, 12), 12
 """Among the wandering errors (13,), after those of gyroscope and accelerometer."""
 _WANDERS, _WHITE = 13, 6

@@ -2,8 +2,8 @@
 
 from protocol.messages import Encoder, dialect
 from vehicle_sim.estimation.estimator import GATE, Estimator
-from vehicle_sim.sensors.suite import TICK_S
 from vehicle_sim.services.snapshot import NOTHING, Snapshot
+from vehicle_sim.timing import TICK_S
 
 _SEA_LEVEL_HPA, _LAPSE, _EXPONENT = 1013.25, 2.25577e-5, 5.25588
 """The pressure at a height h (m) is p0 (1 - lapse h)^exponent: ISO 2533."""

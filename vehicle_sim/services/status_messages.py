@@ -197,7 +197,7 @@ class StatusMessages:
 
     def attitude_target(self, now: Snapshot) -> bytes:
         """The setpoints of all levels at present, those that the control laws compute included."""
-        ((level, _, _, _, attitude, rates, _, thrust_n),) = self._flight.command.tolist()
+        ((level, *_, attitude, rates, _, thrust_n),) = self._flight.command.tolist()
         mask = (
             dialect.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
             if level < Level.ATTITUDE

@@ -22,7 +22,7 @@ import numpy as np
 from protocol.arrays import Array, Vector
 from protocol.jit import compiled
 from protocol.vehicle_parameters import NotNegative
-from vehicle_sim.timing import TICK_NS
+from vehicle_sim.timing import TICK_S
 
 COMPONENTS = 5
 """Filter states: one of u, two of v, two of w."""
@@ -118,7 +118,7 @@ def _advance(
     """
     dn, de, dd = state[3] - mean_ned[0], state[4] - mean_ned[1], state[5] - mean_ned[2]
     airspeed = math.sqrt(dn * dn + de * de + dd * dd)
-    gust(filters, noise, TICK_NS * 1e-9, -state[2], airspeed, w20_m_s, wind_ned)
+    gust(filters, noise, TICK_S, -state[2], airspeed, w20_m_s, wind_ned)
     along, across, down = wind_ned[0], wind_ned[1], wind_ned[2]
     wind_ned[0] = mean_ned[0] + course[0] * along - course[1] * across
     wind_ned[1] = mean_ned[1] + course[1] * along + course[0] * across

@@ -110,7 +110,7 @@ def test_hold_brakes_and_stays(aloft: ForeignPilot) -> None:
     speed, north = aloft.vehicle.motion.velocity_ned[0], aloft.vehicle.motion.position_ned[0]
     assert speed > 1.5
     assert aloft.set_mode(HOLD) == ACCEPTED
-    aloft.fly(6.0)
+    aloft.fly(12.0)
     stopped = aloft.vehicle.motion.position_ned[0]
     assert 0.2 < stopped - north < speed + 1.0
     aloft.fly(3.0)

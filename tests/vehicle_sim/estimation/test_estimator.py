@@ -15,7 +15,8 @@ from vehicle_sim.estimation.estimator import OUTPUT_S, Estimator
 from vehicle_sim.physics.motion import Motion
 from vehicle_sim.sensors.faults import Failure
 from vehicle_sim.sensors.settings import SensorSettings
-from vehicle_sim.sensors.suite import TICK_S, SensorSuite
+from vehicle_sim.sensors.suite import SensorSuite
+from vehicle_sim.timing import TICK_S
 
 SEEDS = 10
 FREE = ("avoidance.method=none",)

@@ -10,7 +10,8 @@ from protocol.arrays import Array
 from tests.vehicle_sim.estimation.flown_paths import hover, lemniscate, settings_of
 from vehicle_sim.estimation import kalman
 from vehicle_sim.sensors.settings import Wander
-from vehicle_sim.sensors.suite import TICK_S, SensorSuite, as_row, gained, wanders
+from vehicle_sim.sensors.suite import SensorSuite, as_row, gained, wanders
+from vehicle_sim.timing import TICK_S
 
 
 def test_the_angle_and_the_speed_gained_lead_from_one_motion_to_the_next() -> None:
