@@ -16,6 +16,8 @@ from vehicle_sim.timing import STEP_S, STEPS_PER_TICK
 
 EXACT = np.zeros(0)
 """An estimate without error."""
+COMMANDS = 5
+"""Row of the work array that holds the speeds (rad/s) commanded last, in its first four numbers."""
 
 
 @compiled
@@ -80,7 +82,7 @@ def advance(
     `work` (7, 17) is a work array, see integrator.work_array. The control laws see the state with the estimate's latest
     `error` (13,), or as it is (0,).
     """
-    commands = work[5]
+    commands = work[COMMANDS]
     seen = work[6] if len(error) else state
     if len(error):
         _estimated(state, error, seen)

@@ -35,7 +35,7 @@ from vehicle_sim.services.sensor_messages import Scans, Senses
 from vehicle_sim.services.services import Services
 from vehicle_sim.services.snapshot import Snapshot
 from vehicle_sim.services.telemetry import Telemetry
-from vehicle_sim.tick import EXACT, advance
+from vehicle_sim.tick import COMMANDS, EXACT, advance
 from vehicle_sim.timing import TICK_NS
 from vehicle_sim.truth import TruthRecorder
 from vehicle_sim.world import Scene, World
@@ -125,6 +125,7 @@ class Vehicle:
         senses = Senses(scans, self.estimator)
         health = self.flight.watch.health
         health.charge, health.full_speed = airframe.battery.charge, self._parameters["rotor_max_speed"].item()
+        health.commanded_speeds = self._work[COMMANDS][:4]
         running = self._parameters["rotor_running"][0]
         failures = Failures(
             _faults(senses), running, health, enabled=lambda: bool(self.flight.settings.failures_allowed)

@@ -263,6 +263,25 @@ def test_a_motor_that_is_off_tumbles_the_vehicle_and_is_told() -> None:
     assert pilot.fly(5.0, until=lambda: pilot.vehicle.flight.crash is not None)
 
 
+def test_a_motor_that_the_mixer_holds_still_has_not_failed() -> None:
+    """At half thrust a torque takes all of it from one rotor; PX4 looks at each motor's own command."""
+    pilot = aloft()
+    pilot.fly(0.3, pilot.attitude)
+    pilot.go_offboard()
+    flight = pilot.vehicle.flight
+    rest = 0.1 * flight.watch.health.full_speed
+    still: list[float] = []
+
+    def roll_hard() -> None:
+        flight.setpoints.torque([1.0, 0.0, 0.0, 0.5], flight.motion.time_ns)
+        if min(flight.motion.rotor_speeds) < rest:
+            still.append(pilot.time_s)
+
+    pilot.fly(0.5, roll_hard)
+    assert still[-1] - still[0] > 0.15 and flight.crash is None, "longer than FD_ACT_MOT_TOUT"
+    assert "Motor failure detected" not in pilot.texts
+
+
 @pytest.mark.parametrize("breaker", [0, 121212])
 def test_too_much_tilt_terminates_where_the_breaker_allows(breaker: int) -> None:
     pilot = aloft()

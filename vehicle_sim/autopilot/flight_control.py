@@ -239,10 +239,9 @@ class FlightControl:
             self._disarm_when_idle(motion.time_ns)
 
     def _look_after(self, motion: Motion) -> None:
-        share = float(self.command["thrust_n"][0]) / self.airframe.body.max_thrust_n
         lost = self.mode.needs_position or (self.mode is Mode.OFFBOARD and self.setpoints.needs_position)
         acts = self.failsafe or self.mode is Mode.RETURN
-        trigger = self.watch.update(motion, share, needs_position=lost, failsafe=acts)
+        trigger = self.watch.update(motion, needs_position=lost, failsafe=acts)
         if trigger is Trigger.ATTITUDE_FAILED_EARLY:
             self._disarm("Disarmed: attitude failure")
         elif trigger is not None and not self.landed:

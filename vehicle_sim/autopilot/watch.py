@@ -2,8 +2,11 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import numpy as np
+
+from protocol.arrays import Array
 from vehicle_sim.autopilot.modes import Mode, Severity, Trigger
 from vehicle_sim.autopilot.settings import SECOND_NS, Settings
 from vehicle_sim.physics.motion import Motion
@@ -42,6 +45,8 @@ class Health:
     """The battery says that it is empty."""
     full_speed: float = 0.0
     """A rotor's highest speed (rad/s)."""
+    commanded_speeds: Array = field(default_factory=lambda: np.zeros(4))
+    """(4,) The speeds of the rotors (rad/s) that were commanded last."""
 
 
 class Watch:
@@ -62,13 +67,14 @@ class Watch:
         """Stage of the battery."""
         self._level_ns = 0
         """When the tilt was small last."""
-        self._turning_ns = 0
-        """When all motors that should turn did so last."""
+        self._turning_ns = [0, 0, 0, 0]
+        """When each motor turned, or did not have to, last."""
         self._told: set[str] = set()
 
     def arm(self, now_ns: int) -> None:
         """The motors start. A battery that is low already makes nothing happen, as in PX4, until it is lower."""
-        self._armed_ns = self._level_ns = self._turning_ns = now_ns
+        self._armed_ns = self._level_ns = now_ns
+        self._turning_ns = [now_ns] * 4
         self._stage = self.stage
         self._told.clear()
 
@@ -105,15 +111,15 @@ class Watch:
             return then
         return s.link_loss if now_ns - self.alive_ns >= s.link_loss_ns else None
 
-    def update(self, motion: Motion, share: float, *, needs_position: bool, failsafe: bool) -> Trigger | None:
-        """What has gone wrong by the end of a tick, if anything. `share`: of full thrust, commanded; `failsafe`: one is
-        being flown already, or a return, so that nothing needs a hold before it."""
+    def update(self, motion: Motion, *, needs_position: bool, failsafe: bool) -> Trigger | None:
+        """What has gone wrong by the end of a tick, if anything. `failsafe`: one is being flown already, or a return,
+        so that nothing needs a hold before it."""
         if self.health.position_lost and needs_position:
             return Trigger.POSITION_LOST
         trigger = self._attitude(motion)
         if trigger is not None:
             return trigger
-        self._motors(motion, share)
+        self._motors(motion)
         return self._battery(failsafe=failsafe)
 
     @property
@@ -144,11 +150,15 @@ class Watch:
             return Trigger.ATTITUDE_FAILED_EARLY
         return Trigger.ATTITUDE_FAILED if s.terminates else None
 
-    def _motors(self, motion: Motion, share: float) -> None:
-        if share < _TURNING or min(motion.rotor_speeds) > _TURNING * self.health.full_speed:
-            self._turning_ns = motion.time_ns
-        elif motion.time_ns - self._turning_ns >= MOTOR_NS:
-            self._tell("Motor failure detected")
+    def _motors(self, motion: Motion) -> None:
+        """A motor that is commanded to turn and does not; one that the mixer holds still is not commanded."""
+        full = self.health.full_speed
+        commanded = self.health.commanded_speeds.tolist()
+        for motor, (speed, wanted) in enumerate(zip(motion.rotor_speeds, commanded, strict=True)):
+            if wanted * wanted < _TURNING * full * full or speed > _TURNING * full:
+                self._turning_ns[motor] = motion.time_ns
+            elif motion.time_ns - self._turning_ns[motor] >= MOTOR_NS:
+                self._tell("Motor failure detected")
 
     def _tell(self, text: str) -> None:
         """Once a flight."""
