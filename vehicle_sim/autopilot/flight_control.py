@@ -299,7 +299,8 @@ class FlightControl:
         after_landing_ns, before_ns = self.settings.disarm_landed_ns, self.settings.disarm_preflight_ns
         if self.flown:
             landed_ns = now_ns - self._landed_since_ns
-            if self.mode is Mode.OFFBOARD or self.phase is Mode.TAKEOFF:
+            amid_mission = self.mode is Mode.MISSION and not self.mission.finished  # it may take off again, as for PX4
+            if amid_mission or self.mode is Mode.OFFBOARD or self.phase is Mode.TAKEOFF:
                 return
             if 0 < after_landing_ns <= landed_ns:
                 self._disarm("Disarmed by landing")

@@ -66,6 +66,22 @@ def test_a_whole_flight_passes_each_waypoint_and_ends_disarmed() -> None:
     assert [m.seq for m in pilot.all("MISSION_CURRENT")] == [0, 1, 2, 3, 4, 0], "and from the beginning next time"
 
 
+def test_a_mission_that_lands_on_its_way_waits_there_and_takes_off_again() -> None:
+    """PX4 disarms by a landing only where it ends the mission (landed_amid_mission)."""
+    pilot = ForeignPilot()
+    start(
+        pilot,
+        at(TAKEOFF, 0.0, 0.0, 2.0),
+        at(LANDING, 0.0, 0.0, 0.0),
+        do(mavlink.MAV_CMD_NAV_DELAY, 4.0),
+        at(TAKEOFF, 0.0, 0.0, 2.0),
+        at(LANDING, 0.0, 0.0, 0.0),
+    )
+    assert pilot.fly(60.0, until=lambda: not pilot.armed)
+    assert reached(pilot) == [0, 1, 2, 3, 4]
+    assert pilot.texts.count("Landing detected") == 2 and "Disarmed by landing" in pilot.texts
+
+
 def test_a_pause_holds_and_the_mission_goes_on_where_it_was() -> None:
     pilot = in_the_air(at(WAYPOINT, 8.0, 0.0, 3.0), at(WAYPOINT, 30.0, 0.0, 3.0))
     assert pilot.fly(10.0, until=lambda: reached(pilot) == [0])
