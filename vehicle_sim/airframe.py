@@ -1,7 +1,7 @@
 """A vehicle file in `vehicles/`: its tables as records, and one flat record for compiled code."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -13,8 +13,11 @@ from protocol.toml_files import TomlFileError, find, load
 from protocol.vehicle_parameters import GRAVITY, NotNegative, Positive, VehicleParameters
 from vehicle_sim.sensors.lidar import LidarSettings
 from vehicle_sim.sensors.settings import SensorSettings
+from vehicle_sim.timing import STEP_S
 
 PERFECT = "perfect"
+_SHORTEST_S = 0.5 * STEP_S
+"""The least time constant: the integration over STEP_S is stable down to 0.36 of it."""
 
 Axes = tuple[Positive, Positive, Positive]
 Four = tuple[Positive, Positive, Positive, Positive]
@@ -164,18 +167,31 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Raises TomlFileError, naming file and key, also for a vehicle that can't lift its parcel.
         """
         airframe = load(path, cls, overrides)
-        if airframe.body.max_thrust_n <= airframe.takeoff_mass_kg * GRAVITY:
-            raise TomlFileError(
-                f"{path}: body.rotor_max_thrust_n: four of them can't lift {airframe.takeoff_mass_kg:g} kg"
-            )
+        for key, problem in airframe._problems():
+            raise TomlFileError(f"{path}: {key}: {problem}")
         if airframe.estimator.sensors is None:
             airframe = msgspec.structs.replace(
                 airframe, estimator=msgspec.structs.replace(airframe.estimator, sensors=sensors)
             )
         airframe.sensors()
-        if airframe.battery.empty_v >= airframe.battery.full_v:
-            raise TomlFileError(f"{path}: battery.empty_v: not below battery.full_v")
         return airframe
+
+    def _problems(self) -> Iterator[tuple[str, str]]:
+        """Each key whose value can't be flown, or can't be integrated in steps of STEP_S, and why."""
+        mass, rotors = self.takeoff_mass_kg, self.rotors
+        if self.body.max_thrust_n <= mass * GRAVITY:
+            yield "body.rotor_max_thrust_n", f"four of them can't lift {mass:g} kg"
+        for key in ("time_constant_up_s", "time_constant_down_s"):
+            shortest = getattr(rotors, key) * min(rotors.lag_share)
+            if shortest < _SHORTEST_S:
+                yield f"rotors.{key}", f"{shortest:g} s for a rotor is less than {_SHORTEST_S:g} s"
+        most_drag = self.body.mass_kg / _SHORTEST_S
+        if max(self.body.drag_kg_s) > most_drag:
+            yield "body.drag_kg_s", f"{max(self.body.drag_kg_s):g} is more than {most_drag:g} for {mass:g} kg"
+        if self.rest_height_m <= 0.0:
+            yield "ground.stiffness_n_m", f"{mass:g} kg sink by more than ground.foot_height_m"
+        if self.battery.empty_v >= self.battery.full_v:
+            yield "battery.empty_v", "not below battery.full_v"
 
     @property
     def takeoff_mass_kg(self) -> float:

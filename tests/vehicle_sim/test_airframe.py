@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from protocol.toml_files import find
-from tests.vehicle_sim.foreign_pilot import ForeignPilot
+from protocol.toml_files import TomlFileError, find
+from tests.vehicle_sim.foreign_pilot import ForeignPilot, airframe_with
 from vehicle_sim.airframe import Airframe
 
 VEHICLES = [
@@ -48,3 +48,31 @@ def test_rate_loop_of_every_vehicle_follows_its_model(path: Path, axis: int) -> 
     pilot.fly(0.5, turn)
     overshoot = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2)) if damping < 1.0 else 0.0
     assert peak / 0.3 - 1.0 == pytest.approx(overshoot, abs=0.04)
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("rotors.time_constant_up_s=1e-4", "rotors.time_constant_up_s"),
+        ("rotors.lag_share=[1.0, 1.0, 1.0, 0.001]", "rotors.time_constant_up_s"),
+        ("body.drag_kg_s=[0.0, 5000.0, 0.0]", "body.drag_kg_s"),
+        ("ground.stiffness_n_m=1.0", "ground.stiffness_n_m"),
+        ("body.rotor_max_thrust_n=1.0", "body.rotor_max_thrust_n"),
+        ("battery.empty_v=100.0", "battery.empty_v"),
+    ],
+)
+def test_a_vehicle_that_can_not_be_flown_is_refused(override: str, key: str) -> None:
+    """Its motion would be no number, or thousands of kilometres high, or under the ground."""
+    with pytest.raises(TomlFileError, match=key):
+        airframe_with(override)
+
+
+@pytest.mark.parametrize("override", ["rotors.time_constant_up_s=5.1e-4", "body.drag_kg_s=[2500.0, 2500.0, 2500.0]"])
+def test_the_limits_of_a_vehicle_file_can_be_flown(override: str) -> None:
+    pilot = ForeignPilot(airframe=airframe_with(override))
+    pilot.fly(1.2)
+    pilot.vehicle.flight.arm()
+    pilot.vehicle.flight.take_off(2.0)
+    pilot.fly(5.0)
+    down = pilot.vehicle.motion.position_ned[2]
+    assert -2.5 < down < 0.0 and pilot.vehicle.flight.crash is None
