@@ -28,7 +28,7 @@ class OriginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     latitude_deg: Annotated[float, msgspec.Meta(gt=-90, lt=90)]
     longitude_deg: Annotated[float, msgspec.Meta(ge=-180, le=180)]
-    altitude_m: float
+    altitude_m: Annotated[float, msgspec.Meta(ge=-1000, le=20_000)]
     """Above mean sea level."""
 
     def __post_init__(self) -> None:

@@ -303,7 +303,16 @@ def test_impossible_obstacles_are_refused_with_file_and_key(kind: str, key: str,
     assert key in text
 
 
-@pytest.mark.parametrize(("key", "value"), [("latitude_deg", 91.0), ("longitude_deg", 200.0), ("altitude_m", math.nan)])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("latitude_deg", 91.0),
+        ("longitude_deg", 200.0),
+        ("altitude_m", math.nan),
+        ("altitude_m", 5e4),
+        ("altitude_m", -2e3),
+    ],
+)
 def test_impossible_origins_are_refused(key: str, value: float) -> None:
     with pytest.raises(toml_files.TomlFileError, match=rf"test\.toml.*{key}"):
         World.from_tables({**tables(), "origin": {**ORIGIN, key: value}}, "test.toml")
