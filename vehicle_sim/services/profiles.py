@@ -61,4 +61,4 @@ _RATES_HZ = _PX4 | _OWN
 def interval_us(message_id: int, profile: Profile, least_us: int) -> int:
     """Default interval; 0: not sent."""
     rate_hz = _RATES_HZ.get(message_id, (0.0, 0.0, 0.0))[profile.value]
-    return max(least_us, round(1e6 / rate_hz)) if rate_hz else 0
+    return max(1, least_us, round(1e6 / rate_hz)) if rate_hz else 0

@@ -27,11 +27,11 @@ class Schedule:
     messages of one instant travel together."""
 
     def __init__(self, intervals_us: dict[int, tuple[int, int]]) -> None:
-        """`intervals_us`: by message id, the default interval (0: off) and the least one."""
-        self._streams = {
-            message_id: Stream(message_id, default // TICK_US, max(1, least // TICK_US), default // TICK_US)
-            for message_id, (default, least) in intervals_us.items()
-        }
+        """`intervals_us`: by message id, the default interval (0: off; at least a tick) and the least one."""
+        self._streams: dict[int, Stream] = {}
+        for message_id, (default, least) in intervals_us.items():
+            ticks = max(1, default // TICK_US) if default else 0
+            self._streams[message_id] = Stream(message_id, ticks, max(1, least // TICK_US), ticks)
         self._tick = 0
         self._due: list[tuple[int, int]] = []
         """Heap of (tick, message id)."""

@@ -197,6 +197,13 @@ def test_scans_come_no_faster_than_the_lidars_rate() -> None:
     assert np.diff(pilot.times("OBSTACLE_DISTANCE")).min() == pytest.approx(1.0 / AIRFRAME.lidar.rate_hz, abs=0.004)
 
 
+@pytest.mark.parametrize("rate_hz", [251.0, 1e7])
+def test_a_lidar_faster_than_the_ticks_is_told_with_each(rate_hz: float) -> None:
+    pilot = ForeignPilot(airframe=airframe_with(f"lidar.rate_hz={rate_hz}"), all_streams=True)
+    pilot.fly(0.2)
+    assert len(pilot.times("OBSTACLE_DISTANCE")) == 50
+
+
 def test_messages_of_one_instant_travel_together() -> None:
     pilot = ForeignPilot()
     pilot.fly(0.1)
