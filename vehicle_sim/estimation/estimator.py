@@ -27,6 +27,11 @@ _LOST_M = 5.0
 """Or beyond this horizontal standard deviation: COM_POS_FS_EPH."""
 _RESET_NS = 7_000_000_000
 """After no fix was taken for this time, the next one that is refused is believed: PX4's reset_timeout_max."""
+_LEAST_NOISE = 1e-3
+"""Standard deviation (m, m/s) of a measurement that the filter believes in at least: without any noise rounding makes a
+variance negative."""
+_LEAST_FIELD_NOISE = 1e-4
+"""The same in gauss."""
 _FAILED_NS = 1_000_000_000
 """A sensor that has been silent for this time, or more than two of its periods, has failed."""
 _ALIGNED = (0.01, 0.02, 0.01)
@@ -101,7 +106,7 @@ class Estimator:
         self._field = field_ned(s)
         level, up = s.positioning.position_noise
         slow, climbing = (math.inf, math.inf) if s.gnss is None else s.gnss.velocity_noise
-        self._fix_noise = np.array((level, level, up, slow, slow, climbing))
+        self._fix_noise = np.maximum((level, level, up, slow, slow, climbing), _LEAST_NOISE)
         self._fix_delay_ns = round(s.positioning.delay_s * 1e9)
         self._ticks = tuple(_period_ticks(each.rate_hz) for each in (s.magnetometer, s.barometer, s.positioning))
         """From one reading of each to the next."""
@@ -172,13 +177,13 @@ class Estimator:
             field = suite.field_frd(time_ns)
             if field is not None:
                 read.field_frd, read.field_ns = field, time_ns
-                noise = suite.settings.magnetometer.noise
+                noise = max(suite.settings.magnetometer.noise, _LEAST_FIELD_NOISE)
                 self.field_ratios = kalman.take_field(self.nominal, self.covariance, self._field, field, noise, GATE)
         if height_due:
             height = suite.height(time_ns)
             if height is not None:
                 read.height_m, read.height_ns = height, time_ns
-                noise = suite.settings.barometer.noise
+                noise = max(suite.settings.barometer.noise, _LEAST_NOISE)
                 self.height_ratios = kalman.take_height(self.nominal, self.covariance, height, noise, GATE)
         if self.ground is not None and _due(tick, _period_ticks(self.ground.finder.rate_hz)):
             self.ground.take(self.nominal, self.covariance, self._estimate[10:13], time_ns, GATE)

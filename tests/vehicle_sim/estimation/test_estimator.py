@@ -2,6 +2,7 @@
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -267,3 +268,23 @@ def test_a_companion_flies_on_it(level: str) -> None:
     true = np.array(joined.truths)[np.array(joined.trace_ticks), :3]
     apart = np.linalg.norm(true - trace["position_ned"], axis=1)
     assert 0.001 < apart.max() < {"gnss": 1.5, "rtk": 0.15, "vio": 0.3}[level]
+
+
+def silenced(table: Any) -> Any:
+    """A table of a sensor file without any noise, wander or drift."""
+    if not isinstance(table, dict):
+        return table
+    quiet = ("noise", "gyro_noise", "accelerometer_noise", "position_noise", "velocity_noise", "deviation", "drift")
+    none = {key: [0.0, 0.0] if isinstance(table[key], tuple | list) else 0.0 for key in quiet if key in table}
+    return {key: silenced(value) for key, value in table.items()} | none
+
+
+@pytest.mark.parametrize("level", ["gnss", "vio"])
+def test_sensors_without_any_noise_are_flown_on(level: str) -> None:
+    settings = msgspec.convert(silenced(msgspec.to_builtins(settings_of(level))), SensorSettings)
+    motions = path("lemniscate", 20.0)
+    estimator = estimator_of(settings, 1, motions[0])
+    for motion in motions[1:]:
+        estimator.update(motion)
+    assert all(math.isfinite(each) for each in estimator.deviations)
+    assert np.abs(estimator.error[:6]).max() < 0.1
