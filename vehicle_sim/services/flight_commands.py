@@ -59,7 +59,7 @@ class FlightCommands:
         self._actions = actions
         flight.mission.release = self._open_gripper
         self.table: dict[int, Command] = {
-            dialect.MAV_CMD_NAV_TAKEOFF: lambda m: flight.take_off(self._height_above_home(m)),
+            dialect.MAV_CMD_NAV_TAKEOFF: self._take_off,
             dialect.MAV_CMD_NAV_LAND: lambda _: flight.set_mode(Mode.LAND),
             dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _: flight.set_mode(Mode.RETURN),
             dialect.MAV_CMD_DO_SET_MODE: lambda m: self.set_mode(
@@ -89,14 +89,20 @@ class FlightCommands:
             dialect.MAV_CMD_PREFLIGHT_STORAGE: self._store,
         }
 
-    def _height_above_home(self, message: Any) -> float | None:
-        """The height (m) that a command's altitude is; None if it is unset."""
+    def _take_off(self, message: Any) -> Result:
+        """Home of a landed vehicle is where it stands, whatever was set before."""
+        flight = self._flight
+        home_ned = flight.motion.position_ned if flight.landed else flight.home_ned
+        return flight.take_off(self._height_above(home_ned, message))
+
+    def _height_above(self, home_ned: Vector, message: Any) -> float | None:
+        """The height (m) above home that a command's altitude is; None if it is unset."""
         altitude = _altitude(message)
         if not math.isfinite(altitude):
             return None
         if _is_int(message) and message.frame in ABOVE_HOME:
             return altitude
-        return altitude - self._origin[2] + self._flight.home_ned[2]
+        return altitude - self._origin[2] + home_ned[2]
 
     # --- modes and arming ---
 
@@ -192,12 +198,12 @@ class FlightCommands:
 
     def _target(self, message: Any) -> Vector | None:
         """Where a command's place is (m); what is unset is as the vehicle is. None if there is no such place."""
-        here = self._flight.motion.position_ned
-        place, altitude, height = self._horizontal(message), _altitude(message), self._height_above_home(message)
+        here, home_ned = self._flight.motion.position_ned, self._flight.home_ned
+        place, altitude, height = self._horizontal(message), _altitude(message), self._height_above(home_ned, message)
         if place is None or (height is None and not math.isnan(altitude)):
             return None
         north, east = here[:2] if math.isnan(place[0]) else place
-        return north, east, here[2] if height is None else self._flight.home_ned[2] - height
+        return north, east, here[2] if height is None else home_ned[2] - height
 
     def _horizontal(self, message: Any) -> tuple[float, float] | None:
         """North and east (m) of a command's latitude and longitude; NaN if both are unset, None for no place."""

@@ -151,6 +151,18 @@ def test_orbits_and_homes_have_altitudes_above_the_sea_in_any_frame(aloft: Forei
     assert aloft.vehicle.flight.home_ned == pytest.approx((3.0, 4.0, -6.0), abs=0.02)
 
 
+@pytest.mark.parametrize("home_m", [-10.0, 10.0])
+def test_takeoff_to_an_altitude_above_the_sea_wherever_home_was_set(pilot: ForeignPilot, home_m: float) -> None:
+    pilot.fly(1.2)
+    latitude, longitude, sea_m = EMPTY.origin
+    home = math.degrees(latitude), math.degrees(longitude), sea_m + home_m
+    assert pilot.command(mavlink.MAV_CMD_DO_SET_HOME, 0, UNSET, UNSET, UNSET, *home) == ACCEPTED
+    assert pilot.command(mavlink.MAV_CMD_NAV_TAKEOFF, *(UNSET,) * 6, sea_m + 4.0) == ACCEPTED
+    pilot.arm()
+    pilot.fly(8.0)
+    assert pilot.height == pytest.approx(4.0, abs=0.02)
+
+
 def at_degrees(north: float) -> tuple[float, float]:
     _, _, _, x, y, _ = at(0, north, 0.0, 0.0)
     return x * 1e-7, y * 1e-7
