@@ -178,7 +178,7 @@ class FlightControl:
         self.armed = True
         self._armed_since_ns = self.motion.time_ns
         self.watch.arm(self.motion.time_ns)
-        self.flown = False
+        self.flown = self.limits.breached = False
         if self.landed:
             self.home_ned = self.motion.position_ned
         self.announce(Severity.INFO, "Armed")

@@ -261,3 +261,17 @@ def test_a_place_in_zones() -> None:
     ):
         assert fence.allows(zones, place) is allowed, place
     assert fence.allows((), (1e6, 0.0)) and fence.allows((hole,), (1e6, 0.0))
+
+
+def test_a_breach_counts_again_in_the_next_flight() -> None:
+    pilot = ForeignPilot()
+    pilot.take_off()
+    limits = pilot.vehicle.flight.limits
+    limits.zones = (Zone(True, ((50.0, 0.0),), 5.0),)
+    breach = "Failsafe: geofence breached, holding"
+    for flight in (1, 2):
+        pilot.fly(0.1)
+        assert pilot.texts.count(breach) == flight
+        pilot.set_mode(LAND)
+        assert pilot.fly(20.0, until=lambda: not pilot.armed)
+        pilot.take_off()
