@@ -298,11 +298,10 @@ class FlightControl:
     def _disarm_when_idle(self, now_ns: int) -> None:
         after_landing_ns, before_ns = self.settings.disarm_landed_ns, self.settings.disarm_preflight_ns
         if self.flown:
-            landed_ns = now_ns - self._landed_since_ns
             amid_mission = self.mode is Mode.MISSION and not self.mission.finished  # it may take off again, as for PX4
             if amid_mission or self.mode is Mode.OFFBOARD or self.phase is Mode.TAKEOFF:
                 return
-            if 0 < after_landing_ns <= landed_ns:
+            if 0 < after_landing_ns <= now_ns - self._landed_since_ns:
                 self._disarm("Disarmed by landing")
         elif 0 < before_ns <= now_ns - self._armed_since_ns:
             self._disarm(f"Disarmed: no takeoff within {before_ns * 1e-9:g} s")
@@ -321,11 +320,10 @@ class FlightControl:
 
     def enter(self, mode: Mode) -> None:
         """Begin to fly in a mode."""
-        if self.landed or self.mode.flies not in (Flies.TARGET, Flies.MISSION):  # else the wind is known already
-            self.guidance.command["integral"] = 0.0
+        goes_on = self.mode.flies in (Flies.TARGET, Flies.MISSION)
         self.mode = mode
         self.watch.alive_ns = self.motion.time_ns
-        self.guidance.start(mode, self.motion, self._haven, landed=self.landed)
+        self.guidance.start(mode, self.motion, self._haven, landed=self.landed, goes_on=goes_on)
         if mode is Mode.MISSION:
             self.mission.start(self.motion, self.home_ned, landed=self.landed)
         elif mode.flies is Flies.STICKS:

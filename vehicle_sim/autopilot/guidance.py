@@ -76,8 +76,11 @@ class Guidance:
     def _auto(self) -> Auto:
         return self._settings.auto
 
-    def start(self, mode: Mode, motion: Motion, home_ned: Vector, *, landed: bool) -> None:
-        """Enter a mode: set the target, the speed limits, and keep the present yaw."""
+    def start(self, mode: Mode, motion: Motion, home_ned: Vector, *, landed: bool, goes_on: bool = True) -> None:
+        """Enter a mode: set the target, the speed limits, and keep the present yaw. `goes_on`: the mode before was
+        flown by this command, too, so what it has learned of the wind holds, unless the vehicle has landed."""
+        if landed or not goes_on:
+            self.command["integral"] = 0.0
         target = self.stopping_point(motion, landed=landed)
         self._moved_ns = motion.time_ns
         if mode is Mode.TAKEOFF:
