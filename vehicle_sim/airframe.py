@@ -185,9 +185,9 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             shortest = getattr(rotors, key) * min(rotors.lag_share)
             if shortest < _SHORTEST_S:
                 yield f"rotors.{key}", f"{shortest:g} s for a rotor is less than {_SHORTEST_S:g} s"
-        most_drag = self.body.mass_kg / _SHORTEST_S
-        if max(self.body.drag_kg_s) > most_drag:
-            yield "body.drag_kg_s", f"{max(self.body.drag_kg_s):g} is more than {most_drag:g} for {mass:g} kg"
+        drag, most_drag = max(self.body.drag_kg_s), self.body.mass_kg / _SHORTEST_S
+        if drag > most_drag:
+            yield "body.drag_kg_s", f"{drag:g} is more than {most_drag:g} for {self.body.mass_kg:g} kg"
         if self.rest_height_m <= 0.0:
             yield "ground.stiffness_n_m", f"{mass:g} kg sink by more than ground.foot_height_m"
         if self.battery.empty_v >= self.battery.full_v:

@@ -72,11 +72,10 @@ class LiftOff:
         dt = 0.0 if self._time_ns is None else min(now_ns - self._time_ns, _STEP_NS) * 1e-9
         self._time_ns = now_ns
         hover = mass * GRAVITY / self._full_n
-        if not rises:
-            self._clock_s = self._slid_s = 0.0
-            self._ground_down = None
-        elif spooling and self._spooling_s < _LONGEST_SPOOL_S:
+        waits = rises and spooling and self._spooling_s < _LONGEST_SPOOL_S
+        if waits:
             self._spooling_s += dt
+        if waits or not rises:
             self._clock_s = self._slid_s = 0.0
             self._ground_down = None
         elif self._clock_s >= _QUICK_S and math.hypot(*state.velocity_ned[:2]) > _SLIDING:

@@ -125,3 +125,15 @@ def test_what_was_learned_of_the_wind_in_hold_is_kept_for_the_landing_and_forgot
     assert math.hypot(*pilot.vehicle.motion.position_ned[:2]) < 0.15
     pilot.set_mode(HOLD)
     assert pilot.vehicle.flight.guidance.command["integral"].tolist() == [[0.0, 0.0]]
+
+
+def test_what_was_learned_of_the_wind_is_forgotten_when_somebody_else_has_flown() -> None:
+    """It may be another wind by then."""
+    pilot = ForeignPilot(world=world_with("wind.mean_ned=[0.0, 8.0, 0.0]"))
+    pilot.take_off()
+    pilot.fly(5.0)
+    integral = pilot.vehicle.flight.guidance.command["integral"][0]
+    assert integral[1] < -0.5
+    pilot.go_offboard()
+    pilot.set_mode(HOLD)
+    assert np.abs(integral).max() < 0.01

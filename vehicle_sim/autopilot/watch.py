@@ -153,6 +153,9 @@ class Watch:
     def _motors(self, motion: Motion) -> None:
         """A motor that is commanded to turn and does not; one that the mixer holds still is not commanded."""
         full = self.health.full_speed
+        if min(motion.rotor_speeds) > _TURNING * full:
+            self._turning_ns = [motion.time_ns] * 4
+            return
         commanded = self.health.commanded_speeds.tolist()
         for motor, (speed, wanted) in enumerate(zip(motion.rotor_speeds, commanded, strict=True)):
             if wanted * wanted < _TURNING * full * full or speed > _TURNING * full:
