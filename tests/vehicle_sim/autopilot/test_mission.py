@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.vehicle_sim.foreign_pilot import AIRFRAME, HOLD, LAND, RETURN, ForeignPilot
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, HOLD, LAND, RETURN, ForeignPilot, world_with
 from tests.vehicle_sim.mission_uploader import Row, at, do, upload
 from vehicle_sim.autopilot import fence
 from vehicle_sim.autopilot.fence import Zone
@@ -80,6 +80,18 @@ def test_a_mission_that_lands_on_its_way_waits_there_and_takes_off_again() -> No
     assert pilot.fly(60.0, until=lambda: not pilot.armed)
     assert reached(pilot) == [0, 1, 2, 3, 4]
     assert pilot.texts.count("Landing detected") == 2 and "Disarmed by landing" in pilot.texts
+
+
+def test_what_was_learned_of_the_wind_is_kept_from_item_to_item() -> None:
+    pilot = ForeignPilot(world_with("wind.mean_ned=[0.0, 8.0, 0.0]"))
+    start(
+        pilot,
+        at(TAKEOFF, 0.0, 0.0, 3.0),
+        do(mavlink.MAV_CMD_NAV_DELAY, 15.0),
+        at(LANDING, 0.0, 0.0, 0.0),
+    )
+    assert pilot.fly(60.0, until=lambda: not pilot.armed)
+    assert math.hypot(*pilot.vehicle.motion.position_ned[:2]) < 0.2
 
 
 def test_a_pause_holds_and_the_mission_goes_on_where_it_was() -> None:
