@@ -87,7 +87,7 @@ def test_each_is_obeyed_and_sees_the_others_and_one_that_is_killed_comes_back(tm
         second.wait_for("DISARMED")
         action.arm()
         action.takeoff()
-        second.wait_for("Takeoff height reached")
+        second.wait_for("Takeoff detected")
         second.type("long MAV_CMD_DO_SET_MODE 1 4 6", "DO_SET_MODE: ACCEPTED")
         second.wait_for("Disarmed by landing")
 

@@ -283,9 +283,9 @@ class FlightControl:
             idle = self.command["thrust_n"][0] < 0.5 * self.mass_kg * GRAVITY
         lost = self.watch.health.position_lost
         self.landed = self._land_detector.update(motion, landed=was_landed, idle=idle, lost=lost)
-        if self.landed and not was_landed:
+        if self.landed is not was_landed:
             self._landed_since_ns = motion.time_ns
-            self.announce(Severity.INFO, "Landing detected")
+            self.announce(Severity.INFO, "Landing detected" if self.landed else "Takeoff detected")
 
     def _watch_setpoints(self, motion: Motion) -> None:
         if self.setpoints.is_lost(motion.time_ns):
