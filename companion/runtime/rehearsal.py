@@ -32,7 +32,7 @@ from protocol.messages import Encoder, dialect
 from protocol.vehicle_parameters import VehicleParameters
 
 _TICK_NS = 4_000_000
-_FLIGHT_TICK_NS = 20_000_000
+_FLIGHT_TICK_NS = 40_000_000
 """From the take-off on: the rates of the telemetry are looked at before it."""
 _LONGEST_TICKS = 50_000
 _STREAMS_S = 0.1
