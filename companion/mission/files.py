@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from companion.config_types import FARTHEST_M
 from companion.mission.plan import Mission, Waypoint
 from protocol.frames import to_local
 from protocol.messages import dialect
@@ -202,6 +203,14 @@ def offset(place: Place, origin: Place) -> tuple[float, float]:
     return round(north, 3), round(east, 3)
 
 
+def too_far(metres: tuple[float, float], origin: Place) -> str:
+    """In words, of a place beyond FARTHEST_M."""
+    return (
+        f"{math.hypot(*metres) / 1000.0:.0f} km from the take-off, which is at {origin[0]:.5f}, {origin[1]:.5f}: it is "
+        f"flown up to {FARTHEST_M / 1000.0:g} km along an axis"
+    )
+
+
 class _Maker:
     """Flies the items in mind, one after the other."""
 
@@ -215,8 +224,11 @@ class _Maker:
         self._jumps: dict[int, int] = {}
 
     def offset(self, place: Place) -> Place:
-        """m north and east of the origin."""
-        return offset(place, self._origin)
+        """m north and east of the origin. Raises MissionFileError for a place that is too far to be flown to."""
+        metres = offset(place, self._origin)
+        if not max(map(abs, metres)) <= FARTHEST_M:
+            raise MissionFileError(too_far(metres, self._origin))
+        return metres
 
     def take(self, item: Item) -> int | None:
         """Take an item in; the index of the item that follows if it is not the next. Raises MissionFileError."""
@@ -264,7 +276,7 @@ class _Maker:
     def waypoint(self, item: Item) -> None:
         self._add(item, _time(item.params[0]))
         if not math.isnan(item.params[3]) and item.params[3] != 0.0:
-            self._last["yaw_deg"] = item.params[3]
+            self._last["yaw_deg"] = _heading(item.params[3])
 
     def loiter(self, item: Item) -> None:
         if item.place is None:
@@ -280,12 +292,12 @@ class _Maker:
     def delay(self, item: Item) -> None:
         if item.params[0] < 0.0 or math.isnan(item.params[0]):
             raise MissionFileError("a delay until a time of the day is not flown: give seconds")
-        self._last["hold_s"] += item.params[0]
+        self._last["hold_s"] += _time(item.params[0])
 
     def turn(self, item: Item) -> None:
         if item.params[3] == 1.0:
             raise MissionFileError("a turn by an angle is not flown: give a heading")
-        self._last["yaw_deg"] = item.params[0]
+        self._last["yaw_deg"] = _heading(item.params[0])
 
     def change_speed(self, item: Item) -> None:
         if item.params[0] not in (0.0, 1.0):
@@ -380,8 +392,7 @@ def to_mission(file: MissionFile, origin: Place, name: str) -> Mission:
 def fence_radius(file: MissionFile, origin: Place) -> float | None:
     """Radius (m) around `origin` of what is inside of all the file's fences; None without one. Raises
     MissionFileError if the origin is outside."""
-    maker = _Maker(file, origin)
-    rooms = [fence.radius - math.hypot(*maker.offset(fence.center)) for fence in file.fences]
+    rooms = [fence.radius - math.hypot(*offset(fence.center, origin)) for fence in file.fences]
     if rooms and min(rooms) <= 0.0:
         raise MissionFileError("the take-off is outside of the fence")
     return min(rooms, default=None)
@@ -410,7 +421,15 @@ def _value(value: Any) -> str:
 
 
 def _time(seconds: float) -> float:
+    if seconds == math.inf:
+        raise MissionFileError("it waits for ever")
     return 0.0 if math.isnan(seconds) else max(seconds, 0.0)
+
+
+def _heading(degrees: float) -> float:
+    if not math.isfinite(degrees):
+        raise MissionFileError(f"{degrees:g} is no heading")
+    return degrees
 
 
 def _name(command: int) -> str:

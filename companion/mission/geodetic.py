@@ -1,10 +1,9 @@
 """Waypoints by latitude and longitude in a mission's own file, made into metres around the take-off."""
 
-import math
 from typing import Any
 
 from companion.config_types import FARTHEST_M
-from companion.mission.files import MissionFileError, Place, offset
+from companion.mission.files import MissionFileError, Place, offset, too_far
 
 _BOUNDS = {"latitude": 90.0, "longitude": 180.0}
 _METRES = "north", "east"
@@ -34,10 +33,7 @@ def _moved(table: Any, number: int, origin: Place) -> Any:
         return table
     metres = offset(place, origin)
     if max(map(abs, metres)) > FARTHEST_M:
-        raise MissionFileError(
-            f"waypoint {number}: {math.hypot(*metres) / 1000.0:.0f} km from the take-off, which is at "
-            f"{origin[0]:.5f}, {origin[1]:.5f}: it is flown up to {FARTHEST_M / 1000.0:g} km along an axis"
-        )
+        raise MissionFileError(f"waypoint {number}: {too_far(metres, origin)}")
     return dict(zip(_METRES, metres, strict=True)) | {key: table[key] for key in table if key not in _BOUNDS}
 
 

@@ -145,6 +145,13 @@ def test_what_is_done_on_the_way(write: Any) -> None:
         ([UP, at(*A), do(DELAY, -1, 12, 0, 0), HOME], 3, "time of the day"),
         ([UP, at(*A), do(YAW, 90, 0, 1, 1), HOME], 3, "by an angle"),
         ([UP, at(*A), do(SPEED, 2, 3), HOME], 3, "type 2"),
+        ([UP, at(12_000.0, 0.0, 5.0), HOME], 2, "12 km from the take-off"),
+        ([UP, at(*A), at(0.0, 30_000.0, 5.0, command=LAND)], 3, "30 km from the take-off"),
+        ([UP, at(*A, math.inf), HOME], 2, "for ever"),
+        ([UP, at(*A), do(DELAY, math.inf), HOME], 3, "for ever"),
+        ([UP, at(*A, 0.0, 0.0, 0.0, math.inf), HOME], 2, "no heading"),
+        ([UP, at(*A), do(YAW, math.inf), HOME], 3, "no heading"),
+        ([UP, at(*A), do(YAW, -math.inf), HOME], 3, "no heading"),
     ],
 )
 def test_what_can_not_be_flown_is_refused_with_its_number(items: Items, number: int, why: str) -> None:
@@ -165,6 +172,11 @@ def test_an_altitude_without_a_place_is_above_the_take_off_too(frame: int) -> No
     text = wpl([UP, at(*A), do(LOITER, 5, 0, 0, 0, 0, 0, 550), HOME]).replace(f"3\t{LOITER}\t", f"{frame}\t{LOITER}\t")
     with pytest.raises(MissionFileError, match=rf"item 3: .*frame {frame}"):
         flown(text)
+
+
+def test_a_turn_that_leaves_its_heading_open_is_refused() -> None:
+    with pytest.raises(MissionFileError, match=r"^item 3: nan is no heading"):
+        flown(plan([UP, at(*A), do(YAW, NAN), HOME]))
 
 
 def test_a_jump_that_leaves_its_number_open_is_refused() -> None:
