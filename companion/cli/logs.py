@@ -107,7 +107,8 @@ def replay(
         if exit_on_user_error(draw, result.series, f"{path} {changed}", plot):
             say(f"plot: {plot}")
         else:
-            say("plot: nothing differs in what is sent, so there is none")
+            differs = "what differs makes no curve" if result.differences else "nothing differs in what is sent"
+            say(f"plot: {differs}, so there is none")
     if result.differences or result.problem is not None:  # which is among the notes
         raise typer.Exit(FAILED)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from companion.logs.difference import Series
+from companion.logs.recordings import printable
 from companion.logs.target import output, writable
 from protocol.flightlog import FlightLogError
 
@@ -18,8 +19,8 @@ _NOT_DRAWN = frozenset(("time_boot_ms", "time_usec", "sequence", "tc1", "ts1"))
 def plot(series: Mapping[tuple[str, str], Series], title: str, path: Path) -> int:
     """Save a picture of the fields that differ most, relative to their variation: as recorded, as replayed, difference.
 
-    Returns the number of fields drawn; if no field differs, no file is made. Raises FlightLogError if the file can't be
-    written.
+    Returns the number of fields drawn; if no number that was sent more than once differs, no file is made. Raises
+    FlightLogError if the file can't be written.
     """
     pyplot = _pyplot()
     chosen = _most_different(series)
@@ -35,7 +36,9 @@ def plot(series: Mapping[tuple[str, str], Series], title: str, path: Path) -> in
         left.plot(time_s, recorded, color="0.6", linewidth=2.0, label="sent in flight")
         left.plot(time_s, replayed, color="tab:blue", linewidth=0.8, label="sent now")
         left.set_ylabel(f"{message.lower()}\n{field}", fontsize=7)
-        right.plot(time_s, replayed - recorded, color="tab:red", linewidth=0.8)
+        with np.errstate(invalid="ignore"):  # between two infinities
+            difference = replayed - recorded
+        right.plot(time_s, difference, color="tab:red", linewidth=0.8)
         for axes in (left, right):
             axes.grid(alpha=0.3)
             axes.tick_params(labelsize=7)
@@ -43,7 +46,7 @@ def plot(series: Mapping[tuple[str, str], Series], title: str, path: Path) -> in
     rows[0, 1].set_title("difference (now - then)", fontsize=8)
     for axes in rows[-1]:
         axes.set_xlabel("time, s", fontsize=8)
-    figure.suptitle(title, fontsize=9)
+    figure.suptitle(printable(title), fontsize=9, parse_math=False)  # it holds a path, of any characters
     try:
         with output(path, replaces=True) as draft:
             figure.savefig(draft, dpi=130)
@@ -74,7 +77,10 @@ def _pyplot() -> Any:
 def _most_different(series: Mapping[tuple[str, str], Series]) -> list[tuple[str, str]]:
     weights = {}
     for key, each in series.items():
-        difference = np.abs(np.array(each.replayed) - np.array(each.recorded))
-        if key[1] not in _NOT_DRAWN and len(difference) > 1 and np.nanmax(difference) > 0.0:
-            weights[key] = float(np.nanmean(difference) / (np.nanstd(each.recorded) + 1e-9))
+        recorded, replayed = np.array(each.recorded), np.array(each.replayed)
+        known = np.isfinite(recorded) & np.isfinite(replayed)
+        recorded = recorded[known]
+        difference = np.abs(replayed[known] - recorded)
+        if key[1] not in _NOT_DRAWN and len(difference) > 1 and difference.max() > 0.0:
+            weights[key] = float(difference.mean() / (recorded.std() + 1e-9))
     return sorted(sorted(weights, key=lambda key: -weights[key])[:_MOST_PANELS])
