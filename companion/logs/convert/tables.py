@@ -19,6 +19,7 @@ TIME = "time_ns"
 _BATCH = 4096
 """Rows that are written together."""
 _LONGEST_NAME = 200
+"""Bytes."""
 Column = tuple[str, Any]
 """Name; values as an array (n,) or (n, k), or a list of n str, bytes or arrays."""
 
@@ -47,7 +48,8 @@ def to_tables(log: LogReader, folder: Path, kind: Literal["csv", "parquet"]) -> 
 
 def _file_name(topic: str, taken: set[str]) -> str:
     """A file name for the topic that differs from those `taken` by more than upper and lower case."""
-    plain = re.sub(r"[^\w.-]", "_", topic.removeprefix("/mavlink/").strip("/"))[:_LONGEST_NAME] or "_"
+    plain = re.sub(r"[^\w.-]", "_", topic.removeprefix("/mavlink/").strip("/"))
+    plain = plain.encode()[:_LONGEST_NAME].decode(errors="ignore") or "_"
     name = next(name for number in itertools.count(1) if (name := _numbered(plain, number)).casefold() not in taken)
     taken.add(name.casefold())
     return name
@@ -122,14 +124,13 @@ def _plain(kind: str, length: int | None, values: Any) -> Any:
         return [np.array(value, "<" + SCALARS[kind]) for value in values]  # an empty one has its type, too
     if kind == "string" or length == VARIABLE:
         return values
-    return values if isinstance(values, np.ndarray) else np.array(values)
+    return values if isinstance(values, np.ndarray) else np.array(values, "<" + SCALARS[kind])
 
 
 class _Csv(_Table):
-    def __init__(self, path: Path, log: LogReader, kind: RecordType) -> None:
-        super().__init__(path, log, kind)
-        self._file = path.open("w", newline="", encoding="utf-8")
-        self._headed = False
+    """Its file is open while rows are written: a log may have more topics than a process may have files."""
+
+    _headed = False
 
     def write(self, columns: Sequence[Column]) -> None:
         names: list[str] = []
@@ -139,23 +140,30 @@ class _Csv(_Table):
                 names.append(name)
                 texts.append([_text(value) for value in values])
                 continue
-            flat = values.reshape(len(values), -1).astype(str)  # the shortest digits that give the same number
+            flat = _digits(values.reshape(len(values), -1))
             names += [name] if values.ndim == 1 else [f"{name}[{index}]" for index in range(flat.shape[1])]
             texts += list(flat.T)
-        if not self._headed:
-            self._file.write(",".join(names) + "\n")
-            self._headed = True
-        self._file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
+        with self.path.open("a" if self._headed else "w", newline="", encoding="utf-8") as file:
+            if not self._headed:
+                file.write(",".join(names) + "\n")
+                self._headed = True
+            file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
     def close(self) -> None:
-        self._file.close()
+        """Nothing is open."""
 
 
 def _text(value: Any) -> str:
     """A text, bytes or an array of numbers as a CSV field."""
     if isinstance(value, np.ndarray):
-        value = tuple(value.tolist())
+        digits = _digits(value).tolist()
+        value = f"({digits[0]},)" if len(digits) == 1 else f"({', '.join(digits)})"
     return value.hex() if isinstance(value, bytes) else _quoted(str(value))
+
+
+def _digits(numbers: Any) -> Any:
+    """The shortest ones that give the same numbers of that type."""
+    return numbers.astype(str)
 
 
 def _quoted(text: str) -> str:

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import resource
 import struct
 from collections import Counter
 from pathlib import Path
@@ -297,8 +298,37 @@ def test_arrays_of_any_length_may_begin_empty(tmp_path: Path, kind: str, code: s
     assert last == ["5000", str((type(largest)(1), largest))]
 
 
+def test_numbers_beside_a_text_are_those_of_their_type(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    definition = "string name\nfloat32 value\nuint64 time\nfloat32[2] pair\nfloat32[] more\n"
+    packed = [struct.pack("<I1sfQffIf", 1, b"a", 0.15, time, 0.1, 2.5, 1, 0.3) for time in (1, 2**64 - 1)]
+    source = foreign(tmp_path / "a.mcap", {"/mixed": ("x/A", definition, list(enumerate(packed)))})
+    convert(source, tmp_path / "b", "csv")
+    rows = list(csv.reader((tmp_path / "b" / "mixed.csv").open()))
+    assert rows[0] == ["time_ns", "name", "value", "time", "pair[0]", "pair[1]", "more"]
+    assert rows[1:] == [
+        [f"{at}", "a", "0.15", f"{time}", "0.1", "2.5", "(0.3,)"] for at, time in ((0, 1), (1, 2**64 - 1))
+    ]
+    convert(source, tmp_path / "a", "parquet")
+    table = parquet.read_table(tmp_path / "a" / "mixed.parquet")
+    assert [str(table.schema.field(name).type) for name in ("value", "time")] == ["float", "uint64"]
+    assert table["time"].to_pylist() == [1, 2**64 - 1]
+
+
+def test_a_log_may_have_more_topics_than_a_process_may_have_files(tmp_path: Path) -> None:
+    topics = {f"/{number}/X": ("x/A", "float32 x\n", [(at, bytes(4)) for at in range(2)]) for number in range(300)}
+    source = foreign(tmp_path / "a.mcap", topics)
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (200, most[1]))
+    try:
+        written = convert(source, tmp_path / "csv", "csv").written
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, most)
+    assert len(written) == 300 and all(line.startswith("2 rows") for line in written)
+
+
 def test_topics_of_one_name_are_two_tables(tmp_path: Path) -> None:
-    names = ("/a/b", "/a_b", "/A_b", "..", "", "/x" * 200)
+    names = ("/a/b", "/a_b", "/A_b", "..", "", "/x" * 200, "ж" * 200)
     topics = {name: ("x/A", f"float32 x{number}\n", [(number, bytes(4))]) for number, name in enumerate(names)}
     source = foreign(tmp_path / "a.mcap", topics)
     for kind in ("csv", "parquet"):
