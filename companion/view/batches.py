@@ -2,12 +2,12 @@
 
 import struct
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.flightlog import DATAGRAM, LogReader, RecordType
+from protocol.flightlog import DATAGRAM, LogReader, Record, RecordType
 
 Table = NDArray[np.void]
 Batch = tuple[str, RecordType, NDArray[np.int64], Any]
@@ -15,27 +15,74 @@ Batch = tuple[str, RecordType, NDArray[np.int64], Any]
 
 BATCH = 4096
 """Records of one topic that are handed on together."""
+_LONGEST_PAUSE_NS = 1_800_000_000_000
+_LONGEST_BACK_NS = 10_000_000_000
+"""By less, records may be out of order."""
+_MOST_HELD = 100
+"""Records that may be looked at before it is known whether a log's clock leapt."""
 
 
-def batches(log: LogReader) -> Iterator[Batch]:
-    """All topics of a log except the raw datagrams. Records that do not fit their schema are left out."""
+class Leap(NamedTuple):
+    """A leap of a log's clock, or a pause of half an hour or more: it is left out of the times."""
+
+    at_ns: int
+    """When it comes, in times without it and those before."""
+    by_ns: int
+    """Negative where the clock was set back."""
+
+
+def batches(log: LogReader, leaps: list[Leap] | None = None) -> Iterator[Batch]:
+    """All topics of a log except the raw datagrams, in times without leaps, which are added to `leaps`. Records that do
+    not fit their schema are left out."""
     times: dict[str, list[int]] = {}
     parts: dict[str, list[bytes]] = {}
     kinds = log.topics
     wanted = frozenset(kinds) - {DATAGRAM.topic}
-    for record in log.records(wanted):
+    for record, time_ns in _without_leaps(log.records(wanted), [] if leaps is None else leaps):
         topic = record.topic
         try:
             held = parts[topic]
         except KeyError:
             held, times[topic] = parts.setdefault(topic, []), []
         held.append(record.data)
-        times[topic].append(record.time_ns)
+        times[topic].append(time_ns)
         if len(held) >= BATCH:
             yield from batch(kinds[topic], times[topic], held)
             parts[topic], times[topic] = [], []
     for topic, held in parts.items():
         yield from batch(kinds[topic], times[topic], held)
+
+
+def _without_leaps(records: Iterator[Record], leaps: list[Leap]) -> Iterator[tuple[Record, int]]:
+    """Records and their times (ns). The clock has leapt where a topic's own times do: a file may have its topics one
+    after the other."""
+    last: dict[str, int] = {}
+    held: list[Record] = []
+    before_ns: int | None = None
+    left_out_ns = 0
+    for record in records:
+        topic, time_ns, _, _ = record
+        if before_ns is None or not (held or _leaps(time_ns - before_ns)):
+            before_ns = last[topic] = time_ns
+            yield record, time_ns - left_out_ns
+            continue
+        held.append(record)
+        if topic not in last and len(held) < _MOST_HELD:
+            continue
+        if topic in last and _leaps(time_ns - last[topic]):
+            step_ns = held[0].time_ns - before_ns
+            leaps.append(Leap(before_ns - left_out_ns, step_ns))
+            left_out_ns += step_ns
+        for each in held:
+            last[each.topic] = each.time_ns
+            yield each, each.time_ns - left_out_ns
+        held, before_ns = [], time_ns
+    for record in held:
+        yield record, record.time_ns - left_out_ns
+
+
+def _leaps(step_ns: int) -> bool:
+    return not -_LONGEST_BACK_NS < step_ns < _LONGEST_PAUSE_NS
 
 
 def batch(kind: RecordType, times: list[int], held: list[bytes]) -> Iterator[Batch]:

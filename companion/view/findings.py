@@ -32,6 +32,7 @@ _LOW_BATTERY = 20.0
 _CAUSES_WITHIN_S = 5.0
 _WINDY_M_S2 = 0.5
 _AT_LIMIT = 0.97
+_LISTED_LEAPS = 5
 _GUARD_REASONS = {
     Reason.BARRIER: "too near to something",
     Reason.STOP: "no way to stop was left",
@@ -84,7 +85,18 @@ def _file(flight: GatheredFlight) -> list[Finding]:
     if flight.log.missing:
         figures = ", ".join(f"{count} {name}" for name, count in flight.log.missing.items())
         found.append(Finding(Level.WARNING, "log", "Not every record reached the log.", (figures,)))
+    if flight.leaps:
+        rows = tuple(f"{_leap(by)} at {at_text(at)}" for at, by in flight.leaps[:_LISTED_LEAPS])
+        text = f"The log's clock leapt {times_text(len(flight.leaps), 'time')}; the times here are without that."
+        found.append(Finding(Level.WARNING, "log", text, rows, tuple(at for at, _ in flight.leaps[:_LISTED_LEAPS])))
     return found
+
+
+def _leap(seconds: float) -> str:
+    """A leap ahead may be a pause, too."""
+    days, hours = abs(seconds) / 86_400.0, abs(seconds) / 3600.0
+    long = f"{days:.1f} days" if days >= 2.0 else f"{hours:.1f} h" if hours >= 1.0 else f"{abs(seconds):.0f} s"
+    return f"{long} ahead, or nothing was recorded for so long," if seconds > 0.0 else f"{long} back"
 
 
 def _failsafes(flight: GatheredFlight) -> list[Finding]:

@@ -24,7 +24,7 @@ from companion.view.accumulators.senders import Senders
 from companion.view.accumulators.texts import Texts
 from companion.view.accumulators.timing import Timing
 from companion.view.accumulators.tracking import Tracking
-from companion.view.batches import Table, batches, sender_and_name
+from companion.view.batches import Leap, Table, batches, sender_and_name
 from companion.view.columns import message_columns, trace_columns
 from companion.view.lines import Floats, Lines, Regularity, Stretches
 from protocol.flightlog import TEXT, LogReader
@@ -74,8 +74,11 @@ class GatheredFlight:
         self._parameters = Parameters()
         self._first_battery: dict[str, int] = {}
         """Number of the battery that each sender told of first."""
-        for topic, _, times_ns, table in batches(self.log):
+        leaps: list[Leap] = []
+        for topic, _, times_ns, table in batches(self.log, leaps):
             self._add(topic, self._seconds(times_ns), table)
+        self.leaps = [((leap.at_ns - self.start_ns) * 1e-9, leap.by_ns * 1e-9) for leap in leaps]
+        """When the log's clock leapt and by how much (s): the times of the charts are without that."""
 
     def _seconds(self, times_ns: NDArray[np.int64]) -> Floats:
         """(n,) times of the log as seconds of the charts."""

@@ -18,6 +18,7 @@ from companion.view.gather import GatheredFlight
 from companion.view.report_charts import charts
 from companion.view.report_tables import tiles
 from protocol.flightlog import Direction
+from protocol.flightlog.tlog import TlogReader, write
 from protocol.messages import Encoder, dialect
 from tests.companion.view.made_logs import Values, from_tlog, make
 
@@ -328,3 +329,31 @@ def test_each_chart_to_look_at_exists(tmp_path: Path) -> None:
     flight = GatheredFlight(make(tmp_path, 5.0, jump_at=3.0))
     titles = {chart.title for chart in charts(flight)}
     assert {finding.chart for finding in findings(flight) if finding.at} <= titles
+
+
+@pytest.mark.parametrize(
+    ("by_s", "said"),
+    [
+        (3 * 365 * 86_400, "1095.0 days ahead, or nothing was recorded for so long, at 14.02 s"),
+        (3600, "1.0 h ahead, or nothing was recorded for so long, at 14.02 s"),
+        (-20 * 365 * 86_400, "7300.0 days back at 14.02 s"),
+        (-60, "60 s back at 14.02 s"),
+    ],
+)
+def test_a_clock_that_is_set_leaves_the_times_as_they_were(tmp_path: Path, by_s: int, said: str) -> None:
+    """As that of a ground station's machine, which hears of the time only then."""
+    entries = list(TlogReader(DATA / "px4_offboard.tlog").entries())
+    at = len(entries) // 3
+    moved = [entry._replace(time_us=entry.time_us + by_s * 1_000_000) for entry in entries[at:]]
+    write(tmp_path / "set.tlog", [*entries[:at], *moved])
+    plain, flight = (
+        GatheredFlight(from_tlog(source, tmp_path / source.stem))
+        for source in (DATA / "px4_offboard.tlog", tmp_path / "set.tlog")
+    )
+    assert flight.begin == 0.0 and flight.end == pytest.approx(plain.end, abs=0.1)
+    found = findings(flight)
+    finding = about(found, "log")
+    assert finding.level is Level.WARNING and finding.evidence == (said,)
+    assert [each.text for each in found if each is not finding] == [each.text for each in findings(plain)]
+    assert dict(tiles(flight)) == dict(tiles(plain))
+    assert [chart.title for chart in charts(flight)] == [chart.title for chart in charts(plain)]
