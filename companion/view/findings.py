@@ -295,8 +295,9 @@ def _jumps(flight: GatheredFlight) -> list[Finding]:
 
 def _vibration(flight: GatheredFlight) -> list[Finding]:
     found = []
-    lines = [(key, line.points()) for key, line in flight.lines.items() if "/VIBRATION:vibration" in key]
-    peaks = [(float(values.max()), float(times[values.argmax()])) for _, (times, values) in lines if len(values)]
+    told = f"{flight.vehicle}/VIBRATION:vibration"
+    lines = [line.points() for key, line in flight.lines.items() if key.startswith(told)]
+    peaks = [(float(values.max()), float(times[values.argmax()])) for times, values in lines if len(values)]
     if peaks and max(peaks)[0] > 0.0:
         level_m_s2, at = max(peaks)
         level = (

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 
+from companion.view.accumulators.senders import SETPOINTS
 from companion.view.batches import sender_and_name
 from companion.view.finding import Finding, Level, at_text, times_text
 from companion.view.gather import GatheredFlight
@@ -22,7 +23,6 @@ _TOGETHER_S = 0.25
 """Pauses that begin within so long have one cause."""
 _Pauses = list[tuple[str, float, list[tuple[float, float]]]]
 """Streams by name with their usual interval (s) and their gaps: (length in s, start in s), longest first."""
-_SETPOINTS = ("SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
 _OBEYS = ("Offboard", "Guided")
 """Modes in which vehicles fly by setpoints."""
 _STOPPED_S = 0.5
@@ -51,7 +51,7 @@ def setpoint_gaps(flight: GatheredFlight) -> list[tuple[float, float]]:
     found = []
     for topic, clock in flight.clocks.items():
         message = sender_and_name(topic)
-        if message is None or message[1] not in _SETPOINTS or clock.count < 20:
+        if message is None or message[1] not in SETPOINTS or clock.count < 20:
             continue
         end = _obeyed_until(flight, clock.last + _STOPPED_S)
         gaps = [*clock.gaps, (end - clock.last, clock.last)]

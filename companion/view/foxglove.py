@@ -43,6 +43,7 @@ from companion.logs.recordings import EXPORT_LIBRARY, has_texts, unpack
 from companion.logs.target import output
 from companion.records import LOGGED, PLANNED
 from companion.state import Reason
+from companion.view.accumulators.senders import SETPOINTS
 from companion.view.attitudes import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
@@ -315,10 +316,15 @@ class Converter:
 
 
 def _others(log: LogReader) -> frozenset[str]:
-    """The systems that tell a place, but for the one that tells it most, which is the vehicle that is drawn."""
+    """The systems that tell a place, but for the one that setpoints were sent to, or else tells it most: the vehicle
+    that is drawn."""
     told = [topic for topic in log.topics if topic.startswith("/mavlink/") and topic.endswith("/LOCAL_POSITION_NED")]
-    counts = Counter(_system(record.topic) for record in log.records(told)) if len(told) > 1 else Counter[str]()
-    return frozenset(system for system, _ in counts.most_common()[1:])
+    if len(told) < 2:
+        return frozenset()
+    counts = Counter(_system(record.topic) for record in log.records(told))
+    kinds = {topic: kind for topic, kind in log.topics.items() if topic.rpartition("/")[2] in SETPOINTS}
+    sent = Counter(str(unpack(log, kinds[record.topic], record)["target_system"]) for record in log.records(kinds))
+    return frozenset(sorted(counts, key=lambda system: (sent[system], counts[system]))[:-1])
 
 
 def _system(topic: str) -> str:

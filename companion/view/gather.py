@@ -19,8 +19,8 @@ from companion.view.accumulators.parameters import Parameters
 from companion.view.accumulators.paths import Paths
 from companion.view.accumulators.power import Energy
 from companion.view.accumulators.rates import BodyRates
-from companion.view.accumulators.scans import Scans
-from companion.view.accumulators.senders import Senders
+from companion.view.accumulators.scans import Scans, ring_sender
+from companion.view.accumulators.senders import SETPOINTS, Senders
 from companion.view.accumulators.texts import Texts
 from companion.view.accumulators.timing import Timing
 from companion.view.accumulators.tracking import Tracking
@@ -134,6 +134,8 @@ class GatheredFlight:
         source = f"{sender}/{name}"
         if name == "HEARTBEAT":
             self.senders.add_heartbeats(sender, times, table)
+        elif name in SETPOINTS:
+            self.senders.add_setpoints(table)
         elif name == "OBSTACLE_DISTANCE":
             nearest = self.scans.setdefault(sender, Scans()).add(times, table)
             self.lines.add(f"{source}:nearest", times, nearest)
@@ -155,13 +157,19 @@ class GatheredFlight:
 
     @property
     def vehicle(self) -> str:
-        """The autopilot ("system/component") that is reported on, the one that said most; empty if there is none."""
+        """The autopilot ("system/component") that is reported on: the one that setpoints were sent to, or else the one
+        that said most; empty if there is none."""
         counts: dict[str, int] = {}
         for topic, clock in self.clocks.items():
             message = sender_and_name(topic)
             if message is not None and message[0] in self.senders.modes:
                 counts[message[0]] = counts.get(message[0], 0) + clock.count
-        return max(counts, key=lambda sender: counts[sender], default="")
+        return max(counts, key=lambda sender: (self.senders.rank(sender), counts[sender]), default="")
+
+    @property
+    def scanner(self) -> str:
+        """Who sent the scans around it; empty without any."""
+        return ring_sender(self.vehicle, self.scans, self.senders.modes)
 
     @property
     def batteries(self) -> tuple[str, ...]:
@@ -182,7 +190,7 @@ class GatheredFlight:
     @property
     def parameters(self) -> dict[str, float]:
         """The vehicle's parameters as it told them last."""
-        return self._parameters.values(self.senders.bytewise)
+        return self._parameters.values(self.vehicle, self.senders.bytewise)
 
 
 def settings_of(log: LogReader) -> Settings:

@@ -1,5 +1,6 @@
 """What a live page knows of a flight: as much of its past as is worth drawing, and the flight at any moment of it."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -10,6 +11,8 @@ from companion.perception.distance_field import FAR_M
 from companion.records import PLANNED, TRACE
 from companion.state import Reason, Scan
 from companion.supervision.states import State
+from companion.view.accumulators.scans import ring_sender
+from companion.view.accumulators.senders import SETPOINTS
 from companion.view.accumulators.texts import Text, level_of
 from companion.view.attitudes import euler_deg, quaternions
 from companion.view.batches import Batch, Table, sender_and_name
@@ -162,6 +165,8 @@ class History:
         self.texts: list[Text] = []
         self._begun = False
         self._vehicles: dict[str, _Vehicle] = {}
+        self._commanded: Counter[int] = Counter()
+        """Setpoints by the system that they were meant for."""
         self._plans = Track(19, MOST)
         self._ways = Track(2 + _COORDINATES, MOST)
         self.shown: str | None = None
@@ -217,6 +222,8 @@ class History:
             self._scan(vehicle, times, table)
         elif name == "HEARTBEAT":
             self._heartbeat(vehicle, times, table)
+        elif name in SETPOINTS:
+            self._commanded.update(table["target_system"].tolist())
         elif name in ("BATTERY_STATUS", "SYS_STATUS"):
             numbers = table["id"] if name == "BATTERY_STATUS" else np.full(len(table), _ALL_BATTERIES)
             left = table["battery_remaining"].astype(np.float64)
@@ -256,31 +263,43 @@ class History:
     @property
     def vehicles(self) -> tuple[str, ...]:
         """The senders of those that can be shown, as they were heard. A log with a trace is of one vehicle."""
-        heard = tuple(sender for sender, vehicle in self._vehicles.items() if vehicle.is_vehicle)
-        return heard[:1] if len(self._plans.rows()) else heard
+        heard = [sender for sender, vehicle in self._vehicles.items() if vehicle.is_vehicle]
+        if len(self._plans.rows()):
+            heard = sorted(heard, key=lambda sender: -self._commanded[int(sender.partition("/")[0])])[:1]
+        return tuple(heard)
+
+    @property
+    def _shown(self) -> str:
+        heard = self.vehicles or tuple(self._vehicles)
+        return self.shown if self.shown in heard else next(iter(heard), "")
 
     @property
     def _vehicle(self) -> _Vehicle:
-        heard = self.vehicles or tuple(self._vehicles)
-        shown = self.shown if self.shown in heard else next(iter(heard), "")
-        return self._vehicles.get(shown) or _Vehicle()
+        return self._vehicles.get(self._shown) or _Vehicle()
+
+    @property
+    def _scanner(self) -> _Vehicle:
+        """Whose scans are those around the vehicle that is shown."""
+        scanners = [sender for sender, each in self._vehicles.items() if len(each.scans.rows())]
+        flown = [sender for sender, each in self._vehicles.items() if each.is_vehicle]
+        return self._vehicles.get(ring_sender(self._shown, scanners, flown)) or _Vehicle()
 
     def at(self, time: float) -> Moment:
         """The flight at a time of its own clock (s)."""
-        vehicle = self._vehicle
+        vehicle, scanner = self._vehicle, self._scanner
         position, _ = _row(vehicle.positions, time)
         attitude, _ = _row(vehicle.attitudes, time)
-        scan, scan_age = _row(vehicle.scans, time)
+        scan, _ = _row(scanner.scans, time)
         heartbeat, heartbeat_age = _row(vehicle.heartbeats, time, stale_s=np.inf)
         charges = [_row(track, time, stale_s=np.inf)[0] for track in vehicle.batteries.values()]
         returns = np.empty((0, 3))
         nearest = None
         if scan is not None:
             hit = np.isfinite(scan[2:])
-            ranges, bearings = scan[2:][hit], vehicle.bearings[hit]
+            ranges, bearings = scan[2:][hit], scanner.bearings[hit]
             returns = np.column_stack((ranges * np.cos(bearings), ranges * np.sin(bearings), np.zeros(len(ranges))))
             nearest = float(ranges.min()) if len(ranges) else None
-        ages = (heartbeat_age, scan_age, _row(vehicle.positions, time, stale_s=np.inf)[1])
+        ages = (heartbeat_age, *(_row(track, time, stale_s=np.inf)[1] for track in (vehicle.scans, vehicle.positions)))
         return Moment(
             time=time,
             position_ned=None if position is None else position[:3],
@@ -359,7 +378,7 @@ class History:
         plans = _between(self._plans.rows(), start, stop)
         if len(plans):
             return plans[:, 0], np.minimum(plans[:, 7], FAR_M)
-        scans = _between(self._vehicle.scans.rows(), start, stop)
+        scans = _between(self._scanner.scans.rows(), start, stop)
         return scans[:, 0], np.fmin(np.fmin.reduce(scans[:, 3:], axis=1), scans[:, 2])
 
     def speed(self, start: float, stop: float) -> tuple[Floats, Floats]:
@@ -370,8 +389,8 @@ class History:
     def scans(self, start: float, stop: float) -> Iterator[PosedScan]:
         """The scans that came after `start` and up to `stop` (s), each with the pose at its own time. Scans for which
         no pose is known are left out."""
-        vehicle = self._vehicle
-        rows, attitudes, positions = vehicle.scans.rows(), vehicle.attitudes.rows(), vehicle.positions.rows()
+        vehicle, scanner = self._vehicle, self._scanner
+        rows, attitudes, positions = scanner.scans.rows(), vehicle.attitudes.rows(), vehicle.positions.rows()
         first, last = np.searchsorted(rows[:, 0], (start, stop), side="right")
         rows = rows[first:last]
         if not len(rows) or not len(attitudes) or not len(positions):
@@ -386,7 +405,7 @@ class History:
             ranges: Array = row[3:].astype(np.float64)
             hit, measured = np.isfinite(ranges), ~np.isnan(ranges)
             ranges = np.where(measured, np.minimum(ranges, row[2]), 0.0)
-            bearings = vehicle.bearings.astype(np.float64)
+            bearings = scanner.bearings.astype(np.float64)
             scan = Scan(round(row[0] * 1e9), round(row[1] * 1e6), bearings, ranges, hit, measured)
             yield PosedScan(scan, place, turn / np.linalg.norm(turn))
 

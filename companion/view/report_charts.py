@@ -48,7 +48,8 @@ def best_line(flight: GatheredFlight, quantity: str) -> Line | None:
     """The line of a quantity from the best source that has any points; None if there is none."""
     name, _, column = quantity.partition(".")
     suffix = f".{column}" if column else ""
-    told = [f"{flight.vehicle}/{source}{suffix}" for source in _SOURCES.get(name, ())]
+    sender = flight.scanner if name == "clearance" else flight.vehicle
+    told = [f"{sender}/{source}{suffix}" for source in _SOURCES.get(name, ())]
     traced = [f"trace:{quantity}"]
     for key in told + traced if name in _MEASURED else traced + told:
         line = flight.lines.get(key)
@@ -184,7 +185,7 @@ def _surroundings(flight: GatheredFlight) -> list[Chart]:
 
 
 def _scans(flight: GatheredFlight) -> list[Chart]:
-    scans = flight.scans.get(flight.vehicle)
+    scans = flight.scans.get(flight.scanner)
     rows = list(scans.rows.rows()) if scans is not None else []
     if scans is None or len(rows) < 2:
         return []

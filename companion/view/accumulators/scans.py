@@ -1,11 +1,35 @@
 """The LiDAR scans that the vehicles sent, thinned for a chart."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from companion.view.batches import Table
 from companion.view.lines import Floats, ScanRows
+
+
+def ring_sender(vehicle: str, scanners: Iterable[str], vehicles: Collection[str]) -> str:
+    """Whose scans are those around a vehicle, of the `scanners` that sent any, as the companion has it (docs/lidar.md):
+    a driver's with ids of its own, those of another component of the vehicle's system, or the vehicle's; empty without.
+
+    All are "system/component"; `vehicles` are autopilots.
+    """
+    flown, own = {_system(each) for each in vehicles}, _system(vehicle)
+    best: tuple[int, str] = (0, "")
+    for sender in scanners:
+        if sender == vehicle:
+            rank = 1
+        elif sender in vehicles or (_system(sender) in flown and _system(sender) != own):
+            continue  # another vehicle's
+        else:
+            rank = 2 if _system(sender) == own else 3
+        best = max(best, (rank, sender))
+    return best[1]
+
+
+def _system(sender: str) -> str:
+    return sender.partition("/")[0]
 
 
 @dataclass(slots=True)

@@ -1,5 +1,7 @@
 """Which autopilots sent heartbeats, and what they said of their mode and state."""
 
+from collections import Counter
+
 import numpy as np
 
 from companion.view.batches import Table
@@ -8,6 +10,9 @@ from companion.view.vehicle_names import mode_name, vehicle_name
 from protocol.messages import dialect
 
 _CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
+
+SETPOINTS = frozenset({"SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET", "SET_POSITION_TARGET_LOCAL_NED"})
+"""Messages by which a companion flies."""
 
 
 class Senders:
@@ -26,6 +31,8 @@ class Senders:
         """1 while the state was critical or an emergency."""
         self.bytewise: set[str] = set()
         """Senders that put the bits of an integer parameter into PARAM_VALUE's float, as PX4 does."""
+        self.commanded: Counter[int] = Counter()
+        """Setpoints by the system that they were meant for."""
 
     def name(self, sender: str) -> str:
         """What the sender is, with its number where there are several."""
@@ -34,6 +41,14 @@ class Senders:
     def mode(self, sender: str, number: int) -> str:
         """What the sender's maker calls this custom_mode of it."""
         return self._mode_names.get((sender, number), f"mode {number}")
+
+    def add_setpoints(self, table: Table) -> None:
+        """Fields of SETPOINTS (n,)."""
+        self.commanded.update(table["target_system"].tolist())
+
+    def rank(self, sender: str) -> int:
+        """How many setpoints were meant for its system: where there are any, that one is flown."""
+        return self.commanded[int(sender.partition("/")[0])]
 
     def add_heartbeats(self, sender: str, times: Floats, table: Table) -> None:
         """Times (n,) in s and fields of HEARTBEAT (n,)."""

@@ -190,8 +190,8 @@ def test_integer_parameters_are_bits_or_values_by_their_sender() -> None:
     unsigned = {"param_id": "A", "param_value": bits, "param_type": dialect.MAV_PARAM_TYPE_UINT32}
     real = {"param_id": "B", "param_value": 0.5, "param_type": dialect.MAV_PARAM_TYPE_REAL32}
     parameters.add("1/1", [unsigned, real])
-    assert parameters.values({"1/1"}) == {"A": 50, "B": 0.5}
-    assert parameters.values(set()) == {"A": bits, "B": 0.5}
+    assert parameters.values("1/1", {"1/1"}) == {"A": 50, "B": 0.5}
+    assert parameters.values("1/1", set()) == {"A": bits, "B": 0.5}
 
 
 def test_a_parameter_that_was_told_again_has_its_last_value() -> None:
@@ -205,7 +205,7 @@ def test_a_parameter_that_was_told_again_has_its_last_value() -> None:
     parameters.add("1/1", rows)
     parameters.add("1/1", [{"param_id": f"Q{number}", "param_value": 5.0, "param_type": 9} for number in range(3000)])
     parameters.add("1/1", [{"param_id": "P7", "param_value": 9.0, "param_type": 9}])
-    values = parameters.values(set())
+    values = parameters.values("1/1", set())
     assert len(values) == 2000 and values.pop("P7") == 9.0
     assert {value for name, value in values.items() if name[0] == "P"} == {2.0}
 

@@ -331,6 +331,26 @@ def test_each_chart_to_look_at_exists(tmp_path: Path) -> None:
     assert {finding.chart for finding in findings(flight) if finding.at} <= titles
 
 
+def test_of_several_vehicles_one_is_told_of(tmp_path: Path) -> None:
+    """The parameters and the vibration are its own, and not those of whoever told of them last."""
+    with Writer(tmp_path / "flight.mcap", 0, {}) as writer:
+        for number in range(2000):
+            system = 1 if number % 3 else 2
+            encoder, of_system = Encoder(system, 1), {1: 5.0, 2: 90.0}[system]
+            message, fields = (
+                (dialect.MAVLink_heartbeat_message, (2, 12, 209, 6 << 16, 4, 3)),
+                (dialect.MAVLink_vibration_message, (number, of_system, 0.0, 0.0, 0, 0, 0)),
+                (dialect.MAVLink_param_value_message, (b"MPC_XY_VEL_MAX", of_system, 9, 1, 0)),
+                (dialect.MAVLink_param_value_message, (f"ONLY_{system}".encode(), of_system, 9, 1, 0)),
+            )[number // 10 % 4]
+            data = encoder.encode_fields(message, *fields)
+            writer.datagram(number * 5_000_000, number, Direction.IN, "", data)
+    flight = GatheredFlight(tmp_path / "flight.mcap")
+    assert flight.vehicle == "1/1" and flight.parameters == {"MPC_XY_VEL_MAX": 5.0, "ONLY_1": 5.0}
+    (vibration,) = [finding for finding in findings(flight) if finding.about == "vibration"]
+    assert vibration.level is Level.GOOD and "reached 5.0" in vibration.text
+
+
 @pytest.mark.parametrize(
     ("by_s", "said"),
     [

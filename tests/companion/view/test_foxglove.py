@@ -263,8 +263,10 @@ def test_the_layout_shows_only_what_there_is(tmp_path: Path) -> None:
     assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
 
 
-def test_of_several_vehicles_one_is_drawn(tmp_path: Path) -> None:
-    """The one that tells its place most; the other one's place is no leap of it, and its ring none of its own."""
+@pytest.mark.parametrize("flown", [2, 1])
+def test_of_several_vehicles_one_is_drawn(tmp_path: Path, flown: int) -> None:
+    """The one that is flown, or else tells its place most; the other one's place is no leap of it, and its ring none of
+    its own."""
     drawn, other = Encoder(2, 1), Encoder(1, 1)
     with Writer(tmp_path / "two.mcap", 0, {}) as writer:
         for number in range(1000):
@@ -272,7 +274,11 @@ def test_of_several_vehicles_one_is_drawn(tmp_path: Path) -> None:
             if number % 2:
                 told += telemetry(other, number - 1, 0.0)
             writer.datagram(7_000_000 * number, number, Direction.IN, "", told)
+        if flown == 1:
+            fields = (0, 1, 1, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.5)
+            sent = Encoder(1, 191).encode_fields(dialect.MAVLink_set_attitude_target_message, *fields)
+            writer.datagram(7_000_000_000, 1000, Direction.OUT, "", sent)
     found = decoded(convert(tmp_path / "two.mcap")[0])
     poses = [pose for _, pose in found["/foxglove/pose"]]
-    assert len(poses) > 100 and {round(each.pose.position.y) for each in poses} == {50}
-    assert len(found["/foxglove/ring"]) == 40
+    assert len(poses) > 50 and {round(each.pose.position.y) for each in poses} == {50 if flown == 2 else 0}
+    assert len(found["/foxglove/ring"]) == (40 if flown == 2 else 20)
