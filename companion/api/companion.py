@@ -20,7 +20,7 @@ from companion.mission.orders import Order
 from companion.mission.plan import Delivery, Mission, Phase, Waypoint
 from companion.outcomes import Verdict, recorded
 from companion.records import LOGGED
-from companion.runtime.orders import LOG_AT
+from companion.runtime.orders import LOG_AT, MOST_BYTES
 from protocol.flightlog import TEXT, LogReader
 
 _log = logging.getLogger(__name__)
@@ -216,7 +216,10 @@ class Companion:
     def _send(self, order: Order) -> None:
         if self._process is None or self._process.stdin is None or self._telemetry.ended or self.state is None:
             raise FlightError("the vehicle is not in the air")
-        self._process.stdin.write(msgspec.json.encode(order) + b"\n")
+        line = msgspec.json.encode(order)
+        if len(line) > MOST_BYTES:
+            raise FlightError(f"an order of {len(line)} bytes: it has at most {MOST_BYTES}, some 2000 waypoints")
+        self._process.stdin.write(line + b"\n")
 
     async def _done(self, number: int, step: int, *, waits: bool) -> None:
         """Until the flight waits at a later step, or has ended, or refuses the order of that number. Raises

@@ -6,8 +6,12 @@ from companion.supervision.operations import LandRequest, OrderRequest
 
 LOG_AT = "companion: log at "
 """Said by a flight that takes orders, before the path of its log."""
-_MOST_BYTES = 1 << 16
-"""Bytes of a line, and of what is read at a tick."""
+MOST_BYTES = 1 << 18
+"""Bytes of a line at most: some 2000 waypoints. A longer one is cut, so it is refused."""
+_AT_ONCE = 1 << 16
+"""Bytes that are read at a tick."""
+_SHOWN_BYTES = 200
+"""What the log holds of a longer one."""
 
 
 class Orders:
@@ -25,7 +29,7 @@ class Orders:
         if self._descriptor is None:
             return []
         try:
-            data = os.read(self._descriptor, _MOST_BYTES)
+            data = os.read(self._descriptor, _AT_ONCE)
         except BlockingIOError:
             return []
         except OSError:
@@ -34,5 +38,10 @@ class Orders:
             self._descriptor = None
             return [LandRequest(now_ns)]
         *lines, rest = (self._rest + data).split(b"\n")
-        self._rest = rest[-_MOST_BYTES:]
-        return [OrderRequest(now_ns, line.decode(errors="replace")) for line in lines if line.strip()]
+        self._rest = rest[: MOST_BYTES + 1]
+        return [OrderRequest(now_ns, _whole(line).decode(errors="replace")) for line in lines if line.strip()]
+
+
+def _whole(line: bytes) -> bytes:
+    """A line, or the beginning of one that is too long, which is no JSON."""
+    return line if len(line) <= MOST_BYTES else line[:_SHOWN_BYTES]

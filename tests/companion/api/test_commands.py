@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from companion import Companion, FlightError, Phase, State
+from companion import Companion, FlightError, Mission, Phase, State, Waypoint
 from companion.api.telemetry import Telemetry
 
 NOWHERE = (0.0, 0.0, 0.0)
@@ -134,5 +134,19 @@ def test_who_is_cancelled_as_the_flight_ends_is_cancelled() -> None:
         holding.cancel()
         with pytest.raises(asyncio.CancelledError):
             await holding
+
+    run(flight)
+
+
+def test_a_mission_that_is_too_long_for_an_order_is_not_sent() -> None:
+    async def flight(vehicle: Companion) -> None:
+        process = Process()
+        vehicle._process = cast(asyncio.subprocess.Process, process)
+        vehicle._telemetry.state = at(Phase.WAIT, 1)
+        vehicle._flight = asyncio.create_task(asyncio.sleep(0))
+        places = [Waypoint(float(number), 2.5, 5.0) for number in range(4000)]
+        with pytest.raises(FlightError, match="at most 262144"):
+            await vehicle.fly(Mission("long", waypoints=places, waits=True))
+        assert process.given == []
 
     run(flight)
