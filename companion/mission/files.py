@@ -402,7 +402,9 @@ def to_toml(mission: Mission) -> str:
     """The text of a file in `missions/`, without what is as it is left out."""
     tables = msgspec.to_builtins(mission)
     waypoints = tables.pop("waypoints")
-    lines = _lines(tables, {**msgspec.to_builtins(Mission("x", waits=True)), "waits": False})
+    defaults = {**msgspec.to_builtins(Mission("x", waits=True)), "waits": False}
+    del defaults["name"]  # it has none, whatever the mission's is
+    lines = _lines(tables, defaults)
     plain = msgspec.to_builtins(Waypoint(0.0, 0.0, 1.0))
     for waypoint in waypoints:
         lines += ["", "[[waypoints]]", *_lines(waypoint, {name: plain[name] for name in plain if name not in _PLACE})]

@@ -287,6 +287,7 @@ def test_a_mission_of_a_plan_is_a_mission_file(tmp_path: Path) -> None:
     "mission",
     [
         Mission("up", waits=True, takeoff_height=2.0),
+        Mission("x", waits=True),
         Mission(
             "parcel", waypoints=[Waypoint(1.0, 2.0, 3.0, speed=1.0)], delivery=Delivery(0.7), description='"a" = b'
         ),
