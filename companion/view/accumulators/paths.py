@@ -22,6 +22,7 @@ class Paths:
         """Length of the traced path from take-off on."""
         self._trace = Continuation()
         self._homes: dict[str, tuple[float, float]] = {}
+        """Latitude and longitude (rad) of the first fix, by sender."""
 
     def add_steps(self, times: Floats, table: Table) -> None:
         """Control steps: times (n,) in s and records of the trace (n,)."""
@@ -36,7 +37,8 @@ class Paths:
         """Messages of one name: times (n,) in s and fields (n,); names without a position are ignored."""
         if name == "LOCAL_POSITION_NED":
             rows = np.column_stack((table["x"], table["y"], table["z"]))
-            self.told.setdefault(sender, Track(4)).add(times, rows)
+            known = np.isfinite(rows).all(axis=1)
+            self.told.setdefault(sender, Track(4)).add(times[known], rows[known])
         elif name == "GLOBAL_POSITION_INT":
             self._global_position(sender, times, table)
 
@@ -46,9 +48,9 @@ class Paths:
         times, table = times[fixed], table[fixed]
         if not len(table):
             return
-        north = np.radians(table["lat"] * 1e-7) * _EARTH_RADIUS_M
-        east = np.radians(table["lon"] * 1e-7) * _EARTH_RADIUS_M
-        home = self._homes.setdefault(sender, (float(north[0]), float(east[0])))
-        scale = np.cos(home[0] / _EARTH_RADIUS_M)
-        rows = np.column_stack((north - home[0], (east - home[1]) * scale, table["relative_alt"] * -1e-3))
+        latitudes, longitudes = np.radians(table["lat"] * 1e-7), np.radians(table["lon"] * 1e-7)
+        home = self._homes.setdefault(sender, (float(latitudes[0]), float(longitudes[0])))
+        turned = (longitudes - home[1] + np.pi) % (2.0 * np.pi) - np.pi  # also across 180 degrees
+        north, east = _EARTH_RADIUS_M * (latitudes - home[0]), _EARTH_RADIUS_M * np.cos(home[0]) * turned
+        rows = np.column_stack((north, east, table["relative_alt"] * -1e-3))
         self.told.setdefault(f"{sender} global", Track(4)).add(times, rows)

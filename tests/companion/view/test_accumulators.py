@@ -115,6 +115,23 @@ def test_interventions_are_stretches_of_their_flags(cuts: list[int]) -> None:
     assert parts.guard_changes.examples[0][0] == changed.max()
 
 
+def test_a_path_across_the_date_line_has_no_leap() -> None:
+    table = np.zeros(100, message_type(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, "/x")[0].dtype)
+    turned = 1_799_900_000 + 4_000 * np.arange(100)
+    table["lat"], table["lon"] = -170_000_000, np.where(turned > 1_800_000_000, turned - 3_600_000_000, turned)
+    paths = Paths()
+    paths.add_message("1/1", "GLOBAL_POSITION_INT", 0.1 * np.arange(100), table)
+    assert np.allclose(paths.told["1/1 global"].rows()[:, 2], 42.53 * np.arange(100), rtol=1e-3)
+
+
+def test_a_place_that_is_none_is_no_part_of_a_path() -> None:
+    table = np.zeros(5, message_type(dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, "/x")[0].dtype)
+    table["x"] = 1.0, np.nan, 2.0, np.inf, 3.0
+    paths = Paths()
+    paths.add_message("1/1", "LOCAL_POSITION_NED", np.arange(5.0), table)
+    assert paths.told["1/1"].rows()[:, :2].tolist() == [[0.0, 1.0], [2.0, 2.0], [4.0, 3.0]]
+
+
 @given(CUTS)
 def test_the_path_s_length_has_no_seams(cuts: list[int]) -> None:
     table, paths = flown(), Paths()
