@@ -12,7 +12,7 @@ from companion.records import PLANNED, TRACE
 from companion.state import Reason, Scan
 from companion.supervision.states import State
 from companion.view.accumulators.scans import ring_sender
-from companion.view.accumulators.senders import SETPOINTS
+from companion.view.accumulators.senders import CRITICAL, SETPOINTS
 from companion.view.accumulators.texts import Text, level_of
 from companion.view.attitudes import euler_deg, quaternions
 from companion.view.batches import Batch, Table, sender_and_name
@@ -49,7 +49,6 @@ _GAP_S = 0.5
 """Poses further apart than this (s) are not interpolated."""
 _UNKNOWN_CM = 65535
 _ALL_BATTERIES = -1
-_CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
 _NOT_UNIT = 0.02
 """A quaternion whose square is farther from 1 is none."""
 _FARTHEST = 1e5
@@ -257,7 +256,7 @@ class History:
             firmware = firmware_of(autopilot)
             vehicle.modes[mode] = firmware.mode_of(mode).value if firmware else f"mode {mode}"
         armed = (table["base_mode"] & dialect.MAV_MODE_FLAG_SAFETY_ARMED) != 0
-        critical = np.isin(table["system_status"], _CRITICAL)
+        critical = np.isin(table["system_status"], CRITICAL)
         vehicle.heartbeats.add(times, np.column_stack((table["custom_mode"], armed, critical)))
 
     @property

@@ -2,7 +2,18 @@
 
 from protocol.messages import dialect
 
-_PX4_MAIN = {1: "Manual", 2: "Altitude", 3: "Position", 4: "Auto", 5: "Acro", 6: "Offboard", 7: "Stabilized"}
+_PX4_MAIN = {
+    1: "Manual",
+    2: "Altitude",
+    3: "Position",
+    4: "Auto",
+    5: "Acro",
+    6: "Offboard",
+    7: "Stabilized",
+    10: "Termination",
+    11: "Altitude cruise",
+}
+_PX4_POSITION = {1: "Orbit", 2: "Position slow"}
 _PX4_AUTO = {
     1: "Ready",
     2: "Takeoff",
@@ -12,6 +23,7 @@ _PX4_AUTO = {
     6: "Land",
     8: "Follow me",
     9: "Precision land",
+    10: "VTOL takeoff",
 }
 """PX4's px4_custom_mode.h (main_mode and sub_mode), by the names of its user guide."""
 _ARDUPILOT = {
@@ -28,7 +40,7 @@ def mode_name(autopilot: int, vehicle: int, custom_mode: int) -> str:
     found = None
     if autopilot == dialect.MAV_AUTOPILOT_PX4:
         main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-        found = _PX4_AUTO.get(sub) if main == 4 else _PX4_MAIN.get(main)
+        found = {3: _PX4_POSITION, 4: _PX4_AUTO}.get(main, {}).get(sub) or (None if main == 4 else _PX4_MAIN.get(main))
     elif autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
         prefix = _ARDUPILOT.get(vehicle, "COPTER_MODE")
         entry = dialect.enums[prefix].get(custom_mode)

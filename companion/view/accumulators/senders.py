@@ -9,7 +9,8 @@ from companion.view.lines import Floats, Stretches
 from companion.view.vehicle_names import mode_name, vehicle_name
 from protocol.messages import dialect
 
-_CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
+CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION)
+"""States of a vehicle's own failsafe, or worse."""
 
 SETPOINTS = frozenset({"SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET", "SET_POSITION_TARGET_LOCAL_NED"})
 """Messages by which a companion flies."""
@@ -62,7 +63,7 @@ class Senders:
             self._mode_names[sender, mode] = mode_name(autopilot, kind, mode)
             self.names[sender] = vehicle_name(autopilot, kind)
         armed = (table["base_mode"] & dialect.MAV_MODE_FLAG_SAFETY_ARMED) != 0
-        critical = np.isin(table["system_status"], _CRITICAL)
+        critical = np.isin(table["system_status"], CRITICAL)
         self.modes.setdefault(sender, Stretches()).add(times, table["custom_mode"].astype(np.int64))
         self.armed.setdefault(sender, Stretches()).add(times, armed.astype(np.int64))
         self.critical.setdefault(sender, Stretches()).add(times, critical.astype(np.int64))

@@ -8,6 +8,8 @@ import pytest
 from companion.logs.writer import Writer
 from companion.records import TRACE
 from companion.view.accumulators.scans import ring_sender
+from companion.view.finding import Level
+from companion.view.findings import findings
 from companion.view.gather import GatheredFlight
 from companion.view.report_charts import best_line, charts
 from companion.view.sources import FinishedLog
@@ -74,6 +76,19 @@ def test_a_scanner_that_is_heard_is_no_link_to_the_vehicle(tmp_path: Path) -> No
             writer.datagram(20_000_000 * number, number, Direction.IN, "", data)
     moment = filled(FinishedLog(LogReader(tmp_path / "flight.mcap"))).at(3.9)
     assert moment.nearest == pytest.approx(3.0) and moment.link_age == pytest.approx(1.92)
+
+
+@pytest.mark.parametrize("state", [5, 6, 8], ids=["critical", "emergency", "flight termination"])
+def test_a_vehicle_in_its_failsafe_says_so(tmp_path: Path, state: int) -> None:
+    with Writer(tmp_path / "flight.mcap", 0, {}) as writer:
+        for number in range(4):
+            beat = (2, 12, 209, 10 << 16, 4 if number < 2 else state, 3)
+            data = Encoder(1, 1).encode_fields(dialect.MAVLink_heartbeat_message, *beat)
+            writer.datagram(1_000_000_000 * number, number, Direction.IN, "", data)
+    history = filled(FinishedLog(LogReader(tmp_path / "flight.mcap")))
+    assert [history.at(time).failsafe for time in (1.0, 2.0)] == [False, True]
+    (finding,) = [each for each in findings(GatheredFlight(tmp_path / "flight.mcap")) if each.about == "failsafe"]
+    assert finding.level is Level.PROBLEM and finding.at == (2.0,)
 
 
 def test_the_vehicle_that_the_companion_flies_is_told_of(tmp_path: Path) -> None:

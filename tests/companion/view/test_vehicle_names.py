@@ -14,6 +14,11 @@ QUAD, PLANE = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_TYPE_FIXED_WING
     [
         (PX4, QUAD, 6 << 16, "Offboard"),
         (PX4, QUAD, 3 << 16, "Position"),
+        (PX4, QUAD, 3 << 16 | 1 << 24, "Orbit"),
+        (PX4, QUAD, 3 << 16 | 2 << 24, "Position slow"),
+        (PX4, QUAD, 3 << 16 | 99 << 24, "Position"),
+        (PX4, QUAD, 10 << 16, "Termination"),
+        (PX4, QUAD, 11 << 16, "Altitude cruise"),
         (PX4, QUAD, 4 << 16 | 3 << 24, "Hold"),
         (PX4, QUAD, 4 << 16 | 6 << 24, "Land"),
         (PX4, QUAD, 4 << 16 | 99 << 24, f"mode {4 << 16 | 99 << 24}"),
