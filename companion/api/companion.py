@@ -186,7 +186,7 @@ class Companion:
                 self._words.append(line)
                 _log.debug(line)
                 if line.startswith(LOG_AT):
-                    self.log = Path(line.removeprefix(LOG_AT))
+                    self.log = self._log_at(Path(line.removeprefix(LOG_AT)))
                     following = asyncio.create_task(self._telemetry.follow(self.log, over))
                     folder.cleanup()
                     opened.set()
@@ -198,6 +198,12 @@ class Companion:
             folder.cleanup()
             self._telemetry.end()
             opened.set()
+
+    def _log_at(self, told: Path) -> Path:
+        """The log that the process told of. Its own folder has a plain name; those above may have any bytes, or letters
+        that the locale of what it says lacks."""
+        ours = self._logs / told.parent.name / told.name
+        return ours if ours.exists() else told
 
     async def _order(self, order: Order) -> None:
         """Give an order, and wait until it is done. An order that is not awaited to its end becomes a hold."""

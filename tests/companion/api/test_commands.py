@@ -1,7 +1,10 @@
 """Commands of a program that meet each other, or the end of its block; the flight's process is none."""
 
 import asyncio
+import os
+import tempfile
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any, cast
 
 import pytest
@@ -148,5 +151,32 @@ def test_a_mission_that_is_too_long_for_an_order_is_not_sent() -> None:
         with pytest.raises(FlightError, match="at most 262144"):
             await vehicle.fly(Mission("long", waypoints=places, waits=True))
         assert process.given == []
+
+    run(flight)
+
+
+@pytest.mark.parametrize("said", [b"/tmp/\\udcff/2026_script", "/tmp/jürgen/2026_script".encode("latin-1")])
+def test_the_log_is_found_in_a_folder_of_any_name(tmp_path: Path, said: bytes) -> None:
+    """Such bytes are said escaped, or in the locale's own letters."""
+    logs = tmp_path / os.fsdecode(b"l\xff")
+    log = logs / "2026_script" / "flight.mcap"
+    log.parent.mkdir(parents=True)
+    log.write_bytes(b"")
+
+    class Said(Process):
+        def __init__(self) -> None:
+            super().__init__()
+            self.lines = [b"companion: log at " + said + b"/flight.mcap\n"]
+
+        async def __anext__(self) -> bytes:
+            return self.lines.pop() if self.lines else await super().__anext__()
+
+    async def flight(vehicle: Companion) -> None:
+        process, opened = cast(asyncio.subprocess.Process, Said()), asyncio.Event()
+        vehicle._logs, folder = logs, tempfile.TemporaryDirectory()
+        attending = asyncio.create_task(vehicle._attend(process, opened, folder))
+        await opened.wait()
+        assert vehicle.log == log
+        attending.cancel()
 
     run(flight)
