@@ -37,11 +37,13 @@ def show(
     from companion.cli.logs import table
     from companion.config_avoidance import Avoidance
     from companion.mission.plan import steps
+    from companion.runtime.files import load_body
     from companion.view.mission_map import page, sketch
     from companion.view.unseen import unseen, words
     from protocol.toml_files import find
 
     (found, fence_radius), rows = _mission(file), []
+    body = exit_on_user_error(load_body, found.vehicle)
     plan = steps(found, np.zeros(3))
     for number, step in enumerate(plan, 1):
         north, east, height = ("", "", "")
@@ -53,7 +55,7 @@ def show(
         rows.append((str(number), step.phase.name.lower(), north, east, height, speed, hold))
     table(("step", "what", "north, m", "east, m", "height, m", "speed, m/s", "hold, s"), rows)
     typer.echo(f"\n{sketch(plan)}")
-    typer.echo(f"\n{words(unseen(found, plan, _world(found), Avoidance()))}")
+    typer.echo(f"\n{words(unseen(found, plan, _world(found), Avoidance(), body))}")
     if html is not None:
         world = exit_on_user_error(find, "worlds", found.world).read_bytes()
         exit_on_user_error(_write, html, page(found, plan, world, fence_radius))

@@ -7,9 +7,11 @@ from msgspec.structs import replace
 from companion.avoidance.braking import stopping_speed
 from companion.config_avoidance import Avoidance
 from companion.mission.plan import Delivery, Mission, Waypoint, steps
-from companion.view.unseen import thinnest, unseen, words
+from companion.runtime.files import load_body
+from companion.view.unseen import sight_m, thinnest, unseen, words
 
 AVOIDANCE = Avoidance()
+BODY = load_body("paper_quad")
 MISSION = Mission("there", waypoints=[Waypoint(20.0, 0.0, 3.0)], delivery=Delivery(0.5), speed=5.0)
 WORLD = """
 [[box]]
@@ -22,7 +24,7 @@ height = {height}
 
 def found(mission: Mission = MISSION, /, **box: object) -> list[str]:
     world = WORLD.format(**{"name": "box", "east": 0.0, **box}).encode() if box else b""
-    return unseen(mission, steps(mission, np.zeros(3)), world, AVOIDANCE)
+    return unseen(mission, steps(mission, np.zeros(3)), world, AVOIDANCE, BODY)
 
 
 def test_poles_are_as_thin_as_the_stop_allows() -> None:
@@ -35,6 +37,17 @@ def test_poles_are_as_thin_as_the_stop_allows() -> None:
     assert found()[0].startswith("poles thinner than 34 cm at 5 m/s")
     fast = replace(MISSION, waypoints=[Waypoint(20.0, 0.0, 3.0, speed=7.0)])
     assert "at 7 m/s" in found(fast)[0]
+
+
+def test_who_comes_ahead_on_before_a_fast_low_flight() -> None:
+    """The vehicle leans until its thrust holds drag and weight; the scan goes with it."""
+    lean = np.arctan2(BODY.drag_kg_s[0] * 8.0, BODY.mass_kg * 9.81)
+    assert sight_m(8.0, 2.0, BODY) == pytest.approx(2.0 / np.tan(lean)) == pytest.approx(7.1, abs=0.05)
+    assert sight_m(8.0, 2.0, replace(BODY, drag_kg_s=(0.0, 0.0, 0.0))) == np.inf
+    low = [Waypoint(20.0, 0.0, 2.0)]
+    for speed, height, seen_late in ((8.0, 2.0, True), (6.0, 2.0, False), (8.0, 4.0, False)):
+        there = replace(MISSION, waypoints=[replace(low[0], height=height)], takeoff_height=height, speed=speed)
+        assert any("comes ahead on" in each and "(step 2)" in each for each in found(there)) is seen_late
 
 
 def test_descents_and_landings_are_named() -> None:
