@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from companion.logs.leaps import is_leap
 from companion.logs.recordings import as_date, started_unix_s
 from companion.logs.verdict import verdict_of
 from companion.outcomes import Verdict
@@ -26,7 +27,7 @@ class Info:
     started_unix_s: float | None
     """Wall clock; None where the log does not say it."""
     duration_s: float
-    """From its first message to its last."""
+    """From its first message to its last; of a telemetry log without leaps of its clock."""
     topics: dict[str, int]
     """Messages on each."""
     problem: str | None = None
@@ -105,10 +106,15 @@ def _telemetry(log: "TlogReader") -> Info:
 
     framer = Framer()
     counts: Counter[tuple[int, int, int, bool]] = Counter()
-    first_us, last_us = None, 0
+    first_us: int | None = None
+    last_us = before_us = left_out_us = 0
     for time_us, data in log.entries():
-        first_us = time_us if first_us is None else min(first_us, time_us)
-        last_us = max(last_us, time_us)
+        if first_us is None:
+            first_us = last_us = before_us = time_us
+        if is_leap(1000 * (time_us - before_us)):
+            left_out_us += time_us - before_us
+        before_us = time_us
+        first_us, last_us = min(first_us, time_us - left_out_us), max(last_us, time_us - left_out_us)
         for frame in framer.datagram(data):
             counts[frame.system, frame.component, frame.message_id, frame.known] += 1
     topics = {

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.logs.leaps import is_leap
 from protocol.flightlog import DATAGRAM, LogReader, Record, RecordType
 
 Table = NDArray[np.void]
@@ -15,9 +16,6 @@ Batch = tuple[str, RecordType, NDArray[np.int64], Any]
 
 BATCH = 4096
 """Records of one topic that are handed on together."""
-_LONGEST_PAUSE_NS = 1_800_000_000_000
-_LONGEST_BACK_NS = 10_000_000_000
-"""By less, records may be out of order."""
 _MOST_HELD = 100
 """Records that may be looked at before it is known whether a log's clock leapt."""
 
@@ -62,14 +60,14 @@ def _without_leaps(records: Iterator[Record], leaps: list[Leap]) -> Iterator[tup
     left_out_ns = 0
     for record in records:
         topic, time_ns, _, _ = record
-        if before_ns is None or not (held or _leaps(time_ns - before_ns)):
+        if before_ns is None or not (held or is_leap(time_ns - before_ns)):
             before_ns = last[topic] = time_ns
             yield record, time_ns - left_out_ns
             continue
         held.append(record)
         if topic not in last and len(held) < _MOST_HELD:
             continue
-        if topic in last and _leaps(time_ns - last[topic]):
+        if topic in last and is_leap(time_ns - last[topic]):
             step_ns = held[0].time_ns - before_ns
             leaps.append(Leap(before_ns - left_out_ns, step_ns))
             left_out_ns += step_ns
@@ -79,10 +77,6 @@ def _without_leaps(records: Iterator[Record], leaps: list[Leap]) -> Iterator[tup
         held, before_ns = [], time_ns
     for record in held:
         yield record, record.time_ns - left_out_ns
-
-
-def _leaps(step_ns: int) -> bool:
-    return not -_LONGEST_BACK_NS < step_ns < _LONGEST_PAUSE_NS
 
 
 def batch(kind: RecordType, times: list[int], held: list[bytes]) -> Iterator[Batch]:

@@ -14,7 +14,7 @@ import pytest
 
 from companion.logs.info import info
 from protocol.flightlog import DATAGRAM, FlightLog, FlightLogError, LogReader, digest
-from protocol.flightlog.tlog import TlogReader
+from protocol.flightlog.tlog import TlogReader, write
 from protocol.messages import dialect
 from tests.companion.logs.changed_logs import Flyer, foreign, rewritten, telemetry_log
 from tests.flights.processes import run
@@ -72,6 +72,18 @@ def test_other_systems(tmp_path: Path) -> None:
     path.write_bytes(content)
     problem = info(path).problem
     assert problem is not None and path.name in problem
+
+
+@pytest.mark.parametrize("by_s", [-3600, 3 * 365 * 86_400])
+def test_a_telemetry_log_lasts_as_long_as_it_does_where_its_clock_was_set(tmp_path: Path, by_s: int) -> None:
+    source = DATA / "px4_offboard.tlog"
+    entries, plain = list(TlogReader(source).entries()), info(source)
+    at = len(entries) // 2
+    moved = [entry._replace(time_us=entry.time_us + by_s * 1_000_000) for entry in entries[at:]]
+    write(tmp_path / "set.tlog", [*entries[:at], *moved])
+    found = info(tmp_path / "set.tlog")
+    assert found.duration_s == pytest.approx(plain.duration_s, abs=0.1)
+    assert found.started_unix_s == plain.started_unix_s and found.topics == plain.topics
 
 
 def test_the_digest_is_of_any_log_s_traffic(fly: Flyer, tmp_path: Path) -> None:

@@ -148,6 +148,19 @@ def test_a_long_wait_is_said(tmp_path: Path, wire: Wire) -> None:
     assert said == pytest.approx([498.0], abs=0.01)
 
 
+@pytest.mark.parametrize("by_s", [-3600, -20, 3600, 3 * 365 * 86_400])
+def test_a_clock_that_is_set_changes_no_timing(tmp_path: Path, wire: Wire, by_s: int) -> None:
+    """As that of a ground station's machine, which hears of the time in the flight."""
+    first_us = 1_700_000_000_000_000
+    stamps = [first_us + 500_000 * number + (by_s * 1_000_000 if number > 9 else 0) for number in range(20)]
+    write(tmp_path / "a.tlog", (Entry(stamp, attitude(number)) for number, stamp in enumerate(stamps)))
+    played = play(tmp_path / "a.tlog", wire)
+    asked = [0.5 * number for number in (*range(10), *range(9, 19))]
+    assert [left_s for left_s, _ in wire.sent] == pytest.approx(asked, abs=0.01)
+    assert played.played_s == pytest.approx(9.0)
+    assert play(tmp_path / "a.tlog", wire, start_s=7.0).datagrams == 5
+
+
 def test_of_a_serial_line_whole_frames_are_sent(tmp_path: Path, wire: Wire) -> None:
     messages = [heartbeat(number) for number in range(1, 40)]
     played = play(stream_log(tmp_path / "a.mcap", messages, 50), wire)

@@ -1,0 +1,10 @@
+"""Leaps of a log's clock: who writes one hears of the time during a flight, or is set anew."""
+
+_LONGEST_PAUSE_NS = 1_800_000_000_000
+_LONGEST_BACK_NS = 10_000_000_000
+"""By less, records may be out of order."""
+
+
+def is_leap(step_ns: int) -> bool:
+    """Whether so long from one record to the next, or back, is a leap, or a pause that counts as one: half an hour."""
+    return not -_LONGEST_BACK_NS < step_ns < _LONGEST_PAUSE_NS
