@@ -19,6 +19,8 @@ _EXPORT_HEADER = (
     + EXPORT_LIBRARY.encode()
 )
 """First bytes of such a file: the header has no profile."""
+SETPOINTS = frozenset({"SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET", "SET_POSITION_TARGET_LOCAL_NED"})
+"""Messages by which a companion flies a vehicle."""
 _EARLIEST_S = 0.0
 """1970, in seconds since then."""
 _LATEST_S = 253_402_214_400.0

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from companion.view.accumulators.senders import SETPOINTS
+from companion.logs.recordings import SETPOINTS
 from companion.view.batches import sender_and_name
 from companion.view.finding import Finding, Level, at_text, times_text
 from companion.view.gather import GatheredFlight

@@ -39,11 +39,10 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from companion.logs.recordings import EXPORT_LIBRARY, has_texts, unpack
+from companion.logs.recordings import EXPORT_LIBRARY, SETPOINTS, has_texts, unpack
 from companion.logs.target import output
 from companion.records import LOGGED, PLANNED
 from companion.state import Reason
-from companion.view.accumulators.senders import SETPOINTS
 from companion.view.attitudes import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture

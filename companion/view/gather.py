@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
+from companion.logs.recordings import SETPOINTS
 from companion.logs.settings import recorded_settings
 from companion.logs.verdict import verdict_of
 from companion.records import LOOP, TICK, TRACE
@@ -20,7 +21,7 @@ from companion.view.accumulators.paths import Paths
 from companion.view.accumulators.power import Energy
 from companion.view.accumulators.rates import BodyRates
 from companion.view.accumulators.scans import Scans, ring_sender
-from companion.view.accumulators.senders import SETPOINTS, Senders
+from companion.view.accumulators.senders import Senders
 from companion.view.accumulators.texts import Texts
 from companion.view.accumulators.timing import Timing
 from companion.view.accumulators.tracking import Tracking

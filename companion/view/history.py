@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.link.firmware import firmware_of
+from companion.logs.recordings import SETPOINTS
 from companion.perception.distance_field import FAR_M
 from companion.records import PLANNED, TRACE
 from companion.state import Reason, Scan
 from companion.supervision.states import State
 from companion.view.accumulators.scans import ring_sender
-from companion.view.accumulators.senders import CRITICAL, SETPOINTS
+from companion.view.accumulators.senders import CRITICAL
 from companion.view.accumulators.texts import Text, level_of
 from companion.view.attitudes import euler_deg, quaternions
 from companion.view.batches import Batch, Table, sender_and_name

@@ -12,9 +12,6 @@ from protocol.messages import dialect
 CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION)
 """States of a vehicle's own failsafe, or worse."""
 
-SETPOINTS = frozenset({"SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET", "SET_POSITION_TARGET_LOCAL_NED"})
-"""Messages by which a companion flies."""
-
 
 class Senders:
     """By sender ("system/component"), for those that are an autopilot (not a companion or a ground station)."""
