@@ -23,7 +23,7 @@ from companion.runtime.summary import summarize
 from protocol.flightlog import Direction, FlightLogError
 from protocol.messages import decode, dialect
 
-_VERSION = 3
+_VERSION = 4
 _SUFFIXES = frozenset((".mcap", ".tlog"))
 
 
