@@ -54,7 +54,7 @@ The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle
 At 2 m above the ground and 7 m/s the scan shows a person from 7 m on, by its angle; higher up from farther away. The
 flights at 8 m/s were at 2 m, too, among trunks and walkers. What counts is how far the vehicle leans, by its drag and
 the wind: with 1.7 times the drag of the paper's vehicle it leans by 16 degrees at 6 m/s, sees who comes ahead on at 4
-m/s 0.7 s before it would meet him, and met 2 of 6. `companion mission show` names the legs on which that is too late.
+m/s 0.6 s before it would meet him, and met 2 of 6. `companion mission show` names the legs on which that is too late.
 
 With one beam in each sector of 5 degrees a pole is met by a beam, however the vehicle stands, from `width / 0.087` on.
 The speed is that from which the guard's braking (5.5 m/s2 after 0.25 s) stops the hull (0.36 m) within that distance. A
