@@ -58,7 +58,8 @@ m/s 0.6 s before it would meet him, and met 2 of 6. `companion mission show` nam
 
 With one beam in each sector of 5 degrees a pole is met by a beam, however the vehicle stands, from `width / 0.087` on.
 The speed is that from which the guard's braking (5.5 m/s2 after 0.25 s) stops the hull (0.36 m) within that distance. A
-LiDAR that reports the nearest of many beams in each sector, as most do, sees thin poles from farther away.
+LiDAR that reports the nearest of many beams in each sector, as most do, sees thin poles from farther away. The ends of
+walls beside narrow doors need [two beams](lidar.md#what-a-driver-sends).
 
 | width of the pole (cm) | seen for certain from (m) | stops from (m/s) |
 | --- | --- | --- |
