@@ -6,7 +6,7 @@ from typing import Any
 from companion.config import Settings
 from companion.link.audit import Audit
 from companion.link.firmware.firmware import Firmware, Terms
-from companion.link.wire import vehicle_text
+from companion.link.vehicle_texts import Said, VehicleTexts
 from companion.state import NO_FENCE, Announcement, Output, OwnFence, Severity
 from protocol.messages import dialect
 
@@ -45,6 +45,7 @@ class Readiness:
         self._firmware: Firmware | None = None
         self._estimator: int | None = None
         self._had_position = False
+        self._texts = VehicleTexts()
         self._complaint = 0, ""
         """When the vehicle warned of something last (ns), and the text."""
         self._failed_check = 0, ""
@@ -88,16 +89,22 @@ class Readiness:
         self._estimator = message.flags
         self._had_position |= self._has_position
 
-    def on_statustext(self, message: Any, now_ns: int) -> Announcement:
-        """STATUSTEXT (253)."""
-        text = vehicle_text(message)
-        if message.severity <= Severity.WARNING:
-            self._complaint = now_ns, f" ({text})"
-            if text.startswith(_CHECKS):
+    def on_statustext(self, message: Any, now_ns: int) -> Announcement | None:
+        """STATUSTEXT (253). A text in pieces counts from the first one on, and is said once it is whole."""
+        said = self._texts.take(message, now_ns)
+        if said is None:
+            return None
+        if said.severity <= Severity.WARNING and said.text:
+            self._complaint = now_ns, f" ({said.text})"
+            if said.text.startswith(_CHECKS):
                 self._failed_check = self._complaint
-        if message.severity <= Severity.ALERT and not self.emergency:
-            self.emergency = text
-        return Announcement(Severity(min(message.severity, 6)), f"vehicle: {text}")
+        if said.severity <= Severity.ALERT and said.text.startswith(self.emergency):
+            self.emergency = said.text
+        return _announced(said) if said.whole else None
+
+    def cut_short(self, now_ns: int) -> list[Announcement]:
+        """What the vehicle said, and never to its end."""
+        return [_announced(said) for said in self._texts.cut_short(now_ns)]
 
     def on_double(self, message: Any, own: tuple[int, int], now_ns: int) -> list[str]:
         """HEARTBEAT (0) of another companion that uses this one's own (system, component); what is to be said the first
@@ -170,6 +177,10 @@ class Readiness:
             return None
         lacking = [name for flag, name in _FLAGS.items() if not self._estimator & flag]
         return f"the vehicle's estimator has no {', '.join(lacking)} yet{self.failed_check(now_ns)}"
+
+
+def _announced(said: Said) -> Announcement:
+    return Announcement(Severity(min(said.severity, 6)), f"vehicle: {said.text}")
 
 
 def _name_of(kind: int) -> str:

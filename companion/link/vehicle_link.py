@@ -335,7 +335,7 @@ class VehicleLink:
         a second the question for the vehicle's clock. Whenever it is called: the vehicle's parameters, until they are
         known, and a heartbeat of the vehicle's that is late; what is to be said of them. `active`: setpoints have
         begun; the next heartbeat, which says so, is sent at once."""
-        said = self._go_on_with_audit(now_ns)
+        said = self._go_on_with_audit(now_ns) + self.readiness.cut_short(now_ns)
         if asks_rates and self.said.is_due(self._settings.rates.heartbeat, now_ns):
             self.outbox.command(dialect.MAV_CMD_REQUEST_MESSAGE, float(_HEARTBEAT))
         if now_ns >= self._next_beat_ns or active is not self._active:

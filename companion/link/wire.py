@@ -276,7 +276,7 @@ def statustext_fields(severity: int, text: str) -> list[tuple[int, bytes, int, i
     return [(severity, text.encode("ascii", "replace")[:50], 0, 0)]
 
 
-def vehicle_text(message: Any) -> str:
-    """STATUSTEXT (253) as text that does nothing to a terminal."""
-    text: str = message.text
-    return "".join(letter if letter.isprintable() else "?" for letter in text.rstrip("\0 "))
+def vehicle_text(text: str) -> str:
+    """A text of STATUSTEXT (253) as one that does nothing to a terminal. PX4 ends those with a tab that it tells as
+    events, too."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text.rstrip("\0 \t"))

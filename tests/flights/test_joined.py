@@ -396,7 +396,7 @@ def test_the_vehicle_survives_its_companion(mission: str, until_s: float, output
         summary = orphan.summary()
         assert (summary.outcome, summary.contacts) == ("landed", 0)
         said = [
-            wire.vehicle_text(decode(frame))
+            wire.vehicle_text(decode(frame).text)
             for frame in Framer().feed(heard)
             if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT
         ]

@@ -57,8 +57,8 @@ class Sender:
         fields = boot_ms, 20, 1500, cm, 0, 10 + sector, sector, 0, 0.0, 0.0, (0.0,) * 4, quality
         return self(dialect.MAVLink_distance_sensor_message, *fields)
 
-    def text(self, severity: int, text: bytes) -> bytes:
-        return self(dialect.MAVLink_statustext_message, severity, text)
+    def text(self, severity: int, text: bytes, number: int = 0, piece: int = 0) -> bytes:
+        return self(dialect.MAVLink_statustext_message, severity, text, number, piece)
 
     def ack(self, command: int, result: int, system: int = 0, component: int = 0) -> bytes:
         return self(dialect.MAVLink_command_ack_message, command, result, 0, 0, system, component)
