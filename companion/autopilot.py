@@ -7,14 +7,14 @@ from companion.avoidance.guard import Guard
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.config import Settings
 from companion.control.controller import Controller
-from companion.entering import entered, follow_delay, follow_output, heed_below, ordered, taken_up
+from companion.entering import entered, follow_delay, follow_output, heed_below, ordered, released, taken_up
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
 from companion.mission.navigator import Arrival, Navigator
 from companion.mission.plan import Mission, Phase
 from companion.sensing import Sensing
-from companion.state import Adoption, Announcement, Output, Reason, VehicleRequest, VehicleState
+from companion.state import Adoption, Announcement, Output, Reason, VehicleState
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import FLYING, FOLLOWING, OWN, STREAMING, State
 from companion.supervision.supervisor import Supervisor
@@ -129,8 +129,7 @@ class Autopilot:
         self._say(said, heed_below(state, now, self.settings.avoidance, navigator, guidance, self.sensing))
         leg = navigator.leg(state.position_ned)
         if leg.step.phase is Phase.RELEASE:
-            self.link.request(VehicleRequest.RELEASE, now)
-            arrival, outcome = navigator.release(self.link.requests.answer(VehicleRequest.RELEASE))
+            arrival, outcome = released(self.link, navigator, now)
             self._say(outcome)
         elif leg.step.target_ned is not None:
             arrival = navigator.advance(guidance.steer(leg, state, now), state, now)

@@ -10,7 +10,7 @@ from companion.config_avoidance import Avoidance
 from companion.control.controller import Controller
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
-from companion.mission.navigator import Navigator
+from companion.mission.navigator import Arrival, Navigator
 from companion.mission.orders import OrderError, obey
 from companion.mission.plan import Phase
 from companion.sensing import Sensing
@@ -147,6 +147,15 @@ def ordered(
     link.requests.forget(VehicleRequest.RELEASE)  # what came of an earlier delivery says nothing of the next one
     guidance.begin_leg(navigator.leg(here), now)
     return said
+
+
+def released(link: VehicleLink, navigator: Navigator, now: int) -> tuple[Arrival, Announcement | None]:
+    """Ask the vehicle to release the parcel: what has come of it, and what is to be said of that."""
+    link.request(VehicleRequest.RELEASE, now)
+    arrival, said = navigator.release(link.requests.answer(VehicleRequest.RELEASE))
+    if arrival is Arrival.DONE:  # which says nothing of the next parcel
+        link.requests.forget(VehicleRequest.RELEASE)
+    return arrival, said
 
 
 def taken_up(

@@ -1,0 +1,37 @@
+"""A mission that releases a parcel at two places, both sides joined in memory."""
+
+from typing import Any
+
+from companion.mission.plan import Mission, Waypoint
+from protocol.framing import Framer
+from protocol.messages import Encoder, decode, dialect
+from studies.joined import Joined
+from tests.flights.short import returning
+
+MISSION = Mission(
+    "two-parcels", waypoints=[Waypoint(2.0, 0.0, 3.0, release=True), Waypoint(4.0, 0.0, 3.0, release=True)]
+)
+
+
+def test_what_came_of_the_first_parcel_says_nothing_of_the_second() -> None:
+    """The vehicle releases the first one, and denies the second."""
+    vehicle, answers = Encoder(1, 1), list[int]()
+
+    def deny(time_ns: int, data: bytes) -> bytes:
+        sent = b""
+        for frame in Framer().datagram(data):
+            message: Any = decode(frame)
+            if message.get_type() == "COMMAND_ACK" and message.command == dialect.MAV_CMD_DO_GRIPPER:
+                answers.append(message.result)
+                if len(answers) > 1:
+                    message.result = dialect.MAV_RESULT_DENIED
+                vehicle.sequence = frame.sequence
+                sent += vehicle.encode(message)
+            else:
+                sent += frame.raw
+        return sent
+
+    joined = Joined(MISSION, overrides=("avoidance.method=none",), meddle=deny).fly(until=returning)
+    told = [text.split(maxsplit=1)[1] for text in joined.said if "parcel" in text and "vehicle:" not in text]
+    assert told == ["parcel released", "parcel not released: denied"]
+    assert len(answers) > 2, "it was asked again"
