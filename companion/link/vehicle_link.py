@@ -297,7 +297,7 @@ class VehicleLink:
         return LinkReport(
             found=self.vehicle is not None,
             status=self.said.status,
-            on_ground=self.said.on_ground,
+            on_ground=self.said.stands(now_ns),
             word=self.said.report(now_ns),
             home_known=self.said.home_ned is not None,
             silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,

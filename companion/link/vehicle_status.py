@@ -24,6 +24,9 @@ _LONGEST_BACKLOG_NS = 2 * _SECOND_NS
 """but it is not waited for longer than this."""
 _TOLERANCE_NS = _SECOND_NS // 20
 """How much (ns) of the vehicle's clock two stamps may be apart."""
+_WORN_OUT_NS = 5 * _SECOND_NS
+"""That it stands on the ground holds for so long: a vehicle that says nothing more may have taken off since. PX4 says
+it each 2 s on a slow link, unless it is asked for more."""
 _LATE_PERIODS = 1.5
 """A heartbeat that is older than so many of its periods is asked for."""
 
@@ -49,6 +52,8 @@ class StatusWatch:
         """The mode that began together with a failsafe; None: the present one did not."""
         self._airborne = False
         self._landed_ns: int | None = None
+        self._told_ns = 0
+        """When it said anything of the ground last."""
         self._heard_ns: int | None = None
         self._orders = {"heartbeat": 0, "extended state": 0}
         """`Peer.order` of the latest of each."""
@@ -100,16 +105,25 @@ class StatusWatch:
         self._airborne = message.landed_state in _AIRBORNE
         if not self.on_ground:
             self._landed_ns = None
-        elif self._landed_ns is None:
+        elif self._landed_ns is None or self._is_worn_out(now_ns):
             self._landed_ns = now_ns
+        self._told_ns = now_ns
+
+    def _is_worn_out(self, now_ns: int) -> bool:
+        return now_ns - self._told_ns > _WORN_OUT_NS
+
+    def stands(self, now_ns: int) -> bool | None:
+        """It says that it stands on the ground; None: it says nothing of it, or has not for long."""
+        return None if self.on_ground and self._is_worn_out(now_ns) else self.on_ground
 
     def report(self, now_ns: int) -> StatusReport:
         """As it is known now."""
         heard, counts_from = self._heard_ns, max(self._after_command_ns, self._after_gap_ns)
+        landed_ns = now_ns if self._landed_ns is None or self._is_worn_out(now_ns) else self._landed_ns
         return StatusReport(
             current=heard is not None and heard >= counts_from,
             airborne=self._airborne,
-            landed_for=0.0 if self._landed_ns is None else (now_ns - self._landed_ns) * 1e-9,
+            landed_for=(now_ns - landed_ns) * 1e-9,
         )
 
     # -- what makes a heartbeat old ------------------------------------------------------------------------------------

@@ -178,3 +178,21 @@ def test_home_is_where_the_vehicle_says_and_asked_for_only_if_it_is_needed() -> 
     hear(link, vehicle(dialect.MAVLink_home_position_message, *fields))
     assert link.report(NOW, None, before_flight=True).home_known
     assert link.said.home.tolist() == [1.5, -2.0, 0.25]
+
+
+def test_that_it_stands_on_the_ground_wears_out_where_it_says_nothing_more() -> None:
+    """It may have taken off since: in a landing from high up it would be taken to stand there, and disarmed."""
+    link, vehicle = found()
+
+    def stands(now: int) -> tuple[bool | None, float]:
+        report = link.report(now, None, before_flight=False)
+        return report.on_ground, report.word.landed_for
+
+    for second in range(0, 12, 4):
+        hear(link, vehicle.extended_state(dialect.MAV_LANDED_STATE_ON_GROUND), NOW + second * SECOND)
+    assert stands(NOW + 12 * SECOND) == (True, 12.0), "a slow link"
+    assert stands(NOW + 14 * SECOND) == (None, 0.0)
+    hear(link, vehicle.extended_state(dialect.MAV_LANDED_STATE_ON_GROUND), NOW + 15 * SECOND)
+    assert stands(NOW + 16 * SECOND) == (True, 1.0), "what was in between is not known"
+    hear(link, vehicle.extended_state(dialect.MAV_LANDED_STATE_IN_AIR), NOW + 17 * SECOND)
+    assert stands(NOW + 60 * SECOND) == (False, 0.0), "nobody flies with a vehicle that said so last"
