@@ -42,6 +42,7 @@ def entered(
     if new in ENDING:
         navigator.lands = True
     if new is State.ADOPT:
+        link.requests.forget_mode()  # an attempt before this one may have asked already
         home, fence = link.said.home, link.readiness.fence
         guidance.begin(sensing.present, home, fence)
         said = navigator.adopt(home, sensing.present.position_ned, fence, now)

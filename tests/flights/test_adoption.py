@@ -6,7 +6,7 @@ import pytest
 from companion.autopilot import Autopilot
 from companion.mission.plan import Mission, Phase
 from companion.runtime.planning import InProcessPlanner
-from companion.state import Adoption, Output
+from companion.state import Adoption, Output, VehicleRequest
 from companion.supervision.states import State
 from studies.joined import Joined, mission_of
 from tests.flights.test_gaps import HOVER, NO_WAY_TO_FIND, in_phase
@@ -51,6 +51,18 @@ def test_a_vehicle_is_landed_where_it_is() -> None:
     joined.fly()
     assert joined.autopilot.supervisor.fault is None and joined.vehicle.summary().outcome == "landed"
     assert np.hypot(*(joined.vehicle.state[:2] - here)) < 2.0
+
+
+def test_another_attempt_has_all_its_tries() -> None:
+    """Telemetry that was lost ends an attempt, whatever it has asked for by then."""
+    joined = restarted(killed(HOVER, Phase.ROUTE, 0.2), Adoption.LAND)
+    joined.fly(until=lambda joined: joined.autopilot.link.vehicle is not None)
+    requests, now_ns = joined.autopilot.link.requests, joined.vehicle.time_ns
+    for tries in range(5):
+        requests.ask(VehicleRequest.EXTERNAL_CONTROL, now_ns + tries * 1_000_000_000, (1, 1))
+    assert requests.answer(VehicleRequest.EXTERNAL_CONTROL).tries == 5
+    joined.fly(until=lambda joined: joined.autopilot.supervisor.state is State.ADOPT)
+    assert requests.answer(VehicleRequest.EXTERNAL_CONTROL).tries == 0
 
 
 def test_an_armed_vehicle_is_refused_and_stays_refused_after_it_disarmed() -> None:
