@@ -17,7 +17,7 @@ from companion.state import AvoidanceDecision, Output, VehicleRequest
 from companion.supervision.states import State
 from protocol.arrays import Array
 from protocol.framing import Framer
-from protocol.messages import Encoder, decode, dialect
+from protocol.messages import Encoder, decode, decoder_of, dialect
 from studies.joined import Joined, mission_of
 from tests.flights.short import SMALL_MAP, landing, returning
 from vehicle_sim.autopilot import orders
@@ -396,7 +396,7 @@ def test_the_vehicle_survives_its_companion(mission: str, until_s: float, output
         summary = orphan.summary()
         assert (summary.outcome, summary.contacts) == ("landed", 0)
         said = [
-            wire.vehicle_text(decode(frame).text)
+            wire.vehicle_text(decoder_of(dialect.MAVLINK_MSG_ID_STATUSTEXT)(frame).text)
             for frame in Framer().feed(heard)
             if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT
         ]
