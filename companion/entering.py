@@ -49,7 +49,8 @@ def entered(
         sensing.begin(navigator.lowest_return, stands=False)
         return said
     if old in AWAY and new is State.HOLD:
-        controller.given_back(sensing.present)
+        flown = old is not State.GAP and link.said.report(now).airborne
+        controller.given_back(sensing.present, airborne=flown)
         guidance.brake_from(sensing.present, now)
         navigator.resume(now)
     elif new is State.CHECK:

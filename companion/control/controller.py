@@ -157,9 +157,9 @@ class Controller:
         """The vehicle was armed on the ground."""
         self._lift_off.begin()
 
-    def given_back(self, state: VehicleState) -> None:
+    def given_back(self, state: VehicleState, *, airborne: bool) -> None:
         """Others had the vehicle; see `LiftOff.given_back`."""
-        self._lift_off.given_back(state)
+        self._lift_off.given_back(state, airborne=airborne)
 
     def flies(self, state: VehicleState, now_ns: int, mass: float, rises: bool, motors: Motors) -> bool:
         """Whether the vehicle is in the air; see `LiftOff.update`. Until then, `setpoint` gives the thrust to lift off

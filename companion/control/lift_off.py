@@ -58,9 +58,11 @@ class LiftOff:
         self._clock_s = self._slid_s = self._spooling_s = self._at_most_s = 0.0
         self._time_ns = self._ground_down = self._stood_down = None
 
-    def given_back(self, state: VehicleState) -> None:
-        """Others had the vehicle: above where it stood it flies, whoever made it do so."""
-        if self._stood_down is not None and self._stood_down - float(state.position_ned[2]) > _CLEAR:
+    def given_back(self, state: VehicleState, *, airborne: bool) -> None:
+        """Others had the vehicle: above where it stood it flies, whoever made it do so, and below, down a slope, if it
+        says that it is `airborne`."""
+        above = self._stood_down is not None and self._stood_down - float(state.position_ned[2]) > _CLEAR
+        if airborne or above:
             self.thrust = None
 
     def update(self, state: VehicleState, now_ns: int, mass: float, rises: bool, spooling: bool) -> float | None:
@@ -85,7 +87,7 @@ class LiftOff:
         if self._ground_down is None:
             self._ground_down = down
         self._ground_down += min(dt / _SINKING_S, 1.0) * max(down - self._ground_down, 0.0)
-        if rises:
+        if rises or self._stood_down is None:
             self._stood_down = self._ground_down
         thrust = self._raised(hover, dt)
         climb = self._ground_down - down

@@ -152,20 +152,29 @@ def test_the_wind_does_not_carry_it_along_while_it_is_light(wind: float, most: f
     assert np.linalg.norm(places - places[0], axis=1).max() < most
 
 
-@pytest.mark.parametrize(("height", "flies"), [(0.0, False), (0.05, False), (0.5, True)])
-def test_a_vehicle_given_back_above_where_it_stood_flies(height: float, flies: bool) -> None:
-    """It was taken over before it had left the ground, wherever that seems to be meanwhile."""
+@pytest.mark.parametrize("rising", [0, 200])
+@pytest.mark.parametrize(
+    ("height", "airborne", "flies"),
+    [(0.0, False, False), (0.05, False, False), (0.5, False, True), (-3.0, False, False), (-3.0, True, True)],
+)
+def test_a_vehicle_given_back_above_where_it_stood_or_in_the_air_flies(
+    height: float, airborne: bool, flies: bool, rising: int
+) -> None:
+    """It was taken over before it had left the ground, wherever that seems to be meanwhile, even at once; down a slope
+    its own word alone tells that it flies."""
     lift_off, vehicle = LiftOff(LIMITS, BODY), Vertical(1.0, 0.0)
     lift_off.begin()
     for tick in range(400):
-        assert lift_off.update(vehicle.state(), tick * DT_NS, BODY.mass_kg, tick < 200, False) is None
+        assert lift_off.update(vehicle.state(), tick * DT_NS, BODY.mass_kg, tick < rising, False) is None
         vehicle.height = height if tick > 200 else 0.0
-    lift_off.given_back(vehicle.state())
+    lift_off.given_back(vehicle.state(), airborne=airborne)
     assert (lift_off.thrust is None) == flies
 
 
-def test_who_took_over_on_the_ground_gives_a_flying_vehicle_back() -> None:
-    """One that says nothing of a landing: it is not asked for the little thrust that a lift-off begins with."""
+@pytest.mark.parametrize("down_a_slope", [False, True])
+def test_who_took_over_on_the_ground_gives_a_flying_vehicle_back(down_a_slope: bool) -> None:
+    """One that says nothing of a landing: it is not asked for the little thrust that a lift-off begins with. Nor is one
+    that is lower than where it stood, and says that it flies."""
     joined = Joined(mission_of("hover"), overrides=('avoidance.method="none"',))
     del joined.autopilot.link._handlers[245]
     joined.fly(limit_s=30.0, until=lambda joined: joined.autopilot.supervisor.state is State.FLY).fly(limit_s=0.3)
@@ -174,6 +183,9 @@ def test_who_took_over_on_the_ground_gives_a_flying_vehicle_back() -> None:
         fields = (1, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1.0, *mode, 0.0, 0.0, 0.0, 0.0)
         joined.vehicle.receive(Encoder(1, 190).encode_fields(dialect.MAVLink_command_long_message, *fields))
         joined.fly(limit_s=seconds)
+        if down_a_slope:  # as if it had stood 50 m higher
+            joined.autopilot.controller._lift_off._stood_down = -50.0
+            joined.autopilot.link.said._airborne = True
     height = -joined.vehicle.motion.position_ned[2]
     assert height > 2.0 and joined.trace()["state"][-1] == State.RELINQUISHED
     joined.fly(limit_s=1.0)
