@@ -21,7 +21,7 @@ test: .venv/tested
 	$(MAKE) --jobs 2 --output-sync=target check compiled
 	$(BIN)/python -m pytest -n 5
 
-# A minute, once it has run before.
+# One to three minutes, once it has run before.
 quick: check
 	$(BIN)/python -m pytest -n 3 -m "not slow"
 
