@@ -5,8 +5,6 @@ Protocol: https://mavlink.io/en/messages/common.html#STATUSTEXT
 
 from typing import Any, NamedTuple
 
-from companion.link.wire import vehicle_text
-
 _PIECE = 50
 """Characters of a piece; a shorter one is the last."""
 _MOST_PIECES = 8
@@ -90,3 +88,9 @@ class VehicleTexts:
         pieces = self._begun.pop(number)
         if not pieces.over:
             self._cut.append(pieces.said()._replace(whole=True))
+
+
+def vehicle_text(text: str) -> str:
+    """A text of STATUSTEXT (253) as one that does nothing to a terminal. PX4 ends those with a tab that it tells as
+    events, too."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text.rstrip("\0 \t"))

@@ -274,9 +274,3 @@ def _charge(percent: int) -> float | None:
 def statustext_fields(severity: int, text: str) -> list[tuple[int, bytes, int, int]]:
     """STATUSTEXT's fields, cut to its 50 bytes (the whole sentence is in the log)."""
     return [(severity, text.encode("ascii", "replace")[:50], 0, 0)]
-
-
-def vehicle_text(text: str) -> str:
-    """A text of STATUSTEXT (253) as one that does nothing to a terminal. PX4 ends those with a tab that it tells as
-    events, too."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text.rstrip("\0 \t"))

@@ -14,7 +14,7 @@ from companion.state import Reason, Scan
 from companion.supervision.states import State
 from companion.view.accumulators.scans import ring_sender
 from companion.view.accumulators.senders import CRITICAL
-from companion.view.accumulators.texts import Text, level_of
+from companion.view.accumulators.texts import Text, VehicleLines
 from companion.view.attitudes import euler_deg, quaternions
 from companion.view.batches import Batch, Table, sender_and_name
 from companion.view.columns import stacked
@@ -163,6 +163,7 @@ class History:
         self.start = 0.0
         self.end = 0.0
         self.texts: list[Text] = []
+        self._lines = VehicleLines()
         self._begun = False
         self._vehicles: dict[str, _Vehicle] = {}
         self._commanded: Counter[int] = Counter()
@@ -231,8 +232,7 @@ class History:
                 told = (numbers == number) & (left >= 0)
                 vehicle.batteries.setdefault(number, Track(2, MOST)).add(times[told], left[told, None])
         elif name == "STATUSTEXT" and not self._has_log:
-            rows = zip(times.tolist(), table, strict=True)
-            self._say([Text(at, level_of(row["severity"]), sender, row["text"]) for at, row in rows])
+            self._say(self._lines.take(sender, times, table))
 
     def _scan(self, vehicle: _Vehicle, times: Floats, table: Table) -> None:
         told = np.isfinite(table["increment_f"]) & np.isfinite(table["angle_offset"])

@@ -11,7 +11,7 @@ import pytest
 from companion.avoidance.methods import GoalRule
 from companion.avoidance.none import NoAvoidance
 from companion.events import Datagram, PlanReady
-from companion.link import wire
+from companion.link.vehicle_texts import vehicle_text
 from companion.mission.plan import Mission, Phase
 from companion.state import AvoidanceDecision, Output, VehicleRequest
 from companion.supervision.states import State
@@ -396,7 +396,7 @@ def test_the_vehicle_survives_its_companion(mission: str, until_s: float, output
         summary = orphan.summary()
         assert (summary.outcome, summary.contacts) == ("landed", 0)
         said = [
-            wire.vehicle_text(decoder_of(dialect.MAVLINK_MSG_ID_STATUSTEXT)(frame).text)
+            vehicle_text(decoder_of(dialect.MAVLINK_MSG_ID_STATUSTEXT)(frame).text)
             for frame in Framer().feed(heard)
             if frame.message_id == dialect.MAVLINK_MSG_ID_STATUSTEXT
         ]

@@ -1,11 +1,15 @@
 """What the companion and the vehicles said."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
+from companion.link.vehicle_texts import Said, VehicleTexts
 from companion.view.lines import Floats
 
 _MOST = 2000
+_LATER_NS = 3_600_000_000_000
+"""By then a text in pieces is not waited for any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +29,40 @@ def level_of(severity: int) -> int:
     return (5, 5, 5, 4, 3, 2, 2, 1)[min(int(severity), 7)]
 
 
+class VehicleLines:
+    """The vehicles' STATUSTEXT as lines; those that come in pieces are put together."""
+
+    def __init__(self) -> None:
+        self._texts: dict[str, VehicleTexts] = {}
+        """By sender."""
+
+    def take(self, sender: str, times: Floats, table: Any) -> list[Text]:
+        """What is whole with n messages more, and what will not be: their times (n,) in s, and fields by name."""
+        texts, lines = self._texts.setdefault(sender, VehicleTexts()), list[Text]()
+        for at, row in zip(times.tolist(), table, strict=True):
+            now_ns = round(at * 1e9)
+            said = texts.take(SimpleNamespace(**row), now_ns)
+            whole = [said] if said is not None and said.whole else []
+            lines += [_line(at, sender, each) for each in (*texts.cut_short(now_ns), *whole)]
+        return lines
+
+    def rest(self, at: float) -> list[Text]:
+        """What was never said to its end, once nothing more comes (s)."""
+        after_ns = round(at * 1e9) + _LATER_NS
+        return [_line(at, sender, each) for sender, texts in self._texts.items() for each in texts.cut_short(after_ns)]
+
+
+def _line(at: float, sender: str, said: Said) -> Text:
+    return Text(at, level_of(said.severity), sender, said.text)
+
+
 class Texts:
-    """The first 2000 lines of the companion's own log and of the vehicles' STATUSTEXT."""
+    """The first 2000 lines of the companion's own log and of the vehicles'."""
 
     def __init__(self) -> None:
         self.companion: list[Text] = []
         self.vehicle: list[Text] = []
+        self._lines = VehicleLines()
 
     def add_log(self, times: Floats, table: list[dict[str, Any]]) -> None:
         """Times (n,) in s and n records of TEXT."""
@@ -40,6 +72,9 @@ class Texts:
 
     def add_statustexts(self, sender: str, times: Floats, table: list[dict[str, Any]]) -> None:
         """Times (n,) in s and the fields of n messages."""
-        for at, row in zip(times.tolist(), table, strict=True):
-            self.vehicle.append(Text(at, level_of(row["severity"]), sender, row["text"]))
+        self.vehicle += self._lines.take(sender, times, table)
         del self.vehicle[_MOST:]
+
+    def finish(self, at: float) -> None:
+        """The log ends (s)."""
+        self.vehicle += self._lines.rest(at)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from companion.link import wire
+from companion.link.vehicle_texts import vehicle_text
 from companion.outputs import OUTPUTS
 from companion.reports import BatteryReading, RangeBelow
 from companion.state import BatteryLevel, Output, Setpoint
@@ -208,11 +209,11 @@ def test_status_text_fits_its_field() -> None:
 
 def test_a_vehicles_text_does_nothing_to_a_terminal() -> None:
     message = through_the_wire(dialect.MAVLink_statustext_message, 4, b"\x1b[2Jlow\r\nbattery")
-    assert wire.vehicle_text(message.text) == "?[2Jlow??battery"
+    assert vehicle_text(message.text) == "?[2Jlow??battery"
 
 
 def test_the_tab_by_which_px4_tells_of_an_event_is_no_part_of_a_text() -> None:
-    assert wire.vehicle_text("Disarmed by landing\t") == "Disarmed by landing"
+    assert vehicle_text("Disarmed by landing\t") == "Disarmed by landing"
 
 
 BATTERY: dict[str, Any] = {

@@ -21,6 +21,7 @@ from companion.view.accumulators.paths import Paths
 from companion.view.accumulators.power import Energy
 from companion.view.accumulators.scans import Scans
 from companion.view.accumulators.senders import Senders
+from companion.view.accumulators.texts import Texts
 from companion.view.accumulators.timing import Timing
 from companion.view.accumulators.tracking import Tracking
 from companion.view.batches import Table
@@ -245,3 +246,17 @@ def test_exceedances_keep_the_largest_examples() -> None:
         exceedances.add(TIMES[part], values[part], 7.5)
     assert exceedances.count == 12
     assert [value for value, _ in exceedances.examples] == [19.0, 18.0, 17.0, 16.0, 15.0]
+
+
+def test_a_long_text_of_a_vehicle_is_one_line() -> None:
+    """The pieces of two vehicles come in turn; one text never ends."""
+    long = "Arming denied: Resolve system health failures first, please"
+    pieces = [(7, 0, long[:50]), (7, 1, long[50:]), (0, 0, "Disarmed\t"), (8, 0, "x" * 50)]
+    table = [{"severity": 2, "id": number, "chunk_seq": k, "text": text} for number, k, text in pieces]
+    texts = Texts()
+    for row in table:
+        for sender in ("1/1", "2/1"):
+            texts.add_statustexts(sender, np.array([3.0]), [row])
+    texts.finish(9.0)
+    assert [each.text for each in texts.vehicle if each.source == "2/1"] == [long, "Disarmed", "x" * 50]
+    assert [each.time for each in texts.vehicle] == [3.0] * 4 + [9.0] * 2
