@@ -22,6 +22,8 @@ class Said(NamedTuple):
     text: str
     whole: bool
     """Nothing more of it comes."""
+    began_ns: int
+    """When the first of it came."""
 
 
 class _Pieces:
@@ -46,7 +48,8 @@ class _Pieces:
         last = max(self._pieces)
         pieces = [self._pieces.get(number, _LOST) for number in range(last + 1)]
         ended = len(pieces[-1]) < _PIECE or last + 1 == _MOST_PIECES
-        return Said(self.severity, vehicle_text("".join(pieces)), ended and len(self._pieces) == last + 1)
+        whole = ended and len(self._pieces) == last + 1
+        return Said(self.severity, vehicle_text("".join(pieces)), whole, self.began_ns)
 
 
 class VehicleTexts:
@@ -61,7 +64,7 @@ class VehicleTexts:
         """The text as far as it is known with this message; None of a piece that says nothing new."""
         number, piece = message.id, message.text
         if number == 0:
-            return Said(message.severity, vehicle_text(piece), whole=True)
+            return Said(message.severity, vehicle_text(piece), whole=True, began_ns=now_ns)
         if message.chunk_seq >= _MOST_PIECES:
             return None
         begun = self._begun.get(number)

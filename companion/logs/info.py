@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from companion.logs.leaps import is_leap
+from companion.logs.leaps import WithoutLeaps
 from companion.logs.recordings import as_date, started_unix_s
 from companion.logs.verdict import verdict_of
 from companion.outcomes import Verdict
@@ -106,15 +106,12 @@ def _telemetry(log: "TlogReader") -> Info:
 
     framer = Framer()
     counts: Counter[tuple[int, int, int, bool]] = Counter()
-    first_us: int | None = None
-    last_us = before_us = left_out_us = 0
+    clock = WithoutLeaps()
+    first_ns, last_ns = None, 0
     for time_us, data in log.entries():
-        if first_us is None:
-            first_us = last_us = before_us = time_us
-        if is_leap(1000 * (time_us - before_us)):
-            left_out_us += time_us - before_us
-        before_us = time_us
-        first_us, last_us = min(first_us, time_us - left_out_us), max(last_us, time_us - left_out_us)
+        time_ns = clock.take(1000 * time_us)
+        first_ns = time_ns if first_ns is None else min(first_ns, time_ns)
+        last_ns = max(last_ns, time_ns)
         for frame in framer.datagram(data):
             counts[frame.system, frame.component, frame.message_id, frame.known] += 1
     topics = {
@@ -128,8 +125,8 @@ def _telemetry(log: "TlogReader") -> Info:
         path=log.path,
         kind="telemetry log",
         size_bytes=log.path.stat().st_size,
-        started_unix_s=as_date((first_us or 0) * 1e-6),
-        duration_s=(last_us - (first_us or 0)) * 1e-6,
+        started_unix_s=as_date((first_ns or 0) * 1e-9),
+        duration_s=(last_ns - (first_ns or 0)) * 1e-9,
         topics=dict(sorted(topics.items())),
         problem=problem,
         complete=problem is None,

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.logs.leaps import is_leap
+from companion.logs.leaps import WithoutLeaps
 from companion.logs.traffic import Datagram, Traffic, open_traffic
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLogError
@@ -79,14 +79,10 @@ def _from_vehicle(traffic: Traffic, start_ns: float) -> Iterator[Datagram]:
     Of a stream they are made of the frames that each piece completes: who receives datagrams expects whole ones.
     """
     began_ns: int | None = None
-    before_ns = left_out_ns = 0
+    clock = WithoutLeaps()
     for told, frames in traffic.framed():
-        if began_ns is None:
-            began_ns = before_ns = told.time_ns
-        if is_leap(told.time_ns - before_ns):
-            left_out_ns += told.time_ns - before_ns
-        before_ns = told.time_ns
-        datagram = told._replace(time_ns=told.time_ns - left_out_ns)
+        datagram = told._replace(time_ns=clock.take(told.time_ns))
+        began_ns = datagram.time_ns if began_ns is None else began_ns
         if datagram.direction is Direction.IN and (start_ns == 0.0 or datagram.time_ns - began_ns >= start_ns):
             if traffic.whole_datagrams:
                 yield datagram

@@ -125,6 +125,13 @@ def unpack(log: LogReader, kind: RecordType, record: Record) -> dict[str, Any]:
         raise _misfit(log, record) from error
 
 
+def commanded(log: LogReader) -> set[str]:
+    """The systems that setpoints were sent to, by the first one of each sender. Raises FlightLogError."""
+    kinds = {topic: kind for topic, kind in log.topics.items() if topic.rpartition("/")[2] in SETPOINTS}
+    first = ((kind, next(log.records((topic,)), None)) for topic, kind in kinds.items())
+    return {str(unpack(log, kind, record)["target_system"]) for kind, record in first if record is not None}
+
+
 def _misfit(log: LogReader, record: Record) -> FlightLogError:
     at_s = record.time_ns * 1e-9
     return FlightLogError(f"{log.path}: the record on {record.topic} at {at_s:.3f} s is not as its schema says")

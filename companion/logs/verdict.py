@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from companion.logs.recordings import SETPOINTS
+from companion.logs.recordings import commanded
 from companion.outcomes import CRITICAL_STATE, Outcome, Verdict, crash_words, recorded, worst
 from protocol.flightlog import LogReader
 
@@ -33,7 +33,7 @@ def verdict_of(path: Path, metadata: dict[str, dict[str, str]]) -> Verdict | Non
 def _told(log: LogReader) -> Verdict | None:
     """What the vehicle says in a log, from its first arming on, of a crash or an emergency; None if nothing. Of several
     it is the one that setpoints were sent to."""
-    kinds, systems = log.topics, _commanded(log)
+    kinds, systems = log.topics, commanded(log)
     asked = [
         topic
         for topic in kinds
@@ -58,10 +58,3 @@ def _told(log: LogReader) -> Verdict | None:
     if crash:
         return Verdict(Outcome.CRASHED, crash)
     return Verdict(Outcome.EMERGENCY, said or CRITICAL_STATE) if said or critical else None
-
-
-def _commanded(log: LogReader) -> set[str]:
-    """The systems that setpoints were sent to, by the first one of each sender."""
-    kinds = {topic: kind for topic, kind in log.topics.items() if topic.rpartition("/")[2] in SETPOINTS}
-    first = ((kind, next(log.records((topic,)), None)) for topic, kind in kinds.items())
-    return {str(kind.unpack(record.data)["target_system"]) for kind, record in first if record is not None}

@@ -39,7 +39,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from companion.logs.recordings import EXPORT_LIBRARY, SETPOINTS, has_texts, unpack
+from companion.logs.recordings import EXPORT_LIBRARY, commanded, has_texts, unpack
 from companion.logs.target import output
 from companion.records import LOGGED, PLANNED
 from companion.state import Reason
@@ -321,9 +321,8 @@ def _others(log: LogReader) -> frozenset[str]:
     if len(told) < 2:
         return frozenset()
     counts = Counter(_system(record.topic) for record in log.records(told))
-    kinds = {topic: kind for topic, kind in log.topics.items() if topic.rpartition("/")[2] in SETPOINTS}
-    sent = Counter(str(unpack(log, kinds[record.topic], record)["target_system"]) for record in log.records(kinds))
-    return frozenset(sorted(counts, key=lambda system: (sent[system], counts[system]))[:-1])
+    flown = commanded(log)
+    return frozenset(sorted(counts, key=lambda system: (system in flown, counts[system]))[:-1])
 
 
 def _system(topic: str) -> str:

@@ -137,7 +137,7 @@ class GatheredFlight:
         if name == "HEARTBEAT":
             self.senders.add_heartbeats(sender, times, table)
         elif name in SETPOINTS:
-            self.senders.add_setpoints(table)
+            self.senders.commanded.add(table)
         elif name == "OBSTACLE_DISTANCE":
             nearest = self.scans.setdefault(sender, Scans()).add(times, table)
             self.lines.add(f"{source}:nearest", times, nearest)
@@ -166,7 +166,7 @@ class GatheredFlight:
             message = sender_and_name(topic)
             if message is not None and message[0] in self.senders.modes:
                 counts[message[0]] = counts.get(message[0], 0) + clock.count
-        return max(counts, key=lambda sender: (self.senders.rank(sender), counts[sender]), default="")
+        return max(counts, key=lambda sender: (self.senders.commanded.count(sender), counts[sender]), default="")
 
     @property
     def scanner(self) -> str:

@@ -1,6 +1,5 @@
 """What a live page knows of a flight: as much of its past as is worth drawing, and the flight at any moment of it."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -13,7 +12,7 @@ from companion.records import PLANNED, TRACE
 from companion.state import Reason, Scan
 from companion.supervision.states import State
 from companion.view.accumulators.scans import ring_sender
-from companion.view.accumulators.senders import CRITICAL
+from companion.view.accumulators.senders import CRITICAL, Commanded
 from companion.view.accumulators.texts import Text, VehicleLines
 from companion.view.attitudes import euler_deg, quaternions
 from companion.view.batches import Batch, Table, sender_and_name
@@ -166,8 +165,7 @@ class History:
         self._lines = VehicleLines()
         self._begun = False
         self._vehicles: dict[str, _Vehicle] = {}
-        self._commanded: Counter[int] = Counter()
-        """Setpoints by the system that they were meant for."""
+        self._commanded = Commanded()
         self._plans = Track(19, MOST)
         self._ways = Track(2 + _COORDINATES, MOST)
         self.shown: str | None = None
@@ -188,10 +186,13 @@ class History:
         elif topic == TEXT.topic:
             rows = zip(times.tolist(), table, strict=True)
             if not self._has_log:
-                self._has_log, self.texts = True, []  # the companion's words repeat the vehicle's
+                # The companion's words repeat the vehicle's.
+                self._has_log, self.texts, self._lines = True, [], VehicleLines()
             self._say([Text(at, row["level"], row["name"], row["message"]) for at, row in rows])
         elif (message := sender_and_name(topic)) is not None:
             self._message(*message, times, table)
+            if cut_short := self._lines.over(self.end):
+                self._say(cut_short)
 
     def _say(self, texts: list[Text]) -> None:
         self.texts = sorted(self.texts + texts, key=lambda text: text.time)[-MOST_TEXTS:]
@@ -224,7 +225,7 @@ class History:
         elif name == "HEARTBEAT":
             self._heartbeat(vehicle, times, table)
         elif name in SETPOINTS:
-            self._commanded.update(table["target_system"].tolist())
+            self._commanded.add(table)
         elif name in ("BATTERY_STATUS", "SYS_STATUS"):
             numbers = table["id"] if name == "BATTERY_STATUS" else np.full(len(table), _ALL_BATTERIES)
             left = table["battery_remaining"].astype(np.float64)
@@ -264,8 +265,8 @@ class History:
     def vehicles(self) -> tuple[str, ...]:
         """The senders of those that can be shown, as they were heard. A log with a trace is of one vehicle."""
         heard = [sender for sender, vehicle in self._vehicles.items() if vehicle.is_vehicle]
-        if len(self._plans.rows()):
-            heard = sorted(heard, key=lambda sender: -self._commanded[int(sender.partition("/")[0])])[:1]
+        if heard and len(self._plans.rows()):
+            heard = [max(heard, key=self._commanded.count)]
         return tuple(heard)
 
     @property

@@ -52,9 +52,10 @@ def thinnest(speed: float, avoidance: Avoidance) -> float:
 
 
 def sight_m(speed: float, height: float, body: VehicleParameters) -> float:
-    """How far ahead (m) a flat scan is so much lower (m), as the vehicle leans against its drag at a speed (m/s)."""
-    lean = body.drag_kg_s[0] * speed / (body.mass_kg * GRAVITY)
-    return height / lean if lean > 0.0 else math.inf
+    """How far ahead (m) a flat scan has come down by a height (m), as the vehicle leans against its drag at a speed
+    (m/s) in still air."""
+    slope = body.drag_kg_s[0] * speed / (body.mass_kg * GRAVITY)
+    return height / slope if slope > 0.0 else math.inf
 
 
 def _comes(speed: float, height: float, body: VehicleParameters) -> Iterator[str]:

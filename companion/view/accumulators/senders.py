@@ -13,6 +13,21 @@ CRITICAL = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV
 """States of a vehicle's own failsafe, or worse."""
 
 
+class Commanded:
+    """Which vehicles setpoints were sent to."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[int] = Counter()
+
+    def add(self, table: Table) -> None:
+        """Fields of SETPOINTS (n,)."""
+        self._counts.update(table["target_system"].tolist())
+
+    def count(self, sender: str) -> int:
+        """How many were meant for its system: where there are any, that one is flown."""
+        return self._counts[int(sender.partition("/")[0])]
+
+
 class Senders:
     """By sender ("system/component"), for those that are an autopilot (not a companion or a ground station)."""
 
@@ -29,8 +44,7 @@ class Senders:
         """1 while the state was critical or an emergency."""
         self.bytewise: set[str] = set()
         """Senders that put the bits of an integer parameter into PARAM_VALUE's float, as PX4 does."""
-        self.commanded: Counter[int] = Counter()
-        """Setpoints by the system that they were meant for."""
+        self.commanded = Commanded()
 
     def name(self, sender: str) -> str:
         """What the sender is, with its number where there are several."""
@@ -39,14 +53,6 @@ class Senders:
     def mode(self, sender: str, number: int) -> str:
         """What the sender's maker calls this custom_mode of it."""
         return self._mode_names.get((sender, number), f"mode {number}")
-
-    def add_setpoints(self, table: Table) -> None:
-        """Fields of SETPOINTS (n,)."""
-        self.commanded.update(table["target_system"].tolist())
-
-    def rank(self, sender: str) -> int:
-        """How many setpoints were meant for its system: where there are any, that one is flown."""
-        return self.commanded[int(sender.partition("/")[0])]
 
     def add_heartbeats(self, sender: str, times: Floats, table: Table) -> None:
         """Times (n,) in s and fields of HEARTBEAT (n,)."""

@@ -8,7 +8,7 @@ from companion.link.vehicle_texts import Said, VehicleTexts
 from companion.view.lines import Floats
 
 _MOST = 2000
-_LATER_NS = 3_600_000_000_000
+_LATER_S = 3600.0
 """By then a text in pieces is not waited for any more."""
 
 
@@ -43,17 +43,17 @@ class VehicleLines:
             now_ns = round(at * 1e9)
             said = texts.take(SimpleNamespace(**row), now_ns)
             whole = [said] if said is not None and said.whole else []
-            lines += [_line(at, sender, each) for each in (*texts.cut_short(now_ns), *whole)]
+            lines += [_line(sender, each) for each in (*texts.cut_short(now_ns), *whole)]
         return lines
 
-    def rest(self, at: float) -> list[Text]:
-        """What was never said to its end, once nothing more comes (s)."""
-        after_ns = round(at * 1e9) + _LATER_NS
-        return [_line(at, sender, each) for sender, texts in self._texts.items() for each in texts.cut_short(after_ns)]
+    def over(self, at: float) -> list[Text]:
+        """What is not waited for any more at a time (s): it was never said to its end."""
+        now_ns = round(at * 1e9)
+        return [_line(sender, each) for sender, texts in self._texts.items() for each in texts.cut_short(now_ns)]
 
 
-def _line(at: float, sender: str, said: Said) -> Text:
-    return Text(at, level_of(said.severity), sender, said.text)
+def _line(sender: str, said: Said) -> Text:
+    return Text(said.began_ns * 1e-9, level_of(said.severity), sender, said.text)
 
 
 class Texts:
@@ -77,4 +77,4 @@ class Texts:
 
     def finish(self, at: float) -> None:
         """The log ends (s)."""
-        self.vehicle += self._lines.rest(at)
+        self.vehicle += self._lines.over(at + _LATER_S)

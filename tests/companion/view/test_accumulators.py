@@ -259,4 +259,4 @@ def test_a_long_text_of_a_vehicle_is_one_line() -> None:
             texts.add_statustexts(sender, np.array([3.0]), [row])
     texts.finish(9.0)
     assert [each.text for each in texts.vehicle if each.source == "2/1"] == [long, "Disarmed", "x" * 50]
-    assert [each.time for each in texts.vehicle] == [3.0] * 4 + [9.0] * 2
+    assert [each.time for each in texts.vehicle] == [3.0] * 6, "when it began"

@@ -91,6 +91,18 @@ def test_a_vehicle_in_its_failsafe_says_so(tmp_path: Path, state: int) -> None:
     assert finding.level is Level.PROBLEM and finding.at == (2.0,)
 
 
+def test_what_a_vehicle_never_says_to_its_end_is_shown_soon(tmp_path: Path) -> None:
+    """On the page of a flight that has no log of the companion's: the last piece of the text is lost."""
+    with Writer(tmp_path / "flight.mcap", 0, {}) as writer:
+        for number in range(200):
+            data = said(1, number)
+            if number == 60:
+                data += Encoder(1, 1).encode_fields(dialect.MAVLink_statustext_message, 2, b"x" * 50, 7, 0)
+            writer.datagram(20_000_000 * number, number, Direction.IN, "", data)
+    (text,) = filled(FinishedLog(LogReader(tmp_path / "flight.mcap"))).texts
+    assert (text.text, text.source) == ("x" * 50, "1/1") and text.time == pytest.approx(1.2)
+
+
 def test_the_vehicle_that_the_companion_flies_is_told_of(tmp_path: Path) -> None:
     """Also where another one on the same link says more, and was heard first."""
     with Writer(tmp_path / "flight.mcap", 0, {}) as writer:
