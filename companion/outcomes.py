@@ -14,11 +14,11 @@ class Outcome(Enum):
     """How a flight came out, the best first: of several that apply, the last counts."""
 
     DELIVERED = "delivered"
-    """To its end, and the parcel was released."""
+    """To its end, and each parcel was released."""
     FLOWN = "flown"
     """To its end; the mission has no parcel."""
     NOT_DELIVERED = "not delivered"
-    """Flown to its end, and the parcel was not released."""
+    """Flown to its end, and a parcel was not released."""
     EMERGENCY = "emergency"
     """Flown to its end, but the vehicle reported a critical state or an emergency."""
     CALLED_OFF = "called off"

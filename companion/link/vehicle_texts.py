@@ -80,8 +80,8 @@ class VehicleTexts:
         pieces.over = said.whole
         return said
 
-    def cut_short(self, now_ns: int) -> list[Said]:
-        """Texts of which nothing more has come."""
+    def cut_short(self, now_ns: float) -> list[Said]:
+        """Texts of which nothing more has come; at a time of infinity, all that are not whole."""
         for number in [each for each, text in self._begun.items() if now_ns - text.began_ns > _PATIENCE_NS]:
             self._cut_short(number)
         cut, self._cut = self._cut, []

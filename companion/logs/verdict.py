@@ -1,7 +1,11 @@
 """The verdict on the flight of a log, the same for whoever asks."""
 
+from collections import defaultdict
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+from companion.link.vehicle_texts import VehicleTexts
 from companion.logs.recordings import commanded
 from companion.outcomes import CRITICAL_STATE, Outcome, Verdict, crash_words, recorded, worst
 from protocol.flightlog import LogReader
@@ -40,13 +44,13 @@ def _told(log: LogReader) -> Verdict | None:
         if topic.startswith("/mavlink/") and topic.endswith(("/HEARTBEAT", "/STATUSTEXT"))
         if not systems or topic.split("/")[2] in systems
     ]
-    flown, critical, fallen, said = set[str](), False, False, ""
+    flown, critical, fallen, alarm = set[str](), False, False, _Alarm()
     for record in log.records(asked):
         sender, _, name = record.topic.rpartition("/")
         fields = kinds[record.topic].unpack(record.data)
         if name == "STATUSTEXT":
             if sender in flown and fields["severity"] <= _ALERT:
-                said = said or fields["text"]
+                alarm.take(sender, SimpleNamespace(**fields), record.time_ns)
         elif fields["autopilot"] != _NO_AUTOPILOT:
             armed, state = bool(fields["base_mode"] & _ARMED), fields["system_status"]
             if armed:
@@ -54,7 +58,22 @@ def _told(log: LogReader) -> Verdict | None:
             if sender in flown:
                 critical = critical or state in _CRITICAL
                 fallen = fallen or (state in _EMERGENCY and not armed)
-    crash = crash_words(said, fallen=fallen)
+    crash = crash_words(alarm.text, fallen=fallen)
     if crash:
         return Verdict(Outcome.CRASHED, crash)
-    return Verdict(Outcome.EMERGENCY, said or CRITICAL_STATE) if said or critical else None
+    return Verdict(Outcome.EMERGENCY, alarm.text or CRITICAL_STATE) if alarm.text or critical else None
+
+
+class _Alarm:
+    """The first text of vehicles, as far as it came."""
+
+    def __init__(self) -> None:
+        self.text = ""
+        self._from: tuple[str, int, int] | None = None
+        """Its sender, its number, and when it began."""
+        self._texts = defaultdict[str, VehicleTexts](VehicleTexts)
+
+    def take(self, sender: str, message: Any, now_ns: int) -> None:
+        said = self._texts[sender].take(message, now_ns)
+        if said is not None and self._from in (None, begun := (sender, message.id, said.began_ns)):
+            self.text, self._from = said.text, begun

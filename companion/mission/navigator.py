@@ -83,8 +83,8 @@ class Navigator:
         """The present one."""
         self.phase = Phase.PREPARE
         """Phase of the present step; PREPARE before the start, DONE after the end."""
-        self.released = False
-        """The parcel is delivered."""
+        self.released = 0
+        """Parcels that are delivered."""
         self.ground_down = 0.0
         """m, NED: the place of the start."""
         self._settings = settings
@@ -289,7 +289,7 @@ class Navigator:
     def release(self, answer: CommandReport) -> tuple[Arrival, Announcement | None]:
         """What came of the release of the parcel so far. A parcel that the vehicle does not release is taken home."""
         if answer.accepted:
-            self.released = True
+            self.released += 1
             return Arrival.DONE, Announcement(Severity.NOTICE, "parcel released")
         if answer.tries > self._settings.supervision.command_tries:
             return Arrival.DONE, Announcement(Severity.ERROR, f"parcel not released: {answer.answer}")

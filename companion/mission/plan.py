@@ -75,9 +75,9 @@ class Mission(Table, frozen=True):
     acceleration and tilt. It goes nowhere else: obstacles are not avoided on it."""
 
     @property
-    def delivers(self) -> bool:
-        """It has a parcel to release."""
-        return self.delivery is not None or any(waypoint.release for waypoint in self.waypoints)
+    def parcels(self) -> int:
+        """How many it is to release."""
+        return (self.delivery is not None) + sum(waypoint.release for waypoint in self.waypoints)
 
     def __post_init__(self) -> None:
         if self.profile != "smooth" and any(w.release or w.speed or w.yaw_deg is not None for w in self.waypoints):
@@ -182,6 +182,12 @@ def delivery(wanted: Delivery, above_ned: Array, start_ned: Array) -> list[Step]
     """The delivery below a place (3,), and back to it."""
     low = np.array([*above_ned[:2], start_ned[2] - wanted.release_height])
     return [Step(Phase.DESCEND, low), Step(Phase.RELEASE), Step(Phase.CLIMB, above_ned)]
+
+
+def all_delivered(mission: Mission, flown: Sequence[Step], released: int) -> bool | None:
+    """Whether so many parcels are all of a mission's, or one where its steps were ordered; None if there is none."""
+    parcels = max(mission.parcels, any(step.phase is Phase.RELEASE for step in flown))
+    return released >= parcels if parcels else None
 
 
 def wait(place_ned: Array) -> Step:

@@ -23,7 +23,7 @@ from companion.curves import Shape
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
 from companion.mission.files import to_toml
-from companion.mission.plan import Mission, Phase
+from companion.mission.plan import Mission, all_delivered
 from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.compiling import first_start, planner_compiled_beside
@@ -295,10 +295,9 @@ def traffic_of(autopilot: Autopilot, transport: Transport) -> Traffic:
 def _judge(
     plan: Plan, autopilot: Autopilot, runner: Runner, testimony: Testimony | None
 ) -> tuple[Verdict, bool | None]:
-    """The verdict, and whether the parcel was delivered, if there was one to deliver."""
-    ordered = any(step.phase is Phase.RELEASE for step in autopilot.navigator.steps)
-    delivers = (plan.mission.delivers or ordered) and plan.adoption is not Adoption.LAND
-    delivered = autopilot.navigator.released if delivers else None
+    """The verdict, and whether each parcel was delivered, if there was one to deliver."""
+    navigator, lands = autopilot.navigator, plan.adoption is Adoption.LAND
+    delivered = None if lands else all_delivered(plan.mission, navigator.steps, navigator.released)
     found = autopilot.supervisor.verdict
     if found is not None and found.outcome is Outcome.NOT_STARTED and autopilot.link.vehicle is None and plan.connect:
         found = msgspec.structs.replace(found, cause=f"{found.cause} at {unheard(plan.connect)}")

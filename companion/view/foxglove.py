@@ -43,6 +43,7 @@ from companion.logs.recordings import EXPORT_LIBRARY, commanded, has_texts, unpa
 from companion.logs.target import output
 from companion.records import LOGGED, PLANNED
 from companion.state import Reason
+from companion.view.accumulators.texts import Text, VehicleLines
 from companion.view.attitudes import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
@@ -62,8 +63,6 @@ _PATH_POINTS = 300
 _ENU_NED = np.array([0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0])
 _FRD_FLU = np.array([0.0, 1.0, 0.0, 0.0])
 _REASONS = {reason.value: reason.name.lower().replace("_", " ") for reason in Reason}
-_LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)
-"""The level of foxglove.Log by MAV_SEVERITY."""
 
 
 class Converter:
@@ -83,6 +82,7 @@ class Converter:
         self._mapper = Mapper(avoidance_of(log.attachments.get("settings.json", b"{}")))
         self._start_ns = 0
         self._has_texts = has_texts(log)
+        self._lines = VehicleLines()
         self._kinds = log.topics
         self._others = _others(log)
 
@@ -95,6 +95,7 @@ class Converter:
                 self._add_world_and_vehicle(record.time_ns)
             self._copy(record)
             self._convert(record)
+        self._say(self._lines.over(math.inf))
         return sum(sequence for _, sequence in self._added.values())
 
     def _copy(self, record: Record) -> None:
@@ -142,7 +143,7 @@ class Converter:
             self._way = np.reshape(planned["way_ned"], (-1, 2))[: planned["corners"]]
         elif record.topic == TEXT.topic:
             said = self._fields(record)
-            self._say(record.time_ns, said["level"], said["name"], said["message"])
+            self._say([Text(record.time_ns * 1e-9, said["level"], said["name"], said["message"])])
         elif record.topic.startswith("/mavlink/") and (
             name == "STATUSTEXT" or _system(record.topic) not in self._others
         ):
@@ -162,10 +163,9 @@ class Converter:
         elif name == "GLOBAL_POSITION_INT":
             self._fix(record.time_ns, self._fields(record))
         elif name == "STATUSTEXT" and not self._has_texts:
-            said = self._fields(record)
-            level = _LEVELS[min(said["severity"], len(_LEVELS) - 1)]
             _, _, system, component, _ = record.topic.split("/")
-            self._say(record.time_ns, level, f"{system}/{component}", said["text"])
+            times = np.array([record.time_ns * 1e-9])
+            self._say(self._lines.take(f"{system}/{component}", times, [self._fields(record)]))
 
     def _fields(self, record: Record) -> dict[str, Any]:
         return unpack(self._log, self._kinds[record.topic], record)
@@ -289,9 +289,12 @@ class Converter:
         )
         self._add("fix", time_ns, fix)
 
-    def _say(self, time_ns: int, level: Any, name: str, text: str) -> None:
-        said = Log(timestamp=self._stamp(time_ns), level=level, name=name, message=text)
-        self._add("log", time_ns, said)
+    def _say(self, lines: list[Text]) -> None:
+        for line in lines:
+            time_ns = round(line.time * 1e9)
+            level: Any = line.level  # the numbers of foxglove.Log
+            said = Log(timestamp=self._stamp(time_ns), level=level, name=line.source, message=line.text)
+            self._add("log", time_ns, said)
 
     def _add_world_and_vehicle(self, time_ns: int) -> None:
         stamp = self._stamp(time_ns)

@@ -78,7 +78,7 @@ class GatheredFlight:
         leaps: list[Leap] = []
         for topic, _, times_ns, table in batches(self.log, leaps):
             self._add(topic, self._seconds(times_ns), table)
-        self.texts.finish(self.end)
+        self.texts.finish()
         self.leaps = [((leap.at_ns - self.start_ns) * 1e-9, leap.by_ns * 1e-9) for leap in leaps]
         """When the log's clock leapt and by how much (s): the times of the charts are without that."""
 

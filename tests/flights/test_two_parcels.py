@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from companion.mission.plan import Mission, Waypoint
+from companion.mission.plan import Mission, Waypoint, all_delivered
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined
@@ -35,3 +35,5 @@ def test_what_came_of_the_first_parcel_says_nothing_of_the_second() -> None:
     told = [text.split(maxsplit=1)[1] for text in joined.said if "parcel" in text and "vehicle:" not in text]
     assert told == ["parcel released", "parcel not released: denied"]
     assert len(answers) > 2, "it was asked again"
+    navigator = joined.autopilot.navigator
+    assert all_delivered(MISSION, navigator.steps, navigator.released) is False

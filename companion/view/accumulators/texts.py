@@ -1,5 +1,6 @@
 """What the companion and the vehicles said."""
 
+import math
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -8,8 +9,6 @@ from companion.link.vehicle_texts import Said, VehicleTexts
 from companion.view.lines import Floats
 
 _MOST = 2000
-_LATER_S = 3600.0
-"""By then a text in pieces is not waited for any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +47,7 @@ class VehicleLines:
 
     def over(self, at: float) -> list[Text]:
         """What is not waited for any more at a time (s): it was never said to its end."""
-        now_ns = round(at * 1e9)
-        return [_line(sender, each) for sender, texts in self._texts.items() for each in texts.cut_short(now_ns)]
+        return [_line(sender, each) for sender, texts in self._texts.items() for each in texts.cut_short(at * 1e9)]
 
 
 def _line(sender: str, said: Said) -> Text:
@@ -75,6 +73,6 @@ class Texts:
         self.vehicle += self._lines.take(sender, times, table)
         del self.vehicle[_MOST:]
 
-    def finish(self, at: float) -> None:
-        """The log ends (s)."""
-        self.vehicle += self._lines.over(at + _LATER_S)
+    def finish(self) -> None:
+        """The log ends."""
+        self.vehicle += self._lines.over(math.inf)

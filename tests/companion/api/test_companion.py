@@ -175,7 +175,7 @@ def test_the_page_shows_the_example_and_the_orders_as_they_are() -> None:
     orders = [msgspec.json.decode(line, type=Order) for line in page.splitlines() if line.startswith('    {"do"')]
     assert {order.do for order in orders} == set(get_args(get_type_hints(Order)["do"]))
     (mission,) = re.findall(r"^    (Mission\(.*\))$", page, re.MULTILINE)
-    assert eval(mission, {"Mission": Mission, "Waypoint": Waypoint, "Delivery": Delivery}).delivers
+    assert eval(mission, {"Mission": Mission, "Waypoint": Waypoint, "Delivery": Delivery}).parcels
 
 
 def test_importing_the_package_loads_nothing_else() -> None:

@@ -44,3 +44,19 @@ def test_another_vehicle_s_crash_is_none_of_the_flown_one(
     """Where no setpoint says which one is flown, what any of them says counts."""
     verdict = info(cut_off(tmp_path / "flight.mcap", crashed, commanded=commanded)).verdict
     assert verdict is not None and verdict.outcome is outcome
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_long_cause_is_told_as_far_as_it_came(tmp_path: Path, whole: bool) -> None:
+    cause, log = "Crash: disarming: the angle error is 66 degrees, above 30", tmp_path / "flight.mcap"
+    vehicle = Encoder(1, 1)
+    with Writer(log, 10**18, {"flight": {"mission": "courier"}}) as writer:
+        data = vehicle.encode_fields(dialect.MAVLink_heartbeat_message, 2, 12, 209, 6 << 16, 4, 3)
+        for piece in range(1 + whole):
+            part = cause[50 * piece :][:50].encode()
+            data += vehicle.encode_fields(dialect.MAVLink_statustext_message, 0, part, 5, piece)
+            data += vehicle.encode_fields(dialect.MAVLink_statustext_message, 0, b"What came of it", 0, 0)
+        writer.datagram(10**9, 1, Direction.IN, "", data)
+    verdict = info(log).verdict
+    said = cause if whole else cause[:50]
+    assert verdict is not None and verdict.text == f"crashed: {said.partition(':')[2].strip()}"

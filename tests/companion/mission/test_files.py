@@ -117,7 +117,7 @@ def test_what_is_done_on_the_way(write: Any) -> None:
     assert [each.speed for each in mission.waypoints] == [3.0, 3.0, 6.0, 6.0]
     assert [each.hold_s for each in mission.waypoints] == [3.5, 4.0, 0.0, 0.0]
     assert [each.yaw_deg for each in mission.waypoints] == [90.0, None, None, None]
-    assert [each.release for each in mission.waypoints] == [False, False, True, False] and mission.delivers
+    assert [each.release for each in mission.waypoints] == [False, False, True, False] and mission.parcels == 1
     phases = [step.phase.name for step in steps(mission, np.zeros(3))]
     assert phases == ["TAKEOFF", "ROUTE", "ROUTE", "ROUTE", "RELEASE", "ROUTE", "LAND"]
     assert not steps(mission, np.zeros(3))[3].passes, "it stops to release"

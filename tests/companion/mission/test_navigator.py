@@ -212,6 +212,15 @@ def test_an_answer_that_comes_with_the_last_try_counts() -> None:
     assert navigator.release(CommandReport(True, tries + 1, "accepted"))[0] is Arrival.DONE and navigator.released
 
 
+@pytest.mark.parametrize(("released", "delivered"), [(0, False), (1, False), (2, True)])
+def test_a_mission_is_delivered_with_its_last_parcel(released: int, delivered: bool) -> None:
+    two = Mission("two", waypoints=[Waypoint(float(north), 0.0, 3.0, release=True) for north in (10, 20)])
+    navigator = at_step(two, Phase.RELEASE)
+    for answer in [ACCEPTED] * released + [CommandReport(False, 9, "denied")] * (2 - released):
+        assert navigator.release(answer)[0] is Arrival.DONE
+    assert missions.all_delivered(two, navigator.steps, navigator.released) is delivered
+
+
 # -- time --------------------------------------------------------------------------------------------------------------
 
 

@@ -257,6 +257,6 @@ def test_a_long_text_of_a_vehicle_is_one_line() -> None:
     for row in table:
         for sender in ("1/1", "2/1"):
             texts.add_statustexts(sender, np.array([3.0]), [row])
-    texts.finish(9.0)
+    texts.finish()
     assert [each.text for each in texts.vehicle if each.source == "2/1"] == [long, "Disarmed", "x" * 50]
     assert [each.time for each in texts.vehicle] == [3.0] * 6, "when it began"

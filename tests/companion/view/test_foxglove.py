@@ -236,6 +236,20 @@ def test_the_vehicle_s_words_are_there_once(tmp_path: Path) -> None:
         assert (line.message, line.name) == ("low battery", "vehicle" if own else "1/1")
 
 
+def test_a_long_text_of_a_vehicle_is_one_line(tmp_path: Path) -> None:
+    """Also one that the log's end cuts off."""
+    texts, vehicle = ("Arming denied: Resolve system health failures first, please", "x" * 60), Encoder(1, 1)
+    log = tmp_path / "long.mcap"
+    with Writer(log, 0, {}) as writer:
+        for number, text in enumerate(texts):
+            for piece in range(2 - number):
+                part = text[50 * piece :][:50].encode()
+                said = vehicle.encode_fields(dialect.MAVLink_statustext_message, 4, part, number + 1, piece)
+                writer.datagram(10 * number + piece, 0, Direction.IN, "", said)
+    lines = [line for _, line in decoded(convert(log)[0])["/foxglove/log"]]
+    assert [(line.message, line.name, line.level) for line in lines] == [(texts[0], "1/1", 3), ("x" * 50, "1/1", 3)]
+
+
 def test_a_log_is_never_written_over(tmp_path: Path) -> None:
     log = make(tmp_path, 1.0)
     before = log.read_bytes()
