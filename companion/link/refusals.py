@@ -1,10 +1,29 @@
-"""Telemetry that can't be true: once it is worth a word, again and again it is a fault."""
+"""Telemetry that can't be true is refused: once that is worth a word, again and again it is a fault."""
 
 from collections import deque
 
 _TOLERATED = 3
 _WITHIN_NS = 500_000_000
 """So many refusals within this time are a fault."""
+
+
+class RefusedError(Exception):
+    """Telemetry that can't be true; the text names the message and what is wrong with it."""
+
+    grave = True
+    """No flight goes on without such telemetry."""
+
+
+class RefusedRingError(RefusedError):
+    """A ring that can't be true is none; the flight goes on as without it."""
+
+    grave = False
+
+
+class RefusedOdometryError(RefusedError):
+    """It says nothing of the estimate; the flight goes on as without it."""
+
+    grave = False
 
 
 class Refusals:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import Any
 
-from companion.link import wire
+from companion.link import wire_ranges
 from companion.link.sector_scans import SectorScans
 from companion.reports import RangeBelow
 from companion.state import Scan
@@ -85,12 +85,12 @@ class Rings:
             return None
         if message.get_msgId() == OBSTACLE_DISTANCE:
             return self._whole(message, source, peer, now_ns)
-        below = wire.range_below(message)
+        below = wire_ranges.range_below(message)
         if below is not None:
             return below if source is Source.AUTOPILOT else None
         if self._best > (source, False) or (self.whole and source is not Source.SENSOR_LINK):
             return None  # a sector of somebody is no ring of the vehicle's; whoever has a link of its own was asked for
-        sector = wire.sector_distance(message)
+        sector = wire_ranges.sector_distance(message)
         if sector is None:
             return None
         if sector.known:
@@ -98,7 +98,7 @@ class Rings:
         return self._counted(self._sectors[source].add(sector, now_ns, peer.lost), source, peer, now_ns)
 
     def _whole(self, message: Any, source: Source, peer: Peer, now_ns: int) -> Scan | None:
-        scan = wire.obstacle_distance(message, now_ns)
+        scan = wire_ranges.obstacle_distance(message, now_ns)
         if self._best[0] > source:
             return None
         if scan.known.any():

@@ -16,7 +16,7 @@ from companion.link.firmware import firmware_of
 from companion.link.firmware.firmware import Firmware
 from companion.link.outbox import Outbox
 from companion.link.readiness import Readiness
-from companion.link.refusals import Refusals
+from companion.link.refusals import Refusals, RefusedError
 from companion.link.requests import Requests
 from companion.link.rings import DISTANCE_SENSOR, OBSTACLE_DISTANCE, RING_MESSAGES, Source
 from companion.link.stamps import Stamps
@@ -157,7 +157,7 @@ class VehicleLink:
                     reports += shows, self._on_new_clock(shows)
             try:
                 report = handler(message, now_ns)
-            except wire.RefusedError as refused:
+            except RefusedError as refused:
                 report = self._refuse(refused, now_ns)
             if report is not None:
                 reports.append(report)
@@ -197,7 +197,7 @@ class VehicleLink:
         self.outbox.say(announcement)
         return announcement
 
-    def _refuse(self, refused: wire.RefusedError, now_ns: int) -> Announcement | None:
+    def _refuse(self, refused: RefusedError, now_ns: int) -> Announcement | None:
         """Count telemetry that can't be true; the first time it is worth a word."""
         first = self._refusals.add(str(refused), now_ns, grave=refused.grave)
         return self._complain(Severity.WARNING, f"telemetry refused: {refused}") if first else None
@@ -212,7 +212,7 @@ class VehicleLink:
         """What others than the autopilot report: scans alone."""
         try:
             report: Report | Announcement | None = self.telemetry.rings.of_others(frame, source, self.peer, now_ns)
-        except wire.RefusedError as refused:
+        except RefusedError as refused:
             report = self._refuse(refused, now_ns)
         return [] if report is None else [report]
 

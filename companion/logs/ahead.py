@@ -17,7 +17,8 @@ import numpy as np
 
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
 from companion.config_avoidance import Avoidance
-from companion.link import wire
+from companion.link import wire_ranges
+from companion.link.refusals import RefusedError
 from companion.records import ASKED
 from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.mailbox import Inbox, Outbox, mailbox
@@ -120,9 +121,9 @@ def _run(
         rings: OrderedDict[tuple[int, int], Scan] = OrderedDict()
         for record in log.records((*kinds, ASKED.topic)):
             if record.topic != ASKED.topic:
-                with contextlib.suppress(wire.RefusedError):
+                with contextlib.suppress(RefusedError):
                     message = SimpleNamespace(**kinds[record.topic].unpack(record.data))
-                    scan = wire.obstacle_distance(message, record.time_ns)
+                    scan = wire_ranges.obstacle_distance(message, record.time_ns)
                     rings[scan.time_ns, scan.boot_time_us] = scan
                 while len(rings) > _RINGS:
                     rings.popitem(last=False)

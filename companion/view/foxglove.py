@@ -7,6 +7,7 @@ nothing. The frames are those of Foxglove's own converter for PX4: `local_origin
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,6 +48,7 @@ from companion.view.accumulators.texts import Text, VehicleLines
 from companion.view.attitudes import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
+from companion.view.rings import RING, SECTOR, RingTables
 from companion.view.scene import mesh, solids
 from protocol.arrays import Array
 from protocol.flightlog import DATAGRAM, TEXT, LogReader, Record
@@ -83,6 +85,7 @@ class Converter:
         self._start_ns = 0
         self._has_texts = has_texts(log)
         self._lines = VehicleLines()
+        self._rings = RingTables()
         self._kinds = log.topics
         self._others = _others(log)
 
@@ -147,9 +150,20 @@ class Converter:
         elif record.topic.startswith("/mavlink/") and (
             name == "STATUSTEXT" or _system(record.topic) not in self._others
         ):
-            if name in NAMES and self._mapper.take(name, self._fields(record), record.time_ns):
-                self._map(record.time_ns)
+            if name in (RING, SECTOR):
+                self._ring(record, name)
+            elif name in NAMES:
+                self._mapper.take(name, self._fields(record), record.time_ns)
             self._message(record, name)
+
+    def _ring(self, record: Record, name: str) -> None:
+        """Add the ring that a message is or completes."""
+        sender, times = record.topic.rpartition("/")[0], np.array([record.time_ns * 1e-9])
+        rings = self._rings.take(sender, name, times, [self._fields(record)])
+        for ring in () if rings is None else rings[1]:
+            self._scan(record.time_ns, ring)
+            if self._mapper.take(RING, ring, record.time_ns):
+                self._map(record.time_ns)
 
     def _message(self, record: Record, name: str) -> None:
         if name == "LOCAL_POSITION_NED":
@@ -158,8 +172,6 @@ class Converter:
         elif name in ("ATTITUDE_QUATERNION", "ATTITUDE"):
             if self._position_ned is not None and self._is_due("pose", record.time_ns, _POSE_EVERY_S):
                 self._pose(record.time_ns, _attitude(self._fields(record)))
-        elif name == "OBSTACLE_DISTANCE":
-            self._scan(record.time_ns, self._fields(record))
         elif name == "GLOBAL_POSITION_INT":
             self._fix(record.time_ns, self._fields(record))
         elif name == "STATUSTEXT" and not self._has_texts:
@@ -263,7 +275,7 @@ class Converter:
             grid.fields.append(PackedElementField(name=color, offset=offset, type=PackedElementField.UINT8))
         self._add("map", time_ns, grid)
 
-    def _scan(self, time_ns: int, distances: dict[str, Any]) -> None:
+    def _scan(self, time_ns: int, distances: Mapping[str, Any] | np.void) -> None:
         step = math.radians(distances["increment_f"] or distances["increment"])
         offset = math.radians(distances["angle_offset"])
         reach = distances["max_distance"]

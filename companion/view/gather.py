@@ -20,7 +20,7 @@ from companion.view.accumulators.parameters import Parameters
 from companion.view.accumulators.paths import Paths
 from companion.view.accumulators.power import Energy
 from companion.view.accumulators.rates import BodyRates
-from companion.view.accumulators.scans import Scans, ring_sender
+from companion.view.accumulators.scans import ScansBySender, ring_sender
 from companion.view.accumulators.senders import Senders
 from companion.view.accumulators.texts import Texts
 from companion.view.accumulators.timing import Timing
@@ -28,6 +28,7 @@ from companion.view.accumulators.tracking import Tracking
 from companion.view.batches import Leap, Table, batches, sender_and_name
 from companion.view.columns import message_columns, trace_columns
 from companion.view.lines import Floats, Lines, Regularity, Stretches
+from companion.view.rings import RING
 from protocol.flightlog import TEXT, LogReader
 from protocol.toml_files import TomlFileError
 
@@ -68,8 +69,7 @@ class GatheredFlight:
         self.paths = Paths()
         self.body_rates = BodyRates()
         self.senders = Senders()
-        self.scans: dict[str, Scans] = {}
-        """By sender."""
+        self.scans = ScansBySender()
         self.jumps = EstimatorJumps()
         self.energy = Energy()
         self._parameters = Parameters()
@@ -138,9 +138,8 @@ class GatheredFlight:
             self.senders.add_heartbeats(sender, times, table)
         elif name in SETPOINTS:
             self.senders.commanded.add(table)
-        elif name == "OBSTACLE_DISTANCE":
-            nearest = self.scans.setdefault(sender, Scans()).add(times, table)
-            self.lines.add(f"{source}:nearest", times, nearest)
+        elif (nearest := self.scans.add(sender, name, times, table)) is not None:
+            self.lines.add(f"{sender}/{RING}:nearest", *nearest)
         for part in (self.paths, self.jumps, self.body_rates):
             part.add_message(sender, name, times, table)
         self._add_columns(source, name, times, table)
@@ -171,7 +170,7 @@ class GatheredFlight:
     @property
     def scanner(self) -> str:
         """Who sent the scans around it; empty without any."""
-        return ring_sender(self.vehicle, self.scans, self.senders.modes)
+        return ring_sender(self.vehicle, self.scans.of, self.senders.modes)
 
     @property
     def batteries(self) -> tuple[str, ...]:

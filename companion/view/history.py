@@ -20,6 +20,7 @@ from companion.view.columns import stacked
 from companion.view.events import phase_name, state_name
 from companion.view.lines import Floats, Track
 from companion.view.mapping import PosedScan
+from companion.view.rings import RingTables
 from protocol.arrays import Array, BoolArray
 from protocol.flightlog import TEXT
 from protocol.messages import dialect
@@ -166,6 +167,7 @@ class History:
         self._begun = False
         self._vehicles: dict[str, _Vehicle] = {}
         self._commanded = Commanded()
+        self._rings = RingTables()
         self._plans = Track(19, MOST)
         self._ways = Track(2 + _COORDINATES, MOST)
         self.shown: str | None = None
@@ -220,8 +222,8 @@ class History:
             told = np.isfinite(angles).all(axis=1)
             turns = np.column_stack((quaternions(angles[told]), 1e-3 * table["time_boot_ms"][told]))
             vehicle.attitudes.add(times[told], turns)
-        elif name == "OBSTACLE_DISTANCE":
-            self._scan(vehicle, times, table)
+        elif (rings := self._rings.take(sender, name, times, table)) is not None:
+            self._scan(vehicle, *rings)
         elif name == "HEARTBEAT":
             self._heartbeat(vehicle, times, table)
         elif name in SETPOINTS:

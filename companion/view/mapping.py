@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from companion.config_avoidance import Avoidance
 from companion.estimate import Estimator
-from companion.link import wire
+from companion.link import wire, wire_ranges
+from companion.link.refusals import RefusedError
 from companion.logs.settings import recorded_settings
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.reports import AttitudeReport
 from companion.state import Scan
+from companion.view.message_fields import MessageFields
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError
 
@@ -60,17 +62,17 @@ class Mapper:
         """
         if name not in NAMES:
             return False
-        message = _Fields(fields)
+        message = MessageFields(fields)
         try:
             if name == "OBSTACLE_DISTANCE":
-                return self._scan(wire.obstacle_distance(message, time_ns))
+                return self._scan(wire_ranges.obstacle_distance(message, time_ns))
             if name == "LOCAL_POSITION_NED":
                 self._estimator.position(wire.local_position(message), time_ns)
             elif name == "ATTITUDE_QUATERNION" or not self._has_quaternion:
                 self._has_quaternion = name == "ATTITUDE_QUATERNION"
                 read = wire.attitude_quaternion if self._has_quaternion else wire.attitude
                 self._attitude(read(message), time_ns)
-        except wire.RefusedError:
+        except RefusedError:
             pass
         return False
 
@@ -143,16 +145,3 @@ def avoidance_of(settings: bytes) -> Avoidance:
         return recorded_settings(msgspec.json.decode(settings, type=dict[str, Any]), "settings.json").avoidance
     except (msgspec.DecodeError, TomlFileError):
         return Avoidance()
-
-
-class _Fields:
-    """The fields of a message as attributes, with plain numbers."""
-
-    __slots__ = ("_fields",)
-
-    def __init__(self, fields: Mapping[str, Any] | np.void) -> None:
-        self._fields = fields
-
-    def __getattr__(self, name: str) -> Any:
-        value = self._fields[name]
-        return value.item() if isinstance(value, np.generic) else value

@@ -185,11 +185,12 @@ def _surroundings(flight: GatheredFlight) -> list[Chart]:
 
 
 def _scans(flight: GatheredFlight) -> list[Chart]:
-    scans = flight.scans.get(flight.scanner)
+    scans = flight.scans.of.get(flight.scanner)
     rows = list(scans.rows.rows()) if scans is not None else []
     if scans is None or len(rows) < 2:
         return []
-    ranges = np.array([row for _, row in rows])
+    turn = math.ceil(360.0 / abs(scans.increment_deg) - 1e-3) if scans.increment_deg else 0
+    ranges = np.array([row[: max(turn, 2)] for _, row in rows])  # the rest of the message's array is unused
     bearings = scans.offset_deg + scans.increment_deg * np.arange(ranges.shape[1])
     bearings = (bearings + 180.0) % 360.0 - 180.0
     order = np.argsort(bearings)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from companion.events import Datagram
-from companion.link.wire import RefusedError, sector_distance
+from companion.link.refusals import RefusedError
+from companion.link.wire_ranges import sector_distance
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined, mission_of

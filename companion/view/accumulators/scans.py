@@ -7,6 +7,7 @@ import numpy as np
 
 from companion.view.batches import Table
 from companion.view.lines import Floats, ScanRows
+from companion.view.rings import RingTables
 
 
 def ring_sender(vehicle: str, scanners: Iterable[str], vehicles: Collection[str]) -> str:
@@ -30,6 +31,20 @@ def ring_sender(vehicle: str, scanners: Iterable[str], vehicles: Collection[str]
 
 def _system(sender: str) -> str:
     return sender.partition("/")[0]
+
+
+class ScansBySender:
+    """The scans of all senders, from whatever message each sends them in."""
+
+    def __init__(self) -> None:
+        self.of: dict[str, Scans] = {}
+        self._rings = RingTables()
+
+    def add(self, sender: str, name: str, times: Floats, table: Table) -> tuple[Floats, Floats] | None:
+        """Times (n,) in s and n messages; returns the times (k,) of the scans that they complete and the nearest range
+        (k,) of each in m, NaN if nothing is seen. None if they complete none."""
+        rings = self._rings.take(sender, name, times, table)
+        return None if rings is None else (rings[0], self.of.setdefault(sender, Scans()).add(*rings))
 
 
 @dataclass(slots=True)

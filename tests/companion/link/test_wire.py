@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.link import wire
+from companion.link import wire, wire_ranges
+from companion.link.refusals import RefusedError, RefusedRingError
 from companion.link.vehicle_texts import vehicle_text
 from companion.outputs import OUTPUTS
 from companion.reports import BatteryReading, RangeBelow
@@ -37,13 +38,13 @@ def test_one_bad_value_refuses_the_message(fields: list[Any], reader: Callable[[
     for index in range(2, len(fields)):
         spoilt = [*fields]
         spoilt[index] = bad
-        with pytest.raises(wire.RefusedError, match=fields[0].msgname):
+        with pytest.raises(RefusedError, match=fields[0].msgname):
             reader(through_the_wire(*spoilt))
 
 
 def test_quaternion_of_no_length_is_refused_and_a_rough_one_made_unit() -> None:
     for q in ((0.0, 0.0, 0.0, 0.0), (1.2, 0.0, 0.0, 0.0), (0.5, 0.5, 0.5, 0.0)):
-        with pytest.raises(wire.RefusedError):
+        with pytest.raises(RefusedError):
             wire.attitude_quaternion(through_the_wire(ATTITUDE[0], 0, *q, 0.0, 0.0, 0.0))
     report = wire.attitude_quaternion(through_the_wire(ATTITUDE[0], 7, 0.999, 0.0, 0.0, 0.01, 0.1, -0.2, 0.3))
     assert np.linalg.norm(report.attitude_ned_frd) == pytest.approx(1.0)
@@ -128,7 +129,7 @@ def test_odometry_of_another_estimator_or_a_failed_one_is_none() -> None:
     ],
 )
 def test_odometry_that_can_not_be_is_refused_and_the_flight_goes_on(message: Any) -> None:
-    with pytest.raises(wire.RefusedError, match="ODOMETRY") as refused:
+    with pytest.raises(RefusedError, match="ODOMETRY") as refused:
         wire.odometry(message)
     assert not refused.value.grave
 
@@ -152,7 +153,7 @@ def ring(distances: list[int], **changes: float) -> Any:
 def test_ring() -> None:
     distances = [1501] * 72
     distances[18], distances[36], distances[54] = 400, 65535, 1500
-    scan = wire.obstacle_distance(ring(distances, offset=10.0), 99)
+    scan = wire_ranges.obstacle_distance(ring(distances, offset=10.0), 99)
     assert scan.time_ns == 99 and scan.boot_time_us == 5000
     assert math.degrees(scan.bearings_frd[18]) == pytest.approx(100.0)
     assert (scan.ranges_m[18], scan.hit[18], scan.known[18]) == (4.0, True, True)
@@ -165,7 +166,7 @@ def test_a_ring_against_the_clock_is_turned_round() -> None:
     """So that the beam before another is the one to its left."""
     distances = [1501] * 72
     distances[18], distances[19] = 400, 65535
-    scan = wire.obstacle_distance(ring(distances, f=-5.0, offset=10.0), 0)
+    scan = wire_ranges.obstacle_distance(ring(distances, f=-5.0, offset=10.0), 0)
     assert (np.diff(scan.bearings_frd) > 0.0).all()
     (at,) = np.flatnonzero(scan.hit)
     assert math.degrees(scan.bearings_frd[at]) == pytest.approx(-80.0) and scan.ranges_m[at] == 4.0
@@ -177,8 +178,8 @@ def test_a_ring_against_the_clock_is_turned_round() -> None:
     "changes", [{"frame": 0}, {"f": math.nan}, {"offset": math.inf}, {"max": 10}, {"f": 400.0}], ids=str
 )
 def test_impossible_rings_are_refused(changes: dict[str, float]) -> None:
-    with pytest.raises(wire.RefusedError, match="OBSTACLE_DISTANCE"):
-        wire.obstacle_distance(ring([500] * 72, **changes), 0)
+    with pytest.raises(RefusedError, match="OBSTACLE_DISTANCE"):
+        wire_ranges.obstacle_distance(ring([500] * 72, **changes), 0)
 
 
 SETPOINT = Setpoint([0.5, -0.5, 0.5, -0.5], [0.1, 0.2, 0.3], [-0.1, 0.2, 0.4], 0.45)
@@ -324,11 +325,11 @@ def test_a_ring_of_more_than_a_turn_is_none() -> None:
     """So many known beams times the increment; beams that are not measured reach anywhere."""
     for count, increment in ((72, 5.1), (72, 100.0), (4, 120.1)):
         distances = [500] * count + [65535] * (72 - count)
-        with pytest.raises(wire.RefusedRingError, match="beams over"):
-            wire.obstacle_distance(ring(distances, f=increment), 0)
+        with pytest.raises(RefusedRingError, match="beams over"):
+            wire_ranges.obstacle_distance(ring(distances, f=increment), 0)
     for count, increment in ((72, 5.0), (72, -5.0), (4, 90.0), (1, 360.0)):
         distances = [500] * count + [65535] * (72 - count)
-        assert wire.obstacle_distance(ring(distances, f=increment), 0).known.sum() == count
+        assert wire_ranges.obstacle_distance(ring(distances, f=increment), 0).known.sum() == count
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -336,7 +337,7 @@ def test_a_ring_of_more_than_a_turn_is_none() -> None:
 def test_a_ring_has_the_beams_of_a_turn_alone(sectors: int, sign: float) -> None:
     """The unused rest of the array is no beam, at either end: the last beam is the first one's neighbour."""
     distances = [100 + k for k in range(sectors)] + [65535] * (72 - sectors)
-    scan = wire.obstacle_distance(ring(distances, f=sign * 360.0 / sectors), 0)
+    scan = wire_ranges.obstacle_distance(ring(distances, f=sign * 360.0 / sectors), 0)
     assert scan.bearings_frd.shape == scan.ranges_m.shape == (sectors,) and scan.known.all()
     step = np.diff([*scan.bearings_frd, scan.bearings_frd[0] + 2.0 * np.pi])
     assert step == pytest.approx(np.full(sectors, 2.0 * np.pi / sectors), abs=1e-6)
@@ -344,11 +345,13 @@ def test_a_ring_has_the_beams_of_a_turn_alone(sectors: int, sign: float) -> None
 
 
 def test_distances_that_the_format_does_not_have_are_no_ring() -> None:
-    with pytest.raises(wire.RefusedRingError, match="distances beyond"):
-        wire.obstacle_distance(ring([500] * 70 + [30_000, 40_000]), 0)
-    assert not wire.obstacle_distance(ring([60_000] * 72), 0).hit.any(), "one word for nothing there"
+    with pytest.raises(RefusedRingError, match="distances beyond"):
+        wire_ranges.obstacle_distance(ring([500] * 70 + [30_000, 40_000]), 0)
+    assert not wire_ranges.obstacle_distance(ring([60_000] * 72), 0).hit.any(), "one word for nothing there"
     most = ring([500] * 72).max_distance
-    assert wire.obstacle_distance(ring([500] * 70 + [most + 1, 60_000]), 0).hit.sum() == 70, "beside the format's own"
+    assert wire_ranges.obstacle_distance(ring([500] * 70 + [most + 1, 60_000]), 0).hit.sum() == 70, (
+        "beside the format's own"
+    )
 
 
 def distance_sensor(orientation: int, distance_cm: int, quality: int = 0) -> Any:
@@ -360,7 +363,7 @@ def distance_sensor(orientation: int, distance_cm: int, quality: int = 0) -> Any
 
 def test_a_range_finder_that_looks_down() -> None:
     down = int(dialect.MAV_SENSOR_ROTATION_PITCH_270)
-    assert wire.range_below(distance_sensor(down, 137)) == RangeBelow(1234, 1.37)
-    assert wire.range_below(distance_sensor(down, 1501)) == RangeBelow(1234, math.inf)
+    assert wire_ranges.range_below(distance_sensor(down, 137)) == RangeBelow(1234, 1.37)
+    assert wire_ranges.range_below(distance_sensor(down, 1501)) == RangeBelow(1234, math.inf)
     for orientation, distance_cm, quality in ((0, 137, 0), (24, 137, 0), (down, 20, 0), (down, 137, 1)):
-        assert wire.range_below(distance_sensor(orientation, distance_cm, quality)) is None
+        assert wire_ranges.range_below(distance_sensor(orientation, distance_cm, quality)) is None

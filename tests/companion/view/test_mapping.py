@@ -11,7 +11,7 @@ import pytest
 from companion.config import Settings
 from companion.config_avoidance import Avoidance
 from companion.estimate import Estimator
-from companion.link import wire
+from companion.link import wire, wire_ranges
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.view.batches import Batch
@@ -85,7 +85,7 @@ def test_it_is_the_map_that_avoidance_uses(heard: list[Message]) -> None:
         elif name == "LOCAL_POSITION_NED":
             estimator.position(wire.local_position(message), time_ns)
         elif name == "OBSTACLE_DISTANCE":
-            scan = wire.obstacle_distance(message, time_ns)
+            scan = wire_ranges.obstacle_distance(message, time_ns)
             pose = estimator.pose_at(scan.boot_time_us)
             if pose is not None:
                 local_map.add(scan, pose, -avoidance.ground_height, time_ns)
