@@ -295,9 +295,9 @@ class Navigator:
             return Arrival.DONE, Announcement(Severity.ERROR, f"parcel not released: {answer.answer}")
         return Arrival.NOT_YET, None
 
-    def next_step(self, now_ns: int, here_ned: Array | None = None) -> Announcement:
-        """Go on to the next step, from a place (3,) if that is known."""
-        self._search.next_leg(stopped=not self.step.passes)
+    def next_step(self, now_ns: int, here_ned: Array | None = None, *, done: bool = True) -> Announcement:
+        """Go on to the next step, from a place (3,) if that is known. `done`: the present one was flown to its end."""
+        self._search.next_leg(stopped=done and not self.step.passes)
         self._enter(self.step_index + (len(self._parts) < 2), here_ned, self._parts[1:])
         self._time.begin(now_ns)
         self._arrived_ns = None
@@ -354,7 +354,7 @@ class Navigator:
         self._parts = self._parts[:1]
         self.steps = (*self.steps[: self.step_index + 1], *rest)
         self._durations = self._durations[: self.step_index + 1] + (None,) * len(rest)
-        return self.next_step(now_ns, here_ned)
+        return self.next_step(now_ns, here_ned, done=False)
 
     def _give_up(self, here: Array, now_ns: int) -> Judgement:
         """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""

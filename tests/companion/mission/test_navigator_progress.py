@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.mission.navigator import Arrival, Judgement
-from companion.mission.plan import Mission, Phase, Waypoint
+from companion.mission.plan import Mission, Phase, Step, Waypoint
 from companion.state import Severity
 from tests.companion.mission.navigating import (
     ALONG,
@@ -169,9 +169,9 @@ def test_the_goal_follows_the_altitude_search() -> None:
     assert target_of(navigator) is target, "the mission's own is kept"
 
 
-def climbed(*overrides: str) -> Flight:
+def climbed(mission: Mission = LONG) -> Flight:
     """A flight on whose way another altitude was found; it flies 3 m higher now."""
-    flight = Flight(LONG, "avoidance.altitude_search.max_climb=6.0", *overrides)
+    flight = Flight(mission, "avoidance.altitude_search.max_climb=6.0")
     flight.judge(2.0, detour=math.inf)
     for detour in (math.inf, 0.0, 0.0):
         flight.obey(detour)
@@ -189,6 +189,30 @@ def test_an_altitude_is_kept_past_a_waypoint_and_left_at_a_stop() -> None:
     assert navigator.leg(flight.place).goal_ned[2] == target_of(navigator)[2] - 3.0
     navigator.next_step(flight.now)
     assert np.array_equal(navigator.leg(flight.place).goal_ned, target_of(navigator))
+
+
+@pytest.mark.parametrize("why", ["home", "given up", "ordered"])
+def test_an_altitude_is_kept_where_another_leg_begins_on_the_way_to_a_stop(why: str) -> None:
+    """Over a roof, in the middle of a leg: lower was seen free only where the vehicle came up."""
+    flight = climbed(Mission(name="one", waypoints=[Waypoint(100.0, 0.0, 3.0)]))
+    navigator = flight.navigator
+    assert not navigator.step.passes
+    assert flight.judge(13.0, speed=1.0) is None
+    if why == "home":
+        navigator.go_home(flight.place, flight.now)
+    elif why == "given up":
+        while flight.obey(math.inf).failure is None:
+            assert flight.now < 1000 * SECOND
+    else:
+        step = Step(Phase.ROUTE, np.add(START, (50.0, 50.0, -3.0)), avoids=True)
+        navigator.fly([step, Step(Phase.LAND)], flight.now, flight.place)
+    altitude = flight.place[2]
+    assert altitude <= START[2] - 6.0
+    while navigator.step.passes:
+        assert navigator.leg(flight.place).goal_ned[2] <= altitude
+        navigator.next_step(flight.now, flight.place)
+    assert navigator.phase in (Phase.RETURN, Phase.ROUTE)
+    assert navigator.leg(flight.place).goal_ned[2] == pytest.approx(altitude)
 
 
 def test_nothing_is_given_up_while_the_altitude_is_changed() -> None:
