@@ -124,6 +124,7 @@ class Tracker:
         self._started = 0
         self._time_ns: int | None = None
         self._position: Array | None = None
+        self._bearings: Array = np.empty(0)
         self._noise = RangeNoise()
         self.tracks: Tracks = np.empty(0, TRACK)
         """All tracks, the oldest first."""
@@ -156,9 +157,12 @@ class Tracker:
     ) -> BoolArray:
         """Add a scan taken at one pose, (3,) m and (4,); (n,) which of its returns belong to a moving obstacle.
 
+        A scan with other beams than the last one is another sensor's: all tracks begin anew.
         `ground_down` and `slope`: which returns are the ground, see `scans.obstacle_points`.
         """
         bearings = scan.bearings_frd
+        if not np.array_equal(bearings, self._bearings):
+            self.tracks, self._bearings = self.tracks[:0], bearings.copy()
         width = sector_width(scan)
         if width > WIDE_SECTOR:
             return np.zeros(bearings.size, np.bool_)

@@ -234,6 +234,20 @@ def test_a_walker_is_tracked_with_its_velocity() -> None:
     assert point[4] == pytest.approx(track["radius"] + 0.6)
 
 
+@pytest.mark.parametrize("beams", [8, 36])
+def test_with_rings_of_another_sensor_all_tracks_begin_anew(beams: int) -> None:
+    """Eighths tell nothing of what moves: a walker would stand where the ring before showed it, for ever."""
+    scene = Scene()
+    for k in range(40):
+        scene.see([(2.0 - 1.4 * k / 15.0, 5.0)], yaw=math.pi / 2)
+    assert scene.tracker.moving.size == 1
+    bearings = np.linspace(0.0, 2.0 * math.pi, beams, endpoint=False)
+    every = np.ones(beams, np.bool_)
+    scan = Scan(40 * PERIOD_NS, 0, bearings, np.full(beams, 15.0), ~every, every)
+    scene.tracker.add(scan, np.array([0.0, 0.0, -2.0]), from_euler(0.0, 0.0, math.pi / 2), -0.3)
+    assert scene.tracker.tracks.size == 0
+
+
 def test_trees_and_walls_do_not_move() -> None:
     """Flown past at 5 m/s, seen 150 times: less than 1 % of the returns of a wood and a wall count as moving."""
     rng = np.random.default_rng(3)
