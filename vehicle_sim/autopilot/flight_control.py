@@ -61,8 +61,7 @@ class FlightControl:
         self._stopped: Command = np.zeros(1, COMMAND)
         self._stopped["attitude_ned_frd"] = (1.0, 0.0, 0.0, 0.0)
         self.watch = Watch(self.settings, self.announce)
-        self._armed_since_ns = 0
-        self._landed_since_ns = 0
+        self._armed_since_ns = self._landed_since_ns = 0
 
     # --- what to fly ---
 
@@ -155,12 +154,11 @@ class FlightControl:
 
     def arming_problem(self) -> str | None:
         """Why the vehicle can't be armed now, or None."""
-        now_ns = self.motion.time_ns
         if self._end is not None:
             return self._end
         if self._powerless:
             return "battery empty"
-        if now_ns < BOOT_NS:
+        if self.motion.time_ns < BOOT_NS:
             return "estimator is starting"
         if self.motion.tilt > _ARMING_TILT:
             return "not level"
@@ -278,14 +276,16 @@ class FlightControl:
 
     def _detect_landing(self, motion: Motion) -> None:
         was_landed = self.landed
-        idle = False
-        if motion.touching and not was_landed:
-            idle = self.command["thrust_n"][0] < 0.5 * self.mass_kg * GRAVITY
-        lost = self.watch.health.position_lost
+        idle, lost = motion.touching and not was_landed and self._is_idle, self.watch.health.position_lost
         self.landed = self._land_detector.update(motion, landed=was_landed, idle=idle, lost=lost)
         if self.landed is not was_landed:
             self._landed_since_ns = motion.time_ns
             self.announce(Severity.INFO, "Landing detected" if self.landed else "Takeoff detected")
+
+    @property
+    def _is_idle(self) -> bool:
+        """The commanded thrust is low."""
+        return bool(self.command["thrust_n"][0] < 0.5 * self.mass_kg * GRAVITY)
 
     def _watch_setpoints(self, motion: Motion) -> None:
         if self.setpoints.is_lost(motion.time_ns):
@@ -299,9 +299,9 @@ class FlightControl:
         after_landing_ns, before_ns = self.settings.disarm_landed_ns, self.settings.disarm_preflight_ns
         if self.flown:
             amid_mission = self.mode is Mode.MISSION and not self.mission.finished  # it may take off again, as for PX4
-            if amid_mission or self.mode is Mode.OFFBOARD or self.phase is Mode.TAKEOFF:
-                return
-            if 0 < after_landing_ns <= now_ns - self._landed_since_ns:
+            if amid_mission or self.phase is Mode.TAKEOFF or not self._is_idle:
+                self._landed_since_ns = now_ns
+            elif 0 < after_landing_ns <= now_ns - self._landed_since_ns:
                 self._disarm("Disarmed by landing")
         elif 0 < before_ns <= now_ns - self._armed_since_ns:
             self._disarm(f"Disarmed: no takeoff within {before_ns * 1e-9:g} s")

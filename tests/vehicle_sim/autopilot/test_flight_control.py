@@ -22,7 +22,6 @@ from tests.vehicle_sim.foreign_pilot import (
     world_with_wall,
 )
 from vehicle_sim.autopilot.modes import TRANSITIONS, Mode
-from vehicle_sim.services.flight_commands import FORCE
 from vehicle_sim.services.identity import Identity
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
@@ -376,35 +375,6 @@ def test_arming_in_offboard_needs_the_stream(pilot: ForeignPilot) -> None:
     pilot.fly(1.1)
     assert pilot.arm() == REJECTED
     assert "Arming denied: no setpoint stream" in pilot.texts
-
-
-def test_disarming_in_the_air_only_by_force(aloft: ForeignPilot) -> None:
-    assert aloft.disarm() == REJECTED
-    assert aloft.armed
-    assert "Disarming denied: not landed" in aloft.texts
-    assert aloft.disarm(FORCE) == ACCEPTED
-    assert not aloft.armed
-    aloft.fly(2.0)
-    assert "crash: hit ground" in aloft.texts
-
-
-def test_disarms_when_it_does_not_take_off(pilot: ForeignPilot) -> None:
-    pilot.fly(1.2)
-    pilot.arm()
-    armed_s = pilot.time_s
-    assert pilot.fly(12.0, until=lambda: not pilot.armed)
-    assert pilot.time_s - armed_s == pytest.approx(10.0, abs=0.05)
-    assert not pilot.vehicle.finished
-
-
-def test_stays_armed_on_the_ground_in_offboard_after_a_flight(aloft: ForeignPilot) -> None:
-    aloft.go_offboard()
-    assert aloft.fly(9.0, lambda: aloft.attitude(thrust=0.455), until=lambda: aloft.vehicle.motion.touching)
-    aloft.fly(5.0, lambda: aloft.attitude(thrust=0.0))
-    assert aloft.landed_state == ON_GROUND
-    assert aloft.armed
-    assert aloft.disarm() == ACCEPTED
-    assert aloft.vehicle.summary().outcome == "landed"
 
 
 def test_ready_to_arm_is_said_in_sys_status(pilot: ForeignPilot) -> None:
