@@ -79,7 +79,7 @@ def convert(
     old = [f"{key} is now {new}" for key, _ in _leaves(tables, "") if (new := new_name(key, renamed)) != key]
     if old:
         raise TomlFileError(f"{source}: {', '.join(old)}")
-    for key, number in _floats(tables, ""):
+    for key, number in floats(tables):
         if not math.isfinite(number):
             raise TomlFileError(f"{source}: {number} is not a finite number - at `{key}`")
     try:
@@ -162,15 +162,15 @@ def _leaves(table: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
             yield f"{prefix}{name}", value
 
 
-def _floats(value: object, key: str) -> Iterator[tuple[str, float]]:
-    """All floats with their keys. TOML can write nan and inf, which no quantity may be."""
+def floats(value: object, key: str = "") -> Iterator[tuple[str, float]]:
+    """All floats in tables, with their dotted keys. TOML can write nan and inf, which no quantity may be."""
     match value:
         case dict():
             for name, each in value.items():
-                yield from _floats(each, f"{key}.{name}" if key else name)
+                yield from floats(each, f"{key}.{name}" if key else name)
         case list() | tuple():
             for index, each in enumerate(value):
-                yield from _floats(each, f"{key}[{index}]")
+                yield from floats(each, f"{key}[{index}]")
         case float():
             yield key, value
 

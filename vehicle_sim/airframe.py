@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.toml_files import TomlFileError, find, load
+from protocol.toml_files import TomlFileError, find, floats, load
 from protocol.vehicle_parameters import GRAVITY, NotNegative, Positive, VehicleParameters
 from vehicle_sim.sensors.lidar import LidarSettings
 from vehicle_sim.sensors.settings import SensorSettings
@@ -18,6 +18,9 @@ from vehicle_sim.timing import STEP_S
 PERFECT = "perfect"
 _SHORTEST_S = 0.5 * STEP_S
 """The least time constant: the integration over STEP_S is stable down to 0.36 of it."""
+
+_LEAST, _MOST = 1e-15, 1e9
+"""Sizes of numbers between which they can be computed with, and be told: no vehicle has any beyond."""
 
 Axes = tuple[Positive, Positive, Positive]
 Four = tuple[Positive, Positive, Positive, Positive]
@@ -178,6 +181,9 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def _problems(self) -> Iterator[tuple[str, str]]:
         """Each key whose value can't be flown, or can't be integrated in steps of STEP_S, and why."""
+        for key, value in floats(msgspec.to_builtins(self)):
+            if value and not _LEAST <= abs(value) <= _MOST:
+                yield key, f"{value:g} is no such quantity of any vehicle: from {_LEAST:g} to {_MOST:g}"
         mass, rotors = self.takeoff_mass_kg, self.rotors
         if self.body.max_thrust_n <= mass * GRAVITY:
             yield "body.rotor_max_thrust_n", f"four of them can't lift {mass:g} kg"

@@ -203,7 +203,7 @@ def _fly(
     from protocol.compiling import compiling_shown
     from protocol.transport import TransportError
     from vehicle_sim.runner import Runner
-    from vehicle_sim.vehicle import warm_up
+    from vehicle_sim.vehicle import MotionError, warm_up
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.default_int_handler)
@@ -218,7 +218,7 @@ def _fly(
             runner.run_timed(factor)
     except KeyboardInterrupt:
         pass
-    except TransportError as error:
+    except (TransportError, MotionError) as error:
         _fail(str(error))
     finally:
         opened.close()

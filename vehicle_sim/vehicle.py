@@ -52,6 +52,14 @@ _SENSED_TICKS = 150
 _NO_FORCE = (0.0, 0.0, 0.0)
 
 
+_FURTHEST_M = 1e6
+"""From the pad; further away is nothing that the local axes and the messages have room for."""
+
+
+class MotionError(Exception):
+    """The vehicle's motion is not to be computed any more; the message says when."""
+
+
 @dataclass(frozen=True, slots=True)
 class Summary:
     """How a run ended."""
@@ -195,8 +203,13 @@ class Vehicle:
         self._wind.advance(self.state)
         command, feedback, error = self.flight.command, self._feedback, self.estimator.error
         advance(self.state, command, self._parameters, feedback, self._work, error)
-        before = self.motion
-        self.motion = truth = Motion.of(self.time_ns, self.state, self._feedback)
+        before, truth = self.motion, Motion.of(self.time_ns, self.state, self._feedback)
+        if not _is_bounded(truth):
+            raise MotionError(
+                f"at {self.time_ns * 1e-9:.3f} s the motion is beyond all bounds: a value of the vehicle's or its "
+                "world's file is too large or too small"
+            )
+        self.motion = truth
         if self.flight.armed and is_empty(self.airframe, truth):
             self.flight.lose_power()
         if self.tick % _BATTERY_TICKS == 0:
@@ -310,6 +323,13 @@ def _faults(senses: Senses) -> dict[int, tuple[Fault, ...]]:
             Unit.GNSS if suite.settings.vio is None else Unit.VIO: (suite.positioning,),
         }
     return found
+
+
+def _is_bounded(motion: Motion) -> bool:
+    """All of it is a number, and it is not too far away."""
+    (north, east, down), (w, *_), (p, q, r) = motion.position_ned, motion.attitude_ned_frd, motion.rates_frd
+    turning = w + p + q + r
+    return north * north + east * east + down * down < _FURTHEST_M * _FURTHEST_M and turning == turning
 
 
 def _datagrams(frames: list[bytes]) -> list[bytes]:

@@ -11,22 +11,24 @@ import msgspec
 
 from protocol.vehicle_parameters import NotNegative, Positive
 
+Size = Annotated[float, msgspec.Meta(ge=0, le=1e4)]
+"""An error in the sensor's unit: with a larger one nothing is measured."""
 Interval = tuple[NotNegative, NotNegative]
 
 
 class Wander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An error that wanders."""
 
-    deviation: NotNegative
+    deviation: Size
     time_s: Positive
 
 
 class Inertial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The `[inertial]` table: gyroscope and accelerometer, read in each tick as angle and speed gained in it."""
 
-    gyro_noise: NotNegative
+    gyro_noise: Size
     """rad/s/sqrt(Hz)"""
-    accelerometer_noise: NotNegative
+    accelerometer_noise: Size
     """m/s2/sqrt(Hz)"""
     gyro_bias: Wander
     """rad/s"""
@@ -42,7 +44,7 @@ class Barometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The `[barometer]` table, as height (m)."""
 
     rate_hz: Positive
-    noise: NotNegative
+    noise: Size
     bias: Wander
 
 
@@ -50,12 +52,12 @@ class Magnetometer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The `[magnetometer]` table, in gauss."""
 
     rate_hz: Positive
-    noise: NotNegative
+    noise: Size
     hard_iron: Wander
     """What calibration left, in the body."""
     declination_deg: Annotated[float, msgspec.Meta(ge=-180, le=180)]
     inclination_deg: Annotated[float, msgspec.Meta(ge=-90, le=90)]
-    strength: Positive
+    strength: Annotated[float, msgspec.Meta(gt=0, le=1e4)]
 
 
 class Positioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -63,7 +65,7 @@ class Positioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     rate_hz: Positive
     delay_s: Annotated[float, msgspec.Meta(ge=0, le=0.4)]
-    position_noise: tuple[NotNegative, NotNegative]
+    position_noise: tuple[Size, Size]
     """m"""
     outages_s: list[Interval] = []
     """Times since boot, from and until, without any fix."""
@@ -72,7 +74,7 @@ class Positioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 class Satellites(Positioning, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The `[gnss]` table: a receiver."""
 
-    velocity_noise: tuple[NotNegative, NotNegative]
+    velocity_noise: tuple[Size, Size]
     """m/s"""
     horizontal_error: Wander
     """m; what the atmosphere and reflections do."""

@@ -2,7 +2,7 @@
 
 from protocol.messages import Encoder, dialect
 from vehicle_sim.estimation.estimator import GATE, Estimator
-from vehicle_sim.services.snapshot import NOTHING, Snapshot
+from vehicle_sim.services.snapshot import NOTHING, Snapshot, int16
 from vehicle_sim.timing import TICK_S
 
 _SEA_LEVEL_HPA, _LAPSE, _EXPONENT = 1013.25, 2.25577e-5, 5.25588
@@ -23,7 +23,7 @@ class EstimatorMessages:
     def _air(self) -> tuple[float, float, float]:
         """Altitude (m), pressure (hPa) and temperature (degrees) at the barometer."""
         altitude = self._altitude_m + self._estimator.read.height_m
-        pressure = _SEA_LEVEL_HPA * (1.0 - _LAPSE * altitude) ** _EXPONENT
+        pressure = _SEA_LEVEL_HPA * max(0.0, 1.0 - _LAPSE * altitude) ** _EXPONENT
         return altitude, pressure, _SEA_LEVEL_C - _LAPSE_K_M * altitude
 
     def highres_imu(self, now: Snapshot) -> bytes:
@@ -57,7 +57,7 @@ class EstimatorMessages:
         _, pressure, temperature = self._air()
         at_ms = self._estimator.read.height_ns // 1_000_000 & 0xFFFFFFFF
         return self._encode(
-            dialect.MAVLink_scaled_pressure_message, at_ms, pressure, 0.0, round(temperature * 100.0), 0
+            dialect.MAVLink_scaled_pressure_message, at_ms, pressure, 0.0, int16(temperature * 100.0), 0
         )
 
     def vibration(self, now: Snapshot) -> bytes:

@@ -5,7 +5,6 @@ from typing import Annotated
 
 import msgspec
 
-from protocol.arrays import Vector
 from protocol.vehicle_parameters import NotNegative, Positive
 from vehicle_sim.world.wind import WindSettings
 
@@ -35,10 +34,14 @@ class OriginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         _require_finite(self)
 
 
+Force = Annotated[float, msgspec.Meta(ge=-1000, le=1000)]
+"""N"""
+
+
 class DisturbanceTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[disturbance]`: a force on the vehicle beside that of the wind."""
 
-    force_ned: Vector = (0.0, 0.0, 0.0)
+    force_ned: tuple[Force, Force, Force] = (0.0, 0.0, 0.0)
     """N, constant while the vehicle is in the air."""
 
 

@@ -15,13 +15,13 @@ and the correlation is that of the continuous process for every T.
 """
 
 import math
+from typing import Annotated
 
 import msgspec
 import numpy as np
 
-from protocol.arrays import Array, Vector
+from protocol.arrays import Array
 from protocol.jit import compiled
-from protocol.vehicle_parameters import NotNegative
 from vehicle_sim.timing import TICK_S
 
 COMPONENTS = 5
@@ -38,12 +38,16 @@ _BLOCK_TICKS = 2500
 """Ticks of noise that are drawn at once: 10 s."""
 
 
+Speed = Annotated[float, msgspec.Meta(ge=-100, le=100)]
+"""m/s; no storm is faster for long."""
+
+
 class WindSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The `[wind]` table of a world file."""
 
-    mean_ned: Vector = (0.0, 0.0, 0.0)
+    mean_ned: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)
     """Velocity of the air (m/s), the same at all heights."""
-    turbulence_m_s: NotNegative = 0.0
+    turbulence_m_s: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     """W20: the turbulence is that of a wind of this speed at 20 feet (6 m); 0: no turbulence."""
 
 
