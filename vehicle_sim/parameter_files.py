@@ -16,7 +16,7 @@ def keep(parameters: Parameters, path: Path | None, assignments: list[str]) -> N
 
     Raises ParameterFileError.
     """
-    if path is not None and path.exists():
+    if path is not None:
         _read(parameters, path)
     for assignment in assignments:
         name, separator, value = assignment.partition("=")
@@ -29,9 +29,14 @@ def keep(parameters: Parameters, path: Path | None, assignments: list[str]) -> N
 
 
 def _read(parameters: Parameters, path: Path) -> None:
+    """Nothing if there is no such file. A mark of the byte order, as programs of Windows write it, is passed over."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError) as error:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise ParameterFileError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
         raise ParameterFileError(f"{path}: {error}") from error
     for number, line in enumerate(lines, start=1):
         if line.strip() and not line.startswith("#"):

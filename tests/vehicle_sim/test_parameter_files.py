@@ -75,3 +75,18 @@ def test_a_disk_that_is_gone_is_said_at_the_start_and_ends_no_flight(tmp_path: P
     (folder / "own.params").unlink()
     folder.rmdir()
     assert kept.set("NAV_DLL_ACT", 3) is None
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "."])
+def test_a_file_that_can_not_be_is_named(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ParameterFileError, match=name):
+        keep(parameters(), tmp_path / name, [])
+
+
+def test_a_file_of_windows_is_read(tmp_path: Path) -> None:
+    """With a mark of the byte order, and its ends of lines."""
+    file = tmp_path / "own.params"
+    file.write_bytes("\ufeff# Vehicle-Id Component-Id Name Value Type\r\n1\t1\tNAV_DLL_ACT\t3\t6\r\n".encode())
+    read = parameters()
+    keep(read, file, [])
+    assert read["NAV_DLL_ACT"] == 3
