@@ -157,13 +157,14 @@ class Tracker:
     ) -> BoolArray:
         """Add a scan taken at one pose, (3,) m and (4,); (n,) which of its returns belong to a moving obstacle.
 
-        A scan with other beams than the last one is another sensor's: all tracks begin anew.
+        A scan whose beams look elsewhere than the last one's is another sensor's: all tracks begin anew.
         `ground_down` and `slope`: which returns are the ground, see `scans.obstacle_points`.
         """
         bearings = scan.bearings_frd
-        if not np.array_equal(bearings, self._bearings):
-            self.tracks, self._bearings = self.tracks[:0], bearings.copy()
         width = sector_width(scan)
+        if bearings.size != self._bearings.size or _farthest_turn(bearings, self._bearings) > 0.5 * width:
+            self.tracks = self.tracks[:0]
+        self._bearings = bearings.copy()
         if width > WIDE_SECTOR:
             return np.zeros(bearings.size, np.bool_)
         elapsed = 0.0 if self._time_ns is None else (scan.time_ns - self._time_ns) * 1e-9
@@ -180,6 +181,11 @@ class Tracker:
         )
         self._noise.take(scan.ranges_m, usable, *pose)
         return moving
+
+
+def _farthest_turn(bearings: Array, others: Array) -> float:
+    """The greatest difference (rad) of n bearings from others."""
+    return float(abs(np.remainder(bearings - others + math.pi, 2.0 * math.pi) - math.pi).max(initial=0.0))
 
 
 @compiled
