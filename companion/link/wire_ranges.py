@@ -45,7 +45,7 @@ def obstacle_distance(message: Any, time_ns: int) -> Scan:
     around = abs(increment) * int(known.nonzero()[0].max(initial=0))
     if around >= 360.0:
         raise RefusedRingError(f"OBSTACLE_DISTANCE with beams over {around:g} deg")
-    count = min(distances.size, max(2, math.ceil(360.0 / abs(increment) - _SLACK)))  # the rest of the array is unused
+    count = beams_of_turn(increment, distances.size)
     distances, known = distances[:count], known[:count]
     bearings = _bearings(message.angle_offset, increment, count)
     if increment < 0.0:  # clockwise, as all others
@@ -56,6 +56,11 @@ def obstacle_distance(message: Any, time_ns: int) -> Scan:
     hit = known & (distances <= message.max_distance)
     ranges = np.minimum(distances, message.max_distance) * 0.01
     return Scan(time_ns, message.time_usec, bearings, ranges, hit, known)
+
+
+def beams_of_turn(increment_deg: float, most: int) -> int:
+    """How many of the message's beams, `most`, a turn has at an increment that is not 0: the rest is unused."""
+    return min(most, max(2, math.ceil(360.0 / abs(increment_deg) - _SLACK)))
 
 
 @lru_cache(maxsize=8)

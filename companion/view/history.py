@@ -20,7 +20,7 @@ from companion.view.columns import stacked
 from companion.view.events import phase_name, state_name
 from companion.view.lines import Floats, Track
 from companion.view.mapping import PosedScan
-from companion.view.rings import RingTables
+from companion.view.rings import RingTables, with_bearings
 from protocol.arrays import Array, BoolArray
 from protocol.flightlog import TEXT
 from protocol.messages import dialect
@@ -238,8 +238,7 @@ class History:
             self._say(self._lines.take(sender, times, table))
 
     def _scan(self, vehicle: _Vehicle, times: Floats, table: Table) -> None:
-        told = np.isfinite(table["increment_f"]) & np.isfinite(table["angle_offset"])
-        times, table = times[told], table[told]
+        times, table = with_bearings(times, table)
         if not len(table):
             return
         last = table[-1]

@@ -5,6 +5,7 @@ import math
 import msgspec
 import numpy as np
 
+from companion.link.wire_ranges import beams_of_turn
 from companion.view.accumulators.clearance import BIN_M
 from companion.view.accumulators.timing import latency_of_bin
 from companion.view.gather import GatheredFlight
@@ -189,8 +190,8 @@ def _scans(flight: GatheredFlight) -> list[Chart]:
     rows = list(scans.rows.rows()) if scans is not None else []
     if scans is None or len(rows) < 2:
         return []
-    turn = math.ceil(360.0 / abs(scans.increment_deg) - 1e-3) if scans.increment_deg else 0
-    ranges = np.array([row[: max(turn, 2)] for _, row in rows])  # the rest of the message's array is unused
+    ranges = np.array([row for _, row in rows])
+    ranges = ranges[:, : beams_of_turn(scans.increment_deg, ranges.shape[1])]
     bearings = scans.offset_deg + scans.increment_deg * np.arange(ranges.shape[1])
     bearings = (bearings + 180.0) % 360.0 - 180.0
     order = np.argsort(bearings)

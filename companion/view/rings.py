@@ -56,6 +56,13 @@ class RingTables:
                 yield at, _as_ring(scan)
 
 
+def with_bearings(times: Floats, table: Table) -> tuple[Floats, Table]:
+    """The times (k,) and rings (k,), of n, whose beams look somewhere: offset and increment are numbers, and not 0."""
+    numbers = np.isfinite(table["increment_f"]) & np.isfinite(table["angle_offset"])
+    told = numbers & ((table["increment_f"] != 0.0) | (table["increment"] != 0))
+    return times[told], table[told]
+
+
 def _as_ring(scan: Scan) -> Any:
     """The OBSTACLE_DISTANCE that says the same as a scan of SECTORS beams."""
     ring = np.zeros((), _DTYPE)

@@ -7,7 +7,7 @@ import numpy as np
 
 from companion.view.batches import Table
 from companion.view.lines import Floats, ScanRows
-from companion.view.rings import RingTables
+from companion.view.rings import RingTables, with_bearings
 
 
 def ring_sender(vehicle: str, scanners: Iterable[str], vehicles: Collection[str]) -> str:
@@ -44,7 +44,10 @@ class ScansBySender:
         """Times (n,) in s and n messages; returns the times (k,) of the scans that they complete and the nearest range
         (k,) of each in m, NaN if nothing is seen. None if they complete none."""
         rings = self._rings.take(sender, name, times, table)
-        return None if rings is None else (rings[0], self.of.setdefault(sender, Scans()).add(*rings))
+        if rings is None:
+            return None
+        times, table = with_bearings(*rings)
+        return (times, self.of.setdefault(sender, Scans()).add(times, table)) if len(times) else None
 
 
 @dataclass(slots=True)

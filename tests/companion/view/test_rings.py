@@ -1,5 +1,6 @@
 """Rings that a vehicle sends as eighths, DISTANCE_SENSORs, are shown as those that come whole."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from companion.config_avoidance import Avoidance
 from companion.logs.writer import Writer
+from companion.perception.map_view import FREE, UNKNOWN
 from companion.view.foxglove import convert
 from companion.view.gather import GatheredFlight
 from companion.view.mapping import MapAt
@@ -25,9 +27,9 @@ RINGS = 30
 
 @pytest.fixture(scope="module", params=[False, True])
 def log(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A vehicle that hovers with something on its right; nothing else is seen, or the sector behind is broken. A whole
-    ring from before a range sensor that looks ahead counts alone."""
-    vehicle, path = Encoder(1, 1), tmp_path_factory.mktemp("rings") / "flight.mcap"
+    """A vehicle that hovers with something on its right; nothing else is there, or the sector behind is broken."""
+    name = "broken" if request.param else "whole"
+    vehicle, path = Encoder(1, 1), tmp_path_factory.mktemp("rings") / f"{name}.mcap"
     with Writer(path, 0, {}) as writer:
         for number in range(RINGS):
             boot_ms = 1000 + 100 * number
@@ -52,6 +54,8 @@ def test_the_live_page_shows_what_is_on_the_right(log: Path) -> None:
     assert shown is not None
     distance = shown[0].distance_at(np.array([0.0, 0.01 * RIGHT_CM, -3.0]))
     assert distance is not None and distance < 0.3
+    behind = shown[0].states[shown[0].cell_of(np.array([-4.0, 0.0, -3.0]))]
+    assert behind == (UNKNOWN if log.stem == "broken" else FREE)
 
 
 def test_the_report_has_the_nearest_range(log: Path) -> None:
@@ -85,3 +89,22 @@ def test_a_range_sensor_beside_whole_rings_is_no_part_of_one(tmp_path: Path) -> 
             said += vehicle.encode_fields(dialect.MAVLink_distance_sensor_message, *sensor(0, RIGHT_CM))
             writer.datagram(100_000_000 * number, number, Direction.IN, "", said)
     assert len(decoded(convert(path)[0])["/foxglove/ring"]) == RINGS
+
+
+@pytest.mark.parametrize(("increment", "offset"), [(math.nan, 0.0), (5.0, math.nan), (math.inf, 0.0), (0.0, 0.0)])
+def test_a_ring_whose_beams_look_nowhere_is_none(increment: float, offset: float, tmp_path: Path) -> None:
+    """Report and live page show those before it."""
+    vehicle, path = Encoder(1, 1), tmp_path / "odd.mcap"
+    distances = [RIGHT_CM, *[FAR_CM + 1] * 71]
+    with Writer(path, 0, {}) as writer:
+        for number in range(RINGS + 1):
+            step, first = (5.0, 90.0) if number < RINGS else (increment, offset)
+            ring = (100_000 * number, 0, distances, 0, 20, FAR_CM, step, first, dialect.MAV_FRAME_BODY_FRD)
+            said = vehicle.encode_fields(dialect.MAVLink_obstacle_distance_message, *ring)
+            writer.datagram(100_000_000 * number, number, Direction.IN, "", said)
+    flight, history = GatheredFlight(path), filled(FinishedLog(LogReader(path)))
+    assert len(flight.lines["1/1/OBSTACLE_DISTANCE:nearest"].points()[0]) == RINGS
+    scans = flight.scans.of["1/1"]
+    assert (scans.offset_deg, scans.increment_deg) == (90.0, 5.0)
+    assert len([each for each in charts(flight) if each.kind == "ring"]) == 1
+    assert np.allclose(history.at(history.end).returns_frd, [[0.0, 0.01 * RIGHT_CM, 0.0]], atol=1e-9)
