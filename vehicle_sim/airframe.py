@@ -183,7 +183,7 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Each key whose value can't be flown, or can't be integrated in steps of STEP_S, and why."""
         for key, value in floats(msgspec.to_builtins(self)):
             if value and not _LEAST <= abs(value) <= _MOST:
-                yield key, f"{value:g} is no such quantity of any vehicle: from {_LEAST:g} to {_MOST:g}"
+                yield key, f"{value:g} is neither 0 nor of a size from {_LEAST:g} to {_MOST:g}"
         mass, rotors = self.takeoff_mass_kg, self.rotors
         if self.body.max_thrust_n <= mass * GRAVITY:
             yield "body.rotor_max_thrust_n", f"four of them can't lift {mass:g} kg"

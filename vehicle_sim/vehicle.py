@@ -50,8 +50,6 @@ _BATTERY_TICKS = 25
 _SENSED_TICKS = 150
 """Until then every sensor was read and fused, a receiver's first fix after its delay, too."""
 _NO_FORCE = (0.0, 0.0, 0.0)
-
-
 _FURTHEST_M = 1e6
 """From the pad; further away is nothing that the local axes and the messages have room for."""
 

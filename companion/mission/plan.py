@@ -185,7 +185,8 @@ def delivery(wanted: Delivery, above_ned: Array, start_ned: Array) -> list[Step]
 
 
 def all_delivered(mission: Mission, flown: Sequence[Step], released: int) -> bool | None:
-    """Whether so many parcels are all of a mission's, or one where its steps were ordered; None if there is none."""
+    """Whether as many parcels were `released` as the mission has, or one if its release was ordered; None if there was
+    none to release."""
     parcels = max(mission.parcels, any(step.phase is Phase.RELEASE for step in flown))
     return released >= parcels if parcels else None
 

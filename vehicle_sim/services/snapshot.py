@@ -42,3 +42,8 @@ class Snapshot(NamedTuple):
 def int16(value: float) -> int:
     """Rounded, within 16 bits."""
     return round(min(max(value, -32768.0), 32767.0))
+
+
+def int32(value: float) -> int:
+    """Rounded, within 32 bits."""
+    return round(min(max(value, -(2.0**31)), 2.0**31 - 1.0))

@@ -11,7 +11,7 @@ from vehicle_sim.estimation.estimator import Estimator
 from vehicle_sim.physics.battery import BatteryState, battery_state
 from vehicle_sim.services.component_metadata import GENERAL_URI
 from vehicle_sim.services.sensor_messages import Senses
-from vehicle_sim.services.snapshot import Snapshot, int16
+from vehicle_sim.services.snapshot import Snapshot, int16, int32
 
 _GNSS, _VIO = dialect.MAV_SYS_STATUS_SENSOR_GPS, dialect.MAV_SYS_STATUS_SENSOR_VISION_POSITION
 """A vehicle has one of the two."""
@@ -158,8 +158,8 @@ class StatusMessages:
             32767,
             _as_cells(round(volts * 1e3)),
             int16(amperes * 100.0),
-            _int32(used_wh / volts * 1e3),
-            _int32(used_wh * 36.0),
+            int32(used_wh / volts * 1e3),
+            int32(used_wh * 36.0),
             round(remaining * 100.0),
             0,
             _CHARGE_STATES[self._flight.watch.stage],
@@ -220,10 +220,6 @@ class StatusMessages:
         full = math.sqrt(self._airframe.body.rotor_max_thrust_n / rotors.thrust_constant_ns2)
         pulses = [round(1000.0 + 1000.0 * speed / full) for speed in now.truth.rotor_speeds]
         return self._encode(dialect.MAVLink_servo_output_raw_message, now.now_us & 0xFFFFFFFF, 0, *pulses, *(0,) * 12)
-
-
-def _int32(value: float) -> int:
-    return round(min(value, 2.0**31 - 1.0))
 
 
 def _as_cells(millivolts: int) -> list[int]:
