@@ -7,7 +7,8 @@ Shiller 1998) over manoeuvres that the vehicle can fly, each of which ends with 
 How near is too near is counted in standard deviations of the obstacle's place, which grow with the time from now as its
 velocity is uncertain (a chance constraint: Zhu and Alonso-Mora 2019). The manoeuvre that is nearest to the command is
 taken of those that keep enough of them; of those that don't, the one that keeps most. Those to the side of the first
-have a bonus, so that the vehicle does not waver between the two sides of what comes ahead on.
+have a bonus, so that the vehicle does not waver between the two sides of what comes ahead on. Where none keeps clear,
+shorter ones are tried in directions that lack the room for the others: a step aside is all that an aisle has room for.
 """
 
 import math
@@ -28,6 +29,9 @@ _NOMINAL_S = 0.4
 _DIRECTIONS = 16
 _BURSTS_S = (0.32, 0.8)
 """s of acceleration, before the stop."""
+_SHORT_S, _SHORT_ROOM_M = 0.16, 0.05
+"""The burst that is tried where none of these keeps clear, and the room (m) that it leaves beside the least: others
+follow it."""
 _SIGMAS, _ENOUGH_SIGMAS = 2.0, 2.5
 """Standard deviations: with fewer the vehicle evades; with so many a manoeuvre is good enough, and it stops evading."""
 _LEAST_SIGMA_M = 0.05
@@ -160,6 +164,16 @@ def least_room(
 
 
 @compiled
+def _distances(movers: Array, age: float, motion: Motion) -> Array:
+    """(n,) m from the vehicle to each of the movers (n, MOVER_COLUMNS) seen `age` (s) ago."""
+    distances = movers[:, 0].copy()
+    for k in range(movers.shape[0]):
+        north = motion[0] - movers[k, 0] - age * movers[k, 2]
+        distances[k] = math.hypot(north, motion[1] - movers[k, 1] - age * movers[k, 3])
+    return distances
+
+
+@compiled
 def evade(
     movers: Array,
     age: float,
@@ -176,10 +190,7 @@ def evade(
     vehicle that has no way to evade outside of that does not.
     """
     (clearances, corner), (command, before) = around, wish
-    firsts = movers[:, 0].copy()
-    for k in range(movers.shape[0]):
-        north = motion[0] - movers[k, 0] - age * movers[k, 2]
-        firsts[k] = math.hypot(north, motion[1] - movers[k, 1] - age * movers[k, 3])
+    firsts = _distances(movers, age, motion)
     nominal = Push(command[0], command[1], _NOMINAL_S, False)
     size = math.sqrt(before[0] * before[0] + before[1] * before[1])
     soon, enough = (_SOON_S, _SIGMAS) if size == 0.0 else (_GOES_ON_S, _ENOUGH_SIGMAS)
@@ -190,24 +201,31 @@ def evade(
     here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
     aim = before if size > 0.0 else command
     side = (before[0] * aside[0] + before[1] * aside[1]) / size if size > 0.0 else 0.0
+    keep = min(keep_outs[1], here)
     best, best_away = -math.inf, math.inf
     found, north, east = False, command[0], command[1]
-    for k in range(_DIRECTIONS + 1):
+    for k in range(2 * _DIRECTIONS + 1):
+        short = k > _DIRECTIONS
+        if short and best >= 0.0:
+            break
         angle = 2.0 * math.pi * k / _DIRECTIONS
         n, e = agility.acceleration * math.cos(angle), agility.acceleration * math.sin(angle)
         if k == _DIRECTIONS:
             n = e = 0.0
         away = math.sqrt((n - aim[0]) ** 2 + (e - aim[1]) ** 2)
         same = _SAME_WAY * side * (n * aside[0] + e * aside[1]) / agility.acceleration
-        for burst in _BURSTS_S if k < _DIRECTIONS else (0.0, 0.0):
-            push = Push(n, e, burst, True)
+        for number in range(len(_BURSTS_S) if k < _DIRECTIONS else 1):
+            burst = _SHORT_S if short else _BURSTS_S[number] if k < _DIRECTIONS else 0.0
+            push, longer = Push(n, e, burst, True), Push(n, e, _BURSTS_S[0], True)
             kept = same + min(
                 least_sigmas(movers, firsts, motion, push, agility, (age, age + _HORIZON_S)), _ENOUGH_SIGMAS
             )
             if kept < best or (kept == best and away >= best_away):
                 continue
+            if short and least_room(clearances, corner, motion, longer, agility)[0] >= keep:
+                continue
             occupied, unseen = least_room(clearances, corner, motion, push, agility)
-            if occupied < min(keep_outs[1], here):
+            if occupied < (min(keep_outs[1] + _SHORT_ROOM_M, here) if short else keep):
                 continue
             if occupied < min(wide.occupied, here) or unseen < min(wide.unseen, here_unseen):
                 kept -= _UNSEEN

@@ -205,3 +205,26 @@ def test_a_vehicle_with_lag_is_not_touched(own: float, speed: float) -> None:
             position = position + velocity * dt
             least = min(least, math.hypot(position[0] - north, position[1] - aside))
         assert least > HULL + MOVER, (aside, least)
+
+
+@pytest.mark.parametrize("width", [2.4, 2.8, 3.2])
+@pytest.mark.parametrize("speed", [0.7, 1.4])
+@pytest.mark.parametrize("aside", [0.0, 0.2])
+def test_in_a_dead_end_a_vehicle_steps_aside_of_who_walks_up_to_it(width: float, speed: float, aside: float) -> None:
+    """It wants to stay where it is, 1 m before the end; a long burst would end in a wall."""
+    places = (np.arange(CELLS) - CELLS // 2 + 0.5) * CELL
+    states = np.where((abs(places[None]) > 0.5 * width) | (places[:, None] > 1.0), OCCUPIED, FREE).astype(np.uint8)
+    view, guard, dt = map_of(states), Guard(SETTINGS), 0.02
+    position, velocity, acceleration = np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(round(5.5 / speed / dt)):
+        north = speed * k * dt - 5.0
+        if k % 3 == 0:
+            walker = mover(north, aside, speed, 0.0, sigma=0.1)
+            guard.look(free_space(view, position, round(k * dt * 1e9), SETTINGS, walker))
+        wish = np.clip(-position - 1.5 * velocity, -3.0, 3.0)
+        command = guard.filter(position, velocity, wish, round(k * dt * 1e9)).acceleration_ned
+        acceleration = acceleration + (command - acceleration) * dt / 0.1
+        velocity, position = velocity + acceleration * dt, position + velocity * dt
+        assert math.hypot(position[0] - north, position[1] - aside) > HULL + MOVER
+        distance = view.distance_at(position)
+        assert distance is not None and distance > HULL
