@@ -228,7 +228,7 @@ def end_of_flight(job: Job) -> tuple[Site, Joined]:
 def _prepared(job: Job) -> tuple[Site, Path, Joined]:
     """The place, the file of its mission, and both sides before the flight."""
     site = job.setup.site(job.seed)
-    world, own = site.save(job.folder / "worlds", job.speed)
+    world, own = site.save(job.folder / "worlds" / job.case, job.speed)
     mission, mission_file = load_mission(job.setup.mission or str(own), job.mission_overrides(world.absolute()))
     vehicle = job.setup.vehicle_overrides
     joined = Joined(mission, overrides=job.settings, seed=job.seed, vehicle_overrides=vehicle, injector=_injector(job),

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from companion.events import Datagram
 from companion.logs.replay import replay
+from companion.runtime.files import load_mission
 from protocol.flightlog import Direction, datagrams, digest
 from studies import __main__ as command_line
 from studies import barn, campaign, worlds
@@ -86,6 +87,18 @@ def test_a_parcel_on_the_way_is_a_part_of_the_way(tmp_path: Path) -> None:
     flown = campaign.fly(Job(Setup("parcel", "parcel", site, (3.0,), mission=str(mission)), "none", 3.0, 1, tmp_path))
     assert flown.succeeded and flown.path_m == pytest.approx(flown.straight_m - campaign.GOAL_M, abs=0.2)
     assert flown.straight_m == 18.0
+
+
+def test_each_case_has_its_own_world_and_mission(tmp_path: Path) -> None:
+    """Those of a failure are kept by the same name in its folder: the last one was all that was left."""
+    windy = dataclasses.replace(
+        FOREST, name="windy", site=partial(place_at, table=PlaceTable("forest", set=("wind.mean_ned=[3, 0, 0]",)))
+    )
+    jobs = [Job(setup, "none", speed, 1, tmp_path) for setup in (FOREST, windy) for speed in (3.0, 5.0)]
+    files = [campaign._prepared(job)[1] for job in jobs]
+    flown = [load_mission(str(file))[0] for file in files]
+    assert [mission.speed for mission in flown] == [3.0, 5.0, 3.0, 5.0]
+    assert [World.load(Path(mission.world)).wind.mean_ned[0] for mission in flown] == [0.0, 0.0, 3.0, 3.0]
 
 
 def test_a_contact_is_kept_and_flies_again_to_the_bit(tmp_path: Path) -> None:
