@@ -11,9 +11,10 @@ import math
 import re
 import shutil
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +28,7 @@ from companion.runtime import flight as whole_flight
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.state import Output
 from protocol import toml_files as toml_files
+from protocol.toml_files import TomlFileError
 from protocol.transport import TransportError
 from studies import escape, worlds
 from studies.escape import Abilities, avoidable
@@ -105,7 +107,7 @@ class Job:
         """A digest of what flies and of how it is set up, but for the seed."""
         setup = self.setup
         what = (_described(setup.site), self.settings, self.speed, setup.limit_s, setup.has_way,
-                setup.vehicle_overrides, setup.mission, setup.vehicle, setup.fault)  # fmt: skip
+                setup.vehicle_overrides, setup.mission, setup.vehicle, setup.fault, _contents(setup))  # fmt: skip
         return sha256(f"{_sources()} {what}".encode()).hexdigest()[:16]
 
     def mission_overrides(self, world: Path) -> list[str]:
@@ -127,6 +129,27 @@ def chooses_method(overrides: Sequence[str]) -> bool:
 @cache
 def _sources() -> str:
     return flights.code(__file__, escape.__file__, worlds.__file__)
+
+
+@lru_cache
+def _contents(setup: Setup) -> str:
+    """A digest of the files that a set-up names, which may be the user's own. Raises TomlFileError."""
+    return sha256(b"".join(sha256(path.read_bytes()).digest() for path in _named(setup))).hexdigest()[:16]
+
+
+def _named(setup: Setup) -> Iterator[Path]:
+    vehicle = "paper_quad"
+    if setup.mission is not None:
+        mission, path = load_mission(setup.mission)
+        vehicle = mission.vehicle
+        yield path
+        with suppress(TomlFileError):  # in a place made by seed it plays no part
+            yield toml_files.find("worlds", mission.world)
+    path = toml_files.find("vehicles", setup.vehicle or vehicle)
+    yield path
+    sensors = Airframe.load(path, setup.vehicle_overrides).estimator.sensors
+    if sensors not in (None, PERFECT):
+        yield toml_files.find("vehicles/sensors", sensors)
 
 
 def _described(function: Any) -> str:

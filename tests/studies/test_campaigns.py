@@ -22,7 +22,7 @@ from pyarrow import parquet
 from scipy import stats
 from typer.testing import CliRunner
 
-from protocol.toml_files import TomlFileError, convert
+from protocol.toml_files import ROOT, TomlFileError, convert
 from studies import engine, worlds
 from studies.campaign import Job, Row, Setup
 from studies.campaigns import command, files, page, smoke
@@ -154,6 +154,41 @@ def test_rows_of_other_code_or_settings_are_flown_anew(tmp_path: Path) -> None:
         assert changed.key == job.key and Table(tmp_path).row(changed) is None
     Table(tmp_path).add([flown(changed)])
     assert Table(tmp_path).row(changed) is not None and Table(tmp_path).row(job) is None
+
+
+MISSION = """
+name = "mine"
+takeoff_height = 3.0
+world = "{world}"
+
+[[waypoints]]
+north = {north}
+east = 0.0
+height = 3.0
+"""
+
+
+def test_rows_of_a_file_that_was_changed_are_flown_anew(tmp_path: Path) -> None:
+    """The user's own, which are none of the project's."""
+    mission, vehicle, sensors = (tmp_path / f"{name}.toml" for name in ("mine", "quad", "gnss"))
+    vehicle.write_bytes((ROOT / "vehicles" / "paper_quad.toml").read_bytes())
+    sensors.write_bytes((ROOT / "vehicles" / "sensors" / "gnss.toml").read_bytes())
+    mission.write_text(MISSION.format(north=10.0, world="empty"), encoding="utf-8")
+    chosen = {"name": str(vehicle), "set": [f'estimator.sensors="{sensors}"']}
+
+    def job() -> Job:
+        one = given(place=[{"mission": str(mission)}], vehicle=[chosen], seeds=1)
+        return one.jobs(one.setups(), tmp_path)[0]
+
+    for file, text in (
+        (mission, MISSION.format(north=20.0, world="empty")),
+        (vehicle, vehicle.read_text(encoding="utf-8") + "# another"),
+        (sensors, sensors.read_text(encoding="utf-8") + "# another"),
+    ):
+        Table(tmp_path).add([flown(before := job())])
+        assert Table(tmp_path).row(job()) is not None
+        file.write_text(text, encoding="utf-8")
+        assert job().key == before.key and Table(tmp_path).row(job()) is None, file.name
 
 
 # --- a campaign ---
