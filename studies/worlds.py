@@ -70,8 +70,13 @@ class Site:
         folder.mkdir(parents=True, exist_ok=True)
         world, mission = folder / f"{self.name}.toml", folder / f"{self.name}_mission.toml"
         world.write_text(toml(self.tables), encoding="utf-8")
+        mission.write_text(toml(self.plan(speed, world)), encoding="utf-8")
+        return world, mission
+
+    def plan(self, speed: float, world: Path) -> dict[str, Any]:
+        """The tables of the mission's file; `world` is where the world is."""
         points = [{"north": n, "east": e, "height": self.height, "hold_s": self.hold_s} for n, e in self.waypoints]
-        plan = {
+        return {
             "name": self.name,
             "world": str(world.absolute()),
             "takeoff_height": self.height,
@@ -79,8 +84,6 @@ class Site:
             "return_home": False,
             "waypoints": points,
         }
-        mission.write_text(toml(plan), encoding="utf-8")
-        return world, mission
 
 
 def toml(tables: Mapping[str, Any]) -> str:

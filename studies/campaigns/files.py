@@ -1,7 +1,6 @@
 """The file of a campaign: places x vehicles x settings x faults x methods x speeds x seeds, as jobs."""
 
 import inspect
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,6 +10,8 @@ from typing import Annotated, Any
 
 import msgspec
 
+from companion.config_types import Speed
+from companion.mission.plan import Mission
 from companion.runtime.files import load_mission, load_settings
 from protocol import toml_files as toml_files
 from protocol.toml_files import TomlFileError
@@ -82,7 +83,7 @@ class CampaignFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     faults: Annotated[tuple[str, ...], AT_LEAST_ONE] = ("",)
     """Faults of docs/faults.md; "" is none."""
     methods: Annotated[tuple[str, ...], AT_LEAST_ONE] = (DEFAULT,)
-    speeds: Annotated[tuple[Positive, ...], AT_LEAST_ONE] = (5.0,)
+    speeds: Annotated[tuple[Speed, ...], AT_LEAST_ONE] = (5.0,)
     seeds: Count = 100
     """Number of seeds of each case."""
     first_seed: Count = 1
@@ -172,7 +173,7 @@ def place_at(seed: int, table: PlaceTable) -> Site:
         mission = load_mission(table.mission)[0]
         if site is None:
             world = toml_files.find("worlds", mission.world)
-            site = Site(world.stem, tomllib.loads(world.read_text(encoding="utf-8")), ())
+            site = Site(world.stem, toml_files.read(world), ())
         places = tuple((point.north, point.east) for point in mission.waypoints)
         site = replace(site, waypoints=places, height=mission.takeoff_height)
     assert site is not None
@@ -207,7 +208,10 @@ def _check(setup: Setup, seed: int) -> None:
         raise TomlFileError(f"place {table.mission}: a campaign needs a mission with waypoints")
     if mission is not None and mission.profile != "smooth":
         raise TomlFileError(f'place {table.mission}: a campaign needs a mission with the profile "smooth"')
-    World.from_tables(setup.site(seed).tables, setup.name)
+    site = setup.site(seed)
+    World.from_tables(site.tables, setup.name)
+    if mission is None:
+        toml_files.convert(site.plan(min(setup.speeds), Path()), Mission, f"place {setup.name}")
     vehicle = setup.vehicle or ("paper_quad" if mission is None else mission.vehicle)
     Airframe.load(toml_files.find("vehicles", vehicle), setup.vehicle_overrides)
 

@@ -291,6 +291,8 @@ def test_a_file_is_all_combinations(tmp_path: Path) -> None:
         ({"place": [{"mission": "courier", "options": {"density": 0.1}}]}, "courier: options are of a kind of place"),
         ({"place": [{"mission": "curve"}]}, 'curve: a campaign needs a mission with the profile "smooth"'),
         ({"speeds": [3.0, 3.0]}, "speeds: one of them is there twice"),
+        ({"speeds": [3.0, 2000.0]}, "<= 1000.0 - at `speeds[1]`"),
+        ({"place": [{"world": "forest", "options": {"length": 20000.0}}]}, "<= 10000.0 - at `waypoints[0].north`"),
         ({"methods": ["astar", "none", "astar"]}, "methods: one of them is there twice"),
         ({"settings": [{"name": "a", "set": ["avoidance.method=vfh"]}]}, "avoidance.method is for the key methods"),
         ({"place": [{}]}, "either a world, or a mission"),
@@ -307,6 +309,14 @@ def test_what_can_not_be_flown_is_said_before_anything_is(changes: dict[str, obj
     with pytest.raises(TomlFileError) as raised:
         given(**changes).setups()
     assert says in str(raised.value)
+
+
+def test_a_world_that_can_not_be_read_is_said_before_anything_is_flown(tmp_path: Path) -> None:
+    world, mission = tmp_path / "broken.toml", tmp_path / "mine.toml"
+    world.write_text("name = ", encoding="utf-8")
+    mission.write_text(MISSION.format(north=10.0, world=world), encoding="utf-8")
+    with pytest.raises(TomlFileError, match=r"broken\.toml: Invalid value"):
+        given(place=[{"mission": str(mission)}]).setups()
 
 
 def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
