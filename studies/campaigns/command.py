@@ -1,9 +1,11 @@
 """The command line of campaigns: `courier-campaign`, or `python -m studies campaign`."""
 
+import errno
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
@@ -17,7 +19,7 @@ if TYPE_CHECKING:  # both take seconds to import, and `--help` needs neither
     from studies.campaigns.runner import Campaign
 
 FAILED, UNUSABLE, ABANDONED = 1, 2, 130
-"""Exit codes: a worker had other code or the scheduler went away; nothing was flown; interrupted."""
+"""Exit codes: a worker had other code, the scheduler went away or the disk is full; nothing was flown; interrupted."""
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True)
 
@@ -92,7 +94,7 @@ def search(
     into: Annotated[Path, typer.Option(help="Where each failure is written as a campaign's file.")] = Path("campaigns"),
 ) -> None:
     """Search for flights that fail, and write each as a file that flies it again."""
-    with _errors():
+    with _errors("interrupted; the same command searches from the beginning"):
         from studies.campaigns.search import SAMPLERS, SearchFile, keep
         from studies.campaigns.search import search as tries
         from studies.engine import cluster
@@ -100,6 +102,7 @@ def search(
         given = SearchFile.load(toml_files.find("campaigns", file))
         if sampler not in SAMPLERS:
             _refuse(f"--sampler {sampler}: there are {', '.join(SAMPLERS)}")
+        _check_writable(into)
         with cluster(scheduler, workers) as client:
             for tried in tries(given, sampler, client):
                 values = ", ".join(f"{name} {value:g}" for name, value in tried.values.items())
@@ -117,6 +120,9 @@ def compare(
     from studies.campaigns.statistics import compared
     from studies.campaigns.table import of_one_version
 
+    for folder in (first, second):
+        if not folder.is_dir():
+            _refuse(f"{folder}: no such folder")
     with _errors():
         lines = compared(of_one_version(first), of_one_version(second))
     if not lines:
@@ -125,8 +131,18 @@ def compare(
         typer.echo(line)
 
 
+def _check_writable(folder: Path) -> None:
+    """Ends the program where nothing can be written into a folder, before anything is flown."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        _refuse(f"{folder}: {error.strerror}")
+
+
 @contextmanager
-def _errors() -> Iterator[None]:
+def _errors(interrupted: str = "interrupted; the same command goes on from here") -> Iterator[None]:
     """What the user can mend is one line."""
     from studies.campaigns.table import TableError
     from studies.engine import EngineError
@@ -138,8 +154,13 @@ def _errors() -> Iterator[None]:
     except EngineError as error:
         _say(str(error))
         raise typer.Exit(FAILED) from None
+    except OSError as error:  # a disk that is full or goes away
+        if error.errno == errno.EPIPE:  # nobody reads any more, which typer knows
+            raise
+        _say(f"{error.filename}: {error.strerror}" if error.filename is not None else str(error))
+        raise typer.Exit(FAILED) from None
     except KeyboardInterrupt:
-        _say("interrupted; the same command goes on from here")
+        _say(interrupted)
         raise typer.Exit(ABANDONED) from None
 
 

@@ -1,6 +1,7 @@
 """Campaigns: who dies, hangs or throws costs a row and no other; tables that resume; files; two campaigns compared."""
 
 import dataclasses
+import errno
 import io
 import itertools
 import logging
@@ -430,3 +431,42 @@ def test_comparing_is_one_command(tmp_path: Path) -> None:
     assert "McNemar p = " in done.output and "least clearance (m): second - first = +0." in done.output
     (tmp_path / "none").mkdir()
     assert CliRunner().invoke(command.app, ["compare", str(tmp_path / "a"), str(tmp_path / "none")]).exit_code == 2
+    slip = CliRunner().invoke(command.app, ["compare", str(tmp_path / "a"), str(tmp_path / "bb")])
+    assert (slip.exit_code, slip.output) == (2, f"campaign: {tmp_path / 'bb'}: no such folder\n")
+
+
+def test_a_disk_that_is_full_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(rows: object, path: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr("studies.campaigns.table.write", full)
+    file = tmp_path / "one.toml"
+    file.write_text('name = "one"\nseeds = 1\nmethods = ["none"]\n[[place]]\nworld = "pole"\n', encoding="utf-8")
+    one = files.load(file)
+    (job,) = one.jobs(one.setups(), tmp_path)
+    folder = tmp_path / "logs" / "one"
+    write([dataclasses.replace(flown(job), code=job.code)], folder / PARTS / "00000001.parquet")
+    done = CliRunner().invoke(command.app, ["fly", str(file), "--folder", str(folder.parent)])
+    assert done.exit_code == command.FAILED, done.output
+    assert done.output.splitlines()[-1] == f"campaign: {folder / MERGED}: No space left on device"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"), [(["fly", "smoke"], "goes on from here"), (["search", "popup-search"], "from the beginning")]
+)
+def test_an_interrupt_says_what_the_same_command_does(
+    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*asked: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("studies.engine.cluster", interrupted)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(command.app, words)
+    assert done.exit_code == command.ABANDONED and says in done.output.splitlines()[-1]
+
+
+def test_a_search_that_could_keep_nothing_is_refused_before_anything_flies(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = CliRunner().invoke(command.app, ["search", "popup-search", "--into", str(tmp_path / "file")])
+    assert (done.exit_code, done.output) == (command.UNUSABLE, f"campaign: {tmp_path / 'file'}: File exists\n")
