@@ -30,9 +30,13 @@ def make_key(path: Path) -> None:
     """A new file with a random key, which its owner alone may read. Raises KeyFileError; nothing is overwritten."""
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _MODE)
-        with os.fdopen(handle, "wb") as file:
-            os.fchmod(handle, _MODE)
-            file.write(secrets.token_bytes(KEY_SIZE))
+        try:
+            with os.fdopen(handle, "wb") as file:
+                os.fchmod(handle, _MODE)
+                file.write(secrets.token_bytes(KEY_SIZE))
+        except OSError:  # half a key is none
+            path.unlink()
+            raise
     except OSError as error:
         raise KeyFileError(f"{path}: {error.strerror}") from None
 
@@ -117,7 +121,7 @@ def _remember(state: Path) -> Memory:
     try:
         table = json.loads(_read(state, _LARGEST_STATE, "it is too long"))
         return Memory(_limit(table["sent"]), {_stream(name): _limit(limit) for name, limit in table["heard"].items()})
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise KeyFileError(
             f"{state}: damaged. It keeps old messages from being taken again: make a new key for both sides"
         ) from None

@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 from pathlib import Path
@@ -36,6 +37,19 @@ def test_a_key_is_random_and_its_owner_s_alone(file: Path, tmp_path: Path) -> No
     assert len({read_key(file), read_key(tmp_path / "other"), bytes(32)}) == 3
     with pytest.raises(KeyFileError, match=r"key: File exists"):
         make_key(file)
+
+
+def test_a_key_that_can_t_be_written_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would be in the way of the next one."""
+
+    def full(handle: int, mode: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(KeyFileError, match=r"key: No space left on device"):
+        patch.setattr(os, "fchmod", full)
+        make_key(tmp_path / "key")
+    make_key(tmp_path / "key")
+    assert len(read_key(tmp_path / "key")) == 32
 
 
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o700, 0o400, 0o606])
@@ -102,6 +116,7 @@ DAMAGED = (
     '{"sent": Infinity, "heard": {}}',
     '{"sent": -1, "heard": {}}',
     '{"sent": 1, "heard": {"1/1/0": 1e400}}',
+    "[" * 60_000,
 )
 
 
