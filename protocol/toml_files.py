@@ -1,5 +1,6 @@
 """TOML files (worlds, vehicles, missions, settings): found by name or path, read into frozen and checked records."""
 
+import codecs
 import copy
 import math
 import re
@@ -53,10 +54,15 @@ def load(path: Path, record: type[T], overrides: Sequence[str] = (), renamed: Ma
     return convert(read(path), record, str(path), overrides, renamed)
 
 
+def content(path: Path) -> bytes:
+    """A file's bytes, without the byte order mark that programs of Windows begin it with. Raises OSError."""
+    return path.read_bytes().removeprefix(codecs.BOM_UTF8)
+
+
 def read(path: Path) -> dict[str, Any]:
     """The tables of a file as they are written. Raises TomlFileError."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(content(path).decode())
     except OSError as error:
         raise TomlFileError(f"{path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, a number or a nesting without end

@@ -40,7 +40,7 @@ def show(
     from companion.runtime.files import load_body
     from companion.view.mission_map import page, sketch
     from companion.view.unseen import unseen, words
-    from protocol.toml_files import find
+    from protocol.toml_files import content, find
 
     (found, fence_radius), rows = _mission(file), []
     body = exit_on_user_error(load_body, found.vehicle)
@@ -57,7 +57,7 @@ def show(
     typer.echo(f"\n{sketch(plan)}")
     typer.echo(f"\n{words(unseen(found, plan, _world(found), Avoidance(), body))}")
     if html is not None:
-        world = exit_on_user_error(find, "worlds", found.world).read_bytes()
+        world = content(exit_on_user_error(find, "worlds", found.world))
         exit_on_user_error(_write, html, page(found, plan, world, fence_radius))
         typer.echo(f"map: {html}")
     exit_on_user_error(_keep_within, file, fence_radius, plan)
@@ -111,10 +111,10 @@ def _keep_within(file: str, radius: float | None, plan: "Sequence[Step]") -> Non
 
 def _world(found: "Mission") -> bytes:
     """The file of its world; empty without one, as for a real vehicle."""
-    from protocol.toml_files import TomlFileError, find
+    from protocol.toml_files import TomlFileError, content, find
 
     try:
-        return find("worlds", found.world).read_bytes()
+        return content(find("worlds", found.world))
     except (TomlFileError, OSError):
         return b""
 

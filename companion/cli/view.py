@@ -106,10 +106,10 @@ def _view_link(url: str, chosen: ViewOptions) -> None:
     from companion.view.control import Control
     from companion.view.sources import Link
     from protocol.clock import RealClock
-    from protocol.toml_files import find
+    from protocol.toml_files import content, find
     from protocol.transport import open_url
 
-    drawn = exit_on_user_error(find, "worlds", chosen.world).read_bytes() if chosen.world is not None else b""
+    drawn = content(exit_on_user_error(find, "worlds", chosen.world)) if chosen.world is not None else b""
     transport = exit_on_user_error(open_url, url)
     control = Control(transport.send, RealClock().now_ns) if chosen.control else None
     _serve(Link(url, transport, drawn), chosen, control)

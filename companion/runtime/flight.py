@@ -435,7 +435,7 @@ def git_hash() -> str:
 
 
 def _attachments(plan: Plan) -> dict[str, bytes]:
-    files = {f"{kind}.toml": path.read_bytes() for kind, path in plan.files.items()}
+    files = {f"{kind}.toml": toml_files.content(path) for kind, path in plan.files.items()}
     mission = plan.files["mission"]
     if is_geodetic(str(mission)):  # kept as it is, beside what was made of it
         name = mission.name if is_of_station(mission.name) else "mission.geodetic.toml"

@@ -1,5 +1,6 @@
 """Data files: what is good is read, and what is not is one line that names the file and the key."""
 
+import codecs
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -90,6 +91,13 @@ def test_what_does_not_fit_is_refused_with_file_and_key(path: Path, old: str, ne
     text = refusal(path)
     assert text.startswith(f"{path}: ")
     assert f"`{key}`" in text
+
+
+def test_a_byte_order_mark_is_read_over(path: Path) -> None:
+    """Programs of Windows write it."""
+    plain, craft = path.read_bytes(), toml_files.load(path, Craft)
+    path.write_bytes(codecs.BOM_UTF8 + plain)
+    assert toml_files.load(path, Craft) == craft and toml_files.content(path) == plain
 
 
 @pytest.mark.parametrize(

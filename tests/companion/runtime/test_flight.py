@@ -1,5 +1,6 @@
 """A whole flight from its plan to its log, with the simulated vehicle in memory."""
 
+import codecs
 import time
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from companion.logs.info import info
 from companion.outcomes import Outcome, Testimony, Verdict
+from companion.runtime import flight
 from companion.runtime.files import load_body, load_settings
 from companion.runtime.flight import Plan, Result, fly, new_folder
 from companion.state import Output
@@ -66,6 +68,16 @@ def test_what_the_simulator_saw_is_in_the_log(tmp_path: Path) -> None:
     assert found.verdict == result.verdict
     assert (found.result["contacts"], found.result["least_clearance_m"]) == ("1", "-0.012")
     assert said(result.log)[-2:] == ["landed and disarmed", "outcome: crashed: hit tree"]
+
+
+def test_files_are_in_the_log_without_a_byte_order_mark(tmp_path: Path) -> None:
+    """Replay, report and page read them there."""
+    mission, path = hop_in(tmp_path), tmp_path / "hop.toml"
+    plain = path.read_bytes()
+    path.write_bytes(codecs.BOM_UTF8 + plain)
+    files = {"mission": path, "vehicle": toml_files.find("vehicles", mission.vehicle)}
+    plan = Plan(load_settings(None), load_body(mission.vehicle), mission, Output.RATES, "lockstep", files)
+    assert flight._attachments(plan)["mission.toml"] == plain
 
 
 def test_flights_that_start_together_have_folders_of_their_own(tmp_path: Path) -> None:
