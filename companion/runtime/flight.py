@@ -427,11 +427,14 @@ def _metadata(plan: Plan, began: float) -> dict[str, str]:
 
 def git_hash() -> str:
     """The hash of the checkout that this runs from, "+" behind it if it was changed; empty outside one."""
-    command = ["git", "-C", str(toml_files.ROOT), "describe", "--always", "--dirty=+", "--abbrev=40"]
+    command = ["git", "--no-optional-locks", "-C", str(toml_files.ROOT), "status", "--porcelain=v2", "--branch", "-uno"]
     try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
+        done = subprocess.run(command, capture_output=True, text=True, timeout=5, check=True)
+    except (OSError, ValueError, subprocess.SubprocessError):
         return ""
+    lines = done.stdout.splitlines()
+    changed = any(not line.startswith("#") for line in lines)
+    return next((line.split()[-1] for line in lines if line.startswith("# branch.oid ")), "") + "+" * changed
 
 
 def _attachments(plan: Plan) -> dict[str, bytes]:

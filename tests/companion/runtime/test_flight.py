@@ -1,6 +1,8 @@
 """A whole flight from its plan to its log, with the simulated vehicle in memory."""
 
 import codecs
+import os
+import subprocess
 import time
 from pathlib import Path
 
@@ -78,6 +80,31 @@ def test_files_are_in_the_log_without_a_byte_order_mark(tmp_path: Path) -> None:
     files = {"mission": path, "vehicle": toml_files.find("vehicles", mission.vehicle)}
     plan = Plan(load_settings(None), load_body(mission.vehicle), mission, Output.RATES, "lockstep", files)
     assert flight._attachments(plan)["mission.toml"] == plain
+
+
+def test_the_log_has_the_checkout_s_hash_and_its_index_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A flight that is killed while it holds the lock of the index would keep its user from committing."""
+
+    def git(*words: str) -> str:
+        own = ("-c", "user.name=a", "-c", "user.email=a@b")
+        return subprocess.run(("git", "-C", tmp_path, *own, *words), check=True, capture_output=True, text=True).stdout
+
+    file, index = tmp_path / "file", tmp_path / ".git" / "index"
+    monkeypatch.setattr(toml_files, "ROOT", tmp_path)
+    assert flight.git_hash() == ""
+    git("init")
+    file.write_text("a")
+    git("add", "file")
+    git("commit", "-m", "a")
+    os.utime(file, (1.0, 1.0))
+    before = index.read_bytes()
+    head = git("rev-parse", "HEAD").strip()
+    assert flight.git_hash() == head and len(head) == 40
+    assert index.read_bytes() == before
+    file.write_text("b")
+    assert flight.git_hash() == head + "+"
 
 
 def test_flights_that_start_together_have_folders_of_their_own(tmp_path: Path) -> None:
