@@ -77,6 +77,8 @@ class Setup:
 
 Key = tuple[str, str, float, int]
 """Set-up, method, speed, seed."""
+CaseKey = tuple[str, str, float]
+"""The same without the seed."""
 
 
 @dataclass(frozen=True, slots=True)

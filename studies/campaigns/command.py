@@ -118,13 +118,13 @@ def compare(
 ) -> None:
     """Compare two campaigns, seed by seed: McNemar's exact test of success, bootstrap intervals of the rest."""
     from studies.campaigns.statistics import compared
-    from studies.campaigns.table import of_one_version
+    from studies.campaigns.table import counting
 
     for folder in (first, second):
         if not folder.is_dir():
             _refuse(f"{folder}: no such folder")
     with _errors():
-        lines = compared(of_one_version(first), of_one_version(second))
+        lines = compared(counting(first), counting(second))
     if not lines:
         _refuse(f"{first} and {second} have no flight of the same set-up, speed and seed")
     for line in lines:

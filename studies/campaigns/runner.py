@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from distributed import Client
 
 from studies import campaign
-from studies.campaign import Job, Row
+from studies.campaign import CaseKey, Job, Row
 from studies.campaigns.statistics import wilson
 from studies.campaigns.table import Table
 from studies.engine import LIMIT_S, Done, EngineError, Failed, as_they_end
@@ -72,6 +72,11 @@ class Case:
             stop = self._stop
             self.over = stop is not None and self.flown >= stop.at_least and high - low <= stop.width
 
+    @property
+    def last_seed(self) -> int:
+        """The last seed that counts, if the case is over."""
+        return self._jobs[self.flown - 1].seed
+
     def rows(self, table: Table) -> list[Row]:
         """Those that count: of what was in the air when there were enough, nothing."""
         jobs = self._jobs[: self.flown] if self.over else self._jobs
@@ -84,12 +89,13 @@ class Campaign:
 
     def __init__(self, jobs: Sequence[Job], folder: Path, stop: Stop | None = None) -> None:
         self.table = Table(folder)
-        by_case: dict[tuple[str, str, float], list[Job]] = {}
+        by_case: dict[CaseKey, list[Job]] = {}
         for job in jobs:
             by_case.setdefault(job.key[:3], []).append(job)
         self.cases = {case: Case(chosen, stop) for case, chosen in by_case.items()}
         for case in self.cases.values():
             case.update(self.table)
+        self.table.end(self._ends())
         self.jobs = jobs
 
     @property
@@ -103,14 +109,20 @@ class Campaign:
         for ended in as_they_end(client, fly, todo, limit_s):
             rows = [self._keep(each) for each in ended]
             self.table.add(rows)
+            before = self._ends()
             for case in {each.job.key[:3] for each in ended}:
                 self.cases[case].update(self.table)
+            if (ends := self._ends()) != before:
+                self.table.end(ends)
             yield from rows
 
     def finish(self) -> list[Row]:
         """Merge the table; the rows that count, sorted."""
         self.table.finish()
         return sorted((row for case in self.cases.values() for row in case.rows(self.table)), key=lambda row: row.key)
+
+    def _ends(self) -> dict[CaseKey, int]:
+        return {key: case.last_seed for key, case in self.cases.items() if case.over}
 
     def _keep(self, done: Done[Job, Flown]) -> Row:
         job, flown = done.job, done.result

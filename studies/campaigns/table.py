@@ -7,17 +7,20 @@ sorted, so the table does not depend on the order in which flights ended. Most r
 import dataclasses
 import fcntl
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, get_args
 
-from studies.campaign import Job, Key, Row
+from studies.campaign import CaseKey, Job, Key, Row
 
 MERGED = "rows.parquet"
 PARTS = "parts"
 LOCK = "flying"
 """Locked by the campaign that flies."""
+ENDS = "ends.json"
+"""The last seed that counts, of each case that had enough flights."""
 TIMINGS = ("wall_s", "map_us", "way_us", "space_us", "step_us")
 """Columns of wall times: all others are the same whenever and wherever a flight is flown."""
 
@@ -67,6 +70,13 @@ class Table:
         self._parts += 1
         write(rows, self.folder / PARTS / f"{self._parts:08}.parquet")
         self._rows |= {row.key: row for row in rows}
+
+    def end(self, cases: Mapping[CaseKey, int]) -> None:
+        """Keep the last seed that counts of each case that had enough flights: what was in the air has rows, too."""
+        path = self.folder / ENDS
+        unfinished = path.with_suffix(".unfinished")
+        unfinished.write_text(json.dumps([[*case, seed] for case, seed in cases.items()], indent=1), encoding="utf-8")
+        unfinished.replace(path)
 
     def finish(self) -> list[Row]:
         """Merge all parts; the rows, sorted."""
@@ -134,13 +144,26 @@ def _rows_of(path: Path) -> list[Row]:
         raise TableError(f"{path}: no table of flights ({error})") from error
 
 
-def of_one_version(folder: Path) -> list[Row]:
-    """The same. Raises TableError, too, if a case has rows of two versions of code or settings: a campaign that was
-    begun anew by another version and is not at its end yet, or has fewer seeds now."""
-    codes: dict[tuple[str, str, float], str] = {}
-    rows = read(folder)
+def counting(folder: Path) -> list[Row]:
+    """The rows that the campaign's page counts: of what was in the air when a case had enough flights, nothing. Raises
+    TableError, too, if a case has rows of two versions of code or settings: a campaign that was begun anew by another
+    version and is not at its end yet, or has fewer seeds now."""
+    ends = _ends(folder)
+    rows = [row for row in read(folder) if row.seed <= ends.get(row.key[:3], row.seed)]
+    codes: dict[CaseKey, str] = {}
     for row in rows:
         if codes.setdefault(row.key[:3], row.code) != row.code:
             raise TableError(f"{folder}: {row.setup}, {row.method}, {row.speed:g} m/s: its rows are of two versions; "
                              "fly all its seeds by one, or into a folder of its own")  # fmt: skip
     return rows
+
+
+def _ends(folder: Path) -> dict[CaseKey, int]:
+    path = folder / ENDS
+    try:
+        read_back = json.loads(path.read_text(encoding="utf-8"))
+        return {(str(setup), str(method), float(speed)): int(seed) for setup, method, speed, seed in read_back}
+    except FileNotFoundError:  # an older campaign
+        return {}
+    except (OSError, ValueError, TypeError) as error:
+        raise TableError(f"{path}: no ends of cases ({error})") from error

@@ -29,7 +29,7 @@ from studies.campaign import Job, Row, Setup
 from studies.campaigns import command, files, page, smoke
 from studies.campaigns.runner import Campaign, Case, Flown, Stop, lost
 from studies.campaigns.statistics import compared, paired, wilson
-from studies.campaigns.table import MERGED, PARTS, Table, alone, digest, read, write
+from studies.campaigns.table import ENDS, MERGED, PARTS, Table, TableError, alone, counting, digest, read, write
 from studies.engine import Failed, as_they_end, cluster, in_order
 from tests.studies.harm import harmful, late, once
 
@@ -235,6 +235,28 @@ def test_a_case_is_over_by_its_first_seeds_alone(tmp_path: Path) -> None:
     assert case.over and case.rows(table) == rows[:enough] and enough > 50
     assert Campaign(todo, tmp_path, stop).todo == []
     assert len(Campaign(todo, tmp_path).todo) == 200 - enough - 20
+
+
+def test_what_was_in_the_air_when_there_were_enough_is_not_compared(tmp_path: Path) -> None:
+    """Nor is what other code flew beyond the end: all that count are of one version."""
+    todo, stop = jobs(12, tmp_path), Stop(1.0, at_least=4)
+    Table(tmp_path).add([dataclasses.replace(flown(job), code="other") for job in todo[6:]])
+    campaign = Campaign(todo, tmp_path, stop)
+    assert len(campaign.todo) == 12
+    with (
+        LocalCluster(3, threads_per_worker=1, processes=False, dashboard_address=None) as local,
+        Client(local) as client,
+    ):
+        list(campaign.fly(client, fly=outcome))
+    count = campaign.finish()
+    assert [row.seed for row in count] == [1, 2, 3, 4] and len(read(tmp_path)) > 4
+    assert counting(tmp_path) == count
+    Campaign(todo[:6], tmp_path, None)
+    with pytest.raises(TableError, match="of two versions"):
+        counting(tmp_path)
+    (tmp_path / ENDS).write_text("torn")
+    with pytest.raises(TableError, match=f"{ENDS}: no ends of cases"):
+        counting(tmp_path)
 
 
 def test_a_smoke_on_two_workers_one_of_which_is_killed(tmp_path: Path) -> None:
