@@ -96,7 +96,7 @@ class Job:
     def case(self) -> str:
         """Name of the flights that share a row of the report, of a folder's length and letters."""
         words = re.sub(r"[^A-Za-z0-9_.,+-]+", "_", self.setup.name)
-        if len(words) > _LONGEST_NAME:
+        if len(words) > _LONGEST_NAME or words.replace("_", " ") != self.setup.name:  # others may have the same words
             words = words[:_LONGEST_NAME] + sha256(self.setup.name.encode()).hexdigest()[:8]
         return f"{words}_{self.method}_{self.speed:.9g}"
 

@@ -68,6 +68,8 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
                 client = Client(scheduler, timeout="20s")
             except (OSError, ValueError) as error:
                 raise EngineError(f"{scheduler}: no scheduler answers ({error})") from error
+            except (TypeError, RuntimeError, ImportError) as error:  # of the scheme: no certificates, no such library
+                raise EngineError(f"{scheduler}: dask can't use this address here ({error})") from error
             with client:
                 yield client
         return

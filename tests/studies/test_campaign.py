@@ -101,6 +101,14 @@ def test_each_case_has_its_own_world_and_mission(tmp_path: Path) -> None:
     assert [World.load(Path(mission.world)).wind.mean_ned[0] for mission in flown] == [0.0, 0.0, 3.0, 3.0]
 
 
+def test_names_that_differ_in_any_letter_have_folders_of_their_own(tmp_path: Path) -> None:
+    """Each letter outside ASCII was the same "_": the failure of one case was written over that of another."""
+    names = ["pole, für", "pole, fär", "pole, f_r", "pole, f r", "pole, 風", "pole, 雨", "pole"]
+    cases = [Job(dataclasses.replace(FOREST, name=name), "none", 3.0, 1, tmp_path).case for name in names]
+    assert len(set(cases)) == len(names) and all(case.isascii() for case in cases)
+    assert cases[-1] == "pole_none_3"
+
+
 def test_a_contact_is_kept_and_flies_again_to_the_bit(tmp_path: Path) -> None:
     flown = campaign.fly(Job(POP_UP, "none", 3.0, 2, tmp_path))
     assert flown.outcome == "contact" and flown.met == "cylinder 1" and not flown.succeeded
