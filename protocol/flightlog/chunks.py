@@ -1,7 +1,6 @@
 """Chunks of an MCAP file: where they are, and their content."""
 
 import contextlib
-import mmap
 import struct
 import zlib
 from typing import Final, NamedTuple
@@ -11,6 +10,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
 from protocol.flightlog.definitions import DEFINING
+from protocol.flightlog.file_bytes import FileBytes
 from protocol.flightlog.mcap_format import CHUNK_HEADER, RECORD_HEADER
 
 DAMAGE: Final = (McapError, ValueError, struct.error, KeyError, OverflowError)
@@ -49,26 +49,38 @@ class ChunkError(Exception):
     """A chunk whose content can't be read; the message says which and why."""
 
 
-def chunk_at(data: mmap.mmap | bytes, position: int, *, truncated: bool = False) -> Chunk | None:
+def record_at(data: FileBytes, position: int) -> tuple[int, int, int] | None:
+    """Opcode, start and end of the record whose header is at `position`; None where the file ends before its end."""
+    header = data.unpack(RECORD_HEADER, position)
+    if header is None:
+        return None
+    opcode, length = header
+    start = position + RECORD_HEADER.size
+    return None if start + length > len(data) else (opcode, start, start + length)
+
+
+def chunk_at(data: FileBytes, position: int, *, truncated: bool = False) -> Chunk | None:
     """The chunk whose record starts at `position`: a whole one, or one that is `truncated`. None if there is none."""
     start = position + RECORD_HEADER.size
-    if start + CHUNK_HEADER.size > len(data):
+    record, header = data.unpack(RECORD_HEADER, position), data.unpack(CHUNK_HEADER, start)
+    if record is None or header is None:
         return None
-    opcode, length = RECORD_HEADER.unpack_from(data, position)
-    _, _, size, crc, name_length = CHUNK_HEADER.unpack_from(data, start)
+    (opcode, length), (_, _, size, crc, name_length) = record, header
+    if opcode != Opcode.CHUNK or name_length > 16 or size > _LARGEST_CHUNK:
+        return None
     name_start = start + CHUNK_HEADER.size
     content = name_start + name_length + 8
-    if opcode != Opcode.CHUNK or name_length > 16 or content > len(data) or size > _LARGEST_CHUNK:
+    name = data[name_start:content]
+    if len(name) < name_length + 8:
         return None
-    (compressed,) = struct.unpack_from("<Q", data, content - 8)
-    stop = content + compressed
+    stop = content + int.from_bytes(name[name_length:], "little")
     if stop != start + length or (stop > len(data)) != truncated:
         return None
-    name = data[name_start : name_start + name_length].decode(errors="replace")
-    return Chunk(position, content, min(stop, len(data)), name, size, crc, truncated)
+    name = name[:name_length]
+    return Chunk(position, content, min(stop, len(data)), name.decode(errors="replace"), size, crc, truncated)
 
 
-def next_chunk(data: mmap.mmap | bytes, position: int) -> int:
+def next_chunk(data: FileBytes, position: int) -> int:
     """Offset of the next whole chunk from `position` on, or the file's end."""
     while True:
         mark = data.find(CHUNK_MARK, position + 1)
@@ -80,7 +92,7 @@ def next_chunk(data: mmap.mmap | bytes, position: int) -> int:
         position = mark
 
 
-def chunk_content(data: mmap.mmap | bytes, chunk: Chunk) -> bytes:
+def chunk_content(data: FileBytes, chunk: Chunk) -> bytes:
     """A chunk's uncompressed content; of a truncated chunk, the whole records in it. Raises ChunkError."""
     packed = data[chunk.start : chunk.stop]
     try:

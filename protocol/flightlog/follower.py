@@ -1,16 +1,15 @@
 """Reading a log while it is written."""
 
-import mmap
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO, NoReturn
+from typing import NoReturn
 
 from mcap.opcode import Opcode
 
-from protocol.flightlog.chunks import DAMAGE, ChunkError, chunk_at, chunk_content
+from protocol.flightlog.chunks import DAMAGE, ChunkError, chunk_at, chunk_content, record_at
 from protocol.flightlog.definitions import DEFINING, Definitions
-from protocol.flightlog.mcap_format import MAGIC, RECORD_HEADER, FlightLogError
+from protocol.flightlog.file_bytes import FileBytes
+from protocol.flightlog.mcap_format import MAGIC, FlightLogError
 from protocol.flightlog.record_types import RecordType
 from protocol.flightlog.selection import Record, Selection
 
@@ -31,7 +30,7 @@ class LogFollower:
         self.metadata: dict[str, dict[str, str]] = self._definitions.metadata
         self._is_wanted = is_wanted
         self._selection: Selection | None = None
-        self._file: BinaryIO | None = None
+        self._data: FileBytes | None = None
         self._position = len(MAGIC)
 
     @property
@@ -44,36 +43,30 @@ class LogFollower:
 
         Raises FlightLogError if the file can't be read or is damaged.
         """
-        try:
-            if self._file is None:
-                self._file = self.path.open("rb")
-            size = os.fstat(self._file.fileno()).st_size
-            if size > self._position:
-                with mmap.mmap(self._file.fileno(), size, access=mmap.ACCESS_READ) as data:
-                    yield from self._read(data)
-        except OSError as error:
-            raise FlightLogError(f"{self.path}: {error.strerror or error}") from error
+        if self._data is None:
+            self._data = FileBytes(self.path)
+        self._data.refresh()
+        yield from self._read(self._data)
 
-    def _read(self, data: mmap.mmap) -> Iterator[list[Record]]:
-        while not self.ended and self._position + RECORD_HEADER.size <= len(data):
-            opcode, length = RECORD_HEADER.unpack_from(data, self._position)
-            start = self._position + RECORD_HEADER.size
-            if start + length > len(data):
-                return
+    def _read(self, data: FileBytes) -> Iterator[list[Record]]:
+        while not self.ended and (record := record_at(data, self._position)) is not None:
+            opcode, start, stop = record
             found: list[Record] = []
             try:
                 if opcode == Opcode.CHUNK:
                     self._read_chunk(data, found)
                 elif opcode in DEFINING:
-                    self._definitions.take(opcode, data[start : start + length])
+                    self._definitions.take(opcode, data[start:stop])
                 self.ended = opcode == Opcode.DATA_END
             except (ChunkError, *DAMAGE) as error:
+                if stop > len(data):  # it was cut off meanwhile
+                    return
                 raise FlightLogError(f"{self.path}: damaged at byte {self._position}") from error
-            self._position = start + length
+            self._position = stop
             if found:
                 yield found
 
-    def _read_chunk(self, data: mmap.mmap, found: list[Record]) -> None:
+    def _read_chunk(self, data: FileBytes, found: list[Record]) -> None:
         chunk = chunk_at(data, self._position)
         if chunk is None:
             raise ChunkError

@@ -1,13 +1,11 @@
 """The outer records of an MCAP file: where its chunks are and whether it is whole, without opening the chunks."""
 
-import struct
-
 from mcap.opcode import Opcode
 
-from protocol.flightlog.chunks import DAMAGE, Chunk, chunk_at, next_chunk
+from protocol.flightlog.chunks import DAMAGE, Chunk, chunk_at, next_chunk, record_at
 from protocol.flightlog.definitions import DEFINING, Definitions
-from protocol.flightlog.mapped_file import PIECE_BYTES, MappedFile
-from protocol.flightlog.mcap_format import EMPTY_MESSAGE_LENGTH, MAGIC, RECORD_HEADER, UINT32
+from protocol.flightlog.file_bytes import PIECE_BYTES, FileBytes
+from protocol.flightlog.mcap_format import EMPTY_MESSAGE_LENGTH, FOOTER, MAGIC, UINT32
 from protocol.flightlog.problems import Problems
 
 
@@ -17,7 +15,7 @@ class Outline:
     `definitions` takes in what the outer records define.
     """
 
-    def __init__(self, file: MappedFile, definitions: Definitions, problems: Problems) -> None:
+    def __init__(self, data: FileBytes, definitions: Definitions, problems: Problems) -> None:
         self.chunks: list[Chunk] = []
         """Whole ones, a truncated one at the end, and runs of messages outside of chunks."""
         self.complete = False
@@ -25,8 +23,7 @@ class Outline:
         self.has_summary = False
         self.verified = False
         """Whether a checksum over all of the data is there, and right."""
-        self._file = file
-        self._data = file.data
+        self._data = data
         self._definitions = definitions
         self._problems = problems
         self._data_ended = False
@@ -56,19 +53,15 @@ class Outline:
             if self.chunks and self.chunks[-1].offset == position and not self.chunks[-1].unchunked:
                 suspect = stop
             position = stop
-            self._file.read_to(position)
         self._problems.report(f"cut off at byte {min(position, len(data))}")
 
     def _scan_record(self, position: int) -> int | None:
         """Take in the record there. Returns where the next one starts, or None if there is no whole record."""
         data = self._data
-        if position + RECORD_HEADER.size > len(data):
+        record = record_at(data, position)
+        if record is None:
             return None
-        opcode, length = RECORD_HEADER.unpack_from(data, position)
-        start = position + RECORD_HEADER.size
-        stop: int = start + length
-        if stop > len(data):
-            return None
+        opcode, start, stop = record
         try:
             if opcode == Opcode.CHUNK:
                 chunk = chunk_at(data, position)
@@ -76,13 +69,13 @@ class Outline:
                     return None
                 self.chunks.append(chunk)
             elif opcode == Opcode.MESSAGE:
-                if length < EMPTY_MESSAGE_LENGTH:
+                if stop - start < EMPTY_MESSAGE_LENGTH:
                     return None
                 self._add_unchunked(position, stop)
             elif opcode in DEFINING:
                 self._definitions.take(opcode, data[start:stop])
             elif opcode == Opcode.DATA_END:
-                self._end_data(position, UINT32.unpack_from(data, start)[0])
+                self._end_data(position, UINT32.unpack(data[start : start + UINT32.size])[0])
             elif opcode == Opcode.FOOTER:
                 self._finish(position, stop)
             elif not Opcode.HEADER <= opcode <= Opcode.DATA_END:
@@ -109,18 +102,18 @@ class Outline:
     def _end_data(self, position: int, crc: int) -> None:
         if crc and not self._checked:
             self._checked = True
-            self.verified = crc == self._file.crc(0, position)
+            self.verified = crc == self._data.crc(0, position)
             if not self.verified:
                 self._problems.report("bytes in it are damaged")
         self._data_ended = True
 
     def _finish(self, position: int, stop: int) -> None:
         data = self._data
-        summary_start, _, crc = struct.unpack_from("<QQI", data, position + RECORD_HEADER.size)
+        _, _, summary_start, _, crc = FOOTER.unpack(data[position : position + FOOTER.size])
         self.complete = self._data_ended and stop + len(MAGIC) == len(data) and data[stop:] == MAGIC
         if not self.complete:
             self._problems.report("its last bytes are damaged or missing")
-        elif crc and crc != self._file.crc(summary_start, stop - 4):
+        elif crc and crc != self._data.crc(summary_start, stop - 4):
             self._problems.report("its summary is damaged")
         elif summary_start:
             self.has_summary = True

@@ -1,15 +1,15 @@
-"""Reading a log that nobody writes to any more: finished, cut off or damaged."""
+"""Reading a log as it is now: finished, cut off or damaged. `follower` reads one that grows."""
 
 import hashlib
 import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from protocol.flightlog.chunks import DAMAGE, Chunk, ChunkError, chunk_content
+from protocol.flightlog.chunks import CHUNK_MARK, DAMAGE, Chunk, ChunkError, chunk_content
 from protocol.flightlog.definitions import Definitions
-from protocol.flightlog.mapped_file import MappedFile
-from protocol.flightlog.mcap_format import Direction, FlightLogError
+from protocol.flightlog.file_bytes import FileBytes
+from protocol.flightlog.mcap_format import MAGIC, Direction, FlightLogError
 from protocol.flightlog.outline import Outline
 from protocol.flightlog.problems import Problems
 from protocol.flightlog.record_types import DATAGRAM, RecordType
@@ -19,13 +19,16 @@ if TYPE_CHECKING:  # numpy is imported where it is needed
     import numpy as np
     from numpy.typing import NDArray
 
+_SEARCHED_BYTES: Final = 1 << 20
+"""A damaged file whose first bytes, up to here, hold no chunk is no log."""
+
 
 class LogReader:
     """A log, of which everything whole is read and everything else is reported.
 
     `problem` knows of a truncated end and of damage to a finished file at once, and of damaged chunks of an unfinished
     one after `records` has read them. Topics with a schema that isn't one of ROS 1's plain ones are left out. Raises
-    FlightLogError only if the file can't be opened or is no MCAP file at all.
+    FlightLogError only if the file can't be opened or read, or is no MCAP file at all.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -34,8 +37,10 @@ class LogReader:
         self._definitions = Definitions(self._problems.report)
         self.metadata: dict[str, dict[str, str]] = self._definitions.metadata
         self.attachments: dict[str, bytes] = self._definitions.attachments
-        self._file = MappedFile(self.path)
-        self._outline = Outline(self._file, self._definitions, self._problems)
+        self._data = FileBytes(self.path)
+        if not MAGIC.startswith(self._data[: len(MAGIC)]) and CHUNK_MARK not in self._data[:_SEARCHED_BYTES]:
+            raise FlightLogError(f"{self.path}: not an MCAP file")
+        self._outline = Outline(self._data, self._definitions, self._problems)
         self.complete = self._outline.complete
         """Whether the file was finished: it has its summary and its end."""
         self._knows_topics = self._outline.has_summary
@@ -85,12 +90,10 @@ class LogReader:
 
     def _content(self, chunk: Chunk) -> bytes | None:
         try:
-            return chunk_content(self._file.data, chunk)
+            return chunk_content(self._data, chunk)
         except ChunkError as error:
             self._problems.report(str(error))
             return None
-        finally:
-            self._file.read_to(chunk.stop)
 
     def _indexed(self, chunk: Chunk, selection: Selection) -> list[Record] | None:
         """The messages by the chunk's indexes, without a look at other topics' messages.
@@ -100,12 +103,12 @@ class LogReader:
         if chunk.unchunked or not (self._outline.verified and self._outline.has_summary):
             return None
         try:
-            places = selection.places(self._file.data, chunk)
+            places = selection.places(self._data, chunk)
             if not places:
                 return None if places is None else []
             content = self._content(chunk)
             return None if content is None else selection.pick(content, places)
-        except (IndexError, KeyError, OverflowError, struct.error):
+        except (KeyError, OverflowError, struct.error):
             return None
 
     @property

@@ -1,6 +1,5 @@
 """The messages of chosen topics, from the contents of chunks."""
 
-import mmap
 import struct
 from collections.abc import Callable
 from typing import NamedTuple
@@ -10,6 +9,7 @@ from mcap.opcode import Opcode
 
 from protocol.flightlog.chunks import Chunk
 from protocol.flightlog.definitions import DEFINING, Definitions
+from protocol.flightlog.file_bytes import FileBytes
 from protocol.flightlog.mcap_format import INDEX_HEADER, RECORD_HEADER
 
 _MESSAGE = struct.Struct("<BQHIQ")  # without the publish time
@@ -79,21 +79,24 @@ class Selection:
             self._report(f"what was on channel {channel} is lost with a damaged chunk")
         return None
 
-    def places(self, data: mmap.mmap | bytes, chunk: Chunk) -> list[int] | None:
+    def places(self, data: FileBytes, chunk: Chunk) -> list[int] | None:
         """Offsets of the wanted messages in the chunk's content, by the indexes behind it; None without an index.
 
-        Raises IndexError, KeyError, OverflowError or struct.error for an index that can't be trusted: one with a
+        Raises KeyError, OverflowError or struct.error for an index that can't be trusted: one with a
         channel that is only defined in the chunk, or with one place for two messages.
         """
         places, position = list[int](), chunk.stop
-        while data[position] == Opcode.MESSAGE_INDEX:
-            _, length, channel, pairs = INDEX_HEADER.unpack_from(data, position)
+        while True:
+            start = position + INDEX_HEADER.size
+            opcode, length, channel, pairs = INDEX_HEADER.unpack(data[position:start])
+            if opcode != Opcode.MESSAGE_INDEX:
+                break
             if channel not in self._topics:
                 if channel not in self._definitions.types and channel not in self._definitions.unsupported:
                     raise KeyError(channel)
                 self._topics[channel] = self._topic(channel)
             if self._topics[channel] is not None:
-                places += struct.unpack_from(f"<{pairs // 8}Q", data, position + INDEX_HEADER.size)[1::2]
+                places += struct.unpack(f"<{pairs // 8}Q", data[start : start + pairs // 8 * 8])[1::2]
             position += RECORD_HEADER.size + length
         if position == chunk.stop:
             return None

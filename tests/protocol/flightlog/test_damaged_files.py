@@ -25,7 +25,7 @@ from protocol.flightlog import (
     Record,
 )
 from protocol.flightlog.chunks import decompressed
-from protocol.flightlog.mapped_file import MappedFile
+from protocol.flightlog.file_bytes import FileBytes
 from protocol.flightlog.mcap_format import message_record
 from tests.protocol.flightlog.made_logs import (
     DEFINITION,
@@ -131,13 +131,13 @@ def test_the_data_is_summed_once_however_many_ends_there_are(
     end: McapRecord, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     summed = []
-    crc = MappedFile.crc
+    crc = FileBytes.crc
 
-    def counted(file: MappedFile, start: int, stop: int) -> int:
+    def counted(data: FileBytes, start: int, stop: int) -> int:
         summed.append(stop - start)
-        return crc(file, start, stop)
+        return crc(data, start, stop)
 
-    monkeypatch.setattr(MappedFile, "crc", counted)
+    monkeypatch.setattr(FileBytes, "crc", counted)
     _, reader = written(chunked(DEFINITION) + 1000 * encoded(end) + MAGIC, tmp_path / "ends.mcap")
     assert len(summed) <= 1
     assert reader.problem is not None
