@@ -470,12 +470,12 @@ def keep(job: Job, site: Site, mission_file: Path, joined: Joined) -> Path:
 
 
 def command(job: Job, site: Site) -> list[str]:
-    """The command for the same flight in two processes, without a fault."""
+    """The command for the same flight in two processes, without a fault, from the campaign's folder."""
     changes = (*job.settings, *(f"vehicle.{each}" for each in job.setup.vehicle_overrides))
-    mission = f"{site.name}_mission.toml"
+    flown_in = f"worlds/{job.case}/{site.name}"
     if job.setup.mission is not None or job.setup.vehicle is not None:
-        mission = job.setup.mission or mission
-        changes += tuple(f"mission.{each}" for each in job.mission_overrides(Path(f"{site.name}.toml")))
+        changes += tuple(f"mission.{each}" for each in job.mission_overrides(Path(f"{flown_in}.toml")))
+    mission = job.setup.mission or f"{flown_in}_mission.toml"
     options = "--sensors", PERFECT, "--seed", str(job.seed)
     return ["companion", "demo", mission, *options, *(f"--set '{each}'" for each in changes)]
 

@@ -1,6 +1,7 @@
 """One style for all pictures: readable in print, units on the axes, the same bytes from the same numbers."""
 
 import io
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ STONE, GREEN = "#b8aca0", "#7fb069"
 """Boxes and trees of a world."""
 WIDTH = 7.2
 """inches"""
+_COMMAND_PT, _LETTER_IN, _LINE_IN = 6.0, 0.0502, 0.1
+"""Size of a command's letters (points), and how wide one and how high a line of them is (inches)."""
 
 _RC = {
     "font.family": "sans-serif",
@@ -62,11 +65,14 @@ def sheet(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float 
 
 
 def save(figure: Any, stem: Path, command: str) -> None:
-    """Write `stem`.png and `stem`.svg with the command that made them in the corner."""
+    """Write `stem`.png and `stem`.svg with the command that made them in the corner, in as many lines as it takes."""
     from PIL import Image
 
-    figure.get_layout_engine().set(rect=(0.0, 0.16 / figure.get_figheight(), 1.0, 1.0 - 0.16 / figure.get_figheight()))
-    figure.text(1.0, 0.0, command + " ", ha="right", va="bottom", fontsize=6.0, color=GREY, family="monospace")
+    lines = textwrap.wrap(command, int(figure.get_figwidth() / _LETTER_IN) - 2, break_on_hyphens=False)
+    share = (0.06 + _LINE_IN * len(lines)) / figure.get_figheight()
+    figure.get_layout_engine().set(rect=(0.0, share, 1.0, 1.0 - share))
+    said = "\n".join(f"{line} " for line in lines)
+    figure.text(1.0, 0.0, said, ha="right", va="bottom", fontsize=_COMMAND_PT, color=GREY, family="monospace")
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=_DPI, format="png", metadata={"Software": None})
     picture = Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)

@@ -35,6 +35,7 @@ def of_the_end(job: Job, site: Site, joined: Joined) -> Any:
     draw_map(near, joined)
     near.set(xlim=(east - 4.0, east + 4.0), ylim=(north - 4.0, north + 4.0))
     near.legend(loc="lower right")
+    whole.set_aspect("equal", adjustable="datalim")  # a way straight on has no width of its own
     whole.plot(site.goal[1], site.goal[0], "*", color=style.PALETTE[1], ms=9)
     whole.set_title(f"{site.name}, {job.method}, {job.speed:.3g} m/s, seed {job.seed}")
     near.set_title(f"after {joined.vehicle.time_ns * 1e-9:.2f} s")

@@ -41,6 +41,17 @@ def test_figures_are_the_same_bytes_again_and_name_their_command(tmp_path: Path)
     assert "python -m studies swing" in (tmp_path / "first" / "swing.svg").read_text()
 
 
+def test_a_long_command_is_in_the_picture_from_its_first_word_to_its_last(tmp_path: Path) -> None:
+    figure, _ = style.sheet()
+    style.save(figure, tmp_path / "long", "companion demo " + " ".join(f"--set 'a.setting={k}'" for k in range(30)))
+    (said,) = figure.texts
+    extent, whole = said.get_window_extent(), figure.bbox
+    assert whole.x0 <= extent.x0 and extent.x1 <= whole.x1 and whole.y0 <= extent.y0
+    axes = figure.axes[0].get_tightbbox()
+    assert axes.y0 >= extent.y1 - 1.0
+    assert said.get_text().startswith("companion demo") and said.get_text().rstrip().endswith("--set 'a.setting=29'")
+
+
 def test_page_is_written_from_what_is_kept(tmp_path: Path) -> None:
     section = full_report(tmp_path / "book").section()
     keep(section, tmp_path / "book")
