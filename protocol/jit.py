@@ -10,6 +10,7 @@ can be written to, each process compiles for itself. NUMBA_CACHE_DIR replaces bo
 
 import contextlib
 import functools
+import gc
 import hashlib
 import importlib
 import os
@@ -137,12 +138,19 @@ def _compiled_refuse_shapes(source: tuple[int, ...], slices: tuple[int, ...]) ->
     return refuse
 
 
-@functools.cache
 def _refuse_shapes_in_few_words() -> None:
     """An array that is assigned to a slice of another shape is an error whose text by numba tells both shapes. To
     compile what writes them takes each process more than a second, a tenth of the first start."""
     overload(_refuse_shapes)(_compiled_refuse_shapes)
     importlib.import_module("numba.np.arrayobj").raise_with_shape_context = _refuse_shapes  # type: ignore[attr-defined]
+
+
+@functools.cache
+def _get_ready_to_compile() -> None:
+    """The compiler makes so many objects that the collector of garbage, called as often as usual, takes an eighth of
+    the time."""
+    _refuse_shapes_in_few_words()
+    gc.set_threshold(50_000, 20, 100)
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
@@ -154,7 +162,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         with self._guard_against_spurious_io_errors():
             loaded = self._load_overload(signature, target_context)
         if loaded is None:
-            _refuse_shapes_in_few_words()
+            _get_ready_to_compile()
         return loaded
 
 
@@ -162,7 +170,7 @@ CACHE_FOLDER = _cache_folder()
 numba.config.CACHE_DIR = str(CACHE_FOLDER or "")
 if CACHE_FOLDER is None:
     _load_numba_without_scipy()
-    _refuse_shapes_in_few_words()
+    _get_ready_to_compile()
 
 
 def compiled(function: F) -> F:
