@@ -11,14 +11,14 @@ LOCK := $(RESOLVE) pyproject.toml -
 # Each process would compile all sources and rewrite all tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check compiled docs paper control campaign-smoke locked clean
+.PHONY: demo test quick check compiled rewritten docs paper control campaign-smoke locked clean
 
 demo: .venv/installed
 	$(BIN)/companion demo $(ARGS)
 
 # More workers than cores: flights in real time leave them idle.
 test: .venv/tested
-	$(MAKE) --jobs 2 --output-sync=target check compiled
+	$(MAKE) --jobs 2 --output-sync=target check compiled rewritten
 	$(BIN)/python -m pytest -n 5
 
 # One to three minutes, once it has run before.
@@ -36,6 +36,10 @@ docs: .venv/documented
 	cp -r *.md LICENSE docs .cache/pages
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 	@echo 'open build/site/index.html, or, to search in it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory build/site'
+
+# pytest rewrites the tests' assertions once, before each worker would. What it finds wrong the tests will say.
+rewritten: .venv/tested
+	-$(BIN)/python -m pytest --collect-only >/dev/null
 
 # The paper's experiments, into docs/paper.md.
 paper: .venv/tested

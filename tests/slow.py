@@ -1,5 +1,6 @@
 """The tests that take longest, for their order (conftest.py) and for `make quick`, which leaves them out."""
 
+import functools
 from pathlib import PurePosixPath
 
 SLOW: dict[str, float] = {
@@ -169,6 +170,7 @@ FLOWN = {"fly", "flown"}
 """Fixtures for which two processes fly. What uses them is slow, too, but not by itself."""
 
 
+@functools.cache
 def seconds(nodeid: str) -> float:
     """What is known of a test; 0 for those that are not slow."""
     names = [nodeid, nodeid.partition("[")[0]]
