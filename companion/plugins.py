@@ -29,6 +29,15 @@ class Kind(Enum):
         return f"courier.{self.name.lower()}s"
 
 
+METHODS = {
+    Kind.POSITION_LAW: ("reset", "acceleration_command"),
+    Kind.ATTITUDE_LAW: ("reset", "turning_command"),
+    Kind.PLANNER: ("plan",),
+    Kind.OUTPUT: ("message",),
+}
+"""What each kind is asked."""
+
+
 class PluginError(Exception):
     """A plug-in can't be loaded or made, or gives something that can't be flown."""
 
@@ -49,38 +58,46 @@ class Plugin:
         return f'"{self.name}" of {self.package}'
 
     def make(self, settings: Any, options: Options) -> Any:
-        """Call its factory with the settings of its stage and its own options. Raises PluginError."""
+        """Call its factory with the settings of its stage and its own options. Raises PluginError, also if what it
+        makes lacks a method."""
         try:
-            return self.entry.load()(settings, **options)
-        except Exception as error:
+            made = self.entry.load()(settings, **options)
+        except (Exception, SystemExit) as error:
             raise self.broken(error) from error
+        for method in METHODS[self.kind]:
+            if not callable(getattr(made, method, None)):
+                raise self.broken(f"{type(made).__name__} has no method {method}()")
+        return made
 
     def broken(self, reason: object) -> PluginError:
         """The error that names it."""
-        text = repr(reason) if isinstance(reason, Exception) else reason
+        text = repr(reason) if isinstance(reason, BaseException) else reason
         return PluginError(f"{self.kind.value} {self.text}: {text}")
 
 
 @functools.cache
-def installed(kind: Kind) -> Mapping[str, Plugin]:
-    """By name. Where two packages have the same name, the first on the path counts."""
-    found: dict[str, Plugin] = {}
+def installed(kind: Kind) -> Mapping[str, tuple[Plugin, ...]]:
+    """By name: one, or several that have the same."""
+    found: dict[str, tuple[Plugin, ...]] = {}
     for entry in entry_points(group=kind.group):
         package = "?" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
-        found.setdefault(entry.name, Plugin(kind, entry.name, package, entry))
+        found[entry.name] = *found.get(entry.name, ()), Plugin(kind, entry.name, package, entry)
     return found
 
 
 def plugin(kind: Kind, key: str, name: str, built_in: Collection[str]) -> Plugin | None:
-    """The plug-in that a setting names; None for what is built in. Raises ValueError, which lists what there is, for
-    what is neither."""
+    """The plug-in that a setting names; None for what is built in, whatever else has its name. Raises ValueError for
+    what is neither, with a list of what there is, and for a name that more than one package has."""
     if name in built_in:
         return None
-    found = installed(kind).get(name)
-    if found is None:
-        known = (*built_in, *installed(kind))
+    found = installed(kind).get(name, ())
+    if not found:
+        known = dict.fromkeys((*built_in, *installed(kind)))
         raise ValueError(f"{key} {name!r}: there are " + ", ".join(f'"{each}"' for each in known))
-    return found
+    if len(found) > 1:
+        packages = " and ".join(each.package for each in found)
+        raise ValueError(f"{key} {name!r}: {packages} have a {kind.value} of this name; uninstall all but one")
+    return found[0]
 
 
 def options_for(chosen: Plugin | None, options: Options) -> None:

@@ -62,7 +62,6 @@ class ForeignPosition:
     def __init__(self, plugin: Plugin, control: Control, parameters: Any, memory: Any) -> None:
         self._plugin, self._control = plugin, control
         self._law = self._made()
-        self.reset = self._law.reset
         self._pace, self._limited, self._dt = parameters["pace"], memory["limited"], memory["dt"]
         names = ("e1", "velocity_error", "e2", "integral", "wanted", "acceleration")
         self._e1, self._velocity, self._e2, self._integral, self._wanted, self._out = (memory[n][0] for n in names)
@@ -70,6 +69,10 @@ class ForeignPosition:
     def _made(self) -> PositionLaw:
         law: PositionLaw = self._plugin.make(self._control, self._control.position.options)
         return law
+
+    def reset(self) -> None:
+        """Let the law forget the flight so far. Raises PluginError."""
+        _reset(self._law, self._plugin)
 
     def command(self, airborne: bool) -> None:
         """Put the law's acceleration in the place of the compiled one. Raises PluginError."""
@@ -98,10 +101,13 @@ class ForeignAttitude:
     def __init__(self, plugin: Plugin, control: Control, memory: Any) -> None:
         self._plugin = plugin
         self._law: AttitudeLaw = plugin.make(control, control.attitude.options)
-        self.reset = self._law.reset
         names = ("attitude_error", "turning_reference", "rates")
         self._error, self._reference, self._rates = (memory[name][0] for name in names)
         self._dt = memory["dt"]
+
+    def reset(self) -> None:
+        """Let the law forget the flight so far. Raises PluginError."""
+        _reset(self._law, self._plugin)
 
     def command(self, limited: bool) -> tuple[Array, Array]:
         """The law's rates (3,) in rad/s and angular acceleration (3,) in rad/s2. Raises PluginError."""
@@ -115,6 +121,13 @@ class ForeignAttitude:
         if turn.shape != (3,) or turning.shape != (3,):
             raise self._plugin.broken(f"a turn of shapes {turn.shape} and {turning.shape} in place of (3,) and (3,)")
         return turn, turning
+
+
+def _reset(law: PositionLaw | AttitudeLaw, plugin: Plugin) -> None:
+    try:
+        law.reset()
+    except Exception as error:
+        raise plugin.broken(error) from error
 
 
 def foreign_laws(

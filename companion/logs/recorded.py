@@ -94,7 +94,7 @@ def _own_settings(log: LogReader, overrides: Sequence[str]) -> Settings:
         return recorded_settings(tables, source, overrides)
     except toml_files.TomlFileError as error:
         flown = {kind: log.metadata["flight"][kind.value] for kind in Kind if kind.value in log.metadata["flight"]}
-        here = {kind: [each.text for each in installed(kind).values()] for kind in flown}
+        here = {kind: [each.text for same in installed(kind).values() for each in same] for kind in flown}
         missing = [f"{kind.value} {text}" for kind, text in flown.items() if text not in here[kind]]
         if not missing:
             raise

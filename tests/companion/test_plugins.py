@@ -170,6 +170,19 @@ class Law:
     def turning_command(self, error, dt):
         return (1 / 0, 0.0) if self.answer == 0.0 else ([self.answer] * 3, self.answer)
 
+class Forgetful:
+    def __init__(self, control):
+        pass
+
+    acceleration_command = turning_command = Law.acceleration_command
+
+class Stuck(Forgetful):
+    def reset(self):
+        raise RuntimeError("stuck")
+
+def leaves(control):
+    raise SystemExit("leaves")
+
 class Output:
     def __init__(self, control, answer="1 / 0"):
         self.answer = answer
@@ -195,8 +208,10 @@ def broken(tmp_path: Path) -> Iterator[None]:
     (package / "pyproject.toml").write_text(
         '[project]\nname = "broken"\nversion = "1"\n'
         '[project.entry-points."courier.position_laws"]\nbroken = "broken:law"\nnot_there = "broken:missing"\n'
+        'forgetful = "broken:Forgetful"\nstuck = "broken:Stuck"\nleaves = "broken:leaves"\n'
         '[project.entry-points."courier.attitude_laws"]\nbroken = "broken:law"\n'
-        '[project.entry-points."courier.outputs"]\nbroken = "broken:Output"\n'
+        'forgetful = "broken:Forgetful"\nstuck = "broken:Stuck"\nleaves = "broken:leaves"\n'
+        '[project.entry-points."courier.outputs"]\nbroken = "broken:Output"\nforgetful = "broken:Forgetful"\n'
         '[project.entry-points."courier.planners"]\nbroken = "broken:Planner"\n'
     )
     with installed(package, site):
@@ -217,6 +232,42 @@ def test_a_broken_law_is_named_and_stops_no_flight_but_its_own(broken: None) -> 
             asked = [f"control.position.law={name}", *filter(None, [options])]
             controller(*asked).follow(LinkDelay(command=0.1))
     controller("control.position.law=pid").follow(LinkDelay(command=0.1))
+
+
+@pytest.mark.parametrize("kind", ["position", "attitude"])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("forgetful", r"Forgetful has no method reset\(\)$"),
+        ("stuck", r"RuntimeError\('stuck'\)$"),
+        ("leaves", r"SystemExit\('leaves'\)$"),
+    ],
+)
+def test_a_law_that_can_not_be_begun_is_named(kind: str, name: str, words: str, broken: None) -> None:
+    with pytest.raises(PluginError, match=f'^{kind} law "{name}" of broken 1: {words}'):
+        controller(f"control.{kind}.law={name}").reset()
+
+
+def test_an_output_without_a_message_is_refused_at_the_start(broken: None) -> None:
+    control = load_settings(None, ["control.output.message=forgetful"]).control
+    with pytest.raises(PluginError, match=r'^output message "forgetful" of broken 1: Forgetful has no method message'):
+        encoders(control)
+
+
+def test_a_name_that_two_packages_have_is_refused_with_both(broken: None, tmp_path: Path) -> None:
+    """Which of them would fly hangs on the order of the path."""
+    package, site = tmp_path / "other", tmp_path / "beside"
+    package.mkdir()
+    site.mkdir()
+    (package / "pyproject.toml").write_text(
+        '[project]\nname = "other"\nversion = "2"\n'
+        '[project.entry-points."courier.position_laws"]\nbroken = "broken:law"\npid = "broken:law"\n'
+    )
+    with installed(package, site):
+        with pytest.raises(TomlFileError, match="'broken': other 2 and broken 1 have a position law of this name"):
+            load_settings(None, ["control.position.law=broken"])
+        assert load_settings(None, ["control.position.law=stuck"]).control.position.plugin is not None
+        assert load_settings(None, ["control.position.law=pid"]).control.position.plugin is None, "it is built in"
 
 
 def test_a_broken_attitude_law_is_named(broken: None) -> None:
