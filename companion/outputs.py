@@ -14,7 +14,7 @@ from enum import IntEnum
 from typing import Any, Protocol
 
 from companion.config import Control
-from companion.plugins import Plugin
+from companion.plugins import FAULTS, Plugin
 from companion.state import Output, Setpoint
 from protocol.messages import Encoder, dialect
 
@@ -124,7 +124,7 @@ def _foreign(
         sound = all(map(math.isfinite, flat))
         if sound:
             Encoder(1, 1).encode_fields(message, *fields)
-    except Exception as error:
+    except FAULTS as error:
         raise plugin.broken(error) from error
     if number not in SETPOINTS:
         raise plugin.broken(f"{name} is no setpoint")

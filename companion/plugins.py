@@ -37,6 +37,9 @@ METHODS = {
 }
 """What each kind is asked."""
 
+FAULTS = (Exception, SystemExit)
+"""What is caught of a plug-in: one that exits would end the flight without a word of who did."""
+
 
 class PluginError(Exception):
     """A plug-in can't be loaded or made, or gives something that can't be flown."""
@@ -62,7 +65,7 @@ class Plugin:
         makes lacks a method."""
         try:
             made = self.entry.load()(settings, **options)
-        except (Exception, SystemExit) as error:
+        except FAULTS as error:
             raise self.broken(error) from error
         for method in METHODS[self.kind]:
             if not callable(getattr(made, method, None)):

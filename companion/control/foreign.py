@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.config import Control
 from companion.control.tracking_error import TrackingError
-from companion.plugins import Plugin
+from companion.plugins import FAULTS, Plugin
 from protocol.arrays import Array
 
 
@@ -88,7 +88,7 @@ class ForeignPosition:
     def _ask(self, law: PositionLaw, error: TrackingError, wanted: Array, dt: float) -> Array:
         try:
             command = np.asarray(law.acceleration_command(error, wanted, dt), np.float64)
-        except Exception as error_raised:
+        except FAULTS as error_raised:
             raise self._plugin.broken(error_raised) from error_raised
         if command.shape != (3,):
             raise self._plugin.broken(f"an acceleration of shape {command.shape} in place of (3,)")
@@ -116,7 +116,7 @@ class ForeignAttitude:
         dt = 0.0 if limited else float(self._dt[0])
         try:
             turn, turning = (np.array(each, np.float64) for each in self._law.turning_command(error, dt))
-        except Exception as error_raised:
+        except FAULTS as error_raised:
             raise self._plugin.broken(error_raised) from error_raised
         if turn.shape != (3,) or turning.shape != (3,):
             raise self._plugin.broken(f"a turn of shapes {turn.shape} and {turning.shape} in place of (3,) and (3,)")
@@ -126,7 +126,7 @@ class ForeignAttitude:
 def _reset(law: PositionLaw | AttitudeLaw, plugin: Plugin) -> None:
     try:
         law.reset()
-    except Exception as error:
+    except FAULTS as error:
         raise plugin.broken(error) from error
 
 

@@ -154,6 +154,8 @@ def test_options_are_the_factorys(example: None) -> None:
 
 
 BROKEN = """
+import sys
+
 def law(control, **options):
     return Law(**options)
 
@@ -165,9 +167,13 @@ class Law:
         pass
 
     def acceleration_command(self, error, reference_acceleration, dt):
+        if self.answer == "exit":
+            sys.exit(3)
         return 1 / 0 if self.answer == 0.0 else self.answer
 
     def turning_command(self, error, dt):
+        if self.answer == "exit":
+            sys.exit(3)
         return (1 / 0, 0.0) if self.answer == 0.0 else ([self.answer] * 3, self.answer)
 
 class Forgetful:
@@ -188,7 +194,8 @@ class Output:
         self.answer = answer
 
     def message(self, output, setpoint, boot_time_ms, target):
-        return eval(self.answer, {"nan": float("nan"), "dialect": __import__("protocol.messages").messages.dialect})
+        from protocol.messages import dialect
+        return eval(self.answer, {"nan": float("nan"), "exit": sys.exit, "dialect": dialect})
 
 class Planner:
     def __init__(self, settings, answer=""):
@@ -226,6 +233,7 @@ def test_a_broken_law_is_named_and_stops_no_flight_but_its_own(broken: None) -> 
     for name, options, words in (
         ("not_there", "", "AttributeError"),
         ("broken", "", "ZeroDivisionError"),
+        ("broken", "control.position.options.answer=exit", "SystemExit"),
         ("broken", "control.position.options.answer=1.0", r"shape \(\) in place of \(3,\)"),
     ):
         with pytest.raises(PluginError, match=f'^position law "{name}" of broken 1: .*{words}'):
@@ -275,6 +283,7 @@ def test_a_broken_attitude_law_is_named(broken: None) -> None:
     still = Reference(np.zeros((6, 3)))
     for options, words in (
         (["control.attitude.law=broken"], "ZeroDivisionError"),
+        (["control.attitude.law=broken", "control.attitude.options.answer=exit"], "SystemExit"),
         (["control.attitude.law=broken", "control.attitude.options.answer=1.0"], r"\(3,\) and \(\) in place of"),
     ):
         flies = controller(*options)
@@ -351,6 +360,7 @@ def test_an_output_makes_the_message(example: None) -> None:
     [
         ("1 / 0", "ZeroDivisionError"),
         ("7", "TypeError"),
+        ("exit(3)", "SystemExit"),
         ("(dialect.MAVLink_command_long_message, (1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))", "COMMAND_LONG is no setpoint"),
         ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0, nan], 0, 0, 0, 0))", "nan"),
         ("(dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 0, [1, 0, 0, 0], 0, 0, nan, 0))", "nan"),
