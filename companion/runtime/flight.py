@@ -29,8 +29,9 @@ from companion.records import RECORD_TYPES
 from companion.runtime.compiling import first_start, planner_compiled_beside
 from companion.runtime.files import is_geodetic
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, PlannerProcess, Planning
+from companion.runtime.plugin_time import refuse_slow_plugins
 from companion.runtime.rehearsal import OpenField, rehearse
-from companion.runtime.runner import Runner
+from companion.runtime.runner import TICK_NS, Runner
 from companion.runtime.side_links import NONE, SideLinks, unheard
 from companion.runtime.station_files import is_of_station
 from companion.runtime.summary import Axes, Summary
@@ -113,7 +114,7 @@ class PlanError(Exception):
 
 def prepare(plan: Plan) -> Plan:
     """Check the plan and rehearse it, so that all is compiled; the plan with the processes of planner and log, which
-    get ready meanwhile. Raises PlanError and RehearsalError."""
+    get ready meanwhile. Raises PlanError, RehearsalError and PluginError."""
     check(plan)
     settings, recorder = plan.settings, RecorderProcess()
     with compiling_shown():
@@ -123,6 +124,9 @@ def prepare(plan: Plan) -> Plan:
                 rehearse(straight, plan.body, plan.mission, plan.output)
         planner = PlannerProcess(settings.avoidance) if _has_planner_process(plan) else None
         rehearse(settings, plan.body, plan.mission, plan.output, planner_to_rehearse_with(plan))
+    if plan.pace != "lockstep":
+        outputs = (Output.ATTITUDE, Output.RATES) if plan.output is None else (plan.output,)
+        refuse_slow_plugins(settings.control, outputs, TICK_NS * 1e-9 / plan.pace)
     return replace(plan, planner=planner, recorder=recorder)
 
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -23,9 +24,11 @@ from companion.outputs import encoders
 from companion.perception.map_view import MapView
 from companion.plugins import PluginError
 from companion.reports import LinkDelay
+from companion.runtime import flight
 from companion.runtime.files import load_body, load_mission, load_settings
-from companion.runtime.flight import Pace, Plan, Result, fly, planner_to_rehearse_with
+from companion.runtime.flight import Pace, Plan, Result, fly, planner_to_rehearse_with, prepare
 from companion.runtime.planning import InProcessPlanner, PlannerProcess
+from companion.runtime.plugin_time import refuse_slow_plugins
 from companion.runtime.rehearsal import OpenField, rehearse
 from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol import toml_files
@@ -155,6 +158,7 @@ def test_options_are_the_factorys(example: None) -> None:
 
 BROKEN = """
 import sys
+import time
 
 def law(control, **options):
     return Law(**options)
@@ -186,6 +190,27 @@ class Stuck(Forgetful):
     def reset(self):
         raise RuntimeError("stuck")
 
+class Slow:
+    def __init__(self, control, takes=1.0):
+        self.takes = takes
+
+    def reset(self):
+        pass
+
+    def acceleration_command(self, error, reference_acceleration, dt):
+        until = time.perf_counter() + self.takes
+        while time.perf_counter() < until:
+            pass
+        return reference_acceleration
+
+    def turning_command(self, error, dt):
+        return self.acceleration_command(error, error.reference_rates, dt), error.reference_acceleration
+
+    def message(self, output, setpoint, boot_time_ms, target):
+        self.acceleration_command(setpoint, None, 0.0)
+        from protocol.messages import dialect
+        return dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 7, [1, 0, 0, 0], 0, 0, 0, 0.4)
+
 def leaves(control):
     raise SystemExit("leaves")
 
@@ -216,9 +241,12 @@ def broken(tmp_path: Path) -> Iterator[None]:
         '[project]\nname = "broken"\nversion = "1"\n'
         '[project.entry-points."courier.position_laws"]\nbroken = "broken:law"\nnot_there = "broken:missing"\n'
         'forgetful = "broken:Forgetful"\nstuck = "broken:Stuck"\nleaves = "broken:leaves"\n'
+        'slow = "broken:Slow"\n'
         '[project.entry-points."courier.attitude_laws"]\nbroken = "broken:law"\n'
         'forgetful = "broken:Forgetful"\nstuck = "broken:Stuck"\nleaves = "broken:leaves"\n'
+        'slow = "broken:Slow"\n'
         '[project.entry-points."courier.outputs"]\nbroken = "broken:Output"\nforgetful = "broken:Forgetful"\n'
+        'slow = "broken:Slow"\n'
         '[project.entry-points."courier.planners"]\nbroken = "broken:Planner"\n'
     )
     with installed(package, site):
@@ -254,6 +282,37 @@ def test_a_broken_law_is_named_and_stops_no_flight_but_its_own(broken: None) -> 
 def test_a_law_that_can_not_be_begun_is_named(kind: str, name: str, words: str, broken: None) -> None:
     with pytest.raises(PluginError, match=f'^{kind} law "{name}" of broken 1: {words}'):
         controller(f"control.{kind}.law={name}").reset()
+
+
+@pytest.mark.parametrize(
+    ("kind", "table", "key"),
+    [
+        ("position law", "control.position", "law"),
+        ("attitude law", "control.attitude", "law"),
+        ("output message", "control.output", "message"),
+    ],
+)
+def test_what_takes_longer_than_a_tick_is_refused_in_real_time(kind: str, table: str, key: str, broken: None) -> None:
+    def refuse(takes: float, most_s: float) -> None:
+        overrides = [f"{table}.{key}=slow", f"{table}.options.takes={takes}"]
+        refuse_slow_plugins(load_settings(None, overrides).control, (Output.RATES,), most_s)
+
+    with pytest.raises(PluginError, match=rf'^{kind} "slow" of broken 1: a step takes \d+\.\d ms, and .* has 4 ms$'):
+        refuse(0.005, 0.004)
+    refuse(0.001, 1.0)
+
+
+def test_a_flight_in_real_time_measures_its_plugins(broken: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = load_settings(None, ["control.position.law=slow", "avoidance.method=none"])
+    monkeypatch.setattr(flight, "rehearse", lambda *arguments: None)
+    monkeypatch.setattr(flight, "RecorderProcess", lambda: None)
+    plan = Plan(settings, load_body("paper_quad"), load_mission("hover")[0], Output.RATES, 0.5, {})
+    measured = []
+    monkeypatch.setattr(flight, "refuse_slow_plugins", lambda *arguments: measured.append(arguments))
+    paces: tuple[Pace, Pace] = "lockstep", 0.5
+    for pace in paces:
+        prepare(replace(plan, pace=pace))
+    assert measured == [(settings.control, (Output.RATES,), 0.008)]
 
 
 def test_an_output_without_a_message_is_refused_at_the_start(broken: None) -> None:
