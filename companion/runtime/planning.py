@@ -13,11 +13,13 @@ from collections import deque
 from multiprocessing import util
 from typing import TYPE_CHECKING, Protocol
 
+import msgspec
 import numpy as np
 
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
 from companion.avoidance_methods import methods_in_use
 from companion.config_avoidance import Avoidance
+from companion.plugins import PluginError
 from companion.records import ASKED, PLANNED, PLANNED_CORNERS
 from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.mailbox import Outbox, mailbox
@@ -76,7 +78,7 @@ class InProcessPlanner:
         self._requests.append(request)
 
     def take(self, patience_s: float) -> PlanResult | None:
-        return self.pipeline.answer(self._requests.popleft()) if self._requests else None
+        return answer_in_arrays(self.pipeline, self._requests.popleft()) if self._requests else None
 
     def close(self) -> None:
         """Nothing to give back."""
@@ -140,12 +142,15 @@ class PlannerProcess:
         if self._fault is not None or nothing_comes or not self._poll.poll(1e3 * patience_s):
             return None
         try:
-            result: PlanResult | None = self._results.take()
+            result: PlanResult | str | None = self._results.take()
         except (EOFError, OSError):
             self._fault = _ENDED
             return None
         if result is None:
             self.ready = True
+            return None
+        if isinstance(result, str):
+            self._fault = result
             return None
         self._unanswered -= 1
         if self._waiting:
@@ -164,13 +169,33 @@ def _think(requests: "Connection", results: Outbox, settings: Avoidance) -> None
     """The process: answer until the other side is gone."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    try:
+        _serve(requests, results, settings)
+    except PluginError as error:
+        with contextlib.suppress(OSError):
+            results.put(str(error))
+        raise
+
+
+def _serve(requests: "Connection", results: Outbox, settings: Avoidance) -> None:
     rehearse(settings)
     pipeline = PlanningPipeline(settings, results.empty)
     give_back()
     with contextlib.suppress(EOFError, OSError):
         results.put(None)
         while True:
-            results.put(pipeline.answer(requests.recv()))
+            results.put(answer_in_arrays(pipeline, requests.recv()))
+
+
+def answer_in_arrays(pipeline: PlanningPipeline, request: PlanRequest) -> PlanResult:
+    """What it answers, with the arrays that the loop which flies is compiled for: a package's planner may make its path
+    of lists, of integers, or of another path that it reads backwards."""
+    result = pipeline.answer(request)
+    vertices, speeds = (np.ascontiguousarray(each, np.float64) for each in (result.path.vertices, result.path.speeds))
+    if vertices is result.path.vertices and speeds is result.path.speeds:
+        return result
+    path = msgspec.structs.replace(result.path, vertices=vertices, speeds=speeds)
+    return msgspec.structs.replace(result, path=path)
 
 
 def rehearse(settings: Avoidance) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from companion import plugins
 from companion.avoidance.methods import path_planner
+from companion.avoidance.planner import PlanRequest
 from companion.control.controller import RATES, TORQUE, Controller
 from companion.entering import follow_output
 from companion.link.vehicle_link import VehicleLink
@@ -22,7 +23,7 @@ from companion.logs.replay import replay
 from companion.outcomes import Outcome
 from companion.outputs import encoders
 from companion.perception.map_view import MapView
-from companion.plugins import PluginError
+from companion.plugins import Options, PluginError
 from companion.reports import LinkDelay
 from companion.runtime import flight
 from companion.runtime.files import load_body, load_mission, load_settings
@@ -30,7 +31,7 @@ from companion.runtime.flight import Pace, Plan, Result, fly, planner_to_rehears
 from companion.runtime.planning import InProcessPlanner, PlannerProcess
 from companion.runtime.plugin_time import refuse_slow_plugins
 from companion.runtime.rehearsal import OpenField, rehearse
-from companion.state import Output, Reference, Setpoint, VehicleState
+from companion.state import Output, Reference, Scan, Setpoint, VehicleState
 from protocol import toml_files
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode
@@ -441,6 +442,32 @@ def test_the_planners_process_has_it_too(example: None) -> None:
     planner = PlannerProcess(load_settings(None, ["avoidance.method=detour", *SMALL_MAP]).avoidance)
     with closing(planner):
         assert planner.take(READY_S) is None and planner.ready and planner.fault is None
+
+
+def test_why_the_planners_process_ends_is_told_to_who_flies(broken: None) -> None:
+    settings = load_settings(None, ["avoidance.method=broken", *SMALL_MAP]).avoidance
+    planner = PlannerProcess(msgspec.structs.replace(settings, options={"answer": "1 / 0"}))
+    with closing(planner):
+        assert planner.take(READY_S) is None and not planner.ready
+        assert planner.fault == "planner \"broken\" of broken 1: ZeroDivisionError('division by zero')"
+
+
+@pytest.mark.parametrize("answer", ["[[0, 0], [2, 1]], [2, 0]", "np.array([[0, 0], [2, 1]]), np.array([2, 0])"])
+def test_a_path_of_a_package_comes_in_the_arrays_that_the_loop_is_compiled_for(answer: str, broken: None) -> None:
+    """What follows a path would be compiled anew in the air, or fails."""
+    lines = "import numpy as np; from companion.avoidance.path import Path"
+    options: Options = {"answer": f"(exec({lines!r}, globals()), Path({answer}))[1]"}
+    settings = load_settings(None, ["avoidance.method=broken", *SMALL_MAP]).avoidance
+    planner = InProcessPlanner(msgspec.structs.replace(settings, options=options))
+    scan = Scan(0, 0, np.zeros(1), np.full(1, 15.0), np.zeros(1, np.bool_), np.ones(1, np.bool_))
+    here, ahead = np.array([0.0, 0.0, -3.0]), np.array([9.0, 0.0, -3.0])
+    pose = here, np.array([1.0, 0.0, 0.0, 0.0])
+    planner.ask(PlanRequest(1, 0, scan, pose, -0.5, here, np.zeros(3), ahead, 2.0))
+    result = planner.take(0.0)
+    assert result is not None and result.path.vertices.tolist() == [[0.0, 0.0], [2.0, 1.0]]
+    for array in (result.path.vertices, result.path.speeds):
+        assert array.dtype == np.float64 and array.flags.c_contiguous
+    assert result.path.speeds.tolist() == [2.0, 0.0]
 
 
 def test_the_page_shows_the_example_as_it_is_flown() -> None:
