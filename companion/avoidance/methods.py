@@ -3,6 +3,7 @@
 from importlib import import_module
 from typing import Any, Protocol
 
+import msgspec
 import numpy as np
 
 from companion.avoidance.none import NoAvoidance
@@ -10,7 +11,7 @@ from companion.avoidance.path import Path
 from companion.avoidance_methods import METHODS, method_of
 from companion.config_avoidance import Avoidance
 from companion.perception.map_view import MapView
-from companion.plugins import Plugin
+from companion.plugins import FAULTS, Plugin
 from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 
@@ -64,11 +65,12 @@ class ForeignPlanner:
         """See `PathPlanner`. Raises PluginError."""
         try:
             path = self._planner.plan(view, position, velocity, goal, speed)
-        except Exception as error:
+            fault = "" if path is None else _unsound(path, speed)
+        except FAULTS as error:
             raise self._plugin.broken(error) from error
-        if path is not None and (fault := _unsound(path, speed)):
+        if fault:
             raise self._plugin.broken(fault)
-        return path
+        return None if path is None else _in_arrays(path)
 
 
 def _unsound(path: Path, speed: float) -> str:
@@ -83,6 +85,13 @@ def _unsound(path: Path, speed: float) -> str:
     if len(path.speeds) and not 0.0 <= np.min(path.speeds) <= np.max(path.speeds) <= speed + 1e-9:
         return f"a speed is not from 0 to {speed:g} m/s"
     return ""
+
+
+def _in_arrays(path: Path) -> Path:
+    """With the arrays that the loop which flies is compiled for: a path may be made of lists, of integers, or of
+    another path that is read backwards."""
+    vertices, speeds = (np.ascontiguousarray(each, np.float64) for each in (path.vertices, path.speeds))
+    return msgspec.structs.replace(path, vertices=vertices, speeds=speeds)
 
 
 def _made(name: str, settings: Avoidance) -> Any:

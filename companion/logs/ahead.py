@@ -22,7 +22,7 @@ from companion.link.refusals import RefusedError
 from companion.records import ASKED
 from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.mailbox import Inbox, Outbox, mailbox
-from companion.runtime.planning import answer_in_arrays, pack_request
+from companion.runtime.planning import pack_request
 from companion.state import Scan
 from protocol.flightlog import LogReader
 
@@ -134,7 +134,7 @@ def _run(
             while not free.acquire(timeout=_LOOK_S):
                 if os.getppid() != replay:  # it was killed
                     return
-            results.put((_identity(request), answer_in_arrays(pipeline, request)))
+            results.put((_identity(request), pipeline.answer(request)))
 
 
 def _request(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) -> PlanRequest | None:

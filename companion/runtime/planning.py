@@ -13,7 +13,6 @@ from collections import deque
 from multiprocessing import util
 from typing import TYPE_CHECKING, Protocol
 
-import msgspec
 import numpy as np
 
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
@@ -78,7 +77,7 @@ class InProcessPlanner:
         self._requests.append(request)
 
     def take(self, patience_s: float) -> PlanResult | None:
-        return answer_in_arrays(self.pipeline, self._requests.popleft()) if self._requests else None
+        return self.pipeline.answer(self._requests.popleft()) if self._requests else None
 
     def close(self) -> None:
         """Nothing to give back."""
@@ -184,18 +183,7 @@ def _serve(requests: "Connection", results: Outbox, settings: Avoidance) -> None
     with contextlib.suppress(EOFError, OSError):
         results.put(None)
         while True:
-            results.put(answer_in_arrays(pipeline, requests.recv()))
-
-
-def answer_in_arrays(pipeline: PlanningPipeline, request: PlanRequest) -> PlanResult:
-    """What it answers, with the arrays that the loop which flies is compiled for: a package's planner may make its path
-    of lists, of integers, or of another path that it reads backwards."""
-    result = pipeline.answer(request)
-    vertices, speeds = (np.ascontiguousarray(each, np.float64) for each in (result.path.vertices, result.path.speeds))
-    if vertices is result.path.vertices and speeds is result.path.speeds:
-        return result
-    path = msgspec.structs.replace(result.path, vertices=vertices, speeds=speeds)
-    return msgspec.structs.replace(result, path=path)
+            results.put(pipeline.answer(requests.recv()))
 
 
 def rehearse(settings: Avoidance) -> None:

@@ -13,7 +13,6 @@ import pytest
 
 from companion import plugins
 from companion.avoidance.methods import path_planner
-from companion.avoidance.planner import PlanRequest
 from companion.control.controller import RATES, TORQUE, Controller
 from companion.entering import follow_output
 from companion.link.vehicle_link import VehicleLink
@@ -31,7 +30,7 @@ from companion.runtime.flight import Pace, Plan, Result, fly, planner_to_rehears
 from companion.runtime.planning import InProcessPlanner, PlannerProcess
 from companion.runtime.plugin_time import refuse_slow_plugins
 from companion.runtime.rehearsal import OpenField, rehearse
-from companion.state import Output, Reference, Scan, Setpoint, VehicleState
+from companion.state import Output, Reference, Setpoint, VehicleState
 from protocol import toml_files
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode
@@ -358,7 +357,9 @@ def test_a_broken_attitude_law_is_named(broken: None) -> None:
     ("answer", "words"),
     [
         ("1 / 0", "ZeroDivisionError"),
+        ("sys.exit(3)", "SystemExit"),
         ("[1.0]", "list in place of a Path"),
+        ("Path([['a', 'b']], ['c'])", "TypeError"),
         ("Path(np.zeros((2, 3)), np.zeros(2))", "vertices"),
         ("Path(np.zeros((2, 2)), np.zeros(3))", "vertices"),
         ("Path(np.full((2, 2), np.nan), np.zeros(2))", "not finite"),
@@ -368,7 +369,7 @@ def test_a_broken_attitude_law_is_named(broken: None) -> None:
     ],
 )
 def test_a_path_that_can_not_be_flown_is_refused(answer: str, words: str, broken: None) -> None:
-    lines = "import math, numpy as np; from companion.avoidance.path import Path"
+    lines = "import math, sys, numpy as np; from companion.avoidance.path import Path"
     code = f"(exec({lines!r}, globals()), {answer})[1]"
     settings = load_settings(None, ["avoidance.method=broken"]).avoidance
     planner = path_planner("broken", msgspec.structs.replace(settings, options={"answer": code}))
@@ -457,17 +458,13 @@ def test_a_path_of_a_package_comes_in_the_arrays_that_the_loop_is_compiled_for(a
     """What follows a path would be compiled anew in the air, or fails."""
     lines = "import numpy as np; from companion.avoidance.path import Path"
     options: Options = {"answer": f"(exec({lines!r}, globals()), Path({answer}))[1]"}
-    settings = load_settings(None, ["avoidance.method=broken", *SMALL_MAP]).avoidance
-    planner = InProcessPlanner(msgspec.structs.replace(settings, options=options))
-    scan = Scan(0, 0, np.zeros(1), np.full(1, 15.0), np.zeros(1, np.bool_), np.ones(1, np.bool_))
-    here, ahead = np.array([0.0, 0.0, -3.0]), np.array([9.0, 0.0, -3.0])
-    pose = here, np.array([1.0, 0.0, 0.0, 0.0])
-    planner.ask(PlanRequest(1, 0, scan, pose, -0.5, here, np.zeros(3), ahead, 2.0))
-    result = planner.take(0.0)
-    assert result is not None and result.path.vertices.tolist() == [[0.0, 0.0], [2.0, 1.0]]
-    for array in (result.path.vertices, result.path.speeds):
+    settings = load_settings(None, ["avoidance.method=broken"]).avoidance
+    planner = path_planner("broken", msgspec.structs.replace(settings, options=options))
+    path = planner.plan(cast(MapView, None), np.zeros(3), np.zeros(3), np.ones(3), 2.0)
+    assert path is not None and path.vertices.tolist() == [[0.0, 0.0], [2.0, 1.0]]
+    for array in (path.vertices, path.speeds):
         assert array.dtype == np.float64 and array.flags.c_contiguous
-    assert result.path.speeds.tolist() == [2.0, 0.0]
+    assert path.speeds.tolist() == [2.0, 0.0]
 
 
 def test_the_page_shows_the_example_as_it_is_flown() -> None:
