@@ -22,8 +22,9 @@ FIRST_RESEND_S = 0.2
 """Lockstep: interval at which a tick is sent again before the companion has ever answered."""
 RESEND_S = 1.0
 """Lockstep: the same afterwards."""
-ANSWER_TIMEOUT_S = 3.0
-"""Lockstep: time without an answer after which the companion is lost, and the simulation goes on without it."""
+ANSWER_TIMEOUT_S = 10.0
+"""Lockstep: time without an answer after which the companion is lost, and the simulation goes on without it. A busy
+machine lets one that is there stand still for seconds."""
 ANSWER_TIMEOUT_FINISHED_S = 0.3
 """Lockstep: the same after the flight, when the companion may have left."""
 SILENCE_TIMEOUT_S = 20.0

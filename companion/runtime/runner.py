@@ -43,7 +43,8 @@ _LATENCIES_NS = 100_000_000
 _MOST_SENSED = 4
 """Datagrams of a sensor's link a tick; a scan needs one, or eight each 16 ticks."""
 _LONGEST_NS = 2**32 - 1
-_LOCKSTEP_PATIENCE_S = 3.0
+_LOCKSTEP_PATIENCE_S = 10.0
+"""A busy machine lets a vehicle that is there stand still for seconds."""
 _START_PATIENCE_S = 0.2
 LATE_NS = 2_000_000
 """Half a period: a tick later than that has missed its deadline."""
