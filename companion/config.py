@@ -8,7 +8,7 @@ import msgspec
 
 from companion.config_avoidance import Avoidance
 from companion.config_limits import Battery, Geofence
-from companion.config_types import Fraction, NotNegative, Positive, Table, one_of
+from companion.config_types import LEAST, Count, Fraction, NotNegative, Positive, Table, one_of
 from companion.plugins import Kind, Options, Plugin, options_for, plugin
 
 Vector = tuple[Positive, Positive, Positive]
@@ -195,7 +195,7 @@ STEEPEST_DEG = 85.0
 class Limits(Table, frozen=True):
     """Limits of the commands to the vehicle."""
 
-    tilt_deg: Annotated[float, msgspec.Meta(gt=0, le=180)] = 45.0
+    tilt_deg: Annotated[float, msgspec.Meta(ge=LEAST, le=180)] = 45.0
     """The vehicle's. A vehicle whose file lacks `rate_loop_gain_1_s`, and ArduPilot, is commanded 92 %: they swing. At
     most 85, or 180: no limit, as a loop needs; on outputs rates and actuators."""
     tilt_braking_deg: Positive = 900.0
@@ -269,7 +269,7 @@ class Supervision(Table, frozen=True):
     """ArduPilot's estimator has a position some 42 s after power-on."""
     stream_before_engaging: Positive = 1.2
     command_interval: Positive = 0.5
-    command_tries: Annotated[int, msgspec.Meta(ge=1)] = 6
+    command_tries: Count = 6
     overrun: Positive = 0.25
     """A tick later than this is an overrun."""
     gap: Positive = 0.8

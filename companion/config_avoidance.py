@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 
 from companion.avoidance_methods import METHODS, method_of
-from companion.config_types import NotNegative, Positive, Table, one_of
+from companion.config_types import MANY, MOST, Count, NotNegative, Positive, Table, one_of
 from companion.plugins import Kind, Options, Plugin, options_for, plugin
 
 RRT_PLANNERS = ("bit*", "informed-rrt*")
@@ -14,7 +14,7 @@ RRT_PLANNERS = ("bit*", "informed-rrt*")
 class AvoidanceMap(Table, frozen=True):
     """The occupancy grid of "astar", "vfh" and the guard (`perception.rolling_map`)."""
 
-    cell: Annotated[float, msgspec.Meta(ge=0.025)] = 0.125
+    cell: Annotated[float, msgspec.Meta(ge=0.025, le=MOST)] = 0.125
     """m, from 0.025 on: size of a cell."""
     cells: int = 384
     """Along each side of the window around the vehicle; an even number up to 4096."""
@@ -45,11 +45,11 @@ class AvoidancePlan(Table, frozen=True):
     """Cost of a cell at the obstacle, for tight paths; falls to 0 at `inflation`, so that they keep to the middle."""
     switch_cost: NotNegative = 1.0
     """Share by which a metre costs more away from the path that was chosen last, where tight paths are planned."""
-    switch_growth: Annotated[float, msgspec.Meta(ge=1.0)] = 1.25
+    switch_growth: Annotated[float, msgspec.Meta(ge=1.0, le=MOST)] = 1.25
     """Factor by which that share grows with each turn away from such a path, up to 16 times, until there is a path that
     keeps `inflation`. What is seen askew from afar changes its price from scan to scan; so one of two ways is flown to
     its end. 1: it does not grow."""
-    switch_growth_tight: Annotated[float, msgspec.Meta(ge=1.0)] = 8.0
+    switch_growth_tight: Annotated[float, msgspec.Meta(ge=1.0, le=MOST)] = 8.0
     """What that share has grown by at the least, where nothing moves, once the vehicle is in a tight passage or at its
     mouth: who has entered one flies to its end, or to where it is seen to be closed."""
     proximity_radius: Positive = 2.0
@@ -69,9 +69,9 @@ class AvoidanceRrt(Table, frozen=True):
 
     planner: str = "bit*"
     """Or "informed-rrt*"."""
-    iterations: Annotated[int, msgspec.Meta(ge=1)] = 2000
+    iterations: Count = 2000
     """Length of the search for each plan; what one iteration is depends on the planner."""
-    seed: Annotated[int, msgspec.Meta(ge=1)] = 1
+    seed: Annotated[int, msgspec.Meta(ge=1, le=2**32 - 1)] = 1
     """Seed of each plan's random numbers."""
 
     def __post_init__(self) -> None:
@@ -152,20 +152,20 @@ class AvoidanceTracks(Table, frozen=True):
     """m, a car's length; wider segments are not tracked."""
     acceleration_noise: Positive = 1.5
     """m/s2, standard deviation of a tracked obstacle's acceleration; 1.5 suits a walking person."""
-    confirm_hits: Annotated[int, msgspec.Meta(ge=1)] = 3
+    confirm_hits: Count = 3
     """Scans that must see a track before it is confirmed."""
-    hidden_scans: Annotated[int, msgspec.Meta(ge=0)] = 30
+    hidden_scans: Annotated[int, msgspec.Meta(ge=0, le=MANY)] = 30
     """For so many scans in a row that can't show it, since they are tilted, or of which something hides a part, what
     moves is expected to go on."""
-    delete_misses: Annotated[int, msgspec.Meta(ge=1)] = 4
+    delete_misses: Count = 4
     """Scans in a row that miss a confirmed track before it is deleted."""
     min_speed: Positive = 0.5
     """m/s; slower tracks stand."""
     min_speed_sigmas: Positive = 2.5
     """Standard deviations by which the velocity of a moving track differs from 0, at least."""
-    moving_scans: Annotated[int, msgspec.Meta(ge=1)] = 1
+    moving_scans: Count = 1
     """Scans in a row with such a velocity after which a track is moving."""
-    stopped_scans: Annotated[int, msgspec.Meta(ge=1)] = 15
+    stopped_scans: Count = 15
     """Scans in a row without it after which a moving track stands. A walker who turns back is slow for a moment."""
 
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-from companion.config_types import Positive, Table
+from companion.config_types import MOST, NotNegative, Positive, Table
 
 Share = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
@@ -17,7 +17,7 @@ class Battery(Table, frozen=True):
     return_charge: Share = 0.15
     """No flight begins below this."""
     land_charge: Share = 0.07
-    way_home_margin: Annotated[float, msgspec.Meta(ge=0)] = 1.3
+    way_home_margin: NotNegative = 1.3
     """The vehicle returns while it has `land_charge` and so many times what the way home takes at the consumption seen
     in this flight. 0: it returns at `return_charge` only."""
     warn_voltage: Positive | None = None
@@ -40,7 +40,8 @@ class Battery(Table, frozen=True):
             raise ValueError("land_voltage, return_voltage and warn_voltage must rise in this order")
 
 
-Bounds = tuple[float, float]
+Edge = Annotated[float, msgspec.Meta(ge=-MOST, le=MOST)]
+Bounds = tuple[Edge, Edge]
 
 
 class Geofence(Table, frozen=True):

@@ -4,8 +4,12 @@ from typing import Annotated
 
 import msgspec
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+LEAST, MOST = 1e-9, 1e9
+"""Sizes of numbers between which they can be computed with, as times in ns, too: no setting means anything beyond."""
+Positive = Annotated[float, msgspec.Meta(ge=LEAST, le=MOST)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0, le=MOST)]
+MANY = 1_000_000
+Count = Annotated[int, msgspec.Meta(ge=1, le=MANY)]
 Fraction = Annotated[float, msgspec.Meta(gt=0, le=1)]
 
 FARTHEST_M = 10_000

@@ -52,6 +52,14 @@ def test_heights_follow_the_ground_over_the_map_alone(method: str) -> None:
         "rates.least_share=1.5",
         "avoidance.map.cells=17",
         "avoidance.map.cells=1000000000",
+        "avoidance.rrt.seed=4294967296",
+        "avoidance.rrt.iterations=9223372036854775807",
+        "avoidance.map.cell=1e10",
+        "rates.attitude=5e-324",
+        "rates.position=1e308",
+        "supervision.command_interval=1e308",
+        "control.prediction.command_delay=1e308",
+        "geofence.north=[-1e308, 1e308]",
     ],
 )
 def test_impossible_values(override: str) -> None:
