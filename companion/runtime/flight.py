@@ -50,6 +50,8 @@ Pace = Literal["lockstep"] | float
 
 AUTO = "auto"
 """The output of a plan that leaves it to the vehicle, in words."""
+_TO_SINK = 0.9
+"""Share of the thrust in hover that surely lets a vehicle sink, whose weight and thrust are known so well."""
 LIBRARIES = ("control", "mcap", "numba", "numpy", "pymavlink", "ruckig", "scipy")
 
 
@@ -151,11 +153,14 @@ def _planning(plan: Plan) -> Planning:
 def check(plan: Plan) -> None:
     """Raises PlanError for what can be known before any vehicle is there."""
     body, limits = plan.body, plan.settings.limits
-    hover = body.hover_thrust * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg
-    if not limits.lowest_thrust < hover < limits.highest_thrust:
+    empty, parcel = body.hover_thrust, " once its parcel is gone" if body.parcel_mass_kg else ""
+    hover = empty * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg
+    if hover >= limits.highest_thrust:
+        raise PlanError(f"limits.highest_thrust {limits.highest_thrust:g}: the vehicle hovers at {hover:.2f}")
+    if limits.lowest_thrust > _TO_SINK * empty:
         raise PlanError(
-            f"limits.lowest_thrust {limits.lowest_thrust:g} to limits.highest_thrust {limits.highest_thrust:g}: "
-            f"the vehicle hovers at {hover:.2f}"
+            f"limits.lowest_thrust {limits.lowest_thrust:g}: the vehicle hovers at {empty:.2f}{parcel}, and sinks with "
+            f"{_TO_SINK * empty:.2f} or less"
         )
     if plan.mission.trajectory is not None and plan.mission.trajectory.shape == "loop":
         _check_loop(plan, plan.mission.trajectory)

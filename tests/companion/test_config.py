@@ -105,3 +105,12 @@ def test_a_vehicle_that_can_not_hover_within_the_limits_is_refused() -> None:
     heavy = msgspec.structs.replace(plan.body, mass_kg=3.5)
     with pytest.raises(PlanError, match="hovers at 1"):
         check(Plan(plan.settings, heavy, mission, Output.RATES, 1.0, {}))
+
+
+def test_a_vehicle_that_can_not_sink_once_its_parcel_is_gone_is_refused() -> None:
+    """The paper's hovers at 0.47 with its parcel, at 0.40 without: with 0.45 at the least it rose to 139 m."""
+    mission, _ = load_mission("errand")
+    body, high, low = load_body("paper_quad"), "limits.lowest_thrust=0.45", "limits.lowest_thrust=0.35"
+    check(Plan(load_settings(None, [low]), body, mission, Output.RATES, 1.0, {}))
+    with pytest.raises(PlanError, match=r"lowest_thrust 0\.45: .* 0\.40 once its parcel is gone, .* 0\.36 or less"):
+        check(Plan(load_settings(None, [high]), body, mission, Output.RATES, 1.0, {}))
