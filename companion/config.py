@@ -12,6 +12,12 @@ from companion.config_types import LEAST, Count, Fraction, NotNegative, Positive
 from companion.plugins import Kind, Options, Plugin, options_for, plugin
 
 Vector = tuple[Positive, Positive, Positive]
+Turning = Annotated[float, msgspec.Meta(ge=LEAST, le=1e12)]
+"""deg/s or deg/s2; the paper's vehicle turns at once."""
+Weight = Annotated[float, msgspec.Meta(ge=1e-6, le=1e6)]
+"""Between these there is a solution of the Riccati equation, however they are mixed."""
+Weights = tuple[Weight, Weight, Weight]
+Bandwidth = Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
 NonNegativeVector = tuple[NotNegative, NotNegative, NotNegative]
 
 POSITION_LAWS = ("backstepping", "se3", "sliding_mode", "pid")
@@ -59,13 +65,13 @@ class AttitudeControl(Table, frozen=True):
     """Or a law of another package (docs/extend.md)."""
     options: Options = msgspec.field(default_factory=dict)
     """Settings of the law, if it is one of another package."""
-    angle_weight: Vector = (400.0, 400.0, 50.0)
+    angle_weight: Weights = (400.0, 400.0, 50.0)
     """Weights of the angles on the diagonal of Q (8)."""
-    rate_weight: Vector = (1.0, 1.0, 1.0)
+    rate_weight: Weights = (1.0, 1.0, 1.0)
     """Weights of the rates on the diagonal of Q (8)."""
-    input_weight: Vector = (1.0, 1.0, 1.0)
+    input_weight: Weights = (1.0, 1.0, 1.0)
     """Weights of the inputs on the diagonal of R."""
-    bandwidth: Vector | None = None
+    bandwidth: tuple[Bandwidth, Bandwidth, Bandwidth] | None = None
     """rad/s; replaces angle and rate weights by the rule of `control.lqr.weights_for`."""
     damping: Annotated[float, msgspec.Meta(ge=0.7072, le=2)] = 0.8
     """Damping ratio for that rule."""
@@ -231,9 +237,9 @@ class Trajectory(Table, frozen=True):
     """m/s"""
     descent_speed: Positive = 1.0
     """m/s"""
-    yaw_rate_deg: Positive = 60.0
+    yaw_rate_deg: Turning = 60.0
     """deg/s"""
-    yaw_acceleration_deg: Positive = 180.0
+    yaw_acceleration_deg: Turning = 180.0
     """deg/s2"""
     blind_way: Positive = 0.5
     """m; with a link that is late the vehicle is no faster than so far within the delay. Curves keep their speed."""

@@ -59,12 +59,20 @@ def test_heights_follow_the_ground_over_the_map_alone(method: str) -> None:
         "rates.position=1e308",
         "supervision.command_interval=1e308",
         "control.prediction.command_delay=1e308",
+        "control.attitude.input_weight=[2.8e7, 1e-9, 4e-7]",
+        "control.attitude.bandwidth=[1e6, 1.0, 1.0]",
         "geofence.north=[-1e308, 1e308]",
     ],
 )
 def test_impossible_values(override: str) -> None:
     with pytest.raises(TomlFileError, match=override.split("=")[0].split(".")[1]):
         load_settings(None, [override])
+
+
+def test_the_papers_vehicle_turns_at_once() -> None:
+    """docs/paper.md flies it so."""
+    keys = "trajectory.yaw_rate_deg", "trajectory.yaw_acceleration_deg"
+    assert load_settings(None, [f"{key}=1e12" for key in keys]).trajectory.yaw_rate_deg == 1e12
 
 
 def test_an_old_name_is_refused_with_the_new_one(tmp_path: Path) -> None:
