@@ -19,6 +19,7 @@ import msgspec
 from companion.autopilot import Autopilot
 from companion.config import STEEPEST_DEG, Settings
 from companion.config_avoidance import Avoidance
+from companion.control.stability import unstable
 from companion.curves import Shape
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
@@ -166,6 +167,15 @@ def check(plan: Plan) -> None:
         _check_loop(plan, plan.mission.trajectory)
     if limits.tilt_deg > STEEPEST_DEG and plan.output in (None, Output.ATTITUDE):
         raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: choose --output rates or actuators")
+    for output in (Output.ATTITUDE, Output.RATES) if plan.output is None else (plan.output,):
+        swings = unstable(plan.settings, body, output)
+        if swings is not None:
+            law = plan.settings.control.position.law
+            raise PlanError(
+                f"control.position, control.attitude: with these gains of {law} and lqr no vehicle of this mass and "
+                f"inertia flies on output {output.value}: {swings}; take softer ones of the position or faster ones of "
+                "the attitude"
+            )
 
 
 def _check_loop(plan: Plan, loop: Shape) -> None:
