@@ -19,6 +19,7 @@ import msgspec
 from companion.autopilot import Autopilot
 from companion.config import STEEPEST_DEG, Settings
 from companion.config_avoidance import Avoidance
+from companion.control.parameters import kept_tilt
 from companion.control.stability import unstable
 from companion.curves import Shape
 from companion.link.bandwidth import fitted
@@ -167,6 +168,7 @@ def check(plan: Plan) -> None:
         _check_loop(plan, plan.mission.trajectory)
     if limits.tilt_deg > STEEPEST_DEG and plan.output in (None, Output.ATTITUDE):
         raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: choose --output rates or actuators")
+    _check_braking(plan)
     for output in (Output.ATTITUDE, Output.RATES) if plan.output is None else (plan.output,):
         swings = unstable(plan.settings, body, output)
         if swings is not None:
@@ -176,6 +178,31 @@ def check(plan: Plan) -> None:
                 f"inertia flies on output {output.value}: {swings}; take softer ones of the position or faster ones of "
                 "the attitude"
             )
+
+
+def _check_braking(plan: Plan) -> None:
+    """What the vehicle can brake with at its limits of tilt and thrust, beside what it is to brake with: by that its
+    speed before obstacles and goals is chosen."""
+    body, settings = plan.body, plan.settings
+    avoidance, limits = settings.avoidance, settings.limits
+    if limits.tilt_deg > STEEPEST_DEG:
+        return
+    tilt = limits.tilt if min(body.rate_loop_gain_1_s[:2]) > 0.0 else kept_tilt(limits)
+    upright = math.acos(body.hover_thrust * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg / limits.highest_thrust)
+    most = GRAVITY * math.tan(min(tilt, upright))
+    wanted = {"trajectory.acceleration": settings.trajectory.acceleration}
+    if avoidance.looks_around:
+        wanted["avoidance.guard.braking"] = avoidance.guard.braking
+    if avoidance.mapped:
+        wanted["avoidance.course.braking"] = avoidance.course.braking
+    elif avoidance.needs_scan:
+        wanted["avoidance.braking_acceleration"] = avoidance.braking_acceleration
+    harder = [f"{key} {value:g}" for key, value in wanted.items() if value > most]
+    if harder:
+        raise PlanError(
+            f"limits.tilt_deg {limits.tilt_deg:g}, limits.highest_thrust {limits.highest_thrust:g}: the vehicle brakes "
+            f"with {most:.1f} m/s2 at most, which is less than {', '.join(harder)}"
+        )
 
 
 def _check_loop(plan: Plan, loop: Shape) -> None:

@@ -115,6 +115,29 @@ def test_a_vehicle_that_can_not_hover_within_the_limits_is_refused() -> None:
         check(Plan(plan.settings, heavy, mission, Output.RATES, 1.0, {}))
 
 
+def test_a_vehicle_that_can_not_brake_as_it_is_to_is_refused() -> None:
+    """With a tilt of 15 degrees, 2.6 m/s2, a vehicle at 12 m/s hit a wall: its speed was chosen by a braking of 5.5."""
+    mission, body = load_mission("errand")[0], load_body("paper_quad")
+
+    def refused(*overrides: str) -> str:
+        try:
+            check(Plan(load_settings(None, overrides), body, mission, Output.RATES, 1.0, {}))
+        except PlanError as error:
+            return str(error)
+        return ""
+
+    lame = "limits.tilt_deg=20.0"
+    assert "3.6 m/s2 at most, which is less than avoidance.guard.braking 5.5, avoid" in refused(lame)
+    assert "less than avoidance.course.braking 4.5" in refused(lame, "avoidance.guard.braking=3.5")
+    assert not refused(lame, "avoidance.guard.braking=3.5", "avoidance.course.braking=3.5")
+    assert not refused(lame, "avoidance.method=none") and not refused(lame, "avoidance.method=paper")
+    assert "trajectory.acceleration 4" in refused(lame, "avoidance.method=none", "trajectory.acceleration=4.0")
+    assert "avoidance.braking_acceleration 4" in refused(
+        lame, "avoidance.method=paper", "avoidance.braking_acceleration=4.0"
+    )
+    assert "guard.braking 5.5" in refused("limits.highest_thrust=0.53"), "at 0.47 it hovers"
+
+
 def test_a_vehicle_that_can_not_sink_once_its_parcel_is_gone_is_refused() -> None:
     """The paper's hovers at 0.47 with its parcel, at 0.40 without: with 0.45 at the least it rose to 139 m."""
     mission, _ = load_mission("errand")
