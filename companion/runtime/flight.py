@@ -2,7 +2,6 @@
 
 import json
 import logging
-import math
 import os
 import platform
 import subprocess
@@ -17,11 +16,8 @@ from typing import Any, Literal
 import msgspec
 
 from companion.autopilot import Autopilot
-from companion.config import STEEPEST_DEG, Settings
+from companion.config import Settings
 from companion.config_avoidance import Avoidance
-from companion.control.parameters import kept_tilt
-from companion.control.stability import unstable
-from companion.curves import Shape
 from companion.link.bandwidth import fitted
 from companion.link.vehicle_link import Traffic
 from companion.mission.files import to_toml
@@ -29,6 +25,8 @@ from companion.mission.plan import Mission, all_delivered
 from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.compiling import first_start, planner_compiled_beside
+from companion.runtime.feasibility import PlanError as PlanError
+from companion.runtime.feasibility import feasible
 from companion.runtime.files import is_geodetic
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, PlannerProcess, Planning
 from companion.runtime.plugin_time import refuse_slow_plugins
@@ -45,15 +43,13 @@ from protocol.compiling import compiling_shown
 from protocol.flightlog import FlightLog, FlightLogError, RecorderProcess
 from protocol.guarded_link import GuardedLink, inmost
 from protocol.transport import Transport, bytes_per_s
-from protocol.vehicle_parameters import GRAVITY, VehicleParameters
+from protocol.vehicle_parameters import VehicleParameters
 
 Pace = Literal["lockstep"] | float
 """Lockstep, or how many times as fast as real time."""
 
 AUTO = "auto"
 """The output of a plan that leaves it to the vehicle, in words."""
-_TO_SINK = 0.9
-"""Share of the thrust in hover that surely lets a vehicle sink, whose weight and thrust are known so well."""
 LIBRARIES = ("control", "mcap", "numba", "numpy", "pymavlink", "ruckig", "scipy")
 
 
@@ -112,10 +108,6 @@ class Result:
     log_fault: str | None
 
 
-class PlanError(Exception):
-    """Settings, mission and vehicle do not go together."""
-
-
 def prepare(plan: Plan) -> Plan:
     """Check the plan and rehearse it, so that all is compiled; the plan with the processes of planner and log, which
     get ready meanwhile. Raises PlanError, RehearsalError and PluginError."""
@@ -154,69 +146,7 @@ def _planning(plan: Plan) -> Planning:
 
 def check(plan: Plan) -> None:
     """Raises PlanError for what can be known before any vehicle is there."""
-    body, limits = plan.body, plan.settings.limits
-    empty, parcel = body.hover_thrust, " once its parcel is gone" if body.parcel_mass_kg else ""
-    hover = empty * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg
-    if hover >= limits.highest_thrust:
-        raise PlanError(f"limits.highest_thrust {limits.highest_thrust:g}: the vehicle hovers at {hover:.2f}")
-    if limits.lowest_thrust > _TO_SINK * empty:
-        raise PlanError(
-            f"limits.lowest_thrust {limits.lowest_thrust:g}: the vehicle hovers at {empty:.2f}{parcel}, and sinks with "
-            f"{_TO_SINK * empty:.2f} or less"
-        )
-    if plan.mission.trajectory is not None and plan.mission.trajectory.shape == "loop":
-        _check_loop(plan, plan.mission.trajectory)
-    if limits.tilt_deg > STEEPEST_DEG and plan.output in (None, Output.ATTITUDE):
-        raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: choose --output rates or actuators")
-    _check_braking(plan)
-    for output in (Output.ATTITUDE, Output.RATES) if plan.output is None else (plan.output,):
-        swings = unstable(plan.settings, body, output)
-        if swings is not None:
-            law = plan.settings.control.position.law
-            raise PlanError(
-                f"control.position, control.attitude: with these gains of {law} and lqr no vehicle of this mass and "
-                f"inertia flies on output {output.value}: {swings}; take softer ones of the position or faster ones of "
-                "the attitude"
-            )
-
-
-def _check_braking(plan: Plan) -> None:
-    """What the vehicle can brake with at its limits of tilt and thrust, beside what it is to brake with: by that its
-    speed before obstacles and goals is chosen."""
-    body, settings = plan.body, plan.settings
-    avoidance, limits = settings.avoidance, settings.limits
-    if limits.tilt_deg > STEEPEST_DEG:
-        return
-    tilt = limits.tilt if min(body.rate_loop_gain_1_s[:2]) > 0.0 else kept_tilt(limits)
-    upright = math.acos(body.hover_thrust * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg / limits.highest_thrust)
-    most = GRAVITY * math.tan(min(tilt, upright))
-    wanted = {"trajectory.acceleration": settings.trajectory.acceleration}
-    if avoidance.looks_around:
-        wanted["avoidance.guard.braking"] = avoidance.guard.braking
-    if avoidance.mapped:
-        wanted["avoidance.course.braking"] = avoidance.course.braking
-    elif avoidance.needs_scan:
-        wanted["avoidance.braking_acceleration"] = avoidance.braking_acceleration
-    harder = [f"{key} {value:g}" for key, value in wanted.items() if value > most]
-    if harder:
-        raise PlanError(
-            f"limits.tilt_deg {limits.tilt_deg:g}, limits.highest_thrust {limits.highest_thrust:g}: the vehicle brakes "
-            f"with {most:.1f} m/s2 at most, which is less than {', '.join(harder)}"
-        )
-
-
-def _check_loop(plan: Plan, loop: Shape) -> None:
-    """At the bottom the thrust bears weight and centrifugal force, at the top it turns fastest."""
-    body, limits = plan.body, plan.settings.limits
-    if limits.tilt_deg <= STEEPEST_DEG:
-        raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: a loop needs 180")
-    acceleration = loop.speed**2 / loop.size
-    thrust = (body.mass_kg + body.parcel_mass_kg) * (acceleration + GRAVITY) / body.max_thrust_n
-    if thrust > limits.highest_thrust:
-        raise PlanError(f"limits.highest_thrust {limits.highest_thrust:g}: the loop needs {thrust:.2f}")
-    turning_deg = math.degrees(loop.speed / loop.size * acceleration / (acceleration - GRAVITY))
-    if turning_deg > limits.roll_pitch_rate_deg:
-        raise PlanError(f"limits.roll_pitch_rate_deg {limits.roll_pitch_rate_deg:g}: the loop needs {turning_deg:.0f}")
+    feasible(plan.settings, plan.body, plan.mission, plan.output)
 
 
 def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:

@@ -138,6 +138,18 @@ def test_a_vehicle_that_can_not_brake_as_it_is_to_is_refused() -> None:
     assert "guard.braking 5.5" in refused("limits.highest_thrust=0.53"), "at 0.47 it hovers"
 
 
+def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:
+    """At 60 deg/s it swung by 45 degrees to either side from the first waypoint on, and never came to rest there."""
+    mission, body, slow = load_mission("hover")[0], load_body("paper_quad"), "limits.roll_pitch_rate_deg=60.0"
+    for output in (None, Output.RATES):
+        with pytest.raises(PlanError, match=r"roll_pitch_rate_deg 60: on output rates at least 90, as"):
+            check(Plan(load_settings(None, [slow]), body, mission, output, 1.0, {}))
+    for output in (Output.ATTITUDE, Output.ACTUATORS):
+        check(Plan(load_settings(None, [slow]), body, mission, output, 1.0, {}))
+    gentle = "limits.tilt_deg=30.0", "avoidance.guard.braking=4.0", "avoidance.course.braking=4.0"
+    check(Plan(load_settings(None, [slow, *gentle]), body, mission, Output.RATES, 1.0, {}))
+
+
 def test_a_vehicle_that_can_not_sink_once_its_parcel_is_gone_is_refused() -> None:
     """The paper's hovers at 0.47 with its parcel, at 0.40 without: with 0.45 at the least it rose to 139 m."""
     mission, _ = load_mission("errand")

@@ -1,0 +1,97 @@
+"""What can be known before any vehicle is there: limits, gains and mission with which no flight can work."""
+
+import math
+
+from companion.config import STEEPEST_DEG, Limits, Settings
+from companion.control.parameters import kept_tilt
+from companion.control.stability import unstable
+from companion.curves import Shape
+from companion.mission.plan import Mission
+from companion.state import Output
+from protocol.vehicle_parameters import GRAVITY, VehicleParameters
+
+_TURNS = 2.0
+"""1/s; the rate of roll and pitch by the tilt, at least. With 1.33 and 45 degrees a vehicle swings, with 1.55 not."""
+_TO_SINK = 0.9
+"""Share of the thrust in hover that surely lets a vehicle sink, whose weight and thrust are known so well."""
+
+
+class PlanError(Exception):
+    """Settings, mission and vehicle do not go together."""
+
+
+def feasible(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
+    """Raises PlanError for what no flight can work with; `output`: None, if the vehicle's parameters will choose it."""
+    limits = settings.limits
+    empty, parcel = body.hover_thrust, " once its parcel is gone" if body.parcel_mass_kg else ""
+    hover = empty * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg
+    if hover >= limits.highest_thrust:
+        raise PlanError(f"limits.highest_thrust {limits.highest_thrust:g}: the vehicle hovers at {hover:.2f}")
+    if limits.lowest_thrust > _TO_SINK * empty:
+        raise PlanError(
+            f"limits.lowest_thrust {limits.lowest_thrust:g}: the vehicle hovers at {empty:.2f}{parcel}, and sinks with "
+            f"{_TO_SINK * empty:.2f} or less"
+        )
+    if mission.trajectory is not None and mission.trajectory.shape == "loop":
+        _check_loop(settings, body, mission.trajectory)
+    if limits.tilt_deg > STEEPEST_DEG and output in (None, Output.ATTITUDE):
+        raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: choose --output rates or actuators")
+    _check_turning(limits, output)
+    _check_braking(settings, body)
+    for each in (Output.ATTITUDE, Output.RATES) if output is None else (output,):
+        swings = unstable(settings, body, each)
+        if swings is not None:
+            law = settings.control.position.law
+            raise PlanError(
+                f"control.position, control.attitude: with these gains of {law} and lqr no vehicle of this mass and "
+                f"inertia flies on output {each.value}: {swings}; take softer ones of the position or faster ones of "
+                "the attitude"
+            )
+
+
+def _check_turning(limits: Limits, output: Output | None) -> None:
+    """On rates a vehicle that turns more slowly swings from one limit of its tilt to the other for good."""
+    least = _TURNS * limits.tilt_deg
+    if limits.roll_pitch_rate_deg < least and limits.tilt_deg <= STEEPEST_DEG and output in (None, Output.RATES):
+        raise PlanError(
+            f"limits.roll_pitch_rate_deg {limits.roll_pitch_rate_deg:g}: on output rates at least {least:g}, as "
+            f"limits.tilt_deg is {limits.tilt_deg:g}"
+        )
+
+
+def _check_braking(settings: Settings, body: VehicleParameters) -> None:
+    """What the vehicle can brake with at its limits of tilt and thrust, beside what it is to brake with: by that its
+    speed before obstacles and goals is chosen."""
+    avoidance, limits = settings.avoidance, settings.limits
+    if limits.tilt_deg > STEEPEST_DEG:
+        return
+    tilt = limits.tilt if min(body.rate_loop_gain_1_s[:2]) > 0.0 else kept_tilt(limits)
+    upright = math.acos(body.hover_thrust * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg / limits.highest_thrust)
+    most = GRAVITY * math.tan(min(tilt, upright))
+    wanted = {"trajectory.acceleration": settings.trajectory.acceleration}
+    if avoidance.looks_around:
+        wanted["avoidance.guard.braking"] = avoidance.guard.braking
+    if avoidance.mapped:
+        wanted["avoidance.course.braking"] = avoidance.course.braking
+    elif avoidance.needs_scan:
+        wanted["avoidance.braking_acceleration"] = avoidance.braking_acceleration
+    harder = [f"{key} {value:g}" for key, value in wanted.items() if value > most]
+    if harder:
+        raise PlanError(
+            f"limits.tilt_deg {limits.tilt_deg:g}, limits.highest_thrust {limits.highest_thrust:g}: the vehicle brakes "
+            f"with {most:.1f} m/s2 at most, which is less than {', '.join(harder)}"
+        )
+
+
+def _check_loop(settings: Settings, body: VehicleParameters, loop: Shape) -> None:
+    """At the bottom the thrust bears weight and centrifugal force, at the top it turns fastest."""
+    limits = settings.limits
+    if limits.tilt_deg <= STEEPEST_DEG:
+        raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: a loop needs 180")
+    acceleration = loop.speed**2 / loop.size
+    thrust = (body.mass_kg + body.parcel_mass_kg) * (acceleration + GRAVITY) / body.max_thrust_n
+    if thrust > limits.highest_thrust:
+        raise PlanError(f"limits.highest_thrust {limits.highest_thrust:g}: the loop needs {thrust:.2f}")
+    turning_deg = math.degrees(loop.speed / loop.size * acceleration / (acceleration - GRAVITY))
+    if turning_deg > limits.roll_pitch_rate_deg:
+        raise PlanError(f"limits.roll_pitch_rate_deg {limits.roll_pitch_rate_deg:g}: the loop needs {turning_deg:.0f}")
