@@ -36,6 +36,12 @@ def feasible(settings: Settings, body: VehicleParameters, mission: Mission, outp
         _check_loop(settings, body, mission.trajectory)
     if limits.tilt_deg > STEEPEST_DEG and output in (None, Output.ATTITUDE):
         raise PlanError(f"limits.tilt_deg {limits.tilt_deg:g}: choose --output rates or actuators")
+    heights, avoidance = [each.height for each in mission.waypoints], settings.avoidance
+    if avoidance.needs_scan and heights and avoidance.ground_height >= max(heights):
+        raise PlanError(
+            f"avoidance.ground_height {avoidance.ground_height:g}: what is below counts as ground, and the route is "
+            f"no higher than {max(heights):g} m: no obstacle would be seen"
+        )
     _check_turning(limits, output)
     _check_braking(settings, body)
     for each in (Output.ATTITUDE, Output.RATES) if output is None else (output,):

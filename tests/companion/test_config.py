@@ -150,6 +150,15 @@ def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:
     check(Plan(load_settings(None, [slow, *gentle]), body, mission, Output.RATES, 1.0, {}))
 
 
+def test_a_route_below_what_counts_as_ground_is_refused() -> None:
+    """With 5 m the errand's vehicle, 3 m high, saw no obstacle and hit the street lamp."""
+    mission, body, high = load_mission("errand")[0], load_body("paper_quad"), "avoidance.ground_height=5.0"
+    with pytest.raises(PlanError, match=r"avoidance\.ground_height 5: .* no higher than 3 m"):
+        check(Plan(load_settings(None, [high]), body, mission, Output.RATES, 1.0, {}))
+    check(Plan(load_settings(None, ["avoidance.ground_height=2.9"]), body, mission, Output.RATES, 1.0, {}))
+    check(Plan(load_settings(None, [high, "avoidance.method=none"]), body, mission, Output.RATES, 1.0, {}))
+
+
 def test_a_vehicle_that_can_not_sink_once_its_parcel_is_gone_is_refused() -> None:
     """The paper's hovers at 0.47 with its parcel, at 0.40 without: with 0.45 at the least it rose to 139 m."""
     mission, _ = load_mission("errand")
