@@ -25,6 +25,7 @@ import numpy as np
 from companion.config_avoidance import Avoidance
 from companion.mission.plan import Mission, Phase
 from companion.runtime import flight as whole_flight
+from companion.runtime.feasibility import within_reach
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.state import Output
 from protocol import toml_files as toml_files
@@ -441,11 +442,10 @@ def record(
         "vehicle": toml_files.find("vehicles", mission.vehicle),
         "world": toml_files.find("worlds", mission.world),
     }
-    settings = load_settings(None, list(overrides))
+    body = load_body(mission.vehicle)
+    settings, _ = within_reach(load_settings(None, list(overrides)), body)
     given = (*overrides, *(f"vehicle.{each}" for each in vehicle_overrides))
-    plan = whole_flight.Plan(
-        settings, load_body(mission.vehicle), mission, Output.RATES, "lockstep", files, seed, given
-    )
+    plan = whole_flight.Plan(settings, body, mission, Output.RATES, "lockstep", files, seed, given)
     airframe = Airframe.load(files["vehicle"], vehicle_overrides)
     vehicle = Vehicle(airframe, World.load(files["world"]), seed=seed, lockstep=True)
     return whole_flight.fly(plan, _Vehicle(vehicle, end_ns), logs, console=False).log

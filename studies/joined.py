@@ -10,6 +10,7 @@ from companion.events import Datagram, Event, Reaction
 from companion.mission.plan import Mission
 from companion.records import TRACE
 from companion.runtime.driver import Driver, nobody
+from companion.runtime.feasibility import within_reach
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
 from companion.state import Output
@@ -53,8 +54,8 @@ class Joined:
     """(17,) of rigid_body at each tick, from 0 on."""
 
     def __post_init__(self) -> None:
-        settings = load_settings(None, list(self.overrides))
         body = load_body(self.mission.vehicle) if self.airframe is None else self.airframe.body
+        settings, _ = within_reach(load_settings(None, list(self.overrides)), body)
         self.autopilot = Autopilot(settings, body, self.mission, self.output)
         frame = self.airframe or Airframe.load(
             toml_files.find("vehicles", self.mission.vehicle), self.vehicle_overrides

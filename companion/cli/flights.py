@@ -376,7 +376,7 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     from companion.mission.plan import Mission
     from companion.runtime.demo import SIMULATOR_FILES
     from companion.runtime.files import at_pad, load_body, load_mission, load_settings
-    from companion.runtime.flight import Plan, PlanError, check
+    from companion.runtime.flight import Plan, PlanError, check, softened
     from companion.runtime.station_files import fenced, is_of_station, load_of_station
     from protocol import toml_files as toml_files
 
@@ -412,6 +412,9 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     pace = _pace(("realtime" if asked.gcs else "lockstep") if asked.pace is None else asked.pace)
     plan = Plan(settings, body, mission, output, pace, files, seed, tuple(overrides))
     check(plan)
+    plan, slower = softened(plan)
+    if slower:
+        note(slower)
     return plan
 
 

@@ -1,6 +1,9 @@
 """What can be known before any vehicle is there: limits, gains and mission with which no flight can work."""
 
 import math
+from typing import Any
+
+import msgspec
 
 from companion.config import STEEPEST_DEG, Limits, Settings
 from companion.control.parameters import kept_tilt
@@ -20,11 +23,16 @@ class PlanError(Exception):
     """Settings, mission and vehicle do not go together."""
 
 
+def _hover_thrust(body: VehicleParameters) -> float:
+    """With the parcel."""
+    return body.hover_thrust * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg
+
+
 def feasible(settings: Settings, body: VehicleParameters, mission: Mission, output: Output | None) -> None:
     """Raises PlanError for what no flight can work with; `output`: None, if the vehicle's parameters will choose it."""
     limits = settings.limits
     empty, parcel = body.hover_thrust, " once its parcel is gone" if body.parcel_mass_kg else ""
-    hover = empty * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg
+    hover = _hover_thrust(body)
     if hover >= limits.highest_thrust:
         raise PlanError(f"limits.highest_thrust {limits.highest_thrust:g}: the vehicle hovers at {hover:.2f}")
     if limits.lowest_thrust > _TO_SINK * empty:
@@ -43,7 +51,6 @@ def feasible(settings: Settings, body: VehicleParameters, mission: Mission, outp
             f"no higher than {max(heights):g} m: no obstacle would be seen"
         )
     _check_turning(limits, output)
-    _check_braking(settings, body)
     for each in (Output.ATTITUDE, Output.RATES) if output is None else (output,):
         swings = unstable(settings, body, each)
         if swings is not None:
@@ -65,28 +72,33 @@ def _check_turning(limits: Limits, output: Output | None) -> None:
         )
 
 
-def _check_braking(settings: Settings, body: VehicleParameters) -> None:
-    """What the vehicle can brake with at its limits of tilt and thrust, beside what it is to brake with: by that its
-    speed before obstacles and goals is chosen."""
-    avoidance, limits = settings.avoidance, settings.limits
-    if limits.tilt_deg > STEEPEST_DEG:
-        return
+def within_reach(settings: Settings, body: VehicleParameters) -> tuple[Settings, str]:
+    """Settings with no harder accelerations than the limits of tilt and thrust allow, and what that changed, in words:
+    speeds before obstacles and goals are chosen by them."""
+    limits, avoidance, replace = settings.limits, settings.avoidance, msgspec.structs.replace
+    hover = _hover_thrust(body)
+    if limits.tilt_deg > STEEPEST_DEG or hover >= limits.highest_thrust:
+        return settings, ""
     tilt = limits.tilt if min(body.rate_loop_gain_1_s[:2]) > 0.0 else kept_tilt(limits)
-    upright = math.acos(body.hover_thrust * (body.mass_kg + body.parcel_mass_kg) / body.mass_kg / limits.highest_thrust)
-    most = GRAVITY * math.tan(min(tilt, upright))
-    wanted = {"trajectory.acceleration": settings.trajectory.acceleration}
-    if avoidance.looks_around:
-        wanted["avoidance.guard.braking"] = avoidance.guard.braking
+    most = GRAVITY * math.tan(min(tilt, math.acos(hover / limits.highest_thrust)))
+
+    def softened(table: Any, *names: str) -> Any:
+        return replace(table, **{name: min(getattr(table, name), most) for name in names})
+
+    trajectory = softened(settings.trajectory, "acceleration")
+    softer = softened(avoidance, "braking_acceleration") if avoidance.needs_scan else avoidance
     if avoidance.mapped:
-        wanted["avoidance.course.braking"] = avoidance.course.braking
-    elif avoidance.needs_scan:
-        wanted["avoidance.braking_acceleration"] = avoidance.braking_acceleration
-    harder = [f"{key} {value:g}" for key, value in wanted.items() if value > most]
-    if harder:
-        raise PlanError(
-            f"limits.tilt_deg {limits.tilt_deg:g}, limits.highest_thrust {limits.highest_thrust:g}: the vehicle brakes "
-            f"with {most:.1f} m/s2 at most, which is less than {', '.join(harder)}"
-        )
+        softer = replace(softer, course=softened(avoidance.course, "acceleration", "braking"))
+    if avoidance.looks_around:
+        softer = replace(softer, guard=softened(avoidance.guard, "braking"))
+    if trajectory == settings.trajectory and softer == avoidance:
+        return settings, ""
+    softer = replace(softer, guard=softened(softer.guard, "emergency_braking", "evasion"))
+    note = (
+        f"limits.tilt_deg {limits.tilt_deg:g} and limits.highest_thrust {limits.highest_thrust:g}: the vehicle "
+        f"accelerates and brakes with {most:.1f} m/s2 at most, and flies as slowly as that needs"
+    )
+    return replace(settings, trajectory=trajectory, avoidance=softer), note
 
 
 def _check_loop(settings: Settings, body: VehicleParameters, loop: Shape) -> None:

@@ -1,5 +1,6 @@
 """Settings: what the page in docs says is what there is."""
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -7,10 +8,13 @@ import pytest
 
 from companion import config
 from companion.cli.settings_page import page
+from companion.config import Settings
+from companion.runtime.feasibility import within_reach
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.flight import Plan, PlanError, check
 from companion.state import Output
 from protocol.toml_files import TomlFileError
+from protocol.vehicle_parameters import GRAVITY
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "settings.md").read_text(encoding="utf-8")
 
@@ -115,27 +119,27 @@ def test_a_vehicle_that_can_not_hover_within_the_limits_is_refused() -> None:
         check(Plan(plan.settings, heavy, mission, Output.RATES, 1.0, {}))
 
 
-def test_a_vehicle_that_can_not_brake_as_it_is_to_is_refused() -> None:
+def test_no_speed_is_chosen_by_a_braking_that_the_limits_do_not_allow() -> None:
     """With a tilt of 15 degrees, 2.6 m/s2, a vehicle at 12 m/s hit a wall: its speed was chosen by a braking of 5.5."""
-    mission, body = load_mission("errand")[0], load_body("paper_quad")
+    body = load_body("paper_quad")
 
-    def refused(*overrides: str) -> str:
-        try:
-            check(Plan(load_settings(None, overrides), body, mission, Output.RATES, 1.0, {}))
-        except PlanError as error:
-            return str(error)
-        return ""
+    def soft(*overrides: str) -> tuple[Settings, str]:
+        return within_reach(load_settings(None, overrides), body)
 
-    lame = "limits.tilt_deg=20.0"
-    assert "3.6 m/s2 at most, which is less than avoidance.guard.braking 5.5, avoid" in refused(lame)
-    assert "less than avoidance.course.braking 4.5" in refused(lame, "avoidance.guard.braking=3.5")
-    assert not refused(lame, "avoidance.guard.braking=3.5", "avoidance.course.braking=3.5")
-    assert not refused(lame, "avoidance.method=none") and not refused(lame, "avoidance.method=paper")
-    assert "trajectory.acceleration 4" in refused(lame, "avoidance.method=none", "trajectory.acceleration=4.0")
-    assert "avoidance.braking_acceleration 4" in refused(
-        lame, "avoidance.method=paper", "avoidance.braking_acceleration=4.0"
-    )
-    assert "guard.braking 5.5" in refused("limits.highest_thrust=0.53"), "at 0.47 it hovers"
+    assert soft() == (load_settings(None), "")
+    found, note = soft("limits.tilt_deg=15.0")
+    course, guard, most = found.avoidance.course, found.avoidance.guard, GRAVITY * math.tan(math.radians(15.0))
+    assert "limits.tilt_deg 15" in note and "2.6 m/s2" in note
+    keys = course.acceleration, course.braking, guard.braking, guard.emergency_braking, guard.evasion
+    assert keys == pytest.approx((most,) * 5) and found.trajectory.acceleration == pytest.approx(most)
+    assert found.limits == load_settings(None, ["limits.tilt_deg=15.0"]).limits
+    found, note = soft("limits.tilt_deg=25.0", "avoidance.method=none", "trajectory.acceleration=2.0")
+    assert not note and found.avoidance.course == Settings().avoidance.course, "what is not used changes nothing"
+    assert soft("limits.tilt_deg=25.0", "avoidance.method=none", "trajectory.acceleration=9.0")[1]
+    found, note = soft("limits.highest_thrust=0.53")
+    assert note and found.avoidance.guard.braking < 5.5, "at 0.47 it hovers"
+    loose = "limits.tilt_deg=180.0", "limits.roll_pitch_rate_deg=400.0"
+    assert soft(*loose) == (load_settings(None, loose), "")
 
 
 def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:
@@ -146,8 +150,7 @@ def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:
             check(Plan(load_settings(None, [slow]), body, mission, output, 1.0, {}))
     for output in (Output.ATTITUDE, Output.ACTUATORS):
         check(Plan(load_settings(None, [slow]), body, mission, output, 1.0, {}))
-    gentle = "limits.tilt_deg=30.0", "avoidance.guard.braking=4.0", "avoidance.course.braking=4.0"
-    check(Plan(load_settings(None, [slow, *gentle]), body, mission, Output.RATES, 1.0, {}))
+    check(Plan(load_settings(None, [slow, "limits.tilt_deg=30.0"]), body, mission, Output.RATES, 1.0, {}))
 
 
 def test_a_route_below_what_counts_as_ground_is_refused() -> None:
