@@ -53,12 +53,15 @@ The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle
 | glass that lets the beams through | they return from behind it | it is flown into | no speed |
 | glass or mirrors without a return | the sector stays unknown, not free | the hull stays out | any speed |
 | who crosses before a fast, low flight | the scan meets the ground | at 8 m/s 13 of 40 hit | 6 m/s |
+| what hangs from 1 m below the flight on | the leaning scan looks beneath it | at 8 m/s 3 of 4 hit | 5 m/s |
 | pole thinner than the beams' spacing | one beam in 5 degrees may miss it | 5 cm at 4.3 m/s: some hit | see below |
 
 At 2 m above the ground and 7 m/s the scan shows a person from 7 m on, by its angle; higher up from farther away. The
 flights at 8 m/s were at 2 m, too, among trunks and walkers. What counts is how far the vehicle leans, by its drag and
 the wind: with 1.7 times the drag of the paper's vehicle it leans by 16 degrees at 6 m/s, sees who comes ahead on at 4
 m/s 0.6 s before it would meet him, and met 2 of 6. `companion mission show` names the legs on which that is too late.
+So it does with what hangs in the way, as a billboard. With `avoidance.map.layer=1.0` what the scan shows more than 1 m
+below the flight does not count as free: the vehicle is slower, and none of three flights hit the billboard.
 
 With one beam in each sector of 5 degrees a pole is met by a beam, however the vehicle stands, from `width / 0.087` on.
 The speed is that from which the guard's braking (5.5 m/s2 after 0.25 s) stops the hull (0.36 m) within that distance. A

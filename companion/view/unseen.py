@@ -38,17 +38,22 @@ def unseen(
     for number, start, end in _legs(plan):
         missed = list(_missed(prisms, start, end))
         if math.dist(start[:2], end[:2]) > _ALONG_M:
-            above = -float(max(start[2], end[2])) - avoidance.ground_height
-            missed += _comes(plan[number - 1].speed or mission.speed, above, body)
+            above, flown = -float(max(start[2], end[2])) - avoidance.ground_height, plan[number - 1].speed
+            missed += _comes(flown or mission.speed, above, body)
+            hanging = [each for each in prisms if between([each], start, end, ROOM)]
+            missed += _hangs(hanging, -float(start[2]), flown or mission.speed, avoidance, body)
         found += [f"{each} (step {number})" for each in missed]
     return list(dict.fromkeys(found))
 
 
 def thinnest(speed: float, avoidance: Avoidance) -> float:
     """Width (m) of the thinnest pole that one beam in each sector meets while the vehicle can still stop before it."""
+    return _stops_m(speed, avoidance) * _SECTOR
+
+
+def _stops_m(speed: float, avoidance: Avoidance) -> float:
     guard = avoidance.guard
-    stops = speed**2 / (2.0 * guard.braking) + speed * guard.reaction_time + avoidance.vehicle_radius
-    return stops * _SECTOR
+    return speed**2 / (2.0 * guard.braking) + speed * guard.reaction_time + avoidance.vehicle_radius
 
 
 def sight_m(speed: float, height: float, body: VehicleParameters) -> float:
@@ -68,6 +73,23 @@ def _comes(speed: float, height: float, body: VehicleParameters) -> Iterator[str
             f"in time, who comes ahead on at {_COMES_M_S:g} m/s: at {speed:g} m/s, in still air, the vehicle leans by "
             f"{lean:.0f} degrees, and its scan meets the ground, or what counts as such, {sight:.0f} m ahead"
         )
+
+
+def _hangs(
+    prisms: Sequence[Prism], height: float, speed: float, avoidance: Avoidance, body: VehicleParameters
+) -> Iterator[str]:
+    """What hangs in the way at a `height` (m), where the leaning scan looks beneath it until it is too late to stop.
+    What a scan shows beyond the map's layer is not taken for free."""
+    for prism in prisms:
+        room = height - prism.bottom
+        if prism.bottom > 0.0 and 0.0 <= room < avoidance.map.layer and height <= prism.top:
+            sight = sight_m(speed, room, body)
+            if sight < _stops_m(speed, avoidance):
+                yield (
+                    f"in time, {prism.name}, which hangs from {prism.bottom:.1f} m on: at {speed:g} m/s, in still air, "
+                    f"the scan looks beneath it until {sight:.1f} m before it; the vehicle is as slow as that needs "
+                    f"with avoidance.map.layer={0.9 * room:.1f}"
+                )
 
 
 def _poles(speed: float, avoidance: Avoidance) -> str:

@@ -49,6 +49,22 @@ def test_who_comes_ahead_on_before_a_fast_low_flight() -> None:
         assert any("comes ahead on" in each and "(step 2)" in each for each in found(there)) is late
 
 
+def test_what_hangs_in_the_way_of_a_fast_flight() -> None:
+    """In the demo's street three of four flights at 8 m/s hit the billboard, whose lower edge is 1 m below them."""
+    for speed, height, layer, late in (
+        (8.0, [2.0, 5.5], 3.0, True),
+        (5.0, [2.0, 5.5], 3.0, False),
+        (8.0, [0.0, 5.5], 3.0, False),
+        (8.0, [2.8, 5.5], 3.0, True),
+        (8.0, [2.0, 5.5], 0.9, False),
+    ):
+        mission = replace(MISSION, speed=speed)
+        avoidance = replace(AVOIDANCE, map=replace(AVOIDANCE.map, layer=layer))
+        world = WORLD.format(name="box", north=10.0, east=0.0, height=height).encode()
+        told = unseen(mission, steps(mission, np.zeros(3)), world, avoidance, BODY)
+        assert any("box, which hangs from 2" in each and "(step 2)" in each for each in told) is late
+
+
 def test_descents_and_landings_are_named() -> None:
     descent, landing = found()[1:]
     assert "(step 3)" in descent and "range finder" in descent
