@@ -60,8 +60,9 @@ At 2 m above the ground and 7 m/s the scan shows a person from 7 m on, by its an
 flights at 8 m/s were at 2 m, too, among trunks and walkers. What counts is how far the vehicle leans, by its drag and
 the wind: with 1.7 times the drag of the paper's vehicle it leans by 16 degrees at 6 m/s, sees who comes ahead on at 4
 m/s 0.6 s before it would meet him, and met 2 of 6. `companion mission show` names the legs on which that is too late.
-So it does with what hangs in the way, as a billboard. With `avoidance.map.layer=1.0` what the scan shows more than 1 m
-below the flight does not count as free: the vehicle is slower, and none of three flights hit the billboard.
+So it does with what hangs in the way, as a billboard, and `companion demo` says it at its start. With
+`avoidance.map.layer=1.0` what the scan shows more than 1 m below the flight does not count as free: the vehicle is
+slower, and none of three flights hit the billboard.
 
 With one beam in each sector of 5 degrees a pole is met by a beam, however the vehicle stands, from `width / 0.087` on.
 The speed is that from which the guard's braking (5.5 m/s2 after 0.25 s) stops the hull (0.36 m) within that distance. A

@@ -413,9 +413,24 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     plan = Plan(settings, body, mission, output, pace, files, seed, tuple(overrides))
     check(plan)
     plan, slower = softened(plan)
-    if slower:
-        note(slower)
+    for each in ([slower] if slower else []) + (_seen_too_late(plan) if seed is not None else []):
+        note(each)
     return plan
+
+
+def _seen_too_late(plan: "Plan") -> list[str]:
+    """What there is in the simulated world that the scan shows too late, in words."""
+    import numpy as np
+
+    from companion.mission.plan import steps
+    from companion.view.unseen import seen_too_late
+    from protocol.toml_files import content
+
+    avoidance, mission = plan.settings.avoidance, plan.mission
+    if not avoidance.needs_scan:
+        return []
+    late = seen_too_late(mission, steps(mission, np.zeros(3)), content(plan.files["world"]), avoidance, plan.body)
+    return [f"the LiDAR shows too late: {each}" for each in late]
 
 
 def output_of(text: str) -> "Output | None":

@@ -19,6 +19,8 @@ _ALONG_M = 5.0
 """m that a leg leads along the ground, at least, to be flown at its speed."""
 _COMES_M_S = 4.0
 """Speed of a mover that comes ahead on."""
+_THINNEST_LAYER_M = 0.5
+"""m; a thinner layer of the map is of no use: the scan leaves it with any lean."""
 _EVADED_IN_S = 0.7
 """s before it would be met, from which on it must be seen: of 100 none was met after 0.76 s, of six two after 0.56."""
 
@@ -36,14 +38,29 @@ def unseen(
             found.append(f"what stands where it lands (step {number})")
     prisms = solids(world)
     for number, start, end in _legs(plan):
-        missed = list(_missed(prisms, start, end))
-        if math.dist(start[:2], end[:2]) > _ALONG_M:
-            above, flown = -float(max(start[2], end[2])) - avoidance.ground_height, plan[number - 1].speed
-            missed += _comes(flown or mission.speed, above, body)
-            hanging = [each for each in prisms if between([each], start, end, ROOM)]
-            missed += _hangs(hanging, -float(start[2]), flown or mission.speed, avoidance, body)
-        found += [f"{each} (step {number})" for each in missed]
+        found += [f"{each} (step {number})" for each in _missed(prisms, start, end)]
+    found += [f"in time, {each} (step {number})" for number, each in _late(mission, plan, prisms, avoidance, body)]
     return list(dict.fromkeys(found))
+
+
+def seen_too_late(
+    mission: Mission, plan: Sequence[Step], world: bytes, avoidance: Avoidance, body: VehicleParameters
+) -> list[str]:
+    """In words, what of it the scan does show, but too late for the speed that is flown."""
+    return list(dict.fromkeys(each for _, each in _late(mission, plan, solids(world), avoidance, body)))
+
+
+def _late(
+    mission: Mission, plan: Sequence[Step], prisms: Sequence[Prism], avoidance: Avoidance, body: VehicleParameters
+) -> Iterator[tuple[int, str]]:
+    """With the numbers of the steps."""
+    for number, start, end in _legs(plan):
+        if math.dist(start[:2], end[:2]) > _ALONG_M:
+            speed = plan[number - 1].speed or mission.speed
+            above = -float(max(start[2], end[2])) - avoidance.ground_height
+            hanging = [each for each in prisms if between([each], start, end, ROOM)]
+            for each in (*_comes(speed, above, body), *_hangs(hanging, -float(start[2]), speed, avoidance, body)):
+                yield number, each
 
 
 def thinnest(speed: float, avoidance: Avoidance) -> float:
@@ -70,7 +87,7 @@ def _comes(speed: float, height: float, body: VehicleParameters) -> Iterator[str
     if 0.0 < sight < (speed + _COMES_M_S) * _EVADED_IN_S:
         lean = math.degrees(math.atan(height / sight))
         yield (
-            f"in time, who comes ahead on at {_COMES_M_S:g} m/s: at {speed:g} m/s, in still air, the vehicle leans by "
+            f"who comes ahead on at {_COMES_M_S:g} m/s: at {speed:g} m/s, in still air, the vehicle leans by "
             f"{lean:.0f} degrees, and its scan meets the ground, or what counts as such, {sight:.0f} m ahead"
         )
 
@@ -84,11 +101,12 @@ def _hangs(
         room = height - prism.bottom
         if prism.bottom > 0.0 and 0.0 <= room < avoidance.map.layer and height <= prism.top:
             sight = sight_m(speed, room, body)
+            layer = f"the vehicle is as slow as that needs with avoidance.map.layer={0.9 * room:.1f}"
             if sight < _stops_m(speed, avoidance):
                 yield (
-                    f"in time, {prism.name}, which hangs from {prism.bottom:.1f} m on: at {speed:g} m/s, in still air, "
-                    f"the scan looks beneath it until {sight:.1f} m before it; the vehicle is as slow as that needs "
-                    f"with avoidance.map.layer={0.9 * room:.1f}"
+                    f"{prism.name}, which hangs from {prism.bottom:.1f} m on: at {speed:g} m/s, in still air, the scan "
+                    f"looks beneath it until {sight:.1f} m before it; "
+                    + (layer if room >= _THINNEST_LAYER_M else "fly at another height")
                 )
 
 

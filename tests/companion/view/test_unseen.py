@@ -8,7 +8,7 @@ from companion.avoidance.braking import stopping_speed
 from companion.config_avoidance import Avoidance
 from companion.mission.plan import Delivery, Mission, Waypoint, steps
 from companion.runtime.files import load_body
-from companion.view.unseen import sight_m, thinnest, unseen, words
+from companion.view.unseen import seen_too_late, sight_m, thinnest, unseen, words
 
 AVOIDANCE = Avoidance()
 BODY = load_body("paper_quad")
@@ -63,6 +63,10 @@ def test_what_hangs_in_the_way_of_a_fast_flight() -> None:
         world = WORLD.format(name="box", north=10.0, east=0.0, height=height).encode()
         told = unseen(mission, steps(mission, np.zeros(3)), world, avoidance, BODY)
         assert any("box, which hangs from 2" in each and "(step 2)" in each for each in told) is late
+        flown = seen_too_late(mission, steps(mission, np.zeros(3)), world, avoidance, BODY)
+        assert len(flown) == late and all("box, which hangs" in each for each in flown), "once, not for each step"
+        remedy = "with avoidance.map.layer=0.9" if height[0] == 2.0 else "fly at another height"
+        assert all(each.endswith(remedy) for each in flown)
 
 
 def test_descents_and_landings_are_named() -> None:
