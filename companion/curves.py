@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from companion.config_types import FARTHEST_M, Height, Metres, NotNegative, Positive, Size, Speed, Table
+from companion.config_types import FARTHEST_M, LEAST, Height, Metres, NotNegative, Positive, Size, Speed, Table
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY
 
@@ -54,7 +54,7 @@ class Shape(Table, frozen=True):
             raise ValueError("radius: give either it or acceleration")
         if self.acceleration is not None and self.shape not in ("circle", "ellipse", "loop"):
             raise ValueError(f"acceleration: a {self.shape} takes a radius")
-        if not 0.0 < self.size <= FARTHEST_M:
+        if not LEAST <= self.size <= FARTHEST_M:
             raise ValueError(f"acceleration: at {self.speed:g} m/s the radius is {self.size:g} m, up to {FARTHEST_M}")
         for key, value, shape in (("minor_radius", self.minor_radius, "ellipse"), ("pitch", self.pitch, "helix")):
             if value is not None and self.shape != shape:

@@ -51,6 +51,10 @@ def feasible(settings: Settings, body: VehicleParameters, mission: Mission, outp
             f"no higher than {max(heights):g} m: no obstacle would be seen"
         )
     _check_turning(limits, output)
+
+
+def check_gains(settings: Settings, body: VehicleParameters, output: Output | None) -> None:
+    """Raises PlanError for gains that no flight can work with. It runs compiled code."""
     for each in (Output.ATTITUDE, Output.RATES) if output is None else (output,):
         swings = unstable(settings, body, each)
         if swings is not None:

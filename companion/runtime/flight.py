@@ -26,7 +26,7 @@ from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.compiling import first_start, planner_compiled_beside
 from companion.runtime.feasibility import PlanError as PlanError
-from companion.runtime.feasibility import feasible, within_reach
+from companion.runtime.feasibility import check_gains, feasible, within_reach
 from companion.runtime.files import is_geodetic
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, PlannerProcess, Planning
 from companion.runtime.plugin_time import refuse_slow_plugins
@@ -114,7 +114,9 @@ def prepare(plan: Plan) -> Plan:
     check(plan)
     settings, recorder = plan.settings, RecorderProcess()
     with compiling_shown():
-        if first_start() and settings.avoidance.looks_around:
+        compiles_all = first_start()
+        check_gains(settings, plan.body, plan.output)
+        if compiles_all and settings.avoidance.looks_around:
             straight = msgspec.structs.replace(settings, avoidance=settings.avoidance.by("none"))
             with planner_compiled_beside(settings.avoidance):
                 rehearse(straight, plan.body, plan.mission, plan.output)

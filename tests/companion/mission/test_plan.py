@@ -143,8 +143,9 @@ def test_speeds_and_sizes_that_nothing_flies_are_refused_with_their_key(tmp_path
         (WAYPOINT + "speed = 1e300\n", at_most.format("waypoints[0].speed")),
         (circle.replace("2.0", "1e200") + "acceleration = 1.0\n", at_most.format("trajectory.speed")),
         (circle + "radius = 1e300\n", "<= 10000.0 - at `trajectory.radius`"),
-        (circle + "acceleration = 1e-300\n", "acceleration: at 2 m/s the radius is 4e+300 m, up to 10000"),
-        (circle.replace("2.0", "1e-200") + "acceleration = 1.0\n", "acceleration: at 1e-200 m/s the radius is 0 m"),
+        (circle + "acceleration = 1e-300\n", ">= 1e-09 - at `trajectory.acceleration`"),
+        (circle + "acceleration = 1e-8\n", "acceleration: at 2 m/s the radius is 4e+08 m, up to 10000"),
+        (circle.replace("2.0", "1e-8") + "acceleration = 1.0\n", "acceleration: at 1e-08 m/s the radius is 1e-16 m"),
     ):
         assert words in refused(tmp_path, text)
 
