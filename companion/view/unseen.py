@@ -46,20 +46,20 @@ def unseen(
 def seen_too_late(
     mission: Mission, plan: Sequence[Step], world: bytes, avoidance: Avoidance, body: VehicleParameters
 ) -> list[str]:
-    """In words, what of it the scan does show, but too late for the speed that is flown."""
+    """In words, what the scan shows too late for the speeds of a plan from a start at (0, 0, 0)."""
     return list(dict.fromkeys(each for _, each in _late(mission, plan, solids(world), avoidance, body)))
 
 
 def _late(
     mission: Mission, plan: Sequence[Step], prisms: Sequence[Prism], avoidance: Avoidance, body: VehicleParameters
 ) -> Iterator[tuple[int, str]]:
-    """With the numbers of the steps."""
+    """The number of a step, and what the scan shows too late on it."""
     for number, start, end in _legs(plan):
         if math.dist(start[:2], end[:2]) > _ALONG_M:
             speed = plan[number - 1].speed or mission.speed
             above = -float(max(start[2], end[2])) - avoidance.ground_height
-            hanging = [each for each in prisms if between([each], start, end, ROOM)]
-            for each in (*_comes(speed, above, body), *_hangs(hanging, -float(start[2]), speed, avoidance, body)):
+            near = [each for each in prisms if between([each], start, end, ROOM)]
+            for each in (*_comes(speed, above, body), *_hangs(near, -float(start[2]), speed, avoidance, body)):
                 yield number, each
 
 
@@ -95,8 +95,8 @@ def _comes(speed: float, height: float, body: VehicleParameters) -> Iterator[str
 def _hangs(
     prisms: Sequence[Prism], height: float, speed: float, avoidance: Avoidance, body: VehicleParameters
 ) -> Iterator[str]:
-    """What hangs in the way at a `height` (m), where the leaning scan looks beneath it until it is too late to stop.
-    What a scan shows beyond the map's layer is not taken for free."""
+    """What of the prisms near a leg at a `height` (m) hangs, where the leaning scan looks beneath it until it is too
+    late to stop. What a scan shows beyond the map's layer is not taken for free."""
     for prism in prisms:
         room = height - prism.bottom
         if prism.bottom > 0.0 and 0.0 <= room < avoidance.map.layer and height <= prism.top:
