@@ -39,7 +39,8 @@ def unseen(
     prisms = solids(world)
     for number, start, end in _legs(plan):
         found += [f"{each} (step {number})" for each in _missed(prisms, start, end)]
-    found += [f"in time, {each} (step {number})" for number, each in _late(mission, plan, prisms, avoidance, body)]
+    for each, numbers in _late(mission, plan, prisms, avoidance, body).items():
+        found.append(f"in time, {each} (step {', '.join(map(str, numbers))})")
     return list(dict.fromkeys(found))
 
 
@@ -47,20 +48,22 @@ def seen_too_late(
     mission: Mission, plan: Sequence[Step], world: bytes, avoidance: Avoidance, body: VehicleParameters
 ) -> list[str]:
     """In words, what the scan shows too late for the speeds of a plan from a start at (0, 0, 0)."""
-    return list(dict.fromkeys(each for _, each in _late(mission, plan, solids(world), avoidance, body)))
+    return list(_late(mission, plan, solids(world), avoidance, body))
 
 
 def _late(
     mission: Mission, plan: Sequence[Step], prisms: Sequence[Prism], avoidance: Avoidance, body: VehicleParameters
-) -> Iterator[tuple[int, str]]:
-    """The number of a step, and what the scan shows too late on it."""
+) -> dict[str, list[int]]:
+    """What the scan shows too late, and the numbers of the steps on which it does."""
+    found: dict[str, list[int]] = {}
     for number, start, end in _legs(plan):
         if math.dist(start[:2], end[:2]) > _ALONG_M:
             speed = plan[number - 1].speed or mission.speed
             above = -float(max(start[2], end[2])) - avoidance.ground_height
             near = [each for each in prisms if between([each], start, end, ROOM)]
             for each in (*_comes(speed, above, body), *_hangs(near, -float(start[2]), speed, avoidance, body)):
-                yield number, each
+                found.setdefault(each, []).append(number)
+    return found
 
 
 def thinnest(speed: float, avoidance: Avoidance) -> float:

@@ -46,7 +46,7 @@ def test_who_comes_ahead_on_before_a_fast_low_flight() -> None:
     assert sight_m(8.0, 2.0, replace(BODY, drag_kg_s=(0.0, 0.0, 0.0))) == np.inf
     for speed, height, late in ((8.0, 2.0, True), (6.0, 2.0, False), (8.0, 4.0, False)):
         there = replace(MISSION, waypoints=[Waypoint(20.0, 0.0, height)], takeoff_height=height, speed=speed)
-        assert any("comes ahead on" in each and "(step 2)" in each for each in found(there)) is late
+        assert any("comes ahead on" in each and "(step 2, 6)" in each for each in found(there)) is late
 
 
 def test_what_hangs_in_the_way_of_a_fast_flight() -> None:
@@ -62,7 +62,7 @@ def test_what_hangs_in_the_way_of_a_fast_flight() -> None:
         avoidance = replace(AVOIDANCE, map=replace(AVOIDANCE.map, layer=layer))
         world = WORLD.format(name="box", north=10.0, east=0.0, height=height).encode()
         told = unseen(mission, steps(mission, np.zeros(3)), world, avoidance, BODY)
-        assert any("box, which hangs from 2" in each and "(step 2)" in each for each in told) is late
+        assert any("box, which hangs from 2" in each and "(step 2, 6)" in each for each in told) is late
         flown = seen_too_late(mission, steps(mission, np.zeros(3)), world, avoidance, BODY)
         assert len(flown) == late and all("box, which hangs" in each for each in flown), "once, not for each step"
         remedy = "with avoidance.map.layer=0.9" if height[0] == 2.0 else "fly at another height"
