@@ -5,8 +5,9 @@ The page sends a ground station's commands (DO_SET_MODE, DO_REPOSITION) to the v
 A companion that flies at that time sees its mode changed by others, and waits to be given control back.
 """
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -272,13 +273,19 @@ class Panel:
 
     def _confirm(self, request: str) -> None:
         self._stop_aiming()
-        with self._server.gui.add_modal(f"Ask the vehicle to {request}?") as dialog:
+        with self._dialog(f"Ask the vehicle to {request}?") as dialog:
             self._server.gui.add_html(paragraphs(_CONFIRMATIONS[request]))
             self._buttons(dialog, request, lambda: self._ask(request), lambda: None)
 
     def _ask(self, request: str) -> None:
         self._control.ask(request)
         self._mark(None)
+
+    @contextlib.contextmanager
+    def _dialog(self, title: str) -> Iterator[Any]:
+        """A dialog that is sent once it is whole: what is pressed before a button has its function is lost."""
+        with self._server.atomic(), self._server.gui.add_modal(title) as dialog:
+            yield dialog
 
     def _buttons(self, dialog: Any, request: str, confirmed: Callable[[], None], cancelled: Callable[[], None]) -> None:
         yes = self._server.gui.add_button(f"yes, {request}", color="blue" if request in _SAFE else "orange")
@@ -318,10 +325,6 @@ class Panel:
         """Ask for confirmation and height, with what is known to stand in the way."""
         gui = self._server.gui
         height = round(min(max(-float(here[2]), _LOWEST_M), _HIGHEST_M), 1)
-        with gui.add_modal(f"{GO_TO.capitalize()} {place_words(place)}?") as dialog:
-            number = gui.add_number("height, m", height, min=_LOWEST_M, max=_HIGHEST_M, step=0.1)
-            text = gui.add_html("")
-            self._buttons(dialog, GO_TO, lambda: self._control.send_to(target()), lambda: self._mark(None))
 
         def target() -> Floats:
             return np.array([place[0], place[1], -float(number.value)])
@@ -330,8 +333,12 @@ class Panel:
             text.content = go_to_words(here, target(), self._world())
             self._mark(target())
 
-        number.on_update(describe)
-        describe()
+        with self._dialog(f"{GO_TO.capitalize()} {place_words(place)}?") as dialog:
+            number = gui.add_number("height, m", height, min=_LOWEST_M, max=_HIGHEST_M, step=0.1)
+            text = gui.add_html("")
+            self._buttons(dialog, GO_TO, lambda: self._control.send_to(target()), lambda: self._mark(None))
+            number.on_update(describe)
+            describe()
 
     def _mark(self, target_ned: Floats | None) -> None:
         """Mark the place (3,) that the vehicle was asked to fly to; None removes the mark."""

@@ -208,6 +208,26 @@ def test_who_has_the_token_presses_and_who_has_not_looks_on(page: Page) -> None:
         assert page.cameras.watched
 
 
+def test_a_dialog_is_sent_when_its_buttons_work(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is pressed before it has its function does nothing, and a busy server takes its time for that."""
+    buffer = page._server._websock_server.get_message_buffer()
+    is_held: list[bool] = []
+    given = viser.GuiButtonHandle.on_click
+
+    def on_click(button: Any, function: Any) -> Any:
+        is_held.append(buffer.atomic_counter > 0)
+        return given(button, function)
+
+    monkeypatch.setattr(viser.GuiButtonHandle, "on_click", on_click)
+    with came(page, path_of(page)) as operates:
+        operator = Session(operates)
+        operator.look()
+        operator.press("land")
+        operator.press("yes, land")
+        assert isinstance(page._control, Asked) and page._control.asked.get(timeout=PATIENCE_S) == "land"
+    assert is_held == [True, True]
+
+
 def test_nobody_shares_the_page_with_the_internet(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     """viser's own page offers it; here not even the operator can."""
     asked: list[object] = []
