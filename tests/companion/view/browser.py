@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, expect, sync_playwright
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: apt-get install chromium")
@@ -36,6 +36,7 @@ def opened(url: str, *, fine: float = 1.0) -> Iterator[tuple[Page, list[str]]]:
         try:
             page = browser.new_page(viewport={"width": 1000, "height": 640}, device_scale_factor=fine)
             page.set_default_timeout(PATIENCE_MS)
+            expect.set_options(PATIENCE_MS)
             page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
             page.on("pageerror", lambda error: errors.append(str(error)) if error.name != "EvalError" else None)
             page.add_init_script(SELDOM)
