@@ -25,6 +25,8 @@ from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
 from numba.extending import overload
 
+from protocol.machine_code import MachineCode
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -156,12 +158,14 @@ def _get_ready_to_compile() -> None:
 class _Cache(FunctionCache):  # type: ignore[misc]
     """numba's own makes all ready for the compiler before it loads what needs no compiler, which takes 0.4 s."""
 
+    _impl_class = MachineCode
+
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        _load_numba_without_scipy()
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             loaded = self._load_overload(signature, target_context)
         if loaded is None:
+            _load_numba_without_scipy()
             _get_ready_to_compile()
         return loaded
 

@@ -35,7 +35,16 @@ value = twice_shifted(1.0)
 print(value, sum(twice_shifted.stats.cache_hits.values()))
 """
 
-Run = Callable[[], tuple[float, bool]]
+LATE = """from protocol.callee import shifted
+from protocol.jit import compiled
+
+
+@compiled
+def half_shifted(x: float) -> float:
+    return 0.5 * shifted(x)
+"""
+
+Run = Callable[..., tuple[float, bool]]
 
 
 @pytest.fixture
@@ -44,23 +53,25 @@ def checkout(tmp_path: Path) -> Path:
     package = tmp_path / "checkout" / "protocol"
     package.mkdir(parents=True)
     (package / "__init__.py").touch()
-    shutil.copy(compiled.__file__, package)
+    for module in ("jit.py", "machine_code.py"):
+        shutil.copy(compiled.ROOT / "protocol" / module, package)
     (package / "numbers.py").write_text("OFFSET = 10.0\n")
     (package / "callee.py").write_text(CALLEE)
     (package / "caller.py").write_text(CALLER)
+    (package / "late.py").write_text(LATE)
     return package.parent
 
 
 @pytest.fixture
 def run(checkout: Path, tmp_path: Path) -> Run:
-    """Calls the function in a new process: its value, and whether it came from the cache."""
+    """Calls a function in a new process: its value, and whether it came from the cache."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA", "PYTHON"))}
     environment |= {"HOME": str(tmp_path / "home"), "PYTHONPATH": str(checkout)}
     # Python's own bytecode would miss an edit of the same length in the second that the file was written in.
     environment["PYTHONDONTWRITEBYTECODE"] = "1"
 
-    def call() -> tuple[float, bool]:
-        command = [sys.executable, "-c", PROBE]
+    def call(probe: str = PROBE) -> tuple[float, bool]:
+        command = [sys.executable, "-c", probe]
         done = subprocess.run(command, env=environment, cwd=checkout, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         value, hits = done.stdout.split()
@@ -156,18 +167,29 @@ def test_with_nowhere_to_write_it_compiles_without_a_cache(checkout: Path, tmp_p
     assert not list(checkout.rglob("*.nb?"))
 
 
-def test_calling_compiled_code_loads_no_linear_algebra() -> None:
-    """SciPy's takes a tenth of a warm start."""
+def test_a_new_caller_is_compiled_with_what_came_from_the_cache(run: Run) -> None:
+    """It is linked with its callee, whose machine code alone was loaded."""
+    early = "from protocol.callee import shifted\nprint(shifted(1.0), sum(shifted.stats.cache_hits.values()))"
+    late = early.replace("print", "first = ") + "\n" + PROBE.replace("caller", "late").replace("twice", "half")
+    assert run(early) == (11.0, False)
+    assert run(late) == (5.5, False)
+    assert run(late) == (5.5, True)
+
+
+def test_calling_compiled_code_loads_nothing_of_the_compiler_s() -> None:
+    """Its types of arrays take a tenth of a warm start, SciPy another one."""
     script = """
 import sys
 import numpy as np
 from protocol.frames import multiply
 assert multiply(np.ones(4), np.ones(4))[0] == -2.0
-print("numba.np.arraymath" in sys.modules, "scipy.linalg" in sys.modules)
+print("numba.np.arrayobj" in sys.modules, "scipy.linalg" in sys.modules)
 """
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, cwd=compiled.ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout == "True False\n"
+    for _ in "compiled", "loaded":
+        done = subprocess.run(
+            [sys.executable, "-c", script], cwd=compiled.ROOT, capture_output=True, text=True, check=True
+        )
+    assert done.stdout == "False False\n"
 
 
 def test_a_slice_of_another_shape_is_refused_and_one_that_fits_is_filled() -> None:
