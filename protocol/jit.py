@@ -156,9 +156,19 @@ def _get_ready_to_compile() -> None:
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
-    """numba's own makes all ready for the compiler before it loads what needs no compiler, which takes 0.4 s."""
+    """numba's own makes all ready for the compiler before it loads what needs no compiler, which takes 0.4 s; and it
+    tries the folder of each function where it is defined, though one in ten is called."""
 
     _impl_class = MachineCode
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+
+    def __getattr__(self, name: str) -> Any:
+        if "_impl" in vars(self):
+            raise AttributeError(name)
+        super().__init__(self._function)
+        return getattr(self, name)
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         rtsys.initialize(target_context)
