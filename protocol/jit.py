@@ -10,7 +10,6 @@ can be written to, each process compiles for itself. NUMBA_CACHE_DIR replaces bo
 
 import contextlib
 import functools
-import gc
 import hashlib
 import importlib
 import os
@@ -140,19 +139,12 @@ def _compiled_refuse_shapes(source: tuple[int, ...], slices: tuple[int, ...]) ->
     return refuse
 
 
+@functools.cache
 def _refuse_shapes_in_few_words() -> None:
     """An array that is assigned to a slice of another shape is an error whose text by numba tells both shapes. To
     compile what writes them takes each process more than a second, a tenth of the first start."""
     overload(_refuse_shapes)(_compiled_refuse_shapes)
     importlib.import_module("numba.np.arrayobj").raise_with_shape_context = _refuse_shapes  # type: ignore[attr-defined]
-
-
-@functools.cache
-def _get_ready_to_compile() -> None:
-    """The compiler makes so many objects that the collector of garbage, called as often as usual, takes an eighth of
-    the time."""
-    _refuse_shapes_in_few_words()
-    gc.set_threshold(50_000, 20, 100)
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
@@ -176,7 +168,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
             loaded = self._load_overload(signature, target_context)
         if loaded is None:
             _load_numba_without_scipy()
-            _get_ready_to_compile()
+            _refuse_shapes_in_few_words()
         return loaded
 
 
@@ -184,7 +176,7 @@ CACHE_FOLDER = _cache_folder()
 numba.config.CACHE_DIR = str(CACHE_FOLDER or "")
 if CACHE_FOLDER is None:
     _load_numba_without_scipy()
-    _get_ready_to_compile()
+    _refuse_shapes_in_few_words()
 
 
 def compiled(function: F) -> F:
