@@ -45,9 +45,34 @@ def test_heights_follow_the_ground_over_the_map_alone(method: str) -> None:
         load_settings(None, ["avoidance.ground_slope=0.2", f"avoidance.method={method}"])
 
 
+RADIUS = "avoidance.vehicle_radius=0.7"
+KEPT = [f"guard.keep_out{of}" for of in ("", "_unseen", "_tight", "_unseen_tight", "_moving")]
+
+
+def test_no_distance_is_less_than_the_vehicles_radius() -> None:
+    """A larger vehicle flew the same ways as a small one, with its hull in what it passed."""
+    with pytest.raises(TomlFileError, match=r"plan.tight_inflation 0.38, .*_moving 0.5: less than vehicle_radius 0.7"):
+        load_settings(None, [RADIUS])
+    with pytest.raises(TomlFileError, match=r"keep_out_tight 0.3: less than vehicle_radius 0.36 - at `avoidance`"):
+        load_settings(None, ["avoidance.guard.keep_out_tight=0.3"])
+    planned = ["avoidance.plan.inflation=0.9", "avoidance.plan.tight_inflation=0.72"]
+    kept = [f"avoidance.{key}=0.72" for key in KEPT]
+    assert load_settings(None, [RADIUS, *planned, *kept]).avoidance.vehicle_radius == 0.7
+    for method in ("paper", "none"):
+        assert load_settings(None, [RADIUS, f"avoidance.method={method}"]).avoidance.vehicle_radius == 0.7
+
+
+def test_the_papers_rule_has_room_for_its_setpoints() -> None:
+    """With 1.5 m, of which 1.56 are blocked, it hovered before the first lamp until the time of its step was over."""
+    with pytest.raises(TomlFileError, match=r"lateral_margin 1.5: not above vehicle_radius and safe_distance, 1.56"):
+        load_settings(None, ["avoidance.method=paper", "avoidance.lateral_margin=1.5"])
+    load_settings(None, ["avoidance.lateral_margin=1.5"])
+
+
 @pytest.mark.parametrize(
     "override",
     [
+        "avoidance.vfh.low_threshold=0.2",
         "supervision.land_after=-1",
         "supervision.land_after=1.0",
         "limits.tilt_deg=nan",
