@@ -51,6 +51,7 @@ def feasible(settings: Settings, body: VehicleParameters, mission: Mission, outp
             f"no higher than {max(heights):g} m: no obstacle would be seen"
         )
     _check_turning(limits, output)
+    _check_timeouts(settings)
 
 
 def check_gains(settings: Settings, body: VehicleParameters, output: Output | None) -> None:
@@ -74,6 +75,20 @@ def _check_turning(limits: Limits, output: Output | None) -> None:
             f"limits.roll_pitch_rate_deg {limits.roll_pitch_rate_deg:g}: on output rates at least {least:g}, as "
             f"limits.tilt_deg is {limits.tilt_deg:g}"
         )
+
+
+def _check_timeouts(settings: Settings) -> None:
+    """What comes as seldom as it is asked for must not count as lost in between: the vehicle would hold each time."""
+    streams = {"attitude": "telemetry_timeout", "position": "telemetry_timeout"}
+    if settings.avoidance.needs_scan:
+        streams["scan"] = "scan_timeout"
+    for name, timeout in streams.items():
+        period, longest = 1.0 / getattr(settings.rates, name), getattr(settings.supervision, timeout)
+        if period >= longest:
+            raise PlanError(
+                f"supervision.{timeout} {longest:g}: above {period:g} at least, as rates.{name} is "
+                f"{getattr(settings.rates, name):g}"
+            )
 
 
 def within_reach(settings: Settings, body: VehicleParameters) -> tuple[Settings, str]:

@@ -178,6 +178,24 @@ def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:
     check(Plan(load_settings(None, [slow, "limits.tilt_deg=30.0"]), body, mission, Output.RATES, 1.0, {}))
 
 
+@pytest.mark.parametrize(
+    ("override", "error"),
+    [
+        ("rates.scan=1", r"supervision.scan_timeout 0.5: above 1 at least, as rates.scan is 1"),
+        ("rates.position=2", r"supervision.telemetry_timeout 0.5: above 0.5 at least, as rates.position is 2"),
+        ("supervision.telemetry_timeout=0.004", r"above 0.004 at least, as rates.attitude is 250"),
+    ],
+)
+def test_no_timeout_is_over_before_the_next_message_comes(override: str, error: str) -> None:
+    """With one ring a second the vehicle held and went on on the ground, until it disarmed itself."""
+    mission, _ = load_mission("errand")
+    body = load_body(mission.vehicle)
+    with pytest.raises(PlanError, match=error):
+        check(Plan(load_settings(None, [override]), body, mission, Output.RATES, 1.0, {}))
+    blind = load_settings(None, ["rates.scan=1", "avoidance.method=none"])
+    check(Plan(blind, body, mission, Output.RATES, 1.0, {}))
+
+
 def test_a_route_below_what_counts_as_ground_is_refused() -> None:
     """With 5 m the errand's vehicle, 3 m high, saw no obstacle and hit the street lamp."""
     mission, body, high = load_mission("errand")[0], load_body("paper_quad"), "avoidance.ground_height=5.0"
