@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.config_avoidance import Avoidance
+from companion.config_avoidance import Avoidance, AvoidancePlan
 from companion.fence import Fence
 from companion.perception.distance_field import distance_to
 from companion.perception.map_view import OCCUPIED, MapView
@@ -39,9 +39,13 @@ class Walls:
         return self._fence.flat if self._stands else None
 
 
-def with_fence(view: MapView, fence: Flat) -> MapView:
+def with_fence(view: MapView, fence: Flat, plan: AvoidancePlan) -> MapView:
     """The view with the band in it. The states and distances of `view` are overwritten; those to its obstacles stay as
-    they are, with whatever margin they have."""
+    they are, with whatever margin they have.
+
+    What is nearer to the band than the plan's inflation counts as nearer than that of tight paths, too: they would lead
+    where the reference does not go, which then pulls the vehicle off the way, towards what it passes.
+    """
     home_north, home_east, south, north, west, east, radius = fence
     rows, columns = view.states.shape
     at_north = ((np.arange(rows) + view.corner[0] + 0.5) * view.cell)[:, None]
@@ -62,5 +66,7 @@ def with_fence(view: MapView, fence: Flat) -> MapView:
         hits[before[occupied]] = view.hits
     if view.blurs is not None:
         blurs[before[occupied]] = view.blurs
-    np.minimum(view.to_occupied, distance_to(band, view.cell), out=view.to_occupied)
+    away = distance_to(band, view.cell)
+    away[away < plan.inflation] *= plan.tight_inflation / plan.inflation
+    np.minimum(view.to_occupied, away, out=view.to_occupied)
     return replace(view, hits=hits, blurs=None if view.blurs is None else blurs)

@@ -58,7 +58,7 @@ class LocalMap:
         """The map at a time, with the fence in it if there is one."""
         moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving)
         view = replace(self._map.view(now_ns), moving=moving if len(moving) else None)
-        self.view = view = view if fence is None else with_fence(view, fence)
+        self.view = view = view if fence is None else with_fence(view, fence, self._settings.plan)
         return view
 
     def free_space(self, here: Array, now_ns: int, *, tight: bool = False) -> FreeSpace:

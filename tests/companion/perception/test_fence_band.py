@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from companion.config_avoidance import Avoidance
+from companion.config_avoidance import Avoidance, AvoidancePlan
 from companion.config_limits import Geofence
 from companion.fence import fence_of
 from companion.perception.distance_field import FAR_M, fill_distances_to_returns
@@ -14,6 +14,7 @@ from companion.perception.fence_band import Flat, Walls, with_fence
 from companion.perception.map_view import FREE, OCCUPIED, MapView
 
 CELL = 0.25
+PLAN = AvoidancePlan()
 CIRCLE: Flat = (1.0, -2.0, -math.inf, math.inf, -math.inf, math.inf, 8.0)
 BOX: Flat = (0.0, 0.0, -6.0, 7.0, -5.0, 9.0, math.inf)
 
@@ -40,7 +41,7 @@ def beyond(place: tuple[float, float], fence: Flat) -> float:
 
 @pytest.mark.parametrize("fence", [CIRCLE, BOX])
 def test_a_band_is_occupied_along_the_outside_alone(fence: Flat) -> None:
-    view = with_fence(view_with(), fence)
+    view = with_fence(view_with(), fence, PLAN)
     for row in range(0, view.states.shape[0], 3):
         for column in range(0, view.states.shape[1], 3):
             north, east = view.centre_of((row, column)).tolist()
@@ -50,16 +51,24 @@ def test_a_band_is_occupied_along_the_outside_alone(fence: Flat) -> None:
 
 @pytest.mark.parametrize("fence", [CIRCLE, BOX])
 def test_the_distances_are_those_to_the_fence(fence: Flat) -> None:
-    view = with_fence(view_with(), fence)
+    view = with_fence(view_with(), fence, PLAN)
     for place in [(0.0, 0.0), (3.0, 1.0), (-4.0, -3.0), (5.0, 2.0)]:
         room = -beyond(place, fence)
         found = view.distance_at(np.array(place))
         assert found is not None and found == pytest.approx(min(room, FAR_M), abs=1.5 * CELL)
 
 
+@pytest.mark.parametrize("fence", [CIRCLE, BOX])
+def test_no_tight_path_leads_where_the_others_do_not(fence: Flat) -> None:
+    """The reference does not go there: it would pull the vehicle off the way, into what it passes."""
+    to_fence = with_fence(view_with(), fence, PLAN).to_occupied
+    assert ((to_fence > 0.0) & (to_fence < PLAN.tight_inflation)).any()
+    assert not ((to_fence >= PLAN.tight_inflation) & (to_fence < PLAN.inflation)).any()
+
+
 def test_returns_inside_keep_their_places() -> None:
     returns = [(2.06, 1.03), (-3.2, -2.9), (4.9, 0.1)]
-    view = with_fence(view_with(*returns), CIRCLE)
+    view = with_fence(view_with(*returns), CIRCLE, PLAN)
     assert view.hits is not None and view.blurs is not None
     assert len(view.hits) == len(view.blurs) == np.count_nonzero(view.states == OCCUPIED)
     assert (view.blurs > 0.0).sum() == len(returns), "the fence itself is where it is"
@@ -71,16 +80,16 @@ def test_returns_inside_keep_their_places() -> None:
 
 def test_far_from_the_fence_nothing_changes() -> None:
     view = view_with((2.0, 2.0))
-    assert with_fence(view, (0.0, 0.0, *CIRCLE[2:6], 100.0)) is view
+    assert with_fence(view, (0.0, 0.0, *CIRCLE[2:6], 100.0), PLAN) is view
 
 
 @pytest.mark.parametrize("fence", [CIRCLE, BOX])
 def test_the_distances_to_obstacles_keep_their_margin(fence: Flat) -> None:
     """Obstacles that are taken for larger than their returns stay as large."""
-    view, alone = view_with((2.06, 1.03), (-3.2, -2.9)), with_fence(view_with(), fence).to_occupied.copy()
+    view, alone = view_with((2.06, 1.03), (-3.2, -2.9)), with_fence(view_with(), fence, PLAN).to_occupied.copy()
     view.to_occupied[:] = np.maximum(view.to_occupied - np.float32(0.3), 0.0)
     before = view.to_occupied.copy()
-    after = with_fence(view, fence).to_occupied
+    after = with_fence(view, fence, PLAN).to_occupied
     assert np.array_equal(after, np.minimum(before, alone))
     assert (after < before).any() and (after < alone).any()
 
@@ -127,6 +136,6 @@ def test_with_cells_larger_than_the_inflation_the_walls_come_back_at_the_fence()
     assert fence is not None
     coarse = msgspec.structs.replace(AVOIDANCE.map, cell=0.5)
     plan = msgspec.structs.replace(AVOIDANCE.plan, inflation=0.3, tight_inflation=0.3)
-    walls = Walls(fence, msgspec.structs.replace(AVOIDANCE, map=coarse, plan=plan))
+    walls = Walls(fence, msgspec.structs.replace(AVOIDANCE, map=coarse, plan=plan, vehicle_radius=0.2))
     for away, stands in ((19.0, True), (20.3, False), (20.01, False), (19.99, True), (20.1, True)):
         assert (walls.around(np.array([away, 0.0, -3.0])) is not None) is stands, away
