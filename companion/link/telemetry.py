@@ -19,6 +19,18 @@ _WELCOME = {
 }
 """Rates (Hz) by message, of what is good to have of any vehicle."""
 
+FLOWN_BY = frozenset(
+    {
+        dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+        dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+        OBSTACLE_DISTANCE,
+        DISTANCE_SENSOR,
+        _EXTENDED_STATE,
+        _HEARTBEAT,
+    }
+)
+"""Messages without which, or with fewer of which, a flight ends."""
+
 _STILL_ENOUGH = 0.5
 """Part of the least share that is enough, once that was reached."""
 

@@ -9,12 +9,14 @@ their sender. So no station speaks to the vehicle in the companion's name, and n
 which a listener could send one after the other.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from companion.link.telemetry import FLOWN_BY
 from protocol.framing import Frame, Framer
 from protocol.guarded_link import GuardedLink, drain, forward
-from protocol.messages import dialect
+from protocol.messages import decoder_of, dialect
 from protocol.routing import NOBODYS, Sender, is_for, learn, target_of
 from protocol.transport import Transport, TransportError
 
@@ -31,6 +33,7 @@ _MOST_WAITING = 1 << 16
 _DATAGRAM = 1200
 """Bytes; passes any network whole."""
 _REOPEN_NS = 1_000_000_000
+_COMMANDS = (dialect.MAVLINK_MSG_ID_COMMAND_LONG, dialect.MAVLINK_MSG_ID_COMMAND_INT)
 STATION_BYTES_PER_S = 20_000.0
 """What each station may send to the vehicle: more than parameters, missions and RTK corrections take."""
 
@@ -54,7 +57,7 @@ class Station:
         self._held: deque[tuple[int, bytes]] = deque()
         """When what waits for that was taken (ns), and its bytes."""
         self._held_bytes = 0
-        self._drops = False
+        self._drops = self._retunes = False
         self._waiting: list[bytes] = []
         self._reopen_ns = 0
         self.trouble: str | None = None
@@ -125,6 +128,13 @@ class Station:
         self._held.clear()
         self._held_bytes = 0
         self._framer = Framer()  # of a stream, what has begun has no end any more
+
+    def retunes(self, message_id: int) -> None:
+        """It has asked for another rate of a message that is flown by, in vain."""
+        if not self._retunes:
+            self._retunes = True
+            name = dialect.mavlink_map[message_id].msgname
+            self.trouble = f"ground station {self.url} asks for another rate of {name}: not passed on, it is flown by"
 
     def queue(self, raw: bytes) -> None:
         """A frame for it."""
@@ -244,7 +254,15 @@ class Router:
         learn(station.seen, frame)
         self._to_stations(frame, station)
         target = target_of(frame)
-        return frame.message_id not in NOBODYS and target not in self._own and is_for(target, self._vehicle)
+        if frame.message_id in NOBODYS or target in self._own or not is_for(target, self._vehicle):
+            return False
+        retuned = retuned_by(frame)
+        if (
+            retuned is not None and retuned in FLOWN_BY
+        ):  # the vehicle sends it once on this link, and half a second without it ends the flight
+            station.retunes(retuned)
+            return False
+        return True
 
     def _to_stations(self, frame: Frame, origin: Station | None) -> None:
         if frame.message_id in NOBODYS:
@@ -266,6 +284,16 @@ class Router:
         """Release all addresses."""
         for station in self.stations:
             station.close()
+
+
+def retuned_by(frame: Frame) -> int | None:
+    """The message (id) whose rate this command sets; None if it is none of that kind."""
+    if frame.message_id not in _COMMANDS:
+        return None
+    command = decoder_of(frame.message_id)(frame)
+    if command.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL or not math.isfinite(command.param1):
+        return None
+    return int(command.param1)
 
 
 def packed(frames: Sequence[bytes]) -> list[bytes]:

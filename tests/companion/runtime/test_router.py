@@ -1,7 +1,12 @@
 """Ground stations by MAVLink's routing rules: who is sent what, and how little of it a flood can take."""
 
+import math
 from typing import Any
 
+import pytest
+
+from companion.link.telemetry import FLOWN_BY, Telemetry
+from companion.runtime.files import load_settings
 from companion.runtime.router import Router, Station, packed
 from protocol.framing import Frame, Framer
 from protocol.messages import Encoder, dialect
@@ -319,3 +324,31 @@ def test_frames_are_packed_in_their_order_and_never_cut() -> None:
     datagrams = packed(frames)
     assert b"".join(datagrams) == b"".join(frames) and all(len(each) <= 1200 for each in datagrams)
     assert packed([]) == []
+
+
+def interval(kind: type[Any], message_id: float, interval_us: float) -> bytes:
+    """SET_MESSAGE_INTERVAL as either command."""
+    number = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+    if kind is dialect.MAVLink_command_int_message:
+        return GCS.encode_fields(kind, 1, 1, 0, number, 0, 0, message_id, interval_us, 0.0, 0.0, 0, 0, 0.0)
+    return GCS.encode_fields(kind, 1, 1, number, 0, message_id, interval_us, *[0.0] * 5)
+
+
+@pytest.mark.parametrize("kind", [dialect.MAVLink_command_long_message, dialect.MAVLink_command_int_message])
+def test_no_station_changes_the_rates_of_what_is_flown_by(kind: type[Any]) -> None:
+    """The flight was lost within half a second of such a request."""
+    net = Net()
+    for message_id in FLOWN_BY:
+        net.ends[0].send(interval(kind, float(message_id), -1.0))
+        assert net.pump() == []
+    (told,) = net.router.troubles()
+    assert "s0 asks for another rate of" in told
+    for other in (float(dialect.MAVLINK_MSG_ID_GPS_RAW_INT), math.nan, math.inf):
+        net.ends[0].send(asked := interval(kind, other, -1.0))
+        assert net.pump() == [asked]
+    assert net.router.troubles() == []
+
+
+def test_all_that_a_flight_needs_is_flown_by() -> None:
+    settings = load_settings(None, ["avoidance.ground_slope=0.1"])
+    assert Telemetry(settings).rates.wanted.keys() <= FLOWN_BY
