@@ -239,3 +239,5 @@ class SensingReport(msgspec.Struct, frozen=True, gc=False):
     """The latest reading of each source."""
     contradiction: str | None = None
     """Why what the vehicle says of its motion can't be true; None if it may be."""
+    unseen: str = "no ring for"
+    """Words before `scan_age`: what is that old, the ring, or the map where rings come and no map is made of them."""

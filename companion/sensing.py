@@ -138,11 +138,14 @@ class Sensing:
 
     def report(self, now_ns: int, map_age: float) -> SensingReport:
         """Ages; the surroundings are as old as the latest scan or as the map (s), whichever is older."""
-        age_ns = self.estimator.age_ns(now_ns)
+        age_ns, ring_age = self.estimator.age_ns(now_ns), self.scan_age(now_ns)
         return SensingReport(
             telemetry_age=math.inf if age_ns is None else age_ns * 1e-9,
-            scan_age=max(self.scan_age(now_ns), map_age) if self._needs_scan else 0.0,
+            scan_age=max(ring_age, map_age) if self._needs_scan else 0.0,
             has_state=self.state is not None,
             batteries=self._batteries,
             contradiction=self.plausibility.fault(now_ns),
+            unseen="no map for"
+            if map_age > 2.0 * ring_age
+            else "no ring for",  # a map is a little older than its ring in any case
         )

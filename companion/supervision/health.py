@@ -34,6 +34,8 @@ class Plight(msgspec.Struct, frozen=True, gc=False):
     """How it crashed, as it says; empty if it did not."""
     position_lost: bool = False
     """Its estimator says so, whatever position it goes on to tell."""
+    unseen: str = "no ring for"
+    """Words before the age of the surroundings: what is that old."""
 
     @property
     def stuck(self) -> str:
@@ -91,6 +93,12 @@ class Health(msgspec.Struct, frozen=True, gc=False):
         return self.plight.reason
 
     @property
+    def uncured(self) -> str:
+        """Why a hold goes on."""
+        late = f"own loop is {self.overrun:.2f} s late"
+        return late if self.overrun > 0.0 else f"{self.plight.unseen} {self.scan_age:.2f} s"
+
+    @property
     def distress(self) -> str:
         """How the vehicle says that something is badly wrong with it; empty if it does not."""
         return self.plight.emergency or (CRITICAL_STATE if self.failsafe else "")
@@ -146,6 +154,7 @@ def health(
             emergency=link.emergency,
             crash=crash_words(link.emergency, fallen=link.status.emergency and not link.status.armed),
             position_lost=link.position_lost,
+            unseen=sensing.unseen,
         ),
         watched=watched,
         limits=limits,

@@ -175,7 +175,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         lambda h, s, t: h.scan_age > s.scan_timeout,
         State.HOLD,
         ERROR,
-        "no ring for {health.scan_age:.2f} s: holding",
+        "{health.plight.unseen} {health.scan_age:.2f} s: holding",
     ),
     row(
         State.FLY,
@@ -191,7 +191,7 @@ IN_FLIGHT: tuple[Row, ...] = (
         lambda h, s, t: t > s.land_after,
         State.LAND,
         CRITICAL,
-        "holding for {settings.land_after:g} s without a cure: landing",
+        "{health.uncured}, {settings.land_after:g} s of holding without a cure: landing",
         ends=Outcome.LANDED_EARLY,
     ),
     row(

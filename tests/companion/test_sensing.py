@@ -140,6 +140,11 @@ def test_the_surroundings_are_as_old_as_the_older_of_scan_and_map() -> None:
     assert sensing.report(3 * SECOND, 0.5).scan_age == 2.0
     assert sensing.report(3 * SECOND, 2.5).scan_age == 2.5
     assert sensing.report(3 * SECOND, math.inf).scan_age == math.inf
+    assert [sensing.report(3 * SECOND, map_age).unseen for map_age in (0.5, 2.1, 4.5)] == [
+        "no ring for",
+        "no ring for",
+        "no map for",
+    ]
 
 
 def test_no_scan_is_needed_without_avoidance() -> None:

@@ -140,6 +140,22 @@ def test_a_lasting_fault_becomes_a_landing(fault: str) -> None:
     assert supervisor.fault is not None
 
 
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (replace(WELL, scan_age=0.6), "no ring for 0.60 s"),
+        (replace(WELL, scan_age=0.6, plight=Plight(unseen="no map for")), "no map for 0.60 s"),
+        (replace(WELL, overrun=0.3), "own loop"),
+    ],
+)
+def test_a_hold_and_its_landing_name_what_is_missing(fault: Health, words: str) -> None:
+    supervisor, now = flying()
+    held = supervisor.update(fault, now)
+    assert held is not None and held.text.startswith(words)
+    settle(supervisor, fault, now, SETTINGS.land_after + 0.1)
+    assert supervisor.fault is not None and words in supervisor.fault
+
+
 def test_a_withdrawn_companion_does_not_come_back_by_itself() -> None:
     supervisor, now = flying()
     supervisor.update(FAULTS["telemetry"][0], now)
