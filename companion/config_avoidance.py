@@ -92,10 +92,6 @@ class AvoidanceVfh(Table, frozen=True):
     turning_acceleration: Positive = 5.0
     """m/s2, lateral, for the radius of the turning circles."""
 
-    def __post_init__(self) -> None:
-        if self.low_threshold > self.high_threshold:
-            raise ValueError("low_threshold must not be above high_threshold")
-
 
 class AvoidanceAltitudeSearch(Table, frozen=True):
     """Flight at other heights than the route's, with the mapped methods (`mission.altitude_search`). No sensor looks
@@ -267,25 +263,6 @@ class Avoidance(Table, frozen=True):
             raise ValueError(f'guard.enabled: there is no guard with method "{self.method}", which needs no scan')
         if self.ground_slope > 0.0 and not self.mapped:
             raise ValueError(f'ground_slope: with method "{self.method}" heights do not follow the ground')
-        self._check_radius()
-
-    def _check_radius(self) -> None:
-        """Raises ValueError for distances with which the hull would meet what is passed, or no way leads past it."""
-        guard, kept = self.guard, dict[str, float]()
-        if self.mapped:
-            kept["plan.tight_inflation"] = self.plan.tight_inflation
-            kept["vfh.enlargement_radius"] = self.vfh.enlargement_radius
-        if self.guarded:
-            names = ("keep_out", "keep_out_unseen", "keep_out_tight", "keep_out_unseen_tight", "keep_out_moving")
-            kept |= {f"guard.{name}": getattr(guard, name) for name in names}
-        if least := [f"{key} {value:g}" for key, value in kept.items() if value < self.vehicle_radius]:
-            raise ValueError(f"{', '.join(least)}: less than vehicle_radius {self.vehicle_radius:g}")
-        room = self.vehicle_radius + self.safe_distance
-        if self.method == "paper" and self.lateral_margin <= room:
-            raise ValueError(
-                f"lateral_margin {self.lateral_margin:g}: not above vehicle_radius and safe_distance, {room:g} in all: "
-                "the way past an obstacle would be blocked by it"
-            )
 
     @property
     def plugin(self) -> Plugin | None:

@@ -145,7 +145,5 @@ class Sensing:
             has_state=self.state is not None,
             batteries=self._batteries,
             contradiction=self.plausibility.fault(now_ns),
-            unseen="no map for"
-            if map_age > 2.0 * ring_age
-            else "no ring for",  # a map is a little older than its ring in any case
+            unseen="no map for" if map_age > 2.0 * ring_age else "no ring for",  # a map is a little older than its ring
         )

@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 
 from companion.config import STEEPEST_DEG, Limits, Settings
+from companion.config_avoidance import Avoidance
 from companion.control.parameters import kept_tilt
 from companion.control.stability import unstable
 from companion.curves import Shape
@@ -52,6 +53,7 @@ def feasible(settings: Settings, body: VehicleParameters, mission: Mission, outp
         )
     _check_turning(limits, output)
     _check_timeouts(settings)
+    _check_distances(avoidance)
 
 
 def check_gains(settings: Settings, body: VehicleParameters, output: Output | None) -> None:
@@ -89,6 +91,31 @@ def _check_timeouts(settings: Settings) -> None:
                 f"supervision.{timeout} {longest:g}: above {period:g} at least, as rates.{name} is "
                 f"{getattr(settings.rates, name):g}"
             )
+
+
+def _check_distances(avoidance: Avoidance) -> None:
+    """The hull must not meet what is passed, and a way must lead past it."""
+    kept = dict[str, float]()
+    if avoidance.mapped:
+        kept["plan.tight_inflation"] = avoidance.plan.tight_inflation
+        kept["vfh.enlargement_radius"] = avoidance.vfh.enlargement_radius
+    if avoidance.guarded:
+        names = ("keep_out", "keep_out_unseen", "keep_out_tight", "keep_out_unseen_tight", "keep_out_moving")
+        kept |= {f"guard.{name}": getattr(avoidance.guard, name) for name in names}
+    radius = avoidance.vehicle_radius
+    if least := [f"avoidance.{key} {value:g}" for key, value in kept.items() if value < radius]:
+        raise PlanError(f"{', '.join(least)}: less than avoidance.vehicle_radius {radius:g}")
+    room = radius + avoidance.safe_distance
+    if avoidance.method == "paper" and avoidance.lateral_margin <= room:
+        raise PlanError(
+            f"avoidance.lateral_margin {avoidance.lateral_margin:g}: not above vehicle_radius and safe_distance, "
+            f"{room:g} in all: the way past an obstacle would be blocked by it"
+        )
+    if avoidance.vfh.low_threshold > avoidance.vfh.high_threshold:
+        raise PlanError(
+            f"avoidance.vfh.low_threshold {avoidance.vfh.low_threshold:g}: above high_threshold "
+            f"{avoidance.vfh.high_threshold:g}"
+        )
 
 
 def within_reach(settings: Settings, body: VehicleParameters) -> tuple[Settings, str]:

@@ -257,9 +257,7 @@ class Router:
         if frame.message_id in NOBODYS or target in self._own or not is_for(target, self._vehicle):
             return False
         retuned = retuned_by(frame)
-        if (
-            retuned is not None and retuned in FLOWN_BY
-        ):  # the vehicle sends it once on this link, and half a second without it ends the flight
+        if retuned in FLOWN_BY:  # half a second without it ends the flight
             station.retunes(retuned)
             return False
         return True
@@ -286,13 +284,13 @@ class Router:
             station.close()
 
 
-def retuned_by(frame: Frame) -> int | None:
-    """The message (id) whose rate this command sets; None if it is none of that kind."""
+def retuned_by(frame: Frame) -> int:
+    """The message (id) whose rate this command sets; -1 if it is none of that kind."""
     if frame.message_id not in _COMMANDS:
-        return None
+        return -1
     command = decoder_of(frame.message_id)(frame)
     if command.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL or not math.isfinite(command.param1):
-        return None
+        return -1
     return int(command.param1)
 
 

@@ -45,34 +45,9 @@ def test_heights_follow_the_ground_over_the_map_alone(method: str) -> None:
         load_settings(None, ["avoidance.ground_slope=0.2", f"avoidance.method={method}"])
 
 
-RADIUS = "avoidance.vehicle_radius=0.7"
-KEPT = [f"guard.keep_out{of}" for of in ("", "_unseen", "_tight", "_unseen_tight", "_moving")]
-
-
-def test_no_distance_is_less_than_the_vehicles_radius() -> None:
-    """A larger vehicle flew the same ways as a small one, with its hull in what it passed."""
-    with pytest.raises(TomlFileError, match=r"plan.tight_inflation 0.38, .*_moving 0.5: less than vehicle_radius 0.7"):
-        load_settings(None, [RADIUS])
-    with pytest.raises(TomlFileError, match=r"keep_out_tight 0.3: less than vehicle_radius 0.36 - at `avoidance`"):
-        load_settings(None, ["avoidance.guard.keep_out_tight=0.3"])
-    planned = ["avoidance.plan.inflation=0.9", "avoidance.plan.tight_inflation=0.72"]
-    kept = [f"avoidance.{key}=0.72" for key in KEPT]
-    assert load_settings(None, [RADIUS, *planned, *kept]).avoidance.vehicle_radius == 0.7
-    for method in ("paper", "none"):
-        assert load_settings(None, [RADIUS, f"avoidance.method={method}"]).avoidance.vehicle_radius == 0.7
-
-
-def test_the_papers_rule_has_room_for_its_setpoints() -> None:
-    """With 1.5 m, of which 1.56 are blocked, it hovered before the first lamp until the time of its step was over."""
-    with pytest.raises(TomlFileError, match=r"lateral_margin 1.5: not above vehicle_radius and safe_distance, 1.56"):
-        load_settings(None, ["avoidance.method=paper", "avoidance.lateral_margin=1.5"])
-    load_settings(None, ["avoidance.lateral_margin=1.5"])
-
-
 @pytest.mark.parametrize(
     "override",
     [
-        "avoidance.vfh.low_threshold=0.2",
         "supervision.land_after=-1",
         "supervision.land_after=1.0",
         "limits.tilt_deg=nan",
@@ -194,6 +169,34 @@ def test_no_timeout_is_over_before_the_next_message_comes(override: str, error: 
         check(Plan(load_settings(None, [override]), body, mission, Output.RATES, 1.0, {}))
     blind = load_settings(None, ["rates.scan=1", "avoidance.method=none"])
     check(Plan(blind, body, mission, Output.RATES, 1.0, {}))
+
+
+RADIUS = "avoidance.vehicle_radius=0.7"
+KEPT = [f"avoidance.guard.keep_out{of}=0.72" for of in ("", "_unseen", "_tight", "_unseen_tight", "_moving")]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "error"),
+    [
+        ([RADIUS], r"plan.tight_inflation 0.38, .*_moving 0.5: less than avoidance.vehicle_radius 0.7"),
+        (["avoidance.guard.keep_out_tight=0.3"], r"keep_out_tight 0.3: less than avoidance.vehicle_radius 0.36"),
+        ([RADIUS, "avoidance.plan.inflation=0.9", "avoidance.plan.tight_inflation=0.72", *KEPT], None),
+        ([RADIUS, "avoidance.method=paper"], None),
+        ([RADIUS, "avoidance.method=none"], None),
+        (["avoidance.method=paper", "avoidance.lateral_margin=1.5"], r"lateral_margin 1.5: .* safe_distance, 1.56"),
+        (["avoidance.lateral_margin=1.5"], None),
+        (["avoidance.vfh.low_threshold=0.2"], r"low_threshold 0.2: above high_threshold 0.1"),
+    ],
+)
+def test_distances_that_leave_no_room_are_refused(overrides: list[str], error: str | None) -> None:
+    """A larger vehicle flew the ways of a small one; the paper's rule hovered before the first lamp."""
+    mission, _ = load_mission("errand")
+    plan = Plan(load_settings(None, overrides), load_body(mission.vehicle), mission, Output.RATES, 1.0, {})
+    if error is None:
+        check(plan)
+        return
+    with pytest.raises(PlanError, match=error):
+        check(plan)
 
 
 def test_a_route_below_what_counts_as_ground_is_refused() -> None:

@@ -136,6 +136,6 @@ def test_with_cells_larger_than_the_inflation_the_walls_come_back_at_the_fence()
     assert fence is not None
     coarse = msgspec.structs.replace(AVOIDANCE.map, cell=0.5)
     plan = msgspec.structs.replace(AVOIDANCE.plan, inflation=0.3, tight_inflation=0.3)
-    walls = Walls(fence, msgspec.structs.replace(AVOIDANCE, map=coarse, plan=plan, vehicle_radius=0.2))
+    walls = Walls(fence, msgspec.structs.replace(AVOIDANCE, map=coarse, plan=plan))
     for away, stands in ((19.0, True), (20.3, False), (20.01, False), (19.99, True), (20.1, True)):
         assert (walls.around(np.array([away, 0.0, -3.0])) is not None) is stands, away
