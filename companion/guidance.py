@@ -14,7 +14,7 @@ from companion.avoidance.guard import Guard, Verdict
 from companion.avoidance.methods import goal_rule
 from companion.avoidance.path import NO_PATH
 from companion.avoidance.planner import PlanRequest, PlanResult
-from companion.avoidance.steering import Course, limited, steer
+from companion.avoidance.steering import Course, approached, limited, steer
 from companion.config import Settings
 from companion.fence import Fence, fence_of, first_beyond
 from companion.mission.navigator import NEAR_M, Arrival, Leg
@@ -229,7 +229,10 @@ class Guidance:
         if step.passes:
             return False
         assert step.target_ned is not None
-        away = math.dist(step.target_ned.tolist()[:2], state.position_ned.tolist()[:2])
+        here, target = state.position_ned[:2], step.target_ned[:2]
+        if approached(self._path, here, target, self._settings.avoidance) is not target:
+            return False
+        away = math.dist(target.tolist(), here.tolist())
         if not self._course.active:
             return away < (_APPROACH_M if self.decision.blocked else NEAR_M)
         return away < _APPROACH_M and math.hypot(*state.velocity_ned[:2].tolist()) < _APPROACH_SPEED

@@ -133,15 +133,15 @@ class AStarPlanner:
         """(k, 2) m, NED, at least two: the shortened path from the position to the goal, which are its `ends`."""
         position, goal = ends
         vertices = shorten(path, view, costmap, inflation)
-        last = view.cell_of(goal)
+        end, last = vertices[-1].copy() if path.complete else position[:2], view.cell_of(goal)
         if path.complete:
             if not view.contains(last):
                 vertices = np.concatenate((vertices, goal[None, :2]))
             elif view.to_occupied[last] >= inflation:
-                vertices[-1] = goal[:2]
+                vertices[-1] = end = goal[:2]
         vertices[0] = position[:2]
         if len(vertices) == 1:
-            vertices = np.concatenate((vertices, (goal if path.complete else position)[None, :2]))
+            vertices = np.concatenate((vertices, end[None]))
         return vertices
 
 

@@ -22,6 +22,8 @@ _LOOKAHEAD_M, _TIGHT_LOOKAHEAD_M, _LOOKAHEAD_S = 0.8, 0.25, 0.35
 """Least lookahead distance along a path and along a tight one, and lookahead time."""
 _APPROACH_M, _APPROACH_1_S = 1.0, 1.5
 """Within this distance of the goal the vehicle flies straight to it, at this speed by distance."""
+_DIAGONAL = math.sqrt(2.0)
+"""Of a cell, by its side."""
 _SLOWING_FROM = 1.5
 """m/s below the speeds of a curve that fall: a faster vehicle begins to brake as they do."""
 _SLOW_M, _SLOW_SPEED = 8.0, 3.0
@@ -50,6 +52,7 @@ def steer(path: Path, here: Array, velocity: Array, goal: Array, speed: float, s
     `here`, `velocity` and `goal` (2,) m and m/s, NED; at most at `speed` (m/s), with the braking of the settings.
     """
     limits = speed, settings.course.braking
+    goal = approached(path, here, goal, settings)
     if path.smooth:
         return Steering(*along_curve(path.vertices, path.speeds, here, velocity, goal, (*limits, settings.guard.lag_s)))
     if len(path.vertices):
@@ -58,6 +61,16 @@ def steer(path: Path, here: Array, velocity: Array, goal: Array, speed: float, s
     if path.bearing is not None:
         return Steering(*towards(path.bearing, here, velocity, goal, *limits), np.zeros(2))
     return Steering(np.zeros(2), here[None].copy(), np.zeros(2))
+
+
+def approached(path: Path, here: Array, goal: Array, settings: Avoidance) -> Array:
+    """Where the vehicle goes at the end, (2,) m, NED: to the end of the path in place of a goal nearby that is in an
+    obstacle, or that nobody knows the way to. What is merely nearer to an obstacle than the inflation is flown to."""
+    if not len(path.vertices) or math.dist(here.tolist(), goal.tolist()) >= _APPROACH_M:
+        return goal
+    end: Array = path.vertices[-1]
+    room = settings.plan.inflation - settings.plan.tight_inflation + _DIAGONAL * settings.map.cell
+    return end if math.dist(end.tolist(), goal.tolist()) > room else goal
 
 
 @compiled
