@@ -226,11 +226,9 @@ class Guidance:
 
     def _arrives(self, step: Step, state: VehicleState) -> bool:
         """So near to a goal that is stopped at that no way over the map is needed; nearer with something in the way."""
-        if step.passes:
-            return False
         assert step.target_ned is not None
         here, target = state.position_ned[:2], step.target_ned[:2]
-        if approached(self._path, here, target, self._settings.avoidance) is not target:
+        if step.passes or approached(self._path, here, target, self._settings.avoidance) is not target:
             return False
         away = math.dist(target.tolist(), here.tolist())
         if not self._course.active:
@@ -299,8 +297,7 @@ class Guidance:
         self._path = result.path
         self._steer_at_ns = now_ns
         avoids, before = leg.step.avoids, self.decision
-        limit = before.speed_limit if avoids else self._mission.speed
-        target = before.target_ned if avoids else leg.goal_ned
+        limit, target = (before.speed_limit, before.target_ned) if avoids else (self._mission.speed, leg.goal_ned)
         self.decision = AvoidanceDecision(target, limit, result.clearance, result.blocked)
 
     # -- by returns, and what the guard makes of it --------------------------------------------------------------------

@@ -23,7 +23,7 @@ _LOOKAHEAD_M, _TIGHT_LOOKAHEAD_M, _LOOKAHEAD_S = 0.8, 0.25, 0.35
 _APPROACH_M, _APPROACH_1_S = 1.0, 1.5
 """Within this distance of the goal the vehicle flies straight to it, at this speed by distance."""
 _DIAGONAL = math.sqrt(2.0)
-"""Of a cell, by its side."""
+"""Length of a cell's diagonal by that of its side."""
 _SLOWING_FROM = 1.5
 """m/s below the speeds of a curve that fall: a faster vehicle begins to brake as they do."""
 _SLOW_M, _SLOW_SPEED = 8.0, 3.0

@@ -80,7 +80,7 @@ def test_a_goal_in_an_obstacle_is_flown_to_with_the_room_of_a_path(into: float) 
             velocity[:2] = steer(path, here[:2], velocity[:2], goal[:2], 3.0, SETTINGS).velocity
             here += 0.02 * velocity
     assert np.hypot(*velocity[:2]) < 0.05
-    assert 0.0 <= MIDDLE + 4.0 - SETTINGS.plan.inflation - here[0] < 2.0 * CELL
+    assert 0.0 <= view.to_occupied[view.cell_of(here)] - SETTINGS.plan.inflation < 2.0 * CELL
 
 
 @pytest.mark.parametrize("aside", [-0.6, 0.6])

@@ -243,4 +243,4 @@ def test_without_answers_the_vehicle_stops_and_lands_by_itself() -> None:
     joined.fly(limit_s=60.0)
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and summary.contacts == 0 and not joined.autopilot.navigator.released
-    assert any("no ring" in said for said in joined.said)
+    assert any("no map" in said for said in joined.said)
