@@ -225,15 +225,14 @@ class Guidance:
         generator.move_to(now_ns, target, speed, settings.climb_speed if climbs else settings.descent_speed)
 
     def _arrives(self, step: Step, state: VehicleState) -> bool:
-        """So near to a goal that is stopped at that no way over the map is needed; nearer with something in the way."""
+        """So near to a goal that is stopped at and led to that no way over the map is needed; nearer with something in
+        the way."""
         assert step.target_ned is not None
-        here, target = state.position_ned[:2], step.target_ned[:2]
-        if step.passes or approached(self._path, here, target, self._settings.avoidance) is not target:
-            return False
-        away = math.dist(target.tolist(), here.tolist())
-        if not self._course.active:
-            return away < (_APPROACH_M if self.decision.blocked else NEAR_M)
-        return away < _APPROACH_M and math.hypot(*state.velocity_ned[:2].tolist()) < _APPROACH_SPEED
+        here, target, active = state.position_ned[:2], step.target_ned[:2], self._course.active
+        reach = _APPROACH_M if active or self.decision.blocked else NEAR_M
+        near = not step.passes and math.dist(target.tolist(), here.tolist()) < reach
+        slow = near and (not active or math.hypot(*state.velocity_ned[:2].tolist()) < _APPROACH_SPEED)
+        return slow and approached(self._path, here, target, self._settings.avoidance) is target
 
     # -- over the map --------------------------------------------------------------------------------------------------
 
