@@ -85,11 +85,10 @@ def _check_timeouts(settings: Settings) -> None:
     if settings.avoidance.needs_scan:
         streams["scan"] = "scan_timeout"
     for name, timeout in streams.items():
-        period, longest = 1.0 / getattr(settings.rates, name), getattr(settings.supervision, timeout)
-        if period >= longest:
+        rate, longest = getattr(settings.rates, name), getattr(settings.supervision, timeout)
+        if 1.0 / rate >= longest:
             raise PlanError(
-                f"supervision.{timeout} {longest:g}: above {period:g} at least, as rates.{name} is "
-                f"{getattr(settings.rates, name):g}"
+                f"supervision.{timeout} {longest:g}: must be above {1.0 / rate:g} s, as rates.{name} is {rate:g} Hz"
             )
 
 

@@ -156,9 +156,9 @@ def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:
 @pytest.mark.parametrize(
     ("override", "error"),
     [
-        ("rates.scan=1", r"supervision.scan_timeout 0.5: above 1 at least, as rates.scan is 1"),
-        ("rates.position=2", r"supervision.telemetry_timeout 0.5: above 0.5 at least, as rates.position is 2"),
-        ("supervision.telemetry_timeout=0.004", r"above 0.004 at least, as rates.attitude is 250"),
+        ("rates.scan=1", r"supervision.scan_timeout 0.5: must be above 1 s, as rates.scan is 1 Hz"),
+        ("rates.position=2", r"supervision.telemetry_timeout 0.5: must be above 0.5 s, as rates.position is 2 Hz"),
+        ("supervision.telemetry_timeout=0.004", r"must be above 0.004 s, as rates.attitude is 250 Hz"),
     ],
 )
 def test_no_timeout_is_over_before_the_next_message_comes(override: str, error: str) -> None:
