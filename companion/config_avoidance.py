@@ -18,6 +18,9 @@ class AvoidanceMap(Table, frozen=True):
     """m, from 0.025 on: size of a cell."""
     cells: int = 384
     """Along each side of the window around the vehicle; an even number up to 4096."""
+    memory_cells: int = 1024
+    """Along each side of the square around the vehicle in which what has left the window is remembered, for when the
+    vehicle comes back; an even number up to 4096. 0: nothing is."""
     layer: Positive = 3.0
     """m above and below the height of flight that the map stands for."""
     memory_s: Positive = 120.0
@@ -26,6 +29,13 @@ class AvoidanceMap(Table, frozen=True):
     def __post_init__(self) -> None:
         if not 16 <= self.cells <= 4096 or self.cells % 2:
             raise ValueError(f"cells {self.cells}: not an even number from 16 to 4096")
+        if not 0 <= self.memory_cells <= 4096 or self.memory_cells % 2:
+            raise ValueError(f"memory_cells {self.memory_cells}: not an even number from 0 to 4096")
+
+    @property
+    def memory(self) -> int:
+        """Cells along each side of what is remembered: the window at the least."""
+        return max(self.memory_cells, self.cells)
 
 
 class AvoidancePlan(Table, frozen=True):

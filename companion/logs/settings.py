@@ -15,6 +15,7 @@ _FLOWN_WITHOUT = (
     {"avoidance": {"plan": {"switch_growth_tight": 1.0}}},
     {"control": {"prediction": {"overdue": 0.0, "attitudes_beyond": 60.0}}},
     {"avoidance": {"course": {"adapts": True, "max_yield": 1e9}, "guard": {"emergency_braking": 0.0}}},
+    {"avoidance": {"map": {"memory_cells": 0}}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""
 

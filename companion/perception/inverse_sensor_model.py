@@ -142,7 +142,7 @@ def range_within_layer(above: float, down: float, half_height: float) -> float:
 @compiled
 def _add_free(grid: Grid, beams: Beams, layer: Layer, edges: Array, slopes: Array) -> Array:
     """Lower the cells before each return; (n,) the ranges (m) of the returns that count, -1 for the other beams."""
-    cell, size = grid.cell, grid.log_odds.shape[0]
+    cell, size = grid.cell, grid.size
     middle_n, middle_e = (grid.corner_row + 0.5 * size) * cell, (grid.corner_column + 0.5 * size) * cell
     ranges, hit, known, positions = beams.ranges_m, beams.hit, beams.known, beams.positions_ned
     count = ranges.shape[0]
@@ -215,12 +215,12 @@ def _lower(grid: Grid, wedges: _Wedges, levels: Array) -> None:
     """
     log_odds, updated_s, numbers, spans = grid.log_odds, grid.updated_s, wedges.beams, wedges.spans
     corner_row, corner_column = grid.corner_row, grid.corner_column
-    size = numbers.shape[0]
-    wrap = size - corner_column % size  # the window's column that is the memory's first one
-    for i in range(size):
-        row = (corner_row + i) % size
+    memory = log_odds.shape[0]
+    wrap = memory - corner_column % memory  # the window's column that is the memory's first one
+    for i in range(grid.size):
+        row = (corner_row + i) % memory
         for first, last, shift in (
-            (spans[i, 0], min(spans[i, 1], wrap), size - wrap),
+            (spans[i, 0], min(spans[i, 1], wrap), memory - wrap),
             (max(spans[i, 0], wrap), spans[i, 1], -wrap),
         ):
             if first >= last:
@@ -289,8 +289,7 @@ def _join_walls(grid: Grid, centres: Array, arcs: Array) -> None:
     until the place was seen from near by.
     """
     log_odds, updated_s, returns, cell = grid.log_odds, grid.updated_s, grid.returns, grid.cell
-    count = arcs.shape[0]
-    size = log_odds.shape[0]
+    count, memory = arcs.shape[0], log_odds.shape[0]
     for k in range(count):
         a, b = k, (k + 1) % count
         if arcs[a] < 0.0 or arcs[b] < 0.0:
@@ -304,7 +303,7 @@ def _join_walls(grid: Grid, centres: Array, arcs: Array) -> None:
         samples = math.ceil(2.0 * length / cell)
         for s in range(1, samples):
             north, east = centres[a, 0] + s / samples * dn, centres[a, 1] + s / samples * de
-            row, column = math.floor(north / cell) % size, math.floor(east / cell) % size
+            row, column = math.floor(north / cell) % memory, math.floor(east / cell) % memory
             value = faded(log_odds[row, column], grid.now_s - updated_s[row, column], grid.fading)
             if value < _JOIN_LOG_ODDS:
                 log_odds[row, column], updated_s[row, column] = _JOIN_LOG_ODDS, grid.now_s
@@ -353,8 +352,7 @@ def _raise_arc(
     On the side where the obstacle ends, which may be anywhere within the sector, the log-odds stay low.
     """
     log_odds, updated_s, returns, cell = grid.log_odds, grid.updated_s, grid.returns, grid.cell
-    size = log_odds.shape[0]
-    length = distance * width
+    memory, length = log_odds.shape[0], distance * width
     share = CEILING / max(1.0, length / max(_FULL_WEIGHT_M, cell))
     if distance < _NEAR_M:
         share = max(share, _NEAR_LOG_ODDS)
@@ -365,7 +363,7 @@ def _raise_arc(
         dn = edges[0] + right * (edges[2] - edges[0])
         de = edges[1] + right * (edges[3] - edges[1])
         north, east = origin[0] + distance * dn, origin[1] + distance * de
-        row, column = math.floor(north / cell) % size, math.floor(east / cell) % size
+        row, column = math.floor(north / cell) % memory, math.floor(east / cell) % memory
         if row == before_row and column == before_column:
             continue
         before_row, before_column = row, column

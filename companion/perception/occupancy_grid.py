@@ -1,7 +1,8 @@
 """The cells of the occupancy grid: clamped log-odds that fade with time, in a window that moves with the vehicle.
 
-A cell is stored at its world index modulo the grid's size. When the window moves nothing is copied: the rows and
-columns that leave it are cleared and become those that enter.
+A cell is stored at its world index modulo the memory's size, which is the window's or more: then what has left the
+window is there when the vehicle comes back. When the window moves nothing is copied: the rows and columns that leave
+the memory are cleared and become those that enter.
 
 Source: Moravec and Elfes 1985; log-odds with clamping as in OctoMap (Hornung et al. 2013).
 """
@@ -29,17 +30,19 @@ CERTAIN_M = 0.7
 
 
 class Grid(NamedTuple):
-    """The cells, the window's place and the time at which the cells are read or written.
+    """The memory, the window's place in it and the time at which the cells are read or written.
 
     Functions that are called from Python take it as a plain tuple: numba needs 2 us to find the type of a named one.
     """
 
     log_odds: Floats
-    """(size, size) as of `updated_s`, in the order of the memory."""
+    """(memory, memory) as of `updated_s`."""
     updated_s: Floats
-    """(size, size) s on the map's clock."""
+    """(memory, memory) s on the map's clock."""
     returns: Array
-    """(size, size, 3) of the cell's return: north, east (m) and the shortest range (m) that it was seen from."""
+    """(memory, memory, 3) of the cell's return: north, east (m) and the shortest range (m) that it was seen from."""
+    size: int
+    """Cells along each side of the window, in the memory's middle."""
     corner_row: int
     """World index of the window's first row."""
     corner_column: int
@@ -62,8 +65,8 @@ def faded(log_odds: float, age_s: float, fading: float) -> float:
 
 
 @compiled
-def move_window(log_odds: Floats, from_row: int, from_column: int, to_row: int, to_column: int) -> None:
-    """Clear the rows and columns that enter the window when its corner moves."""
+def move_memory(log_odds: Floats, from_row: int, from_column: int, to_row: int, to_column: int) -> None:
+    """Clear the rows and columns that enter the memory when its corner moves."""
     size = log_odds.shape[0]
     for row in range(to_row, to_row + size):
         if row < from_row or row >= from_row + size:
@@ -81,14 +84,13 @@ def set_disc(
     those with positive log-odds. What is certain is not forgotten: a value of 0 leaves it."""
     grid = Grid(*cells)
     log_odds, updated_s, cell = grid.log_odds, grid.updated_s, grid.cell
-    corner_row, corner_column = grid.corner_row, grid.corner_column
-    size = log_odds.shape[0]
+    corner_row, corner_column, size, memory = grid.corner_row, grid.corner_column, grid.size, log_odds.shape[0]
     reach = math.ceil(radius / cell)
     middle_row, middle_column = math.floor(north / cell), math.floor(east / cell)
     for i in range(max(middle_row - reach, corner_row), min(middle_row + reach + 1, corner_row + size)):
         for j in range(max(middle_column - reach, corner_column), min(middle_column + reach + 1, corner_column + size)):
             dn, de = (i + 0.5) * cell - north, (j + 0.5) * cell - east
-            row, column = i % size, j % size
+            row, column = i % memory, j % memory
             occupied = log_odds[row, column] > 0.0
             kept = value == 0.0 and occupied and grid.returns[row, column, 2] < CERTAIN_M
             if dn * dn + de * de <= radius * radius and (occupied or not occupied_only) and not kept:
@@ -102,14 +104,14 @@ def classify(cells: tuple[Any, ...], states: Bytes) -> Array:
     occupied cells, row by row: north, east (m, NED) and the shortest range (m) that each was seen from."""
     grid = Grid(*cells)
     log_odds, updated_s, returns = grid.log_odds, grid.updated_s, grid.returns
-    corner_row, corner_column = grid.corner_row, grid.corner_column
-    size = log_odds.shape[0]
-    wrap = size - (corner_column % size)  # the window's column that is the memory's first one
+    size, memory = grid.size, log_odds.shape[0]
+    first = grid.corner_column % memory
+    wrap = min(memory - first, size)  # the window's column that is the memory's first one
     now, rate = np.float32(grid.now_s), np.float32(grid.fading)
     counts = np.zeros(size, np.int64)
     for i in range(size):
-        row = (corner_row + i) % size
-        _classify_run(log_odds[row, size - wrap :], updated_s[row, size - wrap :], now, rate, states[i, :wrap])
+        row, last = (grid.corner_row + i) % memory, first + wrap
+        _classify_run(log_odds[row, first:last], updated_s[row, first:last], now, rate, states[i, :wrap])
         _classify_run(log_odds[row, : size - wrap], updated_s[row, : size - wrap], now, rate, states[i, wrap:])
         counts[i] = _occupied(states[i])
     hits, occupied = np.empty((counts.sum(), 3)), np.empty(size + 1, np.int32)
@@ -117,13 +119,13 @@ def classify(cells: tuple[Any, ...], states: Bytes) -> Array:
     for i in range(size):
         if counts[i] == 0:
             continue
-        row, state = (corner_row + i) % size, states[i]
+        row, state = (grid.corner_row + i) % memory, states[i]
         found = 0
         for j in range(size):  # without a branch: each column is written, and kept if it counts
             occupied[found] = j
             found += int(state[j] == OCCUPIED)
         for k in range(found):
-            column = (corner_column + occupied[k]) % size
+            column = (grid.corner_column + occupied[k]) % memory
             for axis in range(3):
                 hits[count, axis] = returns[row, column, axis]
             count += 1

@@ -14,7 +14,7 @@ from companion.config_avoidance import AvoidanceMap
 from companion.perception.distance_field import fill_distances_to_returns
 from companion.perception.inverse_sensor_model import Beams, Layer, add_beams
 from companion.perception.map_view import OCCUPIED, Cell, MapView
-from companion.perception.occupancy_grid import CEILING, CERTAIN_M, FLOOR, Grid, classify, move_window, set_disc
+from companion.perception.occupancy_grid import CEILING, CERTAIN_M, FLOOR, Grid, classify, move_memory, set_disc
 from companion.perception.scans import WIDE_SECTOR, sector_width
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
@@ -37,10 +37,10 @@ class RollingMap:
         self._settings = settings
         self._hull_radius = hull_radius
         self._fading = CEILING / settings.memory_s
-        shape = (settings.cells, settings.cells)
-        self._log_odds = np.zeros(shape, np.float32)
-        self._updated_s = np.zeros(shape, np.float32)
-        self._returns = np.zeros((*shape, 3))
+        memory, shape = (settings.memory, settings.memory), (settings.cells, settings.cells)
+        self._log_odds = np.zeros(memory, np.float32)
+        self._updated_s = np.zeros(memory, np.float32)
+        self._returns = np.zeros((*memory, 3))
         # Allocating these anew for each view would cost more than filling them.
         self._states = np.empty(shape, np.uint8)
         self._to_occupied = np.empty(shape, np.float32)
@@ -116,7 +116,7 @@ class RollingMap:
         row, column = self._corner or self._first_corner
         now_s = (time_ns - (self._start_ns or 0)) * 1e-9
         arrays = self._log_odds, self._updated_s, self._returns
-        return tuple(Grid(*arrays, row, column, self._settings.cell, now_s, self._fading))
+        return tuple(Grid(*arrays, self._settings.cells, row, column, self._settings.cell, now_s, self._fading))
 
     def _follow(self, position_ned: Array, ground_down: float) -> None:
         """Centre the window on a position (3,) NED (m), and let the layer follow the ground (m, NED)."""
@@ -133,5 +133,6 @@ class RollingMap:
             self._log_odds[:] = 0.0
             self._height = float(position_ned[2])
         else:
-            move_window(self._log_odds, *self._corner, *corner)
+            before = (settings.memory - settings.cells) // 2
+            move_memory(self._log_odds, *(at - before for at in (*self._corner, *corner)))
         self._corner = corner

@@ -14,9 +14,9 @@ SIZE, CELL = 64, 0.25
 LAYER = Layer(down=-3.0, half_height=1.5, ground_down=-0.5)
 
 
-def empty_grid(corner_row: int = -SIZE // 2, corner_column: int = -SIZE // 2, now_s: float = 0.0) -> Grid:
-    log_odds, updated_s = np.zeros((SIZE, SIZE), np.float32), np.zeros((SIZE, SIZE), np.float32)
-    return Grid(log_odds, updated_s, np.zeros((SIZE, SIZE, 3)), corner_row, corner_column, CELL, now_s, 0.1)
+def empty_grid(corner_row: int = -SIZE // 2, corner_column: int = -SIZE // 2, memory: int = SIZE) -> Grid:
+    log_odds, updated_s = np.zeros((memory, memory), np.float32), np.zeros((memory, memory), np.float32)
+    return Grid(log_odds, updated_s, np.zeros((memory, memory, 3)), SIZE, corner_row, corner_column, CELL, 0.0, 0.1)
 
 
 def random_beams(rng: np.random.Generator, here: Array) -> Beams:
@@ -59,6 +59,20 @@ def test_the_place_in_memory_does_not_matter(shift: tuple[int, int]) -> None:
         add_beams(second, random_beams(np.random.default_rng(seed), there), LAYER)
     assert (first.log_odds != 0.0).sum() > 1000
     assert np.allclose(np.roll(first.log_odds, shift, (0, 1)), second.log_odds)
+
+
+@pytest.mark.parametrize("corner", [(-SIZE // 2, -SIZE // 2), (64, 100), (-250, 500)])
+@pytest.mark.parametrize("memory", [SIZE + 2, 3 * SIZE])
+def test_a_memory_larger_than_the_window_gets_the_same_cells(corner: tuple[int, int], memory: int) -> None:
+    here = np.array([*((np.array(corner) + 0.5 * SIZE) * CELL), -3.0])
+    small, large = empty_grid(*corner), empty_grid(*corner, memory)
+    for seed in range(5):
+        for grid in (small, large):
+            add_beams(grid, random_beams(np.random.default_rng(seed), here), LAYER)
+    indices = [np.arange(first, first + SIZE) for first in corner]
+    seen, kept = (grid.log_odds[np.ix_(*(i % len(grid.log_odds) for i in indices))] for grid in (small, large))
+    assert np.array_equal(seen, kept)
+    assert (large.log_odds != 0.0).sum() == (small.log_odds != 0.0).sum() > 1000
 
 
 def test_returns_and_free_wedges_outside_of_the_layer_do_not_count() -> None:

@@ -11,23 +11,24 @@ from companion.perception.occupancy_grid import (
     Grid,
     classify,
     faded,
-    move_window,
+    move_memory,
     set_disc,
 )
 from protocol.arrays import Array
 
 SIZE, CELL = 16, 0.5
 CORNERS = [(0, 0), (-5, 7), (1003, -1009)]
+MEMORIES = [SIZE, SIZE + 6, 4 * SIZE]
 
 
 def grid_of(log_odds: Floats, corner: tuple[int, int], now_s: float = 0.0, fading: float = 0.0) -> Grid:
     times, returns = np.zeros(log_odds.shape, np.float32), np.zeros((*log_odds.shape, 3))
-    return Grid(log_odds, times, returns, *corner, CELL, now_s, fading)
+    return Grid(log_odds, times, returns, SIZE, *corner, CELL, now_s, fading)
 
 
 def in_order(values: Array | Floats, corner: tuple[int, int]) -> Array:
-    """Cells in the window's order, from that of the memory."""
-    rows, columns = (np.arange(first, first + SIZE) % SIZE for first in corner)
+    """The window's cells in its order, from that of the memory."""
+    rows, columns = (np.arange(first, first + SIZE) % len(values) for first in corner)
     return np.asarray(values[np.ix_(rows, columns)], np.float64)
 
 
@@ -40,12 +41,12 @@ def test_fading_ends_at_unknown() -> None:
 
 @pytest.mark.parametrize("corner", CORNERS)
 @pytest.mark.parametrize("step", [(0, 0), (3, -2), (-1, 0), (SIZE, 0), (5, 40)])
-def test_the_window_keeps_what_stays_in_it(corner: tuple[int, int], step: tuple[int, int]) -> None:
+def test_the_memory_keeps_what_stays_in_it(corner: tuple[int, int], step: tuple[int, int]) -> None:
     rng = np.random.default_rng(1)
     log_odds = rng.uniform(1.0, 2.0, (SIZE, SIZE)).astype(np.float32)
     before = in_order(log_odds, corner)
     moved = corner[0] + step[0], corner[1] + step[1]
-    move_window(log_odds, *corner, *moved)
+    move_memory(log_odds, *corner, *moved)
     after = in_order(log_odds, moved)
     for i in range(SIZE):
         for j in range(SIZE):
@@ -54,20 +55,22 @@ def test_the_window_keeps_what_stays_in_it(corner: tuple[int, int], step: tuple[
             assert after[i, j] == (before[row, column] if stays else 0.0)
 
 
+@pytest.mark.parametrize("memory", MEMORIES)
 @pytest.mark.parametrize("corner", CORNERS)
-def test_a_disc_is_set_within_the_window_alone(corner: tuple[int, int]) -> None:
+def test_a_disc_is_set_within_the_window_alone(corner: tuple[int, int], memory: int) -> None:
     """At the window's edge the part outside is not wrapped to the other side."""
     rng = np.random.default_rng(2)
     indices = np.indices((SIZE, SIZE))
     centres = [(axis + first + 0.5) * CELL for axis, first in zip(indices, corner, strict=True)]
-    log_odds = rng.uniform(-1.0, 1.0, (SIZE, SIZE)).astype(np.float32)
-    before = in_order(log_odds, corner)
+    log_odds = rng.uniform(-1.0, 1.0, (memory, memory)).astype(np.float32)
+    before, beyond = in_order(log_odds, corner), log_odds.copy()
     north, east = (corner[0] + 1.3) * CELL, (corner[1] + 9.1) * CELL
     away = np.hypot(centres[0] - north, centres[1] - east)
     set_disc(grid_of(log_odds, corner), north, east, 1.7, 3.0, False)
     assert 0 < (away <= 1.7).sum() < 60
     assert np.array_equal(in_order(log_odds, corner), np.where(away <= 1.7, 3.0, before))
-    grid = grid_of(rng.uniform(-1.0, 1.0, (SIZE, SIZE)).astype(np.float32), corner)
+    assert (log_odds != beyond).sum() == (away <= 1.7).sum(), "beyond the window nothing changes"
+    grid = grid_of(rng.uniform(-1.0, 1.0, (memory, memory)).astype(np.float32), corner)
     grid.returns[:] = rng.uniform(0.0, 2.0, grid.returns.shape)
     before, certain = in_order(grid.log_odds, corner).copy(), in_order(grid.returns[:, :, 2], corner) < 0.7
     set_disc(grid, north, east, 1.7, 0.0, True)
@@ -77,10 +80,11 @@ def test_a_disc_is_set_within_the_window_alone(corner: tuple[int, int]) -> None:
     assert np.array_equal(in_order(grid.log_odds, corner), np.where(gone, 0.0, before))
 
 
+@pytest.mark.parametrize("memory", MEMORIES)
 @pytest.mark.parametrize("corner", CORNERS)
-def test_classification_against_a_model(corner: tuple[int, int]) -> None:
+def test_classification_against_a_model(corner: tuple[int, int], memory: int) -> None:
     rng = np.random.default_rng(3)
-    grid = grid_of(rng.uniform(-1.5, 1.5, (SIZE, SIZE)).astype(np.float32), corner, now_s=4.0, fading=0.1)
+    grid = grid_of(rng.uniform(-1.5, 1.5, (memory, memory)).astype(np.float32), corner, now_s=4.0, fading=0.1)
     grid.returns[:] = rng.uniform(0.0, 2.0, grid.returns.shape)
     grid.updated_s[:] = rng.uniform(0.0, 4.0, grid.updated_s.shape)
     states = np.empty((SIZE, SIZE), np.uint8)

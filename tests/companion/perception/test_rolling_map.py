@@ -105,7 +105,7 @@ def test_evidence_adds_up_is_bounded_and_fades() -> None:
     ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
     near, ahead = ranges.copy(), hit.copy()
     near[0], ahead[0] = 2.0, True
-    cell = (math.floor((HERE[0] + 2.0) / 0.2) & 255, math.floor(HERE[1] / 0.2) & 255)
+    cell = (math.floor((HERE[0] + 2.0) / 0.2) % SETTINGS.memory, math.floor(HERE[1] / 0.2) % SETTINGS.memory)
     expected, fading = 0.0, CEILING / SETTINGS.memory_s
     for k, (r, h) in enumerate([(near, ahead)] * 4 + [(ranges, hit)] * 9 + [(near, ahead)]):
         rolling.add(scan_of(r, h, k * 100_000_000), HERE, LEVEL, GROUND)
@@ -242,9 +242,11 @@ def test_each_beam_with_the_pose_of_its_own_time() -> None:
     assert state_at(view, 1.1, -2.9) != OCCUPIED and state_at(view, 0.1, 3.1) != OCCUPIED
 
 
-def test_the_window_moves_and_forgets_what_leaves_it() -> None:
-    """Flown 60 m and back: an obstacle is known as long as it is in the window, and never appears at an alias."""
-    rolling = RollingMap(SETTINGS, HULL)
+@pytest.mark.parametrize("memory_cells", [0, 500, 1024])
+def test_the_window_moves_and_what_leaves_it_is_remembered_within_the_memory(memory_cells: int) -> None:
+    """Flown 60 m and back: an obstacle is seen as long as it is in the window, never appears at an alias, and is known
+    at the return if it was no farther away than half of the memory."""
+    rolling = RollingMap(replace(SETTINGS, memory_cells=memory_cells), HULL)
     ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
     ranges[18], hit[18] = 3.0, True
     for _ in range(4):
@@ -258,7 +260,8 @@ def test_the_window_moves_and_forgets_what_leaves_it() -> None:
         inside = view.contains(view.cell_of(np.array([HERE[0], HERE[1] + 3.0])))
         assert (view.states == OCCUPIED).any() == inside == (north < 25.8)
     rolling.add(scan_of(np.full(72, 0.5), nothing), HERE, LEVEL, GROUND)
-    assert rolling.view(0).corner == corner and not (rolling.view(0).states == OCCUPIED).any()
+    assert rolling.view(0).corner == corner
+    assert (rolling.view(0).states == OCCUPIED).any() == (memory_cells * SETTINGS.cell > 2 * 60.0)
 
 
 def test_turning_or_mirroring_the_world_turns_or_mirrors_the_map() -> None:
