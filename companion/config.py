@@ -292,7 +292,8 @@ class Supervision(Table, frozen=True):
     resume_within: Positive = 300.0
     """So long may others fly before they give control back by putting the vehicle into external control again."""
     step_timeout: Positive = 60.0
-    """What a step of the mission may take on top of its hold and three times its way at the mission's speed."""
+    """What a step of the mission may take on top of its hold and three times its way at the mission's speed. All that
+    the vehicle explores counts as way, where obstacles lead it farther around."""
 
     def __post_init__(self) -> None:
         if self.least_hold >= self.land_after:

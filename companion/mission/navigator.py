@@ -253,7 +253,7 @@ class Navigator:
         duration = self._durations[self.step_index]
         taken = self.step.hold_s if duration is None else duration
         climb = self.mission.takeoff_height if self.phase is Phase.TAKEOFF else 0.0
-        return self._time.allowed(taken, self._length, self._speed, climb)
+        return self._time.allowed(taken, max(self._length, self._progress.explored), self._speed, climb)
 
     # -- how it goes ---------------------------------------------------------------------------------------------------
 

@@ -104,3 +104,8 @@ class Progress:
             self._nearest, self._since_ns = min(distance, self._nearest), now_ns
             self._visited.add(square)
         return (now_ns - self._since_ns) * 1e-9
+
+    @property
+    def explored(self) -> float:
+        """m that the vehicle has flown on the way to the present goal to where it had not been."""
+        return _SQUARE * len(self._visited)

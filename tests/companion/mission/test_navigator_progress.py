@@ -100,6 +100,23 @@ def test_the_time_that_others_fly_is_no_lack_of_progress() -> None:
     assert flight.judge(0.9 * GIVE_UP_S) is None
 
 
+def test_a_step_may_take_as_long_as_what_was_explored_needs() -> None:
+    """30 m east and west of a straight way of 100 m at 4 m/s, then along it."""
+    flight = Flight(LONG)
+    allowed = flight.navigator.report(flight.now, flying=True).allowed
+    assert allowed == pytest.approx(DEFAULTS.supervision.step_timeout + 3.0 * 100.0 / LONG.speed)
+    for east in (*range(30), *range(30, -30, -1), *range(-30, 0)):
+        flight.place = np.add(START, (0.0, float(east), -3.0))
+        flight.judge(0.1)
+    assert flight.navigator.report(flight.now, flying=True).allowed == allowed, "60 m are less"
+    flight.judge(40.0, speed=2.0)
+    further = 3.0 * (60.0 + 80.0 - 100.0) / LONG.speed
+    assert flight.navigator.report(flight.now, flying=True).allowed == pytest.approx(allowed + further, abs=3.0)
+    flight.navigator.next_step(flight.now, flight.place)
+    flight.judge(0.1)
+    assert flight.navigator.report(flight.now, flying=True).allowed < allowed + 0.5 * further, "another goal"
+
+
 def test_the_way_home_is_the_trail_backwards_and_then_the_landing() -> None:
     flight = Flight(LONG)
     flight.judge(20.0, speed=1.0)
