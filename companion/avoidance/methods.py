@@ -1,5 +1,6 @@
 """The interfaces of the methods of avoidance, and the chosen one; `companion.avoidance_methods` lists all of them."""
 
+import math
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -7,7 +8,7 @@ import msgspec
 import numpy as np
 
 from companion.avoidance.none import NoAvoidance
-from companion.avoidance.path import Path
+from companion.avoidance.path import MOST_VERTICES, Path
 from companion.avoidance_methods import METHODS, method_of
 from companion.config_avoidance import Avoidance
 from companion.perception.map_view import MapView
@@ -60,17 +61,24 @@ class ForeignPlanner:
     def __init__(self, plugin: Plugin, settings: Avoidance) -> None:
         self._plugin = plugin
         self._planner: PathPlanner = plugin.make(settings, settings.options)
+        self._reach = 0.5 * settings.map.cell * settings.map.cells
 
     def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
         """See `PathPlanner`. Raises PluginError."""
         try:
+            place = position[:2].copy()
             path = self._planner.plan(view, position, velocity, goal, speed)
-            fault = "" if path is None else _unsound(path, speed)
+            fault = "" if path is None else _unsound(path, speed) or self._astray(path, place)
         except FAULTS as error:
             raise self._plugin.broken(error) from error
         if fault:
             raise self._plugin.broken(fault)
         return None if path is None else _in_arrays(path)
+
+    def _astray(self, path: Path, place: Array) -> str:
+        """What is wrong with where a sound path begins, seen from a place (2,) (m, NED); empty if nothing is."""
+        away = math.dist(path.vertices[0], place) if len(path.vertices) else 0.0
+        return f"a path that begins {away:.0f} m from the vehicle, beyond the map" if away > self._reach else ""
 
 
 def _unsound(path: Path, speed: float) -> str:
@@ -80,6 +88,8 @@ def _unsound(path: Path, speed: float) -> str:
     vertices, speeds = np.shape(path.vertices), np.shape(path.speeds)
     if vertices[1:] != (2,) or speeds != vertices[:1]:
         return f"vertices {vertices} and speeds {speeds} in place of (k, 2) and (k,)"
+    if vertices[0] > MOST_VERTICES:
+        return f"a path of {vertices[0]} vertices, where {MOST_VERTICES} are the most"
     if not all(np.isfinite(each).all() for each in (path.vertices, path.speeds, path.bearing or 0.0)):
         return "a vertex, a speed or the bearing is not finite"
     if len(path.speeds) and not 0.0 <= np.min(path.speeds) <= np.max(path.speeds) <= speed + 1e-9:

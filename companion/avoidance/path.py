@@ -5,6 +5,11 @@ import numpy as np
 
 from protocol.arrays import Array
 
+PATH_BYTES = 1 << 15
+"""Room for a path where the planner's process hands it over."""
+MOST_VERTICES = PATH_BYTES // 24
+"""A vertex takes 24 bytes with its speed."""
+
 
 class Path(msgspec.Struct, frozen=True):
     """What to fly along, as of one scan: a polyline, or a direction only."""

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.avoidance.methods import path_planner
-from companion.avoidance.path import NO_PATH, Path
+from companion.avoidance.path import NO_PATH, PATH_BYTES, Path
 from companion.avoidance.shortcut import line_cost
 from companion.avoidance_methods import FALLBACK
 from companion.config_avoidance import Avoidance
@@ -23,7 +23,7 @@ from companion.perception.map_view import MapView
 from companion.state import Scan
 from protocol.arrays import Array
 
-_SMALL_BYTES = 1 << 16
+_SMALL_BYTES = PATH_BYTES + (1 << 15)
 """Room for the path and the points of a result."""
 
 

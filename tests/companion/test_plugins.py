@@ -366,6 +366,8 @@ def test_a_broken_attitude_law_is_named(broken: None) -> None:
         ("Path(np.zeros((0, 2)), np.zeros(0), math.inf)", "not finite"),
         ("Path(np.zeros((2, 2)), np.array([speed, 2 * speed]))", "from 0 to 2 m/s"),
         ("Path(np.zeros((2, 2)), np.array([speed, -0.1]))", "from 0 to 2 m/s"),
+        ("Path(np.zeros((100_000, 2)), np.zeros(100_000))", "a path of 100000 vertices, where 1365 are the most"),
+        ("Path(np.full((2, 2), 1e6), np.zeros(2))", "begins 1414214 m from the vehicle, beyond the map"),
     ],
 )
 def test_a_path_that_can_not_be_flown_is_refused(answer: str, words: str, broken: None) -> None:
