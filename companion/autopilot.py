@@ -13,7 +13,7 @@ from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
 from companion.mission.navigator import Arrival, Navigator
 from companion.mission.plan import Mission, Phase
-from companion.sensing import Sensing
+from companion.sensing import sensing_of
 from companion.state import Adoption, Announcement, Output, Reason, VehicleState
 from companion.supervision.operations import OwnReport
 from companion.supervision.states import FLYING, FOLLOWING, OWN, STREAMING, State
@@ -36,7 +36,7 @@ class Autopilot:
         self.settings, self.body = settings, body
         self.supervisor = Supervisor(settings)
         self.link = VehicleLink(settings, output, needs_home=adopt is not None)
-        self.sensing = Sensing(settings.control.estimation.velocity_settling, needs_scan=settings.avoidance.needs_scan)
+        self.sensing = sensing_of(settings)
         self.guard = Guard(settings.avoidance.guard) if settings.avoidance.looks_around else None
         self.guidance = Guidance(settings, mission, self.guard)
         self.navigator = Navigator(settings, mission, self.guidance.durations, lands=adopt is Adoption.LAND)

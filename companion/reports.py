@@ -240,4 +240,5 @@ class SensingReport(msgspec.Struct, frozen=True, gc=False):
     contradiction: str | None = None
     """Why what the vehicle says of its motion can't be true; None if it may be."""
     unseen: str = "no ring for"
-    """Words before `scan_age`: what is that old, the ring, or the map where rings come and no map is made of them."""
+    """Words before `scan_age`: what is that old, the ring, a good one where bad ones come, or the map where rings come
+    and no map is made of them."""

@@ -2,6 +2,7 @@
 
 import math
 
+from companion.config import Settings
 from companion.estimate import Estimator
 from companion.perception.ground_below import GroundBelow
 from companion.perception.ring_check import RingCheck
@@ -25,8 +26,9 @@ from companion.state import Pose, Scan, VehicleState
 class Sensing:
     """State, scans and their ages."""
 
-    def __init__(self, velocity_settling: float = 0.0, *, needs_scan: bool) -> None:
-        """`velocity_settling`: see `companion.velocity_match`."""
+    def __init__(self, velocity_settling: float = 0.0, *, needs_scan: bool, planner: str = "") -> None:
+        """`velocity_settling`: see `companion.velocity_match`. `planner`: the name of one of another package, in whose
+        process the map is made."""
         self.estimator = Estimator(velocity_settling)
         self.plausibility = Plausibility()
         self.judges = True
@@ -40,6 +42,9 @@ class Sensing:
         self.below = SurfaceBelow()
         self.ground = GroundBelow()
         self._scan_boot_us: int | None = None
+        self._doubted: tuple[str, int] | None = None
+        """What the latest ring that did not count makes of `_unseen`, and when it came."""
+        self._no_map = f"no map by {planner} for" if planner else "no map for"
         self._batteries: dict[int, BatteryReading] = {}
         """The latest by their source."""
 
@@ -103,13 +108,19 @@ class Sensing:
     def _take_scan(self, scan: Scan, now_ns: int) -> None:
         """A scan that knows nothing, the same one again, or one that can't be true is none: the last one grows
         stale."""
-        if scan.known.any() and scan.boot_time_us != self._scan_boot_us:
+        if not scan.known.any():
+            self._doubted = "only blind rings for", now_ns
+        elif scan.boot_time_us == self._scan_boot_us:
+            self._doubted = "only repeated rings for", now_ns
+        else:
             self._scan_boot_us = scan.boot_time_us
             pose = self.estimator.pose_at(scan.boot_time_us)
             if not self.plausibility.watches:
                 self.scan, self._ring_check.sure_ns = scan, now_ns
             elif pose is not None and self._ring_check.believes(scan, pose, now_ns):
                 self.scan = scan
+            elif pose is not None:
+                self._doubted = f"only {self._ring_check.doubt} rings for", now_ns
 
     def update(self) -> VehicleState | None:
         """The state at the attitude that has just come."""
@@ -145,5 +156,20 @@ class Sensing:
             has_state=self.state is not None,
             batteries=self._batteries,
             contradiction=self.plausibility.fault(now_ns),
-            unseen="no map for" if map_age > 2.0 * ring_age else "no ring for",  # a map is a little older than its ring
+            unseen=self._unseen(ring_age, map_age, now_ns),
         )
+
+    def _unseen(self, ring_age: float, map_age: float, now_ns: int) -> str:
+        """Words before the age of the surroundings: of two ages, what is older by far is what is missing."""
+        if map_age > 2.0 * ring_age:  # a map is a little older than its ring
+            return self._no_map
+        if self._doubted is not None and ring_age > 2e-9 * (now_ns - self._doubted[1]):
+            return self._doubted[0]
+        return "no ring for"
+
+
+def sensing_of(settings: Settings) -> Sensing:
+    """As the settings want it."""
+    avoidance, settling = settings.avoidance, settings.control.estimation.velocity_settling
+    planner = "" if avoidance.plugin is None else f"{avoidance.plugin.kind.value} {avoidance.plugin.text}"
+    return Sensing(settling, needs_scan=avoidance.needs_scan, planner=planner)

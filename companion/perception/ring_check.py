@@ -87,6 +87,11 @@ class RingCheck:
             self.sure_ns = self._sure_before_ns
         return believed
 
+    @property
+    def doubt(self) -> str:
+        """How the ring that was not believed last is bad, in a word."""
+        return "frozen" if self._frozen else "incoherent"
+
     def _listen(self, pose: Pose, since: Pose, *, changed: bool) -> None:
         """Find out whether the sensor has noise, from rings at rest. Once it has, it goes on to have it."""
         if self._noisy < _NOISY and not _is_elsewhere(pose, since, _STILL_M, _STILL):

@@ -40,7 +40,6 @@ _MOST_UNANSWERED = 24
 _MOST_WAITING = 76
 """Requests that wait here for a planner that stands still. With those on their way they span 6 s; by then a flight is
 landed for want of a map."""
-_ENDED = "the planner's process has ended by itself"
 
 
 class PlannerBackend(Protocol):
@@ -89,6 +88,9 @@ class PlannerProcess:
 
     def __init__(self, settings: Avoidance) -> None:
         """Start it."""
+        plugin = settings.plugin
+        self._name = "the planner's process" if plugin is None else f"the process of {plugin.kind.value} {plugin.text}"
+        self._ended = f"{self._name} has ended by itself"
         context = multiprocessing.get_context("spawn")
         asked, self._requests = context.Pipe(duplex=False)
         self._results, answered = mailbox(context, _MOST_UNANSWERED + 2, result_bytes(settings))
@@ -109,9 +111,9 @@ class PlannerProcess:
     @property
     def fault(self) -> str | None:
         """Why there will be no more results."""
-        if self._fault is not _ENDED or self._process.exitcode is None:
+        if self._fault is not self._ended or self._process.exitcode is None:
             return self._fault
-        return f"{_ENDED} (exit code {self._process.exitcode})"
+        return f"{self._ended} (exit code {self._process.exitcode})"
 
     @property
     def pid(self) -> int | None:
@@ -126,14 +128,14 @@ class PlannerProcess:
         elif len(self._waiting) < _MOST_WAITING:  # more would fill the pipe, and stop the loop that flies
             self._waiting.append(request)
         else:
-            self._fault = f"the planner's process has left {_MOST_UNANSWERED + _MOST_WAITING} requests unanswered"
+            self._fault = f"{self._name} has left {_MOST_UNANSWERED + _MOST_WAITING} requests unanswered"
 
     def _send(self, request: PlanRequest) -> None:
         try:
             self._requests.send(request)
             self._unanswered += 1
         except OSError:
-            self._fault = _ENDED
+            self._fault = self._ended
 
     def take(self, patience_s: float) -> PlanResult | None:
         """As of any; or None because it has just got ready."""
@@ -143,7 +145,7 @@ class PlannerProcess:
         try:
             result: PlanResult | str | None = self._results.take()
         except (EOFError, OSError):
-            self._fault = _ENDED
+            self._fault = self._ended
             return None
         if result is None:
             self.ready = True

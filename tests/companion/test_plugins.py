@@ -453,6 +453,10 @@ def test_why_the_planners_process_ends_is_told_to_who_flies(broken: None) -> Non
     with closing(planner):
         assert planner.take(READY_S) is None and not planner.ready
         assert planner.fault == "planner \"broken\" of broken 1: ZeroDivisionError('division by zero')"
+    planner = PlannerProcess(msgspec.structs.replace(settings, options={"answer": "__import__('os')._exit(5)"}))
+    with closing(planner):
+        assert planner.take(READY_S) is None and not planner.ready
+    assert planner.fault == 'the process of planner "broken" of broken 1 has ended by itself (exit code 5)'
 
 
 @pytest.mark.parametrize("answer", ["[[0, 0], [2, 1]], [2, 0]", "np.array([[0, 0], [2, 1]]), np.array([2, 0])"])

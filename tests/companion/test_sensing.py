@@ -147,6 +147,25 @@ def test_the_surroundings_are_as_old_as_the_older_of_scan_and_map() -> None:
     ]
 
 
+def test_rings_that_come_and_do_not_count_are_called_what_they_are() -> None:
+    sensing = flown()
+    sensing.take(scan(600), SECOND)
+    assert sensing.report(2 * SECOND, 1.1).unseen == "no ring for"
+    sensing.take(scan(900, known=False), 2 * SECOND)
+    assert sensing.report(2 * SECOND, 1.1).unseen == "only blind rings for"
+    sensing.take(scan(600), 2 * SECOND)
+    assert sensing.report(2 * SECOND + 60 * MS, 1.1).unseen == "only repeated rings for"
+    assert sensing.report(20 * SECOND, 19.1).unseen == "no ring for", "they have ended, too"
+
+
+def test_a_map_of_another_package_that_is_not_made_names_it() -> None:
+    sensing = Sensing(needs_scan=True, planner='planner "mine" of some 1.0')
+    assert sensing.report(SECOND, math.inf).unseen == "no ring for"
+    sensing.plausibility.watches = False
+    sensing.take(scan(600), SECOND)
+    assert sensing.report(SECOND, 1.0).unseen == 'no map by planner "mine" of some 1.0 for'
+
+
 def test_no_scan_is_needed_without_avoidance() -> None:
     sensing = Sensing(needs_scan=False)
     assert sensing.report(SECOND, math.inf).scan_age == 0.0
