@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from companion.config_avoidance import Avoidance
-from companion.runtime.interrupts import start_uninterrupted
+from companion.runtime.interrupts import end_with_parent, start_uninterrupted
 from companion.runtime.planning import rehearse
 from protocol.jit import CACHE_FOLDER
 
@@ -23,10 +23,15 @@ def planner_compiled_beside(settings: Avoidance) -> Iterator[None]:
 
     What that process leaves uncompiled, also if it fails, is compiled where it is called first.
     """
-    process = multiprocessing.get_context("spawn").Process(target=rehearse, args=(settings,), daemon=True)
-    start_uninterrupted(process)  # it ends with its parent
+    process = multiprocessing.get_context("spawn").Process(target=_compile, args=(settings,), daemon=True)
+    start_uninterrupted(process)
     try:
         yield
         process.join()
     finally:
         process.kill()
+
+
+def _compile(settings: Avoidance) -> None:
+    end_with_parent()
+    rehearse(settings)

@@ -1,7 +1,9 @@
-"""Processes beside the one that flies, and an interrupt at the keyboard."""
+"""Processes beside the one that flies: an interrupt at the keyboard, and their end."""
 
+import os
 import signal
-from multiprocessing import resource_tracker
+import threading
+from multiprocessing import parent_process, resource_tracker
 from multiprocessing.process import BaseProcess
 
 
@@ -14,3 +16,16 @@ def start_uninterrupted(process: BaseProcess) -> None:
         process.start()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_with_parent() -> None:
+    """End this process as soon as the one that started it has, however that came: what it is about may take a minute
+    to compile, or hang."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

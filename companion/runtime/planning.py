@@ -20,7 +20,7 @@ from companion.avoidance_methods import methods_in_use
 from companion.config_avoidance import Avoidance
 from companion.plugins import PluginError
 from companion.records import ASKED, PLANNED, PLANNED_CORNERS
-from companion.runtime.interrupts import start_uninterrupted
+from companion.runtime.interrupts import end_with_parent, start_uninterrupted
 from companion.runtime.mailbox import Outbox, mailbox
 from companion.runtime.memory import give_back
 from companion.state import Scan
@@ -168,6 +168,7 @@ class PlannerProcess:
 
 def _think(requests: "Connection", results: Outbox, settings: Avoidance) -> None:
     """The process: answer until the other side is gone."""
+    end_with_parent()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     try:

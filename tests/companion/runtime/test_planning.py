@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -159,14 +160,17 @@ def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: PlannerProcess)
         os.kill(elsewhere.pid, signal.SIGCONT)
 
 
-def test_the_planner_ends_with_its_companion() -> None:
-    """Killed, so that it can't say anything to anybody."""
-    text = (
-        "import sys; from companion.config import Avoidance; from companion.runtime.planning import PlannerProcess\n"
+@pytest.mark.parametrize("hangs", ["", "signal.pause()"])
+def test_the_planner_ends_with_its_companion(hangs: str, tmp_path: Path) -> None:
+    """Killed, so that it can't say anything to anybody; also while the planner compiles, or hangs."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import signal, sys; from companion.config import Avoidance; from companion.runtime import planning\n"
+        f"planning.rehearse = lambda settings: {hangs or None}\n"
         "if __name__ == '__main__':\n"
-        "    print(PlannerProcess(Avoidance(method='vfh')).pid, flush=True); sys.stdin.read()\n"
+        "    print(planning.PlannerProcess(Avoidance(method='vfh')).pid, flush=True); sys.stdin.read()\n"
     )
-    command = [sys.executable, "-c", text]
+    command = [sys.executable, str(program)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as companion:
         assert companion.stdout is not None
         planner = os.pidfd_open(int(companion.stdout.readline()))
