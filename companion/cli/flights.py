@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -223,7 +224,8 @@ def register(app: typer.Typer) -> None:
 @options(DemoOptions)
 def demo(asked: DemoOptions) -> None:
     """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
-    with _abandoned():
+    logs: list[Path] = []
+    with _abandoned(logs=logs):
         plan = exit_on_user_error(_plan, asked, asked.seed)
         say(_GETTING_READY)
         from companion.runtime.demo import demo as fly_demo
@@ -236,6 +238,7 @@ def demo(asked: DemoOptions) -> None:
             truth=asked.truth,
             key=asked.signing_key,
             stations=asked.gcs or (),
+            opened=logs.append,
         )
     leave_gone_readers()
     print_end(result, as_json=asked.as_json, verbose=asked.verbose)
@@ -278,8 +281,14 @@ def _fly(asked: FlyOptions, folder: Path) -> None:
             say(f"companion: waiting at {asked.connect[:-1]}{end.port}")
         for place in beside.places():
             say(f"companion: {place}")
-    with _abandoned("; a vehicle in the air holds and lands by itself"):
-        opened = _say_log if asked.orders else None
+    logs: list[Path] = []
+
+    def opened(log: Path) -> None:
+        logs.append(log)
+        if asked.orders:
+            _say_log(log)
+
+    with _abandoned("; a vehicle in the air holds and lands by itself", logs):
         result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside, opened=opened)
     leave_gone_readers()
     if result.landed is not None or asked.as_json:
@@ -362,9 +371,14 @@ def _beside(asked: FlyOptions, transport: "Transport", security: "Security") -> 
     return beside
 
 
-def _abandoned(consequence: str = "") -> AbstractContextManager[None]:
-    """Ends the program at an interrupt, which has this consequence."""
-    return exit_on_interrupt(f"companion: abandoned{consequence}")
+def _abandoned(consequence: str = "", logs: Sequence[Path] = ()) -> AbstractContextManager[None]:
+    """Ends the program at an interrupt, which has this consequence, and says which `logs` there are by then."""
+
+    def say_logs() -> None:
+        for log in logs:
+            say(f"log, as far as it got: {log}")
+
+    return exit_on_interrupt(f"companion: abandoned{consequence}", say_logs)
 
 
 def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | None" = None) -> "Plan":

@@ -52,13 +52,14 @@ def _is_the_user_s(error: Exception) -> bool:
 
 
 @contextmanager
-def exit_on_interrupt(text: str | None = None) -> Iterator[None]:
-    """A block in which an interrupt ends the program with exit code 130, with this line if any."""
+def exit_on_interrupt(text: str | None = None, then: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """A block in which an interrupt ends the program with exit code 130, after this line, if any, and `then`."""
     try:
         yield
     except KeyboardInterrupt:
         if text is not None:
             say(text)
+        then()
         raise typer.Exit(ABANDONED) from None
 
 

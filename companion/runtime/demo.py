@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -49,29 +49,38 @@ def demo(
     truth: bool = False,
     key: Path | None = None,
     stations: Sequence[str] = (),
+    opened: Callable[[Path], None] | None = None,
 ) -> Result:
     """Start the simulator, fly the plan against it, and end it.
 
     `key`: the file of signing, for both sides. `stations`: URLs or names of ground stations, to which the vehicle shows
-    itself. `truth`: the simulator writes the true motion to truth.npy beside the log. Overrides of vehicle and world go
-    to the simulator only. Raises PlanError and RehearsalError if the plan can't be flown, PlanError if the simulator
-    does not start or can't write, KeyFileError, and FlightLogError if the log can't be written.
+    itself. `truth`: the simulator writes the true motion to truth.npy beside the log. `opened` is told where the log
+    is. Overrides of vehicle and world go to the simulator only. Raises PlanError and RehearsalError if the plan can't
+    be flown, PlanError if the simulator does not start or can't write, KeyFileError, and FlightLogError if the log
+    can't be written.
     """
     if stations and plan.pace == "lockstep":
         raise PlanError("--gcs: not with --pace lockstep, in which time is the companion's alone; --pace realtime")
     with _simulator_compiled_beside(plan):
         plan = prepare(plan)
     if not truth:
-        return _fly(plan, logs, None, key, stations, console=console)
+        return _fly(plan, logs, None, key, stations, console=console, opened=opened)
     with tempfile.TemporaryDirectory() as folder:  # the log's own folder is made after the simulator has answered
         file = Path(folder) / TRUTH_NAME
-        result = _fly(plan, logs, file, key, stations, console=console)
+        result = _fly(plan, logs, file, key, stations, console=console, opened=opened)
         shutil.move(file, result.log.parent / TRUTH_NAME)
     return result
 
 
 def _fly(
-    plan: Plan, logs: Path, truth: Path | None, key: Path | None, stations: Sequence[str], *, console: bool
+    plan: Plan,
+    logs: Path,
+    truth: Path | None,
+    key: Path | None,
+    stations: Sequence[str],
+    *,
+    console: bool,
+    opened: Callable[[Path], None] | None,
 ) -> Result:
     keeper = None if key is None else Keeper.of(key)
     link = Udp("127.0.0.1", 0, bind=True)
@@ -80,7 +89,8 @@ def _fly(
         while not link.waiting(0.1):
             if simulator.poll() is not None:
                 raise PlanError("the simulator did not start, for the reason above")
-        result = fly(plan, GuardedLink(link, keeper), logs, console=console, witness=lambda: _testimony(simulator))
+        witness, end = (lambda: _testimony(simulator)), GuardedLink(link, keeper)
+        result = fly(plan, end, logs, console=console, witness=witness, opened=opened)
     except BaseException:
         simulator.terminate()
         simulator.wait()

@@ -37,6 +37,19 @@ def test_of_a_vehicle_in_the_air_only_a_flight_speaks(
     assert ("in the air" in done.output) == flies
 
 
+def test_an_interrupted_flight_says_where_its_log_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: Any, opened: Callable[[Path], None], **options: Any) -> None:
+        opened(Path("logs/this/flight.mcap"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("companion.runtime.flight.prepare", lambda plan: plan)
+    monkeypatch.setattr("companion.runtime.flight.fly", interrupted)
+    monkeypatch.setattr("companion.runtime.demo.demo", interrupted)
+    for command in (["fly", "hover", "--connect", "udpin:127.0.0.1:0"], ["demo", "hover"]):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 130 and done.output.endswith("log, as far as it got: logs/this/flight.mcap\n")
+
+
 def test_the_link_s_rare_faults_are_listed_only_where_there_were_any(tmp_path: Path) -> None:
     result = {"landed": "True", "messages_lost": "0", "frames_bad": "0", "duplicates": "3", "reboots": "0"}
     result |= {"signing_forged": "2", "signing_ahead": "0"}
