@@ -229,6 +229,11 @@ class McapFile:
             )
         )
 
+    @property
+    def deleted(self) -> bool:
+        """The file has no name any more: what is written to it is gone when it is closed."""
+        return os.fstat(self._file).st_nlink == 0
+
     def sync(self) -> None:
         """Wait until what was written is on the disk. Raises OSError if it can't be brought there."""
         os.fdatasync(self._file)

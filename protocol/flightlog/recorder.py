@@ -9,6 +9,7 @@ and more. So a second file without a name is written beside it in large chunks, 
 end (`McapFile`).
 """
 
+import errno
 import gc
 import mmap
 import os
@@ -171,7 +172,9 @@ class Recorder:
             self._fail(error)
             words[LOST] = self._taken - words[WRITTEN]
         else:
-            if writes and self._failed_ns is not None and now_ns - self._failed_ns > _RECOVERS_NS:
+            if self._file.deleted:
+                self._fail(FileNotFoundError(errno.ENOENT, "its file was deleted"))
+            elif writes and self._failed_ns is not None and now_ns - self._failed_ns > _RECOVERS_NS:
                 self._failed_ns = None
                 self._buffer.recover()
                 self._console.text(f"{self._setup.name}: the flight log is written again, {words[LOST]} records lost")
@@ -203,6 +206,7 @@ class Recorder:
                 },
             )
             self._file.finish()
+            (self._setup.path / FILE_NAME).stat()  # its second copy may have given a deleted one its name again
             self._words[STATE] = CLOSED
         except OSError as error:
             self._fail(error)

@@ -168,6 +168,16 @@ def test_a_file_system_without_such_a_call_is_left_alone() -> None:
     syncing.stop()
 
 
+def test_a_log_that_is_deleted_while_it_is_written_is_said(start: Opener) -> None:
+    log = start()
+    log.path.unlink()
+    log.folder.rmdir()
+    count(log, range(10))
+    until(lambda: log.fault is not None)
+    log.close()
+    assert log.fault == f"{log.folder}: the flight log can't be written: its file was deleted"
+
+
 def test_full_disk_in_flight_is_said_and_what_is_written_stays_readable(start: Opener) -> None:
     log = start()
     limit = 1_000_000
