@@ -4,13 +4,16 @@ import math
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from companion.config import STEEPEST_DEG, Limits, Settings
 from companion.config_avoidance import Avoidance
+from companion.config_limits import Geofence
 from companion.control.parameters import kept_tilt
 from companion.control.stability import unstable
 from companion.curves import Shape
-from companion.mission.plan import Mission
+from companion.fence import fence_of, first_beyond
+from companion.mission.plan import Mission, steps
 from companion.state import Output
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 
@@ -18,6 +21,8 @@ _TURNS = 2.0
 """1/s; the rate of roll and pitch by the tilt, at least. With 1.33 and 45 degrees a vehicle swings, with 1.55 not."""
 _TO_SINK = 0.9
 """Share of the thrust in hover that surely lets a vehicle sink, whose weight and thrust are known so well."""
+_BY_INFLATION = "astar", "rrt"
+"""The methods whose paths keep the distances of [avoidance.plan]."""
 
 
 class PlanError(Exception):
@@ -54,6 +59,7 @@ def feasible(settings: Settings, body: VehicleParameters, mission: Mission, outp
     _check_turning(limits, output)
     _check_timeouts(settings)
     _check_distances(avoidance)
+    _check_fence(settings.geofence, mission)
 
 
 def check_gains(settings: Settings, body: VehicleParameters, output: Output | None) -> None:
@@ -81,15 +87,31 @@ def _check_turning(limits: Limits, output: Output | None) -> None:
 
 def _check_timeouts(settings: Settings) -> None:
     """What comes as seldom as it is asked for must not count as lost in between: the vehicle would hold each time."""
-    streams = {"attitude": "telemetry_timeout", "position": "telemetry_timeout"}
-    if settings.avoidance.needs_scan:
+    streams, avoidance = {"attitude": "telemetry_timeout", "position": "telemetry_timeout"}, settings.avoidance
+    if avoidance.needs_scan:
         streams["scan"] = "scan_timeout"
     for name, timeout in streams.items():
         rate, longest = getattr(settings.rates, name), getattr(settings.supervision, timeout)
-        if 1.0 / rate >= longest:
-            raise PlanError(
-                f"supervision.{timeout} {longest:g}: must be above {1.0 / rate:g} s, as rates.{name} is {rate:g} Hz"
-            )
+        least, why = 1.0 / rate, f"rates.{name} is {rate:g} Hz"
+        if name == "scan" and avoidance.looks_around:
+            least += avoidance.answer_delay
+            why += f" and avoidance.answer_delay {avoidance.answer_delay:g} s"
+        if least >= longest:
+            raise PlanError(f"supervision.{timeout} {longest:g}: must be above {least:g} s, as {why}")
+
+
+def _check_fence(settings: Geofence, mission: Mission) -> None:
+    """No step leads beyond the fence of the settings; the rehearsal judges the curves between, too."""
+    places = [(each.phase.name.lower(), each.target_ned) for each in steps(mission, np.zeros(3))]
+    fence = fence_of(settings, np.zeros(3))
+    if fence is None:
+        return
+    kept = fence.shrunk(settings.margin)
+    beyond = first_beyond(kept, [(what, place) for what, place in places if place is not None])
+    if beyond is not None:
+        keys = {key: getattr(settings, key) for key in ("radius", "north", "east", "max_height", "margin")}
+        given = ", ".join(f"{key} {value}" for key, value in keys.items() if value is not None)
+        raise PlanError(f"geofence ({given}): the mission {mission.name} leaves it: {beyond}")
 
 
 def _check_distances(avoidance: Avoidance) -> None:
@@ -104,6 +126,13 @@ def _check_distances(avoidance: Avoidance) -> None:
     radius = avoidance.vehicle_radius
     if least := [f"avoidance.{key} {value:g}" for key, value in kept.items() if value < radius]:
         raise PlanError(f"{', '.join(least)}: less than avoidance.vehicle_radius {radius:g}")
+    plan, kept_by_guard = avoidance.plan, avoidance.guard.keep_out
+    if avoidance.guarded and avoidance.method in _BY_INFLATION and kept_by_guard > plan.proximity_radius:
+        raise PlanError(
+            f"avoidance.guard.keep_out {kept_by_guard:g}: paths keep avoidance.plan.inflation {plan.inflation:g} from "
+            f"obstacles, and no more than avoidance.plan.proximity_radius {plan.proximity_radius:g} where there is "
+            "room: the guard would stop the vehicle on its way"
+        )
     room = radius + avoidance.safe_distance
     if avoidance.method == "paper" and avoidance.lateral_margin <= room:
         raise PlanError(

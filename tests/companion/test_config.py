@@ -156,8 +156,12 @@ def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:
 @pytest.mark.parametrize(
     ("override", "error"),
     [
-        ("rates.scan=1", r"supervision.scan_timeout 0.5: must be above 1 s, as rates.scan is 1 Hz"),
+        ("rates.scan=1", r"scan_timeout 0.5: must be above 1.02 s, as rates.scan is 1 Hz and avoidance.answer_delay"),
         ("rates.position=2", r"supervision.telemetry_timeout 0.5: must be above 0.5 s, as rates.position is 2 Hz"),
+        (
+            "supervision.scan_timeout=0.07",
+            r"above 0.0866667 s, as rates.scan is 15 Hz and avoidance.answer_delay 0.02 s",
+        ),
         ("supervision.telemetry_timeout=0.004", r"must be above 0.004 s, as rates.attitude is 250 Hz"),
     ],
 )
@@ -169,6 +173,25 @@ def test_no_timeout_is_over_before_the_next_message_comes(override: str, error: 
         check(Plan(load_settings(None, [override]), body, mission, Output.RATES, 1.0, {}))
     blind = load_settings(None, ["rates.scan=1", "avoidance.method=none"])
     check(Plan(blind, body, mission, Output.RATES, 1.0, {}))
+
+
+@pytest.mark.parametrize(
+    ("fence", "error"),
+    [
+        ("radius=10.0", r"geofence \(radius 10.0, margin 1.0\): .* errand .* route at north 16.0, .* is 7.0 m beyond"),
+        ("max_height=3.5", r"geofence \(max_height 3.5, margin 1.0\): .* takeoff .* height 3.0 is 0.5 m beyond"),
+        ("north=[-5.0, 20.0]", None),
+    ],
+)
+def test_a_place_beyond_the_fence_is_refused_by_the_fence(fence: str, error: str | None) -> None:
+    """It was the rehearsal that failed."""
+    mission, _ = load_mission("errand")
+    plan = Plan(load_settings(None, [f"geofence.{fence}"]), load_body(mission.vehicle), mission, Output.RATES, 1.0, {})
+    if error is None:
+        check(plan)
+        return
+    with pytest.raises(PlanError, match=error):
+        check(plan)
 
 
 RADIUS = "avoidance.vehicle_radius=0.7"
@@ -185,6 +208,9 @@ KEPT = [f"avoidance.guard.keep_out{of}=0.72" for of in ("", "_unseen", "_tight",
         ([RADIUS, "avoidance.method=none"], None),
         (["avoidance.method=paper", "avoidance.lateral_margin=1.5"], r"lateral_margin 1.5: .* safe_distance, 1.56"),
         (["avoidance.lateral_margin=1.5"], None),
+        (["avoidance.guard.keep_out=2.5"], r"guard.keep_out 2.5: .*plan.inflation 0.6 .*plan.proximity_radius 2 "),
+        (["avoidance.guard.keep_out=2.5", "avoidance.plan.proximity_radius=2.6"], None),
+        (["avoidance.guard.keep_out=2.5", "avoidance.guard.enabled=false"], None),
         (["avoidance.vfh.low_threshold=0.2"], r"low_threshold 0.2: above high_threshold 0.1"),
     ],
 )
