@@ -68,10 +68,12 @@ def check_gains(settings: Settings, body: VehicleParameters, output: Output | No
         swings = unstable(settings, body, each)
         if swings is not None:
             law = settings.control.position.law
+            loops = f"rate_loop_gain_1_s {body.rate_loop_gain_1_s[0]:g}, {body.rate_loop_gain_1_s[1]:g}"
             raise PlanError(
-                f"control.position, control.attitude: with these gains of {law} and lqr no vehicle of this mass and "
-                f"inertia flies on output {each.value}: {swings}; take softer ones of the position or faster ones of "
-                "the attitude"
+                f"control.position, control.attitude: with these gains of {law} and lqr no vehicle of this [body] "
+                f"(rotor_time_constant_s {body.rotor_time_constant_s:g}, {loops}, attitude_loop_gain_1_s "
+                f"{body.attitude_loop_gain_1_s:g}, mass and inertia) flies on output {each.value}: {swings}; take "
+                "softer ones of the position or faster ones of the attitude"
             )
 
 

@@ -1,5 +1,6 @@
 """Gains that no vehicle flies with are refused before the flight."""
 
+import msgspec
 import pytest
 
 from companion.control.stability import unstable
@@ -44,3 +45,21 @@ def test_they_are_refused_with_the_tables_to_change() -> None:
         with pytest.raises(PlanError, match=r"control\.position, control\.attitude: with these gains of backstepping"):
             check_gains(load_settings(None, settings), BODY, output)
     check_gains(load_settings(None, SLOW_ATTITUDE), BODY, Output.ATTITUDE)
+
+
+@pytest.mark.parametrize(
+    ("slow", "flies", "words"),
+    [
+        ({"rotor_time_constant_s": 0.12}, {"rotor_time_constant_s": 0.072}, r"rotor_time_constant_s 0\.12, "),
+        ({"rate_loop_gain_1_s": (5.0, 5.0, 2.5)}, {"rate_loop_gain_1_s": (8.4, 8.4, 4.2)}, "rate_loop_gain_1_s 5, 5,"),
+    ],
+)
+def test_a_vehicle_that_turns_too_slowly_for_the_gains_is_refused_by_its_body(
+    slow: dict[str, float], flies: dict[str, float], words: str
+) -> None:
+    """On the errand a vehicle whose rotors lag by 0.12 s hit the ground, one with a quarter of the rate loop's gain
+    never settled; one with 0.072 s delivers."""
+    for output in (None, Output.RATES):
+        with pytest.raises(PlanError, match=rf"\[body\] \(.*{words}"):
+            check_gains(load_settings(None, []), msgspec.structs.replace(BODY, **slow), output)
+        check_gains(load_settings(None, []), msgspec.structs.replace(BODY, **flies), output)
