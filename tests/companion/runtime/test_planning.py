@@ -160,20 +160,22 @@ def test_a_planner_that_hangs_never_holds_the_loop_up(elsewhere: PlannerProcess)
         os.kill(elsewhere.pid, signal.SIGCONT)
 
 
-@pytest.mark.parametrize("hangs", ["", "signal.pause()"])
-def test_the_planner_ends_with_its_companion(hangs: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("hangs", [False, True])
+def test_the_planner_ends_with_its_companion(tmp_path: Path, *, hangs: bool) -> None:
     """Killed, so that it can't say anything to anybody; also while the planner compiles, or hangs."""
     program = tmp_path / "program.py"
     program.write_text(
         "import signal, sys; from companion.config import Avoidance; from companion.runtime import planning\n"
-        f"planning.rehearse = lambda settings: {hangs or None}\n"
+        f"planning.rehearse = lambda settings: print('ready', flush=True) or ({hangs} and signal.pause())\n"
         "if __name__ == '__main__':\n"
-        "    print(planning.PlannerProcess(Avoidance(method='vfh')).pid, flush=True); sys.stdin.read()\n"
+        "    planner = planning.PlannerProcess(Avoidance(method='vfh'))\n"
+        "    print(planner.pid, flush=True); sys.stdin.read()\n"
     )
     command = [sys.executable, str(program)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as companion:
         assert companion.stdout is not None
         planner = os.pidfd_open(int(companion.stdout.readline()))
+        assert companion.stdout.readline() == "ready\n"
         companion.kill()
     ended, _, _ = select.select([planner], [], [], PATIENCE_S)
     os.close(planner)
