@@ -105,7 +105,7 @@ class Progress:
             self._visited.add(square)
         return (now_ns - self._since_ns) * 1e-9
 
-    @property
-    def explored(self) -> float:
-        """m that the vehicle has flown on the way to the present goal to where it had not been."""
-        return _SQUARE * len(self._visited)
+    def explored(self, goal: int) -> float:
+        """m of new ground, to the size of the squares, that the vehicle has flown over towards the goal of that number;
+        0 where its progress was not looked at."""
+        return _SQUARE * len(self._visited) if goal == self._goal else 0.0
