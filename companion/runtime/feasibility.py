@@ -4,16 +4,13 @@ import math
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from companion.config import STEEPEST_DEG, Limits, Settings
 from companion.config_avoidance import Avoidance
-from companion.config_limits import Geofence
 from companion.control.parameters import kept_tilt
 from companion.control.stability import unstable
 from companion.curves import Shape
-from companion.fence import fence_of, first_beyond
-from companion.mission.plan import Mission, steps
+from companion.mission.plan import Mission
 from companion.state import Output
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 
@@ -59,7 +56,6 @@ def feasible(settings: Settings, body: VehicleParameters, mission: Mission, outp
     _check_turning(limits, output)
     _check_timeouts(settings)
     _check_distances(avoidance)
-    _check_fence(settings.geofence, mission)
 
 
 def check_gains(settings: Settings, body: VehicleParameters, output: Output | None) -> None:
@@ -100,20 +96,6 @@ def _check_timeouts(settings: Settings) -> None:
             why += f" and avoidance.answer_delay {avoidance.answer_delay:g} s"
         if least >= longest:
             raise PlanError(f"supervision.{timeout} {longest:g}: must be above {least:g} s, as {why}")
-
-
-def _check_fence(settings: Geofence, mission: Mission) -> None:
-    """No step leads beyond the fence of the settings; the rehearsal judges the curves between, too."""
-    places = [(each.phase.name.lower(), each.target_ned) for each in steps(mission, np.zeros(3))]
-    fence = fence_of(settings, np.zeros(3))
-    if fence is None:
-        return
-    kept = fence.shrunk(settings.margin)
-    beyond = first_beyond(kept, [(what, place) for what, place in places if place is not None])
-    if beyond is not None:
-        keys = {key: getattr(settings, key) for key in ("radius", "north", "east", "max_height", "margin")}
-        given = ", ".join(f"{key} {value}" for key, value in keys.items() if value is not None)
-        raise PlanError(f"geofence ({given}): the mission {mission.name} leaves it: {beyond}")
 
 
 def _check_distances(avoidance: Avoidance) -> None:

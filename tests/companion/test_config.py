@@ -175,25 +175,6 @@ def test_no_timeout_is_over_before_the_next_message_comes(override: str, error: 
     check(Plan(blind, body, mission, Output.RATES, 1.0, {}))
 
 
-@pytest.mark.parametrize(
-    ("fence", "error"),
-    [
-        ("radius=10.0", r"geofence \(radius 10.0, margin 1.0\): .* errand .* route at north 16.0, .* is 7.0 m beyond"),
-        ("max_height=3.5", r"geofence \(max_height 3.5, margin 1.0\): .* takeoff .* height 3.0 is 0.5 m beyond"),
-        ("north=[-5.0, 20.0]", None),
-    ],
-)
-def test_a_place_beyond_the_fence_is_refused_by_the_fence(fence: str, error: str | None) -> None:
-    """It was the rehearsal that failed."""
-    mission, _ = load_mission("errand")
-    plan = Plan(load_settings(None, [f"geofence.{fence}"]), load_body(mission.vehicle), mission, Output.RATES, 1.0, {})
-    if error is None:
-        check(plan)
-        return
-    with pytest.raises(PlanError, match=error):
-        check(plan)
-
-
 RADIUS = "avoidance.vehicle_radius=0.7"
 KEPT = [f"avoidance.guard.keep_out{of}=0.72" for of in ("", "_unseen", "_tight", "_unseen_tight", "_moving")]
 
