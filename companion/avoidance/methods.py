@@ -66,7 +66,7 @@ class ForeignPlanner:
     def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
         """See `PathPlanner`. Raises PluginError."""
         try:
-            place = position[:2].copy()
+            place = position[:2].copy()  # which a planner may write to
             path = self._planner.plan(view, position, velocity, goal, speed)
             fault = "" if path is None else _unsound(path, speed) or self._astray(path, place)
         except FAULTS as error:

@@ -133,6 +133,6 @@ class RollingMap:
             self._log_odds[:] = 0.0
             self._height = float(position_ned[2])
         else:
-            before = (settings.memory - settings.cells) // 2
-            move_memory(self._log_odds, *(at - before for at in (*self._corner, *corner)))
+            aside = (settings.memory - settings.cells) // 2
+            move_memory(self._log_odds, *(at - aside for at in (*self._corner, *corner)))
         self._corner = corner
