@@ -112,7 +112,7 @@ class AStarPlanner:
     def _beside(self, before: _Chosen, view: MapView, growth: float) -> Floats:
         """(cells, cells) factors of the cost: more beside the path from before."""
         beside = np.full(view.states.shape, 1.0 + growth * self._settings.plan.switch_cost, np.float32)
-        _fill_along(beside, before.cells - np.array(view.corner), math.ceil(_BESIDE_M / view.cell))
+        fill_along(beside, before.cells - np.array(view.corner), math.ceil(_BESIDE_M / view.cell))
         return beside
 
     def _tight_costmap(self, view: MapView, costmap: Floats, beside: Floats | None) -> Floats:
@@ -163,7 +163,7 @@ def _fill_tight_costmap(
 
 
 @compiled
-def _fill_along(factors: Floats, cells: Integers, reach: int) -> None:
+def fill_along(factors: Floats, cells: Integers, reach: int) -> None:
     """Set the factors to 1 within `reach` rows and columns of cells (n, 2), which may lie outside."""
     for k in range(cells.shape[0]):
         top, left = max(cells[k, 0] - reach, 0), max(cells[k, 1] - reach, 0)

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from companion.avoidance.beyond import Beyond
 from companion.avoidance.methods import path_planner
 from companion.avoidance.path import NO_PATH, PATH_BYTES, Path
 from companion.avoidance.shortcut import line_cost
@@ -75,6 +76,8 @@ class PlanningPipeline:
         """`empty` makes the large arrays of the results."""
         self.local_map = LocalMap(settings, empty)
         self.planner = Planner(settings) if settings.mapped else None
+        remembers = settings.map.beyond_window and settings.map.memory > settings.map.cells
+        self.beyond = Beyond(settings) if remembers and settings.method != FALLBACK else None
 
     def answer(self, request: PlanRequest) -> PlanResult:
         """Add the scan to the map; returns the free space and the path."""
@@ -83,11 +86,19 @@ class PlanningPipeline:
         view = local_map.look(request.asked_ns, request.fence)
         path, blocked = NO_PATH, False
         if self.planner is not None and goal is not None:
-            path = self.planner.path(view, here, request.velocity, goal, request.speed)
+            path = self._path(self.planner, view, request, goal)
             blocked = self.planner.blocked(view, here, goal)
         space = local_map.free_space(here, request.asked_ns, tight=path.tight)
         clearance = local_map.clearance(here)
         return PlanResult(request.number, request.asked_ns, space, clearance, path, blocked)
+
+    def _path(self, planner: "Planner", view: MapView, request: PlanRequest, goal: Array) -> Path:
+        here, beyond = request.here, self.beyond
+        if beyond is None:
+            return planner.path(view, here, request.velocity, goal, request.speed)
+        towards = beyond.goal(here, goal, lambda: self.local_map.look_far(request.asked_ns, request.fence))
+        path = planner.path(view, here, request.velocity, towards, request.speed)
+        return path if towards is goal else replace(path, detour=max(path.detour, beyond.detour))
 
 
 class Planner:

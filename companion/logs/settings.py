@@ -16,6 +16,7 @@ _FLOWN_WITHOUT = (
     {"control": {"prediction": {"overdue": 0.0, "attitudes_beyond": 60.0}}},
     {"avoidance": {"course": {"adapts": True, "max_yield": 1e9}, "guard": {"emergency_braking": 0.0}}},
     {"avoidance": {"map": {"memory_cells": 0}}},
+    {"avoidance": {"map": {"beyond_window": False}}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""
 

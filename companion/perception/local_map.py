@@ -61,6 +61,11 @@ class LocalMap:
         self.view = view = view if fence is None else with_fence(view, fence, self._settings.plan)
         return view
 
+    def look_far(self, now_ns: int, fence: Flat | None = None) -> MapView:
+        """All that is remembered, in coarse cells, at a time; the last `look` stays what it is."""
+        view = self._map.whole(now_ns)
+        return view if fence is None else with_fence(view, fence, self._settings.plan)
+
     def free_space(self, here: Array, now_ns: int, *, tight: bool = False) -> FreeSpace:
         """Free space of the last `look` around a place (3,) NED (m), for the guard."""
         assert self.view is not None

@@ -11,10 +11,19 @@ from typing import Any
 import numpy as np
 
 from companion.config_avoidance import AvoidanceMap
-from companion.perception.distance_field import fill_distances_to_returns
+from companion.perception.distance_field import Floats, fill_distances_to_returns
 from companion.perception.inverse_sensor_model import Beams, Layer, add_beams
-from companion.perception.map_view import OCCUPIED, Cell, MapView
-from companion.perception.occupancy_grid import CEILING, CERTAIN_M, FLOOR, Grid, classify, move_memory, set_disc
+from companion.perception.map_view import OCCUPIED, Bytes, Cell, MapView
+from companion.perception.occupancy_grid import (
+    CEILING,
+    CERTAIN_M,
+    FLOOR,
+    Grid,
+    classify,
+    classify_coarse,
+    move_memory,
+    set_disc,
+)
 from companion.perception.scans import WIDE_SECTOR, sector_width
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
@@ -24,9 +33,18 @@ _CLOCK_NS = 4096 * 1_000_000_000
 two minutes."""
 _LEAST_WIDTH = math.radians(5.0)
 """rad for which the blur of a return counts, however narrow its sector is: an error of the heading moves it, too."""
+_COARSE_M, _COARSE_CELLS = 0.25, 512
+"""Side (m) of the coarse cells of all that is remembered, where the map's are smaller, and how many there are along
+each side at most."""
 
 _WIDE_MARGIN_M = 0.3
 """m by which all obstacles are taken for larger where sectors are wide."""
+
+
+def coarse_cells(settings: AvoidanceMap) -> int:
+    """Along each side of `RollingMap.whole`."""
+    factor = max(1, math.floor(_COARSE_M / settings.cell + 1e-9))
+    return min(settings.memory // factor - 1, _COARSE_CELLS)
 
 
 class RollingMap:
@@ -101,9 +119,24 @@ class RollingMap:
 
     def view(self, time_ns: int) -> MapView:
         """The window at a time; all unknown before the first scan. The next view overwrites its arrays."""
-        grid, states, to_occupied = self._grid(time_ns), self._states, self._to_occupied
-        corner, cell = self._corner or self._first_corner, self._settings.cell
-        returns = classify(grid, states)
+        returns = classify(self._grid(time_ns), self._states)
+        corner = self._corner or self._first_corner
+        return self._viewed(self._states, self._to_occupied, returns, corner, self._settings.cell)
+
+    def whole(self, time_ns: int) -> MapView:
+        """All that is remembered at a time, in coarse cells, up to `_COARSE_CELLS` along each side, the vehicle in
+        their middle. It is many times as much work as a view of the window."""
+        settings, (row, column) = self._settings, self._corner or self._first_corner
+        factor = max(1, math.floor(_COARSE_M / settings.cell + 1e-9))
+        count = coarse_cells(settings)
+        aside = settings.cells // 2
+        corner = ((row + aside) // factor - count // 2, (column + aside) // factor - count // 2)
+        states, to_occupied = np.empty((count, count), np.uint8), np.empty((count, count), np.float32)
+        returns = classify_coarse(self._grid(time_ns), factor, corner, states)
+        return self._viewed(states, to_occupied, returns, corner, factor * settings.cell)
+
+    def _viewed(self, states: Bytes, to_occupied: Floats, returns: Array, corner: Cell, cell: float) -> MapView:
+        """The view of cells whose distances are yet to be filled in; `returns` (k, 3) as of `classify`."""
         hits, ranges = np.ascontiguousarray(returns[:, :2]), returns[:, 2]
         fill_distances_to_returns(to_occupied, states == OCCUPIED, hits, corner, cell)
         if self._width > WIDE_SECTOR:

@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from companion.avoidance.beyond import EACH, Beyond
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
 from companion.avoidance_methods import methods_in_use
 from companion.config_avoidance import Avoidance
+from companion.perception.local_map import LocalMap
 from companion.plugins import PluginError
 from companion.records import ASKED, PLANNED, PLANNED_CORNERS
 from companion.runtime.interrupts import end_with_parent, start_uninterrupted
@@ -204,6 +206,15 @@ def rehearse(settings: Avoidance) -> None:
             speed = settings.course.smooth_from + (1.0 if k % 2 else -1.0)
             pipeline.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, speed))
         pipeline.local_map.free_space(here, time_ns, tight=True)  # none of those paths is tight by all settings
+        if pipeline.beyond is not None:
+            _go_back(pipeline.beyond, pipeline.local_map, here, goal)
+
+
+def _go_back(beyond: Beyond, local_map: LocalMap, here: Array, goal: Array) -> None:
+    """From the goal to a place so far away that ways are looked for in all that is remembered, the second beside the
+    first."""
+    for place in (goal, *(here,) * (EACH + 1)):
+        beyond.goal(place, goal, lambda: local_map.look_far(0))
 
 
 def _walker(step: int) -> Array:

@@ -10,6 +10,7 @@ from companion.perception.occupancy_grid import (
     OCCUPIED_ABOVE,
     Grid,
     classify,
+    classify_coarse,
     faded,
     move_memory,
     set_disc,
@@ -95,3 +96,29 @@ def test_classification_against_a_model(corner: tuple[int, int], memory: int) ->
     assert np.array_equal(states, expected) and set(np.unique(states)) == {UNKNOWN, FREE, OCCUPIED}
     returns = np.stack([in_order(grid.returns[:, :, k], corner) for k in range(3)], -1)
     assert np.array_equal(hits, returns[states == OCCUPIED])
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+@pytest.mark.parametrize("corner", CORNERS)
+def test_a_coarse_cell_is_what_its_cells_are(corner: tuple[int, int], factor: int) -> None:
+    """Occupied where one of them is, else free where one is, with a return of one that is occupied."""
+    rng, memory = np.random.default_rng(4), 4 * SIZE
+    log_odds = np.where(rng.random((memory, memory)) < 0.3, rng.uniform(-1.0, 1.0, (memory, memory)), 0.0)
+    grid = grid_of(log_odds.astype(np.float32), corner, now_s=10.0, fading=0.01)
+    grid.returns[:] = rng.random((memory, memory, 3))
+    first, count = (corner[0] // factor - 3, corner[1] // factor - 5), 18
+    states = np.empty((count, count), np.uint8)
+    hits = classify_coarse(tuple(grid), factor, first, states)
+    found = 0
+    for i, j in np.ndindex(count, count):
+        rows, columns = (np.arange(at * factor, (at + 1) * factor) % memory for at in (first[0] + i, first[1] + j))
+        cells = [faded(value, 10.0, 0.01) for value in log_odds[np.ix_(rows, columns)].astype(np.float32).flat]
+        occupied = [value > OCCUPIED_ABOVE for value in cells]
+        if any(occupied):
+            assert states[i, j] == OCCUPIED
+            returns = grid.returns[np.ix_(rows, columns)].reshape(-1, 3)[occupied]
+            assert (hits[found] == returns).all(axis=1).any()
+            found += 1
+        else:
+            assert states[i, j] == (FREE if any(-value > -FREE_BELOW for value in cells) else UNKNOWN)
+    assert found == len(hits) > 20

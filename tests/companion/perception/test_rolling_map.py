@@ -264,6 +264,23 @@ def test_the_window_moves_and_what_leaves_it_is_remembered_within_the_memory(mem
     assert (rolling.view(0).states == OCCUPIED).any() == (memory_cells * SETTINGS.cell > 2 * 60.0)
 
 
+def test_all_that_is_remembered_is_seen_at_its_place_from_far_away() -> None:
+    """A post is seen from 3 m, and the vehicle flies 50 m on: the window has lost it, the whole memory has not."""
+    rolling = RollingMap(SETTINGS, HULL)
+    ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
+    ranges[18], hit[18] = 3.0, True
+    for _ in range(4):
+        rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+    here = HERE + np.array([50.0, 0.0, 0.0])
+    rolling.add(scan_of(np.full(72, 0.5), np.zeros(72, bool)), here, LEVEL, GROUND)
+    assert not (rolling.view(0).states == OCCUPIED).any()
+    whole, post = rolling.whole(0), HERE[:2] + np.array([0.0, 3.0])
+    assert whole.hits is not None and whole.cell == pytest.approx(SETTINGS.cell)
+    assert np.hypot(*(whole.hits - post).T).max() < 0.4
+    assert (whole.distance_at(post) or 0.0) < 0.4 and whole.state_at(here) == FREE
+    assert whole.state_at(HERE + np.array([0.0, 1.5, 0.0])) == FREE
+
+
 def test_turning_or_mirroring_the_world_turns_or_mirrors_the_map() -> None:
     rng = np.random.default_rng(2)
     centre = np.array([0.1, 0.1, -3.0])
