@@ -146,7 +146,9 @@ class Readiness:
         """What one waits for, in words; None if nothing."""
         if self._double_flew_ns is not None and now_ns - self._double_flew_ns < _DOUBLE_NS:
             return self._double
-        if self.version is None or self.audit is None:
+        if self.audit is None:
+            return "no heartbeat of a vehicle has come"
+        if self.version is None:
             return "the vehicle does not say its version (AUTOPILOT_VERSION)"
         return self.audit.progress or self._estimator_lacks(now_ns)
 

@@ -139,7 +139,12 @@ def test_a_check_that_failed_once_explains_nothing_where_the_checks_pass() -> No
     assert link.report(NOW + 21 * SECOND, None, before_flight=True).failed_check == ""
 
 
-def test_without_a_vehicle_its_version_is_what_lacks() -> None:
+def test_without_a_vehicle_its_heartbeat_is_what_lacks() -> None:
+    report = VehicleLink(load_settings(None), Output.RATES).report(NOW, None, before_flight=True)
+    assert report.shortcoming == "no heartbeat of a vehicle has come"
+
+
+def test_without_its_version_that_is_what_lacks() -> None:
     link, _ = found()
     report = link.report(NOW, None, before_flight=True)
     assert report.shortcoming == "the vehicle does not say its version (AUTOPILOT_VERSION)"
