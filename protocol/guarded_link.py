@@ -26,9 +26,9 @@ _MOST_DRAINED = 100_000
 def refuse_exposed(url: str, *, signed: bool, insecure: bool) -> None:
     """Raises TransportError for an address that others than this machine's users can send to, without a key.
 
-    One without a place or a port is left to `open_url`, which says how it is written."""
+    One that is not written as an address is left to `open_url`, which says how it is written."""
     scheme, _, rest = url.partition(":")
-    written = rest.rpartition(":")[0] != ""
+    written = rest.rpartition(":")[0] != "" and not rest.startswith("//")
     if signed or insecure or not written or scheme not in ("udpin", "tcpin") or is_local(url):
         return
     raise TransportError(

@@ -447,10 +447,11 @@ def open_url(url: str) -> Transport:
     """Open the transport that a URL names. Raises TransportError for a malformed URL and one that can't be opened."""
     scheme, _, rest = url.partition(":")
     place, separator, number = rest.rpartition(":")
-    if not separator or not place or not (number.isascii() and number.isdigit() and len(number) < 10):
+    is_other_form = scheme != "serial" and rest.startswith("//")  # MAVSDK's
+    if not separator or not place or is_other_form or not (number.isascii() and number.isdigit() and len(number) < 10):
         raise TransportError(
             f"{url}: write it as udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or "
-            "serial:DEVICE:BAUD"
+            "serial:DEVICE:BAUD, without //"
         )
     value = int(number)
     if scheme != "serial" and value > 65535:

@@ -251,7 +251,7 @@ def demo(asked: DemoOptions) -> None:
 def fly(asked: FlyOptions) -> None:
     """Fly MISSION with the vehicle that answers at a URL. Ctrl-C lands it."""
     if bool(asked.mission) is bool(asked.named):
-        exit_as_unusable("one mission: fly MISSION, or fly --mission MISSION")
+        exit_as_unusable("name one mission: companion fly MISSION, or companion fly --mission MISSION")
     asked = replace(asked, mission=asked.mission or asked.named)
     with TemporaryDirectory(prefix="companion-") as folder:  # of a mission that is downloaded, until the log has it
         _fly(asked, Path(folder))

@@ -77,7 +77,9 @@ NONE = SideLinks()
 def open_link(name: str) -> Transport:
     """A link by URL or name. Raises TransportError."""
     if ":" not in name and name not in NAMES:
-        raise TransportError(f"{name}: neither a URL (udpin:HOST:PORT, ...) nor one of {', '.join(NAMES)}")
+        raise TransportError(
+            f"{name}: neither a URL (udpin:HOST:PORT, serial:DEVICE:BAUD, ...) nor one of {', '.join(NAMES)}"
+        )
     return open_url(NAMES.get(name, name))
 
 

@@ -186,7 +186,9 @@ def test_an_address_beyond_this_machine_needs_a_key(url: str, local: bool) -> No
             refuse_exposed(url, signed=False, insecure=False)
 
 
-@pytest.mark.parametrize("url", ["udpin:127.0.0.1", "tcpin:0.0.0.0", "udpin::14540", "udpin:", "udpin"])
+@pytest.mark.parametrize(
+    "url", ["udpin:127.0.0.1", "tcpin:0.0.0.0", "udpin::14540", "udpin:", "udpin", "udpin://127.0.0.1:14540"]
+)
 def test_what_is_no_address_is_told_how_one_is_written(url: str) -> None:
     with pytest.raises(TransportError, match="write it as udpin:HOST:PORT"):
         refuse_exposed(url, signed=False, insecure=False)
