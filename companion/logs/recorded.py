@@ -13,6 +13,7 @@ import msgspec
 from companion.config import Log, Settings
 from companion.logs.recordings import whole_datagrams
 from companion.logs.settings import recorded_settings
+from companion.logs.traffic import open_log
 from companion.mission.plan import Mission
 from companion.plugins import Kind, installed
 from companion.renamed_settings import RENAMED_SETTINGS
@@ -58,7 +59,9 @@ def open_flight(path: Path, settings: Path | None = None, overrides: Sequence[st
 
     Raises FlightLogError for a log that holds no flight of this companion, TomlFileError for settings that don't fit.
     """
-    log = LogReader(path)
+    log = open_log(path)
+    if not isinstance(log, LogReader):
+        raise FlightLogError(f"{path}: a telemetry log: it does not hold what a companion decided by")
     flight = log.metadata.get("flight")
     if flight is None:
         raise FlightLogError(f"{path}: no flight of this companion, it does not say how it was flown")

@@ -14,11 +14,12 @@ from companion.runtime.files import load_settings
 from companion.view.gather import GatheredFlight
 from companion.view.mapping import avoidance_of
 from companion.view.report import compose
-from protocol.flightlog import LogReader
+from protocol.flightlog import FlightLogError, LogReader
 from protocol.toml_files import TomlFileError, with_new_names
 from tests.companion.logs.changed_logs import rewritten
 from tests.golden.golden import path_of
 
+ROOT = Path(__file__).resolve().parents[3]
 OLD_NAMES = {new: old for old, new in RENAMED_SETTINGS.items()}
 OVERRIDES = ["avoidance.plan.doubt = 120.0", "avoidance.heights.above=4", "mission.speed=3.0", "rates.scan=10"]
 
@@ -107,3 +108,16 @@ def test_a_log_of_before_a_setting_is_flown_again_as_without_it(tmp_path: Path) 
     assert before.control.estimation.velocity_noise == today.control.estimation.velocity_noise
     assert open_flight(log, overrides=["rates.odometry=20"]).settings.rates.odometry == 20.0
     assert today.rates.odometry > 0.0 and today.control.estimation.torque_bandwidth > 0.0
+
+
+@pytest.mark.parametrize(("content", "words"), [(b"", "an empty file"), (b"hello", "neither a flight log")])
+def test_what_is_no_log_is_no_flight(content: bytes, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    with pytest.raises(FlightLogError, match=words):
+        open_flight(path)
+
+
+def test_a_telemetry_log_is_no_flight_that_could_be_flown_again() -> None:
+    with pytest.raises(FlightLogError, match=r"px4_offboard\.tlog: a telemetry log"):
+        open_flight(ROOT / "tests" / "data" / "px4_offboard.tlog")
