@@ -40,7 +40,10 @@ def studies(
         list[str] | None, typer.Option("--set", help="Campaigns: KEY=VALUE, a setting of the companion; repeatable.")
     ] = None,
 ) -> None:
-    """Run studies: print their sections, keep them with their figures in docs/PAGE/ and write docs/PAGE.md anew."""
+    """Run studies: print their sections, keep them with their figures in docs/PAGE/ and write docs/PAGE.md anew.
+
+    `worlds` makes a place by its seed, `campaign` flies a campaign: each has a --help of its own.
+    """
     catalogue = {study.NAME: (study, page) for page in PAGES for study in _studies(page)}
     if show or not names:
         for name, (study, _) in catalogue.items():
@@ -89,7 +92,7 @@ def _check_choice(choice: Choice) -> None:
 @places.command()
 def worlds(
     name: Annotated[str | None, typer.Argument(help="A kind of place; left out: list them.")] = None,
-    seed: Annotated[int, typer.Option(min=0)] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of the place.")] = 1,
     folder: Annotated[Path, typer.Option(help="Where to write it.")] = Path(),
     speed: Annotated[float, typer.Option(min=0.1, max=100.0, help="Of the mission (m/s).")] = 5.0,
     picture: Annotated[bool, typer.Option("--picture", help="Draw it, too, as it is at the start.")] = False,

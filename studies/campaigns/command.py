@@ -21,7 +21,12 @@ if TYPE_CHECKING:  # both take seconds to import, and `--help` needs neither
 FAILED, UNUSABLE, ABANDONED = 1, 2, 130
 """Exit codes: a worker had other code, the scheduler went away or the disk is full; nothing was flown; interrupted."""
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True)
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    no_args_is_help=True,
+    help="Fly campaigns of many flights (docs/campaigns.md). `courier-campaign FILE` is `courier-campaign fly FILE`.",
+)
 
 Folder = Annotated[Path, typer.Option("--folder", help="Where each campaign has a folder of its name.")]
 Scheduler = Annotated[
@@ -87,7 +92,7 @@ def _fly(flying: "Campaign", client: "Client", limit_s: float) -> None:
 
 @app.command()
 def search(
-    file: Annotated[str, typer.Argument(help="A name in campaigns/, or a path; it has a [search] table.")],
+    file: Annotated[str, typer.Argument(help="A name in campaigns/, or a path; it has a table 'search'.")],
     sampler: Annotated[str, typer.Option(help="cma, or random.")] = "cma",
     scheduler: Scheduler = None,
     workers: Workers = None,
