@@ -426,8 +426,8 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     pace = _pace(("realtime" if asked.gcs else "lockstep") if asked.pace is None else asked.pace)
     plan = Plan(settings, body, mission, output, pace, files, seed, tuple(overrides))
     check(plan)
-    plan, slower = softened(plan)
-    for each in ([slower] if slower else []) + (_seen_too_late(plan) if seed is not None else []):
+    plan, limited = softened(plan)
+    for each in limited + (_seen_too_late(plan) if seed is not None else []):
         note(each)
     return plan
 

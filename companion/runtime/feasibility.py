@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from companion.config import STEEPEST_DEG, Limits, Settings
 from companion.config_avoidance import Avoidance
@@ -12,12 +13,15 @@ from companion.control.stability import unstable
 from companion.curves import Shape
 from companion.mission.plan import Mission
 from companion.state import Output
+from companion.trajectory.track import track_of
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 
 _TURNS = 2.0
 """1/s; the rate of roll and pitch by the tilt, at least. With 1.33 and 45 degrees a vehicle swings, with 1.55 not."""
 _TO_SINK = 0.9
 """Share of the thrust in hover that surely lets a vehicle sink, whose weight and thrust are known so well."""
+_PLACES = 360
+"""On a lap of a shape, at which its acceleration is looked at."""
 _BY_INFLATION = "astar", "rrt"
 """The methods whose paths keep the distances of [avoidance.plan]."""
 
@@ -134,11 +138,7 @@ def within_reach(settings: Settings, body: VehicleParameters) -> tuple[Settings,
     """Settings with no harder accelerations than the limits of tilt and thrust allow, and what that changed, in words:
     speeds before obstacles and goals are chosen by them."""
     limits, avoidance, replace = settings.limits, settings.avoidance, msgspec.structs.replace
-    hover = _hover_thrust(body)
-    if limits.tilt_deg > STEEPEST_DEG or hover >= limits.highest_thrust:
-        return settings, ""
-    tilt = limits.tilt if min(body.rate_loop_gain_1_s[:2]) > 0.0 else kept_tilt(limits)
-    most = GRAVITY * math.tan(min(tilt, math.acos(hover / limits.highest_thrust)))
+    most = _most_acceleration(limits, body)
 
     def softened(table: Any, *names: str) -> Any:
         return replace(table, **{name: min(getattr(table, name), most) for name in names})
@@ -154,9 +154,37 @@ def within_reach(settings: Settings, body: VehicleParameters) -> tuple[Settings,
     softer = replace(softer, guard=softened(softer.guard, "emergency_braking", "evasion"))
     note = (
         f"limits.tilt_deg {limits.tilt_deg:g} and limits.highest_thrust {limits.highest_thrust:g}: the vehicle "
-        f"accelerates and brakes with {most:.1f} m/s2 at most, and flies as slowly as that needs"
+        f"accelerates and brakes with {most:.1f} m/s2 at most, and flies routes as slowly as that needs"
     )
     return replace(settings, trajectory=trajectory, avoidance=softer), note
+
+
+def out_of_reach(settings: Settings, body: VehicleParameters, mission: Mission) -> str:
+    """In words, that the limits of tilt and thrust do not let the vehicle follow the mission's shape, which is flown as
+    it is given; empty if they do, or if it has none. It runs compiled code."""
+    shape, limits = mission.trajectory, settings.limits
+    most = _most_acceleration(limits, body)
+    if shape is None or math.isinf(most):
+        return ""
+    track = track_of(shape, settings.trajectory, limits.tilt)
+    rate, lap = track.law.rate, 2.0 * math.pi
+    needed = rate**2 * max(float(np.linalg.norm(track.path.at(lap * k / _PLACES)[2])) for k in range(_PLACES))
+    if needed <= most:
+        return ""
+    return (
+        f"limits.tilt_deg {limits.tilt_deg:g} and limits.highest_thrust {limits.highest_thrust:g}: the vehicle "
+        f"accelerates with {most:.1f} m/s2 at most, and the {shape.shape} needs {needed:.1f} m/s2 at "
+        f"{shape.speed:g} m/s: it leaves its path. Fly it more slowly or larger, or raise the limits"
+    )
+
+
+def _most_acceleration(limits: Limits, body: VehicleParameters) -> float:
+    """m/s2, level and without losing height; inf where the tilt has no limit."""
+    hover = _hover_thrust(body)
+    if limits.tilt_deg > STEEPEST_DEG or hover >= limits.highest_thrust:
+        return math.inf
+    tilt = limits.tilt if min(body.rate_loop_gain_1_s[:2]) > 0.0 else kept_tilt(limits)
+    return GRAVITY * math.tan(min(tilt, math.acos(hover / limits.highest_thrust)))
 
 
 def _check_loop(settings: Settings, body: VehicleParameters, loop: Shape) -> None:

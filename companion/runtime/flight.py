@@ -26,7 +26,7 @@ from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.compiling import first_start, planner_compiled_beside
 from companion.runtime.feasibility import PlanError as PlanError
-from companion.runtime.feasibility import check_gains, feasible, within_reach
+from companion.runtime.feasibility import check_gains, feasible, out_of_reach, within_reach
 from companion.runtime.files import is_geodetic
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, PlannerProcess, Planning
 from companion.runtime.plugin_time import refuse_slow_plugins
@@ -151,10 +151,11 @@ def check(plan: Plan) -> None:
     feasible(plan.settings, plan.body, plan.mission, plan.output)
 
 
-def softened(plan: Plan) -> tuple[Plan, str]:
-    """See `feasibility.within_reach`, of a plan that was checked."""
-    settings, note = within_reach(plan.settings, plan.body)
-    return replace(plan, settings=settings), note
+def softened(plan: Plan) -> tuple[Plan, list[str]]:
+    """See `feasibility.within_reach` and `out_of_reach`, of a plan that was checked."""
+    settings, slower = within_reach(plan.settings, plan.body)
+    beyond = out_of_reach(settings, plan.body, plan.mission)
+    return replace(plan, settings=settings), [note for note in (slower, beyond) if note]
 
 
 def fitted_to(plan: Plan, transport: Transport) -> tuple[Plan, str]:

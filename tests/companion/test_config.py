@@ -5,11 +5,12 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from companion import config
 from companion.cli.settings_page import page
 from companion.config import Settings
-from companion.runtime.feasibility import within_reach
+from companion.runtime.feasibility import out_of_reach, within_reach
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.flight import Plan, PlanError, check
 from companion.state import Output
@@ -140,6 +141,33 @@ def test_no_speed_is_chosen_by_a_braking_that_the_limits_do_not_allow() -> None:
     assert note and found.avoidance.guard.braking < 5.5, "at 0.47 it hovers"
     loose = "limits.tilt_deg=180.0", "limits.roll_pitch_rate_deg=400.0"
     assert soft(*loose) == (load_settings(None, loose), "")
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "settings", "needed"),
+    [
+        ("circle", ["speed=8", "radius=6"], [], 8.0**2 / 6.0),
+        ("circle", ["speed=8", "radius=6"], ["limits.tilt_deg=60.0"], None),
+        ("lemniscate", ["speed=8", "radius=3"], [], 17.0 / 16.0 * 8.0**2 / 3.0),
+        ("circle", ["speed=8", "radius=6", "laps=0.1"], [], None),
+        ("square", ["speed=30"], [], None),
+        ("hover", [], ["limits.tilt_deg=1.0"], None),
+        *((name, [], [], None) for name in ("circle", "helix", "lemniscate", "ellipse", "curve")),
+    ],
+)
+def test_a_shape_that_needs_more_than_the_limits_is_named(
+    name: str, keys: list[str], settings: list[str], needed: float | None
+) -> None:
+    """A circle at 8 m/s was flown up to 8.7 m beside its path without a word."""
+    mission, _ = load_mission(name)
+    if mission.trajectory is not None:
+        changes = {key: float(value) for key, _, value in (each.partition("=") for each in keys)}
+        mission = replace(mission, trajectory=replace(mission.trajectory, **changes))
+    note = out_of_reach(load_settings(None, settings), load_body("paper_quad"), mission)
+    if needed is None:
+        assert note == ""
+    else:
+        assert f"the {name} needs {needed:.1f} m/s2 at 8 m/s" in note and "limits.tilt_deg 45" in note
 
 
 def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:
