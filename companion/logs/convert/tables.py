@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from companion.logs.message_names import with_name
 from companion.logs.recordings import records, unpack
 from protocol.flightlog import DATAGRAM, SCALARS, FlightLogError, LogReader, Record, RecordType
 from protocol.flightlog.record_types import VARIABLE
@@ -40,7 +41,7 @@ def to_tables(log: LogReader, folder: Path, kind: Literal["csv", "parquet"]) -> 
         for record in records(log, kinds):
             each = tables.get(record.topic)
             if each is None:
-                path = folder / f"{_file_name(record.topic, names)}.{kind}"
+                path = folder / f"{_file_name(with_name(record.topic), names)}.{kind}"
                 each = tables[record.topic] = stack.enter_context(table(path, log, kinds[record.topic]))
             each.add(record)
     return {each.path.name: each.rows for each in tables.values()}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from companion.cli import logs as commands
+from companion.logs.convert import convert
 from companion.logs.message_names import _names, decoded, with_name
 from companion.view.accumulators.last_values import LastValues
 from companion.view.gather import GatheredFlight
@@ -40,6 +41,12 @@ def test_info_and_report_say_it(tmp_path: Path, capsys: pytest.CaptureFixture[st
     page = compose(GatheredFlight(from_tlog(PX4, tmp_path)))
     for shown in (capsys.readouterr().out, " ".join(row.topic for row in page.topics)):
         assert "/mavlink/1/1/CURRENT_MODE" in shown and "UNKNOWN_436" not in shown and "UNKNOWN_410" in shown
+
+
+def test_tables_have_it_as_their_name(tmp_path: Path) -> None:
+    convert(PX4, tmp_path / "tables", "csv")
+    names = {path.name for path in (tmp_path / "tables").iterdir()}
+    assert "1_1_CURRENT_MODE.csv" in names and "1_1_UNKNOWN_436.csv" not in names and "1_1_UNKNOWN_410.csv" in names
 
 
 def test_the_report_decodes_the_last_of_each(tmp_path: Path) -> None:
