@@ -2,18 +2,16 @@
 
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from companion.cli.flights import (
     DEFAULT_URL,
-    AsJson,
     ConnectUrl,
     Insecure,
     KeyFile,
     OutputName,
-    Overrides,
     SettingsFile,
     VehicleSystem,
     output_of,
@@ -38,8 +36,11 @@ class CheckOptions:
     insecure: Insecure = False
     output: OutputName = "auto"
     settings: SettingsFile = None
-    overrides: Overrides = None
-    as_json: AsJson = False
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change one setting: --set limits.tilt_deg=30", metavar="KEY=VALUE"),
+    ] = None
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object in place of the table.")] = False
 
 
 def register(app: typer.Typer) -> None:
@@ -70,7 +71,8 @@ def check(asked: CheckOptions) -> None:
     elif found.vehicle:
         _show(found)
     if found.refusal is not None:
-        exit_as_failed(found.refusal if found.vehicle else f"{found.refusal} at {unheard(asked.connect)}")
+        where = unheard(asked.connect, settings.identity.vehicle)
+        exit_as_failed(found.refusal if found.vehicle else f"{found.refusal} at {where}")
 
 
 def _record(found: "Examination") -> dict[str, object]:

@@ -52,7 +52,8 @@ ConnectUrl = Annotated[
     typer.Option(
         "--connect",
         help="px4 (udpin:127.0.0.1:14540), ardupilot (udpin:127.0.0.1:14550), udpin:HOST:PORT, udpout:HOST:PORT, "
-        "tcp:HOST:PORT (ArduPilot's SITL: tcp:127.0.0.1:5760), serial:DEVICE:BAUD (serial:/dev/ttyACM0:921600).",
+        "tcp:HOST:PORT (ArduPilot's SITL: tcp:127.0.0.1:5760), tcpin:HOST:PORT, "
+        "serial:DEVICE:BAUD (serial:/dev/ttyACM0:921600).",
     ),
 ]
 KeyFile = Annotated[
@@ -317,7 +318,7 @@ def _located(asked: FlyOptions, plan: "Plan", transport: "Transport", folder: Pa
     try:
         place = locate(plan.settings, transport, home=asked.adopt)
     except MissionFileError as error:
-        raise PlanError(f"{error} at {unheard(asked.connect)}") from error
+        raise PlanError(f"{error} at {unheard(asked.connect, plan.settings.identity.vehicle)}") from error
     if place is None:
         where = "took off (HOME_POSITION)" if asked.adopt else "stands (GLOBAL_POSITION_INT)"
         raise PlanError(f"{asked.mission}: the vehicle does not say where on earth it {where}")

@@ -285,7 +285,8 @@ def _judge(
     delivered = None if lands else all_delivered(plan.mission, navigator.steps, navigator.released)
     found = autopilot.supervisor.verdict
     if found is not None and found.outcome is Outcome.NOT_STARTED and autopilot.link.vehicle is None and plan.connect:
-        found = msgspec.structs.replace(found, cause=f"{found.cause} at {unheard(plan.connect)}")
+        where = unheard(plan.connect, plan.settings.identity.vehicle)
+        found = msgspec.structs.replace(found, cause=f"{found.cause} at {where}")
     supervisor, failure = autopilot.supervisor, runner.failure
     began = supervisor.flew or supervisor.state in (State.ARM, State.DISARM)
     return judge(found, delivered, testimony, failure=failure, ended=autopilot.ended, began=began), delivered

@@ -34,10 +34,12 @@ _UNHEARD = {
 """What to look at where no vehicle was heard, by the scheme of the URL."""
 
 
-def unheard(connect: str) -> str:
-    """Where no vehicle was heard, by URL or name, and what to look at."""
+def unheard(connect: str, vehicle: int | None) -> str:
+    """Where no vehicle was heard, by URL or name, and what to look at; `vehicle`: the system that alone was waited
+    for."""
     url = NAMES.get(connect, connect)
-    return f"{url}: {_UNHEARD.get(url.partition(':')[0], 'is the vehicle on?')}"
+    alone = "" if vehicle is None else f"only system {vehicle} is waited for (--vehicle, identity.vehicle); "
+    return f"{url}: {alone}{_UNHEARD.get(url.partition(':')[0], 'is the vehicle on?')}"
 
 
 @dataclass(slots=True)

@@ -68,7 +68,7 @@ def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
         judge(
             "GUID_TIMEOUT",
             f"at most {_HOLD_LIMIT_S:g} s",
-            "so long the last setpoint is followed when no more come; then the vehicle levels and drifts",
+            "s for which the last setpoint is followed when no more come; then the vehicle levels and drifts",
             lambda value: 0.0 < value <= _HOLD_LIMIT_S,
         ),
         judge(

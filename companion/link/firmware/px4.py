@@ -94,7 +94,8 @@ def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
         judge(
             "COM_OF_LOSS_T",
             f"above supervision.gap {terms.gap:g} s, at most {_HOLD_LIMIT_S:g} s",
-            "so long the last setpoint is followed when no more come; then setpoints must not call OFFBOARD back",
+            "s for which the last setpoint is followed when no more come; after supervision.gap the companion sends "
+            "none, so that late ones do not bring OFFBOARD back",
             lambda value: terms.gap < value <= _HOLD_LIMIT_S,
         ),
         judge(
@@ -108,7 +109,7 @@ def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
         judge(
             "COM_DISARM_LAND",
             "above 0 s",
-            "so long after the landing the vehicle disarms; 0: never",
+            "s after the landing until the vehicle disarms; 0: never",
             lambda value: value > 0.0,
         ),
         judge("MPC_THR_HOVER", "", "the vehicle's own idea of its hover thrust"),

@@ -86,6 +86,9 @@ def test_the_command_fails_without_a_vehicle(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(side_links, "open_link", lambda url: Nobody())
     failed = CliRunner().invoke(app, ["check", "--set", IMPATIENT])
     assert failed.exit_code == FAILED and "no vehicle within" in failed.output and "is the vehicle on" in failed.output
+    alone = CliRunner().invoke(app, ["check", "--set", IMPATIENT, "--vehicle", "7"])
+    assert "is the vehicle on" in alone.output and "only system 7 is waited for (--vehicle" in alone.output
+    assert "only system" not in failed.output
 
 
 def test_the_command_knows_the_names_of_links() -> None:
