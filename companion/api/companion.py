@@ -89,7 +89,9 @@ class Companion:
 
     async def go_to(self, north: float, east: float, height: float, speed: float | None = None) -> None:
         """Fly around whatever is in the way to a place (m from the take-off), at most at `speed` (m/s; None: a
-        mission's default), and wait there. Raises FlightError."""
+        mission's default), and wait there. Raises FlightError, also before the take-off."""
+        if self._flight is None:
+            raise FlightError("the vehicle is not in the air: take_off begins a flight")
         place = Waypoint(north, east, height, speed=speed)
         await self.fly(Mission("go-to", waypoints=[place], waits=True))
 

@@ -105,6 +105,18 @@ def test_no_flight_begins_after_its_block(started: list[Process]) -> None:
     assert started == []
 
 
+def test_on_the_ground_no_place_is_flown_to(started: list[Process]) -> None:
+    """The vehicle took off by itself, and flew there."""
+
+    async def flight(vehicle: Companion) -> None:
+        async with vehicle:
+            with pytest.raises(FlightError, match="not in the air: take_off"):
+                await vehicle.go_to(1.0, 0.0, 3.0)
+
+    run(flight)
+    assert started == []
+
+
 def test_a_refusal_is_of_the_order_that_was_refused() -> None:
     async def flight(vehicle: Companion) -> None:
         vehicle._process = cast(asyncio.subprocess.Process, Process())
