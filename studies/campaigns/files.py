@@ -102,7 +102,7 @@ class CampaignFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
                 raise ValueError(f"{key}: one of them is there twice")
         for fault in self.faults:
             if fault and fault not in FAULTS:
-                raise ValueError(f"faults: there is no {fault!r} (there: {', '.join(FAULTS)})")
+                raise ValueError(f"faults: there is no {fault!r} (there: {'; '.join(FAULTS)})")
         for place in self.place:
             if place.world is None and place.mission is None:
                 raise ValueError("place: it has either a world, or a mission, or both")
@@ -217,5 +217,10 @@ def _check(setup: Setup, seed: int) -> None:
 
 
 def load(path: Path) -> CampaignFile:
-    """Read a campaign's file. Raises TomlFileError."""
-    return toml_files.load(path, CampaignFile)
+    """Read and check a campaign's file. Raises TomlFileError, naming the file."""
+    given = toml_files.load(path, CampaignFile)
+    try:
+        given.setups()
+    except TomlFileError as error:
+        raise TomlFileError(f"{path}: {error}") from error
+    return given
