@@ -154,6 +154,7 @@ def check(plan: Plan) -> None:
 def softened(plan: Plan) -> tuple[Plan, list[str]]:
     """See `feasibility.within_reach` and `out_of_reach`, of a plan that was checked."""
     settings, slower = within_reach(plan.settings, plan.body)
+    first_start()  # asked, and remembered, before anything is compiled
     beyond = out_of_reach(settings, plan.body, plan.mission)
     return replace(plan, settings=settings), [note for note in (slower, beyond) if note]
 
