@@ -166,6 +166,17 @@ def test_a_battery_that_falls_silent_is_taken_to_go_on_draining() -> None:
     for _ in range(60):
         told.second()
     assert told.level >= RETURN  # 0.9 - 0.005 * 180 s is nothing
+    assert not any("stuck" in each for each in told.news), "it says nothing any more"
+
+
+def test_what_a_silent_battery_has_left_counts_from_its_last_reading() -> None:
+    told, charge = flight(), drains(0.005)
+    told.seconds(map(charge, range(60)))
+    silent_s = 0
+    while told.level < RETURN:
+        told.second()
+        silent_s += 1
+    assert charge(60 + silent_s) == pytest.approx(Battery().return_charge, abs=0.05)
 
 
 def test_a_silent_battery_returns_where_one_is_required() -> None:
@@ -202,6 +213,21 @@ def test_it_returns_in_time_for_the_way_home(rate: float) -> None:
     at_home = charge(2 * second)
     assert 0.07 <= at_home < 0.07 + 0.4 * rate * second + 0.02
     assert "needed for the way home" in out.news[-1]
+
+
+def test_a_reading_that_jumps_is_none_of_the_way_home() -> None:
+    told, charges = flight(), [drains(0.004)(second) for second in range(80)]
+    told.landing_s = 20.0
+    charges[40:42] = [0.1, 0.1]
+    assert told.seconds(charges).level is FINE
+
+
+def test_above_its_landing_place_a_vehicle_returns_in_time_to_stop_and_turn() -> None:
+    told, charge, second = flight(warn_charge=0.07, return_charge=0.07), drains(0.008), 0
+    while told.level < RETURN:
+        told.second(b0=charge(second))
+        second += 1
+    assert told.level is RETURN and charge(second + 3) > Battery().land_charge
 
 
 def test_consumption_is_that_of_the_last_minute_where_it_has_risen() -> None:

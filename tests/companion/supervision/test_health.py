@@ -102,6 +102,10 @@ def test_the_first_thing_that_is_missing_is_named(places: set[int]) -> None:
     assert lacking(*places).health().missing == LACKS[min(places)][1]
 
 
+def test_a_vehicle_that_says_nothing_of_the_ground_may_start() -> None:
+    assert Reports(link=link(on_ground=None)).health().missing is None
+
+
 @pytest.mark.parametrize("place", range(len(LACKS)))
 def test_what_is_missing_is_asked_before_the_flight_alone(place: int) -> None:
     reports = lacking(place)

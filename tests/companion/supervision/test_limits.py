@@ -33,3 +33,10 @@ def test_who_is_flown_by_others_need_not_come_back() -> None:
     assert watch.judge(9.0, False, 3 * LAND_NS)[0] is None
     assert watch.judge(9.0, True, 4 * LAND_NS)[0] is None, "the time begins when control is given back"
     assert watch.judge(9.0, True, 4 * LAND_NS + 1)[0] is not None
+
+
+def test_who_creeps_nearer_lands_all_the_same() -> None:
+    watch = FenceWatch(SETTINGS)
+    seconds = round(LAND_NS / SECOND) + 2
+    judged = [watch.judge(5.0 - 0.9 * second / seconds, True, second * SECOND)[0] for second in range(seconds)]
+    assert judged[0] is None and judged[-1] is not None

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from companion.config import Settings, Supervision
 from companion.outcomes import Outcome, Verdict
-from companion.state import BatteryLevel, FlightMode, VehicleStatus
+from companion.state import BatteryLevel, FlightMode, VehicleRequest, VehicleStatus
 from companion.supervision.battery import BatteryVerdict
 from companion.supervision.health import Health, Plight
 from companion.supervision.limits import LimitsVerdict
@@ -221,6 +221,18 @@ def test_only_who_gives_control_back_ends_the_waiting_for_it() -> None:
     assert state_of(supervisor) is State.HOLD
     settle(supervisor, WELL, now, SETTINGS.least_hold)
     assert state_of(supervisor) is State.FLY and supervisor.fault is None
+
+
+def test_a_vehicle_in_flight_is_asked_for_control_once_it_has_heard_setpoints_for_long_enough() -> None:
+    supervisor, aloft = Supervisor(Settings()), replace(WELL, mode=FlightMode.HOLD, adopts=True, airborne=True)
+    for second in range(2):
+        supervisor.update(aloft, second * SECOND)
+    now = SECOND
+    assert state_of(supervisor) is State.ADOPT and supervisor.streams and supervisor.request is None
+    now = settle(supervisor, aloft, now, SETTINGS.stream_before_engaging - 0.1)
+    assert supervisor.request is None
+    settle(supervisor, aloft, now, 0.2)
+    assert state_of(supervisor) is State.ADOPT and supervisor.request is VehicleRequest.EXTERNAL_CONTROL
 
 
 def test_a_flight_that_was_called_off_is_said_to_be_so_when_it_is_over() -> None:
