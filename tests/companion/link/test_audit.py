@@ -240,6 +240,11 @@ def test_rates_are_chosen_only_where_the_vehicle_soon_drops_the_last_one(
 
 
 @pytest.mark.parametrize("firmware", FIRMWARES, ids=lambda firmware: firmware.name)
+def test_an_attitude_that_was_asked_for_is_flown_however_soon_the_last_one_is_dropped(firmware: Firmware) -> None:
+    assert concluded(firmware, Output.ATTITUDE, **{firmware.hold_parameter: 0.1})[0].output is Output.ATTITUDE
+
+
+@pytest.mark.parametrize("firmware", FIRMWARES, ids=lambda firmware: firmware.name)
 @pytest.mark.parametrize("hold", [0.2, 1.0, NO_VALUE])
 def test_rates_that_were_asked_for_are_flown_and_the_time_is_named(firmware: Firmware, hold: float) -> None:
     audit, said = concluded(firmware, Output.RATES, **{firmware.hold_parameter: hold})

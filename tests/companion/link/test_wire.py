@@ -106,6 +106,13 @@ def test_a_velocity_of_the_body_is_as_certain_in_the_world_as_its_attitude_says(
     assert variance_of(odometry(tied, body, aside)) == pytest.approx([0.04, 0.04, 0.01], abs=1e-8)
 
 
+def test_a_body_that_lies_on_two_axes_keeps_each_of_its_variances() -> None:
+    """The nose points east, the right side down, and the belly north."""
+    variances = upper(np.diag([0.01, 0.04, 0.02]))
+    lying = variance_of(odometry(variances, dialect.MAV_FRAME_BODY_FRD, (0.5, 0.5, 0.5, 0.5)))
+    assert lying == pytest.approx([0.02, 0.02, 0.04])
+
+
 @pytest.mark.parametrize("unknown", [[0.0] * 21, [NAN] * 21, [NAN, *PX4_VARIANCES[1:]]])
 def test_what_is_not_known_of_the_velocity_is_none(unknown: list[float]) -> None:
     report = wire.odometry(odometry(unknown))
@@ -367,3 +374,27 @@ def test_a_range_finder_that_looks_down() -> None:
     assert wire_ranges.range_below(distance_sensor(down, 1501)) == RangeBelow(1234, math.inf)
     for orientation, distance_cm, quality in ((0, 137, 0), (24, 137, 0), (down, 20, 0), (down, 137, 1)):
         assert wire_ranges.range_below(distance_sensor(orientation, distance_cm, quality)) is None
+
+
+def sector_sensor(number: int, field_of_view: float, time_ms: int = 1234) -> Any:
+    return through_the_wire(
+        dialect.MAVLink_distance_sensor_message, time_ms, 20, 1500, 400, 0, number, 2, 255, field_of_view, 0.0,
+        [0.0] * 4, 0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("sensor", "boot_time_ms"),
+    [
+        ((10, 0.0), 1134),  # ArduPilot's: sent up to a turn of its LiDAR after it was seen
+        ((10, 0.0, 40), 0),
+        ((1, 0.5), 1234),
+        ((1, 0.38), None),  # narrower than half of an eighth of the ring
+        ((1, 0.0), None),
+    ],
+)
+def test_a_sector_is_as_old_as_its_sensor_makes_it_and_covers_its_eighth(
+    sensor: tuple[Any, ...], boot_time_ms: int | None
+) -> None:
+    sector = wire_ranges.sector_distance(sector_sensor(*sensor))
+    assert (None if sector is None else sector.boot_time_ms) == boot_time_ms
