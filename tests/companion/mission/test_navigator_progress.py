@@ -187,6 +187,16 @@ def test_the_goal_follows_the_altitude_search() -> None:
     assert target_of(navigator) is target, "the mission's own is kept"
 
 
+def test_no_altitude_is_tried_from_which_the_way_on_leaves_the_fence() -> None:
+    """A margin of the fence's own, and one that is climbed beyond where a way was seen."""
+    flight = Flight(LONG, "avoidance.altitude_search.max_climb=20.0", "geofence.max_height=9.0")
+    tried = set[float]()
+    for _ in range(100):
+        flight.obey(math.inf)
+        tried.add(float(START[2] - flight.place[2]))
+    assert tried == {3.0, 5.0, 7.0}
+
+
 def climbed(mission: Mission = LONG) -> Flight:
     """A flight on whose way another altitude was found; it flies 3 m higher now."""
     flight = Flight(mission, "avoidance.altitude_search.max_climb=6.0")
