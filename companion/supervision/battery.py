@@ -176,7 +176,7 @@ class BatteryWatch:
         news = [text] if level > self._told else []
         self._told = max(level, self._told)
         if news or self._verdict.missing:
-            self._verdict = BatteryVerdict(max(level, self._verdict.level), text)
+            self._verdict = BatteryVerdict(level, text)
         news += [doubt for doubt in doubts if doubt not in self._said and doubt not in news]
         self._said.update(doubts)
         return msgspec.structs.replace(self._verdict, news=", ".join(news)) if news else self._verdict

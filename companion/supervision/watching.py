@@ -39,7 +39,7 @@ class Descent:
         """Look at it again. A mode counts as changed by others only once the failsafe is over."""
         if current and (status.failsafe or self._mode is None):
             self._mode = status.mode
-        others = current and not status.failsafe and status.mode not in (self._mode, FlightMode.EXTERNAL)
+        others = current and status.mode not in (self._mode, FlightMode.EXTERNAL)
         nearer = vehicle is not None and self._comes_nearer(vehicle.position_ned, status.mode)
         if nearer or self._since_ns is None:
             self._since_ns = now_ns
