@@ -15,38 +15,45 @@ SLOPE = np.array((-0.2, 0.05))
 """Down over north and east: the ground rises to the north."""
 
 
-def ground_at(north: float, east: float) -> float:
-    return 1.0 + float(SLOPE @ (north, east))
+def ground_at(ahead: float) -> float:
+    """Under the vehicle's way."""
+    return 1.0 + float(SLOPE[0]) * ahead
 
 
 def flown(
-    speed: float, tilt_deg: float = 0.0, readings: int = 40, noise_m: float = 0.0, height: float = 3.0
+    speed: float, tilt_deg: float = 0.0, noise_m: float = 0.0, *, eastward: bool = False
 ) -> tuple[Ground | None, float, int]:
-    """North over the slope, nodding by up to `tilt_deg`; the ground, the vehicle's place, and the time."""
+    """3 m up the slope, nodding by up to `tilt_deg`, or eastward and rolling up one that rises to the east; the ground,
+    how far the vehicle has come, and the time."""
     below, rng = GroundBelow(), np.random.default_rng(1)
-    north, now_ns = 0.0, 0
-    for k in range(readings):
-        north, now_ns = speed * k * PERIOD_NS * 1e-9, k * PERIOD_NS
-        place = np.array((north, 0.0, ground_at(north, 0.0) - height))
-        attitude = from_euler(0.0, math.radians(tilt_deg) * math.sin(0.9 * k), 0.0)
+    slope, height = SLOPE[::-1] if eastward else SLOPE, 3.0
+    ahead, now_ns = 0.0, 0
+    for k in range(40):
+        ahead, now_ns = speed * k * PERIOD_NS * 1e-9, k * PERIOD_NS
+        place = np.array((*(0.0, ahead)[:: 1 if eastward else -1], ground_at(ahead) - height))
+        tilt = math.radians(tilt_deg) * math.sin(0.9 * k)
+        attitude = from_euler(-tilt, 0.0, 0.0) if eastward else from_euler(0.0, tilt, 0.0)
         beam = np.array(to_world(attitude, (0.0, 0.0, 1.0)))
         # down + d beam_down = 1 + slope (north + d beam_north, ...)
-        distance = height / (beam[2] - float(SLOPE @ beam[:2]))
+        distance = height / (beam[2] - float(slope @ beam[:2]))
         below.take(RangeBelow(0, distance + noise_m * rng.standard_normal()), (place, attitude), now_ns)
-    return below.ground(now_ns), north, now_ns
+    return below.ground(now_ns), ahead, now_ns
 
 
+@pytest.mark.parametrize("eastward", [False, True])
 @pytest.mark.parametrize("tilt_deg", [0.0, 20.0, 40.0])
-def test_the_ground_here_and_ahead_is_that_of_the_slope_however_the_vehicle_tilts(tilt_deg: float) -> None:
-    ground, north, _ = flown(5.0, tilt_deg)
+def test_the_ground_here_and_ahead_is_that_of_the_slope_however_the_vehicle_tilts(
+    tilt_deg: float, eastward: bool
+) -> None:
+    ground, way, _ = flown(5.0, tilt_deg, eastward=eastward)
     assert ground is not None
-    assert ground.here == pytest.approx(ground_at(north, 0.0), abs=0.1)
-    assert ground.ahead == pytest.approx(ground_at(north + 5.0, 0.0), abs=0.25)
+    assert ground.here == pytest.approx(ground_at(way), abs=0.1)
+    assert ground.ahead == pytest.approx(ground_at(way + 5.0), abs=0.25)
 
 
 def test_of_ground_that_falls_nothing_is_foretold() -> None:
-    ground, north, _ = flown(-5.0)
-    assert ground is not None and ground.ahead == ground.here == pytest.approx(ground_at(north, 0.0), abs=0.1)
+    ground, way, _ = flown(-5.0)
+    assert ground is not None and ground.ahead == ground.here == pytest.approx(ground_at(way), abs=0.1)
 
 
 def test_noise_at_rest_is_no_slope() -> None:
@@ -74,7 +81,8 @@ def test_what_is_old_or_out_of_reach_or_askew_is_not_known() -> None:
         below.take(RangeBelow(0, 3.0), (place, level), k * PERIOD_NS)
     later_ns = 3 * PERIOD_NS + 1_100_000_000
     below.take(RangeBelow(0, math.inf), (place, level), later_ns)
-    below.take(RangeBelow(0, 3.0), (place, from_euler(math.radians(50.0), 0.0, 0.0)), later_ns)
+    for _ in range(2):
+        below.take(RangeBelow(0, 3.0), (place, from_euler(math.radians(50.0), 0.0, 0.0)), later_ns)
     below.take(RangeBelow(0, 3.0), None, later_ns)
     assert below.ground(3 * PERIOD_NS) is not None and below.ground(later_ns) is None
 

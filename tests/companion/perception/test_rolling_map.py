@@ -14,7 +14,7 @@ from companion.perception.occupancy_grid import CEILING, FLOOR
 from companion.perception.rolling_map import RollingMap
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
-from protocol.frames import from_euler, rotate, rotate_inverse
+from protocol.frames import from_euler, rotate, to_body
 
 SETTINGS = AvoidanceMap(cell=0.2, cells=256, layer=1.5, memory_s=40.0)
 HULL = 0.36
@@ -354,7 +354,7 @@ def test_a_free_beam_has_the_direction_that_the_frames_say() -> None:
     free = np.argwhere(rolling.view(0).states == FREE)
     for cell in free:
         offset = rolling.view(0).centre_of((int(cell[0]), int(cell[1]))) - HERE[:2]
-        body = rotate_inverse(attitude, np.array([*offset, 0.0]))
+        body = np.array(to_body(attitude, np.array([*offset, 0.0])))
         if math.hypot(*offset) > HULL:
             assert abs(math.atan2(body[1], body[0]) - math.radians(30.0)) < 0.5 * WIDTH + 1e-9
     assert len(free) > 50

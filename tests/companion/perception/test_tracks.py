@@ -19,7 +19,7 @@ from companion.perception.tracks import (
     update_status,
 )
 from companion.state import Scan
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from protocol.frames import from_euler
 from studies.worlds import forest
