@@ -54,10 +54,6 @@ class Outcome(Enum):
         """It ended as somebody wished."""
         return self in _WANTED
 
-    def worse_than(self, other: "Outcome") -> bool:
-        """It counts more than another."""
-        return _ORDER[self] > _ORDER[other]
-
 
 _ORDER = {outcome: number for number, outcome in enumerate(Outcome)}
 _SUCCESSES = frozenset({Outcome.DELIVERED, Outcome.FLOWN})

@@ -67,12 +67,6 @@ def rotate(q: Array, v: Array) -> Array:
 
 
 @compiled
-def rotate_inverse(q: Array, v: Array) -> Array:
-    """World vector to body vector."""
-    return np.array(to_body(q, v))
-
-
-@compiled
 def axes_frd(q: Array) -> Array:
     """North, east and down as body vectors (3, 3), a row each."""
     out = np.empty((3, 3))
@@ -80,12 +74,6 @@ def axes_frd(q: Array) -> Array:
         x, y, z = to_body(q, (1.0 * (i == 0), 1.0 * (i == 1), 1.0 * (i == 2)))
         out[i, 0], out[i, 1], out[i, 2] = x, y, z
     return out
-
-
-@compiled
-def normalized(v: Array) -> Array:
-    """A vector or quaternion (n,), other than zero, at length 1."""
-    return v / math.sqrt(np.sum(v * v))
 
 
 @compiled
@@ -168,12 +156,6 @@ def from_axes(x: Vector, y: Vector, z: Vector) -> Array:
     if a < 0.0:
         length = -length
     return np.array([a / length, b / length, c / length, d / length])
-
-
-@compiled
-def from_matrix(r: Array) -> Array:
-    """Quaternion with w >= 0 from a rotation matrix (3, 3), whose columns are the body's axes in the world."""
-    return from_axes((r[0, 0], r[1, 0], r[2, 0]), (r[0, 1], r[1, 1], r[2, 1]), (r[0, 2], r[1, 2], r[2, 2]))
 
 
 @compiled

@@ -40,8 +40,6 @@ class Peer:
         """Falls of the time since boot by more than a second."""
         self.heard_ns: int | None = None
         """When the last frame arrived."""
-        self.rebooted_ns: int | None = None
-        """When the last reboot was seen."""
         self.clock = ClockOffset()
         self.offset_ns: int | None = None
         """The peer's clock minus ours; None while unknown."""
@@ -101,7 +99,7 @@ class Peer:
         """None before the first one."""
         return None if self._heartbeat_ns is None else now_ns - self._heartbeat_ns
 
-    def observe_boot_time(self, time_boot_ms: int, now_ns: int) -> bool:
+    def observe_boot_time(self, time_boot_ms: int) -> bool:
         """Take a time since boot (32 bits, which wrap after 49.7 days); True if it shows that the peer has rebooted.
 
         A fall of up to a second is a message that was overtaken. After a reboot the sequence number and the clock
@@ -118,7 +116,6 @@ class Peer:
                 self.clock, self.offset_ns = ClockOffset(), None
                 self._requests.clear()
                 self.reboots += 1
-                self.rebooted_ns = now_ns
                 return True
         self.boot_time_ms = time_boot_ms
         return False

@@ -19,7 +19,7 @@ from studies.route import PATH, SETPOINT, draw_world
 from studies.style import INK, blank
 from vehicle_sim.world import World
 
-_INCHES, _DPI = (6.4, 2.5), 100
+_INCHES = 6.4, 2.5
 _FRAMES, _COLORS = 70, 32
 _FRAME_MS, _LAST_MS = 90, 2000
 _SCANS = "/mavlink/1/1/OBSTACLE_DISTANCE"

@@ -45,7 +45,7 @@ class Stamps:
         if set_by_ms:
             peer.clock_set(stamp_ms)
             return ClockSet(set_by_ms)
-        if set_by_ms is None or not peer.observe_boot_time(stamp_ms, now_ns):
+        if set_by_ms is None or not peer.observe_boot_time(stamp_ms):
             return set_by_ms is not None
         self.__init__()  # type: ignore[misc]
         return Rebooted()

@@ -45,8 +45,6 @@ class Station:
         self.url = url
         self.seen: set[Sender] = set()
         """Who is behind it."""
-        self.sent_on = 0
-        """Frames to the vehicle."""
         self._transport: Transport | None = transport
         self._whole = transport.preserves_datagrams
         self._open_again = open_again
@@ -240,7 +238,6 @@ class Router:
         for station in self.stations:
             station.grant(seconds, self.bytes_per_s)
             frames = [frame.raw for frame in station.frames(now_ns) if self._from_station(frame, station)]
-            station.sent_on += len(frames)
             for_vehicle += [(station.address, datagram) for datagram in packed(frames)]
         for station in self.stations:
             station.flush()

@@ -72,7 +72,7 @@ class Stage:
             "/map_grid", _map_grid(), (150, 156, 164), thickness=1.0, thickness_units="screen", visible=False
         )
         self._vehicle = scene.add_frame("/vehicle", axes_length=0.6, axes_radius=0.015, visible=False)
-        self._dot = scene.add_line_segments("/vehicle/dot", _DOT, _BLUE, thickness=14.0, thickness_units="screen")
+        scene.add_line_segments("/vehicle/dot", _DOT, _BLUE, thickness=14.0, thickness_units="screen")
         self._stem = scene.add_line_segments(
             "/stem", _SEGMENT, _INK, thickness=1.5, thickness_units="screen", visible=False
         )

@@ -17,7 +17,6 @@ from protocol.framing import Frame, Framer
 
 STAMP_BYTES = 8
 _MAGIC_V2, _MAGIC_V1 = 0xFD, 0xFE
-_MAGICS = frozenset((_MAGIC_V1, _MAGIC_V2))
 _find_magic = re.compile(b"[\xfd\xfe]").search
 _LATEST_US = (1 << 63) // 1000
 """Latest stamp whose nanoseconds fit 63 bits, in the year 2262."""

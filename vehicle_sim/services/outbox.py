@@ -49,9 +49,6 @@ class Channel:
     def pace(self, key: object, answer: Iterator[Payload]) -> None:
         self._paced[key] = answer
 
-    def is_pacing(self, key: object) -> bool:
-        return key in self._paced
-
     def take(self) -> list[bytes]:
         """What is to be sent at this tick."""
         for key, answer in list(self._paced.items()):

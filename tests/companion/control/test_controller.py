@@ -18,7 +18,7 @@ from companion.reports import LinkDelay, Motors
 from companion.runtime.files import load_body, load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
-from protocol.frames import from_rotation_vector, multiply, rotate, rotate_inverse, to_rotation_vector
+from protocol.frames import from_rotation_vector, multiply, rotate, to_body, to_rotation_vector
 from protocol.vehicle_parameters import GRAVITY
 
 BODY = load_body("paper_quad")
@@ -48,7 +48,7 @@ class Body:
             self.turning = self.turning + step / lag * (loop * (rates - self.rates) - self.turning)
             self.rates = self.rates + step * self.turning
             force = rotate(self.attitude, -self.thrust * DOWN)
-            force = force - rotate(self.attitude, self.drag * rotate_inverse(self.attitude, self.velocity))
+            force = force - rotate(self.attitude, self.drag * np.array(to_body(self.attitude, self.velocity)))
             self.velocity = self.velocity + step * (force / self.mass + GRAVITY * DOWN + self.disturbance)
             self.position = self.position + step * self.velocity
             self.attitude = multiply(self.attitude, from_rotation_vector(step * self.rates))

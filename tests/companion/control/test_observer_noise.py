@@ -10,7 +10,7 @@ from companion.control.controller import RATES, SIZE, THRUST, Controller
 from companion.runtime.files import load_body, load_settings
 from companion.state import UNSAID, Certainty, Output, Reference, VehicleState
 from protocol.arrays import Array
-from protocol.frames import from_rotation_vector, multiply, rotate, rotate_inverse
+from protocol.frames import from_rotation_vector, multiply, rotate, to_body
 from protocol.vehicle_parameters import GRAVITY
 
 BODY = load_body("paper_quad")
@@ -80,7 +80,7 @@ def estimated(
             thrust += 0.5 * DT / lag * (out[THRUST] * BODY.max_thrust_n - thrust)
             turning = turning + 0.5 * DT / lag * (loop * (out[RATES] - rates) - turning)
             rates = rates + 0.5 * DT * turning
-            force = rotate(attitude, -thrust * DOWN) - rotate(attitude, drag * rotate_inverse(attitude, velocity))
+            force = rotate(attitude, -thrust * DOWN) - rotate(attitude, drag * np.array(to_body(attitude, velocity)))
             velocity = velocity + 0.5 * DT * (force / mass + GRAVITY * DOWN)
             position = position + 0.5 * DT * velocity
             attitude = multiply(attitude, from_rotation_vector(0.5 * DT * rates))

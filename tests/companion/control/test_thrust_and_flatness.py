@@ -8,7 +8,7 @@ import pytest
 from companion.control.flatness import attitude_command, inverse
 from companion.control.thrust import collective, thrust_vector
 from protocol.arrays import Array
-from protocol.frames import conjugate, multiply, rotate, rotate_inverse, to_rotation_vector, yaw_of
+from protocol.frames import conjugate, multiply, rotate, to_body, to_rotation_vector, yaw_of
 from protocol.vehicle_parameters import GRAVITY
 
 MASS = 1.3
@@ -112,7 +112,7 @@ def test_flatness_satisfies_newtons_law() -> None:
     for time in np.linspace(0.0, 6.0, 40):
         velocity, acceleration, jerk, snap, heading = lissajous(time)
         attitude, _, _, thrust = inverse(velocity, acceleration, jerk, snap, heading, MASS, DRAG)
-        drag = rotate(attitude, DRAG * rotate_inverse(attitude, velocity))
+        drag = rotate(attitude, DRAG * np.array(to_body(attitude, velocity)))
         assert accelerated(attitude, thrust) - drag / MASS == pytest.approx(acceleration, abs=1e-3)
         side = rotate(attitude, np.array([0.0, 1.0, 0.0]))
         assert side @ np.array([math.cos(heading[0]), math.sin(heading[0]), 0.0]) == pytest.approx(0.0, abs=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from protocol.frames import rotate_inverse, to_local
+from protocol.frames import to_body, to_local
 from protocol.vehicle_parameters import GRAVITY
 from tests.vehicle_sim.foreign_pilot import EMPTY, ForeignPilot, airframe_with
 from vehicle_sim.estimation import kalman
@@ -102,7 +102,7 @@ def test_the_velocity_s_covariance_is_of_what_the_body_sees() -> None:
     for _ in range(4000):
         error, nominal = A @ rng.standard_normal(kalman.GROUND), estimator.nominal.copy()
         kalman.turn(nominal, *error[:3].tolist())
-        found.append(rotate_inverse(nominal[:4], velocity + error[3:6]))
+        found.append(np.array(to_body(nominal[:4], velocity + error[3:6])))
     assert np.cov(np.array(found).T) == pytest.approx(estimator.covariances[1, :3, :3], rel=0.15, abs=1e-6)
 
 

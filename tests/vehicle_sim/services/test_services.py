@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from protocol.frames import rotate_inverse, to_local
+from protocol.frames import to_body, to_local
 from tests.vehicle_sim.foreign_pilot import (
     AIRFRAME,
     EMPTY,
@@ -353,7 +353,7 @@ def test_states_agree_with_each_other_and_with_the_truth(moving: ForeignPilot) -
 
     odometry = moving.last("ODOMETRY")
     assert (odometry.frame_id, odometry.child_frame_id) == (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD)
-    body = rotate_inverse(q, np.array([position.vx, position.vy, position.vz]))
+    body = np.array(to_body(q, np.array([position.vx, position.vy, position.vz])))
     assert (odometry.vx, odometry.vy, odometry.vz) == pytest.approx(body, abs=1e-5)
 
 
@@ -371,7 +371,7 @@ def test_ground_truth_has_the_accelerometers_reading(moving: ForeignPilot) -> No
     history = moving.all("LOCAL_POSITION_NED")[-3:]
     dt = (history[2].time_boot_ms - history[0].time_boot_ms) * 1e-3
     gained = np.array([getattr(history[2], name) - getattr(history[0], name) for name in ("vx", "vy", "vz")])
-    felt = rotate_inverse(np.array(truth.attitude_quaternion), gained / dt - np.array([0.0, 0.0, 9.81]))
+    felt = np.array(to_body(np.array(truth.attitude_quaternion), gained / dt - np.array([0.0, 0.0, 9.81])))
     assert (truth.xacc, truth.yacc, truth.zacc) == pytest.approx(felt / 9.81e-3, abs=12.0)
     assert truth.zacc < -900
 
