@@ -127,6 +127,11 @@ class Field(NamedTuple):
     type: str
     array_length: int
 
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return _struct(self).size
+
 
 @dataclass(frozen=True, slots=True)
 class Layout:

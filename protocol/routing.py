@@ -48,20 +48,5 @@ def _places(message_id: int) -> tuple[int | None, int | None]:
     at = 0
     for field in layout(message_id).fields:
         places[field.name] = at
-        at += _SIZES[field.type] * max(field.array_length, 1)
+        at += field.size
     return places.get("target_system"), places.get("target_component")
-
-
-_SIZES = {
-    "char": 1,
-    "int8_t": 1,
-    "uint8_t": 1,
-    "int16_t": 2,
-    "uint16_t": 2,
-    "int32_t": 4,
-    "uint32_t": 4,
-    "float": 4,
-    "int64_t": 8,
-    "uint64_t": 8,
-    "double": 8,
-}
