@@ -156,11 +156,13 @@ class Stretch:
         return self.stop - self.start
 
 
-class Stretches:
-    """A whole-numbered value over time as stretches. Those beyond the first `most` are only counted."""
+_MOST_STRETCHES = 2000
 
-    def __init__(self, most: int = 2000) -> None:
-        self._most = most
+
+class Stretches:
+    """A whole-numbered value over time as stretches. Those beyond the first so many are only counted."""
+
+    def __init__(self) -> None:
         self._open: Stretch | None = None
         self._closed: list[Stretch] = []
         self.seconds: dict[int, float] = {}
@@ -186,7 +188,7 @@ class Stretches:
     def _close(self, stretch: Stretch) -> None:
         self.seconds[stretch.value] = self.seconds.get(stretch.value, 0.0) + stretch.seconds
         self.count[stretch.value] = self.count.get(stretch.value, 0) + 1
-        if len(self._closed) < self._most:
+        if len(self._closed) < _MOST_STRETCHES:
             self._closed.append(stretch)
 
     def finish(self) -> list[Stretch]:
@@ -204,11 +206,14 @@ _BURST = 0.05
 """Fraction of the mean interval: messages whose median interval is shorter come in bursts."""
 
 
+_LONGEST = 5
+"""So many of the longest intervals are kept."""
+
+
 class Regularity:
     """How regularly messages come: the distribution of their intervals, and the longest of them."""
 
-    def __init__(self, longest: int = 5) -> None:
-        self._longest = longest
+    def __init__(self) -> None:
         self._counts = np.zeros(9 * _PER_DECADE, np.int64)
         self._sums = np.zeros(9 * _PER_DECADE)
         self._gaps: list[tuple[float, float]] = []
@@ -235,9 +240,9 @@ class Regularity:
         bins = bins.clip(max=len(self._counts) - 1)
         self._counts += np.bincount(bins, minlength=len(self._counts))
         self._sums += np.bincount(bins, intervals, len(self._counts))
-        top = np.argsort(intervals)[-self._longest :]
+        top = np.argsort(intervals)[-_LONGEST:]
         found = [(float(intervals[index]), float(starts[index])) for index in top]
-        self._gaps = sorted([*self._gaps, *found], reverse=True)[: self._longest]
+        self._gaps = sorted([*self._gaps, *found], reverse=True)[:_LONGEST]
 
     @property
     def gaps(self) -> list[tuple[float, float]]:

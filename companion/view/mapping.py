@@ -44,11 +44,9 @@ class PosedScan(NamedTuple):
 class Mapper:
     """Builds the map from messages in the order of their arrival, or from scans with poses."""
 
-    def __init__(self, avoidance: Avoidance, ground_down: float = 0.0) -> None:
-        """`ground_down`: NED height (m) of the ground. Returns from less than `avoidance.ground_height` above it are
-        the ground."""
+    def __init__(self, avoidance: Avoidance) -> None:
         self._local_map = LocalMap(avoidance)
-        self._ground_down = ground_down - avoidance.ground_height
+        self._ground_down = -avoidance.ground_height
         self._estimator = Estimator()
         self._has_quaternion = False
         self.position_ned: Array | None = None

@@ -20,10 +20,11 @@ class Interval(NamedTuple):
     high: float
 
 
-def wilson(successes: int, total: int, z: float = 1.959964) -> Interval:
-    """Wilson's score interval of a share (95 % by default); (0, 1) for no trials."""
+def wilson(successes: int, total: int) -> Interval:
+    """Wilson's score interval of a share (95 %); (0, 1) for no trials."""
     if total == 0:
         return Interval(0.0, 1.0)
+    z = 1.959964
     share = successes / total
     scale = 1.0 + z * z / total
     middle = (share + z * z / (2 * total)) / scale
