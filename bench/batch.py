@@ -20,9 +20,9 @@ import numba
 import numpy as np
 
 from protocol.toml_files import find
-from studies.batch import TICK_S, Fleet, hovers_and_steps
+from studies.batch import Fleet, hovers_and_steps
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.timing import STEP_S, STEPS_PER_TICK
+from vehicle_sim.timing import STEP_S, STEPS_PER_TICK, TICK_S
 
 
 def rate(steps: int, run: Callable[[], object], rounds: int = 3) -> float:

@@ -22,11 +22,10 @@ from vehicle_sim.physics.lanes import LANES
 from vehicle_sim.physics.motion import FEEDBACK
 from vehicle_sim.physics.rigid_body import STATES, depth
 from vehicle_sim.tick import after_step, begin, end, speed_of
-from vehicle_sim.timing import STEP_S, STEPS_PER_TICK, TICK_NS
+from vehicle_sim.timing import STEP_S, STEPS_PER_TICK, TICK_S
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-TICK_S = TICK_NS * 1e-9
 SPEED_LIMITS = (5.0, 3.0, 3.0)
 """m/s: horizontal, up, down."""
 _SETTLED_M = 0.05

@@ -20,6 +20,7 @@ from studies import style
 from studies.joined import Joined
 from studies.paper_settings import paper_settings
 from studies.report import Cell, Report
+from vehicle_sim.timing import TICK_S
 
 NAME = "tracking"
 TITLE = "Table 4: trajectory tracking"
@@ -45,7 +46,6 @@ ROUTE = Mission(
 )
 """A courier's: straight legs at 4 m/s with a stop at each end, and back."""
 TRAJECTORIES = (*SHAPES, "courier_route")
-TICK_S = 0.004
 MATTERS = 0.02
 """m of MAE at c = 1 below which an axis is not judged: the trajectory does not move along it."""
 

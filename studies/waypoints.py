@@ -15,7 +15,7 @@ from companion.mission.plan import Mission, Phase
 from companion.runtime.files import load_mission
 from companion.state import Output
 from companion.supervision.states import State
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from protocol.frames import wrap, yaw_of
 from studies import style
@@ -23,6 +23,7 @@ from studies.joined import Joined
 from studies.paper_settings import paper_settings
 from studies.report import Report
 from vehicle_sim.airframe import Airframe
+from vehicle_sim.timing import TICK_S
 from vehicle_sim.world import World
 
 NAME = "waypoints"
@@ -39,7 +40,6 @@ SPEED = 4.0
 AT_ONCE_DEG = 1e12
 MAP_FIELDS_DEG = (20.0, 40.0, 60.0, 90.0)
 MAP_SPEEDS = (2.0, 4.0, 6.0)
-TICK_S = 0.004
 
 
 Outcomes = Mapping[tuple[float, float], tuple[int, int]]

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from protocol.toml_files import find
-from studies.batch import TICK_S, Fleet, hovers_and_steps
+from studies.batch import Fleet, hovers_and_steps
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.physics.integrator import work_array
 from vehicle_sim.tick import EXACT, advance
+from vehicle_sim.timing import TICK_S
 
 PAPER_QUAD = Airframe.load(find("vehicles", "paper_quad"))
 
