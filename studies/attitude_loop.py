@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.control import lqr
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from protocol.frames import from_rotation_vector, to_euler
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters

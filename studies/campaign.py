@@ -28,7 +28,7 @@ from companion.runtime import flight as whole_flight
 from companion.runtime.feasibility import within_reach
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.state import Output
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.toml_files import TomlFileError
 from protocol.transport import TransportError
 from studies import escape, worlds

@@ -14,7 +14,7 @@ from companion.runtime.feasibility import within_reach
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
 from companion.state import Output
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from studies.faults.injector import Change, Injector
 from vehicle_sim.airframe import Airframe

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from protocol.frames import to_euler
 from protocol.vehicle_parameters import GRAVITY

@@ -10,7 +10,7 @@ from companion.control import lqr
 from companion.mission.plan import Waypoint
 from companion.state import Output
 from companion.supervision.states import State
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 from studies import style

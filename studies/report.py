@@ -12,7 +12,7 @@ from typing import Any, Protocol, TypeVar
 
 import msgspec
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from studies import style
 
 T = TypeVar("T")

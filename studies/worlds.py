@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mission.plan import Mission, Waypoint
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from vehicle_sim.world import World
 

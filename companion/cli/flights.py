@@ -393,7 +393,7 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     from companion.runtime.files import at_pad, load_body, load_mission, load_settings
     from companion.runtime.flight import Plan, PlanError, check, softened
     from companion.runtime.station_files import fenced, is_of_station, load_of_station
-    from protocol import toml_files as toml_files
+    from protocol import toml_files
 
     overrides = list(asked.overrides or ())
     if isinstance(asked, FlyOptions):

@@ -20,7 +20,7 @@ from companion.renamed_settings import RENAMED_SETTINGS
 from companion.runtime.files import load_settings
 from companion.runtime.flight import AUTO, git_hash
 from companion.state import Adoption, Output
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.flightlog import FlightLogError, LogReader
 from protocol.vehicle_parameters import VehicleParameters
 

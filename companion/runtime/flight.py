@@ -37,7 +37,7 @@ from companion.runtime.station_files import is_of_station
 from companion.runtime.summary import Axes, Summary
 from companion.state import Adoption, Output
 from companion.supervision.states import State
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.clock import RealClock
 from protocol.compiling import compiling_shown
 from protocol.flightlog import FlightLog, FlightLogError, RecorderProcess

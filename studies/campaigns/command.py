@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.toml_files import TomlFileError
 
 if TYPE_CHECKING:  # both take seconds to import, and `--help` needs neither

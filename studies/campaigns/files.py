@@ -13,7 +13,7 @@ import msgspec
 from companion.config_types import Speed
 from companion.mission.plan import Mission
 from companion.runtime.files import load_mission, load_settings
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.toml_files import TomlFileError
 from protocol.vehicle_parameters import Positive
 from studies.campaign import DEFAULT, Job, Setup, chooses_method

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from distributed import Client
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError
 from studies.campaign import Row

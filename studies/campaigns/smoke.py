@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from distributed import Client
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from studies.campaign import Row
 from studies.campaigns import files
 from studies.campaigns.runner import Campaign

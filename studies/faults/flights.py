@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.mission.plan import Mission, Phase
 from companion.state import Output
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from studies import joined as joining
 from studies.faults import catalogue, changes

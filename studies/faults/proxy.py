@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from studies.faults.injector import Injector
 
 _LARGEST = 65535

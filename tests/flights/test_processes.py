@@ -28,7 +28,7 @@ from companion.runtime.planning import InProcessPlanner
 from companion.state import Reason
 from companion.supervision.operations import PlannerFault, PlannerReady, PlannerStarting
 from companion.supervision.states import State
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.flightlog import DATAGRAM, Direction, LogReader, datagrams, digest
 from protocol.framing import Framer
 from protocol.transport import Udp

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.toml_files import TomlFileError
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 

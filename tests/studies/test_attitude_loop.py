@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from studies.attitude_loop import AXES, CHECKED, SMALL, WEIGHTS, WITH_ARM, figures, flown, linear
 from vehicle_sim.airframe import Airframe
 

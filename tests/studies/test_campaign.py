@@ -237,7 +237,7 @@ def test_a_walker_who_comes_at_a_vehicle_that_hovers_can_be_avoided_unless_it_wa
 def test_abilities_are_those_of_the_vehicle_and_its_limit() -> None:
     mission = worlds.pop_up(1)
     assert mission.height == 3.0
-    from protocol import toml_files as toml_files
+    from protocol import toml_files
     from vehicle_sim.airframe import Airframe
 
     able = Abilities.of(Airframe.load(toml_files.find("vehicles", "paper_quad")), math.radians(45.0))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.arrays import Array
 from protocol.vehicle_parameters import GRAVITY
 from studies.open_loop import Motion, coupling, equation_4, equation_6, parted, rigid_body, thrusts

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from companion.control import lqr
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from studies import position_loop
 from studies.position_loop import (
     CHECKED,

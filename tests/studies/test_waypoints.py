@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.runtime.files import load_mission
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from studies import waypoints
 from vehicle_sim.world import World
 

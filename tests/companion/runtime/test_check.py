@@ -11,7 +11,7 @@ from companion.runtime import side_links
 from companion.runtime.check import Examination, examine
 from companion.runtime.files import load_settings
 from companion.state import Output, Safety
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.framing import Framer
 from protocol.messages import dialect
 from tests.companion.runtime.hop import InMemory

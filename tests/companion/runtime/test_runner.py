@@ -23,7 +23,7 @@ from companion.runtime.side_links import SideLinks
 from companion.state import Output
 from companion.supervision.operations import LogFault, LogRecovered
 from companion.supervision.states import State
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, LogReader
 from protocol.flightlog.reader import datagrams

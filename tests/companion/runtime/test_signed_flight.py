@@ -11,7 +11,6 @@ from companion.runtime.planning import InProcessPlanner, Planning
 from companion.runtime.runner import Runner
 from companion.state import Output
 from companion.supervision.states import State
-from protocol import toml_files as toml_files
 from protocol.flightlog.reader import digest
 from protocol.framing import Framer
 from protocol.guarded_link import GuardedLink

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from protocol import frames
-from protocol import toml_files as toml_files
+from protocol import frames, toml_files
 from vehicle_sim.sensors.lidar import SECTORS, UNKNOWN, Lidar, LidarSettings, beam_azimuths, sector_ranges
 from vehicle_sim.world import World
 from vehicle_sim.world.geometry import cast_ray

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from protocol import toml_files as toml_files
+from protocol import toml_files
 from vehicle_sim.world import World, WorldTable
 
 Array = NDArray[np.float64]
