@@ -103,14 +103,10 @@ class Finding(msgspec.Struct, frozen=True, gc=False):
 
 
 class VehicleSettings(msgspec.Struct, frozen=True, gc=False):
-    """What the vehicle's parameters say of how it flies setpoints. None for what is not known."""
+    """What the vehicle's parameters say of how it flies setpoints."""
 
     setpoint_hold: float | None = None
-    """s that the last setpoint is followed when no more come."""
-    hover_thrust: float | None = None
-    """0..1 of full thrust."""
-    max_tilt: float | None = None
-    """rad; of the vehicle's own modes."""
+    """s that the last setpoint is followed when no more come; None if that is not known."""
     angle_boost: bool = False
     """The vehicle divides thrust by the cosine of its tilt."""
     fence: OwnFence = NO_FENCE

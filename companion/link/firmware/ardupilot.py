@@ -134,11 +134,8 @@ def _fence(values: Values) -> OwnFence:
 
 
 def _settings(values: Values) -> VehicleSettings:
-    tilt_deg = values.get("ATC_ANGLE_MAX", values.get("ANGLE_MAX", math.inf) / 100.0)
     return VehicleSettings(
         setpoint_hold=within(values.get("GUID_TIMEOUT"), 0.0, 1e3),
-        hover_thrust=within(values.get("MOT_THST_HOVER"), 0.05, 0.95),
-        max_tilt=math.radians(tilt_deg) if 1.0 <= tilt_deg <= 90.0 else None,
         angle_boost=values.get("ATC_ANGLE_BOOST", 1.0) != 0.0,
         fence=_fence(values),
     )

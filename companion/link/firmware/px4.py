@@ -1,7 +1,5 @@
 """PX4, and our own simulator, which behaves as PX4 does."""
 
-import math
-
 from companion.link.firmware.firmware import COPTERS, Firmware, Judge, Terms, Values, positive, within
 from companion.reports import Finding, VehicleSettings
 from companion.state import FlightMode, Output, OwnFence, Safety
@@ -129,12 +127,8 @@ def _audit(values: Values, terms: Terms) -> tuple[Finding, ...]:
 
 
 def _settings(values: Values) -> VehicleSettings:
-    tilt_deg = within(values.get("MPC_TILTMAX_AIR"), 1.0, 90.0)
     return VehicleSettings(
         setpoint_hold=within(values.get("COM_OF_LOSS_T"), 0.0, 1e3),
-        hover_thrust=within(values.get("MPC_THR_HOVER"), 0.05, 0.95),
-        max_tilt=None if tilt_deg is None else math.radians(tilt_deg),
-        angle_boost=False,
         fence=OwnFence(positive(values.get("GF_MAX_HOR_DIST")), positive(values.get("GF_MAX_VER_DIST"))),
     )
 
