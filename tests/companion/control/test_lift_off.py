@@ -1,6 +1,7 @@
 """From armed motors into the air: with motors that wait, vehicles that are not as believed, and a landed state that
 lies."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -106,6 +107,20 @@ def test_a_height_that_sinks_on_the_ground_does_not_hide_the_climb() -> None:
         assert lifted(vehicle, never) is not None
         heights.append(vehicle.height)
     assert heights[1] < heights[0] + 0.04
+
+
+def test_what_rises_slowly_flies_once_it_is_clear_of_the_ground() -> None:
+    """At half of the speed that tells by itself; the ground does not rise with it."""
+    lift_off, upright = LiftOff(LIMITS, BODY), np.array([1.0, 0.0, 0.0, 0.0])
+    lift_off.begin()
+    speed, found_m = 0.1, math.inf
+    for tick in range(1000):
+        height = speed * tick * DT_NS * 1e-9
+        state = VehicleState(0, np.array([0.0, 0.0, -height]), np.array([0.0, 0.0, -speed]), upright, np.zeros(3), 0)
+        if lift_off.update(state, tick * DT_NS, BODY.mass_kg, True, False) is not None:
+            found_m = height
+            break
+    assert found_m == pytest.approx(0.15, abs=0.01)
 
 
 def test_noise_is_no_flight() -> None:
