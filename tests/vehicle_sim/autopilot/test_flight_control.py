@@ -464,3 +464,9 @@ def test_the_autopilot_knows_the_mass_without_the_parcel(aloft: ForeignPilot) ->
 def test_mode_numbers_are_px4s() -> None:
     numbered = [Mode.TAKEOFF, Mode.HOLD, Mode.RETURN, Mode.LAND, Mode.OFFBOARD]
     assert [mode.custom_mode for mode in numbered] == [TAKEOFF, HOLD, RETURN, LAND, OFFBOARD]
+
+
+def test_nobody_comes_to_rest_below_the_ground(aloft: ForeignPilot) -> None:
+    sinking = aloft.vehicle.motion._replace(position_ned=(0.0, 0.0, -0.5), velocity_ned=(2.0, 0.0, 3.0))
+    north, _, down = aloft.vehicle.flight.guidance.stopping_point(sinking, landed=False)
+    assert north > 0.0 and down == -AIRFRAME.ground.foot_height_m

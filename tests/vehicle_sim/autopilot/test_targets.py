@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from protocol.frames import to_geodetic
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, HOLD, OFFBOARD, RETURN, UNSET, ForeignPilot
+from vehicle_sim.autopilot.circle import Circle
 from vehicle_sim.autopilot.modes import Mode
+from vehicle_sim.autopilot.settings import Settings
+from vehicle_sim.autopilot.tracking import Target, Tracker
 
 ACCEPTED, REJECTED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 LOCAL, BODY = mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_NED
@@ -279,3 +283,21 @@ def test_an_orbit_that_is_too_small_or_large_is_denied(aloft: ForeignPilot, radi
     assert aloft.command(mavlink.MAV_CMD_DO_ORBIT, radius, 2.0, 0.0, 0.0, *nowhere) == mavlink.MAV_RESULT_DENIED
     assert aloft.mode == HOLD
     assert ForeignPilot().command(mavlink.MAV_CMD_DO_ORBIT, 5.0, 2.0, 0.0, 0.0, *nowhere) == REJECTED
+
+
+@pytest.mark.parametrize(
+    ("asked", "given"), [((30.0, 40.0, 9.0), (7.2, 9.6, 1.0)), ((3.0, 4.0, -9.0), (3.0, 4.0, -2.0))]
+)
+def test_no_target_is_followed_faster_than_the_parameters_say(asked: Three, given: Three) -> None:
+    settings = replace(Settings.of(AIRFRAME), max_speed_m_s=12.0, max_climb_m_s=2.0, max_sink_m_s=1.0)
+    motion, tracker = ForeignPilot().vehicle.motion._replace(touching=False), Tracker(AIRFRAME, settings)
+    tracker.follow(Target(velocity_ned=asked), motion, landed=False)
+    way = tracker.command["position_ned"][0] - motion.position_ned
+    assert way * AIRFRAME.auto.position_gain_1_s == pytest.approx(given)
+
+
+@pytest.mark.parametrize(("off_m", "share"), [(0.0, 1.0), (1.0, 1.0), (1.5, 0.5), (2.5, 0.0)])
+def test_a_circle_is_gone_round_near_to_it_alone(off_m: float, share: float) -> None:
+    motion = ForeignPilot().vehicle.motion._replace(position_ned=(20.0 + off_m, 0.0, -5.0))
+    _, east, _ = Circle((0.0, 0.0, -5.0), radius_m=20.0, speed_m_s=2.0).target(motion).velocity_ned
+    assert east == pytest.approx(2.0 * share)
