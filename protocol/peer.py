@@ -26,8 +26,6 @@ class Peer:
     def __init__(self, system: int, component: int) -> None:
         self.system = system
         self.component = component
-        self.received = 0
-        """Frames that arrived, late ones and duplicates included."""
         self.lost = 0
         """Frames that were skipped and have not arrived since."""
         self.late = 0
@@ -59,7 +57,6 @@ class Peer:
         """Count a frame that arrived; False for a frame of another sender, which is ignored."""
         if frame.system != self.system or frame.component != self.component:
             return False
-        self.received += 1
         self.heard_ns = now_ns
         ahead = 1 if self._sequence is None else (frame.sequence - self._sequence) & 0xFF
         if ahead == 1 and not self._missing:  # almost always

@@ -22,45 +22,45 @@ def observed(sequences: list[int]) -> Peer:
     return peer
 
 
-def counts(peer: Peer) -> tuple[int, int, int, int, int]:
-    return peer.received, peer.lost, peer.late, peer.duplicates, peer.restarts
+def counts(peer: Peer) -> tuple[int, int, int, int]:
+    return peer.lost, peer.late, peer.duplicates, peer.restarts
 
 
 @pytest.mark.parametrize("first", [0, 1, 77, 255])
 def test_a_perfect_link_loses_nothing(first: int) -> None:
-    assert counts(observed([first + i for i in range(1000)])) == (1000, 0, 0, 0, 0)
+    assert counts(observed([first + i for i in range(1000)])) == (0, 0, 0, 0)
 
 
 @pytest.mark.parametrize("gap", [1, 2, 100, 127])
 @pytest.mark.parametrize("last", [0, 100, 200, 255])
 def test_a_gap_is_a_loss(gap: int, last: int) -> None:
-    assert counts(observed([last, last + gap + 1])) == (2, gap, 0, 0, 0)
+    assert counts(observed([last, last + gap + 1])) == (gap, 0, 0, 0)
 
 
 @pytest.mark.parametrize("back", [65, 100, 127])
 @pytest.mark.parametrize("last", [0, 100, 200, 255])
 def test_a_big_jump_back_is_a_restart_and_no_loss(back: int, last: int) -> None:
     peer = observed([last, last - back, last - back + 1, last - back + 3])
-    assert counts(peer) == (4, 1, 0, 0, 1)
+    assert counts(peer) == (1, 0, 0, 1)
 
 
 def test_what_was_lost_before_a_restart_does_not_come_late_after_it() -> None:
-    assert counts(observed([100, 110, 40, 39])) == (4, 9, 0, 1, 1)
+    assert counts(observed([100, 110, 40, 39])) == (9, 0, 1, 1)
     peer = observed([100, 110])
     peer.observe_boot_time(9000)
     assert peer.observe_boot_time(0)
     for sequence in (5, 3):
         peer.observe(frame(sequence), 2)
-    assert counts(peer) == (4, 9, 0, 1, 0)
+    assert counts(peer) == (9, 0, 1, 0)
 
 
 def test_a_late_frame_is_no_longer_lost() -> None:
-    assert counts(observed([10, 12, 11, 13])) == (4, 0, 1, 0, 0)
-    assert counts(observed([250, 251 + 64, 251, 251 + 65])) == (4, 63, 1, 0, 0)
+    assert counts(observed([10, 12, 11, 13])) == (0, 1, 0, 0)
+    assert counts(observed([250, 251 + 64, 251, 251 + 65])) == (63, 1, 0, 0)
 
 
 def test_a_frame_that_comes_twice_is_a_duplicate() -> None:
-    assert counts(observed([10, 10, 12, 11, 11, 10, 13])) == (7, 0, 1, 3, 0)
+    assert counts(observed([10, 10, 12, 11, 11, 10, 13])) == (0, 1, 3, 0)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -83,7 +83,7 @@ def test_a_bad_link_is_counted_exactly(seed: int) -> None:
         arrived.add(sequence)
     duplicates = len(order) - len(arrived)
     assert late > 1000
-    assert counts(observed(order)) == (len(order), total - len(arrived), late, duplicates, 0)
+    assert counts(observed(order)) == (total - len(arrived), late, duplicates, 0)
 
 
 @pytest.mark.parametrize("first", [0, 200])
@@ -110,7 +110,7 @@ def test_other_senders_are_ignored() -> None:
         peer.observe(frame(i), i)
         peer.observe(frame(7 * i, component=2), i)
         peer.observe(frame(5 * i, system=2), 10**6)
-    assert counts(peer) == (100, 0, 0, 0, 0)
+    assert counts(peer) == (0, 0, 0, 0)
     assert peer.heard_ns == 99
 
 
@@ -155,7 +155,7 @@ def test_a_reboot_forgets_the_sequence_and_the_clock() -> None:
     assert peer.offset_ns is None
     assert not peer.timesync_reply(5 * S, 1, 2)
     peer.observe(frame(180), 2 * S)
-    assert counts(peer) == (2, 0, 0, 0, 0)
+    assert counts(peer) == (0, 0, 0, 0)
 
 
 def answered(peer: Peer, sent_ns: int, offset_ns: int, there_ns: int, back_ns: int) -> bool:
