@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.arrays import Array
+from protocol.frames import product
 from protocol.jit import compiled
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.physics.rigid_body import Parameters
@@ -91,12 +92,7 @@ def position_law(state: Array, command: Command, parameters: Parameters) -> None
 def attitude_law(state: Array, command: Command, parameters: Parameters) -> None:
     """Rates from the attitude, into the command: a gain on the rotation vector of the error. q and -q give the same."""
     p, c = parameters[0], command[0]
-    a0, a1, a2, a3 = state[6], -state[7], -state[8], -state[9]
-    b0, b1, b2, b3 = c.attitude_ned_frd[0], c.attitude_ned_frd[1], c.attitude_ned_frd[2], c.attitude_ned_frd[3]
-    e0 = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3
-    e1 = a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2
-    e2 = a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1
-    e3 = a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0
+    e0, e1, e2, e3 = product((state[6], -state[7], -state[8], -state[9]), c.attitude_ned_frd)
     sign = -1.0 if e0 < 0.0 else 1.0
     sine = math.sqrt(e1 * e1 + e2 * e2 + e3 * e3)
     scale = 2.0 * sign if sine < 1e-9 else 2.0 * sign * math.atan2(sine, sign * e0) / sine
