@@ -119,6 +119,22 @@ def test_speed_limit_is_the_braking_distance_to_what_is_not_seen_free(what: int)
     assert before.free == math.inf and before.speed == 20.0
 
 
+def test_over_a_late_link_and_with_slow_loops_the_speed_limit_counts_on_a_later_stop() -> None:
+    guard, way = guard_on(wall(free_field(), 8.1)), np.array([[9.0, 0.0]])
+    guard.follow(0.2, 0.5)
+    limit = guard.limit(STILL, STILL, way, 20.0)
+    reaction_s = SETTINGS.reaction_time + 0.2 + 2.0 * SETTINGS.lag_s - SETTINGS.lag_s
+    assert limit.speed == pytest.approx(stopping_speed(limit.free, SETTINGS.braking, reaction_s))
+
+
+def test_in_a_tight_passage_too_the_vehicle_can_stop_before_its_end() -> None:
+    guard, view = Guard(SETTINGS), view_of(wall(free_field(), 0.7))
+    guard.look(free_space(view, STILL, 0, SETTINGS, tight=True))
+    limit = guard.limit(STILL, STILL, np.array([[9.0, 0.0]]), 20.0)
+    assert 0.0 < limit.free < 0.4
+    assert limit.speed == pytest.approx(stopping_speed(limit.free, SETTINGS.braking, SETTINGS.reaction_time))
+
+
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_stop_is_straight_or_swerves_to_the_free_side(side: int) -> None:
     """6 m/s, a straight stop takes 4.9 m: before a block that covers the course and all to the left (or right) of it.
@@ -159,7 +175,7 @@ def test_without_a_view_or_with_an_old_one_it_stops() -> None:
 
 
 def test_what_moves_goes_on_moving_while_the_view_of_it_ages() -> None:
-    """0.2 s after the ring, it is the same as if it had been seen where it is by now."""
+    """0.2 s after the ring, or over a link that is so late, it is as if it had been seen where it is by now."""
     rng = np.random.default_rng(6)
     acted = 0
     for _ in range(50):
@@ -168,12 +184,14 @@ def test_what_moves_goes_on_moving_while_the_view_of_it_ages() -> None:
         by_now[:, :2] += 0.2 * walker[:, 2:4]
         velocity, command = np.array([*rng.uniform((2.0, -1.0), (4.0, 1.0)), 0.0]), np.array([2.0, 0.0, 0.0])
         verdicts = []
-        for moving, now in ((walker, 200_000_000), (by_now, 0)):
+        for moving, now, late_s in ((walker, 200_000_000, 0.0), (by_now, 0, 0.0), (walker, 0, 0.2)):
             guard = Guard(SETTINGS)
+            guard.follow(late_s, 1.0)
             guard.look(free_space(view_of(free_field()), STILL, 0, SETTINGS, moving))
             verdicts.append(guard.filter(STILL, velocity, command, now))
-        assert verdicts[0].reason is verdicts[1].reason
-        assert verdicts[0].acceleration_ned == pytest.approx(verdicts[1].acceleration_ned, abs=1e-9)
+        for verdict in verdicts[1:]:
+            assert verdict.reason is verdicts[0].reason
+            assert verdict.acceleration_ned == pytest.approx(verdicts[0].acceleration_ned, abs=1e-9)
         acted += verdicts[0].reason is Reason.EVASION
     assert acted > 10
 
@@ -268,6 +286,13 @@ def test_what_appears_too_near_is_braked_for_as_hard_as_can_be(speed: float) -> 
         position, _ = flown(states, velocity, velocity, 3.0, settings=settings)
         nearest.append((np.argwhere(states == OCCUPIED)[0, 0] + 0.5) * CELL - MIDDLE - position[:, 0].max())
     assert nearest[0] < settings.keep_out - 0.1 < settings.keep_out < nearest[1] + 0.05
+
+
+@pytest.mark.parametrize(("emergency", "given"), [(0.0, SETTINGS.braking), (6.8, 6.8)])
+def test_in_an_emergency_it_brakes_no_less_than_usually(emergency: float, given: float) -> None:
+    guard = guard_on(wall(free_field(), 2.0), settings=replace(SETTINGS, emergency_braking=emergency))
+    north, east, _ = guard.filter(STILL, np.array([6.0, 0.0, 0.0]), STILL, 0).acceleration_ned
+    assert north < 0.0 and math.hypot(north, east) == pytest.approx(given)
 
 
 def passage() -> Bytes:

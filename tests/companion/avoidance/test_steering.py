@@ -10,7 +10,7 @@ from companion.avoidance.astar import GridPath
 from companion.avoidance.astar_planner import _up_to_unconfirmed
 from companion.avoidance.path import NO_PATH, Path
 from companion.avoidance.planner import Planner
-from companion.avoidance.steering import Course, limited, steer
+from companion.avoidance.steering import Course, approached, limited, steer
 from companion.config_avoidance import Avoidance, AvoidanceCourse, AvoidanceGuard, AvoidanceMap
 from companion.mission.stall import Progress, Trail
 from companion.perception.distance_field import FAR_M, distance_to
@@ -59,6 +59,23 @@ def test_a_course_takes_a_velocity_up_within_its_limits() -> None:
     assert jerk.max() <= SETTINGS.jerk + 1e-6
     assert motions[-1, 1] == pytest.approx(wanted, abs=1e-2)
     assert np.diff(motions[:, 0], axis=0) / 0.004 == pytest.approx(motions[:-1, 1], abs=0.02)
+
+
+def test_a_course_makes_no_leap_after_a_pause() -> None:
+    course, velocity = Course(SETTINGS), np.array([4.0, 0.0])
+    course.start(0, np.zeros(2), velocity, np.zeros(2))
+    course.advance(1_000_000_000, np.zeros(2), np.zeros(2), np.zeros(2))
+    after = at(course, 1_000_000_000)[1]
+    assert 0.0 < velocity[0] - after[0] <= 0.05 * 0.05 * SETTINGS.jerk + 1e-9
+
+
+@pytest.mark.parametrize(("end", "flies_to_end"), [(9.75, False), (9.3, True)])
+def test_a_goal_is_flown_to_where_the_path_ends_beside_it(end: float, flies_to_end: bool) -> None:
+    """One that is nearer to an obstacle than the inflation, but none that is in it."""
+    path, goal = Path(np.array([[0.0, 0.0], [end, 0.0]]), np.zeros(2)), np.array([10.0, 0.0])
+    reached = approached(path, np.array([9.1, 0.0]), goal, ON_A_MAP)
+    assert reached.tolist() == ([end, 0.0] if flies_to_end else [10.0, 0.0])
+    assert approached(path, np.array([8.9, 0.0]), goal, ON_A_MAP) is goal, "from farther away"
 
 
 def test_a_course_waits_for_the_vehicle_and_gives_in_to_the_guard() -> None:
