@@ -65,6 +65,16 @@ def test_no_way_is_faster_than_what_is_asked_for_not_even_up_or_down() -> None:
         assert fastest == pytest.approx(0.5, rel=1e-6)
 
 
+@pytest.mark.parametrize("north", [1.0, 11.0])
+def test_up_and_down_no_way_is_faster_than_the_vertical_speed(north: float) -> None:
+    for height in (-20.0, 20.0):
+        generator = standing()
+        generator.move_to(0, np.array([north, 2.0, height]), 4.0, 1.5)
+        path = run(generator, 30.0)
+        assert max(abs(float(r.velocity_ned[2])) for r in path) == pytest.approx(1.5, rel=1e-6)
+        assert path[-1].position_ned == pytest.approx([north, 2.0, height])
+
+
 def test_derivatives_belong_to_the_position() -> None:
     generator = standing()
     generator.move_to(0, np.array([11.0, -5.0, -6.0]), 3.0, 1.0)
