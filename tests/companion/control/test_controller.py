@@ -232,31 +232,6 @@ def test_over_a_late_link_the_present_moves_on_from_the_last_step() -> None:
     assert controller.present(state, START_NS + 1_000_000_000) is state  # nothing was flown just now
 
 
-def test_what_the_integrals_have_given_they_go_on_to_give_at_another_pace() -> None:
-    settings = load_settings(None, ['control.position.law="pid"', "control.estimation.velocity_settling=0.0"])
-    controller, upright = Controller(settings, BODY, Output.RATES), np.array([1.0, 0.0, 0.0, 0.0])
-    reference, now = Reference(np.zeros((6, 3))), START_NS
-
-    def commanded(north: float) -> float:
-        nonlocal now
-        now += TICK_NS
-        state = VehicleState(now, np.array([north, 0.0, 0.0]), np.zeros(3), upright, np.zeros(3), 0)
-        return float(controller.acceleration_command(state, now, now, reference, BODY.mass_kg, north != 0.0)[0])
-
-    for _ in range(50):
-        commanded(-1.0)
-    before = commanded(0.0)
-    assert before == pytest.approx(0.4, rel=0.05), "2 1/s3 for 0.2 s"
-    assert controller.follow(LinkDelay(age=0.1, command=0.1)).share < 0.9
-    assert commanded(0.0) == pytest.approx(before)
-
-
-def test_what_is_sent_where_nothing_is_flown_moves_nothing() -> None:
-    control = np.arange(1.0, SIZE + 1.0)
-    sent = Controller(load_settings(None, []), BODY, Output.ACTUATORS).setpoint(control, idle=True)
-    assert (sent.rates_frd, sent.torque, sent.thrust) == ([0.0] * 3, [0.0] * 3, 0.0)
-
-
 def test_each_estimate_finds_its_own() -> None:
     """In motion the filter tells the thrust's scale, the drag's scale and a steady disturbance apart."""
     push = np.array([0.8, -0.5, 0.0])
