@@ -216,6 +216,19 @@ def test_a_stop_on_a_circle_brakes_without_a_jump(heading: str) -> None:
     assert np.abs(path[-1].velocity_ned).max() < 1e-9 and abs(path[-1].yaw_rate) < 1e-9
 
 
+@pytest.mark.parametrize("heading", ["fixed", "along"])
+def test_at_the_end_of_a_track_the_reference_stays_as_it_was(heading: Any) -> None:
+    generator = ReferenceGenerator(SETTINGS)
+    generator.hold_at(START, 0.7)
+    flown = track(Shape("circle", speed=2.0, radius=3.0, laps=1.25, heading=heading))
+    generator.follow(0, flown)
+    end_ns = round(flown.duration_s * 1e9) + 1
+    before = generator.at(end_ns)
+    assert before.yaw == pytest.approx(0.5 * math.pi if heading == "along" else 0.7)
+    generator.end_track(end_ns)
+    assert np.array_equal(generator.at(end_ns).rows, before.rows)
+
+
 @pytest.mark.parametrize("shape", [Shape("ellipse", speed=10.0, acceleration=40.0, laps=9.0, heading="along"), SQUARE])
 def test_a_hard_track_is_left_by_braking_as_hard(shape: Shape) -> None:
     """With the limits of other motion, the turn that is under way would carry it off at ten times its speed."""
