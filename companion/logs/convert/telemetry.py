@@ -1,6 +1,6 @@
 """Converts telemetry logs (.tlog) to flight logs and back."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from companion.logs.recordings import printable, started_unix_s
@@ -13,13 +13,13 @@ FROM_TLOG = "telemetry log"
 """Name of the metadata of a flight log that was made from a telemetry log: each datagram is an entry of that."""
 
 
-def to_flight_log(traffic: Traffic, target: Path) -> int:
-    """Make a flight log of a telemetry log, with its messages decoded.
+def to_flight_log(traffic: Traffic, target: Path, metadata: Mapping[str, Mapping[str, str]] | None = None) -> int:
+    """Make a flight log of a telemetry log, with its messages decoded and with additional metadata.
 
     Returns the number of entries. Raises FlightLogError if the log can't be read or the target can't be made.
     """
     source = {FROM_TLOG: {"source": printable(traffic.log.path.name)}}
-    with Writer(target, traffic.epoch_ns, source) as writer:
+    with Writer(target, traffic.epoch_ns, {**source, **(metadata or {})}) as writer:
         for sequence, (time_ns, direction, address, data) in enumerate(traffic.datagrams()):
             writer.datagram(time_ns, sequence & 0xFFFF_FFFF, direction, address, data)
     return writer.count
