@@ -31,7 +31,7 @@ class Delays:
 
     def __init__(self, period: float, settings: Prediction) -> None:
         """`period` (s) of the telemetry. An attitude that is older than the `longest` of the settings queued up, or has
-        another clock than TIMESYNC."""
+        another clock than TIMESYNC: not where one was younger before."""
         self._settings = settings
         self._longest_ns, self._overdue_ns = round(settings.longest * 1e9), settings.overdue * 1e9
         self.latest_ns = 0
@@ -61,6 +61,8 @@ class Delays:
                 age_ns = max(found_ns, 0)
                 self._correct(peer.offset_ns, peer.clock)
                 self.arrived(age_ns, now_ns, peer.clock)
+            elif self._age_ns is not None:  # where all queue up, the loop does not keep pace with them
+                self.arrived(found_ns, now_ns, peer.clock)
         before_ns, self.latest_ns, known = self.latest_ns, now_ns - age_ns, self._latest_boot_ms is not None
         self._latest_boot_ms = boot_time_ms
         if known:

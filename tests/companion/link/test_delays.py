@@ -178,6 +178,18 @@ def test_a_link_that_is_late_for_good_asks_for_attitudes(way_ms: int, asks: bool
     assert said is not None and ("attitudes are commanded" in said.text) is asks
 
 
+@pytest.mark.parametrize("takes_ms", [6, 25, 50, 200])
+def test_attitudes_that_queue_up_because_the_loop_is_too_slow_end_the_flight(takes_ms: int) -> None:
+    """Each takes so long, and the vehicle sends one each 4 ms: their age passes all limits between two looks at it."""
+    link = Clocked()
+    link.hear(300, 20)
+    measured_ns, began_ns = link.now_ns - 20 * MS, link.now_ns
+    while link.delays.shortcoming(0.45) is None and link.now_ns - began_ns < 1500 * MS:
+        link.now_ns, measured_ns = link.now_ns + takes_ms * MS, measured_ns + 4 * MS
+        link.delays.take((measured_ns + 7 * MS) // MS, link.now_ns, link.peer)
+    assert link.delays.shortcoming(0.45) is not None
+
+
 @pytest.mark.parametrize("by_ms", [-80, 80])
 def test_a_clock_that_is_corrected_makes_no_way_slower(by_ms: int) -> None:
     """The ages are others at once; the way back is as it was."""
