@@ -14,7 +14,7 @@ from enum import IntEnum
 from typing import Any, Protocol
 
 from companion.config import Control
-from companion.plugins import FAULTS, Plugin
+from companion.plugins import Plugin
 from companion.state import Output, Setpoint
 from protocol.messages import Encoder, dialect
 
@@ -117,15 +117,13 @@ def _foreign(
 ) -> Message:
     """What an output of another package makes of a setpoint. Raises PluginError for what is no sound setpoint, or can't
     be packed."""
-    try:
+    with plugin.named():
         message, fields = made.message(output, setpoint, boot_time_ms, target)
         number, name = message.id, message.msgname
         flat = [value for field in fields for value in (field if isinstance(field, list | tuple) else (field,))]
         sound = all(map(math.isfinite, flat))
         if sound:
             Encoder(1, 1).encode_fields(message, *fields)
-    except FAULTS as error:
-        raise plugin.broken(error) from error
     if number not in SETPOINTS:
         raise plugin.broken(f"{name} is no setpoint")
     if not sound:

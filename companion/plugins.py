@@ -5,7 +5,8 @@ no flight but its own.
 """
 
 import functools
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import EntryPoint, entry_points
@@ -37,9 +38,6 @@ METHODS = {
 }
 """What each kind is asked."""
 
-FAULTS = (Exception, SystemExit)
-"""What is caught of a plug-in: one that exits would end the flight without a word of who did."""
-
 
 class PluginError(Exception):
     """A plug-in can't be loaded or made, or gives something that can't be flown."""
@@ -63,19 +61,38 @@ class Plugin:
     def make(self, settings: Any, options: Options) -> Any:
         """Call its factory with the settings of its stage and its own options. Raises PluginError, also if what it
         makes lacks a method."""
-        try:
+        with self.named():
             made = self.entry.load()(settings, **options)
-        except FAULTS as error:
-            raise self.broken(error) from error
         for method in METHODS[self.kind]:
             if not callable(getattr(made, method, None)):
                 raise self.broken(f"{type(made).__name__} has no method {method}()")
         return made
 
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """A block in which whatever is raised is a PluginError that names the plug-in: also what exits the program, or
+        is no Exception, would end a flight without a word of who did. An interrupt is the user's."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            raise self.broken(error) from error
+
     def broken(self, reason: object) -> PluginError:
         """The error that names it."""
-        text = repr(reason) if isinstance(reason, BaseException) else reason
+        text = f"{reason!r}{self._place(reason)}" if isinstance(reason, BaseException) else reason
         return PluginError(f"{self.kind.value} {self.text}: {text}")
+
+    def _place(self, error: BaseException) -> str:
+        """Where in its own package an error was raised, to stand behind it; empty if it was elsewhere."""
+        package, place, trace = self.entry.module.partition(".")[0], "", error.__traceback__
+        while trace is not None:
+            module = str(trace.tb_frame.f_globals.get("__name__"))
+            if module.partition(".")[0] == package:
+                place = f" at {module}:{trace.tb_lineno}"
+            trace = trace.tb_next
+        return place
 
 
 @functools.cache

@@ -12,7 +12,7 @@ from companion.avoidance.path import MOST_VERTICES, Path
 from companion.avoidance_methods import METHODS, method_of
 from companion.config_avoidance import Avoidance
 from companion.perception.map_view import MapView
-from companion.plugins import FAULTS, Plugin
+from companion.plugins import Plugin
 from companion.state import AvoidanceDecision
 from protocol.arrays import Array
 
@@ -65,12 +65,10 @@ class ForeignPlanner:
 
     def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
         """See `PathPlanner`. Raises PluginError."""
-        try:
+        with self._plugin.named():
             place = position[:2].copy()  # which a planner may write to
             path = self._planner.plan(view, position, velocity, goal, speed)
             fault = "" if path is None else _unsound(path, speed) or self._astray(path, place)
-        except FAULTS as error:
-            raise self._plugin.broken(error) from error
         if fault:
             raise self._plugin.broken(fault)
         return None if path is None else _in_arrays(path)

@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.config import Control
 from companion.control.tracking_error import TrackingError
-from companion.plugins import FAULTS, Plugin
+from companion.plugins import Plugin
 from protocol.arrays import Array
 
 
@@ -86,12 +86,12 @@ class ForeignPosition:
         return self._ask(self._made(), error, np.zeros(3), 0.0)
 
     def _ask(self, law: PositionLaw, error: TrackingError, wanted: Array, dt: float) -> Array:
-        try:
+        with self._plugin.named():
             command = np.asarray(law.acceleration_command(error, wanted, dt), np.float64)
-        except FAULTS as error_raised:
-            raise self._plugin.broken(error_raised) from error_raised
         if command.shape != (3,):
             raise self._plugin.broken(f"an acceleration of shape {command.shape} in place of (3,)")
+        if not np.isfinite(command).all():
+            raise self._plugin.broken(f"an acceleration of {command} m/s2")
         return command
 
 
@@ -114,20 +114,18 @@ class ForeignAttitude:
         rates, acceleration, _ = self._reference
         error = AttitudeError(self._error.copy(), rates - self._rates, rates.copy(), acceleration.copy())
         dt = 0.0 if limited else float(self._dt[0])
-        try:
+        with self._plugin.named():
             turn, turning = (np.array(each, np.float64) for each in self._law.turning_command(error, dt))
-        except FAULTS as error_raised:
-            raise self._plugin.broken(error_raised) from error_raised
         if turn.shape != (3,) or turning.shape != (3,):
             raise self._plugin.broken(f"a turn of shapes {turn.shape} and {turning.shape} in place of (3,) and (3,)")
+        if not np.isfinite((turn, turning)).all():
+            raise self._plugin.broken(f"a turn of {turn} rad/s and {turning} rad/s2")
         return turn, turning
 
 
 def _reset(law: PositionLaw | AttitudeLaw, plugin: Plugin) -> None:
-    try:
+    with plugin.named():
         law.reset()
-    except FAULTS as error:
-        raise plugin.broken(error) from error
 
 
 def foreign_laws(

@@ -175,10 +175,14 @@ def _think(requests: "Connection", results: Outbox, settings: Avoidance) -> None
         signal.signal(number, signal.SIG_IGN)
     try:
         _serve(requests, results, settings)
-    except PluginError as error:
+    except (PluginError, KeyboardInterrupt) as error:
+        if settings.plugin is None:
+            raise
+        # No interrupt reaches this process: it is one of the plug-in's own.
+        fault = error if isinstance(error, PluginError) else settings.plugin.broken(error)
         with contextlib.suppress(OSError):
-            results.put(str(error))
-        raise
+            results.put(str(fault))
+        raise SystemExit(1) from None
 
 
 def _serve(requests: "Connection", results: Outbox, settings: Avoidance) -> None:

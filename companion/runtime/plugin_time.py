@@ -10,7 +10,7 @@ from companion.config import Control
 from companion.control.foreign import AttitudeError, AttitudeLaw, PositionLaw
 from companion.control.tracking_error import TrackingError
 from companion.outputs import encoders
-from companion.plugins import FAULTS, Plugin
+from companion.plugins import Plugin
 from companion.state import Output, Setpoint
 
 _CALLS = 8
@@ -25,11 +25,9 @@ Step = Callable[[], object]
 def refuse_slow_plugins(control: Control, outputs: tuple[Output, ...], most_s: float) -> None:
     """Raises PluginError for a law or an output whose step alone takes as long as the loop has for all of it (s)."""
     for plugin, step in _steps(control, outputs):
-        try:
+        with plugin.named():
             step()
             taken_s = min(_seconds(step) for _ in range(_CALLS))
-        except FAULTS as error:
-            raise plugin.broken(error) from error
         if taken_s >= most_s:
             raise plugin.broken(f"a step takes {1e3 * taken_s:.1f} ms, and the loop that flies has {1e3 * most_s:g} ms")
 

@@ -36,6 +36,7 @@ from protocol.framing import Framer
 from protocol.messages import Encoder, decode
 from protocol.toml_files import TomlFileError
 from protocol.vehicle_parameters import GRAVITY
+from tests.companion.broken_package import broken_package
 from tests.companion.installed import EXAMPLE, installed
 from tests.companion.runtime.hop import InMemory
 from vehicle_sim.airframe import Airframe
@@ -156,100 +157,9 @@ def test_options_are_the_factorys(example: None) -> None:
         load_settings(None, ["control.position.options.gain=1"])
 
 
-BROKEN = """
-import sys
-import time
-
-def law(control, **options):
-    return Law(**options)
-
-class Law:
-    def __init__(self, answer=0.0):
-        self.answer = answer
-
-    def reset(self):
-        pass
-
-    def acceleration_command(self, error, reference_acceleration, dt):
-        if self.answer == "exit":
-            sys.exit(3)
-        return 1 / 0 if self.answer == 0.0 else self.answer
-
-    def turning_command(self, error, dt):
-        if self.answer == "exit":
-            sys.exit(3)
-        return (1 / 0, 0.0) if self.answer == 0.0 else ([self.answer] * 3, self.answer)
-
-class Forgetful:
-    def __init__(self, control):
-        pass
-
-    acceleration_command = turning_command = Law.acceleration_command
-
-class Stuck(Forgetful):
-    def reset(self):
-        raise RuntimeError("stuck")
-
-class Slow:
-    def __init__(self, control, takes=1.0):
-        self.takes = takes
-
-    def reset(self):
-        pass
-
-    def acceleration_command(self, error, reference_acceleration, dt):
-        until = time.perf_counter() + self.takes
-        while time.perf_counter() < until:
-            pass
-        return reference_acceleration
-
-    def turning_command(self, error, dt):
-        return self.acceleration_command(error, error.reference_rates, dt), error.reference_acceleration
-
-    def message(self, output, setpoint, boot_time_ms, target):
-        self.acceleration_command(setpoint, None, 0.0)
-        from protocol.messages import dialect
-        return dialect.MAVLink_set_attitude_target_message, (0, 1, 1, 7, [1, 0, 0, 0], 0, 0, 0, 0.4)
-
-def leaves(control):
-    raise SystemExit("leaves")
-
-class Output:
-    def __init__(self, control, answer="1 / 0"):
-        self.answer = answer
-
-    def message(self, output, setpoint, boot_time_ms, target):
-        from protocol.messages import dialect
-        return eval(self.answer, {"nan": float("nan"), "exit": sys.exit, "dialect": dialect})
-
-class Planner:
-    def __init__(self, settings, answer=""):
-        self.answer = answer
-
-    def plan(self, view, position, velocity, goal, speed):
-        return eval(self.answer)
-"""
-
-
 @pytest.fixture
 def broken(tmp_path: Path) -> Iterator[None]:
-    package, site = tmp_path / "package", tmp_path / "site"
-    package.mkdir()
-    site.mkdir()
-    (package / "broken.py").write_text(BROKEN)
-    (package / "pyproject.toml").write_text(
-        '[project]\nname = "broken"\nversion = "1"\n'
-        '[project.entry-points."courier.position_laws"]\nbroken = "broken:law"\nnot_there = "broken:missing"\n'
-        'forgetful = "broken:Forgetful"\nstuck = "broken:Stuck"\nleaves = "broken:leaves"\n'
-        'slow = "broken:Slow"\n'
-        '[project.entry-points."courier.attitude_laws"]\nbroken = "broken:law"\n'
-        'forgetful = "broken:Forgetful"\nstuck = "broken:Stuck"\nleaves = "broken:leaves"\n'
-        'slow = "broken:Slow"\n'
-        '[project.entry-points."courier.outputs"]\nbroken = "broken:Output"\nforgetful = "broken:Forgetful"\n'
-        'slow = "broken:Slow"\n'
-        '[project.entry-points."courier.planners"]\nbroken = "broken:Planner"\n'
-    )
-    with installed(package, site):
+    with broken_package(tmp_path):
         yield
 
 
@@ -261,7 +171,9 @@ def test_a_broken_law_is_named_and_stops_no_flight_but_its_own(broken: None) -> 
     for name, options, words in (
         ("not_there", "", "AttributeError"),
         ("broken", "", "ZeroDivisionError"),
-        ("broken", "control.position.options.answer=exit", "SystemExit"),
+        ("broken", "control.position.options.answer=exit", r"SystemExit\(3\) at broken:\d+$"),
+        ("broken", "control.position.options.answer=panic", r"BaseException\('panic'\) at broken:\d+$"),
+        ("broken", 'control.position.options.answer="nan"', r"an acceleration of \[nan nan nan\] m/s2$"),
         ("broken", "control.position.options.answer=1.0", r"shape \(\) in place of \(3,\)"),
     ):
         with pytest.raises(PluginError, match=f'^position law "{name}" of broken 1: .*{words}'):
@@ -275,8 +187,8 @@ def test_a_broken_law_is_named_and_stops_no_flight_but_its_own(broken: None) -> 
     ("name", "words"),
     [
         ("forgetful", r"Forgetful has no method reset\(\)$"),
-        ("stuck", r"RuntimeError\('stuck'\)$"),
-        ("leaves", r"SystemExit\('leaves'\)$"),
+        ("stuck", r"RuntimeError\('stuck'\) at broken:\d+$"),
+        ("leaves", r"SystemExit\('leaves'\) at broken:\d+$"),
     ],
 )
 def test_a_law_that_can_not_be_begun_is_named(kind: str, name: str, words: str, broken: None) -> None:
@@ -344,6 +256,7 @@ def test_a_broken_attitude_law_is_named(broken: None) -> None:
         (["control.attitude.law=broken"], "ZeroDivisionError"),
         (["control.attitude.law=broken", "control.attitude.options.answer=exit"], "SystemExit"),
         (["control.attitude.law=broken", "control.attitude.options.answer=1.0"], r"\(3,\) and \(\) in place of"),
+        (["control.attitude.law=broken", 'control.attitude.options.answer="nan"'], r"and \[nan nan nan\] rad/s2$"),
     ):
         flies = controller(*options)
         acceleration = flies.acceleration_command(level, 4_000_000, 0, still, 1.0, airborne=False)
@@ -445,18 +358,6 @@ def test_the_planners_process_has_it_too(example: None) -> None:
     planner = PlannerProcess(load_settings(None, ["avoidance.method=detour", *SMALL_MAP]).avoidance)
     with closing(planner):
         assert planner.take(READY_S) is None and planner.ready and planner.fault is None
-
-
-def test_why_the_planners_process_ends_is_told_to_who_flies(broken: None) -> None:
-    settings = load_settings(None, ["avoidance.method=broken", *SMALL_MAP]).avoidance
-    planner = PlannerProcess(msgspec.structs.replace(settings, options={"answer": "1 / 0"}))
-    with closing(planner):
-        assert planner.take(READY_S) is None and not planner.ready
-        assert planner.fault == "planner \"broken\" of broken 1: ZeroDivisionError('division by zero')"
-    planner = PlannerProcess(msgspec.structs.replace(settings, options={"answer": "__import__('os')._exit(5)"}))
-    with closing(planner):
-        assert planner.take(READY_S) is None and not planner.ready
-    assert planner.fault == 'the process of planner "broken" of broken 1 has ended by itself (exit code 5)'
 
 
 @pytest.mark.parametrize("answer", ["[[0, 0], [2, 1]], [2, 0]", "np.array([[0, 0], [2, 1]]), np.array([2, 0])"])
