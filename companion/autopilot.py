@@ -82,7 +82,7 @@ class Autopilot:
         if state is None or not self.supervisor.streams:
             return None
         self.link.delays.take(self.sensing.boot_time_ms, now, self.link.peer)
-        return self._control(state, now)
+        return self.own.sound(self._control, state, now)
 
     def _control(self, state: VehicleState, now: int) -> bytes:
         """Reference, acceleration, guard, attitude, gate; the payload of a TRACE record."""
@@ -148,7 +148,7 @@ class Autopilot:
             self._supervise(now)
         lacks_news = self.own.airborne and self.link.delays.lacks_news(sensing.boot_time_ms, now)
         state = sensing.state if lacks_news and self.supervisor.streams and not sensing.is_blind(now) else None
-        return None if state is None else self._control(state, now), request
+        return None if state is None else self.own.sound(self._control, state, now), request
 
     def _look_around(self, now: int) -> PlanRequest | None:
         """A plan is taken up, at the tick after it came so that no command waits for it; a scan becomes a request."""
@@ -166,7 +166,8 @@ class Autopilot:
         supervisor, state = self.supervisor, self.supervisor.state
         asks = state in STREAMING or state is State.CHECK
         self._say(*self.link.beat(now, asks_rates=asks, active=state > State.CHECK))
-        self._say(follow_delay(now, self.link, self.controller, self.guidance, self.navigator, self.sensing))
+        parts = self.link, self.controller, self.guidance, self.navigator, self.sensing
+        self._say(self.own.sound(follow_delay, now, *parts))
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
         outside = self.guidance.outside(self.link.readiness.fence)
@@ -174,6 +175,6 @@ class Autopilot:
         news, announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
         self._say(self.sensing.plausibility.news(now), news, announcement)
         if announcement is not None:
-            parts = self.link, self.controller, self.navigator, self.guidance, self.sensing
-            self._say(entered((state, supervisor.state), now, *parts))
+            concerned = self.link, self.controller, self.navigator, self.guidance, self.sensing
+            self._say(entered((state, supervisor.state), now, *concerned))
         self.link.request(supervisor.request, now)

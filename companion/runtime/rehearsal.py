@@ -22,6 +22,7 @@ from companion.mission.plan import Delivery, Mission, Phase, Waypoint
 from companion.perception.free_space import MOVER_COLUMNS, POINT_COLUMNS, FreeSpace
 from companion.perception.ring_check import RingCheck
 from companion.plausibility import Plausibility
+from companion.plugins import PluginError
 from companion.reports import AttitudeReport, PositionReport
 from companion.runtime.driver import Driver
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, Planning
@@ -111,7 +112,8 @@ def rehearse(
     planner: Callable[[Avoidance], PlannerBackend] = InProcessPlanner,
 ) -> None:
     """Fly a vehicle that is always where it should be, on each output that may be chosen and by each method: not by all
-    pairs, as neither depends on the other. Raises RehearsalError if that does not lead to the end."""
+    pairs, as neither depends on the other. Raises RehearsalError if that does not lead to the end,
+    and PluginError where a law or an output of another package fails."""
     _judge()
     _follow_a_curve()
     holds_s = _HOLDS_S if output is None else _HOLDS_S[:1]
@@ -167,6 +169,8 @@ def _fly(
         driver.tick(now)
         if autopilot.ended:
             break
+    if autopilot.own.plugin_fault is not None:
+        raise PluginError(autopilot.own.plugin_fault)
     if autopilot.supervisor.fault is not None or not autopilot.ended:
         reason = autopilot.supervisor.fault or f"it does not get past {autopilot.supervisor.state.name}"
         raise RehearsalError(f"the rehearsal of {mission.name} fails: {reason}")

@@ -145,7 +145,7 @@ def health(
         landed_for=link.word.landed_for,
         airborne=link.word.airborne,
         overdue=mission.overdue if state is State.FLY else 0.0,
-        refusal=link.refusal or _of_fence(mission) or own.planner_fault,
+        refusal=link.refusal or _of_fence(mission) or own.planner_fault or own.plugin_fault,
         plight=Plight(
             risen=own.airborne,
             full_thrust=own.full_thrust,
@@ -173,6 +173,8 @@ def _missing(link: LinkReport, sensing: SensingReport, own: OwnReport, limits: L
         return link.shortcoming
     if not sensing.has_state:
         return "no position and attitude"
+    if own.plugin_fault is not None:
+        return own.plugin_fault
     if own.planner_fault is not None or not own.planner_ready:
         return own.planner_fault or "the planner is not ready"
     if own.adoption is not None:

@@ -1,11 +1,17 @@
 """What the operator asks for and what fails around the autopilot."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ParamSpec, TypeVar
 
 from companion.config import Supervision
+from companion.plugins import PluginError
 from companion.state import Adoption, Announcement, Setpoint, Severity
 from companion.supervision.gate import unsound
+
+Asked = ParamSpec("Asked")
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +87,8 @@ class OwnReport:
         self.log_fault: str | None = None
         self.planner_ready = True
         self.planner_fault: str | None = None
+        self.plugin_fault: str | None = None
+        """What a law or an output of another package did wrong last."""
         self.airborne = adoption is not None
         """It flies the vehicle in the air."""
         self.full_thrust = False
@@ -113,6 +121,15 @@ class OwnReport:
         if reason is not None:
             self.unsound_output = reason
         return reason is None
+
+    def sound(self, step: Callable[Asked, Made], *asked: Asked.args, **named: Asked.kwargs) -> Made | None:
+        """What a step of control makes; nothing where a law or an output of another package fails in it, which counts
+        as an unsound setpoint."""
+        try:
+            return step(*asked, **named)
+        except PluginError as error:
+            self.plugin_fault = self.unsound_output = str(error)
+            return None
 
     def ticked(self, late_ns: int, now_ns: int) -> bool:
         """A tick of the loop was so late; whether that was too late."""
