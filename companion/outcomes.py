@@ -45,6 +45,11 @@ class Outcome(Enum):
     """The log ends before the flight does, or is still being written."""
 
     @property
+    def leaves_it_whole(self) -> bool:
+        """A vehicle that is disarmed has landed."""
+        return self not in (Outcome.LOST, Outcome.CRASHED)
+
+    @property
     def succeeded(self) -> bool:
         """The mission was done."""
         return self in _SUCCESSES

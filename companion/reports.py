@@ -121,6 +121,8 @@ class StatusReport(msgspec.Struct, frozen=True, gc=False):
     """It says that it is in the air."""
     landed_for: float = 0.0
     """s that it has said without a break that it stands on the ground."""
+    rebooted: bool = False
+    """It has rebooted, and was not armed since."""
 
 
 class LinkReport(msgspec.Struct, frozen=True, gc=False):

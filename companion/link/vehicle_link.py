@@ -171,8 +171,10 @@ class VehicleLink:
             text = f"the vehicle's clock was set by {1e-3 * shown.by_ms:.2f} s: gone along with"
             return self._complain(Severity.WARNING, text)
         self.telemetry.rates.restart()
+        self.said.rebooted = True
         if not self.said.status.armed:
-            self._begin_audit()
+            assert self.firmware is not None
+            self.readiness.begin(self.firmware, self.outbox.system)
         return self._complain(Severity.ERROR, "the vehicle rebooted")
 
     def _find(self, frame: Frame) -> Peer | None:
@@ -185,12 +187,8 @@ class VehicleLink:
         self.firmware, self.readiness.kind = firmware, heartbeat.type
         self.requests.firmware = firmware
         self.telemetry.expect(firmware)
-        self._begin_audit()
+        self.readiness.begin(firmware, self.outbox.system)
         return self.peer
-
-    def _begin_audit(self) -> None:
-        assert self.firmware is not None
-        self.readiness.begin(self.firmware, self.outbox.system)
 
     def _complain(self, severity: Severity, text: str) -> Announcement:
         announcement = Announcement(severity, text)

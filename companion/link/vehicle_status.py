@@ -46,6 +46,8 @@ class StatusWatch:
         """The vehicle says that it stands on the ground; None: it says nothing of it."""
         self.home_ned: Array | None = None
         """(3,) m: where it took off, as it says."""
+        self.rebooted = False
+        """It has rebooted, and was not armed since."""
         self.catching_up = False
         """Telemetry from before a gap of our own may still come."""
         self._chosen: FlightMode | None = None
@@ -90,6 +92,7 @@ class StatusWatch:
         if mode is not before.mode:
             begins = critical and not before.failsafe and before.mode is FlightMode.EXTERNAL
             self._chosen = mode if begins else None
+        self.rebooted = self.rebooted and not message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED
         self.status = VehicleStatus(
             mode,
             bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
@@ -124,6 +127,7 @@ class StatusWatch:
             current=heard is not None and heard >= counts_from,
             airborne=self._airborne,
             landed_for=(now_ns - landed_ns) * 1e-9,
+            rebooted=self.rebooted,
         )
 
     # -- what makes a heartbeat old ------------------------------------------------------------------------------------

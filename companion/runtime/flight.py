@@ -86,7 +86,7 @@ class Result:
     delivered: bool | None
     """None: there was nothing to deliver."""
     landed: bool | None
-    """Disarmed, as the vehicle says, without a crash; None: it was not flown."""
+    """Disarmed, as the vehicle says, and neither crashed nor lost; None: it was not flown."""
     testimony: Testimony | None
     """What the simulator knows of it."""
     log: Path
@@ -251,11 +251,11 @@ def _result(
     """How it came out, which the log is told, too."""
     verdict, delivered = _judge(plan, autopilot, runner, testimony)
     runner.say(logging.INFO if verdict.outcome.wanted else logging.CRITICAL, f"outcome: {verdict.text}")
-    disarmed = not autopilot.link.said.status.armed
+    landed = verdict.outcome.leaves_it_whole and not autopilot.link.said.status.armed
     return Result(
         verdict=verdict,
         delivered=delivered,
-        landed=disarmed and verdict.outcome is not Outcome.CRASHED if autopilot.supervisor.flew else None,
+        landed=landed if autopilot.supervisor.flew else None,
         testimony=testimony,
         log=log.path,
         output=autopilot.link.readiness.output,

@@ -43,6 +43,15 @@ TABLE: tuple[Row, ...] = (
         ends=Outcome.CRASHED,
         cause="{health.plight.crash}",
     ),
+    row(
+        FLYING | {State.RELEASED},
+        lambda h, s, t: h.plight.rebooted and not h.armed,
+        State.ENDED,
+        CRITICAL,
+        "the vehicle rebooted while it was armed: how it came down is not known",
+        ends=Outcome.LOST,
+        cause="the vehicle rebooted while it was armed",
+    ),
     *BEFORE_FLIGHT,
     *IN_FLIGHT,
 )

@@ -79,6 +79,13 @@ IN_FLIGHT: list[Way] = [
     (Outcome.LOST, "silent", (replace(WELL, silence=11.0, telemetry_age=11.0),), True, {}),
     (
         Outcome.LOST,
+        "rebooted",
+        (replace(WELL, telemetry_age=0.6), replace(DOWN, plight=Plight(rebooted=True))),
+        True,
+        {},
+    ),
+    (
+        Outcome.LOST,
         "without a report",
         (DONE, LANDING, DOWN),
         True,
