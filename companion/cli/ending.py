@@ -41,7 +41,11 @@ def print_end(result: "Result", *, as_json: bool, verbose: bool = False) -> None
 
 
 def print_next(log: Path, *, report: bool) -> None:
-    """Write the report of a flight, if that is wanted, and say how to look at the flight; on standard error."""
+    """Write the report of a flight, if that is wanted, and say how to look at the flight, unless its log has gone; on
+    standard error."""
+    if not log.exists():
+        note(f"{log}: No such file or directory: the flight has no log any more")
+        return
     target = shlex.quote(str(log))
     steps = [f"companion view {target}", f"companion info {target}"]
     if report:

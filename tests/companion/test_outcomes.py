@@ -180,8 +180,11 @@ def test_the_last_words_are_where_the_flight_can_be_looked_at(
     print_next(log, report=False)
     assert f"  companion report {log}\n" in capsys.readouterr().err
     log.unlink()
-    print_next(log, report=True)
-    assert "No such file" in capsys.readouterr().err, "no reason to end otherwise than the flight"
+    for report in (True, False):
+        print_next(log, report=report)
+        said = capsys.readouterr().err
+        assert "No such file" in said, "no reason to end otherwise than the flight"
+        assert "look at it with" not in said
 
 
 def test_a_log_without_its_end_is_judged_by_what_the_vehicle_said(
