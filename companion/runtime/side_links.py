@@ -25,7 +25,8 @@ NAMES = {
 
 
 _UNHEARD = {
-    "udpin": "is the vehicle on, and does it send MAVLink to this port? Another program on the port may have it",
+    "udpin": "is the vehicle on, and does it send MAVLink to this port? A simulator that still compiles is silent; "
+    "another program on the port may have it",
     "udpout": "is the vehicle on, and does it listen there? udpin:HOST:PORT waits for one that sends by itself",
     "tcp": "the port is open, but no autopilot speaks there",
     "tcpin": "is the vehicle on, and does it call this port?",
