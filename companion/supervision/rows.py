@@ -55,8 +55,10 @@ def elsewhere(h: Health, *expected: FlightMode) -> bool:
 
 
 def disarmed(h: Health, s: Supervision) -> bool:
-    """The vehicle says so, and has not fallen silent."""
-    return h.current and h.heartbeat_age < s.heartbeat_timeout and not h.armed
+    """The vehicle says so, and has not fallen silent. After a pause its telemetry is waited for, which shows whether it
+    has rebooted; at most for as long as a vehicle may be silent."""
+    paused = s.telemetry_timeout < h.telemetry_age <= s.silence_timeout
+    return h.current and h.heartbeat_age < s.heartbeat_timeout and not h.armed and not paused
 
 
 INFO, NOTICE, WARNING, ERROR, CRITICAL = (
