@@ -31,7 +31,7 @@ class Delays:
 
     def __init__(self, period: float, settings: Prediction) -> None:
         """`period` (s) of the telemetry. An attitude that is older than the `longest` of the settings queued up, or has
-        another clock than TIMESYNC: not where one was younger before."""
+        another clock than TIMESYNC: not where one was younger before by that clock."""
         self._settings = settings
         self._longest_ns, self._overdue_ns = round(settings.longest * 1e9), settings.overdue * 1e9
         self.latest_ns = 0
@@ -45,6 +45,8 @@ class Delays:
         self.known = LinkDelay()
         self._period_ns = period * 1e9
         self._said_s = 0.0
+        self._one_clock = False
+        """Attitudes and TIMESYNC have the same."""
         self._age_ns: float | None = None
         self._least_ns, self._count, self._since_ns = math.inf, 0, 0
         """The least age of those that came since then, and how many these are."""
@@ -58,16 +60,20 @@ class Delays:
         if peer is not None and peer.offset_ns is not None:
             found_ns = now_ns - boot_time_ms * 1_000_000 + peer.offset_ns
             if found_ns <= self._longest_ns:
-                age_ns = max(found_ns, 0)
+                age_ns, self._one_clock = max(found_ns, 0), True
                 self._correct(peer.offset_ns, peer.clock)
                 self.arrived(age_ns, now_ns, peer.clock)
-            elif self._age_ns is not None:  # where all queue up, the loop does not keep pace with them
+            elif self._one_clock:  # where all queue up, the loop does not keep pace with them
                 self.arrived(found_ns, now_ns, peer.clock)
         before_ns, self.latest_ns, known = self.latest_ns, now_ns - age_ns, self._latest_boot_ms is not None
         self._latest_boot_ms = boot_time_ms
         if known:
             self._interval_ns += _SHARE * (self.latest_ns - before_ns - self._interval_ns)
         return self.latest_ns
+
+    def clock_changed(self) -> None:
+        """The vehicle has set its clock, or started anew."""
+        self._one_clock = False
 
     def asks_for_attitudes(self, now_ns: int, *, airborne: bool) -> bool:
         """How long a command takes is too long, or `airborne` not known, for one that turns the vehicle on and on."""

@@ -167,6 +167,7 @@ class VehicleLink:
         return reports
 
     def _on_new_clock(self, shown: ClockSet | Rebooted) -> Announcement:
+        self.delays.clock_changed()
         if isinstance(shown, ClockSet):
             text = f"the vehicle's clock was set by {1e-3 * shown.by_ms:.2f} s: gone along with"
             return self._complain(Severity.WARNING, text)
