@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from protocol.messages import dialect
 
 _WINDOW_NS = 1_000_000_000
+_MEASURED_NS = 900_000_000
+"""Since the first arrival, from when on a low rate is one, and not only the window's beginning."""
 _WELCOME_ASKS = 3
 _DENIALS = (dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_UNSUPPORTED)
 
@@ -20,8 +22,8 @@ class MessageRates:
         self._arrivals: dict[int, deque[int]] = {
             message_id: deque(maxlen=round(rate) + 1) for message_id, rate in wanted.items()
         }
-        self._ever: set[int] = set()
-        """Messages whose arrivals were dropped, since they are older than the window."""
+        self._since: dict[int, int] = {}
+        """When each message arrived first."""
         self.denied: set[int] = set()
         """Messages that the vehicle does not send, or not at such a rate: asking again changes nothing."""
         self._welcome: dict[int, float] = {}
@@ -55,17 +57,17 @@ class MessageRates:
         arrivals = self._arrivals.get(message_id)
         if arrivals is not None:
             arrivals.append(now_ns)
+            self._since.setdefault(message_id, now_ns)
 
     def ever(self, message_id: int) -> bool:
         """It has come at least once."""
-        return bool(self._arrivals.get(message_id)) or message_id in self._ever
+        return message_id in self._since
 
     def rate(self, message_id: int, now_ns: int) -> float:
         """Arrivals in the last second (at most the wanted rate and one)."""
         arrivals = self._arrivals[message_id]
         while arrivals and now_ns - arrivals[0] >= _WINDOW_NS:
             arrivals.popleft()
-            self._ever.add(message_id)
         return float(len(arrivals))
 
     def lacking(self, now_ns: int, part: float = 1.0) -> list[int]:
@@ -105,8 +107,10 @@ class MessageRates:
         return ", ".join(f"{name} {rate:.0f} of {wanted:.0f} Hz" for name, rate, wanted in rates)
 
     def describe(self, message_id: int, now_ns: int) -> str:
-        """In words, with the likely cause."""
+        """That it comes too slowly, in words, with the likely cause."""
         name = dialect.mavlink_map[message_id].msgname
+        if now_ns - self._since.get(message_id, -_MEASURED_NS) < _MEASURED_NS:
+            return f"{name} has begun to arrive: its rate is being measured"
         measured = self.rate(message_id, now_ns)
         cause = (
             "the vehicle denies SET_MESSAGE_INTERVAL for it"
@@ -115,4 +119,4 @@ class MessageRates:
             if not self.ever(message_id)
             else "another ground station may have asked for less, or the link is too slow"
         )
-        return f"{name} arrives at {measured:.0f} of {self.wanted[message_id]:.0f} Hz ({cause})"
+        return f"telemetry too slow: {name} arrives at {measured:.0f} of {self.wanted[message_id]:.0f} Hz ({cause})"

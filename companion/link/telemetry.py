@@ -74,7 +74,7 @@ class Telemetry:
         part = _STILL_ENOUGH if self._enough else 1.0
         lacking = [each for each in self.rates.lacking(now_ns, part) if each != _EXTENDED_STATE]
         self._enough = not lacking
-        return f"telemetry too slow: {self.rates.describe(lacking[0], now_ns)}" if lacking else None
+        return self.rates.describe(lacking[0], now_ns) if lacking else None
 
     def _parts_of_rings(self) -> Intervals:
         return self.rates.to_ask(self.rings.parts, self._settings.scan)

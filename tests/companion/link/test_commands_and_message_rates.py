@@ -71,6 +71,7 @@ def test_rates_over_the_last_second() -> None:
         rates.count(31, index * 20 * MS)
         rates.count(999, index * 20 * MS)
     now = 1990 * MS
+    assert "begun to arrive" in rates.describe(31, 400 * MS) and "begun" not in rates.describe(31, 950 * MS)
     assert rates.rate(31, now) == 50.0
     assert rates.lacking(now) == [330]
     assert "sensor" in rates.describe(330, now) and "0 of 10" in rates.describe(330, now)
