@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from companion.avoidance.beyond import Beyond
+from companion.avoidance.global_planner import GlobalPlanner
 from companion.avoidance.methods import path_planner
 from companion.avoidance.path import NO_PATH, PATH_BYTES, Path
 from companion.avoidance.shortcut import line_cost
@@ -77,7 +77,7 @@ class PlanningPipeline:
         self.local_map = LocalMap(settings, empty)
         self.planner = Planner(settings) if settings.mapped else None
         remembers = settings.map.beyond_window and settings.map.memory > settings.map.cells
-        self.beyond = Beyond(settings) if remembers and settings.method != FALLBACK else None
+        self.global_planner = GlobalPlanner(settings) if remembers and settings.method != FALLBACK else None
 
     def answer(self, request: PlanRequest) -> PlanResult:
         """Add the scan to the map; returns the free space and the path."""
@@ -93,12 +93,12 @@ class PlanningPipeline:
         return PlanResult(request.number, request.asked_ns, space, clearance, path, blocked)
 
     def _path(self, planner: "Planner", view: MapView, request: PlanRequest, goal: Array) -> Path:
-        here, beyond = request.here, self.beyond
-        if beyond is None:
+        here, out = request.here, self.global_planner
+        if out is None:
             return planner.path(view, here, request.velocity, goal, request.speed)
-        towards = beyond.goal(here, goal, lambda: self.local_map.look_far(request.asked_ns, request.fence))
-        path = planner.path(view, here, request.velocity, towards, request.speed)
-        return path if towards is goal else replace(path, detour=max(path.detour, beyond.detour))
+        local_goal = out.local_goal(here, goal, lambda: self.local_map.look_far(request.asked_ns, request.fence))
+        path = planner.path(view, here, request.velocity, local_goal, request.speed)
+        return path if local_goal is goal else replace(path, detour=max(path.detour, out.detour))
 
 
 class Planner:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from companion.avoidance.beyond import EACH, Beyond
+from companion.avoidance.global_planner import EACH, GlobalPlanner
 from companion.avoidance.planner import PlanningPipeline, PlanRequest, PlanResult, result_bytes
 from companion.avoidance_methods import methods_in_use
 from companion.config_avoidance import Avoidance
@@ -210,15 +210,15 @@ def rehearse(settings: Avoidance) -> None:
             speed = settings.course.smooth_from + (1.0 if k % 2 else -1.0)
             pipeline.answer(PlanRequest(k + 1, time_ns, scan, (here, upright), -0.5, here, velocity, goal, speed))
         pipeline.local_map.free_space(here, time_ns, tight=True)  # none of those paths is tight by all settings
-        if pipeline.beyond is not None:
-            _go_back(pipeline.beyond, pipeline.local_map, here, goal)
+        if pipeline.global_planner is not None:
+            _go_back(pipeline.global_planner, pipeline.local_map, here, goal)
 
 
-def _go_back(beyond: Beyond, local_map: LocalMap, here: Array, goal: Array) -> None:
+def _go_back(planner: GlobalPlanner, local_map: LocalMap, here: Array, goal: Array) -> None:
     """From the goal to a place so far away that ways are looked for in all that is remembered, the second beside the
     first."""
     for place in (goal, *(here,) * (EACH + 1)):
-        beyond.goal(place, goal, lambda: local_map.look_far(0))
+        planner.local_goal(place, goal, lambda: local_map.look_far(0))
 
 
 def _walker(step: int) -> Array:

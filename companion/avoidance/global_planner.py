@@ -31,8 +31,8 @@ _BESIDE_COST = 1.0
 """Share by which it costs more."""
 
 
-class Beyond:
-    """The planner's goal in place of the flight's, once the vehicle has had to go back by much of the window."""
+class GlobalPlanner:
+    """Gives the planner a goal on the way out, once the vehicle has had to go back by much of the window."""
 
     def __init__(self, settings: Avoidance) -> None:
         self._settings = settings
@@ -52,7 +52,7 @@ class Beyond:
         self.detour = 0.0
         """m, the cost of the way beyond the least that was expected; 0 if there is none."""
 
-    def goal(self, here: Array, goal: Array, look: Callable[[], MapView]) -> Array:
+    def local_goal(self, here: Array, goal: Array, look: Callable[[], MapView]) -> Array:
         """Where the planner is to lead to, from a place with the flight's goal, (3,) each, m, NED. `look` gives all
         that is remembered."""
         if self._goal is None or math.dist(self._goal[:2], goal[:2]) > self._settings.plan.proximity_radius:
