@@ -166,7 +166,7 @@ class Autopilot:
         supervisor, state = self.supervisor, self.supervisor.state
         asks = state in STREAMING or state is State.CHECK
         self._say(*self.link.beat(now, asks_rates=asks, active=state > State.CHECK))
-        parts = self.link, self.controller, self.guidance, self.navigator, self.sensing
+        parts = self.link, self.controller, self.navigator, self.guidance, self.sensing
         self._say(self.own.sound(follow_delay, now, *parts))
         link = self.link.report(now, supervisor.request, before_flight=state < State.FLY)
         sensing = self.sensing.report(now, self.guidance.map_age(now))
@@ -175,6 +175,5 @@ class Autopilot:
         news, announcement = supervisor.look(link, sensing, mission, self.own, self.sensing.state, now)
         self._say(self.sensing.plausibility.news(now), news, announcement)
         if announcement is not None:
-            concerned = self.link, self.controller, self.navigator, self.guidance, self.sensing
-            self._say(entered((state, supervisor.state), now, *concerned))
+            self._say(entered((state, supervisor.state), now, *parts))
         self.link.request(supervisor.request, now)

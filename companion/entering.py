@@ -86,7 +86,7 @@ def follow_output(link: VehicleLink, controller: Controller, now: int, *, airbor
 
 
 def follow_delay(
-    now: int, link: VehicleLink, controller: Controller, guidance: Guidance, navigator: Navigator, sensing: Sensing
+    now: int, link: VehicleLink, controller: Controller, navigator: Navigator, guidance: Guidance, sensing: Sensing
 ) -> Announcement | None:
     """Tell whatever depends on how late the link is of a change; what is to be said of it."""
     delays = link.delays
