@@ -22,8 +22,8 @@ class AvoidanceMap(Table, frozen=True):
     """Along each side of the square around the vehicle in which what has left the window is remembered, for when the
     vehicle comes back; an even number up to 4096. 0: nothing is."""
     beyond_window: bool = True
-    """Whether the way is looked for in all that is remembered, once the window shows none, or one that leads back: out
-    of what is larger than the window."""
+    """Whether the way is looked for in all that is remembered, once the vehicle has had to go back: so it gets out of
+    what is larger than the window."""
     layer: Positive = 3.0
     """m above and below the height of flight that the map stands for."""
     memory_s: Positive = 120.0

@@ -46,7 +46,7 @@ class Outcome(Enum):
 
     @property
     def leaves_it_whole(self) -> bool:
-        """A vehicle that is disarmed has landed."""
+        """The vehicle neither crashed nor was lost: if it is disarmed, it has landed."""
         return self not in (Outcome.LOST, Outcome.CRASHED)
 
     @property
