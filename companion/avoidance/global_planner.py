@@ -72,7 +72,8 @@ class GlobalPlanner:
 
     def _find_way(self, here: Array, goal: Array, view: MapView) -> None:
         if self._search is None:
-            self._search = AStar(self._settings.plan, coarse_cells(self._settings.map))
+            count, _ = coarse_cells(self._settings.map)
+            self._search = AStar(self._settings.plan, count)
         costmap = self._search.costmap(view)
         if len(self._way):
             cells = np.floor(self._way / view.cell).astype(np.int64) - np.array(view.corner)

@@ -41,10 +41,10 @@ _WIDE_MARGIN_M = 0.3
 """m by which all obstacles are taken for larger where sectors are wide."""
 
 
-def coarse_cells(settings: AvoidanceMap) -> int:
-    """Along each side of `RollingMap.whole`."""
+def coarse_cells(settings: AvoidanceMap) -> tuple[int, int]:
+    """How many there are along each side of `RollingMap.whole`, and the map's cells along each side of one."""
     factor = max(1, math.floor(_COARSE_M / settings.cell + 1e-9))
-    return min(settings.memory // factor - 1, _COARSE_CELLS)
+    return min(settings.memory // factor - 1, _COARSE_CELLS), factor
 
 
 class RollingMap:
@@ -127,9 +127,7 @@ class RollingMap:
         """All that is remembered at a time, in coarse cells, up to `_COARSE_CELLS` along each side, the vehicle in
         their middle. It is many times as much work as a view of the window."""
         settings, (row, column) = self._settings, self._corner or self._first_corner
-        factor = max(1, math.floor(_COARSE_M / settings.cell + 1e-9))
-        count = coarse_cells(settings)
-        aside = settings.cells // 2
+        (count, factor), aside = coarse_cells(settings), settings.cells // 2
         corner = ((row + aside) // factor - count // 2, (column + aside) // factor - count // 2)
         states, to_occupied = np.empty((count, count), np.uint8), np.empty((count, count), np.float32)
         returns = classify_coarse(self._grid(time_ns), factor, corner, states)
