@@ -6,8 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from companion.avoidance.global_planner import GlobalPlanner
 from companion.avoidance.planner import PlanningPipeline, PlanRequest
 from companion.config_avoidance import Avoidance, AvoidanceMap
+from companion.perception.local_map import LocalMap
+from companion.perception.map_view import MapView
 from companion.state import Scan
 from protocol.arrays import Array
 from studies.worlds import make_site, make_wall
@@ -61,3 +64,25 @@ def test_it_leads_out_of_a_trap_that_is_larger_than_the_window(beyond_window: bo
     settings = Avoidance(map=AvoidanceMap(cell=cell, cells=cells, memory_cells=512, beyond_window=beyond_window))
     once = 2.0 * DEEP + HALF + math.hypot(HALF, DEEP) + 8.0
     assert (flown(settings, 2.0 * once) < 1.7 * once) is beyond_window
+
+
+def test_the_planner_is_left_alone_until_the_vehicle_had_to_go_back() -> None:
+    """By 6 m, a quarter of half of the window: then it is led to a place on the way, 18 m ahead. A new goal is its own."""
+    settings, goal, looks = Avoidance(), np.array([60.0, 0.0, -3.0]), 0
+    remembered, planner = LocalMap(settings), GlobalPlanner(settings)
+
+    def look() -> MapView:
+        nonlocal looks
+        looks += 1
+        return remembered.look_far(0)
+
+    def asked(north: float, goal: Array) -> Array:
+        return planner.local_goal(np.array([north, 0.0, -3.0]), goal, look)
+
+    for north in (0.0, 10.0, 4.1):
+        assert asked(north, goal) is goal and looks == 0
+    local_goal = asked(3.9, goal)
+    assert looks == 1 and local_goal == pytest.approx([3.9 + 18.0, 0.0, -3.0], abs=0.4)
+    assert asked(3.0, goal) is local_goal and looks == 1, "the way is looked for once a second"
+    other = goal + np.array([0.0, 5.0, 0.0])
+    assert asked(3.0, other) is other and looks == 1

@@ -46,6 +46,14 @@ def seen(
     return rolling.view(0)
 
 
+def see_a_post(rolling: RollingMap, sector: int) -> None:
+    """From `HERE`, 3 m away, four times, and nothing else."""
+    ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
+    ranges[sector], hit[sector] = 3.0, True
+    for _ in range(4):
+        rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+
+
 def state_at(view: MapView, north: float, east: float) -> int:
     return view.state_at(np.array([north, east]))
 
@@ -160,10 +168,7 @@ def test_a_wide_arc_is_believed_less() -> None:
 def test_a_beam_that_passes_over_a_near_return_does_not_clear_it() -> None:
     """Nose down by 15 degrees a beam passes 3 m ahead 0.8 m lower: not where the return was."""
     rolling = RollingMap(SETTINGS, HULL)
-    ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
-    ranges[0], hit[0] = 3.0, True
-    for _ in range(4):
-        rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+    see_a_post(rolling, 0)
     for _ in range(20):
         rolling.add(scan_of(np.full(72, 15.0), np.zeros(72, bool)), HERE, from_euler(0.0, -0.26, 0.0), GROUND)
     assert state_at(rolling.view(0), HERE[0] + 3.0, HERE[1]) == OCCUPIED
@@ -247,10 +252,7 @@ def test_the_window_moves_and_what_leaves_it_is_remembered_within_the_memory(mem
     """Flown 60 m and back: an obstacle is seen as long as it is in the window, never appears at an alias, and is known
     at the return if it was no farther away than half of the memory."""
     rolling = RollingMap(replace(SETTINGS, memory_cells=memory_cells), HULL)
-    ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
-    ranges[18], hit[18] = 3.0, True
-    for _ in range(4):
-        rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+    see_a_post(rolling, 18)
     corner = rolling.view(0).corner
     nothing = np.zeros(72, bool)
     for north in np.arange(0.5, 60.0, 0.5):
@@ -267,10 +269,7 @@ def test_the_window_moves_and_what_leaves_it_is_remembered_within_the_memory(mem
 def test_all_that_is_remembered_is_seen_at_its_place_from_far_away() -> None:
     """A post is seen from 3 m, and the vehicle flies 50 m on: the window has lost it, the whole memory has not."""
     rolling = RollingMap(SETTINGS, HULL)
-    ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
-    ranges[18], hit[18] = 3.0, True
-    for _ in range(4):
-        rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+    see_a_post(rolling, 18)
     here = HERE + np.array([50.0, 0.0, 0.0])
     rolling.add(scan_of(np.full(72, 0.5), np.zeros(72, bool)), here, LEVEL, GROUND)
     assert not (rolling.view(0).states == OCCUPIED).any()
