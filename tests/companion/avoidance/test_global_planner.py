@@ -67,7 +67,8 @@ def test_it_leads_out_of_a_trap_that_is_larger_than_the_window(beyond_window: bo
 
 
 def test_the_planner_is_left_alone_until_the_vehicle_had_to_go_back() -> None:
-    """By 6 m, a quarter of half of the window: then it is led to a place on the way, 18 m ahead. A new goal is its own."""
+    """By 6 m, a quarter of half of the window: then it is led to a place on the way, 18 m ahead. A new goal is taken
+    as it is."""
     settings, goal, looks = Avoidance(), np.array([60.0, 0.0, -3.0]), 0
     remembered, planner = LocalMap(settings), GlobalPlanner(settings)
 
