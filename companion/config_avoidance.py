@@ -125,6 +125,12 @@ class AvoidanceAltitudeSearch(Table, frozen=True):
     left for another height; unconfirmed and tight cells count in the detour."""
     speed: Positive = 2.0
     """m/s, at most, at another height than the route's: a scan that is tilted far passes over or under edges there."""
+    edge_distance: Positive = 0.4
+    """m below a vehicle that flies over obstacles (above one that flies under them) from which on returns are not in
+    the way: its scan meets their edges whenever it tilts."""
+    patience_s: Positive = 10.0
+    """s without a metre of progress at another height than the route's after which the next one is tried, if there is
+    one; `avoidance.give_up_s` at the most."""
     dwell_time: NotNegative = 1.0
     """s that a detour must be too long for before a height is left, and that the vehicle looks around at the next."""
 

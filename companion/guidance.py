@@ -318,7 +318,8 @@ class Guidance:
         self._mapped_ns = self._mapped_ns or now_ns
         goal = leg.goal_ned if self.over_map and leg.step.avoids else None
         walls = None if self._walls is None else self._walls.around(place)
-        return PlanRequest(self._asked, now_ns, scan, pose, ground_down, place, velocity, goal, leg.speed, walls)
+        known = scan, pose, ground_down, place, velocity, goal, leg.speed, walls, leg.in_the_way
+        return PlanRequest(self._asked, now_ns, *known)
 
     def map_age(self, now_ns: int) -> float:
         """Age (s) of the scan that is the latest in the guard's map; before the first, since that was asked for."""

@@ -61,6 +61,8 @@ class OwnFence(msgspec.Struct, frozen=True, gc=False):
 
 
 NO_FENCE = OwnFence()
+EVERY_HEIGHT = math.inf, math.inf
+"""m above and below the vehicle up to which returns are in the way: all of them."""
 
 
 class Output(Enum):

@@ -21,7 +21,7 @@ from companion.perception.fence_band import Flat
 from companion.perception.free_space import Empty, FreeSpace, empty_here, space_bytes
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import MapView
-from companion.state import Scan
+from companion.state import EVERY_HEIGHT, Scan
 from protocol.arrays import Array
 
 _SMALL_BYTES = PATH_BYTES + (1 << 15)
@@ -49,6 +49,8 @@ class PlanRequest(msgspec.Struct, frozen=True):
     """m/s, the highest."""
     fence: Flat | None = None
     """Beyond it nothing is free; None without one."""
+    in_the_way: tuple[float, float] = EVERY_HEIGHT
+    """m above and below the vehicle up to which returns are in the way."""
 
 
 class PlanResult(msgspec.Struct, frozen=True):
@@ -82,7 +84,7 @@ class PlanningPipeline:
     def answer(self, request: PlanRequest) -> PlanResult:
         """Add the scan to the map; returns the free space and the path."""
         local_map, here, goal = self.local_map, request.here, request.goal
-        local_map.add(request.scan, request.pose, request.ground_down, request.asked_ns)
+        local_map.add(request.scan, request.pose, request.ground_down, request.asked_ns, request.in_the_way)
         view = local_map.look(request.asked_ns, request.fence)
         path, blocked = NO_PATH, False
         if self.planner is not None and goal is not None:

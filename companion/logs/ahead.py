@@ -23,7 +23,7 @@ from companion.records import ASKED
 from companion.runtime.interrupts import start_uninterrupted
 from companion.runtime.mailbox import Inbox, Outbox, mailbox
 from companion.runtime.planning import pack_request
-from companion.state import Scan
+from companion.state import EVERY_HEIGHT, Scan
 from protocol.flightlog import LogReader
 
 _RING = "/OBSTACLE_DISTANCE"
@@ -79,7 +79,7 @@ class Ahead:
         if not self._open:
             return None
         request = self._open.popleft()
-        if request.fence is not None:  # a record of a request does not hold it
+        if request.fence is not None or request.in_the_way != EVERY_HEIGHT:  # a record of a request does not hold them
             raise DivergedError
         try:
             asked, result = self._results.take()

@@ -15,6 +15,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from companion.config_avoidance import AvoidanceAltitudeSearch
+from companion.state import EVERY_HEIGHT
 from protocol.arrays import Array
 
 _REACHED_M = 0.2
@@ -62,8 +63,10 @@ class Change(NamedTuple):
 class AltitudeSearch:
     """The height of flight from one goal that the vehicle stops at to the next."""
 
-    def __init__(self, settings: AvoidanceAltitudeSearch) -> None:
+    def __init__(self, settings: AvoidanceAltitudeSearch, give_up_s: float) -> None:
+        """`give_up_s`: s without progress after which a height is left in any case."""
         self._settings = settings
+        self._give_up_s = give_up_s
         self._allowed = True
         self.begin()
 
@@ -107,6 +110,14 @@ class AltitudeSearch:
             return route
         return min(route, self._down) if self._up else max(route, self._down)
 
+    def in_the_way(self, route: float) -> tuple[float, float]:
+        """m above and below the vehicle up to which returns are in the way, with the route's height (down, m, NED):
+        nearer on that side at another height, since it flies past the edges there."""
+        if self.flown(route) == route:
+            return EVERY_HEIGHT
+        edge = self._settings.edge_distance
+        return (math.inf, edge) if self._up else (edge, math.inf)
+
     def slowed(self, speed: float) -> float:
         """The speed allowed at the present height, at most `speed` (m/s)."""
         return speed if self._down is None else min(speed, self._settings.speed)
@@ -123,11 +134,11 @@ class AltitudeSearch:
         elif self._stage is _Stage.BACK and there:
             self._stage, self._down = _Stage.FLY, None
 
-    def consider(self, detour: float, stuck: bool, place: Place, now_ns: int) -> Change | None:
+    def consider(self, detour: float, stalled_s: float, place: Place, now_ns: int) -> Change | None:
         """The change of height that a new path calls for, if any.
 
-        `detour`: m, the cost of the path beyond the least expected; `stuck`: the vehicle has come no nearer to the goal
-        for too long.
+        `detour`: m, the cost of the path beyond the least expected; `stalled_s`: for so long the vehicle has come no
+        nearer to the goal.
         """
         long = detour > self._settings.height_cost * self._settings.step
         if self._stage is _Stage.LOOK:
@@ -139,9 +150,14 @@ class AltitudeSearch:
             self._stage = _Stage.CLEAR
             self._down += -self._settings.margin if self._up else self._settings.margin
             return Change(self._down, "there is a way, going on")
-        if self._stage is not _Stage.FLY or not (self._long_enough(long, now_ns) or stuck):
+        if self._stage is not _Stage.FLY or not (self._long_enough(long, now_ns) or self._is_stuck(stalled_s)):
             return None
         return self._try_next(place)
+
+    def _is_stuck(self, stalled_s: float) -> bool:
+        """Whether a height should be left after so long without progress: sooner where there is another one."""
+        patience_s = self._settings.patience_s if self._down is not None and self._untried != [] else math.inf
+        return stalled_s > min(patience_s, self._give_up_s)
 
     def _long_enough(self, long: bool, now_ns: int) -> bool:
         """Whether the detour has been too long for the dwell time."""

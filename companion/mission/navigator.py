@@ -22,7 +22,7 @@ from companion.mission.step_time import StepTime
 from companion.mission.taking_up import climb_first, length_to, taken_up
 from companion.mission.wander import Settling
 from companion.reports import CommandReport, MissionReport, MotionReport
-from companion.state import NO_FENCE, Announcement, Ground, OwnFence, Severity, VehicleState
+from companion.state import EVERY_HEIGHT, NO_FENCE, Announcement, Ground, OwnFence, Severity, VehicleState
 from protocol.arrays import Array
 
 NEAR_M = 2.0
@@ -46,6 +46,8 @@ class Leg(msgspec.Struct, frozen=True, gc=False):
     """m/s, the highest."""
     waits: bool
     """The vehicle changes its altitude or looks around there: it does not go on along the way."""
+    in_the_way: tuple[float, float] = EVERY_HEIGHT
+    """m above and below the vehicle up to which returns are in the way."""
 
 
 class Arrival(Enum):
@@ -93,7 +95,7 @@ class Navigator:
         """Nothing is left but the landing."""
         self._durations = tuple(durations)
         self._fence: Fence | None = None
-        self._search = AltitudeSearch(settings.avoidance.altitude_search)
+        self._search = AltitudeSearch(settings.avoidance.altitude_search, settings.avoidance.give_up_s)
         self._below = GroundFollowing(settings.avoidance.ground_slope, settings.avoidance.ground_height)
         self._trail = Trail()
         self._progress = Progress()
@@ -162,7 +164,8 @@ class Navigator:
         leg = self._leg
         if leg is None:
             step, waits = self.step, self._search.busy or self._below.too_low
-            leg = Leg(step, self.step_index, self._goal(position_ned), self._speed, waits)
+            in_the_way = EVERY_HEIGHT if step.target_ned is None else self._search.in_the_way(float(step.target_ned[2]))
+            leg = Leg(step, self.step_index, self._goal(position_ned), self._speed, waits, in_the_way)
             if step.target_ned is not None:  # otherwise the goal is wherever the vehicle is
                 self._leg = leg
         return leg
@@ -312,21 +315,21 @@ class Navigator:
             self._progress = Progress()
         away = math.hypot(*(goal - position_ned)[:2].tolist())
         stalled_s = self._progress.stalled_s(self.step_index, away, position_ned, now_ns)
-        stuck = stalled_s > self._settings.avoidance.give_up_s
         if away < NEAR_M:
             return _GOING_ON
-        change = self._change_altitude(position_ned, detour, stuck, now_ns)
+        change = self._change_altitude(position_ned, detour, stalled_s, now_ns)
         if change is not None:
             return Judgement((change,))
+        stuck = stalled_s > self._settings.avoidance.give_up_s
         return self._give_up(position_ned, now_ns) if stuck else _GOING_ON
 
-    def _change_altitude(self, position_ned: Array, detour: float, stuck: bool, now_ns: int) -> Announcement | None:
+    def _change_altitude(self, here: Array, detour: float, stalled_s: float, now_ns: int) -> Announcement | None:
         """Try another altitude that is allowed, if that may help."""
         target, settings = self.step.target_ned, self._settings.avoidance.altitude_search
         assert target is not None
         highest = -math.inf if self._fence is None else self._fence.low[2] + self._settings.geofence.margin
-        place = Place(position_ned, float(target[2]), self.ground_down - settings.min_height, highest)
-        change = self._search.consider(detour, stuck, place, now_ns)
+        place = Place(here, float(target[2]), self.ground_down - settings.min_height, highest)
+        change = self._search.consider(detour, stalled_s, place, now_ns)
         self._leg = None
         if change is None:
             return None

@@ -12,7 +12,7 @@ from companion.perception.free_space import Empty, FreeSpace, empty_here, free_s
 from companion.perception.map_view import MapView
 from companion.perception.rolling_map import RollingMap
 from companion.perception.tracks import Tracker
-from companion.state import Scan
+from companion.state import EVERY_HEIGHT, Scan
 from protocol.arrays import Array
 
 _MOVING_MARGIN_M = 0.3
@@ -33,11 +33,20 @@ class LocalMap:
         self.view: MapView | None = None
         """As of the last `look`."""
 
-    def add(self, scan: Scan, pose: tuple[Array, Array], ground_down: float, now_ns: int) -> None:
+    def add(
+        self,
+        scan: Scan,
+        pose: tuple[Array, Array],
+        ground_down: float,
+        now_ns: int,
+        in_the_way: tuple[float, float] = EVERY_HEIGHT,
+    ) -> None:
         """Add a scan with the pose of its own time: position (3,) NED (m) and attitude (4,) NED to FRD.
 
         `ground_down` is the NED height (m) below which a return is the ground, which may rise with the settings' slope.
+        `in_the_way`: m above and below the vehicle up to which returns count for the map.
         """
+        self._map.in_the_way = in_the_way
         slope = self._settings.ground_slope
         moving = self._tracker.add(scan, *pose, ground_down, slope)
         self._map.add(scan, *pose, ground_down, moving, slope)

@@ -25,7 +25,7 @@ from companion.perception.occupancy_grid import (
     set_disc,
 )
 from companion.perception.scans import WIDE_SECTOR, sector_width
-from companion.state import Scan
+from companion.state import EVERY_HEIGHT, Scan
 from protocol.arrays import Array, BoolArray
 
 _CLOCK_NS = 4096 * 1_000_000_000
@@ -71,6 +71,8 @@ class RollingMap:
         """m, NED: down coordinate of the layer's middle."""
         self._ground = 0.0
         """m, NED: the ground's, with which the layer rises and falls."""
+        self.in_the_way = EVERY_HEIGHT
+        """m above and below the vehicle up to which its beams count, where that is less than the layer."""
 
     def add(
         self,
@@ -102,8 +104,17 @@ class RollingMap:
         self._follow(here, ground_down)
         self._width = max(beams.width, _LEAST_WIDTH)
         grid = self._grid(time_ns)
-        add_beams(grid, tuple(beams), tuple(Layer(self._height, self._settings.layer, ground_down, slope)))
+        add_beams(grid, tuple(beams), tuple(Layer(*self._layer(float(here[2])), ground_down, slope)))
         set_disc(grid, float(here[0]), float(here[1]), self._hull_radius, FLOOR, False)
+
+    def _layer(self, down: float) -> tuple[float, float]:
+        """The middle (m, NED) of the heights that count with the vehicle at `down`, and half of how high they are."""
+        middle, half = self._height, self._settings.layer
+        if self.in_the_way == EVERY_HEIGHT:
+            return middle, half
+        above, below = self.in_the_way
+        highest, lowest = max(middle - half, down - above), min(middle + half, down + below)
+        return 0.5 * (highest + lowest), 0.5 * (lowest - highest)
 
     def forget(self, place: Array, radius: float, occupied_radius: float, time_ns: int) -> None:
         """Forget what was seen where a moving obstacle is now.

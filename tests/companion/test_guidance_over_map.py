@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from companion.avoidance.guard import Verdict
 from companion.mission.navigator import Leg
@@ -169,7 +170,7 @@ def ask(flight: ReferenceFlight, leg: Leg) -> "tuple[int, int, Array | None]":
     pose = flight.state.position_ned, flight.state.attitude_ned_frd
     request = flight.guidance.look(scan, pose, -0.5, flight.state, leg, flight.now)
     assert request is not None and request.scan is scan and request.pose == pose
-    assert (request.ground_down, request.speed) == (-0.5, leg.speed)
+    assert (request.ground_down, request.speed, request.in_the_way) == (-0.5, leg.speed, leg.in_the_way)
     assert request.here is flight.state.position_ned and request.velocity is flight.state.velocity_ned
     return request.number, request.asked_ns, request.goal
 
@@ -180,7 +181,7 @@ def test_each_scan_is_one_request_and_a_way_is_asked_for_where_obstacles_are_avo
     number, asked_ns, goal = ask(flight, FAR)
     assert (number, asked_ns) == (1, flight.now) and goal is FAR.goal_ned
     assert ask(flight, leg_to((0.0, 0.0, -4.0)))[::2] == (2, None)
-    assert ask(flight, FAR)[0] == 3
+    assert ask(flight, replace(FAR, in_the_way=(math.inf, 0.4)))[0] == 3
 
 
 PUSH = np.array([1.0, 0.0, 0.0])

@@ -1,5 +1,6 @@
 """Replays whose planner's answers come from a process that runs ahead."""
 
+import math
 import os
 import signal
 import subprocess
@@ -8,6 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -131,6 +133,20 @@ def test_what_was_not_asked_is_answered_here(fly: Flyer, watched: Watched, tmp_p
     path = rewritten(fly(), tmp_path / "changed.mcap", change)
     result = replay(path)
     assert result.differences == [] and result.datagrams == replay(fly()).datagrams
+    assert watched.diverged == 1
+
+
+def test_what_the_log_of_a_question_does_not_hold_is_answered_here(
+    fly: Flyer, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A vehicle at another height than the route's, where what is in the way depends on the height."""
+    ask = Ahead.ask
+
+    def at_another_height(its: Ahead, question: PlanRequest) -> None:
+        ask(its, msgspec.structs.replace(question, in_the_way=(math.inf, 0.4)) if question.number == 40 else question)
+
+    monkeypatch.setattr(Ahead, "ask", at_another_height)
+    assert replay(fly()).differences == []
     assert watched.diverged == 1
 
 

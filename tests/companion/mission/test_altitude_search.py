@@ -8,30 +8,33 @@ from hypothesis import strategies as st
 
 from companion.config_avoidance import AvoidanceAltitudeSearch
 from companion.mission.altitude_search import AltitudeSearch, Place
+from companion.state import EVERY_HEIGHT
 
 SECOND = 1_000_000_000
 ROUTE = -3.0
 GROUND = -1.5
 """The lowest, down."""
 DEAR = math.inf
+GIVE_UP_S = 40.0
+STUCK_S = 41.0
 
 
 class Flight:
     """A vehicle that does what it is told at once, with an answer each tenth of a second."""
 
     def __init__(self, route: float = ROUTE, lowest: float = GROUND, **settings: float) -> None:
-        self.heights = AltitudeSearch(AvoidanceAltitudeSearch(**settings))
+        self.heights = AltitudeSearch(AvoidanceAltitudeSearch(**settings), GIVE_UP_S)
         self.route, self.lowest = route, lowest
         self.north = 0.0
         self.down = route
         self.now = 0
         self.went: list[tuple[float, str]] = []
 
-    def go(self, seconds: float, detour: float = DEAR, stuck: bool = False, speed: float = 0.0) -> "Flight":
+    def go(self, seconds: float, detour: float = DEAR, stalled_s: float = 0.0, speed: float = 0.0) -> "Flight":
         for _ in range(round(10 * seconds)):
             self.now += SECOND // 10
             place = Place(np.array([self.north, 0.0, self.down]), self.route, self.lowest)
-            change = self.heights.consider(detour, stuck, place, self.now)
+            change = self.heights.consider(detour, stalled_s, place, self.now)
             if change is not None:
                 self.went.append((round(change.down, 6), change.why.split()[-1]))
             self.heights.advance(self.down, speed, self.now)
@@ -52,7 +55,7 @@ def test_up_first_then_down_and_back_in_the_end() -> None:
 
 
 def test_none_is_tried_unless_allowed() -> None:
-    flight = Flight().go(10.0).go(10.0, stuck=True)
+    flight = Flight().go(10.0).go(10.0, stalled_s=STUCK_S)
     assert flight.went == [] and not flight.heights.busy
 
 
@@ -91,11 +94,40 @@ def test_a_height_is_left_only_if_its_way_was_dear_for_a_while() -> None:
     flight.now += 5 * SECOND  # nobody looked
     flight.go(0.9, detour=10.1)
     assert flight.went == []
-    assert Flight(max_climb=4.0).go(0.1, detour=0.0, stuck=True).went == [(-5.0, "trying")]
+    assert Flight(max_climb=4.0).go(0.1, detour=0.0, stalled_s=STUCK_S).went == [(-5.0, "trying")]
+
+
+def test_another_height_is_left_sooner_without_progress_while_there_is_a_next_one() -> None:
+    """The route's own, and the last one, only as late as the goal would be given up."""
+    settings = AvoidanceAltitudeSearch()
+    patient, impatient = settings.patience_s - 0.1, settings.patience_s + 0.1
+    flight = Flight(max_climb=7.0).go(3.0, detour=0.0, stalled_s=impatient)
+    assert flight.went == []
+    flight.go(1.5).go(2.0, detour=0.0).go(3.0, detour=0.0, stalled_s=patient)
+    assert flight.went == [(-5.0, "trying"), (-6.0, "on")]
+    flight.north = 12.0
+    flight.go(3.0, detour=0.0, stalled_s=impatient)
+    assert flight.went[2:4] == [(-7.0, "trying"), (-8.0, "on")]
+    flight.go(3.0, detour=0.0, stalled_s=impatient).go(3.0, detour=0.0, stalled_s=GIVE_UP_S - 0.1)
+    assert [down for down, _ in flight.went[4:]] == [-9.0, -10.0], "the last one"
+    assert flight.go(3.0, detour=0.0, stalled_s=impatient).down == -10.0
+    early = Flight(max_climb=7.0, patience_s=2.0 * GIVE_UP_S).go(1.5).go(2.0, detour=0.0)
+    assert early.go(0.1, detour=0.0, stalled_s=STUCK_S).went[-1] == (-7.0, "trying"), "never later than that"
+
+
+def test_past_edges_what_is_beyond_them_on_the_side_of_the_route_is_not_in_the_way() -> None:
+    edge = AvoidanceAltitudeSearch().edge_distance
+    over, under = Flight(max_climb=6.0), Flight(-8.0, max_descent=4.0)
+    assert over.heights.in_the_way(ROUTE) == under.heights.in_the_way(-8.0) == EVERY_HEIGHT
+    over.go(1.5).go(2.0, detour=0.0)
+    under.go(1.5).go(2.0, detour=0.0)
+    assert over.heights.in_the_way(ROUTE) == (math.inf, edge) and under.heights.in_the_way(-8.0) == (edge, math.inf)
+    assert over.heights.in_the_way(-10.0) == EVERY_HEIGHT, "the route's own height is farther out"
+    assert over.leg(ROUTE, stopped=True).heights.in_the_way(ROUTE) == EVERY_HEIGHT
 
 
 def test_it_stands_before_it_goes_up_and_nothing_is_judged_on_the_way() -> None:
-    flight = Flight(max_climb=6.0).go(1.2, speed=5.0).go(3.0, speed=5.0, stuck=True)
+    flight = Flight(max_climb=6.0).go(1.2, speed=5.0).go(3.0, speed=5.0, stalled_s=STUCK_S)
     assert flight.went == [(-5.0, "trying")] and flight.down == ROUTE and flight.heights.busy
     assert flight.go(0.1).down == -5.0
 
@@ -133,6 +165,6 @@ def test_under_things_the_next_legs_are_never_flown_into_the_ground() -> None:
 def test_after_giving_up_the_height_is_kept_and_no_other_tried() -> None:
     flight = Flight(max_climb=5.0).go(1.5).go(2.0, detour=0.0)
     flight.heights.forbid()
-    flight.go(10.0, stuck=True)
+    flight.go(10.0, stalled_s=STUCK_S)
     assert flight.down == -6.0 and flight.went[-1] == (-6.0, "on")
     assert flight.leg(ROUTE, stopped=True).go(10.0).down == ROUTE

@@ -7,7 +7,7 @@ import pytest
 
 from companion.mission.navigator import Arrival, Judgement
 from companion.mission.plan import Mission, Phase, Step, Waypoint
-from companion.state import Severity
+from companion.state import EVERY_HEIGHT, Severity
 from tests.companion.mission.navigating import (
     ALONG,
     DEFAULTS,
@@ -205,7 +205,8 @@ def climbed(mission: Mission = LONG) -> Flight:
         flight.obey(detour)
     while flight.navigator.leg(flight.place).waits:
         flight.obey(0.0)
-    assert flight.navigator.leg(flight.place).goal_ned[2] == target_of(flight.navigator)[2] - 3.0
+    leg, edge = flight.navigator.leg(flight.place), DEFAULTS.avoidance.altitude_search.edge_distance
+    assert leg.goal_ned[2] == target_of(flight.navigator)[2] - 3.0 and leg.in_the_way == (math.inf, edge)
     return flight
 
 
@@ -216,7 +217,8 @@ def test_an_altitude_is_kept_past_a_waypoint_and_left_at_a_stop() -> None:
     assert not navigator.step.passes
     assert navigator.leg(flight.place).goal_ned[2] == target_of(navigator)[2] - 3.0
     navigator.next_step(flight.now)
-    assert np.array_equal(navigator.leg(flight.place).goal_ned, target_of(navigator))
+    leg = navigator.leg(flight.place)
+    assert np.array_equal(leg.goal_ned, target_of(navigator)) and leg.in_the_way == EVERY_HEIGHT
 
 
 @pytest.mark.parametrize("why", ["home", "given up", "ordered"])

@@ -234,6 +234,32 @@ def test_the_whole_arc_of_a_wide_sector_is_occupied_where_it_is_near(away: float
     assert distance is not None and (distance == pytest.approx(2.0 - 0.3, abs=0.15) if marked else distance > 2.0)
 
 
+@pytest.mark.parametrize("above, below, pitch, marked", [
+    (math.inf, math.inf, -10.0, True),
+    (math.inf, 0.4, -10.0, False),
+    (math.inf, 0.6, -10.0, True),
+    (0.4, math.inf, -10.0, True),
+    (math.inf, 0.4, 10.0, True),
+    (0.4, math.inf, 10.0, False),
+    (0.6, math.inf, 10.0, True),
+])  # fmt: skip
+def test_returns_that_are_not_in_the_way_mark_nothing(above: float, below: float, pitch: float, marked: bool) -> None:
+    """A wall 3 m ahead that the leaning scan meets half a metre below or above the vehicle. Level beams see it from
+    both. Nothing is said of what lies behind."""
+    ranges, hit, attitude = np.full(72, 6.0), np.zeros(72, bool), from_euler(0.0, math.radians(pitch), 0.0)
+    ranges[0], hit[0] = 3.0, True
+    ahead = HERE[0] + 3.0 * math.cos(math.radians(pitch))
+    rolling = RollingMap(SETTINGS, HULL)
+    rolling.in_the_way = above, below
+    for _ in range(3):
+        rolling.add(scan_of(ranges, hit), HERE, attitude, GROUND)
+    view = rolling.view(0)
+    assert state_at(view, ahead, HERE[1]) == (OCCUPIED if marked else UNKNOWN)
+    assert state_at(view, HERE[0] + 2.0, HERE[1]) == FREE and state_at(view, ahead + 0.4, HERE[1]) == UNKNOWN
+    rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
+    assert state_at(rolling.view(0), HERE[0] + 3.0, HERE[1]) == OCCUPIED
+
+
 def test_each_beam_with_the_pose_of_its_own_time() -> None:
     """The same range from two places along the way marks two places."""
     rolling = RollingMap(SETTINGS, HULL)
