@@ -28,6 +28,9 @@ class AvoidanceMap(Table, frozen=True):
     """m above and below the height of flight that the map stands for."""
     memory_s: Positive = 120.0
     """How long a return at close range is remembered; weaker evidence fades in proportion."""
+    keeps_free: bool = True
+    """Whether the return of a sector, which lies somewhere on an arc across it, leaves free what was seen free there,
+    where something stands on that arc already."""
 
     def __post_init__(self) -> None:
         if not 16 <= self.cells <= 4096 or self.cells % 2:

@@ -6,6 +6,8 @@ return is free, and the return lies somewhere on an arc, 0.2 m long at a range o
 - All cells of the arc are marked, for safety. An arc n times as long as 0.2 m raises each cell to 1/n of the ceiling at
   the most, however often it is seen from the same place. So the first free wedge from nearer by clears what was marked
   too wide. Within 6 m it is occupied until then.
+- A wedge says of all its cells that they are free, an arc of one of its cells that it is not. So if one is occupied
+  already, those that were seen free stay so: a gap that was seen through stays open when it is seen askew.
 - A cell stores the place of its return. Distances close to it are measured to that place, not to the cell's centre.
 - Cells with high log-odds are lowered only by beams that pass at about the sensor's height, not by beams that look over
   or under the obstacle.
@@ -21,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.perception.distance_field import Floats
-from companion.perception.occupancy_grid import CEILING, FLOOR, Grid, faded
+from companion.perception.occupancy_grid import CEILING, FLOOR, FREE_BELOW, OCCUPIED_ABOVE, Grid, faded
 from protocol.arrays import Array, BoolArray
 from protocol.frames import to_world
 from protocol.jit import compiled
@@ -97,8 +99,9 @@ class _Wedges(NamedTuple):
 
 
 @compiled
-def add_beams(cells: tuple[Any, ...], scan: tuple[Any, ...], heights: tuple[Any, ...]) -> None:
+def add_beams(cells: tuple[Any, ...], scan: tuple[Any, ...], heights: tuple[Any, ...], keeps_free: bool) -> None:
     """Add the Beams of a scan to a Grid; the heights are a Layer. For all three plain tuples do, and are faster.
+    `keeps_free`: what was seen free stays so where something else explains a return.
 
     All free wedges come first, then all returns, so that no wedge clears what a neighbouring beam has just seen.
     """
@@ -106,8 +109,9 @@ def add_beams(cells: tuple[Any, ...], scan: tuple[Any, ...], heights: tuple[Any,
     edges, slopes = _directions(beams.bearings_frd, beams.attitudes_ned_frd, 0.5 * beams.width)
     arcs = _add_free(grid, beams, layer, edges, slopes)
     centres = _arc_centres(beams.positions_ned, edges, arcs)
-    _join_walls(grid, centres, arcs)
-    _add_returns(grid, beams, edges, centres, arcs)
+    stays_below = FREE_BELOW if keeps_free else -math.inf
+    _join_walls(grid, centres, arcs, stays_below)
+    _add_returns(grid, beams, edges, centres, arcs, stays_below)
 
 
 @compiled
@@ -282,8 +286,9 @@ def _arc_centres(positions: Array, edges: Array, arcs: Array) -> Array:
 
 
 @compiled
-def _join_walls(grid: Grid, centres: Array, arcs: Array) -> None:
-    """Join neighbouring returns that lie in one line with a third one by weak marks.
+def _join_walls(grid: Grid, centres: Array, arcs: Array, stays_below: float) -> None:
+    """Join neighbouring returns that lie in one line with a third one by weak marks; not over cells with log-odds below
+    `stays_below`.
 
     A wall seen at a slant leaves steps between the arcs of its sectors. The marks keep a way from leading between them
     until the place was seen from near by.
@@ -305,7 +310,7 @@ def _join_walls(grid: Grid, centres: Array, arcs: Array) -> None:
             north, east = centres[a, 0] + s / samples * dn, centres[a, 1] + s / samples * de
             row, column = math.floor(north / cell) % memory, math.floor(east / cell) % memory
             value = faded(log_odds[row, column], grid.now_s - updated_s[row, column], grid.fading)
-            if value < _JOIN_LOG_ODDS:
+            if stays_below <= value < _JOIN_LOG_ODDS:
                 log_odds[row, column], updated_s[row, column] = _JOIN_LOG_ODDS, grid.now_s
                 returns[row, column, 0], returns[row, column, 1], returns[row, column, 2] = north, east, math.inf
 
@@ -323,15 +328,18 @@ def _in_line(centres: Array, arcs: Array, before: int, first: int, second: int) 
 
 
 @compiled
-def _add_returns(grid: Grid, beams: Beams, edges: Array, centres: Array, arcs: Array) -> None:
-    """Raise the cells of the arcs; the sides on which an obstacle ends are raised less."""
+def _add_returns(grid: Grid, beams: Beams, edges: Array, centres: Array, arcs: Array, stays_below: float) -> None:
+    """Raise the cells of the arcs; the sides on which an obstacle ends are raised less, and cells with log-odds below
+    `stays_below` not at all where another one of a wide arc is occupied."""
     count, width = arcs.shape[0], beams.width
     for k in range(count):
         if arcs[k] < 0.0:
             continue
         left = _continues(centres, arcs, k, (k - 1) % count, width)
         right = _continues(centres, arcs, k, (k + 1) % count, width)
-        _raise_arc(grid, beams.positions_ned[k], edges[k], arcs[k], width, right and not left, left and not right)
+        origin, ends, wide = beams.positions_ned[k], (right and not left, left and not right), arcs[k] * width
+        explained = wide > _FULL_WEIGHT_M and _is_occupied(grid, origin, edges[k], arcs[k], width)
+        _raise_arc(grid, origin, edges[k], arcs[k], width, ends, stays_below if explained else -math.inf)
 
 
 @compiled
@@ -344,32 +352,57 @@ def _continues(centres: Array, arcs: Array, k: int, neighbour: int, width: float
 
 
 @compiled
-def _raise_arc(
-    grid: Grid, origin: Array, edges: Array, distance: float, width: float, ends_left: bool, ends_right: bool
-) -> None:
-    """Raise every cell along an arc once by its share of the evidence.
+def _samples(distance: float, width: float, cell: float) -> int:
+    """The number of places along an arc that show each of its cells."""
+    return math.ceil(2.0 * distance * width / cell) + 1
 
-    On the side where the obstacle ends, which may be anywhere within the sector, the log-odds stay low.
+
+@compiled
+def _on_arc(
+    grid: Grid, origin: Array, edges: Array, distance: float, right: float
+) -> tuple[float, float, int, int, float]:
+    """A place on an arc, from 0 at its left end to 1 at its right one: north and east (m), row and column of its cell
+    in the memory, and the log-odds of that."""
+    dn = edges[0] + right * (edges[2] - edges[0])
+    de = edges[1] + right * (edges[3] - edges[1])
+    north, east, memory = origin[0] + distance * dn, origin[1] + distance * de, grid.log_odds.shape[0]
+    row, column = math.floor(north / grid.cell) % memory, math.floor(east / grid.cell) % memory
+    value = faded(grid.log_odds[row, column], grid.now_s - grid.updated_s[row, column], grid.fading)
+    return north, east, row, column, value
+
+
+@compiled
+def _is_occupied(grid: Grid, origin: Array, edges: Array, distance: float, width: float) -> bool:
+    """Whether a cell along an arc is."""
+    samples, highest = _samples(distance, width, grid.cell), -math.inf
+    for s in range(samples):
+        highest = max(highest, _on_arc(grid, origin, edges, distance, (s + 0.5) / samples)[4])
+    return highest > OCCUPIED_ABOVE
+
+
+@compiled
+def _raise_arc(
+    grid: Grid, origin: Array, edges: Array, distance: float, width: float, ends: tuple[bool, bool], stays_below: float
+) -> None:
+    """Raise every cell along an arc once by its share of the evidence, but those with log-odds below `stays_below`.
+
+    On the sides where the obstacle `ends`, left and right, which may be anywhere within the sector, the log-odds stay
+    low.
     """
     log_odds, updated_s, returns, cell = grid.log_odds, grid.updated_s, grid.returns, grid.cell
-    memory, length = log_odds.shape[0], distance * width
+    length = distance * width
     share = CEILING / max(1.0, length / max(_FULL_WEIGHT_M, cell))
     if distance < _NEAR_M:
         share = max(share, _NEAR_LOG_ODDS)
-    samples = math.ceil(2.0 * length / cell) + 1
+    samples = _samples(distance, width, cell)
     before_row, before_column = -1, -1
     for s in range(samples):
         right = (s + 0.5) / samples
-        dn = edges[0] + right * (edges[2] - edges[0])
-        de = edges[1] + right * (edges[3] - edges[1])
-        north, east = origin[0] + distance * dn, origin[1] + distance * de
-        row, column = math.floor(north / cell) % memory, math.floor(east / cell) % memory
-        if row == before_row and column == before_column:
+        north, east, row, column, value = _on_arc(grid, origin, edges, distance, right)
+        if value < stays_below or (row == before_row and column == before_column):
             continue
         before_row, before_column = row, column
-        ends = ends_left if right < 0.5 else ends_right
-        most = min(share, _EDGE_LOG_ODDS) if ends else share
-        value = faded(log_odds[row, column], grid.now_s - updated_s[row, column], grid.fading)
+        most = min(share, _EDGE_LOG_ODDS) if (ends[0] if right < 0.5 else ends[1]) else share
         before_n, before_e = returns[row, column, 0], returns[row, column, 1]
         near = abs(before_n - north) < cell and abs(before_e - east) < cell
         kept = 1.0 - _LAST_RETURN_WEIGHT if value > 0.0 and near else 0.0

@@ -104,7 +104,8 @@ class RollingMap:
         self._follow(here, ground_down)
         self._width = max(beams.width, _LEAST_WIDTH)
         grid = self._grid(time_ns)
-        add_beams(grid, tuple(beams), tuple(Layer(*self._layer(float(here[2])), ground_down, slope)))
+        layer = Layer(*self._layer(float(here[2])), ground_down, slope)
+        add_beams(grid, tuple(beams), tuple(layer), self._settings.keeps_free)
         set_disc(grid, float(here[0]), float(here[1]), self._hull_radius, FLOOR, False)
 
     def _layer(self, down: float) -> tuple[float, float]:

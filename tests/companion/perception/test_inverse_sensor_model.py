@@ -31,7 +31,7 @@ def test_one_beam_lowers_its_wedge_and_raises_its_arc() -> None:
     grid = empty_grid()
     one = np.ones(1, np.bool_)
     pose = np.array([[0.1, 0.125, -3.0]]), np.array([from_euler(0.0, 0.0, 0.0)])
-    add_beams(grid, Beams(np.zeros(1), np.array([2.0]), one, one, *pose, math.radians(5.0)), LAYER)
+    add_beams(grid, Beams(np.zeros(1), np.array([2.0]), one, one, *pose, math.radians(5.0)), LAYER, True)
     rows, columns = np.nonzero(grid.log_odds)
     assert (columns == 0).all() and rows.tolist() == list(range(9))
     assert (grid.log_odds[:8, 0] < 0.0).all() and grid.log_odds[8, 0] == pytest.approx(0.5 * CEILING)
@@ -43,7 +43,7 @@ def test_log_odds_stay_within_their_bounds() -> None:
     grid = empty_grid()
     for k in range(200):
         here = np.array([*rng.uniform(-2.0, 2.0, 2), -3.0 + rng.uniform(-1.0, 1.0)])
-        add_beams(grid._replace(now_s=0.066 * k), random_beams(rng, here), LAYER)
+        add_beams(grid._replace(now_s=0.066 * k), random_beams(rng, here), LAYER, True)
         assert grid.log_odds.min() >= FLOOR and grid.log_odds.max() <= CEILING
     assert grid.log_odds.min() == FLOOR and grid.log_odds.max() > 0.5 * CEILING
 
@@ -55,8 +55,8 @@ def test_the_place_in_memory_does_not_matter(shift: tuple[int, int]) -> None:
     there = here + CELL * np.array([rows, columns, 0.0])
     first, second = empty_grid(), empty_grid(-SIZE // 2 + rows, -SIZE // 2 + columns)
     for seed in range(5):
-        add_beams(first, random_beams(np.random.default_rng(seed), here), LAYER)
-        add_beams(second, random_beams(np.random.default_rng(seed), there), LAYER)
+        add_beams(first, random_beams(np.random.default_rng(seed), here), LAYER, True)
+        add_beams(second, random_beams(np.random.default_rng(seed), there), LAYER, True)
     assert (first.log_odds != 0.0).sum() > 1000
     assert np.allclose(np.roll(first.log_odds, shift, (0, 1)), second.log_odds)
 
@@ -68,7 +68,7 @@ def test_a_memory_larger_than_the_window_gets_the_same_cells(corner: tuple[int, 
     small, large = empty_grid(*corner), empty_grid(*corner, memory)
     for seed in range(5):
         for grid in (small, large):
-            add_beams(grid, random_beams(np.random.default_rng(seed), here), LAYER)
+            add_beams(grid, random_beams(np.random.default_rng(seed), here), LAYER, True)
     indices = [np.arange(first, first + SIZE) for first in corner]
     seen, kept = (grid.log_odds[np.ix_(*(i % len(grid.log_odds) for i in indices))] for grid in (small, large))
     assert np.array_equal(seen, kept)
@@ -78,7 +78,7 @@ def test_a_memory_larger_than_the_window_gets_the_same_cells(corner: tuple[int, 
 def test_returns_and_free_wedges_outside_of_the_layer_do_not_count() -> None:
     grid = empty_grid()
     above = random_beams(np.random.default_rng(1), np.array([0.0, 0.0, -3.0 - LAYER.half_height]))
-    add_beams(grid, above, LAYER)
+    add_beams(grid, above, LAYER, True)
     assert not grid.log_odds.any()
 
 
