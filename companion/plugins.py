@@ -5,8 +5,9 @@ no flight but its own.
 """
 
 import functools
+import sys
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import EntryPoint, entry_points
@@ -71,9 +72,11 @@ class Plugin:
     @contextmanager
     def named(self) -> Iterator[None]:
         """A block in which whatever is raised is a PluginError that names the plug-in: also what exits the program, or
-        is no Exception, would end a flight without a word of who did. An interrupt is the user's."""
+        is no Exception, would end a flight without a word of who did. An interrupt is the user's. What is printed goes
+        to standard error: standard output is the command's, whose answer may be JSON."""
         try:
-            yield
+            with redirect_stdout(sys.stderr):
+                yield
         except KeyboardInterrupt:
             raise
         except BaseException as error:

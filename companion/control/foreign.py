@@ -72,7 +72,7 @@ class ForeignPosition:
 
     def reset(self) -> None:
         """Let the law forget the flight so far. Raises PluginError."""
-        _reset(self._law, self._plugin)
+        reset(self._law, self._plugin)
 
     def command(self, airborne: bool) -> None:
         """Put the law's acceleration in the place of the compiled one. Raises PluginError."""
@@ -107,7 +107,7 @@ class ForeignAttitude:
 
     def reset(self) -> None:
         """Let the law forget the flight so far. Raises PluginError."""
-        _reset(self._law, self._plugin)
+        reset(self._law, self._plugin)
 
     def command(self, limited: bool) -> tuple[Array, Array]:
         """The law's rates (3,) in rad/s and angular acceleration (3,) in rad/s2. Raises PluginError."""
@@ -123,7 +123,8 @@ class ForeignAttitude:
         return turn, turning
 
 
-def _reset(law: PositionLaw | AttitudeLaw, plugin: Plugin) -> None:
+def reset(law: PositionLaw | AttitudeLaw, plugin: Plugin) -> None:
+    """Let a law forget the flight so far. Raises PluginError."""
     with plugin.named():
         law.reset()
 

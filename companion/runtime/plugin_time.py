@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from companion.config import Control
-from companion.control.foreign import AttitudeError, AttitudeLaw, PositionLaw
+from companion.control.foreign import AttitudeError, AttitudeLaw, PositionLaw, reset
 from companion.control.tracking_error import TrackingError
 from companion.outputs import encoders
 from companion.plugins import Plugin
@@ -37,12 +37,12 @@ def _steps(control: Control, outputs: tuple[Output, ...]) -> Iterator[tuple[Plug
     still = np.zeros(3)
     if control.position.plugin is not None:
         position: PositionLaw = control.position.plugin.make(control, control.position.options)
-        position.reset()
+        reset(position, control.position.plugin)
         error = TrackingError(_AWAY, _AWAY, _AWAY, still)
         yield control.position.plugin, lambda: position.acceleration_command(error, still, _DT_S)
     if control.attitude.plugin is not None:
         attitude: AttitudeLaw = control.attitude.plugin.make(control, control.attitude.options)
-        attitude.reset()
+        reset(attitude, control.attitude.plugin)
         turned = AttitudeError(0.1 * _AWAY, _AWAY, still, still)
         yield control.attitude.plugin, lambda: attitude.turning_command(turned, _DT_S)
     if control.output.plugin is not None:

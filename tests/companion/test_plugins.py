@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import cast
 
@@ -89,6 +90,13 @@ def test_a_foreign_law_and_a_foreign_planner_deliver_and_fly_again_to_the_byte(d
     assert flight["position law"] == f'"saturated" of {PACKAGE}' and flight["planner"] == f'"detour" of {PACKAGE}'
     assert flight["attitude law"] == f'"cascade" of {PACKAGE}' and flight["output message"] == f'"both" of {PACKAGE}'
     assert flight["output"] == "rates"
+
+
+def test_what_a_plugin_prints_leaves_standard_output_to_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    talks = EntryPoint("talks", "builtins:print", plugins.Kind.PLANNER.group)
+    with pytest.raises(PluginError, match="has no method"):
+        plugins.Plugin(plugins.Kind.PLANNER, "talks", "talkative 1", talks).make("made", {})
+    assert capsys.readouterr() == ("", "made\n")
 
 
 def test_a_replay_without_the_package_says_what_is_missing(delivery: Path, monkeypatch: pytest.MonkeyPatch) -> None:
