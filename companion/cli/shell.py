@@ -71,7 +71,9 @@ def exit_as_unusable(text: str) -> NoReturn:
 
 def exit_as_failed(outcome: str) -> NoReturn:
     """Say how it ended, and end the program with exit code 1."""
-    say(f"failed: {outcome}")
+    from companion.outcomes import Outcome, Verdict
+
+    say(Verdict(Outcome.FAILED, outcome).text)
     raise typer.Exit(FAILED)
 
 

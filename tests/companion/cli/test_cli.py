@@ -6,13 +6,20 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from companion.cli.app import app
+from companion.cli.flights import _exit_by
+from companion.outcomes import Outcome, Verdict
+from companion.runtime.side_links import Security, open_side_links, open_vehicle_link
+from protocol.guarded_link import inmost
+from protocol.transport import TransportError, Udp
 from tests.companion.view.made_logs import make
 
 
@@ -111,6 +118,16 @@ def test_whoever_has_gone_does_not_end_what_follows(kind: Callable[[], tuple[int
     done = subprocess.run([sys.executable, "-c", code], stdout=near, stderr=near, timeout=60)
     os.close(near)
     assert done.returncode == 0
+
+
+def test_a_flight_that_failed_is_said_to_have_failed_once(capsys: pytest.CaptureFixture[str]) -> None:
+    for outcome, cause, said in (
+        (Outcome.FAILED, "the link is gone: unplugged", "failed: the link is gone: unplugged\n"),
+        (Outcome.CRASHED, "hit tree", "failed: crashed: hit tree\n"),
+    ):
+        with pytest.raises(typer.Exit) as ended:
+            _exit_by(Verdict(outcome, cause))
+        assert ended.value.exit_code == 1 and capsys.readouterr().err == said
 
 
 def test_orders_need_an_input_that_is_open(tmp_path: Path) -> None:
