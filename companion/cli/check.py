@@ -14,12 +14,11 @@ from companion.cli.flights import (
     OutputName,
     SettingsFile,
     VehicleSystem,
-    output_of,
-    pinned,
     security_of,
 )
 from companion.cli.options import options
 from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_error
+from companion.cli.values import output_of, pinned
 
 if TYPE_CHECKING:
     from companion.reports import Finding

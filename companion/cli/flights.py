@@ -24,13 +24,14 @@ from companion.cli.shell import (
     note,
     say,
 )
+from companion.cli.values import avoided_by, output_of, pace_of, pinned
 
 if TYPE_CHECKING:
     from companion.mission.files import Place
     from companion.outcomes import Verdict
-    from companion.runtime.flight import Pace, Plan
+    from companion.runtime.flight import Plan
     from companion.runtime.side_links import Security, SideLinks
-    from companion.state import Adoption, Output
+    from companion.state import Adoption
     from protocol.transport import Transport
 
 MissionName = Annotated[
@@ -351,11 +352,6 @@ def security_of(key: Path | None, insecure: bool) -> "Security":
     return Security(None if key is None else Keeper.of(key), insecure)
 
 
-def pinned(vehicle: int | None) -> list[str]:
-    """`--vehicle` as an override of the settings."""
-    return [] if vehicle is None else [f"identity.vehicle={vehicle}"]
-
-
 def _beside(asked: FlyOptions, transport: "Transport", security: "Security") -> "SideLinks":
     """Open what is beside the vehicle's link. Raises TransportError and PlanError."""
     from companion.runtime.flight import PlanError
@@ -401,7 +397,7 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     elif asked.sensors is not None:
         overrides.insert(0, f"vehicle.estimator.sensors={json.dumps(asked.sensors)}")
     if asked.avoid is not None:  # the last word
-        overrides.append(f"avoidance.method={json.dumps(asked.avoid)}")
+        overrides.append(avoided_by(asked.avoid))
     changes = toml_files.by_first_word(overrides, ("mission", *SIMULATOR_FILES))
     if seed is None and any(changes[word] for word in SIMULATOR_FILES):
         raise PlanError("--set vehicle... and world...: these are the simulator's own: vehicle-sim --set ...")
@@ -424,7 +420,7 @@ def _plan(asked: DemoOptions | FlyOptions, seed: int | None, place: "Place | Non
     }
     output = output_of(asked.output)
     body = load_body(mission.vehicle)
-    pace = _pace(("realtime" if asked.gcs else "lockstep") if asked.pace is None else asked.pace)
+    pace = pace_of(("realtime" if asked.gcs else "lockstep") if asked.pace is None else asked.pace)
     plan = Plan(settings, body, mission, output, pace, files, seed, tuple(overrides))
     check(plan)
     plan, limited = softened(plan)
@@ -448,20 +444,6 @@ def _seen_too_late(plan: "Plan") -> list[str]:
     return [f"the LiDAR shows too late: {each}" for each in late]
 
 
-def output_of(text: str) -> "Output | None":
-    """None: chosen once the vehicle is known. Raises PlanError."""
-    from companion.runtime.flight import AUTO, PlanError
-    from companion.state import Output
-
-    if text == AUTO:
-        return None
-    try:
-        return Output(text)
-    except ValueError:
-        names = ", ".join(each.value for each in Output)
-        raise PlanError(f"--output {text}: there are {names} and {AUTO}") from None
-
-
 def _adoption(asked: FlyOptions) -> "Adoption | None":
     """Raises PlanError."""
     from companion.runtime.flight import PlanError
@@ -472,20 +454,3 @@ def _adoption(asked: FlyOptions) -> "Adoption | None":
     if not asked.adopt:
         return None
     return Adoption.LAND if asked.land else Adoption.MISSION
-
-
-def _pace(text: str) -> "Pace":
-    """Raises PlanError."""
-    from companion.runtime.flight import PlanError
-
-    if text == "lockstep":
-        return "lockstep"
-    if text == "realtime":
-        return 1.0
-    try:
-        factor = float(text)
-    except ValueError:
-        factor = 0.0
-    if not 0.001 <= factor <= 1000.0:
-        raise PlanError(f"--pace {text}: there are realtime, lockstep and factors such as 4, from 0.001 to 1000")
-    return factor

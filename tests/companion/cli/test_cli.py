@@ -120,6 +120,11 @@ def test_whoever_has_gone_does_not_end_what_follows(kind: Callable[[], tuple[int
     assert done.returncode == 0
 
 
+def test_what_is_wrong_with_an_option_names_it() -> None:
+    done = CliRunner().invoke(app, ["demo", "hover", "--avoid", "a-star"])
+    assert done.exit_code == 2 and done.stderr.startswith("companion: --avoid: method 'a-star': there are \"astar\", ")
+
+
 def test_a_flight_that_failed_is_said_to_have_failed_once(capsys: pytest.CaptureFixture[str]) -> None:
     for outcome, cause, said in (
         (Outcome.FAILED, "the link is gone: unplugged", "failed: the link is gone: unplugged\n"),
