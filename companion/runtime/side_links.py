@@ -123,10 +123,11 @@ def open_side_links(
     capacity = bytes_per_s(end)
     rate = STATION_BYTES_PER_S if capacity is None else min(STATION_BYTES_PER_S, _STATION_SHARE * capacity)
     opened: list[Station] = []
+    taken = [("--connect", vehicle)]
     try:
         for name in stations:
             url = NAMES.get(name, name)
-            transport = security.open(name)
+            transport = _open_beside("--gcs", name, security, taken)
             place = _place(url, transport)
             if isinstance(end, Udp) and transport.peer == f"127.0.0.1:{end.port}":
                 transport.close()
@@ -134,15 +135,37 @@ def open_side_links(
             opened.append(
                 Station(place, transport, partial(security.open, place) if url.startswith("tcpin:") else None)
             )
+            taken.append(("--gcs", transport))
         router = Router(opened, link=vehicle, whole=vehicle.preserves_datagrams, bytes_per_s=rate) if opened else None
         if sensor is None:
             return SideLinks(router)
-        transport = security.open(sensor)
+        transport = _open_beside("--lidar", sensor, security, taken)
         return SideLinks(router, transport, _place(sensor, transport))
     except TransportError:
         for station in opened:
             station.close()
         raise
+
+
+def _open_beside(option: str, name: str, security: Security, taken: Sequence[tuple[str, Transport]]) -> Transport:
+    """The link that an option names. Raises TransportError, which says whether one of the links that are open already
+    (each with its option) waits at the same port."""
+    try:
+        return security.open(name)
+    except TransportError as error:
+        url = NAMES.get(name, name)
+        others = [other for other, link in taken if _waits_at(inmost(link), url)]
+        raise TransportError(
+            f"{option} {name}: {others[0]} has this port" if others else f"{option} {error}"
+        ) from error
+
+
+def _waits_at(end: Transport, url: str) -> bool:
+    """Whether a link has the port at which a URL waits, too."""
+    scheme, port = url.partition(":")[0], url.rpartition(":")[2]
+    if isinstance(end, Udp):
+        return scheme == "udpin" and port == str(end.port)
+    return isinstance(end, Tcp) and scheme == "tcpin" and port == str(end.port)
 
 
 def _place(url: str, transport: Transport) -> str:

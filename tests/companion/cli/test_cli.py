@@ -125,6 +125,24 @@ def test_what_is_wrong_with_an_option_names_it() -> None:
     assert done.exit_code == 2 and done.stderr.startswith("companion: --avoid: method 'a-star': there are \"astar\", ")
 
 
+def test_two_links_at_one_port_are_both_named() -> None:
+    vehicle = open_vehicle_link("udpin:127.0.0.1:0", Security(), None)
+    waits, url = inmost(vehicle), "udpin:127.0.0.1:"
+    assert isinstance(waits, Udp)
+    place = f"{url}{waits.port}"
+    with closing(vehicle):
+        for stations, sensor, both in (((), place, "--lidar X: --connect"), ((place,), None, "--gcs X: --connect")):
+            with pytest.raises(TransportError, match=f"^{both.replace('X', place)} has this port$"):
+                open_side_links(vehicle, stations, sensor)
+        free = Udp("127.0.0.1", 0, bind=True)
+        other = f"{url}{free.port}"
+        free.close()
+        with pytest.raises(TransportError, match=f"^--lidar {other}: --gcs has this port$"):
+            open_side_links(vehicle, (other,), other)
+        with pytest.raises(TransportError, match=r"^--lidar bogus: neither a URL"):
+            open_side_links(vehicle, (), "bogus")
+
+
 def test_a_flight_that_failed_is_said_to_have_failed_once(capsys: pytest.CaptureFixture[str]) -> None:
     for outcome, cause, said in (
         (Outcome.FAILED, "the link is gone: unplugged", "failed: the link is gone: unplugged\n"),
