@@ -44,7 +44,7 @@ def solids(world: bytes) -> list[Prism]:
         for table in listed if isinstance(listed, list) else ():
             try:
                 found += make(table)
-            except (KeyError, TypeError, ValueError):
+            except (LookupError, TypeError, ValueError, ArithmeticError):
                 continue
     return found
 

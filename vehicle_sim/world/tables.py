@@ -1,6 +1,6 @@
 """The records of a world file in `worlds/`: places in metres north and east of the pad, heights above the ground."""
 
-import math
+from collections.abc import Iterator
 from typing import Annotated
 
 import msgspec
@@ -13,13 +13,26 @@ Place = tuple[float, float]
 """North, east (m)."""
 
 
-def _require_finite(record: msgspec.Struct) -> None:
-    """Raises ValueError, naming the key, for nan or inf, which TOML can write."""
+_MOST = 1e9
+"""The largest number that can be computed with, squares included: no world has any beyond."""
+_FLATTEST_M = 1e-9
+
+
+def _require_computable(record: msgspec.Struct) -> None:
+    """Raises ValueError, naming the key, for numbers beyond, and for nan, which TOML can write."""
     for key in record.__struct_fields__:
-        value = getattr(record, key)
-        for number in value if isinstance(value, tuple) else (value,):
-            if isinstance(number, float) and not math.isfinite(number):
-                raise ValueError(f"{key}: {number} is not a finite number")
+        for number in _numbers(getattr(record, key)):
+            if not abs(number) <= _MOST:
+                raise ValueError(f"{key}: {number:g} is not a number from {-_MOST:g} to {_MOST:g}")
+
+
+def _numbers(value: object) -> Iterator[float]:
+    """All that a value of a record has."""
+    if isinstance(value, tuple):
+        for each in value:
+            yield from _numbers(each)
+    elif isinstance(value, float):
+        yield value
 
 
 class OriginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,7 +44,7 @@ class OriginTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Above mean sea level."""
 
     def __post_init__(self) -> None:
-        _require_finite(self)
+        _require_computable(self)
 
 
 Force = Annotated[float, msgspec.Meta(ge=-1000, le=1000)]
@@ -58,7 +71,7 @@ class ObstacleTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         return self.height if isinstance(self.height, tuple) else (0.0, self.height)
 
     def __post_init__(self) -> None:
-        _require_finite(self)
+        _require_computable(self)
         bottom, top = self.span
         if bottom < 0.0:
             raise ValueError(f"height: bottom {bottom} is below the ground")
@@ -92,9 +105,6 @@ class CylinderTable(ObstacleTable, frozen=True, forbid_unknown_fields=True, kw_o
         super().__post_init__()
         if bool(self.route) != (self.speed > 0.0):
             raise ValueError("route: what moves has a route and a speed")
-        for north, east in self.route:
-            if not (math.isfinite(north) and math.isfinite(east)):
-                raise ValueError(f"route: {[north, east]} is no place")
         if self.route and all(place == self.route[0] for place in (self.center, *self.route)):
             raise ValueError("route: it leads nowhere")
 
@@ -132,11 +142,11 @@ class HillTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     center: Place
     radius: Positive
     """m, of its foot."""
-    height: Positive
+    height: Annotated[float, msgspec.Meta(ge=_FLATTEST_M)]
     """m, at most its radius."""
 
     def __post_init__(self) -> None:
-        _require_finite(self)
+        _require_computable(self)
         if self.height > self.radius:
             raise ValueError(f"height: {self.height} is more than the radius {self.radius}")
 

@@ -85,3 +85,11 @@ def test_the_origin_is_the_simulators() -> None:
 def test_a_world_that_can_t_be_read_is_drawn_as_empty(text: bytes) -> None:
     assert solids(text) == []
     assert origin(text) is None
+
+
+@pytest.mark.parametrize(
+    "hill", [b"radius = 1e300\nheight = 1e300", b"radius = 9.0\nheight = 0.0", b"radius = 9.0\nheight = []"]
+)
+def test_a_solid_that_can_t_exist_is_left_out(hill: bytes) -> None:
+    names = {each.name for each in solids(TEXT)}
+    assert {each.name for each in solids(TEXT + b'\n[[hill]]\nname = "bad"\ncenter = [9, 0]\n' + hill)} == names

@@ -266,6 +266,7 @@ GOOD: dict[str, dict[str, Any]] = {
     "box": {"center": [1.0, 2.0], "size": [1.0, 1.0], "height": [0.0, 2.0]},
     "cylinder": {"center": [1.0, 2.0], "radius": 1.0, "height": 2.0},
     "wall": {"start": [0.0, 0.0], "end": [1.0, 0.0], "thickness": 0.2, "height": 2},
+    "hill": {"center": [1.0, 2.0], "radius": 9.0, "height": 1.0},
     "tree": {"center": [1.0, 2.0], "trunk_radius": 0.1, "crown_radius": 1.0, "height": [1.0, 2.0]},
 }
 
@@ -287,6 +288,9 @@ GOOD: dict[str, dict[str, Any]] = {
         ("cylinder", "radius", -1.0),
         ("cylinder", "height", math.inf),
         ("cylinder", "name", ""),
+        ("hill", "radius", 1e300),
+        ("hill", "height", 1e300),
+        ("hill", "height", 1e-300),
         ("wall", "thickness", 0.0),
         ("wall", "end", [0.0, 0.0]),
         ("tree", "crown_radius", 0.0),
