@@ -13,6 +13,10 @@ from companion.control.tracking_error import TrackingError
 from companion.plugins import Plugin
 from protocol.arrays import Array
 
+_MOST = 1e5
+"""m/s2, rad/s and rad/s2 beyond which a command is nonsense, and no answer to an error: that of a law with a gain of
+10 1/s2 at the far end of the farthest mission. What is less is flown within the limits."""
+
 
 class PositionLaw(Protocol):
     """A position law. Its factory takes the settings' table [control] and the options of [control.position.options] by
@@ -90,7 +94,7 @@ class ForeignPosition:
             command = np.asarray(law.acceleration_command(error, wanted, dt), np.float64)
         if command.shape != (3,):
             raise self._plugin.broken(f"an acceleration of shape {command.shape} in place of (3,)")
-        if not np.isfinite(command).all():
+        if not _makes_sense(command):
             raise self._plugin.broken(f"an acceleration of {command} m/s2")
         return command
 
@@ -118,9 +122,13 @@ class ForeignAttitude:
             turn, turning = (np.array(each, np.float64) for each in self._law.turning_command(error, dt))
         if turn.shape != (3,) or turning.shape != (3,):
             raise self._plugin.broken(f"a turn of shapes {turn.shape} and {turning.shape} in place of (3,) and (3,)")
-        if not np.isfinite((turn, turning)).all():
+        if not _makes_sense(turn, turning):
             raise self._plugin.broken(f"a turn of {turn} rad/s and {turning} rad/s2")
         return turn, turning
+
+
+def _makes_sense(*commands: Array) -> bool:
+    return bool((np.abs(commands) <= _MOST).all())  # nothing compares to nan
 
 
 def reset(law: PositionLaw | AttitudeLaw, plugin: Plugin) -> None:

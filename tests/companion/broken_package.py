@@ -27,6 +27,8 @@ class Law:
             raise BaseException("panic")
         if self.answer == "nan":
             return reference_acceleration * float("nan")
+        if self.answer == "huge":
+            return reference_acceleration - 1e300
         return 1 / 0 if self.answer == 0.0 else self.answer
 
     def turning_command(self, error, dt):
@@ -34,6 +36,8 @@ class Law:
             sys.exit(3)
         if self.answer == "nan":
             return error.reference_rates, error.attitude * float("nan")
+        if self.answer == "huge":
+            return error.reference_rates, error.attitude - 1e300
         return (1 / 0, 0.0) if self.answer == 0.0 else ([self.answer] * 3, self.answer)
 
 class Brittle(Law):

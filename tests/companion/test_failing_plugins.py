@@ -53,7 +53,7 @@ def test_what_is_no_exception_ends_the_planners_process_without_a_traceback(
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("answer", ['"panic"', '"nan"'])
+@pytest.mark.parametrize("answer", ['"panic"', '"nan"', '"huge"'])
 def test_a_law_that_fails_in_flight_is_named_and_the_vehicle_lands(answer: str) -> None:
     """By its own autopilot, which is asked to hold first."""
     asked = ("control.position.law=brittle", f"control.position.options.answer={answer}", "avoidance.method=none")

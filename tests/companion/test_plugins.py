@@ -182,6 +182,11 @@ def test_a_broken_law_is_named_and_stops_no_flight_but_its_own(broken: None) -> 
         ("broken", "control.position.options.answer=exit", r"SystemExit\(3\) at broken:\d+$"),
         ("broken", "control.position.options.answer=panic", r"BaseException\('panic'\) at broken:\d+$"),
         ("broken", 'control.position.options.answer="nan"', r"an acceleration of \[nan nan nan\] m/s2$"),
+        (
+            "broken",
+            'control.position.options.answer="huge"',
+            r"an acceleration of \[-1\.e\+300 .*\] m/s2$",
+        ),
         ("broken", "control.position.options.answer=1.0", r"shape \(\) in place of \(3,\)"),
     ):
         with pytest.raises(PluginError, match=f'^position law "{name}" of broken 1: .*{words}'):
@@ -265,6 +270,7 @@ def test_a_broken_attitude_law_is_named(broken: None) -> None:
         (["control.attitude.law=broken", "control.attitude.options.answer=exit"], "SystemExit"),
         (["control.attitude.law=broken", "control.attitude.options.answer=1.0"], r"\(3,\) and \(\) in place of"),
         (["control.attitude.law=broken", 'control.attitude.options.answer="nan"'], r"and \[nan nan nan\] rad/s2$"),
+        (["control.attitude.law=broken", 'control.attitude.options.answer="huge"'], r"and \[-1\.e\+300 .*\] rad/s2$"),
     ):
         flies = controller(*options)
         acceleration = flies.acceleration_command(level, 4_000_000, 0, still, 1.0, airborne=False)
