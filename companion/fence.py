@@ -65,8 +65,9 @@ class Fence:
             low, high = self.low[axis], self.high[axis]
             if low <= value <= high:
                 continue
+            inwards = np.maximum if value < low else np.minimum
             rows[0, axis] = low if value < low else high
-            rows[1:5, axis] = 0.0
+            rows[1:5, axis] = inwards(rows[1:5, axis], 0.0)
         dn, de = rows[0, 0] - self.home[0], rows[0, 1] - self.home[1]
         away = math.hypot(dn, de)
         if away <= self.radius:

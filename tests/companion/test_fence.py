@@ -131,13 +131,17 @@ def test_a_reference_is_kept_inside_and_does_not_push_out(fence: Fence, offset: 
         assert fence.room(rows[0] + 1e-6 * rows[1]) >= -1e-9
 
 
-@pytest.mark.parametrize(("north", "kept"), [(-2.0, -2.0), (2.0, 0.0)])
-def test_a_reference_beyond_a_circle_keeps_what_leads_back_and_along(north: float, kept: float) -> None:
-    fence, rows = fence_of(Geofence(radius=20.0), HOME), np.zeros((6, 3))
+@pytest.mark.parametrize("settings", [Geofence(radius=20.0), Geofence(north=(-20.0, 20.0))], ids=["circle", "box"])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("out", "kept"), [(-2.0, -2.0), (2.0, 0.0)])
+def test_a_reference_beyond_the_fence_keeps_what_leads_back_and_along(
+    settings: Geofence, side: float, out: float, kept: float
+) -> None:
+    fence, rows = fence_of(settings, HOME), np.zeros((6, 3))
     assert fence is not None
-    rows[0], rows[1] = np.add(HOME, (25.0, 0.0, 0.0)), (north, 1.5, 0.0)
+    rows[0], rows[1] = np.add(HOME, (25.0 * side, 0.0, 0.0)), (out * side, 1.5, 0.0)
     fence.keep(rows)
-    assert rows[:2].tolist() == pytest.approx(np.array([np.add(HOME, (20.0, 0.0, 0.0)), (kept, 1.5, 0.0)]))
+    assert rows[:2] == pytest.approx(np.array([np.add(HOME, (20.0 * side, 0.0, 0.0)), (kept * side, 1.5, 0.0)]))
 
 
 @given(fences(), OFFSETS, st.floats(0.0, 2.0 * math.pi), st.floats(0.5, 15.0))
