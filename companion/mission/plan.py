@@ -92,6 +92,11 @@ class Mission(Table, frozen=True):
             raise ValueError(f"profile {self.profile!r}: it is for waypoints, a [trajectory] has its own")
         if self.trajectory is not None and self.delivery is not None:
             raise ValueError("delivery: it is at the last waypoint, and a [trajectory] has none")
+        height = self.waypoints[-1].height if self.waypoints else self.takeoff_height
+        if self.delivery is not None and self.delivery.release_height > height:
+            raise ValueError(
+                f"delivery.release_height {self.delivery.release_height:g}: above the last waypoint, at {height:g}"
+            )
 
 
 class Phase(IntEnum):

@@ -271,7 +271,8 @@ def _hurried(mission: Mission) -> Mission:
     """The same with short holds and short curves; one that waits for orders is ordered all that there is."""
     if mission.waits:
         ordered = [*mission.waypoints, Waypoint(_REHEARSED_REACH_M, 0.0, mission.takeoff_height)]
-        mission = msgspec.structs.replace(mission, waits=False, waypoints=ordered, delivery=Delivery())
+        low = Delivery(min(Delivery().release_height, mission.takeoff_height))
+        mission = msgspec.structs.replace(mission, waits=False, waypoints=ordered, delivery=low)
     waypoints = [msgspec.structs.replace(waypoint, hold_s=min(waypoint.hold_s, 0.1)) for waypoint in mission.waypoints]
     shape = mission.trajectory
     if shape is not None:

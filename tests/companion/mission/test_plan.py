@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.curves import Route, Shape
-from companion.mission.plan import Phase, steps
+from companion.mission.plan import Delivery, Phase, steps
 from companion.runtime.files import load_mission
 from protocol.toml_files import ROOT, TomlFileError
 
@@ -134,6 +134,13 @@ def test_a_height_beyond_what_messages_hold_is_refused_with_its_key(tmp_path: Pa
         (circle + "height = 1e39\n", "trajectory.height"),
     ):
         assert f"<= 10000.0 - at `{key}`" in refused(tmp_path, text)
+
+
+def test_a_descent_that_would_climb_is_refused_with_its_key(tmp_path: Path) -> None:
+    text = WAYPOINT + "[delivery]\nrelease_height = {}\n"
+    assert "delivery.release_height 3.1: above the last waypoint, at 3" in refused(tmp_path, text.format(3.1))
+    (tmp_path / "level.toml").write_text(HEAD + text.format(3.0))
+    assert load_mission(str(tmp_path / "level.toml"))[0].delivery == Delivery(3.0)
 
 
 def test_speeds_and_sizes_that_nothing_flies_are_refused_with_their_key(tmp_path: Path) -> None:
