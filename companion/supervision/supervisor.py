@@ -27,6 +27,8 @@ class Supervisor:
         """It has had the vehicle in flight, or on its way there."""
         self._verdicts: list[Verdict] = []
         """What decides how the flight comes out, in order, each kind once."""
+        self._rose = False
+        """By our own reckoning or by the vehicle's word."""
         self.due_ns = 0
         """When the health is to be looked at next."""
         self.waiting_for: str | None = None
@@ -63,6 +65,7 @@ class Supervisor:
             self._since_ns = now_ns
         self._seconds = seconds = (now_ns - self._since_ns) * 1e-9
         self.flew = self.flew or self.state in FLYING
+        self._rose = self._rose or health.plight.risen or health.airborne
         if self._hands_over:
             losses = any(row.condition(health, self._settings, seconds) for row in _LOSSES)
             self._hands_over = not (losses or health.plight.position_lost)
@@ -121,12 +124,17 @@ class Supervisor:
     @property
     def verdict(self) -> Verdict | None:
         """What is wrong with the flight; None if nothing is."""
-        return worst(self._verdicts)
+        return worst([self._as_it_came(verdict) for verdict in self._verdicts])
 
     @property
     def fault(self) -> str | None:
         """What was wrong first, in words; None for a flight without."""
-        return self._verdicts[0].text if self._verdicts else None
+        return self._as_it_came(self._verdicts[0]).text if self._verdicts else None
+
+    def _as_it_came(self, verdict: Verdict) -> Verdict:
+        """What ends a flight early keeps a vehicle that has not risen on the ground."""
+        early = verdict.outcome is Outcome.LANDED_EARLY and not self._rose
+        return Verdict(Outcome.NO_TAKE_OFF, verdict.cause) if early else verdict
 
 
 _LOSSES = tuple(row for row in TABLE if row.states >= OWN and row.to is not State.LAND)

@@ -25,12 +25,14 @@ from companion.supervision.supervisor import Supervisor
 from protocol.flightlog import Direction
 from protocol.messages import Encoder, dialect
 from tests.companion.said_alike import assert_all_say
-from tests.companion.supervision.test_supervisor import EMPTY, IDLE, LOW, OTHERS, SECOND, WELL, flying
+from tests.companion.supervision.test_supervisor import EMPTY, ENGAGED, IDLE, LOW, OTHERS, SECOND, WELL, flying
 
 DONE = replace(WELL, mission_done=True)
 LANDING = replace(WELL, mode=FlightMode.LAND)
 DOWN = replace(LANDING, armed=False)
 STUCK = replace(WELL, plight=Plight(risen=False))
+UNHEARD = replace(STUCK, telemetry_age=0.6)
+ARMED = tuple(replace(each, plight=Plight(risen=False)) for each in (IDLE, IDLE, IDLE, ENGAGED, WELL, WELL))
 HEAVY = Plight(risen=False, full_thrust=True)
 FALLEN = Plight(emergency="crash: hit ground", crash="hit ground")
 HELD = replace(WELL, scan_age=0.6)
@@ -100,6 +102,14 @@ BEFORE: list[Way] = [
     (Outcome.CALLED_OFF, "before the start", (replace(IDLE, seen=False, land_requested=True),), False, {}),
     (Outcome.NOT_STARTED, "GUID_OPTIONS", (IDLE, replace(IDLE, refusal="GUID_OPTIONS is 0")), None, {}),
     (Outcome.NOT_STARTED, "no vehicle", (replace(IDLE, seen=False),) * 7, False, {}),
+    (Outcome.NO_TAKE_OFF, "telemetry lost", (*ARMED, UNHEARD, replace(STUCK, armed=False)), False, {}),
+    (
+        Outcome.LANDED_EARLY,
+        "telemetry lost",
+        (*ARMED, UNHEARD, replace(STUCK, airborne=True), replace(STUCK, armed=False)),
+        False,
+        {},
+    ),
 ]
 
 
