@@ -105,7 +105,8 @@ class RollingMap:
         self._width = max(beams.width, _LEAST_WIDTH)
         grid = self._grid(time_ns)
         layer = Layer(*self._layer(float(here[2])), ground_down, slope)
-        add_beams(grid, tuple(beams), tuple(layer), self._settings.keeps_free)
+        # The arcs of wide sectors cross something that stands nearly always.
+        add_beams(grid, tuple(beams), tuple(layer), self._settings.keeps_free and self._width <= WIDE_SECTOR)
         set_disc(grid, float(here[0]), float(here[1]), self._hull_radius, FLOOR, False)
 
     def _layer(self, down: float) -> tuple[float, float]:

@@ -291,6 +291,21 @@ def test_what_was_seen_free_beside_a_post_stays_free_when_the_post_is_seen_from_
     assert state_at(rolling.view(0), HERE[0] + 2.0, HERE[1]) == OCCUPIED, "a narrow arc marks all of it"
 
 
+@pytest.mark.parametrize("sectors, keeps_free", [(24, True), (20, False), (8, False)])
+def test_wide_sectors_close_what_was_seen_free(sectors: int, keeps_free: bool) -> None:
+    """A post ahead whose sides were seen free in narrow sectors, and again in as many as there are, from 4 m away."""
+    rolling = RollingMap(SETTINGS, HULL)
+    see_a_post(rolling, 0)
+    bearings: Array = 2.0 * math.pi / sectors * np.arange(sectors)
+    hit, known, here = np.arange(sectors) == 0, np.ones(sectors, bool), HERE - np.array([1.0, 0.0, 0.0])
+    distance = 4.0 / math.cos(math.pi / sectors)  # the middle of the sector's chord is at the post
+    for _ in range(12):
+        rolling.add(Scan(0, 0, bearings, np.where(hit, distance, 15.0), hit, known), here, LEVEL, GROUND)
+    view = rolling.view(0)
+    assert state_at(view, HERE[0] + 3.0, HERE[1]) == OCCUPIED
+    assert (state_at(view, HERE[0] + 3.0, HERE[1] + 0.4) == FREE) is keeps_free
+
+
 @pytest.mark.parametrize("keeps_free", [True, False])
 def test_a_wall_is_not_joined_over_what_was_seen_free(keeps_free: bool) -> None:
     """A wall at a slant in three sectors, and a place on it behind the arc of the one in the middle."""
