@@ -126,6 +126,9 @@ class AvoidanceAltitudeSearch(Table, frozen=True):
     height_cost: Positive = 10.0
     """Cost of a metre of height, as a length of path (m). A path whose detour exceeds `height_cost` times `step` is
     left for another height; unconfirmed and tight cells count in the detour."""
+    short_detour: NotNegative = 5.0
+    """m; a height from which the way has a longer detour is not yet past what is in the way: the next one is tried, if
+    there is one. Around what it sees there it would be led on by what is just below (or above) its scan."""
     speed: Positive = 2.0
     """m/s, at most, at another height than the route's: a scan that is tilted far passes over or under edges there."""
     edge_distance: Positive = 0.4

@@ -17,7 +17,7 @@ _FLOWN_WITHOUT = (
     {"avoidance": {"course": {"adapts": True, "max_yield": 1e9}, "guard": {"emergency_braking": 0.0}}},
     {"avoidance": {"map": {"memory_cells": 0}}},
     {"avoidance": {"map": {"beyond_window": False}}},
-    {"avoidance": {"altitude_search": {"edge_distance": 1e9, "patience_s": 1e9}}},
+    {"avoidance": {"altitude_search": {"edge_distance": 1e9, "patience_s": 1e9, "short_detour": 1e9}}},
     {"avoidance": {"map": {"keeps_free": False}}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""

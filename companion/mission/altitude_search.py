@@ -145,7 +145,7 @@ class AltitudeSearch:
             assert self._looks_since_ns is not None and self._down is not None
             if now_ns - self._looks_since_ns < self._settings.dwell_time * 1e9:
                 return None
-            if long:
+            if long or (detour > self._settings.short_detour and self._next_heights(place)):
                 return self._try_next(place)
             self._stage = _Stage.CLEAR
             self._down += -self._settings.margin if self._up else self._settings.margin
@@ -170,24 +170,31 @@ class AltitudeSearch:
         """The next height; after the last one the route's, if the vehicle is where it left that."""
         if not self._allowed:
             return None
-        if self._untried is None:
-            self._untried = self._heights(place)
-        north, east = float(place.here[0]), float(place.here[1])
-        returns = self._route_left_at is not None and math.dist(self._route_left_at, (north, east)) < _SAME_PLACE_M
-        if self._down is not None and not returns:  # farther from the route's only
-            self._untried = [down for down in self._untried if (down < self._down if self._up else down > self._down)]
+        self._untried = self._next_heights(place)
         self._long_since_ns = None
         if not self._untried:
-            if self._down is None or not returns:
+            if self._down is None or not self._returns(place):
                 self._stage = _Stage.FLY
                 return None
             self._stage, self._down = _Stage.BACK, place.route
             return Change(place.route, "no better way, back")
         if self._down is None:
-            self._route_left_at = north, east
+            self._route_left_at = float(place.here[0]), float(place.here[1])
         self._stage, self._target = _Stage.BRAKE, self._untried.pop(0)
         self._target_is_up = self._target < place.route
         return Change(self._target, "no way or a long one, trying")
+
+    def _returns(self, place: Place) -> bool:
+        """Whether the vehicle is where it left the route's height."""
+        here = float(place.here[0]), float(place.here[1])
+        return self._route_left_at is not None and math.dist(self._route_left_at, here) < _SAME_PLACE_M
+
+    def _next_heights(self, place: Place) -> list[float]:
+        """Those that may be tried from here: elsewhere than where the route's was left only what is farther from it."""
+        untried = self._heights(place) if self._untried is None else self._untried
+        if self._down is None or self._returns(place):
+            return untried
+        return [down for down in untried if (down < self._down if self._up else down > self._down)]
 
     def _heights(self, place: Place) -> list[float]:
         """All heights (down, m, NED) that may be tried: up first, a step apart, the last one at the limit."""

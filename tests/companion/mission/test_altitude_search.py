@@ -115,6 +115,16 @@ def test_another_height_is_left_sooner_without_progress_while_there_is_a_next_on
     assert early.go(0.1, detour=0.0, stalled_s=STUCK_S).went[-1] == (-7.0, "trying"), "never later than that"
 
 
+def test_a_height_that_is_not_past_what_is_in_the_way_is_flown_at_only_if_it_is_the_last() -> None:
+    """Around a wall that is seen there, and just over one that is not any more a margin higher."""
+    short = AvoidanceAltitudeSearch().short_detour
+    flight = Flight(max_climb=8.0).go(1.5).go(1.5, detour=short + 0.1)
+    assert flight.went == [(-5.0, "trying"), (-7.0, "trying")]
+    assert flight.go(2.0, detour=short - 0.1).went[2:] == [(-8.0, "on")]
+    last = Flight(max_climb=7.0).go(1.5).go(10.0, detour=short + 0.1)
+    assert last.went == [(-5.0, "trying"), (-7.0, "trying"), (-9.0, "trying"), (-10.0, "on")]
+
+
 def test_past_edges_what_is_beyond_them_on_the_side_of_the_route_is_not_in_the_way() -> None:
     edge = AvoidanceAltitudeSearch().edge_distance
     over, under = Flight(max_climb=6.0), Flight(-8.0, max_descent=4.0)
