@@ -15,21 +15,18 @@ from companion.perception.rolling_map import RollingMap
 from companion.state import Scan
 from protocol.arrays import Array, BoolArray
 from protocol.frames import from_euler, rotate, to_body
+from tests.companion.perception.rings import (
+    GROUND,
+    HERE,
+    HULL,
+    LEVEL,
+    SETTINGS,
+    scan_of,
+    see_a_post,
+    state_at,
+)
 
-SETTINGS = AvoidanceMap(cell=0.2, cells=256, layer=1.5, memory_s=40.0)
-HULL = 0.36
-HERE = np.array([0.05, -0.03, -3.0])
-LEVEL = from_euler(0.0, 0.0, 0.0)
-GROUND = -0.5
 WIDTH = math.radians(5.0)
-BEARINGS: Array = np.radians(5.0 * np.arange(72))
-
-
-def scan_of(ranges: Array, hit: BoolArray | None = None, time_ns: int = 0, known: BoolArray | None = None) -> Scan:
-    everything = np.ones(72, bool)
-    return Scan(
-        time_ns, 0, BEARINGS, ranges, everything if hit is None else hit, everything if known is None else known
-    )
 
 
 def seen(
@@ -44,18 +41,6 @@ def seen(
     for _ in range(scans):
         rolling.add(scan_of(ranges, hit), here, attitude, GROUND)
     return rolling.view(0)
-
-
-def see_a_post(rolling: RollingMap, sector: int) -> None:
-    """From `HERE`, 3 m away, four times, and nothing else."""
-    ranges, hit = np.full(72, 15.0), np.zeros(72, bool)
-    ranges[sector], hit[sector] = 3.0, True
-    for _ in range(4):
-        rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
-
-
-def state_at(view: MapView, north: float, east: float) -> int:
-    return view.state_at(np.array([north, east]))
 
 
 def test_nothing_is_known_before_the_first_scan() -> None:
@@ -258,68 +243,6 @@ def test_returns_that_are_not_in_the_way_mark_nothing(above: float, below: float
     assert state_at(view, HERE[0] + 2.0, HERE[1]) == FREE and state_at(view, ahead + 0.4, HERE[1]) == UNKNOWN
     rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
     assert state_at(rolling.view(0), HERE[0] + 3.0, HERE[1]) == OCCUPIED
-
-
-BACK = HERE - np.array([7.0, 0.0, 0.0])
-"""From where a sector is 0.9 m wide at what `HERE` has 3 m ahead, and 0.3 m."""
-
-
-def ring(back: Array, *ranges: float) -> tuple[Array, BoolArray]:
-    """Ranges (72,) m of sectors around north, of which the given ones, from left to right, have returned."""
-    distances, hit, first = back.copy(), np.zeros(72, bool), -(len(ranges) // 2)
-    for k, distance in enumerate(ranges):
-        distances[first + k], hit[first + k] = distance, math.isfinite(distance)
-    return np.minimum(distances, 15.0), hit
-
-
-@pytest.mark.parametrize("keeps_free", [True, False])
-def test_what_was_seen_free_beside_a_post_stays_free_when_the_post_is_seen_from_afar(keeps_free: bool) -> None:
-    """Without that a gap beside it seems to close. A post that comes there closes it all the same."""
-    rolling = RollingMap(replace(SETTINGS, keeps_free=keeps_free), HULL)
-    open_country, ahead = np.full(72, 15.0), HERE[0] + 3.0
-    see_a_post(rolling, 0)
-    for _ in range(6):
-        rolling.add(scan_of(*ring(open_country, 10.0)), BACK, LEVEL, GROUND)
-    view, beside = rolling.view(0), (HERE[1] - 0.35, HERE[1] + 0.35)
-    assert state_at(view, ahead, HERE[1]) == OCCUPIED
-    assert [state_at(view, ahead, east) for east in beside] == [FREE if keeps_free else OCCUPIED] * 2
-    for _ in range(3):
-        rolling.add(scan_of(*ring(open_country, 8.0)), BACK, LEVEL, GROUND)
-    assert state_at(rolling.view(0), ahead - 2.0, HERE[1] + 0.1) == OCCUPIED, "nothing stands there that explains it"
-    for _ in range(3):
-        rolling.add(scan_of(*ring(open_country, 2.0)), HERE, LEVEL, GROUND)
-    assert state_at(rolling.view(0), HERE[0] + 2.0, HERE[1]) == OCCUPIED, "a narrow arc marks all of it"
-
-
-@pytest.mark.parametrize("sectors, keeps_free", [(24, True), (20, False), (8, False)])
-def test_wide_sectors_close_what_was_seen_free(sectors: int, keeps_free: bool) -> None:
-    """A post ahead whose sides were seen free in narrow sectors, and again in as many as there are, from 4 m away."""
-    rolling = RollingMap(SETTINGS, HULL)
-    see_a_post(rolling, 0)
-    bearings: Array = 2.0 * math.pi / sectors * np.arange(sectors)
-    hit, known, here = np.arange(sectors) == 0, np.ones(sectors, bool), HERE - np.array([1.0, 0.0, 0.0])
-    distance = 4.0 / math.cos(math.pi / sectors)  # the middle of the sector's chord is at the post
-    for _ in range(12):
-        rolling.add(Scan(0, 0, bearings, np.where(hit, distance, 15.0), hit, known), here, LEVEL, GROUND)
-    view = rolling.view(0)
-    assert state_at(view, HERE[0] + 3.0, HERE[1]) == OCCUPIED
-    assert (state_at(view, HERE[0] + 3.0, HERE[1] + 0.4) == FREE) is keeps_free
-
-
-@pytest.mark.parametrize("keeps_free", [True, False])
-def test_a_wall_is_not_joined_over_what_was_seen_free(keeps_free: bool) -> None:
-    """A wall at a slant in three sectors, and a place on it behind the arc of the one in the middle."""
-    rolling = RollingMap(replace(SETTINGS, keeps_free=keeps_free), HULL)
-    ranges, hit, place = np.full(72, 15.0), np.zeros(72, bool), HERE + np.array([6.0, 2.0, 0.0])
-    for sector in (3, 4, 5):
-        ranges[sector], hit[sector] = 2.0 / math.sin(5.0 * math.radians(sector)), True
-    for seen_before in (False, True):
-        if seen_before:
-            for _ in range(4):
-                rolling.add(scan_of(np.full(72, 1.0), np.zeros(72, bool)), place, LEVEL, GROUND)
-        for _ in range(2):
-            rolling.add(scan_of(ranges, hit), HERE, LEVEL, GROUND)
-        assert (state_at(rolling.view(0), place[0], place[1]) == OCCUPIED) is not (seen_before and keeps_free)
 
 
 def test_each_beam_with_the_pose_of_its_own_time() -> None:
