@@ -20,7 +20,8 @@ beside it. Pictures of single flights are flown again each time.
 
 The tables are not all of one version. What is told of which, and what later ones gave where they were flown:
 
-- **Shafts, passages, alleys, halls, offices:** a recent version. The one after it was flown in 12 of each: all arrive.
+- **Shafts, passages, alleys, halls, offices:** a recent version. The present one was flown in 18 to 20 of each: all
+  arrive.
 - **The long forest:** a recent version. Times a stage are of a machine that had other work beside.
 - **Movers:** an earlier version, which learned a wind from its own reference, braked less than it was asked to and
   tracked nothing wider than 1.2 m. A recent one was flown through 345: none is met ahead on (50), across (50), soon
@@ -41,8 +42,11 @@ The tables are not all of one version. What is told of which, and what later one
   In the forest it is slower at 3 and 5 m/s, 2.87 and 4.41 m/s on the way, and 4.15 m/s with a trunk in 12 m2. Above 6
   m/s paths are made smooth and followed by their curve: 5.79 m/s are flown at 7 m/s and 6.47 m/s at 10 m/s (100 of 100
   arrive each), where 40 m without a tree are flown at 5.93 and 7.05 m/s.
-- **Courts:** an earlier version. The present one takes longer to climb out and in: of the first six it arrives in five
-  within 120 s, with or without what it remembers beyond the window.
+- **Courts:** an earlier version. The present one has landed in all of the same twenty 31 to 46 s after its start, and
+  keeps 0.7 m from all walls and their edges.
+- **Yards of containers** are in no table yet: rows with gaps of 0.05 to 2.2 m. The present version arrives
+  in all of ten, by 1.16 times the shortest ways. The one before gave one up, where it flew to and fro between a gap that
+  it saw closed askew and another one, and flew 1.8 times the shortest ways.
 - **Hills and low walls, flights on sensors:** earlier versions, of the hills at 7 m/s the earliest.
 
 ## What the sensor can't see
