@@ -337,8 +337,8 @@ def _add_returns(grid: Grid, beams: Beams, edges: Array, centres: Array, arcs: A
             continue
         left = _continues(centres, arcs, k, (k - 1) % count, width)
         right = _continues(centres, arcs, k, (k + 1) % count, width)
-        origin, ends, wide = beams.positions_ned[k], (right and not left, left and not right), arcs[k] * width
-        explained = wide > _FULL_WEIGHT_M and _is_occupied(grid, origin, edges[k], arcs[k], width)
+        origin, ends, length = beams.positions_ned[k], (right and not left, left and not right), arcs[k] * width
+        explained = length > _FULL_WEIGHT_M and _is_occupied(grid, origin, edges[k], arcs[k], width)
         _raise_arc(grid, origin, edges[k], arcs[k], width, ends, stays_below if explained else -math.inf)
 
 
