@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 from protocol.flightlog import (
     DATAGRAM,
     LogReader,
+    writer,
 )
 from protocol.flightlog.shared_buffer import METADATA_CHANNEL, encode_metadata
 from protocol.flightlog.syncing import Syncing
@@ -108,13 +109,18 @@ def test_kill_of_the_recorder_is_said_and_stops_nothing(start: Opener) -> None:
     assert list(reader.topics) == [DATAGRAM.topic, "/log", COUNT.topic, TRACE.topic]
 
 
-def test_recorder_that_stands_still_is_said(start: Opener) -> None:
-    log = start()
+@pytest.mark.parametrize("on_full, after_s", [("drop", 1.0), ("wait", 2.0)])
+def test_recorder_that_stands_still_is_said(
+    start: Opener, on_full: str, after_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In lockstep, where nothing is lost meanwhile, not before it is given up."""
+    monkeypatch.setattr(writer, "_GIVE_UP_NS", 2_000_000_000)
+    log = start(on_full=on_full)
     os.kill(log.recorder_pid, signal.SIGSTOP)
     try:
         until(lambda: log.fault is not None)
         assert log.fault is not None
-        assert "not moved" in log.fault
+        assert "not moved" in log.fault and log._buffer.silent_ns > after_s * 1e9
     finally:
         os.kill(log.recorder_pid, signal.SIGCONT)
     until(lambda: log.fault is None)
