@@ -44,9 +44,9 @@ The tables are not all of one version. What is told of which, and what later one
   arrive each), where 40 m without a tree are flown at 5.93 and 7.05 m/s.
 - **Courts:** an earlier version. The present one has landed in all of the same twenty 31 to 46 s after its start, and
   keeps 0.7 m from all walls and their edges.
-- **Yards of containers** are in no table yet: rows with gaps of 0.05 to 2.2 m. The present version arrives
-  in all of ten, by 1.16 times the shortest ways. The one before gave one up, where it flew to and fro between a gap that
-  it saw closed askew and another one, and flew 1.8 times the shortest ways.
+- **Yards of containers** are in no table yet: rows with gaps of 0.05 to 2.2 m. The present version arrives in all of
+  ten, by 1.16 times the shortest ways. The one before gave one up, where it flew to and fro between a gap that it saw
+  closed askew and another one, and flew 1.8 times the shortest ways.
 - **Hills and low walls, flights on sensors:** earlier versions, of the hills at 7 m/s the earliest.
 
 ## What the sensor can't see
