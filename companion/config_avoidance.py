@@ -30,7 +30,8 @@ class AvoidanceMap(Table, frozen=True):
     """How long a return at close range is remembered; weaker evidence fades in proportion."""
     keeps_free: bool = True
     """Whether the return of a sector, which lies somewhere on an arc across it, leaves free what was seen free there,
-    where something stands on that arc already. Sectors wider than 15 degrees always close it."""
+    where something stands on that arc already; and whether a wall is joined between its returns only over what was not
+    seen free. Sectors wider than 15 degrees always close it."""
 
     def __post_init__(self) -> None:
         if not 16 <= self.cells <= 4096 or self.cells % 2:

@@ -308,7 +308,7 @@ class Guidance:
 
         `pose`: position (3,) and attitude (4,) of the scan; what it shows below `ground_down` (m, NED) is the ground.
         """
-        place, velocity = state.position_ned, state.velocity_ned
+        motion = place, velocity = state.position_ned, state.velocity_ned
         if not self.over_map:
             points = self._returns.add(obstacle_points(scan, *pose, ground_down), now_ns)
             self.decision = self.method.decide(points, place, velocity, leg.goal_ned, leg.speed)
@@ -317,9 +317,8 @@ class Guidance:
         self._asked += 1
         self._mapped_ns = self._mapped_ns or now_ns
         goal = leg.goal_ned if self.over_map and leg.step.avoids else None
-        walls = None if self._walls is None else self._walls.around(place)
-        known = scan, pose, ground_down, place, velocity, goal, leg.speed, walls, leg.in_the_way
-        return PlanRequest(self._asked, now_ns, *known)
+        flat = None if self._walls is None else self._walls.around(place)
+        return PlanRequest(self._asked, now_ns, scan, pose, ground_down, *motion, goal, leg.speed, flat, leg.in_the_way)
 
     def map_age(self, now_ns: int) -> float:
         """Age (s) of the scan that is the latest in the guard's map; before the first, since that was asked for."""

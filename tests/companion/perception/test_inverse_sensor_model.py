@@ -38,6 +38,21 @@ def test_one_beam_lowers_its_wedge_and_raises_its_arc() -> None:
     assert grid.returns[8, 0] == pytest.approx([2.1, 0.125, 2.0], abs=0.5 * 2.0 * math.radians(5.0)), "on the arc"
 
 
+def test_the_half_sector_on_which_an_obstacle_ends_is_believed_less() -> None:
+    """Two returns side by side, 4 m ahead: the left half of the left one and the right half of the right one."""
+    fine, bearings = 0.05, np.radians((-5.0, 0.0, 5.0, 10.0))
+    grid = empty_grid(-128, -128, 256)._replace(size=256, cell=fine)
+    here, level = np.tile((0.01, 0.01, -3.0), (4, 1)), np.tile(from_euler(0.0, 0.0, 0.0), (4, 1))
+    known, hit = np.ones(4, np.bool_), np.array([False, True, True, False])
+    beams = Beams(bearings, np.full(4, 4.0), hit, known, here, level, math.radians(5.0))
+    for _ in range(8):
+        add_beams(grid, beams, LAYER, True)
+    for degrees, ends in ((-1.5, True), (1.5, False), (3.5, False), (6.5, True)):
+        north, east = (4.0 * turn(math.radians(degrees)) for turn in (math.cos, math.sin))
+        highest = grid.log_odds[math.floor(north / fine) - 1 :, math.floor(east / fine)][:3].max()
+        assert 0.0 < highest <= 1.0 if ends else highest > 2.0, degrees
+
+
 def test_log_odds_stay_within_their_bounds() -> None:
     rng = np.random.default_rng(7)
     grid = empty_grid()

@@ -16,31 +16,41 @@ BACK = HERE - np.array([7.0, 0.0, 0.0])
 """From where a sector is 0.9 m wide at what `HERE` has 3 m ahead, and 0.3 m."""
 
 
-def ring(back: Array, *ranges: float) -> tuple[Array, BoolArray]:
-    """Ranges (72,) m of sectors around north, of which the given ones, from left to right, have returned."""
-    distances, hit, first = back.copy(), np.zeros(72, bool), -(len(ranges) // 2)
-    for k, distance in enumerate(ranges):
-        distances[first + k], hit[first + k] = distance, math.isfinite(distance)
-    return np.minimum(distances, 15.0), hit
+def ring(distance: float, sector: int = 0) -> tuple[Array, BoolArray]:
+    """Ranges (72,) m of which one has returned, as a rule that of the sector ahead."""
+    ranges, hit = np.full(72, 15.0), np.arange(72) == sector
+    ranges[sector] = distance
+    return ranges, hit
 
 
 @pytest.mark.parametrize("keeps_free", [True, False])
 def test_what_was_seen_free_beside_a_post_stays_free_when_the_post_is_seen_from_afar(keeps_free: bool) -> None:
     """Without that a gap beside it seems to close. A post that comes there closes it all the same."""
     rolling = RollingMap(replace(SETTINGS, keeps_free=keeps_free), HULL)
-    open_country, ahead = np.full(72, 15.0), HERE[0] + 3.0
+    ahead = HERE[0] + 3.0
     see_a_post(rolling, 0)
     for _ in range(6):
-        rolling.add(scan_of(*ring(open_country, 10.0)), BACK, LEVEL, GROUND)
+        rolling.add(scan_of(*ring(10.0)), BACK, LEVEL, GROUND)
     view, beside = rolling.view(0), (HERE[1] - 0.35, HERE[1] + 0.35)
     assert state_at(view, ahead, HERE[1]) == OCCUPIED
     assert [state_at(view, ahead, east) for east in beside] == [FREE if keeps_free else OCCUPIED] * 2
     for _ in range(3):
-        rolling.add(scan_of(*ring(open_country, 8.0)), BACK, LEVEL, GROUND)
+        rolling.add(scan_of(*ring(8.0)), BACK, LEVEL, GROUND)
     assert state_at(rolling.view(0), ahead - 2.0, HERE[1] + 0.1) == OCCUPIED, "nothing stands there that explains it"
-    for _ in range(3):
-        rolling.add(scan_of(*ring(open_country, 2.0)), HERE, LEVEL, GROUND)
-    assert state_at(rolling.view(0), HERE[0] + 2.0, HERE[1]) == OCCUPIED, "a narrow arc marks all of it"
+
+
+@pytest.mark.parametrize("distance, closes", [(2.0, True), (4.0, False)])
+def test_a_narrow_arc_closes_all_of_it(distance: float, closes: bool) -> None:
+    """A post is seen from its side, and free space beside it; from up to 2.3 m that is no more than the post may be."""
+    rolling, place = RollingMap(SETTINGS, HULL), HERE + np.array([distance, 0.0, 0.0])
+    aside = place + np.array([0.0, 1.0, 0.0])
+    for _ in range(4):
+        rolling.add(scan_of(*ring(1.05, 54)), aside, LEVEL, GROUND)
+    view = rolling.view(0)
+    assert state_at(view, place[0], HERE[1]) == OCCUPIED and state_at(view, place[0], HERE[1] + 0.1) == FREE
+    for _ in range(12):
+        rolling.add(scan_of(*ring(distance)), HERE, LEVEL, GROUND)
+    assert (state_at(rolling.view(0), place[0], HERE[1] + 0.1) == OCCUPIED) is closes
 
 
 @pytest.mark.parametrize("sectors, keeps_free", [(24, True), (20, False), (8, False)])

@@ -1,6 +1,8 @@
 """Questions and answers: the same in this process and in another, at their time, and what happens when they end."""
 
+import dataclasses
 import itertools
+import math
 import os
 import pickle
 import select
@@ -28,6 +30,7 @@ from companion.runtime.planning import (
 )
 from companion.state import Scan
 from companion.supervision.states import State
+from protocol.frames import from_euler
 from studies.joined import Joined, mission_of
 
 SETTINGS = Avoidance(method="astar", map=AvoidanceMap(cells=160, cell=0.25))
@@ -118,6 +121,18 @@ def test_an_answer_is_never_larger_than_it_may_be(cells: int, cell: float) -> No
         pickle.dumps(answer, protocol=5, buffer_callback=buffers.append)
         sizes.append(sum(memoryview(buffer).nbytes + 64 for buffer in buffers))
     assert 0.5 * result_bytes(settings) < max(sizes) <= result_bytes(settings)
+
+
+@pytest.mark.parametrize("below, is_there", [(0.8, False), (1.0, True)])
+def test_what_is_not_in_the_way_is_not_in_the_answer(below: float, is_there: bool) -> None:
+    """Seen by a vehicle that leans by 10 degrees: what is 5 m ahead is met 0.9 m below it."""
+    question, here, ahead = questions(1)[0], InProcessPlanner(SETTINGS), np.isin(np.arange(72), (71, 0, 1))
+    pose = question.pose[0], from_euler(0.0, math.radians(-10.0), 0.0)
+    scan = dataclasses.replace(question.scan, hit=ahead)
+    for _ in range(4):
+        here.ask(msgspec.structs.replace(question, scan=scan, pose=pose, in_the_way=(math.inf, below)))
+        answer = here.take(0.0)
+    assert answer is not None and answer.blocked is is_there
 
 
 def test_a_planner_that_is_killed_is_a_fault_and_no_exception(elsewhere: PlannerProcess) -> None:
