@@ -83,7 +83,7 @@ def quality(curve: PiecewisePolynomial) -> dict[str, float]:
 
 def solutions(legs: int) -> dict[str, dict[str, float]]:
     points = course(legs)
-    durations = rest_to_rest_durations(points, LIMITS)
+    durations = rest_to_rest_durations(points, LIMITS.speed, LIMITS.acceleration)
     rows = {"ours": {"time_us": median_us(lambda: spline_through(points, durations), SOLUTIONS)}}
     rows["ours"] |= quality(spline_through(points, durations))
     if find_spec("minsnap_trajectories") is not None:

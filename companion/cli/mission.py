@@ -35,15 +35,17 @@ def show(
     import numpy as np
 
     from companion.cli.logs import table
-    from companion.config_avoidance import Avoidance
+    from companion.config import Settings
     from companion.mission.plan import steps
+    from companion.runtime.feasibility import check_curves
     from companion.runtime.files import load_body
     from companion.view.mission_map import page, sketch
     from companion.view.unseen import unseen, words
     from protocol.toml_files import content, find
 
-    (found, fence_radius), rows = _mission(file), []
+    (found, fence_radius), rows, settings = _mission(file), [], Settings()
     body = exit_on_user_error(load_body, found.vehicle)
+    exit_on_user_error(check_curves, settings, found)
     plan = steps(found, np.zeros(3))
     for number, step in enumerate(plan, 1):
         north, east, height = ("", "", "")
@@ -55,7 +57,7 @@ def show(
         rows.append((str(number), step.phase.name.lower(), north, east, height, speed, hold))
     table(("step", "what", "north, m", "east, m", "height, m", "speed, m/s", "hold, s"), rows)
     typer.echo(f"\n{sketch(plan)}")
-    typer.echo(f"\n{words(unseen(found, plan, _world(found), Avoidance(), body))}")
+    typer.echo(f"\n{words(unseen(found, plan, _world(found), settings.avoidance, body))}")
     if html is not None:
         world = content(exit_on_user_error(find, "worlds", found.world))
         exit_on_user_error(_write, html, page(found, plan, world, fence_radius))

@@ -10,9 +10,10 @@ from companion.config import STEEPEST_DEG, Limits, Settings
 from companion.config_avoidance import Avoidance
 from companion.control.parameters import kept_tilt
 from companion.control.stability import unstable
-from companion.curves import Shape
-from companion.mission.plan import Mission
+from companion.curves import Route, Shape
+from companion.mission.plan import Mission, steps
 from companion.state import Output
+from companion.trajectory.minimum_snap import rest_to_rest_durations
 from companion.trajectory.track import track_of
 from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 
@@ -22,6 +23,8 @@ _TO_SINK = 0.9
 """Share of the thrust in hover that surely lets a vehicle sink, whose weight and thrust are known so well."""
 _PLACES = 360
 """On a lap of a shape, at which its acceleration is looked at."""
+_LONGEST_CURVE = 3.0
+"""Times as long as its legs from rest to rest a curve may take. Usual ones take 0.7 to 1.9 times as long."""
 _BY_INFLATION = "astar", "rrt"
 """The methods whose paths keep the distances of [avoidance.plan]."""
 
@@ -176,6 +179,26 @@ def out_of_reach(settings: Settings, body: VehicleParameters, mission: Mission) 
         f"accelerates with {most:.1f} m/s2 at most, and the {shape.shape} needs {needed:.1f} m/s2 at "
         f"{shape.speed:g} m/s: it leaves its path. Fly it more slowly or larger, or raise the limits"
     )
+
+
+def check_curves(settings: Settings, mission: Mission) -> None:
+    """Raises PlanError for waypoints through which no usable curve leads: beside a leg of kilometres one of millimetres
+    makes the spline swing far beyond both."""
+    tilt = settings.limits.tilt
+    acceleration = min(settings.trajectory.acceleration, GRAVITY * math.tan(min(tilt, math.radians(STEEPEST_DEG))))
+    for curve in (step.curve for step in steps(mission, np.zeros(3)) if isinstance(step.curve, Route)):
+        expected_s = float(rest_to_rest_durations(curve.points_ned, curve.speed, acceleration).sum())
+        try:
+            with np.errstate(all="ignore"):
+                usable = track_of(curve, settings.trajectory, tilt).duration_s < _LONGEST_CURVE * expected_s
+        except ValueError:  # the system of equations has no solution in 64 bits
+            usable = False
+        if not usable:
+            lengths = np.linalg.norm(np.diff(curve.points_ned, axis=0), axis=1)
+            raise PlanError(
+                'waypoints: the profile "minimum_snap" finds no usable curve through them: its shortest leg has '
+                f"{lengths.min():.2g} m, its longest {lengths.max():.4g} m. Leave out what lies so near to the next one"
+            )
 
 
 def _most_acceleration(limits: Limits, body: VehicleParameters) -> float:

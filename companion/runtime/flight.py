@@ -26,7 +26,7 @@ from companion.outcomes import Outcome, Testimony, Verdict, judge
 from companion.records import RECORD_TYPES
 from companion.runtime.compiling import first_start, planner_compiled_beside
 from companion.runtime.feasibility import PlanError as PlanError
-from companion.runtime.feasibility import check_gains, feasible, out_of_reach, within_reach
+from companion.runtime.feasibility import check_curves, check_gains, feasible, out_of_reach, within_reach
 from companion.runtime.files import is_geodetic
 from companion.runtime.planning import InProcessPlanner, PlannerBackend, PlannerProcess, Planning
 from companion.runtime.plugin_time import refuse_slow_plugins
@@ -152,9 +152,10 @@ def check(plan: Plan) -> None:
 
 
 def softened(plan: Plan) -> tuple[Plan, list[str]]:
-    """See `feasibility.within_reach` and `out_of_reach`, of a plan that was checked."""
+    """See `feasibility.within_reach`, `check_curves` and `out_of_reach`, of a plan that was checked."""
     settings, slower = within_reach(plan.settings, plan.body)
     first_start()  # asked, and remembered, before anything is compiled
+    check_curves(settings, plan.mission)
     beyond = out_of_reach(settings, plan.body, plan.mission)
     return replace(plan, settings=settings), [note for note in (slower, beyond) if note]
 

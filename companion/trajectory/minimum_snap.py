@@ -153,13 +153,13 @@ def _loads(curve: PiecewisePolynomial, limits: Limits, samples: int) -> Array:
     )
 
 
-def rest_to_rest_durations(points: Array, limits: Limits) -> Array:
+def rest_to_rest_durations(points: Array, speed: float, acceleration: float) -> Array:
     """(n,) durations (s) of the legs between `points` (n + 1, 3) in m, if each were flown on its own from rest to
-    rest."""
+    rest, at most at a speed (m/s) and with an acceleration (m/s2)."""
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    ramp = limits.speed**2 / limits.acceleration
-    short = 2.0 * np.sqrt(lengths / limits.acceleration)
-    durations: Array = np.where(lengths < ramp, short, (lengths + ramp) / limits.speed)
+    ramp = speed**2 / acceleration
+    short = 2.0 * np.sqrt(lengths / acceleration)
+    durations: Array = np.where(lengths < ramp, short, (lengths + ramp) / speed)
     return durations
 
 
@@ -167,7 +167,7 @@ def optimal_shares(points: Array, limits: Limits) -> Array:
     """(n,) shares of the legs in the whole duration for which that is least, by L-BFGS-B on a smooth bound."""
     from scipy.optimize import minimize
 
-    first = rest_to_rest_durations(points, limits)
+    first = rest_to_rest_durations(points, limits.speed, limits.acceleration)
 
     def time(logarithms: Array) -> float:
         durations = np.exp(logarithms)

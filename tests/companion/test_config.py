@@ -4,13 +4,15 @@ import math
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from companion import config
 from companion.cli.settings_page import page
 from companion.config import Settings
-from companion.runtime.feasibility import out_of_reach, within_reach
+from companion.mission.plan import Mission, Waypoint
+from companion.runtime.feasibility import check_curves, out_of_reach, within_reach
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.flight import Plan, PlanError, check
 from companion.state import Output
@@ -168,6 +170,31 @@ def test_a_shape_that_needs_more_than_the_limits_is_named(
         assert note == ""
     else:
         assert f"the {name} needs {needed:.1f} m/s2 at 8 m/s" in note and "limits.tilt_deg 45" in note
+
+
+@pytest.mark.parametrize(
+    ("speed", "legs", "usable"),
+    [
+        (4.0, (300.0,), True),
+        (4.0, (300.0, 0.01), True),
+        (15.0, (3.0, 3000.0, 0.1, 0.1, 0.1, 200.0), True),
+        (4.0, (300.0, 1e-9), False),
+        (4.0, (1e-9, 1e-9, 300.0, 1e-9, 300.0), False),
+        (1.0, (*[1e-3] * 12, 10000.0, 10000.0), False),
+    ],
+)
+def test_waypoints_through_which_no_usable_curve_leads_are_refused(
+    speed: float, legs: tuple[float, ...], usable: bool
+) -> None:
+    """A leg of 1e-9 m after 300 m gave a curve of 588 km, and no word of it. The second of them has no solution."""
+    ends = np.cumsum([length * np.array([0.8, 0.6 * (-1) ** k]) for k, length in enumerate(legs)], axis=0)
+    waypoints = [Waypoint(north, east, 3.0) for north, east in ends.tolist()]
+    mission = Mission("legs", waypoints=waypoints, profile="minimum_snap", speed=speed, return_home=False)
+    if usable:
+        check_curves(load_settings(None, []), mission)
+    else:
+        with pytest.raises(PlanError, match=rf"^waypoints: .* shortest leg has {min(legs):.2g} m"):
+            check_curves(load_settings(None, []), mission)
 
 
 def test_a_vehicle_that_turns_too_slowly_for_its_tilt_is_refused() -> None:

@@ -73,6 +73,15 @@ def test_a_fence_without_room_is_one_line(tmp_path: Path) -> None:
         )
 
 
+def test_waypoints_without_a_usable_curve_through_them_are_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "near.toml"
+    places = "".join(f"[[waypoints]]\nnorth = 300.0\neast = {east}\nheight = 3.0\n" for east in ("0.0", "1e-9"))
+    file.write_text(f'name = "near"\nprofile = "minimum_snap"\n{places}')
+    for command in (("demo", file), ("mission", "show", file)):
+        code, said = ran(*command)
+        assert code == UNUSABLE and said.count("\n") == 1 and "its shortest leg has 1e-09 m, its longest 300 m" in said
+
+
 def test_a_mission_that_leaves_its_own_fence_is_shown_as_one_that_can_not_be_flown(tmp_path: Path) -> None:
     file = tmp_path / "beyond.plan"
     for radius, ends in ((A[0] + 0.5, UNUSABLE), (A[0] + 1.1, 0)):

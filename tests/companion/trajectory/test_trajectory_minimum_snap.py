@@ -150,7 +150,7 @@ def test_the_allocation_saves_time() -> None:
         return curve.duration_s * max(fast, math.sqrt(hard))
 
     found = optimal_shares(uneven, LIMITS)
-    assert time(found) < 0.8 * time(rest_to_rest_durations(uneven, LIMITS))
+    assert time(found) < 0.8 * time(rest_to_rest_durations(uneven, LIMITS.speed, LIMITS.acceleration))
     rng = np.random.default_rng(1)
     others = [time(found * rng.uniform(0.9, 1.1, len(found))) for _ in range(30)]
     assert min(others) > 0.97 * time(found)
