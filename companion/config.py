@@ -278,6 +278,9 @@ class Supervision(Table, frozen=True):
     command_tries: Count = 6
     overrun: Positive = 0.25
     """A tick later than this is an overrun."""
+    stray_distance: Positive = 3.0
+    """m. A vehicle that is farther than this from its reference, and goes on away from it by as much again, is asked to
+    hold."""
     gap: Positive = 0.8
     """After a longer one the vehicle may have left external control: no setpoint before it says what it does."""
     failsafe_still: Positive = 15.0

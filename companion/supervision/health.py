@@ -36,6 +36,8 @@ class Plight(msgspec.Struct, frozen=True, gc=False):
     """Its estimator says so, whatever position it goes on to tell."""
     unseen: str = "no ring for"
     """Words before the age of the surroundings: what is that old."""
+    strayed: float = 0.0
+    """m from its reference, as it goes on away from it; 0: it does not."""
     rebooted: bool = False
     """The vehicle has rebooted, and was not armed since: nobody saw how it came down."""
 
@@ -157,6 +159,7 @@ def health(
             crash=crash_words(link.emergency, fallen=link.status.emergency and not link.status.armed),
             position_lost=link.position_lost,
             unseen=sensing.unseen,
+            strayed=own.straying.strayed,
             rebooted=link.word.rebooted,
         ),
         watched=watched,

@@ -9,6 +9,7 @@ from companion.config import Supervision
 from companion.plugins import PluginError
 from companion.state import Adoption, Announcement, Setpoint, Severity
 from companion.supervision.gate import unsound
+from companion.supervision.straying import Straying
 
 Asked = ParamSpec("Asked")
 Made = TypeVar("Made")
@@ -91,6 +92,8 @@ class OwnReport:
         """What a law or an output of another package did wrong last."""
         self.airborne = adoption is not None
         """It flies the vehicle in the air."""
+        self.straying = Straying(settings.stray_distance)
+        """How it keeps to its reference while the companion flies it."""
         self.full_thrust = False
         """It asked for all the thrust that there is to leave the ground."""
         self._highest_thrust = highest_thrust

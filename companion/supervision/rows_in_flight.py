@@ -113,6 +113,14 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         OWN,
+        lambda h, s, t: h.plight.strayed > 0.0,
+        State.WITHDRAW,
+        CRITICAL,
+        "{health.plight.strayed:.1f} m from its reference, and farther and farther: the vehicle is asked to hold",
+        ends=Outcome.LANDED_EARLY,
+    ),
+    row(
+        OWN,
         lambda h, s, t: h.failsafe,
         State.WITHDRAW,
         CRITICAL,

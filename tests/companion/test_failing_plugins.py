@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import msgspec
+import numpy as np
 import pytest
 
 from companion.outcomes import Outcome
@@ -63,6 +64,18 @@ def test_a_law_that_fails_in_flight_is_named_and_the_vehicle_lands(answer: str) 
     assert 'position law "brittle" of broken 1: ' in verdict.cause
     summary = joined.vehicle.summary()
     assert summary.outcome == "landed" and 10.0 < summary.flight_time_s < 20.0
+
+
+@pytest.mark.parametrize("answer", ["[100.0, 0.0, 0.0]", "[0.0, 0.0, -100.0]", "-3.0 * error.position - 0.1"])
+def test_a_law_that_runs_away_is_withdrawn_from(answer: str) -> None:
+    """It flew the vehicle 3 km away, until its battery was low or the step overdue: each command was a valid one."""
+    options = ("control.position.law=brittle", f'control.position.options.answer="{answer}"')
+    joined = Joined(load_mission("hover")[0], overrides=(*options, "avoidance.method=none")).fly()
+    verdict = joined.autopilot.supervisor.verdict
+    assert verdict is not None and verdict.outcome is Outcome.LANDED_EARLY
+    assert re.match(r"6\.\d m from its reference, and farther and farther", verdict.cause)
+    assert joined.vehicle.summary().outcome == "landed"
+    assert np.linalg.norm(joined.tracking_error(), axis=1).max() < 6.5
 
 
 def test_a_law_that_fails_on_the_ground_begins_no_flight() -> None:

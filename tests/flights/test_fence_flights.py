@@ -132,8 +132,9 @@ def test_a_waypoint_at_the_edge_of_a_narrow_margin_is_reached() -> None:
 
 
 def test_blown_out_of_the_fence_for_good_it_lands() -> None:
-    """A wind that it can't fly against."""
-    joined = Joined(OUT, overrides=(*FENCE, FREE, "geofence.land_after=3.0", "limits.tilt_deg=10.0"))
+    """A wind that it can't fly against, where that alone is no reason to hold."""
+    far = "supervision.stray_distance=1000.0"
+    joined = Joined(OUT, overrides=(*FENCE, FREE, "geofence.land_after=3.0", "limits.tilt_deg=10.0", far))
     joined.fly(until=lambda flight: flight.autopilot.navigator.phase is Phase.ROUTE)
     joined.vehicle._wind_ned[:] = (0.0, 14.0, 0.0)
     joined.vehicle._wind.advance = lambda state: None  # type: ignore[method-assign]

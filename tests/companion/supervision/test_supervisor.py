@@ -98,6 +98,7 @@ FAULTS = {
     "refused": (replace(WELL, refused_telemetry="NaN"), State.WITHDRAW),
     "unsound": (replace(WELL, unsound_output="not finite"), State.WITHDRAW),
     "failsafe": (replace(WELL, failsafe=True), State.WITHDRAW),
+    "astray": (replace(WELL, plight=Plight(strayed=6.1)), State.WITHDRAW),
     "ring": (replace(WELL, scan_age=0.6), State.HOLD),
     "overrun": (replace(WELL, overrun=0.3), State.HOLD),
     "pilot": (replace(WELL, mode=FlightMode.MANUAL), State.RELINQUISHED),
