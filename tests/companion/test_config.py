@@ -179,14 +179,14 @@ def test_a_shape_that_needs_more_than_the_limits_is_named(
         (4.0, (300.0, 0.01), True),
         (15.0, (3.0, 3000.0, 0.1, 0.1, 0.1, 200.0), True),
         (4.0, (300.0, 1e-9), False),
-        (4.0, (1e-9, 1e-9, 300.0, 1e-9, 300.0), False),
+        (4.0, (1e-9, 1e-9, 1e-9, 3000.0), False),
         (1.0, (*[1e-3] * 12, 10000.0, 10000.0), False),
     ],
 )
 def test_waypoints_through_which_no_usable_curve_leads_are_refused(
     speed: float, legs: tuple[float, ...], usable: bool
 ) -> None:
-    """A leg of 1e-9 m after 300 m gave a curve of 588 km, and no word of it. The second of them has no solution."""
+    """A leg of 1e-9 m after 300 m gave a curve of 588 km, and no word of it. Three before 3 km have none."""
     ends = np.cumsum([length * np.array([0.8, 0.6 * (-1) ** k]) for k, length in enumerate(legs)], axis=0)
     waypoints = [Waypoint(north, east, 3.0) for north, east in ends.tolist()]
     mission = Mission("legs", waypoints=waypoints, profile="minimum_snap", speed=speed, return_home=False)

@@ -9,6 +9,7 @@ import pytest
 
 from companion.config import Settings
 from companion.logs.recorded import flown_overrides, open_flight
+from companion.logs.settings import recorded_settings
 from companion.renamed_settings import RENAMED_SETTINGS
 from companion.runtime.files import load_settings
 from companion.view.gather import GatheredFlight
@@ -108,6 +109,16 @@ def test_a_log_of_before_a_setting_is_flown_again_as_without_it(tmp_path: Path) 
     assert before.control.estimation.velocity_noise == today.control.estimation.velocity_noise
     assert open_flight(log, overrides=["rates.odometry=20"]).settings.rates.odometry == 20.0
     assert today.rates.odometry > 0.0 and today.control.estimation.torque_bandwidth > 0.0
+
+
+def test_the_first_logs_are_flown_again_without_all_that_came_later() -> None:
+    flown, today = recorded_settings({}, "a log"), load_settings(None, [])
+    assert flown.supervision.stray_distance > 1e6 > today.supervision.stray_distance
+    maps = flown.avoidance.map, today.avoidance.map
+    assert [(each.keeps_free, each.beyond_window) for each in maps] == [(False, False), (True, True)]
+    assert flown.avoidance.altitude_search.edge_distance > 1e6 > today.avoidance.altitude_search.edge_distance
+    assert flown.avoidance.tracks.hidden_scans == 0 < today.avoidance.tracks.hidden_scans
+    assert flown.avoidance.guard.emergency_braking == 0.0 < today.avoidance.guard.emergency_braking
 
 
 @pytest.mark.parametrize(("content", "words"), [(b"", "an empty file"), (b"hello", "neither a flight log")])
