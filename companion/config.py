@@ -253,7 +253,7 @@ class Trajectory(Table, frozen=True):
 
 
 class Supervision(Table, frozen=True):
-    """Times (s) of the failsafes and of the way to the start."""
+    """Times (s) and limits of the failsafes and of the way to the start."""
 
     telemetry_timeout: Positive = 0.5
     longest_delay: Positive = 0.45
@@ -278,9 +278,6 @@ class Supervision(Table, frozen=True):
     command_tries: Count = 6
     overrun: Positive = 0.25
     """A tick later than this is an overrun."""
-    stray_distance: Positive = 3.0
-    """m. A vehicle that is farther than this from its reference, and goes on away from it by as much again, is asked to
-    hold."""
     gap: Positive = 0.8
     """After a longer one the vehicle may have left external control: no setpoint before it says what it does."""
     failsafe_still: Positive = 15.0
@@ -297,6 +294,9 @@ class Supervision(Table, frozen=True):
     step_timeout: Positive = 60.0
     """What a step of the mission may take on top of its hold and three times its way at the mission's speed. All that
     the vehicle explores counts as way, where obstacles lead it farther around."""
+    stray_distance: Positive = 3.0
+    """m. A vehicle that is farther than this from its reference, and goes on away from it by as much again, is asked to
+    hold."""
 
     def __post_init__(self) -> None:
         if self.least_hold >= self.land_after:
