@@ -114,7 +114,8 @@ class Autopilot:
         control, limited = controller.attitude_command(acceleration, now, ahead, mass, changed)
         if airborne:
             navigator.tracked(control[:6])
-        self.own.straying.look(control[:3] if sees and supervised in OWN else None)
+        lead = self.own.straying.look(control[:3] if sees and supervised in OWN else None)
+        self._say(self.own.straying.news(guidance.keep_pace(lead, now), now))
         setpoint = controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint, airborne):
             self.link.outbox.setpoint(self.sensing.plausibility.setpoint(setpoint), self.sensing.boot_time_ms)

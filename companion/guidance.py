@@ -6,7 +6,7 @@ takes the generator's place while altitude and heading stay with the generator.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from companion.avoidance.path import NO_PATH
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.avoidance.steering import Course, approached, limited, steer
 from companion.config import Settings
+from companion.config_limits import Geofence
 from companion.fence import Fence, fence_of, first_beyond
 from companion.mission.navigator import NEAR_M, Arrival, Leg
 from companion.mission.plan import Mission, Phase, Step, steps
@@ -100,13 +101,8 @@ class Guidance:
         """The first place of the mission beyond the fence, of which the vehicle's own is a part, in words; None if it
         keeps inside."""
         if self._judged is None or self._judged[0] != own:
-            self._judged = own, self._leaves(own)
+            self._judged = own, _leaves(self._settings.geofence, own, _places(self._mission, self._tracks))
         return self._judged[1]
-
-    def _leaves(self, own: OwnFence) -> str | None:
-        fence = fence_of(self._settings.geofence, np.zeros(3), own, floor=True)
-        kept = None if fence is None else fence.shrunk(self._settings.geofence.margin)
-        return None if kept is None else first_beyond(kept, _places(self._mission, self._tracks))
 
     def follow(self, late: LinkDelay, pace: float) -> None:
         """The link is so late from now on, and the vehicle is flown at this pace."""
@@ -145,6 +141,10 @@ class Guidance:
         """Brake from the vehicle's own motion: others flew it."""
         self._generator.brake_from(now_ns, state.position_ned, state.velocity_ned, np.zeros(3))
         self._begins_at(state.position_ned)
+
+    def keep_pace(self, lead: float, now_ns: int) -> float:
+        """See `ReferenceGenerator.keep_pace`."""
+        return self._generator.keep_pace(now_ns, lead)
 
     def _begins_at(self, place: Array) -> None:
         """The reference begins at a place: from outside of the fence it comes back without a jump."""
@@ -351,6 +351,12 @@ def _stops_first(generator: ReferenceGenerator, step: Step, now_ns: int) -> bool
     if step.avoids or step.phase is Phase.TAKEOFF or not generator.brakes:
         return False
     return math.hypot(*generator.at(now_ns).velocity_ned[:2].tolist()) > _APPROACH_SPEED
+
+
+def _leaves(settings: Geofence, own: OwnFence, places: Iterable[tuple[str, Array]]) -> str | None:
+    """The first of the places beyond the fence, in words."""
+    fence = fence_of(settings, np.zeros(3), own, floor=True)
+    return None if fence is None else first_beyond(fence.shrunk(settings.margin), places)
 
 
 def _places(mission: Mission, tracks: Sequence[Track | None]) -> Iterator[tuple[str, Array]]:

@@ -20,6 +20,7 @@ _FLOWN_WITHOUT = (
     {"avoidance": {"altitude_search": {"edge_distance": 1e9, "patience_s": 1e9, "short_detour": 1e9}}},
     {"avoidance": {"map": {"keeps_free": False}}},
     {"supervision": {"stray_distance": 1e9}},
+    {"trajectory": {"max_lead": 1e9}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""
 

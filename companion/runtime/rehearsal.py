@@ -260,11 +260,13 @@ class _CannedVehicle:
 
 
 def _hurried_settings(settings: Settings) -> Settings:
-    """At the route's altitudes, where the vehicle here is, and without a long wait before it asks for control."""
+    """At the route's altitudes, where the vehicle here is, without a long wait before it asks for control, and with a
+    reference that does not wait for a vehicle that is never on its way."""
     avoidance = msgspec.structs.replace(settings.avoidance, altitude_search=AvoidanceAltitudeSearch())
     streams_s = min(settings.supervision.stream_before_engaging, _STREAMS_S)
     supervision = msgspec.structs.replace(settings.supervision, stream_before_engaging=streams_s)
-    return msgspec.structs.replace(settings, avoidance=avoidance, supervision=supervision)
+    trajectory = msgspec.structs.replace(settings.trajectory, max_lead=math.inf)
+    return msgspec.structs.replace(settings, avoidance=avoidance, supervision=supervision, trajectory=trajectory)
 
 
 def _hurried(mission: Mission) -> Mission:

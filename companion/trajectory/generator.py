@@ -1,5 +1,9 @@
 """The reference generator: jerk-limited motion to a target that may move at any time (ruckig), tracks, and steps of the
-position as the paper's tests use them."""
+position as the paper's tests use them.
+
+The motion waits for a vehicle that does not keep up with it, as that of PX4's trajectory generator does
+(MPC_XY_ERR_MAX): its time passes the slower the farther away the vehicle is. It leads through the same places, later.
+"""
 
 import math
 
@@ -28,6 +32,8 @@ _LEAST_SHARE = 0.35
 """Share of the speed that each horizontal axis keeps where the motion is along the other one, so that it can turn."""
 _LEAVING_M = 0.3
 """m above where the reference stood: up to there a vehicle leaves the ground."""
+_WAITS_FROM = 0.5
+"""Share of the greatest lead up to which the motion does not wait."""
 
 
 _Moment = tuple[list[float], list[float], list[float]]
@@ -92,6 +98,35 @@ class _Motion:
         return True
 
 
+class _MotionTime:
+    """The time of the motion, which passes at most as fast as the companion's."""
+
+    def __init__(self) -> None:
+        self.share = 1.0
+        """How fast it passes, of the companion's."""
+        self._since_ns = 0
+        self._behind_ns = 0
+        """By which it was behind the companion's then."""
+
+    def at(self, time_ns: int) -> int:
+        """It (ns) at a time of the companion's."""
+        waits = 0 if self.share == 1.0 else round((1.0 - self.share) * (time_ns - self._since_ns))
+        return time_ns - self._behind_ns - waits
+
+    def go_on(self, time_ns: int, share: float) -> None:
+        """It passes so fast from now on."""
+        self._behind_ns, self._since_ns, self.share = time_ns - self.at(time_ns), time_ns, share
+
+
+def _present(reference: Reference) -> InputParameter:
+    """Inputs of a calculation that starts from a motion."""
+    inputs = InputParameter(3)
+    inputs.current_position = reference.position_ned.tolist()
+    inputs.current_velocity = reference.velocity_ned.tolist()
+    inputs.current_acceleration = reference.acceleration_ned.tolist()
+    return inputs
+
+
 def _braking(inputs: InputParameter, acceleration: float, jerk: float) -> InputParameter:
     """Brake to a standstill at any position, within limits on acceleration (m/s2) and jerk (m/s3), which grow to what
     the present motion needs."""
@@ -118,8 +153,17 @@ class ReferenceGenerator:
         self._yaw_goal: float | None = 0.0
         self._track: Track | None = None
         self._track_ns = 0
+        """The motion's time at its beginning."""
+        self._time = _MotionTime()
         self._rest: tuple[_Moment | None, _Moment | None, Array] = None, None, np.zeros((6, 3))
         """Translation, heading and the reference's rows from when both rested last."""
+
+    def keep_pace(self, time_ns: int, lead: float) -> float:
+        """Go on as fast as a lead (m) over the vehicle allows: the share of the speed that was asked for."""
+        share = min(1.0, max(0.0, (1.0 - lead / self._settings.max_lead) / (1.0 - _WAITS_FROM)))
+        if share != self._time.share:
+            self._time.go_on(time_ns, share)
+        return share
 
     def hold_at(self, position_ned: Array, yaw: float | None = None) -> None:
         """Hold at a position (3,) from now on: a step of the reference. The heading stays unless `yaw` (rad) is
@@ -138,7 +182,7 @@ class ReferenceGenerator:
         goal = (*target_ned.tolist(), speed, vertical_speed)
         if goal == self._goal or self._moves_to(goal, time_ns):
             return
-        inputs = self._present(time_ns)
+        inputs = _present(self._at(time_ns))
         if max(map(abs, inputs.current_acceleration)) > self._settings.acceleration + _ACCELERATION_TOLERANCE:
             # The acceleration on a track may be above the limit of this motion: brake until it is not.
             self.brake(time_ns)
@@ -163,7 +207,7 @@ class ReferenceGenerator:
         if not self._goal:
             return False
         *target, speed, vertical_speed = self._goal
-        position, _, _ = self._translation.at(time_ns)
+        position, _, _ = self._translation.at(self._time.at(time_ns))
         near = math.dist(target, goal[:3]) < _SAME * math.dist(target, position)
         return near and abs(goal[3] - speed) < _SAME * speed and goal[4] == vertical_speed
 
@@ -171,7 +215,7 @@ class ReferenceGenerator:
         """Brake to a standstill at any position. Out of a track, braking may be as hard as the track was."""
         if self._track is None and (self._goal is None or self.brakes):
             return
-        inputs = _braking(self._present(time_ns), self._settings.acceleration, 2.0 * self._settings.jerk)
+        inputs = _braking(_present(self.at(time_ns)), self._settings.acceleration, 2.0 * self._settings.jerk)
         self._change(inputs, time_ns, ())
 
     def brake_from(
@@ -211,7 +255,7 @@ class ReferenceGenerator:
     def follow(self, time_ns: int, track: Track) -> None:
         """Fly a track from its beginning, where the reference should be at rest."""
         self._track = track
-        self._track_ns = time_ns
+        self._track_ns = self._time.at(time_ns)
         self._goal = None
 
     def end_track(self, time_ns: int) -> None:
@@ -232,28 +276,41 @@ class ReferenceGenerator:
 
     def remaining_track(self, time_ns: int) -> Track | None:
         """The rest of the track that is followed; None if there is none."""
-        return None if self._track is None else self._track.resumed_at((time_ns - self._track_ns) * 1e-9)
+        return None if self._track is None else self._track.resumed_at(self._along_track_s(time_ns))
 
     def at_rest(self, time_ns: int) -> bool:
         """The reference does not move from that time on."""
         if self._track is not None:
-            return (time_ns - self._track_ns) * 1e-9 >= self._track.duration_s
-        return self._translation.ended(time_ns) and self._heading.ended(time_ns)
+            return self._along_track_s(time_ns) >= self._track.duration_s
+        return self._translation.ended(self._time.at(time_ns)) and self._heading.ended(time_ns)
 
     def at(self, time_ns: int) -> Reference:
         """The reference at a time, which is not before that of the last change."""
+        reference, share = self._at(time_ns), self._time.share
+        if share != 1.0:
+            reference.rows[1:5] *= np.array((share, share**2, share**3, share**4))[:, None]
+            if self._track is not None and self._track.along:
+                reference.rows[5] *= (1.0, share, share**2)
+        return reference
+
+    def _along_track_s(self, time_ns: int) -> float:
+        return (self._time.at(time_ns) - self._track_ns) * 1e-9
+
+    def _at(self, time_ns: int) -> Reference:
+        """Where the motion is then, and how it goes on if it does not wait."""
         track = self._track
         if track is not None:
-            rows = track.at((time_ns - self._track_ns) * 1e-9)
+            rows = track.at(self._along_track_s(time_ns))
             if not track.along:
                 rows[5] = self._heading_at(time_ns)
             return Reference(rows)
-        motion, turning = self._translation.at(time_ns), self._heading.at(time_ns)
+        moment_ns = self._time.at(time_ns)
+        motion, turning = self._translation.at(moment_ns), self._heading.at(time_ns)
         rested_motion, rested_heading, rows = self._rest
         if motion is rested_motion and turning is rested_heading:
             return Reference(rows.copy())
         (position, velocity, acceleration), ((yaw,), (rate,), (yaw_acceleration,)) = motion, turning
-        jerk = self._translation.jerk(time_ns, acceleration)
+        jerk = self._translation.jerk(moment_ns, acceleration)
         rows = np.array((*position, *velocity, *acceleration, *jerk, 0.0, 0.0, 0.0, yaw, rate, yaw_acceleration))
         rows = rows.reshape(6, 3)
         if motion is self._translation.end and turning is self._heading.end:
@@ -263,15 +320,6 @@ class ReferenceGenerator:
     def _heading_at(self, time_ns: int) -> tuple[float, float, float]:
         yaw, rate, acceleration = self._heading.at(time_ns)
         return yaw[0], rate[0], acceleration[0]
-
-    def _present(self, time_ns: int) -> InputParameter:
-        """Inputs of a calculation that starts from the present motion."""
-        present = self.at(time_ns)
-        inputs = InputParameter(3)
-        inputs.current_position = present.position_ned.tolist()
-        inputs.current_velocity = present.velocity_ned.tolist()
-        inputs.current_acceleration = present.acceleration_ned.tolist()
-        return inputs
 
     def _present_heading(self, time_ns: int) -> InputParameter:
         present = self.at(time_ns)
@@ -284,8 +332,10 @@ class ReferenceGenerator:
     def _change(self, inputs: InputParameter, time_ns: int, goal: tuple[float, ...]) -> bool:
         """Replace the motion, and leave the track if there was one; False without a solution."""
         heading = self._present_heading(time_ns)
-        if not self._translation.replan(inputs, time_ns):
+        if not self._translation.replan(inputs, self._time.at(time_ns)):
             return False
+        if not goal:  # it brakes from the motion as it was, however slow
+            self._time.go_on(time_ns, 1.0)
         self._goal = goal
         track, self._track = self._track, None
         if track is not None and track.along:

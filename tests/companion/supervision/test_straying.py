@@ -57,3 +57,12 @@ def test_what_others_fly_and_what_came_before_does_not_count() -> None:
     assert straying.strayed == 9.0
     straying.look(None)
     assert straying.strayed == 0.0
+
+
+def test_that_the_reference_waits_is_said_once_after_two_seconds() -> None:
+    straying, said = Straying(LIMIT), []
+    for now in range(0, 20_000_000_000, 4_000_000):
+        waits = 1.0 <= now * 1e-9 < 2.9 or now * 1e-9 >= 5.0  # first for less than two seconds
+        news = straying.news(0.98 if waits else 1.0, now)
+        said += [] if news is None else [now * 1e-9]
+    assert said == [pytest.approx(7.0, abs=0.01)]
