@@ -114,6 +114,7 @@ def test_a_log_of_before_a_setting_is_flown_again_as_without_it(tmp_path: Path) 
 def test_the_first_logs_are_flown_again_without_all_that_came_later() -> None:
     flown, today = recorded_settings({}, "a log"), load_settings(None, [])
     assert flown.supervision.stray_distance > 1e6 > today.supervision.stray_distance
+    assert flown.trajectory.max_lead > 1e6 > today.trajectory.max_lead
     maps = flown.avoidance.map, today.avoidance.map
     assert [(each.keeps_free, each.beyond_window) for each in maps] == [(False, False), (True, True)]
     assert flown.avoidance.altitude_search.edge_distance > 1e6 > today.avoidance.altitude_search.edge_distance
