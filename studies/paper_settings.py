@@ -7,9 +7,10 @@ NOTHING_ADDED = (
     "control.estimation.disturbance=false",
     "control.estimation.thrust_scale=false",
     "control.estimation.drag_scale=false",
+    "trajectory.max_lead=1e9",
 )
-"""What Courier's controller has beyond the paper's, switched off. Drag stays made up for: the paper's vehicle has
-none."""
+"""What Courier's controller has beyond the paper's, switched off, and a reference that waits for nobody. Drag stays
+made up for: the paper's vehicle has none."""
 
 
 def paper_settings(c: float, angle_weight: float = 400.0, yaw_weight: float = 50.0) -> tuple[str, ...]:
