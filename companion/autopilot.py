@@ -115,7 +115,7 @@ class Autopilot:
         if airborne:
             navigator.tracked(control[:6])
         lead = self.own.straying.look(control[:3] if sees and supervised in OWN else None)
-        self._say(self.own.straying.news(guidance.keep_pace(lead, now), now))
+        self._say(self.own.straying.news(guidance.keep_pace(now, lead), now))
         setpoint = controller.setpoint(control, idle=supervised not in FLYING)
         if self.own.passes(setpoint, airborne):
             self.link.outbox.setpoint(self.sensing.plausibility.setpoint(setpoint), self.sensing.boot_time_ms)

@@ -295,8 +295,8 @@ class Supervision(Table, frozen=True):
     resume_within: Positive = 300.0
     """So long may others fly before they give control back by putting the vehicle into external control again."""
     step_timeout: Positive = 60.0
-    """What a step of the mission may take on top of its hold and three times its way at the mission's speed. All that
-    the vehicle explores counts as way, where obstacles lead it farther around."""
+    """What a step of the mission may take on top of its hold and three times its way at the mission's speed, or its
+    figure. All that the vehicle explores counts as way, where obstacles lead it farther around."""
     stray_distance: Positive = 3.0
     """m. A vehicle that is farther than this from its reference, and goes on away from it by as much again, is asked to
     hold."""

@@ -142,9 +142,9 @@ class Guidance:
         self._generator.brake_from(now_ns, state.position_ned, state.velocity_ned, np.zeros(3))
         self._begins_at(state.position_ned)
 
-    def keep_pace(self, lead: float, now_ns: int) -> float:
-        """See `ReferenceGenerator.keep_pace`."""
-        return self._generator.keep_pace(now_ns, lead)
+    def keep_pace(self, now_ns: int, lead: float) -> float:
+        """See `ReferenceGenerator.keep_pace`; what jumps waits for nobody."""
+        return 1.0 if self._jumps else self._generator.keep_pace(now_ns, lead)
 
     def _begins_at(self, place: Array) -> None:
         """The reference begins at a place: from outside of the fence it comes back without a jump."""

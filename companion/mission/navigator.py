@@ -254,9 +254,9 @@ class Navigator:
     def _allowed(self) -> float:
         """Time (s) that the present step may take; a take-off is from the ground."""
         duration, explored = self._durations[self.step_index], self._progress.explored(self.step_index)
-        taken = self.step.hold_s if duration is None else duration
+        stays = (self.step.hold_s, 0.0) if duration is None else (0.0, duration)
         climb = self.mission.takeoff_height if self.phase is Phase.TAKEOFF else 0.0
-        return self._time.allowed(taken, max(self._length, explored), self._speed, climb)
+        return self._time.allowed(*stays, max(self._length, explored), self._speed, climb)
 
     # -- how it goes ---------------------------------------------------------------------------------------------------
 

@@ -42,3 +42,10 @@ def test_it_arrives_and_the_reference_stays_near(drag: float, wind: float, speed
 def test_who_keeps_up_hears_nothing_of_it() -> None:
     joined = flown(0.0, 6.0, 8.0)
     assert returning(joined) and not any(SAID in text for text in joined.said)
+
+
+def test_a_step_of_the_reference_waits_for_nobody() -> None:
+    """As in the paper's tests: the vehicle is metres away from it, and follows as fast as it can."""
+    mission = Mission("step", waypoints=[Waypoint(5.0, 0.0, 3.0)], takeoff_height=3.0, profile="step")
+    joined = Joined(mission, overrides=("avoidance.method=none",), remembers=False).fly(limit_s=60.0, until=returning)
+    assert returning(joined) and not any(SAID in text for text in joined.said)

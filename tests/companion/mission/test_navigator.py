@@ -235,11 +235,12 @@ def test_a_step_is_overdue_after_its_way_its_hold_and_some_time_on_top() -> None
     assert navigator.report(round((10.0 + allowed + 5.0) * SECOND), flying=False).overdue == 0.0
 
 
-def test_a_track_may_take_its_own_time() -> None:
+def test_a_track_may_take_three_times_its_own_time() -> None:
+    """Who can't keep up with it flies it slower."""
     navigator = at_step(load_mission("circle")[0], Phase.TRACK)
     assert navigator.step_index == 1
     way = math.dist(navigator.steps[0].target_ned, navigator.steps[1].target_ned)  # type: ignore[arg-type]
-    allowed = DEFAULTS.supervision.step_timeout + CURVE_S + 3.0 * way / navigator.mission.speed
+    allowed = DEFAULTS.supervision.step_timeout + 3.0 * CURVE_S + 3.0 * way / navigator.mission.speed
     assert overdue(navigator, allowed - 0.01) == 0.0 and overdue(navigator, allowed + 1.0) == pytest.approx(1.0)
 
 
