@@ -46,6 +46,10 @@ def test_who_keeps_up_hears_nothing_of_it() -> None:
 
 def test_a_step_of_the_reference_waits_for_nobody() -> None:
     """As in the paper's tests: the vehicle is metres away from it, and follows as fast as it can."""
-    mission = Mission("step", waypoints=[Waypoint(5.0, 0.0, 3.0)], takeoff_height=3.0, profile="step")
+    holds = [Waypoint(0.0, 0.0, 3.0, hold_s=4.0), Waypoint(40.0, 0.0, 3.0, hold_s=8.0)]
+    mission = Mission("step", waypoints=holds, takeoff_height=3.0, profile="step")
     joined = Joined(mission, overrides=("avoidance.method=none",), remembers=False).fly(limit_s=60.0, until=returning)
-    assert returning(joined) and not any(SAID in text for text in joined.said)
+    flown = joined.trace()["position_ned"][:, 0]
+    assert returning(joined) and flown.max() > 39.0
+    assert np.count_nonzero((flown > 0.5) & (flown < 39.0)) > 500, "it takes more than 2 s"
+    assert not any(SAID in text for text in joined.said)

@@ -118,5 +118,26 @@ def test_another_goal_on_the_way_makes_no_jump() -> None:
     assert after.rows[:3] == pytest.approx(before.rows[:3], abs=1e-6)
 
 
+def test_almost_the_same_goal_changes_nothing_while_there_is_some_way_left() -> None:
+    """Also where the motion would have been there if it had not waited."""
+    generator = straight()
+    flown(generator, lambda _: 1.5, 20.0)
+    now = 20_000_000_000
+    generator.move_to(now, SOMEWHERE + np.array([0.3, 0.0, 0.0]), 8.0, 1.5)
+    generator.keep_pace(now, 0.0)
+    assert generator.at(2 * now).position_ned == pytest.approx(SOMEWHERE)
+
+
+def test_a_track_begins_at_its_beginning_after_the_motion_has_waited() -> None:
+    generator = straight()
+    flown(generator, lambda _: 1.5, 4.0)
+    now = 4_000_000_000
+    generator.keep_pace(now, 0.0)
+    generator.hold_at(CIRCLE.start_ned, 0.0)
+    generator.follow(now, CIRCLE)
+    for later in range(0, 4_000_000_000, 50 * TICK):
+        assert generator.at(now + later).rows == pytest.approx(round_about().at(later).rows)
+
+
 def test_what_is_no_distance_makes_it_wait() -> None:
     assert straight().keep_pace(TICK, np.nan) == 0.0
