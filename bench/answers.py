@@ -1,4 +1,5 @@
-"""From a scan to the reference: what each answer of the planner costs, place by place, in flight.
+"""What the planner's answers cost in flight, place by place: from a scan to the path and the free space, which is
+nearly all of the way to the reference.
 
     python bench/answers.py [--seeds 3] [--rounds 3] [--json] [PLACE ...]
 

@@ -243,7 +243,7 @@ class Trajectory(Table, frozen=True):
     """deg/s2"""
     max_lead: Positive = 2.0
     """m between the reference and the vehicle, at most: from half of it on the reference goes on the slower the farther
-    away the vehicle is, and at this distance it waits. Steps and what is flown over the map do not."""
+    away the vehicle is, and at this distance it waits. Steps, stops and the way over the map do not."""
     blind_way: Positive = 0.5
     """m; with a link that is late the vehicle is no faster than so far within the delay. Curves keep their speed."""
     acceptance_radius: Positive = 1.5

@@ -159,8 +159,10 @@ class ReferenceGenerator:
         """Translation, heading and the reference's rows from when both rested last."""
 
     def keep_pace(self, time_ns: int, lead: float) -> float:
-        """Go on as fast as a lead (m) over the vehicle allows: the share of the speed that was asked for."""
+        """Go on as fast as a lead (m) over the vehicle allows: the share of the speed that was asked for. Who brakes
+        waits for nobody."""
         share = min(1.0, max(0.0, (1.0 - lead / self._settings.max_lead) / (1.0 - _WAITS_FROM)))
+        share = 1.0 if self.brakes else share
         if share != self._time.share:
             self._time.go_on(time_ns, share)
         return share

@@ -104,6 +104,9 @@ def test_a_stop_begins_with_the_motion_as_it_was() -> None:
     assert np.linalg.norm(before.velocity_ned) == pytest.approx(4.0, rel=0.01)
     generator.brake(now)
     assert generator.at(now).velocity_ned == pytest.approx(before.velocity_ned, abs=1e-6)
+    assert generator.keep_pace(now + TICK, 1.5) == 1.0
+    speeds = [np.linalg.norm(generator.at(now + number * TICK).velocity_ned) for number in range(500)]
+    assert np.abs(np.diff(speeds)).max() < 2.0 * SETTINGS.acceleration * TICK * 1e-9, "nor does it jump on the way"
     way = np.linalg.norm(generator.at(now + 10_000_000_000).position_ned - before.position_ned)
     assert 0.7 < way / (4.0**2 / (2.0 * SETTINGS.acceleration)) < 1.3
 
