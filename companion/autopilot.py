@@ -162,7 +162,10 @@ class Autopilot:
         if plan is not None:
             self._say(*taken_up(plan, state, now, navigator, guidance, self.supervisor))
         leg = navigator.leg(state.position_ned)
-        return None if seen is None else guidance.look(*seen, navigator.lowest_return, state, leg, now)
+        if seen is None:
+            return None
+        self._say(guidance.margin.news())
+        return guidance.look(*seen, navigator.lowest_return, state, leg, now)
 
     def _supervise(self, now: int) -> None:
         supervisor, state = self.supervisor, self.supervisor.state

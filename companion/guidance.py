@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from companion.avoidance.drift_margin import DriftMargin
 from companion.avoidance.guard import Guard, Verdict
 from companion.avoidance.methods import goal_rule
 from companion.avoidance.path import NO_PATH
@@ -83,6 +84,7 @@ class Guidance:
         """m of the way that is seen free; inf where none is flown over the map."""
         self.method = goal_rule(avoidance)
         self._returns = RecentReturns(avoidance.memory_s, avoidance.merge_distance)
+        self.margin = DriftMargin(avoidance.velocity_error_s)
         self._asked = 0
         self._mapped_ns: int | None = None
         self.decision = AvoidanceDecision(np.zeros(3), mission.speed, math.inf, False)
@@ -318,7 +320,8 @@ class Guidance:
         self._mapped_ns = self._mapped_ns or now_ns
         goal = leg.goal_ned if self.over_map and leg.step.avoids else None
         flat = None if self._walls is None else self._walls.around(place)
-        return PlanRequest(self._asked, now_ns, scan, pose, ground_down, *motion, goal, leg.speed, flat, leg.in_the_way)
+        asked = self._asked, now_ns, scan, pose, ground_down, *motion, goal, leg.speed, flat, leg.in_the_way
+        return PlanRequest(*asked, self.margin.follow(state.certainty.velocity_variance))
 
     def map_age(self, now_ns: int) -> float:
         """Age (s) of the scan that is the latest in the guard's map; before the first, since that was asked for."""

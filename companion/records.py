@@ -96,11 +96,13 @@ ASKED = record_type(
         ("velocity_ned", "float64[3]"),
         ("goal_ned", "float64[3]"),
         ("speed", "float64"),
+        ("margin", "float64"),
     ],
     {
         "ring_ns": "when it arrived; ring_boot_us: when it was measured, on the vehicle's clock",
         "position_ned": "of the ring, with attitude_ned_frd; here_ned: of the vehicle now",
         "goal_ned": "NaN: no way is asked for",
+        "margin": "m by which obstacles are taken for larger",
     },
 )
 """A question, with what a replay need not wait for to answer it; no event, it follows from those before."""

@@ -51,6 +51,8 @@ class PlanRequest(msgspec.Struct, frozen=True):
     """Beyond it nothing is free; None without one."""
     in_the_way: tuple[float, float] = EVERY_HEIGHT
     """m above and below the vehicle up to which returns are in the way."""
+    margin: float = 0.0
+    """m by which obstacles are taken for larger than they are seen (`avoidance.drift_margin`)."""
 
 
 class PlanResult(msgspec.Struct, frozen=True):
@@ -84,6 +86,7 @@ class PlanningPipeline:
     def answer(self, request: PlanRequest) -> PlanResult:
         """Add the scan to the map; returns the free space and the path."""
         local_map, here, goal = self.local_map, request.here, request.goal
+        local_map.margin = request.margin
         local_map.add(request.scan, request.pose, request.ground_down, request.asked_ns, request.in_the_way)
         view = local_map.look(request.asked_ns, request.fence)
         path, blocked = NO_PATH, False

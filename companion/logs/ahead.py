@@ -155,4 +155,5 @@ def _request(asked: dict[str, Any], rings: OrderedDict[tuple[int, int], Scan]) -
         velocity,
         None if np.isnan(goal).any() else goal,
         asked["speed"],
+        margin=asked["margin"],
     )

@@ -64,20 +64,23 @@ def free_space(
     moving: Array | None = None,
     *,
     tight: bool = False,
+    margin: float = 0.0,
     empty: Empty = empty_here,
 ) -> FreeSpace:
     """Free space of a view around a position (3,) NED (m).
 
-    `moving` (n, MOVER_COLUMNS) are moving obstacles; `empty` allocates the two distance fields.
+    `moving` (n, MOVER_COLUMNS) are moving obstacles; `margin`: m by which the view takes obstacles for larger; `empty`
+    allocates the two distance fields.
     """
     north, east = (float(position_ned[axis]) - view.corner[axis] * view.cell for axis in (0, 1))
     hits = view.obstacle_centres() if view.hits is None else view.hits
     keep_outs = (
-        settings.keep_out_tight if tight else settings.keep_out,
+        margin + (settings.keep_out_tight if tight else settings.keep_out),
         settings.keep_out_unseen_tight if tight else settings.keep_out_unseen,
     )
     corner_m = np.array(view.corner) * view.cell
-    states = _counted_to_obstacles(view.states, view.to_occupied) if tight else view.states
+    beside = np.float32(_BESIDE_M - margin)
+    states = _counted_to_obstacles(view.states, view.to_occupied, beside) if tight else view.states
     points = nearest_points(states, view.cell, (north, east), hits - corner_m, settings.obstacle_range, keep_outs)
     points[:, :2] += corner_m
     rows, columns = (
@@ -96,10 +99,11 @@ def free_space(
 
 
 @compiled
-def _counted_to_obstacles(states: Bytes, to_occupied: Floats) -> Bytes:
-    """The states, where the unknown cells beside a return are occupied. A way between walls a hand wider than the hull
-    keeps clear of the walls, by the keep-out that these have, and could not keep clear of such cells."""
-    counted, beside = np.empty_like(states), np.float32(_BESIDE_M)
+def _counted_to_obstacles(states: Bytes, to_occupied: Floats, beside: np.float32) -> Bytes:
+    """The states, where the unknown cells within `beside` (m) of a return are occupied. A way between walls a hand
+    wider than the hull keeps clear of the walls, by the keep-out that these have, and could not keep clear of such
+    cells."""
+    counted = np.empty_like(states)
     for i in range(states.shape[0]):
         state, distance, row = states[i], to_occupied[i], counted[i]
         for j in range(states.shape[1]):

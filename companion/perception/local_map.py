@@ -30,6 +30,8 @@ class LocalMap:
         self._tracker = Tracker(settings.tracks)
         self._moved: set[int] = set()
         """Numbers of the tracks that moved at the last scan."""
+        self.margin = 0.0
+        """m by which obstacles are taken for larger than they are seen, in views and free space."""
         self.view: MapView | None = None
         """As of the last `look`."""
 
@@ -65,23 +67,27 @@ class LocalMap:
 
     def look(self, now_ns: int, fence: Flat | None = None) -> MapView:
         """The map at a time, with the fence in it if there is one."""
-        moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving)
-        view = replace(self._map.view(now_ns), moving=moving if len(moving) else None)
+        moving = self._tracker.points(0.0, self._settings.guard.keep_out_moving + self.margin)
+        view = replace(self._map.view(now_ns, self.margin), moving=moving if len(moving) else None)
         self.view = view = view if fence is None else with_fence(view, fence, self._settings.plan)
         return view
 
     def look_far(self, now_ns: int, fence: Flat | None = None) -> MapView:
         """All that is remembered, in coarse cells, at a time; the last `look` stays what it is."""
-        view = self._map.whole(now_ns)
+        view = self._map.whole(now_ns, self.margin)
         return view if fence is None else with_fence(view, fence, self._settings.plan)
 
     def free_space(self, here: Array, now_ns: int, *, tight: bool = False) -> FreeSpace:
         """Free space of the last `look` around a place (3,) NED (m), for the guard."""
         assert self.view is not None
         guard = self._settings.guard
-        return free_space(self.view, here, now_ns, guard, self.view.moving, tight=tight, empty=self._empty)
+        moving, margin = self.view.moving, self.margin
+        return free_space(self.view, here, now_ns, guard, moving, tight=tight, margin=margin, empty=self._empty)
 
     def clearance(self, here: Array) -> float:
-        """m from the hull at a place (3,) NED (m) to the nearest obstacle; inf if that is FAR_M away or more."""
+        """m from the hull at a place (3,) NED (m) to the nearest obstacle as it is seen; inf if that is FAR_M away or
+        more."""
         distance = None if self.view is None else self.view.distance_at(here)
-        return math.inf if distance is None or distance >= FAR_M else distance - self._settings.vehicle_radius
+        if distance is None or distance >= np.float32(FAR_M) - np.float32(self.margin):
+            return math.inf
+        return distance + self.margin - self._settings.vehicle_radius

@@ -37,7 +37,8 @@ class MapView:
     """(k, 2) m, NED: the return in each occupied cell, in the cells' order; None: the cells' centres stand for them."""
     blurs: Array | None = None
     """(k,) m along the arc in which each of `hits` lies, as of the nearest look at it: the obstacle is no farther from
-    it; inf where nothing says so. None: all are where they seem to be."""
+    it; inf where nothing says so; less by the margin by which obstacles are taken for larger. None: all are where they
+    seem to be."""
     moving: Array | None = None
     """(m, MOVER_COLUMNS) moving obstacles, which mark no cell, as in `perception.free_space`; None: none."""
 

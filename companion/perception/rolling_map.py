@@ -130,29 +130,33 @@ class RollingMap:
             set_disc(grid, north, east, occupied_radius, 0.0, True)
             set_disc(grid, north, east, radius, 0.0, False)
 
-    def view(self, time_ns: int) -> MapView:
-        """The window at a time; all unknown before the first scan. The next view overwrites its arrays."""
+    def view(self, time_ns: int, margin: float = 0.0) -> MapView:
+        """The window at a time; all unknown before the first scan. The next view overwrites its arrays. Obstacles are
+        taken for larger than they are seen by a `margin` (m)."""
         returns = classify(self._grid(time_ns), self._states)
         corner = self._corner or self._first_corner
-        return self._viewed(self._states, self._to_occupied, returns, corner, self._settings.cell)
+        return self._viewed(self._states, self._to_occupied, returns, corner, self._settings.cell, margin)
 
-    def whole(self, time_ns: int) -> MapView:
-        """All that is remembered at a time, in coarse cells, up to `_COARSE_CELLS` along each side, the vehicle in
+    def whole(self, time_ns: int, margin: float = 0.0) -> MapView:
+        """The same of all that is remembered, in coarse cells, up to `_COARSE_CELLS` along each side, the vehicle in
         their middle. It is many times as much work as a view of the window."""
         settings, (row, column) = self._settings, self._corner or self._first_corner
         (count, factor), aside = coarse_cells(settings), settings.cells // 2
         corner = ((row + aside) // factor - count // 2, (column + aside) // factor - count // 2)
         states, to_occupied = np.empty((count, count), np.uint8), np.empty((count, count), np.float32)
         returns = classify_coarse(self._grid(time_ns), factor, corner, states)
-        return self._viewed(states, to_occupied, returns, corner, factor * settings.cell)
+        return self._viewed(states, to_occupied, returns, corner, factor * settings.cell, margin)
 
-    def _viewed(self, states: Bytes, to_occupied: Floats, returns: Array, corner: Cell, cell: float) -> MapView:
+    def _viewed(
+        self, states: Bytes, to_occupied: Floats, returns: Array, corner: Cell, cell: float, margin: float
+    ) -> MapView:
         """The view of cells whose distances are yet to be filled in; `returns` (k, 3) as of `classify`."""
         hits, ranges = np.ascontiguousarray(returns[:, :2]), returns[:, 2]
         fill_distances_to_returns(to_occupied, states == OCCUPIED, hits, corner, cell)
-        if self._width > WIDE_SECTOR:
-            np.maximum(to_occupied - np.float32(_WIDE_MARGIN_M), 0.0, out=to_occupied)
-        blurs = np.where(ranges < CERTAIN_M, 0.0, self._width * ranges)
+        larger = margin + (_WIDE_MARGIN_M if self._width > WIDE_SECTOR else 0.0)
+        if larger:
+            np.maximum(to_occupied - np.float32(larger), 0.0, out=to_occupied)
+        blurs = np.where(ranges < CERTAIN_M, 0.0, self._width * ranges) - margin
         return MapView(states, to_occupied, corner, cell, hits, blurs)
 
     def _grid(self, time_ns: int) -> tuple[Any, ...]:

@@ -291,6 +291,7 @@ def pack_request(request: PlanRequest) -> bytes:
         *request.velocity.tolist(),
         *((math.nan,) * 3 if request.goal is None else request.goal.tolist()),
         request.speed,
+        request.margin,
     )
 
 

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from companion.avoidance.guard import Verdict
 from companion.mission.navigator import Leg
 from companion.mission.plan import Phase
-from companion.state import Reason, Scan
+from companion.state import Certainty, Reason, Scan
 from protocol.arrays import Array
 from tests.companion.reference_flight import (
     BEARINGS,
@@ -182,6 +182,19 @@ def test_each_scan_is_one_request_and_a_way_is_asked_for_where_obstacles_are_avo
     assert (number, asked_ns) == (1, flight.now) and goal is FAR.goal_ned
     assert ask(flight, leg_to((0.0, 0.0, -4.0)))[::2] == (2, None)
     assert ask(flight, replace(FAR, in_the_way=(math.inf, 0.4)))[0] == 3
+
+
+def test_obstacles_are_asked_for_larger_where_the_vehicle_is_uncertain_of_its_velocity() -> None:
+    guidance, _ = guidance_of(ROUTE)
+    known = np.ones(72, np.bool_)
+    scan, state = Scan(0, 0, BEARINGS, np.full(72, 15.0), ~known, known), vehicle(START)
+    uncertain = replace(state, certainty=Certainty(np.square((0.03, 0.13, 0.5))))
+    margins = []
+    for one in (uncertain, state):
+        request = guidance.look(scan, (one.position_ned, one.attitude_ned_frd), -0.5, one, FAR, 0)
+        assert request is not None
+        margins.append(request.margin)
+    assert margins[0] == pytest.approx(0.2) and 0.19 < margins[1] < 0.2
 
 
 PUSH = np.array([1.0, 0.0, 0.0])

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from companion.logs import ahead
 from companion.logs.ahead import Ahead, DivergedError
 from companion.logs.replay import replay
 from companion.records import ASKED, PLANNED
+from companion.runtime.planning import pack_request
+from companion.state import Scan
 from protocol.flightlog import LogReader, Record
 from tests.companion.logs.changed_logs import Flyer, rewritten
 
@@ -148,6 +151,16 @@ def test_what_the_log_of_a_question_does_not_hold_is_answered_here(
     monkeypatch.setattr(Ahead, "ask", at_another_height)
     assert replay(fly()).differences == []
     assert watched.diverged == 1
+
+
+def test_a_question_comes_out_of_its_record_as_it_was() -> None:
+    known = np.ones(72, np.bool_)
+    scan = Scan(5, 4, np.radians(5.0 * np.arange(72)), np.full(72, 15.0), ~known, known)
+    here, level = np.array([1.0, 2.0, -3.0]), np.array([1.0, 0.0, 0.0, 0.0])
+    asked = PlanRequest(7, 6, scan, (here, level), -0.5, here, np.zeros(3), here + 9.0, 4.0, margin=0.16)
+    read = ahead._request(ASKED.unpack(pack_request(asked)), OrderedDict({(5, 4): scan}))
+    assert read is not None and read.margin == 0.16
+    assert ahead._identity(read) == ahead._identity(asked)
 
 
 def test_a_process_that_ends_is_done_without(fly: Flyer, watched: Watched, monkeypatch: pytest.MonkeyPatch) -> None:

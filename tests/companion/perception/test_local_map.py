@@ -7,7 +7,7 @@ import pytest
 
 from companion.config_avoidance import Avoidance
 from companion.perception.local_map import LocalMap
-from companion.perception.map_view import OCCUPIED
+from companion.perception.map_view import OCCUPIED, to_certain
 from companion.state import Scan
 from protocol.arrays import Array
 from protocol.frames import from_euler
@@ -102,3 +102,38 @@ def test_beside_a_fence_the_obstacles_of_wide_sectors_stay_as_large() -> None:
         view = local_map.look(now_ns, fence)
         found.append([view.distance_at(np.array([north, 0.0])) for north in (2.5, 3.0, 3.5, 4.0)])
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("tight", [False, True])
+def test_with_a_margin_all_that_is_seen_is_larger_and_as_far_away_as_before(tight: bool) -> None:
+    """A post ahead, and somebody who crosses behind the vehicle."""
+    seen, margin = Surroundings(), 0.15
+    for k in range(20):
+        seen.see((5.0, -2.0 + 0.1 * k))
+    here, now_ns = np.array([-2.6, 0.2, -2.0]), 2_000_000_000
+    found = []
+    for larger in (0.0, margin):
+        seen.map.margin = larger
+        view = seen.map.look(now_ns)
+        space = seen.map.free_space(here, now_ns, tight=tight)
+        certain = to_certain(view, 1.0)
+        found.append((view.to_occupied.copy(), certain.copy(), space, seen.map.clearance(here)))
+    (plain, certain, space, clearance), (less, sooner, narrower, as_seen) = found
+    assert np.abs(less - np.maximum(plain - margin, 0.0)).max() < 1e-6
+    assert np.abs(narrower.to_occupied - np.maximum(space.to_occupied - margin, 0.0)).max() < 1e-6
+    near = certain < 1.0
+    assert near.any() and np.abs(sooner[near] - (certain[near] - margin)).max() < 1e-6
+    assert as_seen == pytest.approx(clearance, abs=1e-6) and 0.4 < clearance < 1.2
+    kept, wider = space.points[:, 4], narrower.points[:, 4]
+    guard = Avoidance().guard
+    of_return = guard.keep_out_tight if tight else guard.keep_out
+    assert of_return in kept and wider.max() == pytest.approx(of_return + margin)
+    assert len(space.movers) == 1 and narrower.movers[0, 4] == pytest.approx(space.movers[0, 4] + margin)
+
+
+def test_far_from_all_there_is_no_clearance_with_a_margin_either() -> None:
+    seen = Surroundings()
+    seen.see((5.0, -2.0))
+    seen.map.margin = 0.15
+    seen.map.look(0)
+    assert seen.map.clearance(np.array([0.0, 6.0, -2.0])) == math.inf
