@@ -18,6 +18,8 @@ _SHARE = 1 / 64
 """Weight of the latest ring: over some seconds, so that a way is not free at one ring and closed at the next."""
 _TELLING_M = 0.05
 """A margin that is told: it closes ways that the vehicle is narrow enough for."""
+_TOLD_AGAIN = 1.5
+"""Growth after which it is told once more: on the ground the vehicle may be more certain than in the air."""
 
 
 class DriftMargin:
@@ -27,7 +29,7 @@ class DriftMargin:
         """`seconds`: `avoidance.velocity_error_s`."""
         self._seconds = seconds
         self._margin: float | None = None
-        self._said = False
+        self._told = 0.0
 
     def follow(self, velocity_variance: Array) -> float:
         """The margin (m) at a ring, by the variances (3,) of the vehicle's velocity, m2/s2, NED."""
@@ -38,10 +40,10 @@ class DriftMargin:
         return self._margin
 
     def news(self) -> Announcement | None:
-        """That it is large, once."""
+        """That it is large, and each time that it has grown by much."""
         margin = self._margin or 0.0
-        if self._said or margin < _TELLING_M:
+        if margin < max(_TELLING_M, _TOLD_AGAIN * self._told):
             return None
-        self._said = True
+        self._told = margin
         text = f"the vehicle's velocity is uncertain: obstacles are taken for {margin:.2f} m larger"
         return Announcement(Severity.INFO, text)
