@@ -8,7 +8,7 @@ from protocol.arrays import Array
 
 
 def variance(north: float, east: float = 0.0, down: float = 0.0) -> Array:
-    """Of standard deviations."""
+    """The variances (3,) that belong to standard deviations (m/s)."""
     return np.square((north, east, down))
 
 
