@@ -257,8 +257,8 @@ class Avoidance(Table, frozen=True):
     0: it is not looked at."""
     velocity_error_s: NotNegative = 2.0
     """s; planner and guard take obstacles for larger by what the standard deviation of the vehicle's velocity, as the
-    vehicle says it (`rates.odometry`), exceeds 0.03 m/s by, times this, up to 0.3 m: so far aside of where it believes to
-    be it may have come since it saw them. 0: they do not."""
+    vehicle says it (`rates.odometry`), exceeds 0.03 m/s by, times this, up to 0.3 m: so far aside of where it believes
+    to be it may have come since it saw them. 0: they do not."""
     answer_delay: NotNegative = 0.02
     """s from a scan to its map and path, in lockstep; in real time it is what the planner takes."""
     give_up_s: Positive = 40.0
