@@ -25,6 +25,7 @@ def test_what_is_too_narrow_for_an_uncertain_vehicle_is_not_entered(heeded: bool
     if not heeded:
         assert summary.contacts == 1 and not told
         return
+    assert told, joined.said
     assert summary.contacts == 0 and summary.least_clearance_m is not None and summary.least_clearance_m > 0.03
     assert joined.autopilot.supervisor.state is State.FLY
     assert math.dist(joined.vehicle.motion.position_ned[:2], site.goal) > 10.0, "it is before the wall still"
