@@ -116,11 +116,13 @@ def test_with_a_margin_all_that_is_seen_is_larger_and_as_far_away_as_before(tigh
         seen.map.margin = larger
         view = seen.map.look(now_ns)
         space = seen.map.free_space(here, now_ns, tight=tight)
-        certain = to_certain(view, 1.0)
-        found.append((view.to_occupied.copy(), certain.copy(), space, seen.map.clearance(here)))
-    (plain, certain, space, clearance), (less, sooner, narrower, as_seen) = found
-    assert np.abs(less - np.maximum(plain - margin, 0.0)).max() < 1e-6
-    assert np.abs(narrower.to_occupied - np.maximum(space.to_occupied - margin, 0.0)).max() < 1e-6
+        certain, far = to_certain(view, 1.0), seen.map.look_far(now_ns)
+        found.append((view.to_occupied.copy(), certain.copy(), space, seen.map.clearance(here), far.to_occupied))
+    (plain, certain, space, clearance, far_plain), (less, sooner, narrower, as_seen, far_less) = found
+    both = (plain, less), (space.to_occupied, narrower.to_occupied), (far_plain, far_less)
+    for without, larger_by in both:
+        assert np.abs(larger_by - np.maximum(without - margin, 0.0)).max() < 1e-6
+    assert (narrower.to_unseen == space.to_unseen).all(), "what was seen free stays free"
     near = certain < 1.0
     assert near.any() and np.abs(sooner[near] - (certain[near] - margin)).max() < 1e-6
     assert as_seen == pytest.approx(clearance, abs=1e-6) and 0.4 < clearance < 1.2
