@@ -105,11 +105,11 @@ def heed_below(
 ) -> Announcement | None:
     """The mission rises and falls with the ground below, or a descent ends above what stands there; what is to be said
     of it."""
-    if not settings.ground_slope:
-        return _stopped_short(state, now, settings.keep_out_below, navigator, guidance, sensing)
-    said = navigator.follow(sensing.ground.ground(now), state.position_ned)
+    said = navigator.follow(sensing.ground.ground(now), state.position_ned, now)
     sensing.ground_at(navigator.lowest_return, settings.ground_slope)
-    return said
+    if said is not None or settings.ground_slope:
+        return said
+    return _stopped_short(state, now, settings.keep_out_below, navigator, guidance, sensing)
 
 
 def _stopped_short(

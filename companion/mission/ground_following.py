@@ -3,6 +3,9 @@
 What is known is the ground straight below. The vehicle climbs as the ground will stand a second ahead, sinks as it
 stands here, and waits where it has come too low. Where the ground is not seen any more, the height is kept, and nothing
 that a scan shows counts as ground: so it flies around what rises.
+
+Elsewhere the ground is flat, and heights count from the start, but for the drift of the vehicle's estimate
+(`mission.height_drift`).
 """
 
 import math
@@ -10,6 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.config_avoidance import Avoidance
+from companion.mission.height_drift import HeightDrift
 from companion.mission.plan import Phase, Step
 from companion.state import Announcement, Ground, Severity
 from protocol.arrays import Array
@@ -23,11 +28,10 @@ _LEAST_SHARE, _LEAST_M = 0.6, 1.0
 class GroundFollowing:
     """The ground under one mission, as m (NED, down) from that of the start."""
 
-    def __init__(self, slope: float, ground_height: float) -> None:
-        """`slope`: of the steepest ground that is followed, 0 if none is; `ground_height`: m above the ground from
-        where on returns count."""
-        self._follows = slope > 0.0
-        self._ground_height = ground_height
+    def __init__(self, settings: Avoidance) -> None:
+        self._ground_height = settings.ground_height
+        self._drift = None if settings.ground_slope > 0.0 else HeightDrift(settings.height_drift)
+        """None: the ground itself is followed."""
         self._start = 0.0
         """m, NED: the ground of the start."""
         self._offset = 0.0
@@ -46,14 +50,17 @@ class GroundFollowing:
         """m, NED: what a scan shows below this is the ground."""
         return self._ground.here - self._ground_height if self._known else math.inf
 
-    def follow(self, ground: Ground | None, step: Step, down: float) -> tuple[bool, Announcement | None]:
+    def follow(self, ground: Ground | None, step: Step, down: float, now_ns: int) -> tuple[bool, Announcement | None]:
         """The ground is there now, with the vehicle at a height (m, NED) on the way to a step of the mission as it was
         planned; whether heights have changed, and what is to be said."""
-        if not self._follows or _is_fixed(step):
-            return False, None
-        before = self._offset, self.too_low
-        said = self._notice(known=ground is not None)
-        if ground is not None:
+        before, said = (self._offset, self.too_low), None
+        if self._drift is not None:
+            said = self._drift.follow(ground, self._start, now_ns)
+            level = self._start - self._drift.rise
+            ground = Ground(level, level) if self._drift.rise or self._offset else None
+        elif not _is_fixed(step):
+            said = self._notice(known=ground is not None)
+        if ground is not None and not _is_fixed(step):
             self._ground = ground
             if abs(ground.ahead - self._start - self._offset) > _CHANGE_M:
                 self._offset = ground.ahead - self._start

@@ -96,7 +96,7 @@ class Navigator:
         self._durations = tuple(durations)
         self._fence: Fence | None = None
         self._search = AltitudeSearch(settings.avoidance.altitude_search, settings.avoidance.give_up_s)
-        self._below = GroundFollowing(settings.avoidance.ground_slope, settings.avoidance.ground_height)
+        self._below = GroundFollowing(settings.avoidance)
         self._trail = Trail()
         self._progress = Progress()
         self._leg: Leg | None = None
@@ -170,10 +170,10 @@ class Navigator:
                 self._leg = leg
         return leg
 
-    def follow(self, ground: Ground | None, here_ned: Array) -> Announcement | None:
+    def follow(self, ground: Ground | None, here_ned: Array, now_ns: int) -> Announcement | None:
         """The ground below the vehicle, which is at a place (3,); what is to be said of it."""
         planned = self._parts[0]
-        changed, said = self._below.follow(ground, planned, float(here_ned[2]))
+        changed, said = self._below.follow(ground, planned, float(here_ned[2]), now_ns)
         if changed:
             self.step, self._leg = self._below.shifted(planned), None
         return said

@@ -1,0 +1,48 @@
+"""The vehicle's estimate of its height drifts on a low flight among walkers: a leaning scan shows the ground where none
+should be, and no farther than it."""
+
+from pathlib import Path
+
+import pytest
+
+from companion.supervision.states import State
+from studies import worlds
+from studies.joined import Joined
+from vehicle_sim.estimation.delayed_truth import DelayedTruth
+from vehicle_sim.physics.motion import Motion
+
+SEED, SPEED, LIMIT_S = 2, 5.0, 30.0
+FROM_S, RATE, MOST_M = 8.0, 0.3, 1.1
+
+
+class Drifting(DelayedTruth):
+    """The truth, but for the height that is told: from some time on it rises though the vehicle does not."""
+
+    def update(self, truth: Motion) -> tuple[Motion, Motion]:
+        present, told = super().update(truth)
+        drifted = min(max(RATE * (1e-9 * told.time_ns - FROM_S), 0.0), MOST_M)
+        climb = RATE if 0.0 < drifted < MOST_M else 0.0
+        (north, east, down), (vn, ve, vd) = told.position_ned, told.velocity_ned
+        return present, told._replace(position_ned=(north, east, down - drifted), velocity_ned=(vn, ve, vd - climb))
+
+
+@pytest.mark.parametrize("heeded", [False, True])
+def test_the_range_finder_shows_how_low_it_is(heeded: bool, tmp_path: Path) -> None:
+    site = worlds.street(SEED)
+    world, _ = site.save(tmp_path)
+    overrides = () if heeded else ("avoidance.height_drift=0",)
+    joined = Joined(site.mission(SPEED, world), overrides=overrides, seed=SEED)
+    joined.vehicle.estimator = Drifting(0.0, joined.vehicle.motion)
+
+    def ended(now: Joined) -> bool:
+        return now.vehicle.summary().contacts > 0 or now.autopilot.supervisor.state is State.LAND
+
+    joined.fly(limit_s=LIMIT_S, until=ended)
+    told = [line for line in joined.said if "nearer than the vehicle's height says" in line]
+    if not heeded:
+        assert joined.vehicle.summary().contacts == 1 and not told
+        return
+    assert joined.vehicle.summary().contacts == 0 and joined.autopilot.supervisor.state is State.LAND
+    assert len(told) == 1
+    height = -joined.vehicle.motion.position_ned[2]
+    assert site.height - 0.4 < height < site.height, "but for what there is room for"
