@@ -244,6 +244,10 @@ class Trajectory(Table, frozen=True):
     max_lead: Positive = 2.0
     """m between the reference and the vehicle, at most: from half of it on the reference goes on the slower the farther
     away the vehicle is, and at this distance it waits. Steps, stops and the way over the map do not."""
+    height_drift: NotNegative = 1.5
+    """m; where heights do not follow the ground (`avoidance.ground_slope`), it may come to be nearer by so much than
+    the vehicle's height says, as a range finder that looks down shows it: then the vehicle flies higher, and returns
+    from there are the ground's. What is nearer by more is something that stands there. 0: it is not looked at."""
     blind_way: Positive = 0.5
     """m; with a link that is late the vehicle is no faster than so far within the delay. Curves keep their speed."""
     acceptance_radius: Positive = 1.5

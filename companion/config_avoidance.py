@@ -252,10 +252,6 @@ class Avoidance(Table, frozen=True):
     the vehicle, as a range finder that looks down shows it, and returns that may be such ground are none of an
     obstacle. Steeper ground is flown around. For the mapped methods alone. 0: heights count from the take-off point,
     and the ground is flat."""
-    height_drift: NotNegative = 1.5
-    """m; where heights do not follow the ground, it may come to be nearer by so much than the vehicle's height says, as
-    a range finder that looks down shows it: then the vehicle flies higher, and returns from there are the ground's.
-    What is nearer by more is something that stands there. 0: it is not looked at."""
     keep_out_below: NotNegative = 0.7
     """m above what stands where a parcel is to be released, by a range finder that looks down: the descent ends there.
     0: it is not looked at."""

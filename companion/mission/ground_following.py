@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.config_avoidance import Avoidance
+from companion.config import Settings
 from companion.mission.height_drift import HeightDrift
 from companion.mission.plan import Phase, Step
 from companion.state import Announcement, Ground, Severity
@@ -28,9 +28,10 @@ _LEAST_SHARE, _LEAST_M = 0.6, 1.0
 class GroundFollowing:
     """The ground under one mission, as m (NED, down) from that of the start."""
 
-    def __init__(self, settings: Avoidance) -> None:
-        self._ground_height = settings.ground_height
-        self._drift = None if settings.ground_slope > 0.0 else HeightDrift(settings.height_drift)
+    def __init__(self, settings: Settings) -> None:
+        follows = settings.avoidance.ground_slope > 0.0
+        self._ground_height = settings.avoidance.ground_height
+        self._drift = None if follows else HeightDrift(settings.trajectory.height_drift)
         """None: the ground itself is followed."""
         self._start = 0.0
         """m, NED: the ground of the start."""

@@ -18,7 +18,7 @@ class HeightDrift:
     """The drift under one mission."""
 
     def __init__(self, most: float) -> None:
-        """`most`: `avoidance.height_drift`."""
+        """`most`: `trajectory.height_drift`."""
         self._most = most
         self._updated_ns: int | None = None
         self._seen = 0.0

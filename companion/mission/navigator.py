@@ -96,7 +96,7 @@ class Navigator:
         self._durations = tuple(durations)
         self._fence: Fence | None = None
         self._search = AltitudeSearch(settings.avoidance.altitude_search, settings.avoidance.give_up_s)
-        self._below = GroundFollowing(settings.avoidance)
+        self._below = GroundFollowing(settings)
         self._trail = Trail()
         self._progress = Progress()
         self._leg: Leg | None = None

@@ -30,7 +30,7 @@ class Drifting(DelayedTruth):
 def test_the_range_finder_shows_how_low_it_is(heeded: bool, tmp_path: Path) -> None:
     site = worlds.street(SEED)
     world, _ = site.save(tmp_path)
-    overrides = () if heeded else ("avoidance.height_drift=0",)
+    overrides = () if heeded else ("trajectory.height_drift=0",)
     joined = Joined(site.mission(SPEED, world), overrides=overrides, seed=SEED)
     joined.vehicle.estimator = Drifting(0.0, joined.vehicle.motion)
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from companion.config import Settings
 from companion.config_avoidance import Avoidance
 from companion.curves import Route
 from companion.mission.ground_following import GroundFollowing
@@ -16,7 +17,7 @@ ROUTE = Step(Phase.ROUTE, np.array((40.0, 0.0, -1.0)), avoids=True)
 
 
 def begun(slope: float = 0.2) -> GroundFollowing:
-    following = GroundFollowing(Avoidance(ground_slope=slope))
+    following = GroundFollowing(Settings(avoidance=Avoidance(ground_slope=slope)))
     following.begin(2.0)
     return following
 
