@@ -316,8 +316,8 @@ class Guidance:
             self.decision = self.method.decide(points, place, velocity, leg.goal_ned, leg.speed)
         if self._guard is None:
             return None
-        self._asked += 1
-        self._mapped_ns = self._mapped_ns or now_ns
+        self._guard.sight.look(pose[1], ground_down - float(pose[0][2]), now_ns)
+        self._asked, self._mapped_ns = self._asked + 1, self._mapped_ns or now_ns
         goal = leg.goal_ned if self.over_map and leg.step.avoids else None
         flat = None if self._walls is None else self._walls.around(place)
         asked = self._asked, now_ns, scan, pose, ground_down, *motion, goal, leg.speed, flat, leg.in_the_way

@@ -23,6 +23,7 @@ _FLOWN_WITHOUT = (
     {"trajectory": {"max_lead": 1e9}},
     {"avoidance": {"velocity_error_s": 0.0}},
     {"trajectory": {"height_drift": 0.0}},
+    {"avoidance": {"guard": {"sight_s": 0.0}}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""
 

@@ -18,6 +18,7 @@ from companion.perception.free_space import MOVER_COLUMNS, free_space, nearest_p
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes, MapView
 from companion.state import Reason
 from protocol.arrays import Array
+from protocol.frames import from_euler
 
 SETTINGS = AvoidanceGuard(
     keep_out=0.7,
@@ -117,6 +118,19 @@ def test_speed_limit_is_the_braking_distance_to_what_is_not_seen_free(what: int)
     assert around.free == pytest.approx(6.0 + 8.1 - keep_out, abs=2.0 * CELL)
     before = guard.limit(STILL, STILL, np.array([[0.0, -6.0], [5.0, -6.0]]), 20.0)
     assert before.free == math.inf and before.speed == 20.0
+
+
+def test_the_vehicle_stops_within_what_it_sees_now() -> None:
+    """With a scan that meets the ground 3 m north of the vehicle, whether it is flown there or about to be."""
+    guard, ahead, aside = guard_on(free_field()), np.array([[9.0, 0.0]]), np.array([[0.0, 9.0]])
+    for seconds in range(20):
+        guard.sight.look(from_euler(0.0, -math.atan(0.5), 0.0), 1.5, seconds * 10**9)
+    for velocity, way in ((STILL, ahead), (np.array([5.0, 0.0, 0.0]), aside), (np.array([5.0, 0.0, 0.0]), ahead)):
+        limit = guard.limit(STILL, velocity, way, 20.0)
+        assert limit.free == pytest.approx(3.0) and limit.speed == pytest.approx(
+            stopping_speed(3.0, SETTINGS.braking, 0.25)
+        )
+    assert guard.limit(STILL, STILL, aside, 20.0).speed == guard_on(free_field()).limit(STILL, STILL, aside, 20.0).speed
 
 
 def test_over_a_late_link_and_with_slow_loops_the_speed_limit_counts_on_a_later_stop() -> None:
