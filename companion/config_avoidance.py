@@ -236,7 +236,7 @@ class AvoidanceGuard(Table, frozen=True):
     """With a view older than this the vehicle brakes."""
     sight_s: NotNegative = 1.0
     """The vehicle is no faster than it can stop within what its scan, which leans with it, sees before it meets the
-    ground; the lean is averaged over so many s. 0: it is, as where a gimbal keeps the scanner level."""
+    ground; the lean is averaged over so many s. 0: this is not asked, as where a gimbal keeps the scanner level."""
 
 
 class Avoidance(Table, frozen=True):

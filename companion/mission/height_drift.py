@@ -11,7 +11,9 @@ _ROOM_FOR_M = 0.2
 _RATE = 0.5
 """m/s: faster than estimates drift, and slow enough for what is passed over to change little."""
 _STEP_M = 0.4
+"""m by which a drift can't change at once."""
 _TOLD_M = 0.5
+"""A rise that is told."""
 
 
 class HeightDrift:
@@ -24,7 +26,7 @@ class HeightDrift:
         self._seen = 0.0
         """m by which the ground was nearer when it was last seen, and"""
         self._unseen_s = 0.0
-        """since when it is not. What stands there hides it, for as long as it may."""
+        """s for which nothing has been seen below since. What stands there is something, for as long as it may be."""
         self._told = False
         self.rise = 0.0
         """m by which the ground is nearer, less what there is room for."""
