@@ -38,7 +38,7 @@ class Sensing:
         self._needs_scan = needs_scan
         self.scan: Scan | None = None
         """The latest, if it came since the last `look`."""
-        self._ring_check = RingCheck()
+        self.ring_check = RingCheck()
         self.below = SurfaceBelow()
         self.ground = GroundBelow()
         self._scan_boot_us: int | None = None
@@ -59,7 +59,7 @@ class Sensing:
 
     def ground_at(self, lowest_return: float, slope: float = 0.0) -> None:
         """What a scan shows below `lowest_return` (m, NED) is the ground, which may rise with a `slope`."""
-        self._ring_check.ground_down, self._ring_check.ground_slope = lowest_return, slope
+        self.ring_check.ground_down, self.ring_check.ground_slope = lowest_return, slope
 
     @property
     def present(self) -> VehicleState:
@@ -116,11 +116,11 @@ class Sensing:
             self._scan_boot_us = scan.boot_time_us
             pose = self.estimator.pose_at(scan.boot_time_us)
             if not self.plausibility.watches:
-                self.scan, self._ring_check.sure_ns = scan, now_ns
-            elif pose is not None and self._ring_check.believes(scan, pose, now_ns):
+                self.scan, self.ring_check.sure_ns = scan, now_ns
+            elif pose is not None and self.ring_check.believes(scan, pose, now_ns):
                 self.scan = scan
             elif pose is not None:
-                self._doubted = f"only {self._ring_check.doubt} rings for", now_ns
+                self._doubted = f"only {self.ring_check.doubt} rings for", now_ns
 
     def update(self) -> VehicleState | None:
         """The state at the attitude that has just come."""
@@ -136,11 +136,11 @@ class Sensing:
     @property
     def implausible(self) -> dict[str, int]:
         """What was not believed up to now, as counts."""
-        return {"motion_implausible": self.plausibility.refused, "rings_implausible": self._ring_check.refused}
+        return {"motion_implausible": self.plausibility.refused, "rings_implausible": self.ring_check.refused}
 
     def scan_age(self, now_ns: int) -> float:
         """s since the latest scan arrived that nothing speaks against; inf before the first."""
-        sure_ns = self._ring_check.sure_ns
+        sure_ns = self.ring_check.sure_ns
         return math.inf if sure_ns is None else (now_ns - sure_ns) * 1e-9
 
     def is_blind(self, now_ns: int) -> bool:

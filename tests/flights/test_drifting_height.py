@@ -46,3 +46,5 @@ def test_the_range_finder_shows_how_low_it_is(heeded: bool, tmp_path: Path) -> N
     assert len(told) == 1
     height = -joined.vehicle.motion.position_ned[2]
     assert site.height - 0.4 < height < site.height, "but for what there is room for"
+    navigator, rings = joined.autopilot.navigator, joined.autopilot.sensing.ring_check
+    assert rings.ground_down == navigator.lowest_return < navigator.ground_down - 1.0, "rings are judged by it, too"
