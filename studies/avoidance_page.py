@@ -63,7 +63,7 @@ The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle
 | what ends below the plane | no beam meets it | [releases](lidar.md#what-a-driver-sends) stop above it | that height |
 | glass that lets the beams through | they return from behind it | it is flown into | no speed |
 | glass or mirrors without a return | the sector stays unknown, not free | the hull stays out | any speed |
-| who crosses before a fast, low flight | the scan meets the ground | at 8 m/s 2 of 24 hit | 6 m/s |
+| who crosses before a fast, low flight | the scan meets the ground | at 8 m/s 2 of 24 hit | 5 m/s |
 | what hangs from 1 m below the flight on | the leaning scan looks beneath it | at 8 m/s 3 of 4 hit | 5 m/s |
 | pole thinner than the beams' spacing | one beam in 5 degrees may miss it | 5 cm at 4.3 m/s: some hit | see below |
 
@@ -72,7 +72,7 @@ flights at 8 m/s were at 2 m, too, three walkers in each. What counts is how far
 wind. So it is no faster than it can stop within what its scan, leaning as in the last second, sees before it meets the
 ground (`guard.sight_s`). Without that rule 8 of the 24 at 8 m/s met somebody; and on streets at 6 m/s, with 2.9 times
 the drag of the paper's vehicle and a lean of 31 degrees, 5 of 20, where with it 1 did, at 5.2 m/s at the most. In a
-street with ten walkers it should not be faster than 3 m/s: at 4 m/s 3 of 20 flights met one, with sight enough.
+street with ten walkers it should not be faster than 3 m/s: at 4 m/s 4 of 30 flights met one.
 `companion mission show` names the legs on which that is too late.
 So it does with what hangs in the way, as a billboard, and `companion demo` says it at its start. With
 `avoidance.map.layer=1.0` what the scan shows more than 1 m below the flight does not count as free: the vehicle is
