@@ -254,7 +254,7 @@ class Avoidance(Table, frozen=True):
     """Rise over run of the steepest ground that is followed: then the heights of the route count from the ground below
     the vehicle, as a range finder that looks down shows it, and returns that may be such ground are none of an
     obstacle. Steeper ground is flown around. For the mapped methods alone. 0: heights count from the take-off point,
-    and the ground is flat."""
+    but for `trajectory.height_drift`, and the ground is flat."""
     keep_out_below: NotNegative = 0.7
     """m above what stands where a parcel is to be released, by a range finder that looks down: the descent ends there.
     0: it is not looked at."""

@@ -76,6 +76,12 @@ def axes_frd(q: Array) -> Array:
     return out
 
 
+def down_axis(q: Array) -> Vector:
+    """The body's down axis in the world, of an attitude (4,), as a tuple; not compiled: for single attitudes."""
+    w, x, y, z = q.tolist()
+    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
+
+
 @compiled
 def rotation_quaternion(x: float, y: float, z: float) -> Quaternion:
     """Quaternion of a rotation vector (rad), as a tuple."""

@@ -2,7 +2,7 @@
 vehicle can still stop in free space.
 
 1. `limit`: the speed from which the vehicle stops within what was seen free, straight on and along its path, and within
-   what its leaning scan sees now (`avoidance.sight`).
+   what its leaning scan sees now (`avoidance.view_ahead`).
 2. `filter`: the commanded acceleration is moved, as little as possible, to where the barriers of all points hold
    (`avoidance.barriers`).
 3. If something that moves would meet the vehicle soon, it gets out of the way (`avoidance.evasion`).
@@ -24,8 +24,8 @@ from companion.avoidance.barriers import Barrier, half_planes, nearest_allowed, 
 from companion.avoidance.braking import stopping_speed
 from companion.avoidance.clearance import ClearanceMap, KeepOut, Place, free_ahead
 from companion.avoidance.evasion import Agility, evade
-from companion.avoidance.sight import Sight
 from companion.avoidance.stops import Braking, best_stop, straight_stop
+from companion.avoidance.view_ahead import ViewAhead
 from companion.config_avoidance import AvoidanceGuard
 from companion.perception.distance_field import Floats
 from companion.perception.free_space import FreeSpace
@@ -90,7 +90,7 @@ class Guard:
         self._maps = _NO_MAPS
         self._roomy = _parameters(settings, settings.keep_out, settings.keep_out_unseen)
         self._tight = _parameters(settings, settings.keep_out_tight, settings.keep_out_unseen_tight)
-        self.sight = Sight(settings.sight_s)
+        self.view_ahead = ViewAhead(settings.sight_s)
         self._late_s = 0.0
         self._reaction_s = settings.reaction_time
         self._evasion = 0.0, 0.0
@@ -124,7 +124,7 @@ class Guard:
         s = self._settings
         if self._space is None:
             return SpeedLimit(0.0, 0.0)
-        sight = min(self.sight.along(velocity_ned[:2]), self.sight.along(path[0] - position_ned[:2]))
+        sight = min(map(self.view_ahead.distance, (velocity_ned[:2], path[0] - position_ned[:2])))
         free = min(_free_ahead(self._maps, position_ned, velocity_ned, path, self._roomy), sight)
         allowed = stopping_speed(free, s.braking, self._reaction_s)
         if self._space.tight and allowed < s.tight_speed:

@@ -8,6 +8,7 @@ import numpy as np
 from companion.reports import RangeBelow
 from companion.state import Ground, Pose
 from protocol.arrays import Array
+from protocol.frames import down_axis
 
 _STALE_NS = 1_000_000_000
 _WINDOW_NS = 1_000_000_000
@@ -39,8 +40,7 @@ class GroundBelow:
         if pose is None or not math.isfinite(report.distance_m):
             return
         place, attitude = pose
-        w, x, y, z = attitude.tolist()
-        beam = np.array((2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)))  # the body's down
+        beam = np.array(down_axis(attitude))
         if beam[2] < _UPRIGHT:
             return
         self._proven |= report.distance_m > _ABOVE_M

@@ -8,9 +8,10 @@ import math
 import numpy as np
 
 from protocol.arrays import Array
+from protocol.frames import down_axis
 
 
-class Sight:
+class ViewAhead:
     """Followed from ring to ring."""
 
     def __init__(self, seconds: float) -> None:
@@ -25,13 +26,12 @@ class Sight:
         """A ring was taken at an attitude (4,), so high (m) above what counts as the ground."""
         elapsed = 0.0 if self._looked_ns is None else (now_ns - self._looked_ns) * 1e-9
         self._looked_ns, self._above = now_ns, above
-        w, x, y, z = attitude_ned_frd.tolist()
-        upright = 1.0 - 2.0 * (x * x + y * y)
-        if upright > 0.0 and self._seconds > 0.0:
-            falls = np.array((-2.0 * (x * z + w * y), 2.0 * (w * x - y * z))) / upright
+        north, east, down = down_axis(attitude_ned_frd)
+        if down > 0.0 and self._seconds > 0.0:
+            falls = np.array((-north / down, -east / down))
             self._fall += min(elapsed / self._seconds, 1.0) * (falls - self._fall)
 
-    def along(self, way: Array) -> float:
+    def distance(self, way: Array) -> float:
         """m that are seen in the direction of a way (2,)."""
         length = math.hypot(way[0], way[1])
         fall = float(self._fall @ way) / length if length > 0.0 else 0.0

@@ -1,22 +1,22 @@
-"""How far a leaning scan sees, and what becomes of the speed."""
+"""How far a leaning scan sees."""
 
 import math
 
 import numpy as np
 import pytest
 
-from companion.avoidance.sight import Sight
+from companion.avoidance.view_ahead import ViewAhead
 from protocol.frames import from_euler, to_world
 
 ABOVE, RING_NS = 1.5, 66_666_667
 AHEAD = np.array((1.0, 0.0))
 
 
-def looked(attitude: np.ndarray, rings: int = 100, above: float = ABOVE, seconds: float = 1.0) -> Sight:
-    sight = Sight(seconds)
+def looked(attitude: np.ndarray, rings: int = 100, above: float = ABOVE, seconds: float = 1.0) -> ViewAhead:
+    view = ViewAhead(seconds)
     for ring in range(rings):
-        sight.look(attitude, above, ring * RING_NS)
-    return sight
+        view.look(attitude, above, ring * RING_NS)
+    return view
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
@@ -24,27 +24,27 @@ def looked(attitude: np.ndarray, rings: int = 100, above: float = ABOVE, seconds
 def test_sight_ends_where_a_beam_meets_the_ground(yaw: float, sign: float) -> None:
     """Against the beam itself, turned by the attitude: to all sides, for q and -q."""
     attitude = sign * from_euler(0.2, -0.4, yaw)
-    sight = looked(attitude)
+    ahead = looked(attitude)
     for bearing in np.linspace(0.0, 2.0 * math.pi, 12, endpoint=False):
         beam = np.array(to_world(attitude, np.array((math.cos(bearing), math.sin(bearing), 0.0))))
         met = ABOVE * math.hypot(beam[0], beam[1]) / beam[2] if beam[2] > 0.0 else math.inf
-        assert sight.along(3.0 * beam[:2]) == pytest.approx(met, rel=1e-2)
+        assert ahead.distance(3.0 * beam[:2]) == pytest.approx(met, rel=1e-2)
 
 
 def test_a_level_scan_sees_to_its_end_and_who_stands_looks_nowhere() -> None:
-    assert looked(from_euler(0.0, 0.0, 1.0)).along(AHEAD) == math.inf
-    assert looked(from_euler(0.0, -0.4, 0.0)).along(np.zeros(2)) == math.inf
-    assert Sight(1.0).along(AHEAD) == math.inf
+    assert looked(from_euler(0.0, 0.0, 1.0)).distance(AHEAD) == math.inf
+    assert looked(from_euler(0.0, -0.4, 0.0)).distance(np.zeros(2)) == math.inf
+    assert ViewAhead(1.0).distance(AHEAD) == math.inf
 
 
 def test_the_lean_is_averaged_over_a_second() -> None:
     leaning = from_euler(0.0, -0.4, 0.0)
     settled = ABOVE / math.tan(0.4)
-    assert looked(leaning, rings=16).along(AHEAD) == pytest.approx(settled / (1.0 - math.exp(-1.0)), rel=0.03)
-    assert looked(leaning, seconds=0.0).along(AHEAD) == math.inf
+    assert looked(leaning, rings=16).distance(AHEAD) == pytest.approx(settled / (1.0 - math.exp(-1.0)), rel=0.03)
+    assert looked(leaning, seconds=0.0).distance(AHEAD) == math.inf
 
 
 def test_what_is_below_the_ground_sees_nothing_and_without_a_ground_all_is_seen() -> None:
     leaning = from_euler(0.0, -0.4, 0.0)
-    assert looked(leaning, above=-0.2).along(AHEAD) == 0.0
-    assert looked(leaning, above=math.inf).along(AHEAD) == math.inf
+    assert looked(leaning, above=-0.2).distance(AHEAD) == 0.0
+    assert looked(leaning, above=math.inf).distance(AHEAD) == math.inf
