@@ -19,7 +19,7 @@ class Battery(Table, frozen=True):
     land_charge: Share = 0.07
     way_home_margin: NotNegative = 1.3
     """The vehicle returns while it has `land_charge` and so many times what the way home takes at the consumption seen
-    in this flight. 0: it returns at `return_charge` only."""
+    in this flight, as slowly as it came. 0: it returns at `return_charge` only."""
     warn_voltage: Positive | None = None
     """V of a cell, under load; not set: the voltage is not looked at."""
     return_voltage: Positive | None = None

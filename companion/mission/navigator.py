@@ -233,15 +233,16 @@ class Navigator:
         report = MissionReport(done, overdue, allowed, outside=outside, beyond=beyond)
         if not flying or state is None:
             return report
-        homeward, landing_s = self._way_to_landing(state.position_ned)
+        homeward, landing_s = self._way_to_landing(state.position_ned, now_ns)
         return msgspec.structs.replace(report, homeward=homeward, landing_s=landing_s)
 
-    def _way_to_landing(self, here: Array) -> tuple[bool, float]:
-        """Whether the mission leads straight to where it lands, and the time (s) to the nearest landing place known."""
+    def _way_to_landing(self, here: Array, now_ns: int) -> tuple[bool, float]:
+        """Whether the mission leads straight to where it lands, and the time (s) to the nearest landing place known, as
+        slowly as the vehicle came."""
         phase, home, here = self.phase, self.steps[0].target_ned, self._below.planned(here)
         assert home is not None
         if phase in _ALONG:
-            self._trail.add(here)
+            self._trail.add(here, self._speed, now_ns)
         way = self._trail.length(here, home)
         homeward = self.cut_short or phase in (Phase.RETURN, Phase.LAND)
         if not (self.mission.return_home or homeward):
@@ -249,7 +250,7 @@ class Navigator:
             homeward = rest <= way
             way = min(rest, way)
         height = max(self.ground_down - float(here[2]), 0.0)
-        return homeward, way / self._speed + height / _SINKING
+        return homeward, way / self._speed * self._trail.slowness + height / _SINKING
 
     def _allowed(self) -> float:
         """Time (s) that the present step may take; a take-off is from the ground."""
@@ -310,7 +311,6 @@ class Navigator:
         """The progress from a place (3,), where the way costs `detour` (m) beyond the least that was to be expected:
         another altitude is tried, or the goal given up, if there has been none for too long."""
         goal = self._goal(position_ned)
-        self._trail.add(self._below.planned(position_ned))
         if self._search.busy:
             self._progress = Progress()
         away = math.hypot(*(goal - position_ned)[:2].tolist())

@@ -12,6 +12,10 @@ _SPACING = 5.0
 """m between two places of the trail. A place nearer than that to an older one closes a loop, which is left out."""
 _STEP = 0.5
 """m between two looks at it."""
+_WAITING = 0.5
+"""m/s: what is slower than that waits, which the way back need not."""
+_AT_FIRST = 5.0
+"""s for which the vehicle counts as fast as it was asked to be: what it takes to set off tells little."""
 _ASIDE = 1.0
 """m that a place may lie beside a straight stretch of the way back."""
 _PROGRESS = 1.0
@@ -31,13 +35,21 @@ class Trail:
         """The numbers of the places in each cube of `_SPACING`, in their order."""
         self._seen: list[float] | None = None
         """The place that was looked at last."""
+        self._seen_ns = 0
+        self._took_s = self._asked_s = _AT_FIRST
+        """s that the way flown took but for waiting, and that it takes at the speeds that were asked for."""
 
-    def add(self, place: Array) -> None:
-        """The vehicle is at a place (3,) m, NED, on the way to a goal of the route."""
+    def add(self, place: Array, speed: float, now_ns: int) -> None:
+        """The vehicle is at a place (3,) m, NED, on the way to a goal of the route, asked to be so fast (m/s)."""
         here: list[float] = place.tolist()
-        if self._seen is not None and math.dist(here, self._seen) < _STEP:
-            return
-        self._seen = here
+        if self._seen is not None:
+            moved = math.dist(here, self._seen)
+            if moved < _STEP:
+                return
+            if moved < _SPACING:  # others did not fly meanwhile
+                self._took_s += min(1e-9 * (now_ns - self._seen_ns), moved / _WAITING)
+                self._asked_s += moved / speed
+        self._seen, self._seen_ns = here, now_ns
         around = product(*((at - 1, at, at + 1) for at in _cube(here)))
         near = (k for cube in around for k in self._cubes.get(cube, ()))
         first = min((k for k in near if math.dist(here, self._places[k].tolist()) < _SPACING), default=None)
@@ -57,6 +69,11 @@ class Trail:
             return math.dist(here.tolist(), home.tolist())
         ends = math.dist(here.tolist(), self._places[-1].tolist()) + math.dist(self._places[0].tolist(), home.tolist())
         return ends + self._lengths[-1]
+
+    @property
+    def slowness(self) -> float:
+        """By how much longer the way flown took than at the speeds that were asked for; at least 1."""
+        return max(self._took_s / self._asked_s, 1.0)
 
     def corners(self, here: Array, home: Array) -> list[Array]:
         """The places at which the way back from `here` along the trail to `home` turns, in that order."""

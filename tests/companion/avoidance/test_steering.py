@@ -272,7 +272,7 @@ def test_the_trail_leads_back_without_its_loops() -> None:
     trail = Trail()
     loop = [(0, 0), (10, 0), (20, 0), (20, 10), (10, 10), (10, 1), (10, -10)]
     for north, east in loop:
-        trail.add(np.array([north, east, -3.0]))
+        trail.add(np.array([north, east, -3.0]), 5.0, 0)
     assert [place[:2].tolist() for place in trail.back()] == [[10, -10], [10, 0], [0, 0]]
 
 

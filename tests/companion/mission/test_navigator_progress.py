@@ -38,6 +38,7 @@ class Flight:
         for _ in range(round(10 * seconds)):
             self.now += SECOND // 10
             self.place = np.add(self.place, (0.1 * speed, 0.0, 0.0))
+            self.navigator.report(self.now, vehicle(self.place), flying=True)
             judgement = self.navigator.judge(self.place, detour, self.now)
             if judgement != Judgement():
                 return judgement
@@ -133,6 +134,15 @@ def test_the_way_home_is_the_trail_backwards_and_then_the_landing() -> None:
     assert norths == sorted(norths, reverse=True) and len(norths) >= 4
     assert max(norths) <= flight.place[0] and min(norths) == pytest.approx(START[0] + 0.1)
     assert navigator.report(flight.now, flying=True) == navigator.report(flight.now, flying=False), "not overdue"
+
+
+@pytest.mark.parametrize(("speed", "least", "most"), [(1.0, 60.0, 80.0), (LONG.speed, 19.0, 22.0)])
+def test_the_way_home_takes_as_long_as_the_way_flown(speed: float, least: float, most: float) -> None:
+    """76 m; the last 3 m of height are a landing's."""
+    flight = Flight(LONG)
+    flight.judge(76.0 / speed, speed=speed)
+    report = flight.navigator.report(flight.now, vehicle(flight.place), flying=True)
+    assert least < report.landing_s - 3.0 / 0.7 < most
 
 
 def test_what_is_given_up_twice_is_the_flight() -> None:

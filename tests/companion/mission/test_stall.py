@@ -14,15 +14,17 @@ from protocol.arrays import Array
 HOME = np.array([0.0, 0.0, -3.0])
 
 
-def along(*corners: tuple[float, float], step: float = 0.2) -> Trail:
-    """A trail from home straight through these places (north, east), at 3 m."""
+def along(*corners: tuple[float, float], step: float = 0.2, asked: float = 4.0, flown: float = 4.0) -> Trail:
+    """A trail from home straight through these places (north, east), at 3 m, `asked` for and `flown` at so many m/s."""
     trail = Trail()
-    here = HOME
+    here, length = HOME, 0.0
     for north, east in corners:
         there = np.array([north, east, -3.0])
         count = max(round(math.dist(here.tolist(), there.tolist()) / step), 1)
         for share in np.linspace(0.0, 1.0, count + 1):
-            trail.add(here + share * (there - here))
+            place = here + share * (there - here)
+            trail.add(place, asked, round((length + math.dist(here.tolist(), place.tolist())) / flown * 1e9))
+        length += math.dist(here.tolist(), there.tolist())
         here = there
     return trail
 
@@ -55,6 +57,23 @@ def test_without_a_trail_home_is_straight_away() -> None:
     assert Trail().length(end(30.0, 40.0), HOME) == pytest.approx(50.0)
 
 
+def test_the_way_back_is_as_slow_as_the_way_flown() -> None:
+    """Each second of a long way counts, a second of setting off hardly does; who waits is not slow, and who is quicker
+    than asked for neither."""
+    assert along((100.0, 0.0)).slowness == pytest.approx(1.0)
+    assert along((1000.0, 0.0), flown=2.0).slowness == pytest.approx(2.0, abs=0.05)
+    assert along((2.0, 0.0), flown=1.0).slowness < 1.3
+    assert along((100.0, 0.0), flown=8.0).slowness == 1.0
+
+
+def test_neither_waiting_nor_what_others_fly_makes_the_way_back_slow() -> None:
+    trail = along((100.0, 0.0))
+    trail.add(end(101.0, 0.0), 4.0, 900_000_000_000)
+    assert trail.slowness < 1.1
+    trail.add(end(161.0, 0.0), 4.0, 2_000_000_000_000)
+    assert trail.slowness < 1.1
+
+
 @given(st.lists(st.tuples(st.floats(-80.0, 80.0), st.floats(-80.0, 80.0)), min_size=1, max_size=6))
 def test_the_way_back_keeps_to_the_trail(corners: list[tuple[float, float]]) -> None:
     """Each place of the trail is within a metre of the polygon that is flown back, in its order."""
@@ -75,7 +94,7 @@ def test_no_loop_is_left_in_a_trail_through_space() -> None:
     for _ in range(2000):
         pace = 0.95 * pace + rng.normal(0.0, 0.3, 3)
         here = here + pace
-        trail.add(here)
+        trail.add(here, 5.0, 0)
     places = np.array(trail.back())
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 10.0 * np.eye(len(places))
     assert len(places) > 100 and apart.min() >= 5.0
