@@ -220,6 +220,9 @@ class AvoidanceGuard(Table, frozen=True):
     """m/s2 that it brakes with where no stop at `braking` is free any more, if that is more."""
     evasion: Positive = 9.5
     """m/s2 that the vehicle evades moving obstacles with."""
+    evasion_stops: bool = True
+    """Once it has begun to evade, it brakes as soon as that keeps clear of all that moves. Otherwise it goes on
+    accelerating aside until its command keeps clear."""
     reaction_time: Positive = 0.25
     """s from the appearance of an obstacle to the first braking, for the speed limit: scan period, age, lag."""
     barrier_gain: Positive = 4.0

@@ -9,12 +9,15 @@ velocity is uncertain (a chance constraint: Zhu and Alonso-Mora 2019). The manoe
 taken of those that keep enough of them; of those that don't, the one that keeps most. Those to the side of the first
 have a bonus, so that the vehicle does not waver between the two sides of what comes ahead on. Where none keeps clear,
 shorter ones are tried in directions that lack the room for the others: a step aside is all that an aisle has room for.
+An evasion that goes on ends with a stop as soon as that keeps enough: among several who walk, a vehicle that goes on
+accelerating aside meets the next one, ever faster and leaning so far that it hardly sees where it flies to.
 """
 
 import math
 from typing import NamedTuple
 
 from companion.avoidance.clearance import ClearanceMap, KeepOut, Place, clearance_at
+from companion.avoidance.stops import straight_stop
 from protocol.arrays import Array
 from protocol.jit import compiled
 
@@ -55,6 +58,8 @@ class Agility(NamedTuple):
     """m/s2"""
     lag: float
     """s from a command to its acceleration."""
+    stops: bool = True
+    """An evasion that goes on gives way to a stop that keeps clear."""
 
 
 class Push(NamedTuple):
@@ -174,6 +179,26 @@ def _distances(movers: Array, age: float, motion: Motion) -> Array:
 
 
 @compiled
+def _stop_keeps_clear(
+    movers: Array,
+    firsts: Array,
+    age: float,
+    around: tuple[ClearanceMap, Place],
+    motion: Motion,
+    keep_out: KeepOut,
+    agility: Agility,
+) -> bool:
+    """Whether a vehicle that brakes now keeps enough from the movers, and the keep-outs as far as it keeps them now;
+    the arguments are those of `evade`."""
+    stop, (clearances, corner) = Push(0.0, 0.0, 0.0, True), around
+    if least_sigmas(movers, firsts, motion, stop, agility, (age, age + _HORIZON_S)) < _ENOUGH_SIGMAS:
+        return False
+    here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
+    occupied, unseen = least_room(clearances, corner, motion, stop, agility)
+    return bool(occupied >= min(keep_out.occupied, here) and unseen >= min(keep_out.unseen, here_unseen))
+
+
+@compiled
 def evade(
     movers: Array,
     age: float,
@@ -198,12 +223,14 @@ def evade(
     if least >= enough:
         return False, command[0], command[1]
     wide = keep_outs[0]
+    if agility.stops and size > 0.0 and _stop_keeps_clear(movers, firsts, age, around, motion, wide, agility):
+        stop_n, stop_e = straight_stop(motion[2], motion[3], agility.braking)
+        return True, stop_n, stop_e
     here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
     aim = before if size > 0.0 else command
     side = (before[0] * aside[0] + before[1] * aside[1]) / size if size > 0.0 else 0.0
     keep = min(keep_outs[1], here)
-    best, best_away = -math.inf, math.inf
-    found, north, east = False, command[0], command[1]
+    found, best, best_away, north, east = False, -math.inf, math.inf, command[0], command[1]
     for k in range(2 * _DIRECTIONS + 1):
         short = k > _DIRECTIONS
         if short and best >= 0.0:

@@ -52,6 +52,7 @@ PARAMETERS = np.dtype(
         ("braking", "f8"),
         ("emergency_braking", "f8"),
         ("evasion", "f8"),
+        ("evasion_stops", "b1"),
         ("barrier_gain", "f8"),
         ("closing_gain", "f8"),
         ("lag", "f8"),
@@ -182,6 +183,7 @@ def _parameters(settings: AvoidanceGuard, keep_out: float, keep_out_unseen: floa
         "braking": settings.braking,
         "emergency_braking": max(settings.emergency_braking, settings.braking),
         "evasion": settings.evasion,
+        "evasion_stops": settings.evasion_stops,
         "barrier_gain": settings.barrier_gain,
         "closing_gain": settings.closing_gain,
         "lag": settings.lag_s,
@@ -229,7 +231,7 @@ def _filter(
     clearances = ClearanceMap(maps[0], maps[1], p.cell)
     keep_out, braking = KeepOut(p.occupied, p.unseen), Braking(p.braking, p.lag)
     if movers.shape[0] > 0:
-        corner, agility = (p.corner_n, p.corner_e), Agility(p.evasion, p.braking, p.lag)
+        corner, agility = (p.corner_n, p.corner_e), Agility(p.evasion, p.braking, p.lag, p.evasion_stops)
         motion = position[0], position[1], vn, ve
         around, wish, keep_outs = (clearances, corner), ((n, e), evasion), (keep_out, p.least)
         evades, away_n, away_e = evade(movers, age, around, motion, wish, keep_outs, agility)

@@ -24,6 +24,7 @@ _FLOWN_WITHOUT = (
     {"avoidance": {"velocity_error_s": 0.0}},
     {"trajectory": {"height_drift": 0.0}},
     {"avoidance": {"guard": {"sight_s": 0.0}}},
+    {"avoidance": {"guard": {"evasion_stops": False}}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""
 

@@ -172,6 +172,33 @@ def test_an_evasion_goes_on_until_the_way_is_clear() -> None:
     assert fresh.filter(STILL, STILL, STILL, 0).reason is Reason.NONE
 
 
+@pytest.mark.parametrize("bearing", [0.0, 1.0, 2.5])
+@pytest.mark.parametrize("stops", [True, False])
+def test_an_evasion_ends_with_a_stop_where_that_keeps_clear(bearing: float, stops: bool) -> None:
+    """Out of the way of the first, 5 m before one who crosses: the vehicle brakes, in place of running from this one,
+    too. One that is not fast enough to meet anybody is not slowed down."""
+    settings = AvoidanceGuard(evasion_stops=stops)
+    guard, velocity = Guard(settings), turned(np.array([4.0, 0.0, 0.0]), bearing)
+    guard.look(guard_space(turned_mover(mover(0.0, 4.0, 0.0, -5.0), bearing)))
+    assert guard.filter(STILL, STILL, STILL, 0).reason is Reason.EVASION
+    crossing = turned_mover(mover(5.0, 1.0, 0.0, -0.8, sigma=0.1), bearing)
+    guard.look(guard_space(crossing))
+    verdict = guard.filter(STILL, velocity, STILL, 1_000_000)
+    assert verdict.reason is Reason.EVASION
+    braked = -settings.braking * velocity / 4.0
+    assert np.allclose(verdict.acceleration_ned, braked, atol=1e-9) == stops
+    assert guard.filter(STILL, 0.1 * velocity, STILL, 2_000_000).reason is Reason.NONE
+
+
+def test_a_stop_into_a_wall_ends_no_evasion() -> None:
+    guard, velocity, states = guard_on(field(), mover(0.0, 4.0, 0.0, -5.0)), np.array([4.0, 0.0, 0.0]), field()
+    assert guard.filter(STILL, STILL, STILL, 0).reason is Reason.EVASION
+    states[CELLS // 2 + round(1.6 / CELL)] = OCCUPIED
+    guard.look(free_space(map_of(states), STILL, 0, SETTINGS, mover(5.0, 1.0, 0.0, -0.8, sigma=0.1)))
+    verdict = guard.filter(STILL, velocity, STILL, 1_000_000)
+    assert verdict.reason is not Reason.EVASION or abs(verdict.acceleration_ned[1]) > 1.0
+
+
 def test_through_what_was_not_seen_rather_than_into_it_but_never_through_a_wall() -> None:
     """All but a lane is unknown: it is evaded all the same. All but a lane is wall: along the lane alone."""
     velocity, movers = np.array([6.0, 0.0, 0.0]), mover(8.0, 0.0, -4.0, 0.0)
