@@ -237,9 +237,10 @@ class AvoidanceGuard(Table, frozen=True):
     """m; obstacles within this distance have barriers."""
     stale_s: Positive = 0.3
     """With a view older than this the vehicle brakes."""
-    sight_s: NotNegative = 1.0
-    """The vehicle is no faster than it can stop within what its scan, which leans with it, sees before it meets the
-    ground; the lean is averaged over so many s. 0: this is not asked, as where a gimbal keeps the scanner level."""
+    sight_s: NotNegative = 0.3
+    """The vehicle is no faster than it can stop within what its scan, which leans with it against drag and wind, sees
+    before it meets the ground; the lean is averaged over so many s. 0: this is not asked, as where a gimbal keeps the
+    scanner level."""
 
 
 class Avoidance(Table, frozen=True):

@@ -316,7 +316,7 @@ class Guidance:
             self.decision = self.method.decide(points, place, velocity, leg.goal_ned, leg.speed)
         if self._guard is None:
             return None
-        self._guard.view_ahead.look(pose[1], ground_down - float(pose[0][2]), now_ns)
+        self._guard.view_ahead.look(pose[1], velocity[:2], ground_down - float(pose[0][2]), now_ns)
         self._asked, self._mapped_ns = self._asked + 1, self._mapped_ns or now_ns
         goal = leg.goal_ned if self.over_map and leg.step.avoids else None
         flat = None if self._walls is None else self._walls.around(place)

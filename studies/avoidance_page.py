@@ -27,7 +27,7 @@ The tables are not all of one version. What is told of which, and what later one
   tracked nothing wider than 1.2 m. A recent one was flown through 345: none is met ahead on (50), across (50), soon
   after the start (30), from behind (20), by who waits (20) and behind pillars (15), one of 60 times three at once, and
   two of 100 in the street with walkers; the fifty streets of the table are those where the earlier one met none. The
-  present one meets one of 60 times three at once, and one in the first fifty streets.
+  present one meets none ahead on (50), across (40) and soon after the start (20), and two of 20 times three at once.
 - **Movers as wide as a car,** 1.4 to 3 m, across the way at 1 to 8 m/s, are in no table yet. The present version meets
   one of 40, and two of another 30: who comes obliquely from ahead seems to cross more slowly at first than it does, and
   the vehicle steps aside to where it goes. Before they were tracked, four of the first 40 were met.
@@ -63,16 +63,17 @@ The scan is flat: it shows what crosses the plane of its beams. Keep the vehicle
 | what ends below the plane | no beam meets it | [releases](lidar.md#what-a-driver-sends) stop above it | that height |
 | glass that lets the beams through | they return from behind it | it is flown into | no speed |
 | glass or mirrors without a return | the sector stays unknown, not free | the hull stays out | any speed |
-| who crosses before a fast, low flight | the scan meets the ground | at 8 m/s 2 of 24 hit | 5 m/s |
+| who crosses before a fast, low flight | the scan meets the ground | at 8 m/s 4 of 24 hit | 5 m/s |
 | what hangs from 1 m below the flight on | the leaning scan looks beneath it | at 8 m/s 3 of 4 hit | 5 m/s |
 | pole thinner than the beams' spacing | one beam in 5 degrees may miss it | 5 cm at 4.3 m/s: some hit | see below |
 
 At 2 m above the ground and 7 m/s the scan shows a person from 7 m on, by its angle; higher up from farther away. The
 flights at 8 m/s were at 2 m, too, three walkers in each. What counts is how far the vehicle leans, by its drag and the
-wind. So it is no faster than it can stop within what its scan, leaning as in the last second, sees before it meets the
-ground (`guard.sight_s`). Without that rule 8 of the 24 at 8 m/s met somebody; and on streets at 6 m/s, with 2.9 times
-the drag of the paper's vehicle and a lean of 31 degrees, 5 of 20, where with it 1 did, at 5.2 m/s at the most. In a
-street with ten walkers it should not be faster than 3 m/s: at 4 m/s 4 of 30 flights met one.
+wind. So it is no faster than it can stop within what its scan, leaning as it must to keep its speed, sees before it
+meets the ground (`guard.sight_s`). Without that rule 8 of the 24 at 8 m/s met somebody; and on streets at 6 m/s, with
+2.9 times the drag of the paper's vehicle and a lean of 31 degrees, 5 of 20, where with it 2 did. In a street with ten
+walkers it should not be faster than 4 m/s. There none of 20 flights met one at 4 m/s, and none of 20 at 6 m/s; before
+an evasion ended with a stop (`guard.evasion_stops`), 4 of 30 and 2 of 12 did.
 `companion mission show` names the legs on which that is too late.
 So it does with what hangs in the way, as a billboard, and `companion demo` says it at its start. With
 `avoidance.map.layer=1.0` what the scan shows more than 1 m below the flight does not count as free: the vehicle is

@@ -1,6 +1,8 @@
 """How far a level scanner sees the way ahead on a vehicle that leans: where its beams meet the ground, sight ends.
 
 What stands was seen before, or is unknown and not flown into. But what moves can have come into what was seen free.
+What counts is the lean against drag and wind. That of an acceleration passes: a vehicle that were slowed down for it
+would lean the longer until it is as fast as it is to be.
 """
 
 import math
@@ -9,6 +11,7 @@ import numpy as np
 
 from protocol.arrays import Array
 from protocol.frames import down_axis
+from protocol.vehicle_parameters import GRAVITY
 
 
 class ViewAhead:
@@ -18,18 +21,22 @@ class ViewAhead:
         """`seconds`: `avoidance.guard.sight_s`."""
         self._seconds = seconds
         self._fall = np.zeros(2)
-        """By how much the scan's plane falls to the north and to the east, m/m, over these seconds."""
+        """By how much the scan's plane falls to the north and to the east, m/m, over these seconds, but for what
+        accelerates the vehicle."""
+        self._velocity = np.zeros(2)
         self._above = math.inf
         self._looked_ns: int | None = None
 
-    def look(self, attitude_ned_frd: Array, above: float, now_ns: int) -> None:
-        """A ring was taken at an attitude (4,), so high (m) above what counts as the ground."""
+    def look(self, attitude_ned_frd: Array, velocity: Array, above: float, now_ns: int) -> None:
+        """A ring was taken at an attitude (4,) and a velocity (2,) (m/s, north and east), so high (m) above what counts
+        as the ground."""
         elapsed = 0.0 if self._looked_ns is None else (now_ns - self._looked_ns) * 1e-9
-        self._looked_ns, self._above = now_ns, above
         north, east, down = down_axis(attitude_ned_frd)
-        if down > 0.0 and self._seconds > 0.0:
-            falls = np.array((-north / down, -east / down))
-            self._fall += min(elapsed / self._seconds, 1.0) * (falls - self._fall)
+        if elapsed > 0.0 and down > 0.0 and self._seconds > 0.0:
+            gained = (velocity - self._velocity) / (GRAVITY * elapsed)
+            fall = np.array((-north / down, -east / down)) - gained
+            self._fall += min(elapsed / self._seconds, 1.0) * (fall - self._fall)
+        self._looked_ns, self._above, self._velocity = now_ns, above, velocity.copy()
 
     def distance(self, way: Array) -> float:
         """m that are seen in the direction of a way (2,)."""

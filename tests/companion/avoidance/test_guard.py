@@ -124,7 +124,7 @@ def test_the_vehicle_stops_within_what_it_sees_now() -> None:
     """With a scan that meets the ground 3 m north of the vehicle, whether it is flown there or about to be."""
     guard, ahead, aside = guard_on(free_field()), np.array([[9.0, 0.0]]), np.array([[0.0, 9.0]])
     for seconds in range(20):
-        guard.view_ahead.look(from_euler(0.0, -math.atan(0.5), 0.0), 1.5, seconds * 10**9)
+        guard.view_ahead.look(from_euler(0.0, -math.atan(0.5), 0.0), np.zeros(2), 1.5, seconds * 10**9)
     for velocity, way in ((STILL, ahead), (np.array([5.0, 0.0, 0.0]), aside), (np.array([5.0, 0.0, 0.0]), ahead)):
         limit = guard.limit(STILL, velocity, way, 20.0)
         assert limit.free == pytest.approx(3.0)

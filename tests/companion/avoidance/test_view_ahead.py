@@ -7,15 +7,24 @@ import pytest
 
 from companion.avoidance.view_ahead import ViewAhead
 from protocol.frames import from_euler, to_world
+from protocol.vehicle_parameters import GRAVITY
 
 ABOVE, RING_NS = 1.5, 66_666_667
 AHEAD = np.array((1.0, 0.0))
 
 
-def looked(attitude: np.ndarray, rings: int = 100, above: float = ABOVE, seconds: float = 1.0) -> ViewAhead:
+def looked(
+    attitude: np.ndarray,
+    rings: int = 100,
+    above: float = ABOVE,
+    seconds: float = 1.0,
+    acceleration: tuple[float, float] = (0.0, 0.0),
+) -> ViewAhead:
+    """From 5 m/s to the north and east on, with an acceleration (m/s2)."""
     view = ViewAhead(seconds)
     for ring in range(rings):
-        view.look(attitude, above, ring * RING_NS)
+        velocity = 5.0 + np.array(acceleration) * ring * RING_NS * 1e-9
+        view.look(attitude, velocity, above, ring * RING_NS)
     return view
 
 
@@ -42,6 +51,18 @@ def test_the_lean_is_averaged_over_a_second() -> None:
     settled = ABOVE / math.tan(0.4)
     assert looked(leaning, rings=16).distance(AHEAD) == pytest.approx(settled / (1.0 - math.exp(-1.0)), rel=0.03)
     assert looked(leaning, seconds=0.0).distance(AHEAD) == math.inf
+
+
+@pytest.mark.parametrize("forward", [4.0, -4.0])
+@pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
+def test_the_lean_of_an_acceleration_does_not_count(forward: float, yaw: float) -> None:
+    """The vehicle leans by what accelerates it and by a drag of 2 m/s2, which is what counts, from the start."""
+    ahead = np.array((math.cos(yaw), math.sin(yaw)))
+    for rings in (20, 100):
+        leaning = from_euler(0.0, -math.atan2(forward + 2.0, GRAVITY), yaw)
+        view = looked(leaning, rings, acceleration=tuple(forward * ahead), seconds=0.3)
+        assert view.distance(ahead) == pytest.approx(ABOVE / (2.0 / GRAVITY), rel=0.1)
+        assert view.distance(-ahead) == math.inf
 
 
 def test_what_is_below_the_ground_sees_nothing_and_without_a_ground_all_is_seen() -> None:
