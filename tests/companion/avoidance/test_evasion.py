@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from companion.avoidance.evasion import Agility, Push, least_sigmas, sigmas
+from companion.avoidance.clearance import ClearanceMap, KeepOut
+from companion.avoidance.evasion import Agility, Push, evade, least_sigmas, sigmas
 from companion.avoidance.guard import Guard
 from companion.config_avoidance import AvoidanceGuard
 from companion.perception.distance_field import distance_to
@@ -176,7 +177,7 @@ def test_an_evasion_goes_on_until_the_way_is_clear() -> None:
 @pytest.mark.parametrize("stops", [True, False])
 def test_an_evasion_ends_with_a_stop_where_that_keeps_clear(bearing: float, stops: bool) -> None:
     """Out of the way of the first, 5 m before one who crosses: the vehicle brakes, in place of running from this one,
-    too. One that is not fast enough to meet anybody is not slowed down."""
+    too. One that has not evaded yet does so, and one that is not fast enough to meet anybody is not slowed down."""
     settings = AvoidanceGuard(evasion_stops=stops)
     guard, velocity = Guard(settings), turned(np.array([4.0, 0.0, 0.0]), bearing)
     guard.look(guard_space(turned_mover(mover(0.0, 4.0, 0.0, -5.0), bearing)))
@@ -187,16 +188,23 @@ def test_an_evasion_ends_with_a_stop_where_that_keeps_clear(bearing: float, stop
     assert verdict.reason is Reason.EVASION
     braked = -settings.braking * velocity / 4.0
     assert np.allclose(verdict.acceleration_ned, braked, atol=1e-9) == stops
+    fresh = guard_on(field(), crossing).filter(STILL, velocity, STILL, 0)
+    assert fresh.reason is Reason.EVASION and not np.allclose(fresh.acceleration_ned, braked, atol=1e-9)
     assert guard.filter(STILL, 0.1 * velocity, STILL, 2_000_000).reason is Reason.NONE
 
 
-def test_a_stop_into_a_wall_ends_no_evasion() -> None:
-    guard, velocity, states = guard_on(field(), mover(0.0, 4.0, 0.0, -5.0)), np.array([4.0, 0.0, 0.0]), field()
-    assert guard.filter(STILL, STILL, STILL, 0).reason is Reason.EVASION
-    states[CELLS // 2 + round(1.6 / CELL)] = OCCUPIED
-    guard.look(free_space(map_of(states), STILL, 0, SETTINGS, mover(5.0, 1.0, 0.0, -0.8, sigma=0.1)))
-    verdict = guard.filter(STILL, velocity, STILL, 1_000_000)
-    assert verdict.reason is not Reason.EVASION or abs(verdict.acceleration_ned[1]) > 1.0
+@pytest.mark.parametrize("what", [FREE, OCCUPIED, UNKNOWN])
+def test_a_stop_into_a_wall_or_what_was_not_seen_ends_no_evasion(what: int) -> None:
+    """It begins 1.6 m ahead; the stop from 4 m/s takes 2."""
+    states = field()
+    states[CELLS // 2 + round(1.6 / CELL) :] = what
+    space = free_space(map_of(states), STILL, 0, SETTINGS)
+    around = ClearanceMap(space.to_occupied, space.to_unseen, CELL), (space.corner[0] * CELL, space.corner[1] * CELL)
+    keep_outs = KeepOut(SETTINGS.keep_out, SETTINGS.keep_out_unseen), SETTINGS.keep_out_tight
+    wish, agility = ((0.0, 0.0), (SETTINGS.evasion, 0.0)), Agility(SETTINGS.evasion, SETTINGS.braking, SETTINGS.lag_s)
+    crossing = mover(5.0, 1.0, 0.0, -0.8, sigma=0.1)
+    evades, north, east = evade(crossing, 0.0, around, (0.0, 0.0, 4.0, 0.0), wish, keep_outs, agility)
+    assert ((evades, north, east) == (True, -SETTINGS.braking, 0.0)) == (what == FREE)
 
 
 def test_through_what_was_not_seen_rather_than_into_it_but_never_through_a_wall() -> None:
