@@ -188,14 +188,13 @@ def _stop_keeps_clear(
     keep_out: KeepOut,
     agility: Agility,
 ) -> bool:
-    """Whether a vehicle that brakes now keeps enough from the movers, and the keep-outs as far as it keeps them now;
-    the arguments are those of `evade`."""
+    """Whether a vehicle that brakes now keeps enough from the movers, and the keep-outs; the arguments are those of
+    `evade`."""
     stop, (clearances, corner) = Push(0.0, 0.0, 0.0, True), around
     if least_sigmas(movers, firsts, motion, stop, agility, (age, age + _HORIZON_S)) < _ENOUGH_SIGMAS:
         return False
-    here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
     occupied, unseen = least_room(clearances, corner, motion, stop, agility)
-    return bool(occupied >= min(keep_out.occupied, here) and unseen >= min(keep_out.unseen, here_unseen))
+    return bool(occupied >= keep_out.occupied and unseen >= keep_out.unseen)
 
 
 @compiled
@@ -222,11 +221,11 @@ def evade(
     least, aside = _nearest(movers, firsts, motion, nominal, agility, (age, age + soon))
     if least >= enough:
         return False, command[0], command[1]
-    wide = keep_outs[0]
+    here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
+    wide = KeepOut(min(keep_outs[0].occupied, here), min(keep_outs[0].unseen, here_unseen))
     if agility.stops and size > 0.0 and _stop_keeps_clear(movers, firsts, age, around, motion, wide, agility):
         stop_n, stop_e = straight_stop(motion[2], motion[3], agility.braking)
         return True, stop_n, stop_e
-    here, here_unseen = clearance_at(clearances, motion[0] - corner[0], motion[1] - corner[1])
     aim = before if size > 0.0 else command
     side = (before[0] * aside[0] + before[1] * aside[1]) / size if size > 0.0 else 0.0
     keep = min(keep_outs[1], here)
@@ -254,7 +253,7 @@ def evade(
             occupied, unseen = least_room(clearances, corner, motion, push, agility)
             if occupied < (min(keep_outs[1] + _SHORT_ROOM_M, here) if short else keep):
                 continue
-            if occupied < min(wide.occupied, here) or unseen < min(wide.unseen, here_unseen):
+            if occupied < wide.occupied or unseen < wide.unseen:
                 kept -= _UNSEEN
             if kept > best or (kept == best and away < best_away):
                 found, best, best_away, north, east = True, kept, away, n, e

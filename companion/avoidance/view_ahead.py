@@ -1,8 +1,8 @@
 """How far a level scanner sees the way ahead on a vehicle that leans: where its beams meet the ground, sight ends.
 
 What stands was seen before, or is unknown and not flown into. But what moves can have come into what was seen free.
-What counts is the lean against drag and wind. That of an acceleration passes: a vehicle that were slowed down for it
-would lean the longer until it is as fast as it is to be.
+The lean against drag and wind counts. The lean of an acceleration passes: a vehicle that is slowed down for it takes
+longer to reach its speed, and leans until then.
 """
 
 import math

@@ -25,7 +25,7 @@ _SQUARE = 2.0
 
 
 class Trail:
-    """Places (3,) m, NED, along the path flown, without its loops."""
+    """Places (3,) m, NED, along the path flown, without its loops, and how slowly it was flown."""
 
     def __init__(self) -> None:
         self._places: list[Array] = []

@@ -66,7 +66,8 @@ class User:
     def wait(self, holds: Callable[[], bool], each: Callable[[], object] = lambda: None) -> None:
         """Until something holds; `each` at every news."""
         with self._news:
-            assert self._news.wait_for(lambda: (each(), holds())[1], PATIENCE_S), self.said
+            in_time = self._news.wait_for(lambda: (each(), holds())[1], PATIENCE_S)
+            assert in_time, "\n".join(f"{name}: {value}" for name, value in self.said.items())
 
     @property
     def position(self) -> Point3:

@@ -1,4 +1,4 @@
-"""The trail: how long the way back is, and where it turns."""
+"""The trail: how long the way back is, where it turns, and how slowly it was flown."""
 
 import math
 from itertools import pairwise
