@@ -128,7 +128,8 @@ def _stopped_short(
     down = max(standing - keep_out, float(state.position_ned[2]))
     if wanted - down < _SHORT_M:
         return None
-    navigator.fly((replace(step, target_ned=np.array((north, east, down))), *rest), now, state.position_ned)
+    short = replace(step, target_ned=navigator.planned(np.array((north, east, down))))
+    navigator.fly((short, *rest), now, state.position_ned)
     guidance.begin_leg(navigator.leg(state.position_ned), now)
     return Announcement(Severity.WARNING, f"something stands below: the descent ends {standing - down:.1f} m above it")
 

@@ -207,8 +207,7 @@ class Guidance:
         """By the generator, to the leg's target, to the start of its track or where the method says."""
         step, settings, generator = leg.step, self._settings.trajectory, self._generator
         assert step.target_ned is not None
-        target, speed = step.target_ned, leg.speed
-        track = self._track_to_join(leg)
+        track, target, speed = self._track_to_join(leg), step.target_ned, leg.speed
         if track is not None:
             target = track.start_ned
             if track.start_yaw is not None:
@@ -221,6 +220,7 @@ class Guidance:
                 generator.turn_to(now_ns, math.atan2(way[1], way[0]))
         if step.yaw is not None:
             generator.turn_to(now_ns, step.yaw)
+        target = _at_height(target, leg, state.position_ned)
         if self._fence is not None:
             target = self._fence.nearest(target)
         climbs = target[2] < state.position_ned[2]
@@ -346,6 +346,15 @@ class Guidance:
             return
         rest = self.reference(now_ns).rows[:3, 2:]  # of now: of when a command takes effect, it would run ahead
         self._generator.brake_from(now_ns, *np.hstack(([here, velocity, allowed], rest)))
+
+
+def _at_height(target: Array, leg: Leg, here: Array) -> Array:
+    """A target (3,) of a leg at the height that is flown; near to where the vehicle stops, at the step's own."""
+    step, goal = leg.step, leg.goal_ned
+    if not step.avoids or step.target_ned is None or goal is step.target_ned:  # almost always
+        return target
+    far = step.passes or math.dist(goal[:2].tolist(), here[:2].tolist()) > NEAR_M
+    return np.array((target[0], target[1], (goal if far else step.target_ned)[2]))
 
 
 def _stops_first(generator: ReferenceGenerator, step: Step, now_ns: int) -> bool:

@@ -54,12 +54,13 @@ class Sensing:
         self.estimator.begin(stands=stands)
         if self.judges:
             self.plausibility.watch(stands=stands)
+        self.below.begin()
         self.ground_at(lowest_return)
-        self.below.begin(lowest_return)
 
     def ground_at(self, lowest_return: float, slope: float = 0.0) -> None:
         """What a scan shows below `lowest_return` (m, NED) is the ground, which may rise with a `slope`."""
         self.ring_check.ground_down, self.ring_check.ground_slope = lowest_return, slope
+        self.below.lowest = lowest_return
 
     @property
     def present(self) -> VehicleState:

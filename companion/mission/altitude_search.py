@@ -6,7 +6,7 @@ edge just below (or above) the scan, and continues. Otherwise it tries the next 
 
 The space between a height and the route's has been seen only where the vehicle left the route's height. So it returns
 to that height only there, or at a goal that it stops at, which the mission declares free. On the legs between, it keeps
-its height or moves farther from the route's.
+its height or moves farther from the route's. So does a vehicle that others have flown to well above the route's height.
 """
 
 import math
@@ -24,6 +24,8 @@ _STANDSTILL = 0.3
 """m/s below which the vehicle stands still."""
 _SAME_PLACE_M = 1.0
 """m, horizontal, within which the vehicle is back where it left the route's height."""
+_HIGHER_M = 1.0
+"""m: so much from a height is another one."""
 _GAP_NS = 500_000_000
 """After so long without a path, the time for which the detour was too long starts again."""
 
@@ -93,6 +95,18 @@ class AltitudeSearch:
         else:
             self._untried = self._route_left_at = self._long_since_ns = None
             self._stage = _Stage.FLY
+
+    def resume(self, down: float, route: float | None) -> bool:
+        """Others flew the vehicle, to a height (m, NED). Whether it keeps that, or the one that it was on, in place of
+        the `route`'s: it is still there, or well above the route. None: nothing is looked out for on the way."""
+        if route is not None and self._down is not None and abs(down - self._down) < _HIGHER_M:
+            self.next_leg(stopped=False)
+            return True
+        self.begin()
+        if route is None or route - down <= _HIGHER_M:
+            return False
+        self._down = down
+        return True
 
     def forbid(self) -> None:
         """Keep the present height from now on."""

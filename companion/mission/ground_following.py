@@ -35,6 +35,8 @@ class GroundFollowing:
         """None: the ground itself is followed."""
         self._start = 0.0
         """m, NED: the ground of the start."""
+        self._highest = -math.inf
+        """m, NED: beyond it nothing is lifted."""
         self._offset = 0.0
         """By which heights are shifted."""
         self._ground = Ground(0.0, 0.0)
@@ -42,9 +44,10 @@ class GroundFollowing:
         self.too_low = False
         """The vehicle should climb before it goes on."""
 
-    def begin(self, start_down: float) -> None:
-        """The vehicle stands on the ground (m, NED)."""
+    def begin(self, start_down: float, highest: float = -math.inf) -> None:
+        """The vehicle stands on the ground (m, NED); heights are lifted up to the `highest` (m, NED)."""
         self._start, self._offset, self._ground = start_down, 0.0, Ground(start_down, start_down)
+        self._highest = highest
 
     @property
     def lowest_return(self) -> float:
@@ -84,7 +87,8 @@ class GroundFollowing:
         """A step of the mission as it was planned, above the ground of now."""
         if step.target_ned is None or _is_fixed(step) or not self._offset:
             return step
-        return replace(step, target_ned=step.target_ned + np.array((0.0, 0.0, self._offset)))
+        north, east, down = step.target_ned.tolist()
+        return replace(step, target_ned=np.array((north, east, max(down + self._offset, min(self._highest, down)))))
 
     def planned(self, place_ned: Array) -> Array:
         """A place (3,) as if the ground were that of the start: the opposite of `shifted`."""

@@ -5,8 +5,8 @@ The navigator says where to go (`leg`) and is told how the motion goes (`advance
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum
-from itertools import pairwise
 from typing import NamedTuple
 
 import msgspec
@@ -16,11 +16,12 @@ from companion.config import Settings
 from companion.fence import Fence, fence_of
 from companion.mission.altitude_search import AltitudeSearch, Place
 from companion.mission.ground_following import GroundFollowing
-from companion.mission.plan import Mission, Phase, Step, nearest_step, steps
-from companion.mission.stall import Progress, Trail
+from companion.mission.plan import Mission, Phase, Step, is_beside, nearest_step, steps
+from companion.mission.stall import Progress
 from companion.mission.step_time import StepTime
-from companion.mission.taking_up import climb_first, length_to, taken_up
+from companion.mission.taking_up import climb_first, taken_up, way_to
 from companion.mission.wander import Settling
+from companion.mission.way_home import WayHome
 from companion.reports import CommandReport, MissionReport, MotionReport
 from companion.state import EVERY_HEIGHT, NO_FENCE, Announcement, Ground, OwnFence, Severity, VehicleState
 from protocol.arrays import Array
@@ -30,8 +31,6 @@ NEAR_M = 2.0
 
 _ALONG = (Phase.ROUTE, Phase.RETURN, Phase.TRACK)
 """Phases in which the trail is followed up."""
-_SINKING = 0.7
-"""m/s at which vehicles land."""
 
 
 class Leg(msgspec.Struct, frozen=True, gc=False):
@@ -95,9 +94,11 @@ class Navigator:
         """Nothing is left but the landing."""
         self._durations = tuple(durations)
         self._fence: Fence | None = None
+        self._highest = -math.inf
+        """m, NED: no higher within it."""
         self._search = AltitudeSearch(settings.avoidance.altitude_search, settings.avoidance.give_up_s)
         self._below = GroundFollowing(settings)
-        self._trail = Trail()
+        self._way_home = WayHome(mission, settings.trajectory)
         self._progress = Progress()
         self._leg: Leg | None = None
         """As it was said last, until anything about it may have changed."""
@@ -105,8 +106,6 @@ class Navigator:
         self.cut_short = False
         """What is left is the way home."""
         self._time = StepTime(settings)
-        self._length = 0.0
-        """m to the present step from the one before it, or from the vehicle if that began farther away."""
         self._arrived_ns: int | None = None
         self._settling = Settling(settings.trajectory, at_once=mission.profile == "step")
         self._parts: tuple[Step, ...] = ()
@@ -118,10 +117,13 @@ class Navigator:
     def begin(self, start_ned: Array, own: OwnFence = NO_FENCE) -> None:
         """The vehicle, with a fence of its own, stands at the place (3,) of the start."""
         self.ground_down = float(start_ned[2])
-        self._below.begin(self.ground_down)
         self._fence = fence_of(self._settings.geofence, start_ned, own)
+        self._highest = -math.inf if self._fence is None else self._fence.low[2] + self._settings.geofence.margin
+        self._below.begin(self.ground_down, self._highest)
         self.steps = steps(self.mission, start_ned)
-        self._enter(0)
+        assert self.steps[0].target_ned is not None
+        self._way_home.begin(start_ned, self.steps[0].target_ned)
+        self._enter(0, start_ned)
 
     def adopt(self, start_ned: Array, here_ned: Array, own: OwnFence, now_ns: int) -> Announcement:
         """The vehicle, which started at a place (3,), is taken over in flight at another (3,): what is left of the
@@ -139,21 +141,24 @@ class Navigator:
         self.step = self._below.shifted(self._parts[0])
         self.phase, self._leg = self.step.phase, None
         here = None if here_ned is None else self._below.planned(here_ned)
-        self._length = length_to(self._parts[0], self.steps[:index], here)
+        self._time.way = way_to(self._parts[0], self.steps[:index], here)
 
     def go_on(self, here_ned: Array, now_ns: int) -> Announcement | None:
         """The mission is flown, with the vehicle at a place (3,). If others flew it until now, it is taken up where
         they left it; what is to be said if something else than the present step comes first."""
         if not self._others_flew:
             return None
-        self._others_flew, before, length = False, self.step_index, self._length
+        self._others_flew, before, took_s = False, self.step_index, self._time.way_s(self._speed)
         index, parts = taken_up(self.steps, before, self._below.planned(here_ned), self._settling.distance)
         self._enter(index, here_ned, parts)
         elsewhere = bool(parts) or index != before
-        if elsewhere or self._length > length:
+        said = [f"the vehicle is elsewhere: {_title(self.step, index, self.steps)}"] if elsewhere else []
+        down, target = max(float(here_ned[2]), self._highest), self.step.target_ned if self.step.avoids else None
+        if self._search.resume(down, None if target is None else float(target[2])):
+            said.append(f"keeping {self.ground_down - down:.1f} m of height: what is below was not seen")
+        if elsewhere or self._time.way_s(self._speed) > took_s:
             self._time.begin(now_ns)
-        text = f"the vehicle is elsewhere: {_title(self.step, index, self.steps)}"
-        return Announcement(Severity.INFO, text) if elsewhere else None
+        return Announcement(Severity.INFO, ", ".join(said)) if said else None
 
     def end(self) -> None:
         """Nothing more is flown."""
@@ -169,6 +174,10 @@ class Navigator:
             if step.target_ned is not None:  # otherwise the goal is wherever the vehicle is
                 self._leg = leg
         return leg
+
+    def planned(self, place_ned: Array) -> Array:
+        """A place (3,) as `fly` takes it: as if the ground were that of the start."""
+        return self._below.planned(place_ned)
 
     def follow(self, ground: Ground | None, here_ned: Array, now_ns: int) -> Announcement | None:
         """The ground below the vehicle, which is at a place (3,); what is to be said of it."""
@@ -216,7 +225,6 @@ class Navigator:
         self._others_flew = True
         self._arrived_ns = None
         self._progress = Progress()
-        self._search.begin()
         self._leg = None
 
     def report(
@@ -227,7 +235,10 @@ class Navigator:
         """
         done = bool(self.steps) and self.step.phase is Phase.LAND
         beyond = 0.0 if state is None or self._fence is None else -self._fence.room(state.position_ned)
-        allowed = self._allowed() if self.steps else 0.0
+        allowed = 0.0
+        if self.steps:
+            track_s, explored = self._durations[self.step_index], self._progress.explored(self.step_index)
+            allowed = self._time.allowed(self.step.hold_s, track_s, self._speed, explored)
         overdue = self._time.overdue(allowed, now_ns) if flying else 0.0
         outside = None if self.lands else outside  # nothing of the mission is flown
         report = MissionReport(done, overdue, allowed, outside=outside, beyond=beyond)
@@ -239,25 +250,14 @@ class Navigator:
     def _way_to_landing(self, here: Array, now_ns: int) -> tuple[bool, float]:
         """Whether the mission leads straight to where it lands, and the time (s) to the nearest landing place known, as
         slowly as the vehicle came."""
-        phase, home, here = self.phase, self.steps[0].target_ned, self._below.planned(here)
-        assert home is not None
-        if phase in _ALONG:
-            self._trail.add(here, self._speed, now_ns)
-        way = self._trail.length(here, home)
-        homeward = self.cut_short or phase in (Phase.RETURN, Phase.LAND)
-        if not (self.mission.return_home or homeward):
-            rest = _length_of(self.steps[self.step_index :], here)
-            homeward = rest <= way
-            way = min(rest, way)
-        height = max(self.ground_down - float(here[2]), 0.0)
-        return homeward, way / self._speed * self._trail.slowness + height / _SINKING
-
-    def _allowed(self) -> float:
-        """Time (s) that the present step may take; a take-off is from the ground."""
-        duration, explored = self._durations[self.step_index], self._progress.explored(self.step_index)
-        stays = (self.step.hold_s, 0.0) if duration is None else (0.0, duration)
-        climb = self.mission.takeoff_height if self.phase is Phase.TAKEOFF else 0.0
-        return self._time.allowed(*stays, max(self._length, explored), self._speed, climb)
+        here = self._below.planned(here)
+        if self.phase in _ALONG:
+            self._way_home.trail.add(here, self._speed, now_ns)
+        held_s = 0.0 if self._arrived_ns is None else (now_ns - self._arrived_ns) * 1e-9
+        present = replace(self._parts[0], hold_s=max(self.step.hold_s - held_s, 0.0))
+        left = (present, *self._parts[1:], *self.steps[self.step_index + 1 :])
+        most, homeward = min(self._search.slowed(math.inf), self._top_speed), self.phase is Phase.RETURN
+        return self._way_home.to_landing(here, left, most, homeward=homeward or self.cut_short)
 
     # -- how it goes ---------------------------------------------------------------------------------------------------
 
@@ -327,8 +327,7 @@ class Navigator:
         """Try another altitude that is allowed, if that may help."""
         target, settings = self.step.target_ned, self._settings.avoidance.altitude_search
         assert target is not None
-        highest = -math.inf if self._fence is None else self._fence.low[2] + self._settings.geofence.margin
-        place = Place(here, float(target[2]), self.ground_down - settings.min_height, highest)
+        place = Place(here, float(target[2]), self.ground_down - settings.min_height, self._highest)
         change = self._search.consider(detour, stalled_s, place, now_ns)
         self._leg = None
         if change is None:
@@ -343,7 +342,7 @@ class Navigator:
         assert home is not None
         if self.phase is not Phase.TAKEOFF:  # which is above the landing place
             back = climb_first(self.steps[self.step_index :], self.phase, planned)
-            back += _way_back(self._trail.corners(planned, home), home)
+            back += _way_back(self._way_home.trail.corners(planned, home), home)
         self._search.forbid()
         return self._cut(back, here, now_ns)
 
@@ -362,8 +361,8 @@ class Navigator:
     def _give_up(self, here: Array, now_ns: int) -> Judgement:
         """Go home along the way flown, if that is where the mission ends and it is not tried already; else land."""
         back: list[Step] = []
-        if self.mission.return_home and not self._gave_up:
-            back = _way_back(self._trail.back(), self.steps[0].target_ned)
+        if (self.mission.return_home or _ends_at_its_start(self.steps)) and not self._gave_up:
+            back = _way_back(self._way_home.trail.back(), self.steps[0].target_ned)
         way = "back the way it came" if back else "landing"
         text = f"no progress for {self._settings.avoidance.give_up_s:g} s: the goal is given up, {way}"
         self._gave_up = True
@@ -375,12 +374,9 @@ def _title(step: Step, index: int, plan: Sequence[Step]) -> str:
     return f"{step.phase.name.lower()}, step {index + 1} of {len(plan)}"
 
 
-def _length_of(left: Sequence[Step], here: Array) -> float:
-    """m from a place (3,) along the steps that are left; inf where a track is on the way."""
-    if any(step.curve is not None for step in left):
-        return math.inf
-    places = [here.tolist(), *(step.target_ned.tolist() for step in left if step.target_ned is not None)]
-    return sum(math.dist(one, other) for one, other in pairwise(places))
+def _ends_at_its_start(plan: Sequence[Step]) -> bool:
+    places = [step.target_ned for step in plan if step.target_ned is not None]
+    return not is_beside(places[0], places[-1])
 
 
 def _way_back(places: Sequence[Array], home: Array | None) -> list[Step]:

@@ -66,6 +66,6 @@ def _steps(order: Order, navigator: Navigator, here_ned: Array) -> list[Step]:
         speed = order.mission.speed
         return [replace(step, speed=step.speed or speed) for step in steps(order.mission, start)[1:]]
     waits_at = navigator.step.target_ned if navigator.phase is Phase.WAIT else None
-    here = here_ned if waits_at is None else waits_at
+    here = navigator.planned(here_ned if waits_at is None else waits_at)
     low = delivery(order.delivery, here, start) if order.do == "deliver" else []
     return [*low, wait(here), Step(Phase.LAND)]

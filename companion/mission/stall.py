@@ -6,6 +6,8 @@ from itertools import product
 
 import numpy as np
 
+from companion.config import Trajectory
+from companion.mission.step_time import way_s
 from protocol.arrays import Array
 
 _SPACING = 5.0
@@ -25,19 +27,23 @@ _SQUARE = 2.0
 
 
 class Trail:
-    """Places (3,) m, NED, along the path flown, without its loops, and how slowly it was flown."""
+    """Places (3,) m, NED, along the path flown, without its loops; how slowly that was flown, and how long the way back
+    takes."""
 
-    def __init__(self) -> None:
+    def __init__(self, speed: float, limits: Trajectory) -> None:
+        """`speed`: m/s of the way back."""
+        self._speed, self._limits = speed, limits
         self._places: list[Array] = []
-        self._lengths: list[float] = []
-        """m along the places to each."""
+        self._seconds: list[float] = []
+        """s back along the places from each to the first."""
         self._cubes: defaultdict[tuple[int, ...], list[int]] = defaultdict(list)
         """The numbers of the places in each cube of `_SPACING`, in their order."""
         self._seen: list[float] | None = None
         """The place that was looked at last."""
         self._seen_ns = 0
-        self._took_s = self._asked_s = _AT_FIRST
-        """s that the way flown took but for waiting, and that it takes at the speeds that were asked for."""
+        self._took_s = self._least_s = _AT_FIRST
+        """s that the way flown took but for waiting, or where it was asked to be slower than the way back, would have
+        taken, and that it takes at the speed of that."""
 
     def add(self, place: Array, speed: float, now_ns: int) -> None:
         """The vehicle is at a place (3,) m, NED, on the way to a goal of the route, asked to be so fast (m/s)."""
@@ -47,33 +53,35 @@ class Trail:
             if moved < _STEP:
                 return
             if moved < _SPACING:  # others did not fly meanwhile
-                self._took_s += min(1e-9 * (now_ns - self._seen_ns), moved / _WAITING)
-                self._asked_s += moved / speed
+                took_s = min(1e-9 * (now_ns - self._seen_ns), moved / _WAITING)
+                self._took_s += took_s * min(speed / self._speed, 1.0)
+                self._least_s += moved / self._speed
         self._seen, self._seen_ns = here, now_ns
         around = product(*((at - 1, at, at + 1) for at in _cube(here)))
         near = (k for cube in around for k in self._cubes.get(cube, ()))
         first = min((k for k in near if math.dist(here, self._places[k].tolist()) < _SPACING), default=None)
         if first is None:
-            further = math.dist(here, self._places[-1].tolist()) if self._places else 0.0
-            self._lengths.append(further + (self._lengths[-1] if self._lengths else 0.0))
+            self._seconds.append(self._seconds[-1] + self._way_s(place, self._places[-1]) if self._places else 0.0)
             self._cubes[_cube(here)].append(len(self._places))
             self._places.append(place)
         else:  # a loop ends
             for left_out in self._places[first + 1 :]:
                 self._cubes[_cube(left_out.tolist())].pop()
-            del self._places[first + 1 :], self._lengths[first + 1 :]
+            del self._places[first + 1 :], self._seconds[first + 1 :]
 
-    def length(self, here: Array, home: Array) -> float:
-        """m from a place back along the trail and on to `home`, both (3,) m, NED."""
+    def back_s(self, here: Array, home: Array) -> float:
+        """s from a place back along the trail and on to `home`, both (3,) m, NED."""
         if not self._places:
-            return math.dist(here.tolist(), home.tolist())
-        ends = math.dist(here.tolist(), self._places[-1].tolist()) + math.dist(self._places[0].tolist(), home.tolist())
-        return ends + self._lengths[-1]
+            return self._way_s(here, home)
+        return self._way_s(here, self._places[-1]) + self._seconds[-1] + self._way_s(self._places[0], home)
+
+    def _way_s(self, start: Array, end: Array) -> float:
+        return way_s(end - start, self._speed, self._limits)
 
     @property
     def slowness(self) -> float:
-        """By how much longer the way flown took than at the speeds that were asked for; at least 1."""
-        return max(self._took_s / self._asked_s, 1.0)
+        """By how much longer the way flown took than it takes at the speed of the way back; at least 1."""
+        return max(self._took_s / self._least_s, 1.0)
 
     def corners(self, here: Array, home: Array) -> list[Array]:
         """The places at which the way back from `here` along the trail to `home` turns, in that order."""

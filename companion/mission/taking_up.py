@@ -58,14 +58,13 @@ def climb_first(left: Sequence[Step], phase: Phase, here: Array) -> list[Step]:
     return _climb(climb, climb.target_ned, here) if is_beside(climb.target_ned, here) else [climb]
 
 
-def length_to(step: Step, before: Sequence[Step], here: Array | None) -> float:
-    """m on the straight to a step from the steps before it, or from a place (3,) if that is farther away."""
-    if step.target_ned is None:
-        return 0.0
+def way_to(step: Step, before: Sequence[Step], here: Array | None) -> Array:
+    """(3,) m, NED: the straight way to a step from the one before it, or from a place (3,) if that is farther away."""
     places = [other.target_ned for other in before if other.target_ned is not None][-1:]
     if here is not None:
         places.append(here)
-    return max((math.dist(place.tolist(), step.target_ned.tolist()) for place in places), default=0.0)
+    ways = [] if step.target_ned is None else [step.target_ned - place for place in places]
+    return max(ways, key=lambda way: float(way @ way), default=np.zeros(3))
 
 
 def _above(plan: Sequence[Step], index: int) -> Array:

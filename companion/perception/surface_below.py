@@ -18,7 +18,7 @@ class SurfaceBelow:
     """Believed once it has shown the ground from above: a beam that meets a parcel or a leg never does."""
 
     def __init__(self) -> None:
-        self._lowest = math.nan
+        self.lowest = math.nan
         """m, NED: what is lower is the ground; not a number before a flight."""
         self._proven = False
         self._last_down = math.inf
@@ -26,10 +26,9 @@ class SurfaceBelow:
         """m, NED, as two readings one after another say."""
         self._read_ns = 0
 
-    def begin(self, lowest: float) -> None:
-        """A flight begins; what is lower than that (m, NED) is the ground."""
+    def begin(self) -> None:
+        """A flight begins."""
         self.__init__()  # type: ignore[misc]
-        self._lowest = lowest
 
     def take(self, report: RangeBelow, pose: Pose | None, now_ns: int) -> None:
         """Take a reading in, with the pose of its time."""
@@ -42,7 +41,7 @@ class SurfaceBelow:
             return
         here, before = float(position[2]), self._last_down
         self._last_down = down = here + report.distance_m * upright
-        if self._lowest < down < math.inf and self._lowest - here > _ABOVE_M:
+        if self.lowest < down < math.inf and self.lowest - here > _ABOVE_M:
             self._proven = True
         alike = down == before or abs(down - before) < _ALIKE_M
         self._down, self._read_ns = (max(down, before) if alike else math.inf), now_ns
@@ -50,4 +49,4 @@ class SurfaceBelow:
     def standing(self, now_ns: int) -> float | None:
         """Height (m, NED) of what stands below the vehicle, higher than the ground; None: nothing is known of any."""
         known = self._proven and now_ns - self._read_ns <= _STALE_NS
-        return self._down if known and self._down <= self._lowest else None
+        return self._down if known and self._down <= self.lowest else None

@@ -11,6 +11,7 @@ from companion.avoidance.astar_planner import _up_to_unconfirmed
 from companion.avoidance.path import NO_PATH, Path
 from companion.avoidance.planner import Planner
 from companion.avoidance.steering import Course, approached, limited, steer
+from companion.config import Trajectory
 from companion.config_avoidance import Avoidance, AvoidanceCourse, AvoidanceGuard, AvoidanceMap
 from companion.mission.stall import Progress, Trail
 from companion.perception.distance_field import FAR_M, distance_to
@@ -269,7 +270,7 @@ def test_vfh_steers_where_there_is_no_way() -> None:
 
 
 def test_the_trail_leads_back_without_its_loops() -> None:
-    trail = Trail()
+    trail = Trail(5.0, Trajectory())
     loop = [(0, 0), (10, 0), (20, 0), (20, 10), (10, 10), (10, 1), (10, -10)]
     for north, east in loop:
         trail.add(np.array([north, east, -3.0]), 5.0, 0)

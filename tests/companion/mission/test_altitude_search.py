@@ -172,6 +172,17 @@ def test_under_things_the_next_legs_are_never_flown_into_the_ground() -> None:
         assert flight.leg(route, stopped=False).go(0.5, detour=0.0).down == max(-3.0, route)
 
 
+def test_after_others_flew_it_keeps_the_height_it_was_on_over_or_under_things() -> None:
+    over = Flight(max_climb=5.0).go(2.0)
+    under = Flight(-6.0, max_descent=3.0).go(2.0)
+    for flight, least in ((over, -5.0), (under, -4.0)):
+        assert flight.heights.flown(flight.route) == least and flight.heights.busy
+        assert flight.heights.resume(least + 0.5, flight.route) and not flight.heights.busy
+        assert flight.heights.flown(flight.route) == least
+        assert not flight.heights.resume(flight.route, flight.route)
+        assert flight.heights.flown(flight.route) == flight.route
+
+
 def test_after_giving_up_the_height_is_kept_and_no_other_tried() -> None:
     flight = Flight(max_climb=5.0).go(1.5).go(2.0, detour=0.0)
     flight.heights.forbid()

@@ -32,6 +32,15 @@ def test_heights_go_up_as_the_ground_ahead_and_returns_count_from_the_ground_her
     np.testing.assert_allclose(following.planned(target), (40.0, 0.0, -1.0))
 
 
+def test_nothing_is_lifted_beyond_the_fence_nor_pressed_below_what_was_planned() -> None:
+    following = begun()
+    following.begin(2.0, highest=-2.5)
+    following.follow(Ground(0.0, 0.0), ROUTE, -2.0, 0)
+    higher = Step(Phase.ROUTE, np.array((40.0, 0.0, -4.0)), avoids=True)
+    lifted = [following.shifted(step).target_ned for step in (ROUTE, higher)]
+    assert [target[2] for target in lifted if target is not None] == [-2.5, -4.0]
+
+
 def test_ground_below_the_start_is_followed_down() -> None:
     following = begun()
     assert following.follow(Ground(6.0, 6.0), ROUTE, 1.0, 0) == (True, None)

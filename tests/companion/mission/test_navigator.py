@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from companion.mission import plan as missions
 from companion.mission.navigator import Arrival, Navigator
-from companion.mission.plan import Mission, Phase, Waypoint
+from companion.mission.plan import Delivery, Mission, Phase, Waypoint
 from companion.reports import CommandReport, MotionReport
 from companion.runtime.files import load_mission
 from companion.state import Severity
@@ -228,7 +228,7 @@ def test_a_step_is_overdue_after_its_way_its_hold_and_some_time_on_top() -> None
     navigator = at_step(ROUTE, Phase.ROUTE)
     navigator.next_step(0)
     navigator.start_step(10 * SECOND)
-    way = math.dist((10.0, 0.0, 3.0), (20.0, 5.0, 4.0))
+    way = math.dist((10.0, 0.0), (20.0, 5.0))
     allowed = DEFAULTS.supervision.step_timeout + 2.0 + 3.0 * way / ROUTE.speed
     assert overdue(navigator, 10.0 + allowed - 0.01) == 0.0
     assert overdue(navigator, 10.0 + allowed + 5.0) == pytest.approx(5.0)
@@ -253,6 +253,14 @@ def test_each_step_has_its_own_time() -> None:
     assert navigator.report(0, flying=True).allowed == pytest.approx(allowed), "up from the ground"
     navigator.next_step(100 * SECOND)
     assert overdue(navigator, 100.0) == 0.0
+
+
+def test_a_fast_mission_may_sink_as_slowly_as_it_does() -> None:
+    high = Mission(
+        "high", waypoints=[Waypoint(5.0, 0.0, 100.0)], takeoff_height=100.0, delivery=Delivery(0.5), speed=10.0
+    )
+    allowed = at_step(high, Phase.DESCEND).report(0, flying=True).allowed
+    assert allowed == pytest.approx(DEFAULTS.supervision.step_timeout + 3.0 * 99.5 / DEFAULTS.trajectory.descent_speed)
 
 
 def test_the_time_that_others_fly_counts_for_nothing() -> None:
@@ -326,6 +334,77 @@ def test_a_mission_that_does_not_return_lands_where_it_is_nearer(north: float, h
     report = navigator.report(0, vehicle(np.add(START, (north, 0.0, -3.0))), flying=True)
     assert report.homeward is homeward
     assert report.landing_s == pytest.approx(90.0 / 4.0 + 3.0 / 0.7, abs=1.0)
+
+
+HOLD_S = 120.0
+STATION = Mission(
+    "station",
+    waypoints=[Waypoint(40.0, 0.0, 3.0, hold_s=HOLD_S), Waypoint(0.0, 0.0, 3.0)],
+    return_home=False,
+    speed=4.0,
+)
+"""As a ground station's that ends with a return to launch."""
+
+
+@pytest.mark.parametrize(("held_s", "homeward"), [(0.0, False), (100.0, False), (HOLD_S, True)])
+def test_who_holds_before_the_way_home_is_not_on_it(held_s: float, homeward: bool) -> None:
+    navigator = flown_along(STATION, Phase.ROUTE, 40.0)
+    there = target_of(navigator)
+    resting = msgspec.structs.replace(ALONG, rests=True)
+    assert navigator.advance(resting, vehicle(there), 0) is Arrival.NOT_YET
+    report = navigator.report(round(held_s * SECOND), vehicle(there), flying=True)
+    assert report.homeward is homeward
+    assert report.landing_s == pytest.approx(40.0 / 4.0 + 3.0 / 0.7, abs=0.5)
+
+
+def test_who_waits_for_orders_is_on_no_way_home() -> None:
+    waits = Mission("waits", waypoints=[Waypoint(0.0, 10.0, 3.0)], waits=True, return_home=False)
+    navigator = at_step(waits, Phase.WAIT)
+    assert not navigator.report(0, vehicle(target_of(navigator)), flying=True).homeward
+
+
+def test_the_way_home_is_flown_at_the_mission_s_speed_not_the_leg_s() -> None:
+    quick = Mission("quick", waypoints=[Waypoint(40.0, 0.0, 3.0, speed=8.0)], speed=1.5)
+    report = at_step(quick, Phase.ROUTE).report(0, vehicle(np.add(START, (40.0, 0.0, -3.0))), flying=True)
+    assert report.landing_s == pytest.approx(40.0 / 1.5 + 3.0 / 0.7)
+
+
+def test_from_low_under_a_high_route_it_climbs_and_sinks_again() -> None:
+    high = Mission(
+        "high", waypoints=[Waypoint(20.0, 0.0, 40.0)], takeoff_height=40.0, delivery=Delivery(0.5), speed=5.0
+    )
+    navigator = at_step(high, Phase.RELEASE)
+    low = np.add(START, (20.0, 0.0, -0.5))
+    report = navigator.report(0, vehicle(low), flying=True)
+    assert report.landing_s == pytest.approx(39.5 / DEFAULTS.trajectory.climb_speed + 40.0 / 0.7, abs=0.1)
+
+
+@pytest.mark.parametrize("height", [2.0, 3.9, 8.0])
+def test_given_back_well_above_its_route_it_keeps_that_height_up_to_a_stop(height: float) -> None:
+    """What is below was not seen."""
+    navigator = at_step(ROUTE, Phase.ROUTE)
+    navigator.pause(0)
+    here = np.add(START, (2.0, 0.0, -height))
+    navigator.resume(SECOND)
+    said = navigator.go_on(here, SECOND)
+    flown = height if height > 4.0 else 3.0
+    assert (said is not None and "keeping 8.0 m of height" in said.text) is (height > 4.0)
+    for passed in (False, True):
+        if passed:  # through the first waypoint, to the second, which is 4 m high
+            navigator.next_step(SECOND, here)
+            flown = max(flown, 4.0)
+        leg = navigator.leg(here)
+        assert START[2] - leg.goal_ned[2] == pytest.approx(flown)
+    navigator.next_step(SECOND, here)
+    assert START[2] - navigator.leg(here).goal_ned[2] == pytest.approx(3.0), "after the stop"
+
+
+def test_it_keeps_no_height_beyond_the_fence() -> None:
+    navigator = at_step(ROUTE, Phase.ROUTE, "geofence.max_height=6.0", "geofence.margin=0.5")
+    navigator.pause(0)
+    navigator.resume(SECOND)
+    navigator.go_on(np.add(START, (2.0, 0.0, -8.0)), SECOND)
+    assert START[2] - navigator.leg(START).goal_ned[2] == pytest.approx(5.5)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.2, 0.5])

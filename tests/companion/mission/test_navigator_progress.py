@@ -145,6 +145,14 @@ def test_the_way_home_takes_as_long_as_the_way_flown(speed: float, least: float,
     assert least < report.landing_s - 3.0 / 0.7 < most
 
 
+def test_a_station_s_mission_that_ends_at_home_goes_back_there_too() -> None:
+    there_and_back = Mission("station", waypoints=[*LONG.waypoints, Waypoint(0.0, 0.0, 3.0)], return_home=False)
+    flight = Flight(there_and_back)
+    flight.judge(20.0, speed=1.0)
+    flight.judge(2.0 * GIVE_UP_S)
+    assert [step.phase for step in flight.navigator.steps[-2:]] == [Phase.RETURN, Phase.LAND]
+
+
 def test_what_is_given_up_twice_is_the_flight() -> None:
     flight = Flight(LONG)
     flight.judge(2.0 * GIVE_UP_S)

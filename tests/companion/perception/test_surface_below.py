@@ -22,7 +22,8 @@ def pose(down: float, roll_deg: float = 0.0) -> Pose:
 def begun(*, proven: bool = True) -> SurfaceBelow:
     """In the air, with two readings of the ground if it is `proven`."""
     below = SurfaceBelow()
-    below.begin(LOWEST)
+    below.begin()
+    below.lowest = LOWEST
     for k in range(2 * proven):
         below.take(RangeBelow(0, 3.0), pose(-3.0), k * PERIOD_NS)
     return below
