@@ -34,6 +34,12 @@ _DATAGRAM = 1200
 """Bytes; passes any network whole."""
 _REOPEN_NS = 1_000_000_000
 _COMMANDS = (dialect.MAVLINK_MSG_ID_COMMAND_LONG, dialect.MAVLINK_MSG_ID_COMMAND_INT)
+_STREAMS: dict[int, int] = {
+    dialect.MAV_DATA_STREAM_ALL: dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    dialect.MAV_DATA_STREAM_POSITION: dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    dialect.MAV_DATA_STREAM_EXTRA3: dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR,
+}
+"""A message that is flown by, in each of ArduPilot's streams that has one."""
 STATION_BYTES_PER_S = 20_000.0
 """What each station may send to the vehicle: more than parameters, missions and RTK corrections take."""
 
@@ -282,7 +288,9 @@ class Router:
 
 
 def retuned_by(frame: Frame) -> int:
-    """The message (id) whose rate this command sets; -1 if it is none of that kind."""
+    """A message (id) whose rate this sets, one that is flown by if there is any; -1 if it sets none."""
+    if frame.message_id == dialect.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
+        return _STREAMS.get(decoder_of(frame.message_id)(frame).req_stream_id, -1)
     if frame.message_id not in _COMMANDS:
         return -1
     command = decoder_of(frame.message_id)(frame)

@@ -349,6 +349,22 @@ def test_no_station_changes_the_rates_of_what_is_flown_by(kind: type[Any]) -> No
     assert net.router.troubles() == []
 
 
+def test_no_station_asks_for_a_stream_of_what_is_flown_by() -> None:
+    """ArduPilot takes the rate of a stream for all of its messages."""
+    net = Net()
+
+    def stream(number: int) -> bytes:
+        return GCS.encode_fields(dialect.MAVLink_request_data_stream_message, 1, 1, number, 2, 1)
+
+    for number in (dialect.MAV_DATA_STREAM_ALL, dialect.MAV_DATA_STREAM_POSITION, dialect.MAV_DATA_STREAM_EXTRA3):
+        net.ends[0].send(stream(number))
+        assert net.pump() == []
+    (told,) = net.router.troubles()
+    assert "s0 asks for another rate of LOCAL_POSITION_NED" in told
+    net.ends[0].send(asked := stream(dialect.MAV_DATA_STREAM_EXTENDED_STATUS))
+    assert net.pump() == [asked] and net.router.troubles() == []
+
+
 def test_all_that_a_flight_needs_is_flown_by() -> None:
     settings = load_settings(None, ["avoidance.ground_slope=0.1"])
     assert Telemetry(settings).rates.wanted.keys() <= FLOWN_BY
