@@ -18,6 +18,9 @@ _DEPTH_M = 0.2
 """m behind a return that must be free, too: a beam may graze the front of what stands."""
 _LEVEL_M = 1.0
 """m from the height of a return up to which a beam would have met the obstacle."""
+_WHOLE = 1e-3
+"""Of a sector: so near to a whole number of them a ring closes. Others leave a gap, and what is counted from beyond it
+lies between two of their beams."""
 _HEIGHT_M = 0.02
 """m beyond the heights at which an obstacle was hit, at which a beam would have met it, too: level rings see all at one
 height."""
@@ -72,7 +75,9 @@ def passes_off(sight: Sight, place: Array) -> bool:
 def _arc_seen_past(sight: Sight, place: Array, origin: Array, heights: tuple[float, float]) -> bool:
     aside = math.tan(0.5 * abs(sight.step))
     across_n, across_e = aside * (origin[1] - place[1]), aside * (place[0] - origin[0])
-    around = round(2.0 * math.pi / abs(sight.step))  # sectors of a whole ring
+    around = 2.0 * math.pi / abs(sight.step)  # sectors of a whole ring
+    if abs(around - round(around)) < _WHOLE:
+        around = float(round(around))
     down = to_body(sight.attitude, (0.0, 0.0, 1.0))
     over = _OVER_LOW_M if place[2] - sight.position[2] > _LOW_M else _LEVEL_M
     farthest, ends = 0.0, (0.0, 0.0)
@@ -92,8 +97,10 @@ def _arc_seen_past(sight: Sight, place: Array, origin: Array, heights: tuple[flo
     turn = (ends[1] - ends[0] + 0.5 * around) % around - 0.5 * around  # from one end to the other, the short way round
     start, turn = (ends[0], turn) if turn >= 0.0 else (ends[1], -turn)
     for k in range(math.floor(start + 0.5), math.floor(start + turn + 0.5) + 1):
-        if k % around >= sight.free.size or sight.free[k % around] < farthest + _BEYOND_M:
-            return False
+        beam = k % around
+        for near in (math.floor(beam), math.ceil(beam) if math.ceil(beam) < around else 0):
+            if near >= sight.free.size or sight.free[near] < farthest + _BEYOND_M:
+                return False
     return True
 
 

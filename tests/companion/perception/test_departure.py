@@ -43,6 +43,22 @@ def test_all_sectors_of_the_arc_count_and_no_others(bearing_deg: float, yaw_deg:
         assert seen_past(left, place, HERE, ALL) == (k not in beams), k
 
 
+@pytest.mark.parametrize("step_deg", [4.9, 5.0, 5.1, 6.5, 7.0, 8.5, 11.0, 13.3])
+@pytest.mark.parametrize("goes", [1.0, -1.0])
+def test_a_post_is_never_seen_past_from_the_same_place_by_a_ring_that_is_turned(step_deg: float, goes: float) -> None:
+    """Whole turns are no whole number of most of these sectors: such rings leave a gap, or overlap."""
+    rng, count = np.random.default_rng(1), min(72, math.ceil(360.0 / step_deg - 1e-9))
+    bearings, asked = goes * step_deg * np.arange(count), 0
+    for post, *yaws in rng.uniform(-180.0, 180.0, (400, 3)).tolist():
+        hits = [np.abs((yaw + bearings - post + 180.0) % 360.0 - 180.0) <= 0.5 * step_deg for yaw in yaws]
+        before, ring = hits[0], np.where(hits[1], 6.0, 15.0)
+        turned = Sight(ring, HERE, from_euler(0.0, 0.0, math.radians(yaws[1])), 0.0, goes * math.radians(step_deg))
+        for bearing in bearings[before].tolist():
+            assert not seen_past(turned, at(yaws[0] + bearing, 6.0), HERE, ALL)
+            asked += 1
+    assert asked > 300
+
+
 @pytest.mark.parametrize("roll", [-0.6, 0.6])
 def test_a_tilted_ring_sees_past_what_is_above_its_plane(roll: float) -> None:
     """What stands is upright: the beam that counts meets the vertical through the place, which turned into the body's
