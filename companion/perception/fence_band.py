@@ -61,7 +61,7 @@ def with_fence(view: MapView, fence: Flat, plan: AvoidancePlan) -> MapView:
     occupied = before | band
     cells = np.argwhere(occupied)
     hits = (cells + np.array(view.corner) + 0.5) * view.cell
-    blurs = np.zeros(len(hits))
+    blurs = np.full(len(hits), plan.tight_inflation - plan.inflation)  # for certain no nearer than in doubt
     if view.hits is not None:
         hits[before[occupied]] = view.hits
     if view.blurs is not None:

@@ -1,5 +1,7 @@
 """Which side of an obstacle, and which of two gaps, the method "astar" chooses, from one plan to the next."""
 
+import math
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -8,6 +10,7 @@ from companion.avoidance.astar_planner import AStarPlanner
 from companion.avoidance.steering import steer
 from companion.config_avoidance import Avoidance
 from companion.perception.distance_field import distance_to
+from companion.perception.fence_band import with_fence
 from companion.perception.free_space import MOVER_COLUMNS
 from companion.perception.map_view import FREE, OCCUPIED, MapView
 from protocol.arrays import Array
@@ -168,3 +171,27 @@ def test_an_open_way_ends_the_growth() -> None:
     start, goal = np.array([MIDDLE, MIDDLE, -2.0]), np.array([MIDDLE + 8.0, MIDDLE, -2.0])
     assert planner.plan(view_of(None), start, STILL, goal, 3.0) is not None
     assert choices(planner, [held, -held]) == [-held, held]
+
+
+def beside_the_fence(here: Array, gap: float) -> MapView:
+    """A wall along the east, 8 m north, that ends so far (m) before the fence, beyond which east is positive."""
+    corner = math.floor(here[0] / CELL) - CELLS // 2, math.floor(here[1] / CELL) - CELLS // 2
+    states, east = np.full((CELLS, CELLS), FREE, np.uint8), (np.arange(CELLS) + corner[1] + 0.5) * CELL
+    row = round(8.0 / CELL) - corner[0]
+    if 0 <= row < CELLS:
+        states[row, (east > -19.0) & (east < -gap)] = OCCUPIED
+    hits = np.array((np.argwhere(states == OCCUPIED) + np.array(corner) + 0.5) * CELL, np.float64)
+    view = MapView(states, distance_to(states == OCCUPIED, CELL), corner, CELL, hits=hits, blurs=np.zeros(len(hits)))
+    return with_fence(view, (0.0, -6.0, -math.inf, math.inf, -math.inf, 0.0, math.inf), SETTINGS.plan)
+
+
+@pytest.mark.parametrize("gap", [0.85, 0.9])
+def test_it_flies_round_a_wall_that_leaves_too_little_room_before_the_fence(gap: float) -> None:
+    """It does not stand where a passage would begin that is none."""
+    planner, here, goal = AStarPlanner(SETTINGS), np.array([0.0, -6.0, -3.0]), np.array([16.0, -6.0, -3.0])
+    for _ in range(300):
+        path = planner.plan(beside_the_fence(here, gap), here, STILL, goal, 1.0)
+        assert path is not None
+        way = path.vertices[1] - here[:2]
+        here = here + np.array((*(min(0.2 / max(math.hypot(*way), 1e-9), 1.0) * way), 0.0))
+    assert math.dist(here.tolist(), goal.tolist()) < 0.3
