@@ -36,6 +36,8 @@ _LEVEL_M = 0.5
 """m from the sensor's height up to which a beam counts as level."""
 _STANDOFF_M = 0.08
 """m before a return that are not seen free, because of the range noise."""
+_STANDOFF_CELLS = 0.64
+"""The same in cells, where that is more: the centre of the return's own cell may be nearer than the return."""
 _FULL_WEIGHT_M = 0.2
 """m of arc up to which a return may raise its cells to the ceiling."""
 _NEAR_M, _NEAR_LOG_ODDS = 6.0, 0.5
@@ -153,6 +155,7 @@ def _add_free(grid: Grid, beams: Beams, layer: Layer, edges: Array, slopes: Arra
     arcs, levels = np.empty(count), np.empty((count, 3))
     wedges = _Wedges(np.zeros((size, size), np.int16), np.empty((size, 2), np.int64))
     wedges.spans[:, 0], wedges.spans[:, 1] = size, 0
+    standoff = max(_STANDOFF_M, _STANDOFF_CELLS * cell)
     for k in range(count):
         arcs[k] = -1.0
         if not known[k]:
@@ -164,7 +167,7 @@ def _add_free(grid: Grid, beams: Beams, layer: Layer, edges: Array, slopes: Arra
         free = min(ranges[k], reach)
         if hit[k] and ranges[k] <= reach and origin[2] + ranges[k] * (down + layer.slope) < layer.ground_down:
             arcs[k] = ranges[k]
-            free = ranges[k] - _STANDOFF_M
+            free = ranges[k] - standoff
         if free > 0.0:
             level = range_within_layer(0.0, down, _LEVEL_M) / cell
             levels[k, 0], levels[k, 1] = origin[0] / cell, origin[1] / cell

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.perception.inverse_sensor_model import Beams, Layer, add_beams, range_within_layer
-from companion.perception.occupancy_grid import CEILING, FLOOR, Grid
+from companion.perception.occupancy_grid import CEILING, FLOOR, OCCUPIED_ABOVE, Grid
 from protocol.arrays import Array
 from protocol.frames import from_euler
 
@@ -103,3 +103,19 @@ def test_a_beam_is_followed_to_the_edge_of_the_layer() -> None:
         there = above + range_within_layer(above, down, 1.5) * down
         assert there == pytest.approx(math.copysign(1.5, down))
     assert range_within_layer(0.3, 0.0, 1.5) == math.inf and range_within_layer(-1.6, 0.2, 1.5) == 0.0
+
+
+@pytest.mark.parametrize("cell", [0.125, 0.2, 0.25, 0.5])
+def test_a_wall_ahead_is_marked_wherever_in_its_cells_it_stands(cell: float) -> None:
+    """The beam that meets it does not see the centre of its cell free."""
+    bearings: Array = np.radians(5.0 * np.arange(-3, 4))
+    one, level = np.ones(7, np.bool_), np.tile(from_euler(0.0, 0.0, 0.0), (7, 1))
+    here = np.tile((0.0, 0.0, -3.0), (7, 1))
+    for distance in np.arange(6.0, 12.0, 0.0631).tolist():
+        grid = empty_grid(-128, -128, 256)._replace(size=256, cell=cell)
+        beams = Beams(bearings, distance / np.cos(bearings), one, one, here, level, math.radians(5.0))
+        for _ in range(10):
+            add_beams(grid, beams, LAYER, True)
+        rows, columns = np.nonzero(grid.log_odds > OCCUPIED_ABOVE)
+        ahead = (np.minimum(columns, 256 - columns - 1) + 0.5) * cell < 0.5
+        assert ahead.any() and np.abs((rows[ahead] + 0.5) * cell - distance).max() < 2.0 * cell, distance
