@@ -87,7 +87,8 @@ class LocalMap:
     def clearance(self, here: Array) -> float:
         """m from the hull at a place (3,) NED (m) to the nearest obstacle as it is seen; inf if that is FAR_M away or
         more."""
-        distance = None if self.view is None else self.view.distance_at(here)
-        if distance is None or distance >= np.float32(FAR_M) - np.float32(self.margin):
+        view = self.view
+        distance = None if view is None else view.distance_at(here)
+        if view is None or distance is None or distance >= np.float32(FAR_M) - np.float32(view.margin):
             return math.inf
-        return distance + self.margin - self._settings.vehicle_radius
+        return distance + view.margin - self._settings.vehicle_radius

@@ -39,6 +39,8 @@ class MapView:
     """(k,) m along the arc in which each of `hits` lies, as of the nearest look at it: the obstacle is no farther from
     it; inf where nothing says so; less by the margin by which obstacles are taken for larger. None: all are where they
     seem to be."""
+    margin: float = 0.0
+    """m by which obstacles are taken for larger than they are seen."""
     moving: Array | None = None
     """(m, MOVER_COLUMNS) moving obstacles, which mark no cell, as in `perception.free_space`; None: none."""
 

@@ -157,7 +157,7 @@ class RollingMap:
         if larger:
             np.maximum(to_occupied - np.float32(larger), 0.0, out=to_occupied)
         blurs = np.where(ranges < CERTAIN_M, 0.0, self._width * ranges) - margin
-        return MapView(states, to_occupied, corner, cell, hits, blurs)
+        return MapView(states, to_occupied, corner, cell, hits, blurs, larger)
 
     def _grid(self, time_ns: int) -> tuple[Any, ...]:
         """A Grid to be read or written at a time, as a plain tuple."""

@@ -139,3 +139,16 @@ def test_far_from_all_there_is_no_clearance_with_a_margin_either() -> None:
     seen.map.margin = 0.15
     seen.map.look(0)
     assert seen.map.clearance(np.array([0.0, 6.0, -2.0])) == math.inf
+
+
+@pytest.mark.parametrize("count", [8, 72])
+def test_clearance_is_to_what_is_seen_however_wide_its_sectors_are(count: int) -> None:
+    bearings: Array = np.radians(360.0 / count * np.arange(count))
+    here = np.array([0.0, 0.0, -2.0])
+    for distance, clearance in ((2.0, 2.0 - Avoidance().vehicle_radius), (12.0, math.inf)):
+        local_map, hit = LocalMap(Avoidance()), np.full(count, distance < 10.0)
+        for now_ns in range(1_000_000_000, 1_700_000_000, 66_000_000):
+            scan = Scan(now_ns, now_ns // 1000, bearings, np.full(count, distance), hit, np.ones(count, np.bool_))
+            local_map.add(scan, (here, LEVEL), -0.3, now_ns)
+        local_map.look(now_ns)
+        assert local_map.clearance(here) == pytest.approx(clearance, abs=0.25)
