@@ -113,6 +113,11 @@ class Limits:
     tilt: float
     """rad."""
 
+    @property
+    def slope(self) -> float:
+        """Horizontal over vertical specific force that may be planned with."""
+        return math.tan(_TILT_SHARE * min(self.tilt, math.radians(STEEPEST_DEG)))
+
 
 def spline_through(points: Array, durations: Array) -> PiecewisePolynomial:
     """The curve of least snap through `points` (n + 1, 3) in m, at rest at both ends, with the `durations` (n,) in s of
@@ -141,8 +146,7 @@ def _loads(curve: PiecewisePolynomial, limits: Limits, samples: int) -> Array:
     """(3, m) factors by which speed, acceleration and tilt require the curve to be stretched, at each of m samples."""
     motion = polynomials_at(curve.knots, curve.coefficients, samples)
     velocity, acceleration = motion[:, 1], motion[:, 2]
-    slope = math.tan(_TILT_SHARE * min(limits.tilt, math.radians(STEEPEST_DEG)))
-    # The tilt: horizontal acceleration <= slope (g - acceleration downward).
+    slope = limits.slope  # the tilt: horizontal acceleration <= slope (g - acceleration downward)
     leaning = np.hypot(acceleration[:, 0], acceleration[:, 1]) + slope * acceleration[:, 2]
     return np.stack(
         (

@@ -11,6 +11,7 @@ from companion.trajectory.minimum_snap import Limits, plan
 from companion.trajectory.shapes import shape_of
 from companion.trajectory.timing import Path, TimeLaw
 from protocol.arrays import Array
+from protocol.vehicle_parameters import GRAVITY
 
 _ROUNDING = 1e-9
 _PEAK_SLOPE = 35.0 / 16.0
@@ -77,6 +78,7 @@ def track_of(curve: Curve, settings: TrajectorySettings, tilt: float) -> Track:
         if curve.shape == "loop":
             return Track(shape, law, np.zeros(3), False, curve.ramp_s, faces=0.0, resumed_each=shape.lap)
         return Track(shape, law, np.zeros(3), curve.heading == "along", curve.ramp_s)
-    path = plan(curve.points_ned, Limits(curve.speed, settings.acceleration, tilt))
-    ramp_s = _PEAK_SLOPE * curve.speed / settings.acceleration
+    limits = Limits(curve.speed, settings.acceleration, tilt)
+    path = plan(curve.points_ned, limits)
+    ramp_s = _PEAK_SLOPE * curve.speed / min(settings.acceleration, GRAVITY * limits.slope)
     return Track(path, TimeLaw(0.0, path.duration_s, 1.0, 0.0, 0.0), np.zeros(3), False, ramp_s)

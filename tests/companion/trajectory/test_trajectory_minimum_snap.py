@@ -172,3 +172,14 @@ def test_a_route_as_a_track_and_what_is_left_of_it() -> None:
     assert np.allclose(left.at(1e9)[0], ROUTE[-1])
     motion = np.array([left.at(t) for t in np.linspace(0.0, left.duration_s, 2001).tolist()])
     assert np.linalg.norm(motion[:, 1], axis=1).max() <= 4.0
+
+
+@pytest.mark.parametrize("tilt_deg", [6.0, 20.0, 45.0])
+def test_what_is_left_of_a_route_keeps_within_the_tilt(tilt_deg: float) -> None:
+    tilt = math.radians(tilt_deg)
+    track = track_of(Route(ROUTE, 4.0), Trajectory(), tilt)
+    for reached in np.linspace(0.1, 0.9, 5).tolist():
+        left = track.resumed_at(reached * track.duration_s)
+        motion = np.array([left.at(t) for t in np.linspace(0.0, left.duration_s, 801).tolist()])
+        level = np.hypot(motion[:, 2, 0], motion[:, 2, 1])
+        assert np.arctan2(level, GRAVITY - motion[:, 2, 2]).max() <= tilt
