@@ -2,6 +2,7 @@
 
 import codecs
 import copy
+import errno
 import math
 import re
 import tomllib
@@ -15,6 +16,7 @@ import msgspec
 
 T = TypeVar("T")
 
+_MOST_BYTES = 64 << 20
 _NOTHING: Mapping[str, str] = MappingProxyType({})
 _UNKNOWN = re.compile(r"unknown field `(.+?)`(?: - at `(.*)`)?$")
 _INDEX = re.compile(r"\[.*?\]")
@@ -55,8 +57,13 @@ def load(path: Path, record: type[T], overrides: Sequence[str] = (), renamed: Ma
 
 
 def content(path: Path) -> bytes:
-    """A file's bytes, without the byte order mark that programs of Windows begin it with. Raises OSError."""
-    return path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    """A file's bytes, without the byte order mark that programs of Windows begin it with. Raises OSError, for one
+    without end, too."""
+    with path.open("rb") as file:
+        found = file.read(_MOST_BYTES + 1)
+    if len(found) > _MOST_BYTES:
+        raise OSError(errno.EFBIG, f"more than {_MOST_BYTES >> 20} MB")
+    return found.removeprefix(codecs.BOM_UTF8)
 
 
 def read(path: Path) -> dict[str, Any]:

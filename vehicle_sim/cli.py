@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from protocol.standard_files import open_closed
+
 # What --help does not need is imported where it is used: loading the compiled code takes seconds.
 if TYPE_CHECKING:
     from protocol.key_files import Keeper
@@ -266,4 +268,5 @@ def _fail(text: str) -> NoReturn:
 
 def main() -> None:
     """Entry point of the console script."""
+    open_closed()
     app()

@@ -1,8 +1,16 @@
 """The command line."""
 
+import sys
+
 
 def main() -> None:
     """The program `companion`."""
-    from companion.cli.app import main as run_app
+    from protocol.standard_files import open_closed
 
-    run_app()
+    try:
+        open_closed()
+        from companion.cli.app import main as run_app
+
+        run_app()
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -9,14 +9,13 @@ import typer
 from companion.cli.flights import (
     DEFAULT_URL,
     ConnectUrl,
-    Insecure,
     KeyFile,
     OutputName,
     SettingsFile,
     VehicleSystem,
     security_of,
 )
-from companion.cli.options import options
+from companion.cli.options import Insecure, options
 from companion.cli.shell import exit_as_failed, exit_on_interrupt, exit_on_user_error
 from companion.cli.values import output_of, pinned
 

@@ -13,7 +13,7 @@ import typer
 
 from companion.avoidance_methods import listed
 from companion.cli.ending import print_end, print_next
-from companion.cli.options import options
+from companion.cli.options import Insecure, options
 from companion.cli.shell import (
     exit_as_failed,
     exit_as_undone,
@@ -23,6 +23,7 @@ from companion.cli.shell import (
     leave_gone_readers,
     note,
     say,
+    told_if_there_is_room,
 )
 from companion.cli.values import avoided_by, output_of, pace_of, pinned
 
@@ -69,9 +70,6 @@ KeyFile = Annotated[
 VehicleSystem = Annotated[
     int | None,
     typer.Option("--vehicle", help="The system id of the vehicle; no other is flown.", metavar="SYSID", min=1, max=255),
-]
-Insecure = Annotated[
-    bool, typer.Option("--insecure", help="Bind addresses beyond this machine though there is no key.")
 ]
 STORED = "vehicle"
 """In place of a mission: the vehicle's own."""
@@ -226,12 +224,15 @@ def register(app: typer.Typer) -> None:
 @options(DemoOptions)
 def demo(asked: DemoOptions) -> None:
     """Fly MISSION against the simulator, both started here as processes of their own, and print how it went."""
-    logs: list[Path] = []
-    with _abandoned(logs=logs):
+    with _abandoned():
         plan = exit_on_user_error(_plan, asked, asked.seed)
         say(_GETTING_READY)
         from companion.runtime.demo import demo as fly_demo
+        from companion.runtime.demo import prepare_both
 
+        plan = exit_on_user_error(prepare_both, plan, asked.gcs or ())
+    logs: list[Path] = []
+    with _abandoned(logs=logs):
         result = exit_on_user_error(
             fly_demo,
             plan,
@@ -243,8 +244,9 @@ def demo(asked: DemoOptions) -> None:
             opened=logs.append,
         )
     leave_gone_readers()
-    print_end(result, as_json=asked.as_json, verbose=asked.verbose)
-    with _abandoned():
+    with told_if_there_is_room():
+        print_end(result, as_json=asked.as_json, verbose=asked.verbose)
+    with _abandoned(), told_if_there_is_room():
         print_next(result.log, report=asked.report)
     _exit_by(result.verdict)
 
@@ -294,8 +296,9 @@ def _fly(asked: FlyOptions, folder: Path) -> None:
         result = exit_on_user_error(fly_plan, plan, transport, asked.log, console=True, beside=beside, opened=opened)
     leave_gone_readers()
     if result.landed is not None or asked.as_json:
-        print_end(result, as_json=asked.as_json, verbose=asked.verbose)
-        with _abandoned():
+        with told_if_there_is_room():
+            print_end(result, as_json=asked.as_json, verbose=asked.verbose)
+        with _abandoned(), told_if_there_is_room():
             print_next(result.log, report=asked.report and result.landed is not None)
     _exit_by(result.verdict)
 

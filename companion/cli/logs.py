@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from companion.cli.options import Insecure
 from companion.cli.shell import (
     FAILED,
     exit_as_unusable,
@@ -263,15 +264,18 @@ def play(
     speed: Annotated[float, typer.Option(help="How many times as fast as it was.")] = 1.0,
     start: Annotated[float, typer.Option("--from", help="Seconds of the log to leave out.", min=0.0)] = 0.0,
     loop: Annotated[bool, typer.Option("--loop", help="Again and again, until Ctrl-C.")] = False,
+    insecure: Insecure = False,
 ) -> None:
     """Send the recorded vehicle's traffic again with its own timing, so that a ground station or the viewer sees the
     flight."""
     from companion.logs.play import play as send_again
+    from protocol.guarded_link import refuse_exposed
     from protocol.transport import open_url
 
     path = log_file(log)
     if not 0.0 < speed <= _FASTEST:
         exit_as_unusable(f"--speed {speed:g}: not a positive number up to {_FASTEST:g}")
+    exit_on_user_error(refuse_exposed, to, signed=False, insecure=insecure)
     with closing(exit_on_user_error(open_url, to)) as transport, exit_on_interrupt(""):
         played = exit_on_user_error(
             send_again,

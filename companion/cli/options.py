@@ -1,11 +1,17 @@
-"""Commands whose options are the fields of a record: a command line needs more of them than a function should have."""
+"""Commands whose options are the fields of a record, as a command line needs more of them than a function should have;
+and an option of several commands."""
 
 import functools
 import inspect
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
+
+import typer
 
 Options = TypeVar("Options")
+Insecure = Annotated[
+    bool, typer.Option("--insecure", help="Bind addresses beyond this machine though there is no key.")
+]
 
 
 def options(record: type[Options]) -> Callable[[Callable[[Options], None]], Callable[..., None]]:

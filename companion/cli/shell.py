@@ -3,12 +3,14 @@
 import errno
 import os
 import select
+import signal
 import stat
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
+from types import FrameType
 from typing import NoReturn, ParamSpec, TypeVar
 
 import typer
@@ -53,14 +55,27 @@ def _is_the_user_s(error: Exception) -> bool:
 
 @contextmanager
 def exit_on_interrupt(text: str | None = None, then: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """A block in which an interrupt ends the program with exit code 130, after this line, if any, and `then`."""
+    """A block in which an interrupt ends the program with exit code 130, after this line, if any, and `then`; at its
+    end, if that is when it is noticed: Python drops what is raised in a destructor."""
+    interrupted = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal interrupted
+        interrupted = True
+        signal.default_int_handler(number, frame)
+
+    before = signal.signal(signal.SIGINT, interrupt)
     try:
         yield
+        if interrupted:
+            raise KeyboardInterrupt
     except KeyboardInterrupt:
         if text is not None:
             say(text)
         then()
         raise typer.Exit(ABANDONED) from None
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def exit_as_unusable(text: str) -> NoReturn:
@@ -93,11 +108,25 @@ def run(app: typer.Typer) -> None:
         finally:
             sys.stdout.flush()
     except OSError as error:
-        if error.errno != errno.ENOSPC or error.filename is not None:
-            raise
-        note(f"standard output: {error.strerror}")
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left in the buffer has nowhere to go
+        _tell_nobody(error)
         sys.exit(UNUSABLE)
+
+
+@contextmanager
+def told_if_there_is_room() -> Iterator[None]:
+    """A block that prints how a flight went. What comes after it is done on a full disk, too."""
+    try:
+        yield
+    except OSError as error:
+        _tell_nobody(error)
+
+
+def _tell_nobody(error: OSError) -> None:
+    """Say that standard output is full, if that is what went wrong, and write to nowhere from now on."""
+    if error.errno != errno.ENOSPC or error.filename is not None:
+        raise error
+    note(f"standard output: {error.strerror}")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def leave_gone_readers() -> None:
@@ -154,5 +183,6 @@ def note(text: str) -> None:
 
 
 def say(text: str) -> None:
-    """A line on standard error."""
-    typer.echo(text, err=True)
+    """A line on standard error, if there is room for it."""
+    with suppress(OSError):
+        typer.echo(text, err=True)

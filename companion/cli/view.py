@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from companion.cli.logs import LogFile, LogOrNewest
-from companion.cli.options import options
+from companion.cli.options import Insecure, options
 from companion.cli.shell import (
     exit_as_unusable,
     exit_if_damaged,
@@ -62,6 +62,7 @@ class ViewOptions:
     remote: Annotated[
         bool, typer.Option("--allow-remote", help="Let --address be one that other machines reach, unencrypted.")
     ] = False
+    insecure: Insecure = False
     world: Annotated[str | None, typer.Option(help="What to draw around a link's vehicle: a file in worlds/.")] = None
     control: Annotated[
         bool, typer.Option("--control", help="Offer hold, resume, land, return and go to, sent to the vehicle at URL.")
@@ -106,9 +107,11 @@ def _view_link(url: str, chosen: ViewOptions) -> None:
     from companion.view.control import Control
     from companion.view.sources import Link
     from protocol.clock import RealClock
+    from protocol.guarded_link import refuse_exposed
     from protocol.toml_files import content, find
     from protocol.transport import open_url
 
+    exit_on_user_error(refuse_exposed, url, signed=False, insecure=chosen.insecure)
     drawn = content(exit_on_user_error(find, "worlds", chosen.world)) if chosen.world is not None else b""
     transport = exit_on_user_error(open_url, url)
     control = Control(transport.send, RealClock().now_ns) if chosen.control else None

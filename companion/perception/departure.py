@@ -19,8 +19,8 @@ _DEPTH_M = 0.2
 _LEVEL_M = 1.0
 """m from the height of a return up to which a beam would have met the obstacle."""
 _WHOLE = 1e-3
-"""Of a sector: so near to a whole number of them a ring closes. Others leave a gap, and what is counted from beyond it
-lies between two of their beams."""
+"""Part of a sector: so near to a whole number of them a ring closes. Others leave a gap, and what is counted from
+beyond it lies between two of their beams."""
 _HEIGHT_M = 0.02
 """m beyond the heights at which an obstacle was hit, at which a beam would have met it, too: level rings see all at one
 height."""

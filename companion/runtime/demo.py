@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,15 @@ _PARAMETERS = (
 """Parameters of the simulator: the vehicle's failsafes."""
 
 
+def prepare_both(plan: Plan, stations: Sequence[str]) -> Plan:
+    """The plan checked and rehearsed (`flight.prepare`), and the simulator compiled. `stations`: see `demo`. Raises
+    PlanError and RehearsalError if the plan can't be flown."""
+    if stations and plan.pace == "lockstep":
+        raise PlanError("--gcs: not with --pace lockstep, in which time is the companion's alone; --pace realtime")
+    with _simulator_compiled_beside(plan):
+        return prepare(plan)
+
+
 def demo(
     plan: Plan,
     logs: Path,
@@ -51,25 +60,34 @@ def demo(
     stations: Sequence[str] = (),
     opened: Callable[[Path], None] | None = None,
 ) -> Result:
-    """Start the simulator, fly the plan against it, and end it.
+    """Start the simulator, fly the prepared plan against it, and end it.
 
     `key`: the file of signing, for both sides. `stations`: URLs or names of ground stations, to which the vehicle shows
     itself. `truth`: the simulator writes the true motion to truth.npy beside the log. `opened` is told where the log
-    is. Overrides of vehicle and world go to the simulator only. Raises PlanError and RehearsalError if the plan can't
-    be flown, PlanError if the simulator does not start or can't write, KeyFileError, and FlightLogError if the log
-    can't be written.
+    is. Overrides of vehicle and world go to the simulator only. Raises PlanError if the simulator does not start,
+    KeyFileError, and FlightLogError if the log can't be written.
     """
-    if stations and plan.pace == "lockstep":
-        raise PlanError("--gcs: not with --pace lockstep, in which time is the companion's alone; --pace realtime")
-    with _simulator_compiled_beside(plan):
-        plan = prepare(plan)
     if not truth:
         return _fly(plan, logs, None, key, stations, console=console, opened=opened)
     with tempfile.TemporaryDirectory() as folder:  # the log's own folder is made after the simulator has answered
         file = Path(folder) / TRUTH_NAME
         result = _fly(plan, logs, file, key, stations, console=console, opened=opened)
-        shutil.move(file, result.log.parent / TRUTH_NAME)
+        _keep(file, result.log.parent / TRUTH_NAME)
     return result
+
+
+def _keep(file: Path, whole: Path) -> None:
+    """Move a file to its place, whole or not at all. Where that fails it is said: the flight is flown."""
+    draft = whole.with_suffix(".part")
+    try:
+        if not file.exists():
+            raise FileNotFoundError(None, "the simulator could not write it, for the reason above")
+        shutil.move(file, draft)
+        draft.rename(whole)
+    except OSError as error:
+        with suppress(OSError):
+            draft.unlink()
+        sys.stderr.write(f"companion: {whole}: {error.strerror}\n")
 
 
 def _fly(
@@ -98,7 +116,7 @@ def _fly(
     finally:
         link.close()
     if truth is not None and simulator.returncode != 0:
-        raise PlanError(f"{TRUTH_NAME}: the simulator could not write it, for the reason above")
+        truth.unlink(missing_ok=True)
     return result
 
 

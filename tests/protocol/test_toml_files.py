@@ -119,6 +119,11 @@ def test_what_is_no_toml_is_refused_with_the_file(path: Path, content: bytes) ->
     assert len(text) > len(str(path)) + 5
 
 
+def test_a_file_without_end_is_refused() -> None:
+    with pytest.raises(TomlFileError, match=r"^/dev/zero: more than 64 MB$"):
+        toml_files.read(Path("/dev/zero"))
+
+
 def test_broken_toml_is_refused_with_the_line(path: Path) -> None:
     path.write_text(GOOD + "mass_kg 3\n")
     assert f"line {GOOD.count(chr(10)) + 1}," in refusal(path)

@@ -87,7 +87,10 @@ class _Table(ABC):
 
     def _flush(self) -> None:
         if self._records:
-            times = np.array([record.time_ns for record in self._records], np.int64)
+            try:
+                times = np.array([record.time_ns for record in self._records], np.int64)
+            except OverflowError:
+                raise FlightLogError(f"{self._log.path}: a record's time is beyond 292 years") from None
             self.write([(TIME, times), *_columns(self._log, self._kind, self._records)])
             self._records = []
 

@@ -3,6 +3,7 @@
 import json
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 
 from companion.cli.app import app
 from companion.cli.flights import _exit_by
+from companion.cli.shell import exit_on_interrupt
 from companion.outcomes import Outcome, Verdict
 from companion.runtime.side_links import Security, open_side_links, open_vehicle_link
 from protocol.guarded_link import inmost
@@ -42,6 +44,65 @@ def test_of_a_vehicle_in_the_air_only_a_flight_speaks(
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 130 and "companion: abandoned" in done.output
     assert ("in the air" in done.output) == flies
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_that_a_destructor_swallows_is_one() -> None:
+    """Python goes on after an exception in it; a flight must not."""
+
+    class Library:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    before, reached = signal.getsignal(signal.SIGINT), []
+    with pytest.raises(typer.Exit) as ended, exit_on_interrupt("companion: abandoned"):
+        Library()
+        reached.append("what is left of the block")
+    assert ended.value.exit_code == 130 and reached
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_after_a_flight_a_full_disk_behind_standard_output_ends_nothing() -> None:
+    program = """
+import typer
+from companion.cli.shell import say, told_if_there_is_room
+with told_if_there_is_room():
+    typer.echo("the result")
+typer.echo("the report")
+say("the outcome")
+"""
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-c", program], stdout=full, stderr=subprocess.PIPE, text=True)
+        assert subprocess.run([sys.executable, "-c", program], stdout=subprocess.DEVNULL, stderr=full).returncode == 0
+    assert done.returncode == 0
+    assert done.stderr == "companion: standard output: No space left on device\nthe outcome\n"
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_program_may_be_started_without_standard_files(closed: str, tmp_path: Path) -> None:
+    """The first files that it opens do not get their numbers."""
+    log, out = make(tmp_path, 0.2), tmp_path / "numbers"
+    command = shlex.join([sys.executable, "-m", "companion", "info", str(log)])
+    assert subprocess.run(["sh", "-c", f"exec {command} {closed}"], stdout=subprocess.DEVNULL).returncode == 0
+    program = f"""
+from protocol.standard_files import open_closed
+open_closed()
+with open({str(out)!r}, "w") as file:
+    print(file.fileno(), file=file)
+print("nowhere")
+"""
+    command = shlex.join([sys.executable, "-c", program])
+    assert subprocess.run(["sh", "-c", f"exec {command} {closed}"], stdout=subprocess.DEVNULL).returncode == 0
+    assert int(out.read_text()) > 2
+
+
+@pytest.mark.parametrize(
+    "command", [["view", "udpin:0.0.0.0:1", "--no-open"], ["play", "LOG", "--to", "tcpin:0.0.0.0:1"]]
+)
+def test_no_command_listens_beyond_this_machine_unless_told_to(command: list[str], tmp_path: Path) -> None:
+    log = str(make(tmp_path, 0.2))
+    done = CliRunner().invoke(app, [log if word == "LOG" else word for word in command])
+    assert done.exit_code == 2 and "who can reach this machine could command the vehicle" in done.output
 
 
 def test_an_interrupted_flight_says_where_its_log_is(monkeypatch: pytest.MonkeyPatch) -> None:

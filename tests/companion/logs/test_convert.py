@@ -6,7 +6,7 @@ import resource
 import struct
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -386,3 +386,12 @@ def test_a_start_that_is_none_counts_from_1970(tmp_path: Path, started: str) -> 
     topics = {DATAGRAM.topic: (DATAGRAM.schema_name, DATAGRAM.definition, records)}
     convert(foreign(tmp_path / "a.mcap", topics, metadata), tmp_path / "a.tlog")
     assert [entry.time_us for entry in TlogReader(tmp_path / "a.tlog").entries()] == [10**6]
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_time_that_no_table_holds_is_named(form: Literal["csv", "parquet"], tmp_path: Path) -> None:
+    records = [(0, struct.pack("<d", 1.0)), (2**63, struct.pack("<d", 2.0))]
+    source = foreign(tmp_path / "a.mcap", {"/numbers": ("x/N", "float64 value\n", records)})
+    with pytest.raises(FlightLogError, match=r"a\.mcap: a record's time is beyond 292 years"):
+        convert(source, tmp_path / "a", form)
+    assert not (tmp_path / "a").exists()

@@ -1,6 +1,6 @@
 """An RPLIDAR on a serial port as the companion's scanner: `pip install rplidar-roboticia`, then
 
-python examples/rplidar.py /dev/ttyUSB0 127.0.0.1:14600        beside
+python examples/rplidar_driver.py /dev/ttyUSB0 127.0.0.1:14600        beside
 companion fly MISSION --lidar udpin:127.0.0.1:14600
 """
 
