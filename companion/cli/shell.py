@@ -64,7 +64,10 @@ def exit_on_interrupt(text: str | None = None, then: Callable[[], None] = lambda
         interrupted = True
         signal.default_int_handler(number, frame)
 
-    before = signal.signal(signal.SIGINT, interrupt)
+    before = signal.getsignal(signal.SIGINT)
+    heeds = callable(before)  # a job in the background of a script ignores it
+    if heeds:
+        signal.signal(signal.SIGINT, interrupt)
     try:
         yield
         if interrupted:
@@ -75,7 +78,8 @@ def exit_on_interrupt(text: str | None = None, then: Callable[[], None] = lambda
         then()
         raise typer.Exit(ABANDONED) from None
     finally:
-        signal.signal(signal.SIGINT, before)
+        if heeds:
+            signal.signal(signal.SIGINT, before)
 
 
 def exit_as_unusable(text: str) -> NoReturn:
