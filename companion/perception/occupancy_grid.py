@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion.perception.distance_field import Floats
+from companion.perception.distance_field import Floats, has
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, Bytes
 from protocol.arrays import Array
 from protocol.jit import compiled
@@ -141,23 +141,30 @@ def classify_coarse(cells: tuple[Any, ...], factor: int, corner: tuple[int, int]
     log_odds, updated_s, returns = grid.log_odds, grid.updated_s, grid.returns
     memory, count = log_odds.shape[0], states.shape[0]
     now, rate = np.float32(grid.now_s), np.float32(grid.fading)
-    fine = np.empty((factor, memory), np.uint8)
+    fine, highest = np.empty((factor, memory), np.uint8), np.empty(memory, np.uint8)
     hits, found = np.empty((count * count, 3)), 0
     for i in range(count):
         for k in range(factor):
             row = ((corner[0] + i) * factor + k) % memory
             _classify_run(log_odds[row], updated_s[row], now, rate, fine[k])
+        highest[:] = fine[0]
+        for k in range(1, factor):
+            for j in range(memory):  # the states are in the order in which they count
+                highest[j] = max(highest[j], fine[k, j])
+        states[i] = UNKNOWN
+        if not (has(highest, FREE) or has(highest, OCCUPIED)):
+            continue
         column = (corner[1] * factor) % memory
         for j in range(count):
-            state = np.uint8(UNKNOWN)
             for across in range(factor):
                 at = column + across - (memory if column + across >= memory else 0)
-                for k in range(factor):
-                    if fine[k, at] == OCCUPIED and state != OCCUPIED:
-                        hits[found] = returns[((corner[0] + i) * factor + k) % memory, at]
-                        found += 1
-                    state = max(state, fine[k, at])
-            states[i, j] = state
+                if highest[at] == OCCUPIED and states[i, j] != OCCUPIED:
+                    k = 0
+                    while fine[k, at] != OCCUPIED:
+                        k += 1
+                    hits[found] = returns[((corner[0] + i) * factor + k) % memory, at]
+                    found += 1
+                states[i, j] = max(states[i, j], highest[at])
             column += factor
             column -= memory if column >= memory else 0
     return hits[:found].copy()
