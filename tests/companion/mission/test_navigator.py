@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from companion.mission import plan as missions
 from companion.mission.navigator import Arrival, Navigator
+from companion.mission.orders import obey
 from companion.mission.plan import Delivery, Mission, Phase, Waypoint
 from companion.reports import CommandReport, MotionReport
 from companion.runtime.files import load_mission
-from companion.state import Severity
+from companion.state import Ground, Severity
 from protocol.arrays import Array
 from tests.companion.mission.navigating import (
     ACCEPTED,
@@ -414,3 +415,21 @@ def test_over_a_late_link_it_goes_no_farther_blind(late_s: float) -> None:
     navigator.slow_down(0.4)
     navigator.slow_down(late_s)
     assert navigator.leg(START).speed == pytest.approx(min(ROUTE.speed, most))
+
+
+def test_orders_on_shifted_ground_keep_the_height_and_deliver_above_it() -> None:
+    """On a hill of 3.6 m: what is ordered from where the vehicle waits is shifted once."""
+    waits = Mission("waits", waypoints=[Waypoint(32.0, 0.0, 3.0)], waits=True)
+    navigator = at_step(waits, Phase.WAIT, "avoidance.ground_slope=0.25")
+    hill = START[2] - 3.6
+    here = np.add(START, (32.0, 0.0, -6.6))
+    navigator.follow(Ground(hill, hill), here, SECOND)
+    for number in range(3):
+        obey('{"do": "hold"}', navigator, here, None, number * SECOND)
+        assert target_of(navigator)[2] == pytest.approx(here[2])
+    obey('{"do": "deliver"}', navigator, here, None, 3 * SECOND)
+    assert navigator.phase is Phase.DESCEND and target_of(navigator)[2] == pytest.approx(
+        hill - Delivery().release_height
+    )
+    obey('{"do": "hold"}', navigator, here, None, 4 * SECOND)
+    assert target_of(navigator)[2] == pytest.approx(here[2]), "from wherever it is"
