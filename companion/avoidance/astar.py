@@ -8,8 +8,8 @@ through unknown cells too.
 
 The heuristic is the straight line and, beyond the known cell that lies farthest towards the goal, the cost of unknown
 cells as well. The search opens an eighth of the cells that the straight line alone would open. It begins at the dearer
-end of the path: one that begins at the other opens all that is cheaper than the dear end, which may be the whole
-window.
+end of the path, and at a goal that is enclosed by what may not be there: one that begins at the other opens all that is
+cheaper than the dear end, which may be the whole window.
 """
 
 import math
@@ -37,6 +37,9 @@ _AROUND = tuple((row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if 
 """Rows and columns to the neighbours of a cell."""
 _MAX_ENCLOSED_CELLS = 12_000
 """A goal from which more cells than this can be reached does not count as enclosed."""
+_LONG_M = 10.0
+"""m of detour, and as much as the least cost to be expected, from which on it is asked whether the goal is enclosed by
+what may not be there."""
 _SQRT2 = math.sqrt(2.0)
 _ROUNDING_M = 1e-6
 """m by which rounding may let the search take a path for longer than it is."""
@@ -70,6 +73,8 @@ class AStar:
         self._searches = 0
         self._failed = {True: False, False: False}
         """Whether the last search of a limited detour found none, and that of any detour."""
+        self._detour = 0.0
+        """m, of the last path whose detour was not limited."""
 
     def costmap(self, view: MapView) -> Floats:
         """(cells, cells) cost of a metre in each cell, forbidden ones included. It is valid until the next call.
@@ -124,12 +129,17 @@ class AStar:
                 return None
         self._searches += 1
         limits = 3 * self._searches, max_detour + _ROUNDING_M
-        backwards = bool(view.contains(last) and costmap[last] > costmap[first] + self._settings.unknown_cost)
+        backwards = view.contains(last) and costmap[last] > costmap[first] + self._settings.unknown_cost
+        if not limited and self._detour > max(expected, _LONG_M) and view.contains(last):
+            goal_first = last, first, True
+            backwards |= _cut_off(view.to_occupied, scales, goal_first, frontier, math.inf, _MAX_ENCLOSED_CELLS)
         ends = (last, first, True) if backwards else (first, last, False)
         found, cost = _search(costmap, to_occupied, scales, ends, frontier, self._memory, limits)
         if found < 0 or cost - expected > max_detour:
             return None
         self._failed[limited] = False
+        if not limited:
+            self._detour = cost - expected
         cells, costs = _trace_back(found, self._memory[1], self._memory[0], view.states.shape[1])
         if backwards:
             cells, costs = cells[::-1], cost - costs[::-1]

@@ -122,6 +122,26 @@ def test_a_limited_search_after_one_that_failed_finds_what_it_would_find_before(
     assert outcomes >= {(False, True, True), (False, False, True), (False, True, False), (False, False, False)}
 
 
+def test_a_goal_behind_walls_that_may_not_be_there_does_not_open_the_window_again() -> None:
+    """Its second search, which knows that the way is dear, begins at the goal. The walls are in doubt: the certain
+    distances have none."""
+    states = np.full((200, 200), FREE, np.uint8)
+    states[140:171, 140] = states[140:171, 170] = states[140, 140:171] = states[170, 140:171] = OCCUPIED
+    view, start, goal = view_of(states), np.array([4.1, 5.1]), np.array([31.1, 31.3])
+    certain = np.full_like(view.to_occupied, 3.0)
+    search, opened, found = AStar(SETTINGS, 200), [], []
+    for number in (1, 2):
+        costmap = search.costmap(view)
+        costmap += 400.0 * np.maximum(1.0 - view.to_occupied / 0.4, 0.0) ** 2
+        found.append(search.plan(view, costmap, start, goal, 0.4, certain))
+        opened.append(np.count_nonzero(search._memory[2] >= 3 * number))
+    first, second = found
+    assert first is not None and second is not None and second.cost == pytest.approx(first.cost)
+    assert second.cells[0].tolist() == first.cells[0].tolist() and second.cells[-1].tolist() == first.cells[-1].tolist()
+    assert second.costs[0] == pytest.approx(0.0) and second.costs[-1] == pytest.approx(second.cost)
+    assert opened[0] > 0.5 * states.size and opened[1] < 0.2 * opened[0]
+
+
 def test_a_dear_goal_does_not_open_the_window() -> None:
     states = np.full((80, 80), FREE, np.uint8)
     states[36:45, 60] = states[36, 50:60] = states[44, 50:60] = OCCUPIED
