@@ -69,6 +69,9 @@ class AvoidancePlan(Table, frozen=True):
     switch_growth_tight: Annotated[float, msgspec.Meta(ge=1.0, le=MOST)] = 8.0
     """What that share has grown by at the least, where nothing moves, once the vehicle is in a tight passage or at its
     mouth: who has entered one flies to its end, or to where it is seen to be closed."""
+    turn_scans: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 8
+    """Scans in a row that must show a passage closed until the way back out of it is the one that costs less to go on
+    with: one that errs does not turn the vehicle round. 1: each counts."""
     proximity_radius: Positive = 2.0
     """m; beyond this, obstacles cost nothing."""
     proximity_cost: NotNegative = 3.0

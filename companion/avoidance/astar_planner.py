@@ -51,6 +51,8 @@ class AStarPlanner:
         self._chosen: _Chosen | None = None
         self._growth = 1.0
         """By which it costs more to leave the chosen path, after turns away from earlier ones."""
+        self._turned = 0
+        """Plans in a row that turn away from the passage that the vehicle is in."""
 
     def plan(self, view: MapView, position: Array, velocity: Array, goal: Array, speed: float) -> Path | None:
         """See `methods.PathPlanner`.
@@ -88,6 +90,7 @@ class AStarPlanner:
                 curve = smoothed(vertices, view, velocity, settings.inflation, fastest)
                 return Path(*curve, smooth=True, detour=roomy.detour)
             return timed_path(vertices, view, speed, course, roomy.detour)
+        entered = False
         if before is not None and beside is None:
             at = np.array(cell) + np.array(view.corner)
             entered = near < settings.inflation + _MOUTH_M and _is_beside(at, before.cells, view.cell)
@@ -100,14 +103,23 @@ class AStarPlanner:
         if path is None:
             return None
         tight = bool(in_tight or view.to_occupied[tuple(path.cells.T)].min() < settings.inflation)
-        self._chosen = _Chosen(path.cells + np.array(view.corner), goal, tight)
-        if before is not None and _turns_away(self._chosen.cells, before.cells, view.cell):
-            self._growth = min(self._growth * settings.switch_growth, _MOST_GROWTH)
+        self._keep(_Chosen(path.cells + np.array(view.corner), goal, tight), before, view.cell, entered=entered)
         if tight:
             path = _up_to_unconfirmed(path, view, settings.tight_inflation)
         inflation = settings.tight_inflation if tight else settings.inflation
         vertices = self._vertices(path, view, costmap, (position, goal), inflation)
         return replace(timed_path(vertices, view, speed, course, path.detour), tight=tight)
+
+    def _keep(self, chosen: _Chosen, before: _Chosen | None, cell: float, *, entered: bool) -> None:
+        """Keep a path for the next choice, or the one from before where that led through a passage that the vehicle has
+        `entered`, until enough scans have turned away from it. `cell`: m, side of a cell."""
+        settings = self._settings.plan
+        turns = before is not None and _turns_away(chosen.cells, before.cells, cell)
+        self._turned = self._turned + 1 if turns else 0
+        waits = turns and entered and self._turned < settings.turn_scans
+        self._chosen = before if waits else chosen
+        if turns and not waits:
+            self._growth = min(self._growth * settings.switch_growth, _MOST_GROWTH)
 
     def _beside(self, before: _Chosen, view: MapView, growth: float) -> Floats:
         """(cells, cells) factors of the cost: more beside the path from before."""

@@ -25,6 +25,7 @@ _FLOWN_WITHOUT = (
     {"trajectory": {"height_drift": 0.0}},
     {"avoidance": {"guard": {"sight_s": 0.0}}},
     {"avoidance": {"guard": {"evasion_stops": False}}},
+    {"avoidance": {"plan": {"turn_scans": 1}}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""
 

@@ -103,9 +103,9 @@ def test_a_tight_path_keeps_to_the_middle_of_its_passage(aside: float) -> None:
     assert np.abs(east - middle).max() < 0.5 * CELL
 
 
-def gaps(doubted: float) -> MapView:
+def gaps(doubted: float, blur: float = 1.0) -> MapView:
     """A wall across the whole map with two gaps of 0.9 m, 4 m west and east of the middle. In the one on the side
-    `doubted` (-1 or 1) there may be something: a return that lies anywhere within 1 m."""
+    `doubted` (-1 or 1) there may be something: a return that lies anywhere within `blur` (m)."""
     states = np.full((CELLS, CELLS), FREE, np.uint8)
     row, gap = CELLS // 2 + round(4.0 / CELL), round(0.9 / CELL)
     states[row : row + 2] = OCCUPIED
@@ -116,7 +116,7 @@ def gaps(doubted: float) -> MapView:
     states[plug] = OCCUPIED
     places = np.argwhere(states == OCCUPIED)
     hits = np.array((places + 0.5) * CELL, np.float64)
-    blurs = np.where((places == plug).all(axis=1), 1.0, 0.0)
+    blurs = np.where((places == plug).all(axis=1), blur, 0.0)
     return MapView(states, distance_to(states == OCCUPIED, CELL), (0, 0), CELL, hits=hits, blurs=blurs)
 
 
@@ -131,6 +131,25 @@ def choices(planner: AStarPlanner, doubts: list[float]) -> list[float]:
 
 
 DOUBTS = [1.0, -1.0] * 10
+
+
+@pytest.mark.parametrize(("turn_scans", "goes_on"), [(8, True), (1, False)])
+def test_one_scan_that_errs_does_not_turn_a_vehicle_round_in_a_passage(turn_scans: int, goes_on: bool) -> None:
+    planner = AStarPlanner(replace(SETTINGS, plan=replace(SETTINGS.plan, turn_scans=turn_scans)))
+    mouth, goal = np.array([MIDDLE + 3.4, MIDDLE + 4.0, -2.0]), np.array([MIDDLE + 8.0, MIDDLE, -2.0])
+
+    def turns(doubted: float, blur: float) -> bool:
+        """To the gap west of the middle; the one that the vehicle is before is east of it."""
+        path = planner.plan(gaps(doubted, blur), mouth, STILL, goal, 3.0)
+        assert path is not None
+        return bool(path.vertices[:, 1].min() < MIDDLE - 2.0)
+
+    open_ahead, closed_ahead = (0.0, 0.0), (1.0, 0.0)
+    assert not any(turns(*open_ahead) for _ in range(3))
+    assert turns(*closed_ahead)
+    assert turns(*open_ahead) is not goes_on
+    assert all(turns(*closed_ahead) for _ in range(9))
+    assert turns(*open_ahead), "closed for long: the other way is gone on with"
 
 
 def test_of_two_gaps_that_are_doubted_in_turn_one_is_flown_to() -> None:
