@@ -7,7 +7,7 @@ import signal
 import stat
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
@@ -130,7 +130,14 @@ def _tell_nobody(error: OSError) -> None:
     if error.errno != errno.ENOSPC or error.filename is not None:
         raise error
     note(f"standard output: {error.strerror}")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    _to_nowhere(1)
+
+
+def _to_nowhere(number: int) -> None:
+    """What is written to standard output (1) or error (2), and what waits for that, goes nowhere from now on."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, number)
+    os.close(null)
 
 
 def leave_gone_readers() -> None:
@@ -140,9 +147,7 @@ def leave_gone_readers() -> None:
         poll = select.poll()
         poll.register(number, 0)
         if poll.poll(0):
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, number)
-            os.close(null)
+            _to_nowhere(number)
 
 
 def log_or_newest(log: Path | None) -> Path:
@@ -188,5 +193,7 @@ def note(text: str) -> None:
 
 def say(text: str) -> None:
     """A line on standard error, if there is room for it."""
-    with suppress(OSError):
+    try:
         typer.echo(text, err=True)
+    except OSError:
+        _to_nowhere(2)

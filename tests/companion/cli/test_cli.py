@@ -54,12 +54,26 @@ def test_an_interrupt_that_a_destructor_swallows_is_one() -> None:
         def __del__(self) -> None:
             signal.raise_signal(signal.SIGINT)
 
-    before, reached = signal.getsignal(signal.SIGINT), []
-    with pytest.raises(typer.Exit) as ended, exit_on_interrupt("companion: abandoned"):
-        Library()
-        reached.append("what is left of the block")
-    assert ended.value.exit_code == 130 and reached
-    assert signal.getsignal(signal.SIGINT) is before
+    reached, before = [], signal.signal(signal.SIGINT, signal.default_int_handler)  # which the tests' own may ignore
+    try:
+        with pytest.raises(typer.Exit) as ended, exit_on_interrupt("companion: abandoned"):
+            Library()
+            reached.append("what is left of the block")
+        assert ended.value.exit_code == 130 and reached
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_an_interrupt_that_is_ignored_stays_so() -> None:
+    """A job in the background of a script."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with exit_on_interrupt("companion: abandoned"):
+            signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_after_a_flight_a_full_disk_behind_standard_output_ends_nothing() -> None:
