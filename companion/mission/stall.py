@@ -42,8 +42,8 @@ class Trail:
         """The place that was looked at last."""
         self._seen_ns = 0
         self._took_s = self._least_s = _AT_FIRST
-        """s that the way flown took but for waiting, or where it was asked to be slower than the way back, would have
-        taken, and that it takes at the speed of that."""
+        """s that the way flown took but for waiting, less where it was asked to be slower than the way back; and that
+        it takes at the speed of that."""
 
     def add(self, place: Array, speed: float, now_ns: int) -> None:
         """The vehicle is at a place (3,) m, NED, on the way to a goal of the route, asked to be so fast (m/s)."""
@@ -54,8 +54,10 @@ class Trail:
                 return
             if moved < _SPACING:  # others did not fly meanwhile
                 took_s = min(1e-9 * (now_ns - self._seen_ns), moved / _WAITING)
-                self._took_s += took_s * min(speed / self._speed, 1.0)
-                self._least_s += moved / self._speed
+                way = place - np.array(self._seen)
+                least_s, asked_s = (way_s(way, each, self._limits) for each in (self._speed, speed))
+                self._took_s += took_s * min(least_s / asked_s, 1.0)
+                self._least_s += least_s
         self._seen, self._seen_ns = here, now_ns
         around = product(*((at - 1, at, at + 1) for at in _cube(here)))
         near = (k for cube in around for k in self._cubes.get(cube, ()))

@@ -13,7 +13,8 @@ _SLOWER = 3.0
 
 def way_s(way_ned: Array, speed: float, limits: Trajectory) -> float:
     """s for a way (3,) m, NED, across at a `speed` (m/s) and at the same time up or down as fast as the limits say."""
-    north, east, down = map(float, way_ned)
+    way: list[float] = way_ned.tolist()
+    north, east, down = way
     vertical_s = down / limits.descent_speed if down > 0.0 else -down / limits.climb_speed
     return max(math.hypot(north, east) / speed, vertical_s)
 

@@ -88,6 +88,15 @@ def test_a_way_that_was_asked_to_be_faster_or_slower_than_the_way_back_tells_of_
     assert trail.slowness == pytest.approx(slowness, abs=0.02)
 
 
+@pytest.mark.parametrize(("climbing", "slowness"), [(1.0, 1.0), (0.5, 2.0)])
+def test_a_climb_takes_its_time_and_makes_the_way_back_no_slower(climbing: float, slowness: float) -> None:
+    """The way back counts it by itself. It is asked for at 1 m/s."""
+    trail = empty(4.0)
+    for metres in range(4001):
+        trail.add(np.array([0.0, 0.0, -3.0 - 0.5 * metres]), 4.0, round(0.5 * metres / climbing * 1e9))
+    assert trail.slowness == pytest.approx(slowness, abs=0.01)
+
+
 def test_neither_waiting_nor_what_others_fly_makes_the_way_back_slow() -> None:
     trail = along((100.0, 0.0), back=4.0)
     trail.add(end(101.0, 0.0), 4.0, 900_000_000_000)
