@@ -82,7 +82,7 @@ class AStarPlanner:
         if not in_tight:
             roomy = self._search.plan(view, roomy_costmap, position, goal, max_detour=settings.max_detour)
         if roomy is not None:
-            self._growth = 1.0
+            self._growth, self._turned = 1.0, 0
             self._chosen = _Chosen(roomy.cells + np.array(view.corner), goal, False)
             vertices = self._vertices(roomy, view, roomy_costmap, (position, goal), settings.inflation)
             if smooth:

@@ -97,8 +97,9 @@ class AltitudeSearch:
             self._stage = _Stage.FLY
 
     def resume(self, down: float, route: float | None) -> bool:
-        """Others flew the vehicle, to a height (m, NED). Whether it keeps that, or the one that it was on, in place of
-        the `route`'s: it is still there, or well above the route. None: nothing is looked out for on the way."""
+        """Others flew the vehicle, to a height (m, NED). Whether it keeps a height other than the `route`'s: the one
+        that it was on, if it is still there, or its own, if that is well above the route's. `route`: None where the
+        vehicle goes straight up or down."""
         if route is not None and self._down is not None and abs(down - self._down) < _HIGHER_M:
             self.next_leg(stopped=False)
             return True

@@ -91,7 +91,7 @@ class GroundFollowing:
         return replace(step, target_ned=np.array((north, east, max(down + self._offset, min(self._highest, down)))))
 
     def planned(self, place_ned: Array) -> Array:
-        """A place (3,) as if the ground were that of the start: the opposite of `shifted`."""
+        """A place (3,) as if the ground were that of the start: the opposite of `shifted`, below the highest."""
         return place_ned - np.array((0.0, 0.0, self._offset)) if self._offset else place_ned
 
 

@@ -4,7 +4,7 @@ The navigator says where to go (`leg`) and is told how the motion goes (`advance
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from enum import Enum
 from typing import NamedTuple
@@ -254,10 +254,9 @@ class Navigator:
         if self.phase in _ALONG:
             self._way_home.trail.add(here, self._speed, now_ns)
         held_s = 0.0 if self._arrived_ns is None else (now_ns - self._arrived_ns) * 1e-9
-        present = replace(self._parts[0], hold_s=max(self.step.hold_s - held_s, 0.0))
-        left = (present, *self._parts[1:], *self.steps[self.step_index + 1 :])
-        most, homeward = min(self._search.slowed(math.inf), self._top_speed), self.phase is Phase.RETURN
-        return self._way_home.to_landing(here, left, most, homeward=homeward or self.cut_short)
+        left = _left(self._parts, held_s, self.steps[self.step_index + 1 :])
+        most = min(self._search.slowed(math.inf), self._top_speed)
+        return self._way_home.to_landing(here, self.phase, left, most, cut_short=self.cut_short)
 
     # -- how it goes ---------------------------------------------------------------------------------------------------
 
@@ -372,6 +371,13 @@ class Navigator:
 
 def _title(step: Step, index: int, plan: Sequence[Step]) -> str:
     return f"{step.phase.name.lower()}, step {index + 1} of {len(plan)}"
+
+
+def _left(parts: Sequence[Step], held_s: float, later: Sequence[Step]) -> Iterator[Step]:
+    """What is left of a mission whose present step, of which these `parts` are left, has been held for so long (s)."""
+    yield replace(parts[0], hold_s=max(parts[0].hold_s - held_s, 0.0))
+    yield from parts[1:]
+    yield from later
 
 
 def _ends_at_its_start(plan: Sequence[Step]) -> bool:

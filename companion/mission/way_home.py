@@ -1,7 +1,7 @@
 """The way to where the vehicle lands, by which the battery is judged: how long it takes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -30,14 +30,17 @@ class WayHome:
         """The vehicle stands at `start`, to which it comes back by way of `home`, (3,) m, NED each."""
         self._home, self._ground_down = home, float(start[2])
 
-    def to_landing(self, here: Array, left: Sequence[Step], most: float, *, homeward: bool) -> tuple[bool, float]:
+    def to_landing(
+        self, here: Array, phase: Phase, left: Iterable[Step], most: float, *, cut_short: bool
+    ) -> tuple[bool, float]:
         """Whether the mission leads straight to where it lands, and the time (s) to the nearest landing place known
         from a place (3,): as slowly as the vehicle came, and at `most` m/s.
 
-        `left`: what is left of the mission. `homeward`: it returns home.
+        `left`: what is left of the mission, which is in a `phase`; `cut_short`: that is the way home.
         """
-        if left[0].phase is Phase.LAND:
+        if phase is Phase.LAND:
             return True, self._landing_s(here)
+        homeward = cut_short or phase is Phase.RETURN
         slower = self.trail.slowness * max(self._mission.speed / most, 1.0)
         back_s = slower * self.trail.back_s(here, self._home) + self._landing_s(self._home)
         if homeward or self._mission.return_home:
@@ -45,7 +48,7 @@ class WayHome:
         rest_s = self._rest_s(here, left, most, back_s)
         return rest_s <= back_s, min(rest_s, back_s)
 
-    def _rest_s(self, here: Array, left: Sequence[Step], most: float, until_s: float) -> float:
+    def _rest_s(self, here: Array, left: Iterable[Step], most: float, until_s: float) -> float:
         """s through the steps that are left, with their holds, and down; inf for more than `until_s`, and where a track
         is on the way."""
         total, place = 0.0, here

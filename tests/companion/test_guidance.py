@@ -61,6 +61,21 @@ def test_before_the_start_the_decision_is_to_stay() -> None:
     assert guidance.free_distance == math.inf
 
 
+@pytest.mark.parametrize(
+    ("passes", "away", "height"), [(False, 30.0, 8.0), (False, 1.0, 3.0), (True, 30.0, 8.0), (True, 1.0, 8.0)]
+)
+def test_without_a_map_another_height_is_kept_up_to_where_the_vehicle_stops(
+    passes: bool, away: float, height: float
+) -> None:
+    guidance, _ = guidance_of(ROUTE, 'avoidance.method="none"')
+    leg = leg_to((60.0, 0.0, -3.0), avoids=True, passes=passes)
+    leg = msgspec.structs.replace(leg, goal_ned=np.array([60.0, 0.0, -8.0]))
+    state = vehicle((60.0 - away, 0.0, -5.0))
+    guidance.begin(state, np.zeros(3))
+    guidance.steer(leg, state, 0)
+    assert -guidance.reference(60 * SECOND).position_ned[2] == pytest.approx(height, abs=0.01)
+
+
 def test_another_leg_begins_with_a_decision_of_its_own() -> None:
     flight = ReferenceFlight()
     flight.ranges[[*range(68, 72), *range(5)]] = 6.0

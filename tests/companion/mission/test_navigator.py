@@ -370,6 +370,13 @@ def test_the_way_home_is_flown_at_the_mission_s_speed_not_the_leg_s() -> None:
     assert report.landing_s == pytest.approx(40.0 / 1.5 + 3.0 / 0.7)
 
 
+def test_the_way_home_is_slow_where_the_vehicle_has_to_be() -> None:
+    navigator, here = at_step(LONG_WAY, Phase.ROUTE), vehicle(np.add(START, (40.0, 0.0, -3.0)))
+    quick = navigator.report(0, here, flying=True).landing_s - 3.0 / 0.7
+    navigator.slow_down(DEFAULTS.trajectory.blind_way / (0.5 * LONG_WAY.speed))
+    assert navigator.report(0, here, flying=True).landing_s - 3.0 / 0.7 == pytest.approx(2.0 * quick)
+
+
 def test_from_low_under_a_high_route_it_climbs_and_sinks_again() -> None:
     high = Mission(
         "high", waypoints=[Waypoint(20.0, 0.0, 40.0)], takeoff_height=40.0, delivery=Delivery(0.5), speed=5.0
