@@ -37,6 +37,8 @@ _AROUND = tuple((row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if 
 """Rows and columns to the neighbours of a cell."""
 _MAX_ENCLOSED_CELLS = 12_000
 """A goal from which more cells than this can be reached does not count as enclosed."""
+_MOST_CELLS = 15_000
+"""Cells within a limited detour of which it is asked whether a path leads out: the search takes no longer for more."""
 _LONG_M = 10.0
 """m of detour, and as much as the least cost to be expected, from which on it is asked whether the goal is enclosed by
 what may not be there."""
@@ -124,7 +126,7 @@ class AStar:
         doubtful, self._failed[limited] = self._failed[limited], True
         if doubtful and (limited or view.contains(last)):
             flooded = (first, last, False) if limited else (last, first, True)
-            most, most_cells = expected + max_detour + _ROUNDING_M, costmap.size if limited else _MAX_ENCLOSED_CELLS
+            most, most_cells = expected + max_detour + _ROUNDING_M, _MOST_CELLS if limited else _MAX_ENCLOSED_CELLS
             if _cut_off(to_occupied, scales, flooded, frontier, most, most_cells):
                 return None
         self._searches += 1
@@ -347,8 +349,9 @@ def _search(
                 from_m, to_m = (near[other], room) if backwards else (room, near[other])
                 if to_m >= min(inflation, from_m):
                     cost[other], parent[other], reached[other] = new, node, opened
-                    left = cell * _to_go(i, j, last, unknown_cost, frontier)
-                    state = push(queue, state, new + left - least, other)
+                    beyond_least = new + cell * _to_go(i, j, last, unknown_cost, frontier) - least
+                    if beyond_least <= most + BUCKET_M:  # none is looked at that costs more
+                        state = push(queue, state, beyond_least, other)
         node, state = pop(queue, state)
     if not found:
         return -1, math.inf
