@@ -3,7 +3,7 @@
 import asyncio
 import sys
 
-from companion import Companion
+from companion import Companion, FlightError
 
 
 async def watch(vehicle: Companion) -> None:
@@ -22,4 +22,7 @@ async def deliver(url: str, *options: str) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(deliver(*sys.argv[1:]))
+    try:
+        asyncio.run(deliver(*(sys.argv[1:] or ["udpin:127.0.0.1:14540"])))
+    except* FlightError as errors:
+        sys.exit(str(errors.exceptions[0]))

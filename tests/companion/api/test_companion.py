@@ -67,7 +67,7 @@ def test_the_example_delivers(
 ) -> None:
     """Around the street lamp; and the flight is flown again with its orders."""
     script = ROOT / "examples" / "deliver.py"
-    assert len(script.read_text().splitlines()) <= 25
+    assert len(script.read_text().splitlines()) <= 30
     deliver: Callable[..., Awaitable[None]] = runpy.run_path(str(script))["deliver"]
     monkeypatch.chdir(tmp_path)
     small_map = ("--set", "avoidance.map.cells=160", "--set", "avoidance.map.cell=0.25")
@@ -77,6 +77,13 @@ def test_the_example_delivers(
     (log,) = tmp_path.glob("logs/*_script/flight.mcap")
     again = replay(log)
     assert again.differences == [] and again.datagrams > 1000
+
+
+def test_the_example_says_why_no_flight_began(tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "examples" / "deliver.py"), "udpin:nowhere:14540"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (ended.returncode, len(ended.stderr.splitlines())) == (1, 1)
+    assert ended.stderr.startswith("companion: udpin:nowhere:14540: ")
 
 
 def test_who_is_cancelled_leaves_the_vehicle_holding_and_who_leaves_lands_it(tmp_path: Path) -> None:
