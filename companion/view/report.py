@@ -39,8 +39,8 @@ def write(log: Path, target: Path | None = None) -> Written:
     flight = GatheredFlight(log)
     target = beside(log) if target is None else target
     page = compose(flight)
-    # Nothing in the text may end the script that it stands in.
-    data = msgspec.json.encode(page).decode().replace("</", "<\\/").replace("<!--", "<\\!--")
+    # Nothing in the text may end the script that it stands in, or begin a comment.
+    data = msgspec.json.encode(page).decode().replace("<", "\\u003c")
     parts = PAGE.read_text(encoding="utf-8").split("@@")
     values = {"title": html.escape(page.title), "plotly": _plotly(), "data": data}
     with output(target, source=log, replaces=True) as draft, draft.open("w", encoding="utf-8") as file:
