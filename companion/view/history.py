@@ -1,7 +1,7 @@
 """What a live page knows of a flight: as much of its past as is worth drawing, and the flight at any moment of it."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,8 +25,8 @@ from protocol.arrays import Array, BoolArray
 from protocol.flightlog import TEXT
 from protocol.messages import dialect
 
-MOST = 10_000
-"""Rows of each track; twice as many may be held."""
+MOST, RECENT = 10_000, 5_000
+"""Rows of each track, of which twice as many may be held, and of those of the last minute or so, which are whole."""
 MOST_TEXTS = 200
 _TEXTS = 6
 _WARNING = 3
@@ -77,8 +77,6 @@ class Plan:
     """Avoidance steers away from the route."""
     limited: bool
     """A limit on thrust or tilt is reached."""
-    phase: str
-    state: str
     guard: str
     """Why the guard changed the command within the last GUARD_SHOWN_S; empty if it did not."""
     guard_change: float
@@ -87,11 +85,6 @@ class Plan:
     """It could not keep room: there was none to stop in, or no scan."""
     pushed_ned: Floats
     """(3,) the acceleration that the guard let through (m/s2)."""
-
-    @property
-    def doing(self) -> str:
-        """The phase, or the state of a companion that does not fly its mission."""
-        return _doing(self.phase, self.state)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +115,11 @@ class Moment:
     nearest: float | None
     """Distance of the nearest return from the LiDAR (m)."""
     plan: Plan | None
+    phase: str | None
+    """What the companion told last of the mission, however long ago: it watches a landing without control steps. None
+    without a companion."""
+    state: str | None
+    """The same of its supervision."""
     mode: str
     armed: bool
     failsafe: bool
@@ -134,18 +132,23 @@ class Moment:
     warnings: tuple[Text, ...]
     """Those of them that were at least warnings, and earlier ones."""
 
+    @property
+    def doing(self) -> str | None:
+        """The phase, or the state of a companion that does not fly its mission."""
+        return None if self.phase is None or self.state is None else _doing(self.phase, self.state)
+
 
 @dataclass(slots=True)
 class _Vehicle:
     """The tracks of one sender."""
 
-    positions: Track = field(default_factory=lambda: Track(7, MOST))
-    attitudes: Track = field(default_factory=lambda: Track(6, MOST))
+    positions: Track = field(default_factory=lambda: Track(7, MOST, RECENT))
+    attitudes: Track = field(default_factory=lambda: Track(6, MOST, RECENT))
     """Quaternion, and the vehicle's time (s)."""
-    scans: Track = field(default_factory=lambda: Track(3 + _SECTORS, MOST // 2))
+    scans: Track = field(default_factory=lambda: Track(3 + _SECTORS, MOST // 2, RECENT // 5))
     """The vehicle's time (s), the LiDAR's reach (m), and the range of each sector (m): inf for no return, NaN for
     unknown."""
-    heartbeats: Track = field(default_factory=lambda: Track(4, MOST))
+    heartbeats: Track = field(default_factory=lambda: Track(4, MOST, RECENT))
     """custom_mode, armed, critical."""
     batteries: dict[int, Track] = field(default_factory=dict)
     """The charge (%) of each by its number; _ALL_BATTERIES stands for what is told of all of them."""
@@ -168,8 +171,8 @@ class History:
         self._vehicles: dict[str, _Vehicle] = {}
         self._commanded = Commanded()
         self._rings = RingTables()
-        self._plans = Track(19, MOST)
-        self._ways = Track(2 + _COORDINATES, MOST)
+        self._plans = Track(19, MOST, RECENT)
+        self._ways = Track(2 + _COORDINATES, MOST, RECENT)
         self.shown: str | None = None
         """The sender ("system/component") of the vehicle that is shown; None: the first that was heard."""
         self._has_log = False
@@ -233,7 +236,7 @@ class History:
             left = table["battery_remaining"].astype(np.float64)
             for number in np.unique(numbers).tolist():
                 told = (numbers == number) & (left >= 0)
-                vehicle.batteries.setdefault(number, Track(2, MOST)).add(times[told], left[told, None])
+                vehicle.batteries.setdefault(number, Track(2, MOST, RECENT)).add(times[told], left[told, None])
         elif name == "STATUSTEXT" and not self._has_log:
             self._say(self._lines.take(sender, times, table))
 
@@ -292,6 +295,7 @@ class History:
         position, _ = _row(vehicle.positions, time)
         attitude, _ = _row(vehicle.attitudes, time)
         scan, _ = _row(scanner.scans, time)
+        told, _ = _row(self._plans, time, stale_s=np.inf)
         heartbeat, heartbeat_age = _row(vehicle.heartbeats, time, stale_s=np.inf)
         charges = [_row(track, time, stale_s=np.inf)[0] for track in vehicle.batteries.values()]
         returns = np.empty((0, 3))
@@ -310,6 +314,8 @@ class History:
             returns_frd=returns,
             nearest=nearest,
             plan=self._plan(time),
+            phase=None if told is None else phase_name(int(told[10])),
+            state=None if told is None else state_name(int(told[11])),
             mode="unknown" if heartbeat is None else vehicle.modes.get(int(heartbeat[0]), "unknown"),
             armed=heartbeat is not None and bool(heartbeat[1]),
             failsafe=heartbeat is not None and bool(heartbeat[2]),
@@ -325,7 +331,7 @@ class History:
             return None
         way, _ = _row(self._ways, time)
         corners = 0 if way is None else int(way[0])
-        clearance, limit, blocked, limited, phase, state = row[6:12]
+        clearance, limit, blocked, limited = row[6:10]
         lately = _between(self._plans.rows(), time - GUARD_SHOWN_S, time)
         changed = lately[(lately[:, 14] != Reason.NONE) & (lately[:, 0] <= time)]
         worst = changed[changed[:, 15].argmax()] if len(changed) else np.zeros(19)
@@ -337,8 +343,6 @@ class History:
             speed_limit=float(limit),
             blocked=bool(blocked),
             limited=bool(limited),
-            phase=phase_name(int(phase)),
-            state=state_name(int(state)),
             guard=_GUARD.get(int(worst[14]), ""),
             guard_change=float(worst[15]),
             guard_blind=int(worst[14]) in _BLIND,
@@ -350,9 +354,10 @@ class History:
         return [text for text in self.texts if text.level >= _WARNING]
 
     def phases(self) -> list[Span]:
-        """What the companion was doing, from the first to the last time; nothing without one."""
+        """What the companion was doing, the last of it up to the end; nothing without a companion."""
         rows = self._plans.rows()
-        return _spans(rows[:, 0], rows[:, 11:13], lambda codes: _doing(phase_name(codes[0]), state_name(codes[1])))
+        spans = _spans(rows[:, 0], rows[:, 11:13], lambda codes: _doing(phase_name(codes[0]), state_name(codes[1])))
+        return [*spans[:-1], *(replace(last, end=max(last.end, self.end)) for last in spans[-1:])]
 
     def modes(self) -> list[Span]:
         """The vehicle's modes of flight, from the first to the last time."""
@@ -448,12 +453,8 @@ def _interpolated(rows: Floats, times: Floats) -> tuple[Array, BoolArray]:
 
 def _row(track: Track, time: float, stale_s: float = STALE_S) -> tuple[Floats | None, float | None]:
     """The last row at or before a time (s), without its own time, and its age (s); (None, None) if it is too old."""
-    rows = track.rows()
-    index = int(np.searchsorted(rows[:, 0], time, side="right")) - 1
-    if index < 0:
-        return None, None
-    age = time - float(rows[index, 0])
-    return (rows[index, 1:], age) if age <= stale_s else (None, None)
+    found = track.at(time)
+    return (None, None) if found is None or found[1] > stale_s else found
 
 
 def _between(rows: Floats, start: float, stop: float) -> Floats:

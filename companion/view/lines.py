@@ -88,18 +88,32 @@ class Lines(dict[str, Line]):
 class Track:
     """Rows of numbers over time, such as a path, thinned evenly: at most 2 * `most` rows of `columns` numbers.
 
-    Batches may come in any order of time, as those of two messages that tell the same do.
+    The last `recent` rows, at most half of `most`, are kept as they came. Batches may come in any order of time, as
+    those of two messages that tell the same do.
     """
 
-    __slots__ = ("_columns", "_held", "_last", "_most", "_newest", "_ordered", "_parts", "_since", "_step")
+    __slots__ = (
+        "_columns",
+        "_held",
+        "_last",
+        "_most",
+        "_newest",
+        "_ordered",
+        "_parts",
+        "_recent",
+        "_since",
+        "_step",
+        "_thinned",
+    )
 
-    def __init__(self, columns: int, most: int = 4000) -> None:
+    def __init__(self, columns: int, most: int = 4000, recent: int = 0) -> None:
         self._columns = columns
         self._most = most
+        self._recent = recent
         self._step = 0.0
         self._last = -1.0
         self._parts: list[Floats] = []
-        self._held = 0
+        self._held = self._thinned = 0
         self._since: float | None = None
         self._newest = -np.inf
         self._ordered = True
@@ -113,19 +127,25 @@ class Track:
         self._ordered = self._ordered and bool(times[0] >= self._newest and (np.diff(times) >= 0.0).all())
         self._newest = max(self._newest, float(times.max()))
         table = np.column_stack((times, rows))
-        self._parts.append(self._every(table))
+        self._parts.append(table if self._recent else self._every(table))
         self._held += len(self._parts[-1])
         while self._held > 2 * self._most:
-            whole = self.rows()
-            span = float(whole[-1, 0] - whole[0, 0])
-            self._step = max(2.0 * self._step, span / self._most, 1e-3)
-            self._last = -1.0
-            self._parts = [self._every(whole)]
-            self._held = len(self._parts[0])
+            self._thin()
+
+    def _thin(self) -> None:
+        """Thin what is not recent, more than before if that leaves too much."""
+        older, newer = np.split(self.rows(), [self._held - self._recent])
+        self._last = -1.0
+        kept = self._every(older)
+        if len(kept) > self._most:
+            span = float(older[-1, 0] - older[0, 0])
+            self._step, self._last = max(2.0 * self._step, span / self._most, 1e-3), -1.0
+            kept = self._every(older)
+        self._parts, self._thinned, self._held = [kept, newer], len(kept), len(kept) + len(newer)
 
     def _every(self, table: Floats) -> Floats:
         """The first row of each stretch of `_step` after the last one."""
-        if not self._step:
+        if not self._step or not len(table):
             return table
         stretch = np.floor((table[:, 0] - (self._since or 0.0)) / self._step)
         kept: Floats = table[np.diff(stretch, prepend=self._last) != 0]
@@ -141,6 +161,16 @@ class Track:
         if not self._ordered:
             self._parts, self._ordered = [self._parts[0][np.argsort(self._parts[0][:, 0], kind="stable")]], True
         return self._parts[0]
+
+    def at(self, time: float) -> tuple[Floats, float] | None:
+        """The last row at or before a time (s), without its own time, and how long before (s) there was one at least:
+        among the older rows there may have been later ones, which were left out. None without any."""
+        rows = self.rows()
+        index = int(np.searchsorted(rows[:, 0], time, side="right")) - 1
+        if index < 0:
+            return None
+        left_out = self._step if index < self._thinned else 0.0
+        return rows[index, 1:], max(time - float(rows[index, 0]) - left_out, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,7 @@ def hud(moment: Moment, when: str, found: list[Alert]) -> str:
 
 def _bar(moment: Moment, when: str) -> str:
     plan = moment.plan
-    doing = plan.doing if plan is not None else "waiting" if moment.link_age is None else "no companion"
+    doing = moment.doing or ("waiting" if moment.link_age is None else "no companion")
     parts = [f'<span class="big" id="bar-phase">{escape(doing)}</span>']
     parts.append(f'<span id="bar-mode">{escape(moment.mode)}</span>')
     if moment.link_age is not None:

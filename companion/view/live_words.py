@@ -26,8 +26,8 @@ def words(
     rows = [("flight", name), ("time", f"{moment.time:.2f} s{when}")]
     if verdict is not None:
         rows.insert(1, ("outcome", verdict.text))
-    if plan is not None:
-        rows += [("phase", plan.phase), ("companion", plan.state)]
+    if moment.phase is not None and moment.state is not None:
+        rows += [("phase", moment.phase), ("companion", moment.state)]
     rows += [*_link(moment), *_motion(moment)]
     if plan is not None:
         rows += _avoidance(plan)

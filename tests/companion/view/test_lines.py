@@ -65,6 +65,24 @@ def test_a_track_is_thinned_evenly_over_all_of_its_time() -> None:
     assert np.diff(rows[:, 0]).max() < 2.1 * np.diff(rows[:, 0]).min()
 
 
+def test_a_track_keeps_what_is_recent_as_it_came_and_knows_how_late_the_rest_was_heard() -> None:
+    track = Track(2, most=100, recent=50)
+    for at in range(20_000):
+        time = 0.02 * at
+        track.add(np.array([time]), np.array([[3.0 * time]]))
+        found = track.at(time)
+        assert found is not None and found == (3.0 * time, 0.0)
+    rows = track.rows()
+    assert 100 <= len(rows) <= 200 and np.allclose(np.diff(rows[-50:, 0]), 0.02)
+    thinned = rows[:-100, 0]
+    assert np.diff(thinned).max() < 2.1 * np.diff(thinned).min() and thinned[0] == 0.0
+    ages = [found[1] for time in np.arange(1.0, 399.0, 0.1) if (found := track.at(float(time))) is not None]
+    assert len(ages) == 3980 and max(ages) <= 0.02 + 1e-9
+    late = track.at(410.0)
+    assert late is not None and late[1] == pytest.approx(410.0 - 399.98)
+    assert track.at(-1.0) is None
+
+
 @pytest.mark.parametrize("count", [150, 5000])
 def test_a_track_is_in_the_order_of_time_in_whatever_order_its_batches_come(count: int) -> None:
     """As those of two messages that tell the same do, and those of a clock that was set back."""
