@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.mission.plan import Phase
 from companion.records import LOOP, TRACE
-from companion.supervision.states import State
+from companion.supervision.states import FLYING, State
 from protocol.flightlog import FlightLogError, LogReader, RecordType
 
 Axes = tuple[float, float, float]
+_FLYING = [state.value for state in FLYING]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +32,8 @@ class Summary:
 
 
 def summarize(path: Path) -> Summary:
-    """Summarize a log. Tracking counts while the mission is flown, not while the companion holds or lands.
+    """Summarize a log. Tracking counts while the mission is flown, not while the companion holds or lands; what is near
+    and how far it is count all the time in the air.
 
     The summary of a log that can't be opened is empty.
     """
@@ -42,8 +45,9 @@ def summarize(path: Path) -> Summary:
     trace = _array(log, TRACE)
     flown = trace[trace["state"] == State.FLY.value]
     error = flown["position_ned"] - flown["reference_position_ned"]
-    steps = np.diff(flown["position_ned"], axis=0)
-    clearance = flown["clearance"][np.isfinite(flown["clearance"])]
+    airborne = trace[np.isin(trace["state"], _FLYING) & (trace["phase"] > Phase.PREPARE.value)]
+    steps = np.diff(airborne["position_ned"], axis=0)
+    clearance = airborne["clearance"][np.isfinite(airborne["clearance"])]
     latency_us = latencies_us(log)
     return Summary(
         distance_m=float(np.sqrt((steps**2).sum(axis=1)).sum()),

@@ -85,6 +85,12 @@ def _file(flight: GatheredFlight) -> list[Finding]:
     if flight.log.missing:
         figures = ", ".join(f"{count} {name}" for name, count in flight.log.missing.items())
         found.append(Finding(Level.WARNING, "log", "Not every record reached the log.", (figures,)))
+    if flight.settings_problem is not None:
+        text = "The settings that were flown can't be read here: the defaults stand for them."
+        found.append(Finding(Level.WARNING, "settings", text, (printable(flight.settings_problem),)))
+    if flight.scans.left_out:
+        text = f"Not drawn: {times_text(flight.scans.left_out, 'ring')} without bearings from the vehicle's nose."
+        found.append(Finding(Level.NOTE, "rings", text))
     if flight.leaps:
         rows = tuple(f"{_leap(by)} at {at_text(at)}" for at, by in flight.leaps[:_LISTED_LEAPS])
         text = f"The log's clock leapt {times_text(len(flight.leaps), 'time')}; the times here are without that."

@@ -48,7 +48,7 @@ from companion.view.accumulators.texts import Text, VehicleLines
 from companion.view.attitudes import quaternions
 from companion.view.lines import Floats, Track
 from companion.view.mapping import NAMES, Mapper, avoidance_of, picture
-from companion.view.rings import RING, SECTOR, RingTables
+from companion.view.rings import RING, SECTOR, RingTables, shows_around
 from companion.view.scene import mesh, solids
 from protocol.arrays import Array
 from protocol.flightlog import DATAGRAM, TEXT, LogReader, Record
@@ -161,6 +161,8 @@ class Converter:
         sender, times = record.topic.rpartition("/")[0], np.array([record.time_ns * 1e-9])
         rings = self._rings.take(sender, name, times, [self._fields(record)])
         for ring in () if rings is None else rings[1]:
+            if not shows_around(ring):
+                continue
             self._scan(record.time_ns, ring)
             if self._mapper.take(RING, ring, record.time_ns):
                 self._map(record.time_ns)

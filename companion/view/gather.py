@@ -62,7 +62,7 @@ class GatheredFlight:
         self.phases = Stretches()
         self.texts = Texts()
         self.tracking = Tracking()
-        self.settings = settings_of(self.log)
+        self.settings, self.settings_problem = settings_of(self.log)
         self.clearance = Clearance(self.settings.avoidance.safe_distance)
         self.interventions = Interventions()
         self.timing = Timing()
@@ -194,10 +194,10 @@ class GatheredFlight:
         return self._parameters.values(self.vehicle, self.senders.bytewise)
 
 
-def settings_of(log: LogReader) -> Settings:
-    """The settings that were flown; the defaults if the log has none that this version reads."""
+def settings_of(log: LogReader) -> tuple[Settings, str | None]:
+    """The settings that were flown, or the defaults and why the log's can't be read. Another's log has none."""
     try:
         tables = msgspec.json.decode(log.attachments.get("settings.json", b"{}"), type=dict[str, Any])
-        return recorded_settings(tables, "settings.json")
-    except (msgspec.MsgspecError, TomlFileError):
-        return Settings()
+        return recorded_settings(tables, "settings.json"), None
+    except (msgspec.MsgspecError, TomlFileError) as error:
+        return Settings(), str(error)

@@ -20,7 +20,7 @@ from companion.view.columns import stacked
 from companion.view.events import phase_name, state_name
 from companion.view.lines import Floats, Track
 from companion.view.mapping import PosedScan
-from companion.view.rings import RingTables, with_bearings
+from companion.view.rings import RingTables, shows_around
 from protocol.arrays import Array, BoolArray
 from protocol.flightlog import TEXT
 from protocol.messages import dialect
@@ -241,7 +241,8 @@ class History:
             self._say(self._lines.take(sender, times, table))
 
     def _scan(self, vehicle: _Vehicle, times: Floats, table: Table) -> None:
-        times, table = with_bearings(times, table)
+        around = shows_around(table)
+        times, table = times[around], table[around]
         if not len(table):
             return
         last = table[-1]

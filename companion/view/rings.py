@@ -56,11 +56,12 @@ class RingTables:
                 yield at, _as_ring(scan)
 
 
-def with_bearings(times: Floats, table: Table) -> tuple[Floats, Table]:
-    """The times (k,) and rings (k,), of n, whose beams look somewhere: offset and increment are numbers, and not 0."""
-    numbers = np.isfinite(table["increment_f"]) & np.isfinite(table["angle_offset"])
-    told = numbers & ((table["increment_f"] != 0.0) | (table["increment"] != 0))
-    return times[told], table[told]
+def shows_around(rings: Any) -> Any:
+    """Whether a ring, or each of a table, can be drawn: its beams look somewhere (offset and increment are numbers, and
+    not 0) as seen from the vehicle's nose. The companion refuses the others, too."""
+    numbers = np.isfinite(rings["increment_f"]) & np.isfinite(rings["angle_offset"])
+    told = (rings["increment_f"] != 0.0) | (rings["increment"] != 0)
+    return numbers & told & (rings["frame"] == dialect.MAV_FRAME_BODY_FRD)
 
 
 def _as_ring(scan: Scan) -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 
 from companion.view.batches import Table
 from companion.view.lines import Floats, ScanRows
-from companion.view.rings import RingTables, with_bearings
+from companion.view.rings import RingTables, shows_around
 
 
 def ring_sender(vehicle: str, scanners: Iterable[str], vehicles: Collection[str]) -> str:
@@ -38,6 +38,8 @@ class ScansBySender:
 
     def __init__(self) -> None:
         self.of: dict[str, Scans] = {}
+        self.left_out = 0
+        """Rings that can't be drawn around a vehicle."""
         self._rings = RingTables()
 
     def add(self, sender: str, name: str, times: Floats, table: Table) -> tuple[Floats, Floats] | None:
@@ -46,7 +48,10 @@ class ScansBySender:
         rings = self._rings.take(sender, name, times, table)
         if rings is None:
             return None
-        times, table = with_bearings(*rings)
+        times, table = rings
+        around = shows_around(table)
+        self.left_out += len(times) - int(around.sum())
+        times, table = times[around], table[around]
         return (times, self.of.setdefault(sender, Scans()).add(times, table)) if len(times) else None
 
 

@@ -63,6 +63,7 @@ def make(
     motion_every: int = 5,
     traced: float = math.inf,
     planned: Callable[[float], Sequence[tuple[float, float]]] | None = None,
+    settings: bytes = b"{}",
 ) -> Path:
     """A log of `seconds`, 250 control steps in each, with the vehicle's telemetry beside them.
 
@@ -74,7 +75,7 @@ def make(
     log = FlightLog.open(
         folder,
         metadata={"flight": {"mission": "made", "output": "rates", "pace": "lockstep", "seed": "1"}},
-        attachments={"world.toml": WORLD},
+        attachments={"world.toml": WORLD, "settings.json": settings},
         types=RECORD_TYPES,
         on_full="wait",
         console=False,

@@ -139,6 +139,15 @@ def test_the_share_of_steps_with_too_little_room_is_counted_by_the_settings_own_
     assert evidence[1] == "5.0 % of the steps with something near were within 1.2 m"
 
 
+@pytest.mark.parametrize("settings", [b"{}", b'{"avoidance": {"method": "of another package"}}', b"{"])
+def test_settings_that_can_not_be_read_are_named(settings: bytes, tmp_path: Path) -> None:
+    """What is judged by them is judged by the defaults then."""
+    found = findings(GatheredFlight(make(tmp_path, 1.0, settings=settings)))
+    told = [finding for finding in found if finding.about == "settings"]
+    assert len(told) == (settings != b"{}")
+    assert all("the defaults stand for them" in each.text and each.evidence[0] for each in told)
+
+
 def test_a_vehicle_that_falls_silent_for_good_has_a_gap_to_the_log_s_end(tmp_path: Path) -> None:
     found = [
         finding

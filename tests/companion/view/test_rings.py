@@ -9,6 +9,7 @@ import pytest
 from companion.config_avoidance import Avoidance
 from companion.logs.writer import Writer
 from companion.perception.map_view import FREE, UNKNOWN
+from companion.view.findings import findings
 from companion.view.foxglove import convert
 from companion.view.gather import GatheredFlight
 from companion.view.mapping import MapAt
@@ -91,15 +92,24 @@ def test_a_range_sensor_beside_whole_rings_is_no_part_of_one(tmp_path: Path) -> 
     assert len(decoded(convert(path)[0])["/foxglove/ring"]) == RINGS
 
 
-@pytest.mark.parametrize(("increment", "offset"), [(math.nan, 0.0), (5.0, math.nan), (math.inf, 0.0), (0.0, 0.0)])
-def test_a_ring_whose_beams_look_nowhere_is_none(increment: float, offset: float, tmp_path: Path) -> None:
-    """Report and live page show those before it."""
+@pytest.mark.parametrize(
+    ("increment", "offset", "frame"),
+    [
+        (math.nan, 0.0, dialect.MAV_FRAME_BODY_FRD),
+        (5.0, math.nan, dialect.MAV_FRAME_BODY_FRD),
+        (math.inf, 0.0, dialect.MAV_FRAME_BODY_FRD),
+        (0.0, 0.0, dialect.MAV_FRAME_BODY_FRD),
+        (5.0, 0.0, dialect.MAV_FRAME_GLOBAL),
+    ],
+)
+def test_a_ring_whose_beams_look_nowhere_is_none(increment: float, offset: float, frame: int, tmp_path: Path) -> None:
+    """Nor is one from the north on. Report, live page and Foxglove show those before it."""
     vehicle, path = Encoder(1, 1), tmp_path / "odd.mcap"
     distances = [RIGHT_CM, *[FAR_CM + 1] * 71]
     with Writer(path, 0, {}) as writer:
         for number in range(RINGS + 1):
-            step, first = (5.0, 90.0) if number < RINGS else (increment, offset)
-            ring = (100_000 * number, 0, distances, 0, 20, FAR_CM, step, first, dialect.MAV_FRAME_BODY_FRD)
+            last = (5.0, 90.0, dialect.MAV_FRAME_BODY_FRD) if number < RINGS else (increment, offset, frame)
+            ring = (100_000 * number, 0, distances, 0, 20, FAR_CM, *last)
             said = vehicle.encode_fields(dialect.MAVLink_obstacle_distance_message, *ring)
             writer.datagram(100_000_000 * number, number, Direction.IN, "", said)
     flight, history = GatheredFlight(path), filled(FinishedLog(LogReader(path)))
@@ -108,3 +118,7 @@ def test_a_ring_whose_beams_look_nowhere_is_none(increment: float, offset: float
     assert (scans.offset_deg, scans.increment_deg) == (90.0, 5.0)
     assert len([each for each in charts(flight) if each.kind == "ring"]) == 1
     assert np.allclose(history.at(history.end).returns_frd, [[0.0, 0.01 * RIGHT_CM, 0.0]], atol=1e-9)
+    assert [each.text for each in findings(flight) if each.about == "rings"] == [
+        "Not drawn: one ring without bearings from the vehicle's nose."
+    ]
+    assert len(decoded(convert(path)[0])["/foxglove/ring"]) == RINGS
