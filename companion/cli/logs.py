@@ -52,8 +52,8 @@ _RARE_FAULTS = frozenset(
 _TOLD = frozenset({"outcome", "cause", "fault"})
 """Values of a flight's result that the outcome has said already."""
 _MOST_SHOWN = 40
-_BLANKS = dict.fromkeys(range(32), " ")
-"""For control characters, which would break a line of a table."""
+_BLANKS = dict.fromkeys((*range(32), *range(127, 160)), " ")
+"""For control characters, which would break a line of a table, or be obeyed by a terminal."""
 _FASTEST = 1e6
 
 
@@ -326,8 +326,9 @@ def logs(
 
 def table(headers: Sequence[str] | None, rows: Iterable[Sequence[str]]) -> None:
     """Print columns: framed and folded to the width of a terminal, bare and never folded for other programs."""
+    cells = [[cell.translate(_BLANKS) for cell in row] for row in rows]
     if not sys.stdout.isatty():
-        _plain_table([*([headers] if headers is not None else []), *rows])
+        _plain_table([*([headers] if headers is not None else []), *cells])
         return
     from rich.box import ROUNDED
     from rich.console import Console
@@ -337,15 +338,14 @@ def table(headers: Sequence[str] | None, rows: Iterable[Sequence[str]]) -> None:
     framed = Table(show_header=headers is not None, box=ROUNDED)
     for header in headers or ():
         framed.add_column(header, overflow="fold")
-    for row in rows:
+    for row in cells:
         framed.add_row(*map(Text, row))
     Console().print(framed)
 
 
 def _plain_table(rows: Sequence[Sequence[str]]) -> None:
     """Written without rich, which takes longer to load than a log's summary to read."""
-    lines = [[cell.translate(_BLANKS) for cell in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        cells = (cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         typer.echo(f" {'  '.join(cells)} ")

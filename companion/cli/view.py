@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -82,7 +82,7 @@ def view(chosen: ViewOptions) -> None:
 
     exit_on_user_error(check_address, chosen.address, remote=chosen.remote)
     source = chosen.source
-    if source is not None and ":" in source and not Path(source).exists():
+    if source is not None and ":" in source and not _is_there(source):
         _view_link(source, chosen)
         return
     if chosen.control:
@@ -92,7 +92,7 @@ def view(chosen: ViewOptions) -> None:
     from companion.logs.recordings import flights, newest
     from companion.view.sources import NextFlight, open_log
 
-    if source is None and (chosen.wait or not flights(chosen.logs)):
+    if source is None and (chosen.wait or not exit_on_user_error(flights, chosen.logs)):
         _serve(NextFlight(chosen.logs), chosen)
         return
     log = Path(source) if source is not None else exit_on_user_error(newest, chosen.logs)
@@ -100,6 +100,13 @@ def view(chosen: ViewOptions) -> None:
         opened = exit_on_user_error(open_log, shown.path)
         opened.name = str(log)
         _serve(opened, chosen)
+
+
+def _is_there(source: str) -> bool:
+    """Whether there is such a file, as far as one may look."""
+    with suppress(OSError):
+        return Path(source).exists()
+    return False
 
 
 def _view_link(url: str, chosen: ViewOptions) -> None:

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from companion.logs.info import Info, info
-from companion.logs.recordings import is_export, printable
+from companion.logs.recordings import FARTHEST_M, is_export, printable
 from companion.logs.target import DRAFTS, output
 from companion.logs.traffic import open_traffic
 from companion.records import TRACE
@@ -67,9 +67,12 @@ class _Index(msgspec.Struct, frozen=True):
 
 
 def listing(folder: Path) -> list[Row]:
-    """All logs in the folder and its subfolders, the newest first. Raises FlightLogError if it isn't a folder."""
-    if not folder.is_dir():
-        raise FlightLogError(f"{folder}: no such folder")
+    """All logs in the folder and its subfolders, the newest first. Raises FlightLogError if it isn't a folder, or can't
+    be looked into."""
+    try:
+        next(folder.iterdir(), None)
+    except OSError as error:
+        raise FlightLogError(f"{printable(folder)}: {error.strerror}") from error
     index = index_of(folder)
     known = _read(index)
     entries: dict[str, _Entry] = {}
@@ -159,7 +162,7 @@ def _flown(found: Info) -> tuple[float | None, float | None]:
             if frame.message_id == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and (message := decode(frame)) is not None:
                 told[frame.system, frame.component].append((message.x, message.y, message.z))
     positions = np.array(max(told.values(), key=len, default=[])).reshape(-1, 3)  # of several vehicles, of one
-    positions = positions[np.isfinite(positions).all(axis=1)]
+    positions = positions[(abs(positions) <= FARTHEST_M).all(axis=1)]
     if not len(positions):
         return None, None
     steps = np.diff(positions, axis=0)

@@ -21,6 +21,8 @@ _EXPORT_HEADER = (
 """First bytes of such a file: the header has no profile."""
 SETPOINTS = frozenset({"SET_ATTITUDE_TARGET", "SET_ACTUATOR_CONTROL_TARGET", "SET_POSITION_TARGET_LOCAL_NED"})
 """Messages by which a companion flies a vehicle."""
+FARTHEST_M = 1e5
+"""A position (m) or a velocity (m/s) beyond is none, nor is one that is not a number: no companion flies by it."""
 _EARLIEST_S = 0.0
 """1970, in seconds since then."""
 _LATEST_S = 253_402_214_400.0
@@ -28,8 +30,11 @@ _LATEST_S = 253_402_214_400.0
 
 
 def flights(logs: Path) -> set[Path]:
-    """The logs in a folder of flights."""
-    return set(logs.glob(f"*/{FILE_NAME}"))
+    """The logs in a folder of flights. Raises FlightLogError if it can't be looked into."""
+    try:
+        return set(logs.glob(f"*/{FILE_NAME}"))
+    except OSError as error:
+        raise FlightLogError(f"{printable(logs)}: {error.strerror}") from error
 
 
 def newest(logs: Path) -> Path:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from companion.logs.recordings import FARTHEST_M
 from companion.view.attitudes import euler_deg, tilt_deg
 from companion.view.batches import Table
 from companion.view.lines import Floats
@@ -115,10 +116,12 @@ def _attitude_target(table: Table) -> Columns:
 
 
 def _local_position(table: Table) -> Columns:
-    velocity = stacked(table, "vx", "vy", "vz")
+    motion = stacked(table, "x", "y", "z", "vx", "vy", "vz")
+    motion = np.where(abs(motion) <= FARTHEST_M, motion, np.nan)
+    position, velocity = motion[:, :3], motion[:, 3:]
     return {
-        "position_ned": stacked(table, "x", "y", "z"),
-        "height": -table["z"].astype(np.float64),
+        "position_ned": position,
+        "height": -position[:, 2],
         "velocity_ned": velocity,
         "speed": np.linalg.norm(velocity, axis=1),
     }

@@ -398,7 +398,8 @@ def _ned(row: Any) -> Array | None:
 def _place(place_ned: Array | None, row: Any, latitude: str, longitude: str, altitude: str) -> _Place | None:
     """A place with its fields in 1e-7 degrees and mm; None where either is not known."""
     degrees = row[latitude] * 1e-7, row[longitude] * 1e-7
-    if place_ned is None or abs(degrees[0]) > 90.0 or abs(degrees[1]) > 180.0:
+    unknown = degrees == (0.0, 0.0)  # as of a vehicle without a fix
+    if place_ned is None or unknown or abs(degrees[0]) > 90.0 or abs(degrees[1]) > 180.0:
         return None
     return place_ned, (math.radians(degrees[0]), math.radians(degrees[1]), float(row[altitude]) * 1e-3)
 

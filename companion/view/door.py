@@ -15,6 +15,7 @@ import contextlib
 import hashlib
 import io
 import ipaddress
+import logging
 import re
 import secrets
 from collections.abc import Iterator
@@ -32,6 +33,8 @@ from protocol.transport import TransportError, open_url
 if TYPE_CHECKING:
     import viser
 
+_log = logging.getLogger(__name__)
+_log.addFilter(lambda record: record.msg != "opening handshake failed")  # what is no browser: no fault of ours
 LOOPBACK = "127.0.0.1"
 _LOOPBACK_NAMES = {LOOPBACK, "localhost"}
 _ONLOOKER_SENDS = frozenset({"ViewerCameraMessage"})
@@ -82,6 +85,7 @@ class Door:
             self._is_used = True
             options |= {"process_request": self._judge, "process_response": self._close_in}
             options |= {"create_connection": Visitor, "max_size": _LARGEST_MESSAGE, "server_header": None}
+            options |= {"logger": _log}
             return serve(handler, host, port, **options)
 
         with _replaced(websockets.asyncio.server, "serve", guarded), contextlib.redirect_stdout(io.StringIO()):
@@ -100,7 +104,7 @@ class Door:
         is_operator = secrets.compare_digest(path.encode(errors="surrogateescape"), self.token.encode())
         if path and not is_operator:
             return visitor.respond(404, "There is nothing here: the token of another run?\n")
-        if headers.get("Upgrade", "").lower() != "websocket":
+        if [each.lower() for each in headers.get_all("Upgrade")] != ["websocket"]:
             page = self._page if is_operator else self._page.replace(b"<body>", b"<body>" + _ONLOOKER_SIGN, 1)
             fields = {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(page))}
             return Response(200, "OK", Headers(fields), page)

@@ -7,10 +7,12 @@ from itertools import pairwise
 
 from companion.mission.plan import Phase
 from companion.supervision.states import State
+from companion.view.accumulators.texts import without_middle
 from companion.view.gather import GatheredFlight
 from companion.view.lines import Stretch
 
 _MOST_EVENTS = 600
+_WARNING = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,8 @@ def state_name(number: int) -> str:
 
 
 def events(flight: GatheredFlight) -> list[Event]:
-    """What was said and what changed, in order of time, the first 600 of them."""
+    """What was said and what changed, in order of time. Of more than 600 the warnings are kept, and of the others (or
+    of too many warnings) the first and the last; then the last one says how many are left out."""
     senders = flight.senders
     said = flight.texts.companion or flight.texts.vehicle
     story = [Event(text.time, text.level, text.source, text.text) for text in said]
@@ -48,7 +51,12 @@ def events(flight: GatheredFlight) -> list[Event]:
         story += _changes(stretches.finish(), source, partial(senders.mode, sender))
     for sender, stretches in senders.armed.items():
         story += _changes(stretches.finish(), senders.name(sender), lambda armed: "armed" if armed else "disarmed")
-    return sorted(story, key=lambda event: event.time)[:_MOST_EVENTS]
+    story.sort(key=lambda event: event.time)
+    warnings = without_middle([event for event in story if event.level >= _WARNING], _MOST_EVENTS)
+    others = without_middle([event for event in story if event.level < _WARNING], _MOST_EVENTS - len(warnings))
+    told = sorted((*warnings, *others), key=lambda event: event.time)
+    left_out = len(story) - len(told)
+    return [*told, Event(told[-1].time, _WARNING, "report", f"{left_out} more are left out")] if left_out else told
 
 
 def _changes(stretches: list[Stretch], source: str, name: Callable[[int], str]) -> list[Event]:

@@ -13,7 +13,7 @@ from companion.view.accumulators.exceedances import Exceedances
 from companion.view.events import phase_name
 from companion.view.finding import Finding, Level, at_text, times_text
 from companion.view.findings_of_streams import setpoint_gaps, setpoints, telemetry
-from companion.view.gather import GatheredFlight
+from companion.view.gather import GatheredFlight, settings_of
 from companion.view.lines import Floats, Stretch
 
 _SATURATED = 0.98
@@ -85,9 +85,10 @@ def _file(flight: GatheredFlight) -> list[Finding]:
     if flight.log.missing:
         figures = ", ".join(f"{count} {name}" for name, count in flight.log.missing.items())
         found.append(Finding(Level.WARNING, "log", "Not every record reached the log.", (figures,)))
-    if flight.settings_problem is not None:
+    _, unread = settings_of(flight.log)
+    if unread is not None:
         text = "The settings that were flown can't be read here: the defaults stand for them."
-        found.append(Finding(Level.WARNING, "settings", text, (printable(flight.settings_problem),)))
+        found.append(Finding(Level.WARNING, "settings", text, (printable(unread),)))
     if flight.scans.left_out:
         text = f"Not drawn: {times_text(flight.scans.left_out, 'ring')} without bearings from the vehicle's nose."
         found.append(Finding(Level.NOTE, "rings", text))

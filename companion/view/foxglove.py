@@ -160,9 +160,7 @@ class Converter:
         """Add the ring that a message is or completes."""
         sender, times = record.topic.rpartition("/")[0], np.array([record.time_ns * 1e-9])
         rings = self._rings.take(sender, name, times, [self._fields(record)])
-        for ring in () if rings is None else rings[1]:
-            if not shows_around(ring):
-                continue
+        for ring in () if rings is None else filter(shows_around, rings[1]):
             self._scan(record.time_ns, ring)
             if self._mapper.take(RING, ring, record.time_ns):
                 self._map(record.time_ns)

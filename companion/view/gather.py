@@ -62,7 +62,7 @@ class GatheredFlight:
         self.phases = Stretches()
         self.texts = Texts()
         self.tracking = Tracking()
-        self.settings, self.settings_problem = settings_of(self.log)
+        self.settings, _ = settings_of(self.log)
         self.clearance = Clearance(self.settings.avoidance.safe_distance)
         self.interventions = Interventions()
         self.timing = Timing()

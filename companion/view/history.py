@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from companion.link.firmware import firmware_of
-from companion.logs.recordings import SETPOINTS
+from companion.logs.recordings import FARTHEST_M, SETPOINTS
 from companion.perception.distance_field import FAR_M
 from companion.records import PLANNED, TRACE
 from companion.state import Reason, Scan
@@ -52,8 +52,6 @@ _UNKNOWN_CM = 65535
 _ALL_BATTERIES = -1
 _NOT_UNIT = 0.02
 """A quaternion whose square is farther from 1 is none."""
-_FARTHEST = 1e5
-"""A position (m) or a velocity (m/s) beyond is none, nor is one that is not a number: no companion flies by it."""
 _SECONDS = np.array([1.0, 1.0, 1.0, 1.0, 1e-3])
 """Factors of a quaternion's and a time's (ms) columns."""
 
@@ -213,7 +211,7 @@ class History:
         vehicle = self._vehicles.setdefault(sender, _Vehicle())
         if name == "LOCAL_POSITION_NED":
             motion = stacked(table, "x", "y", "z", "vx", "vy", "vz")
-            told = (abs(motion) <= _FARTHEST).all(axis=1)
+            told = (abs(motion) <= FARTHEST_M).all(axis=1)
             vehicle.positions.add(times[told], motion[told])
         elif name == "ATTITUDE_QUATERNION":
             vehicle.has_quaternion = True

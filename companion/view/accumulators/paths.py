@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from companion.logs.recordings import FARTHEST_M
 from companion.mission.plan import Phase
 from companion.view.accumulators.continuation import Continuation
 from companion.view.batches import Table
@@ -37,7 +38,7 @@ class Paths:
         """Messages of one name: times (n,) in s and fields (n,); names without a position are ignored."""
         if name == "LOCAL_POSITION_NED":
             rows = np.column_stack((table["x"], table["y"], table["z"]))
-            known = np.isfinite(rows).all(axis=1)
+            known = (abs(rows) <= FARTHEST_M).all(axis=1)
             self.told.setdefault(sender, Track(4)).add(times[known], rows[known])
         elif name == "GLOBAL_POSITION_INT":
             self._global_position(sender, times, table)

@@ -3,12 +3,13 @@
 import math
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 from companion.link.vehicle_texts import Said, VehicleTexts
 from companion.view.lines import Floats
 
 _MOST = 2000
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +55,14 @@ def _line(sender: str, said: Said) -> Text:
     return Text(said.began_ns * 1e-9, level_of(said.severity), sender, said.text)
 
 
+def without_middle(lines: list[T], most: int) -> list[T]:
+    """The first and the last, `most` together."""
+    first = most - most // 2
+    return lines if len(lines) <= most else lines[:first] + lines[len(lines) - most + first :]
+
+
 class Texts:
-    """The first 2000 lines of the companion's own log and of the vehicles'."""
+    """The first and the last thousand lines of the companion's own log and of the vehicles'."""
 
     def __init__(self) -> None:
         self.companion: list[Text] = []
@@ -66,12 +73,12 @@ class Texts:
         """Times (n,) in s and n records of TEXT."""
         rows = zip(times.tolist(), table, strict=True)
         self.companion += [Text(at, row["level"], row["name"], row["message"]) for at, row in rows]
-        del self.companion[_MOST:]
+        self.companion = without_middle(self.companion, _MOST)
 
     def add_statustexts(self, sender: str, times: Floats, table: list[dict[str, Any]]) -> None:
         """Times (n,) in s and the fields of n messages."""
         self.vehicle += self._lines.take(sender, times, table)
-        del self.vehicle[_MOST:]
+        self.vehicle = without_middle(self.vehicle, _MOST)
 
     def finish(self) -> None:
         """The log ends."""

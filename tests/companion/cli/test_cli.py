@@ -195,6 +195,16 @@ def test_whoever_has_gone_does_not_end_what_follows(kind: Callable[[], tuple[int
     assert done.returncode == 0
 
 
+def test_a_terminal_obeys_no_text_of_a_log() -> None:
+    far, near = os.openpty()
+    code = r"from companion.cli.logs import table; table(None, [('mission', '\x1b]0;owned\x07\x9b2J')])"
+    subprocess.run([sys.executable, "-c", code], stdout=near, check=True, timeout=60)
+    os.close(near)
+    shown = os.read(far, 4096)
+    os.close(far)
+    assert b"]0;owned" in shown and b"\x1b]" not in shown and b"\x07" not in shown and "\x9b".encode() not in shown
+
+
 def test_what_is_wrong_with_an_option_names_it() -> None:
     done = CliRunner().invoke(app, ["demo", "hover", "--avoid", "a-star"])
     assert done.exit_code == 2 and done.stderr.startswith("companion: --avoid: method 'a-star': there are \"astar\", ")

@@ -10,7 +10,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from companion.cli.view import _is_there
 from companion.logs.index import index_of, listing
+from companion.logs.recordings import flights
 from companion.view.foxglove import convert as draw
 from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record
 from protocol.messages import Encoder, dialect
@@ -82,8 +84,12 @@ def test_the_command(folder: Path, tmp_path: Path) -> None:
     assert {row["log"] for row in rows} == {row.log for row in listing(folder)}
     none = run("companion", "logs", str(tmp_path / "none"))
     assert none.returncode == 2 and len(none.stderr.splitlines()) == 1
-    with pytest.raises(FlightLogError, match="no such folder"):
+    with pytest.raises(FlightLogError, match="No such file or directory"):
         listing(tmp_path / "none")
+    for look in (listing, flights):
+        with pytest.raises(FlightLogError, match="File name too long"):
+            look(tmp_path / ("x" * 300))
+    assert not _is_there(f"a:{'x' * 300}")
     empty = tmp_path / "empty"
     empty.mkdir()
     assert run("companion", "logs", str(empty)).returncode == 0
@@ -143,7 +149,7 @@ def test_a_trace_that_is_cut_is_said(fly: Flyer, tmp_path: Path) -> None:
 
 
 def test_places_that_are_no_numbers_count_for_no_distance(tmp_path: Path) -> None:
-    places = [(0.0, 0.0), (3.0, 4.0), (math.nan, 4.0), (3.0, 5.0)]
+    places = [(0.0, 0.0), (3.0, 4.0), (math.nan, 4.0), (1e30, 4.0), (3.0, 5.0)]
     telemetry_log(
         tmp_path / "a.tlog", *(dialect.MAVLink_local_position_ned_message(1, *place, 0, 0, 0, 0) for place in places)
     )

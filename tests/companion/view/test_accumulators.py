@@ -25,6 +25,7 @@ from companion.view.accumulators.texts import Texts
 from companion.view.accumulators.timing import Timing
 from companion.view.accumulators.tracking import Tracking
 from companion.view.batches import Table
+from companion.view.columns import message_columns
 from companion.view.lines import Floats
 from protocol.flightlog import RecordType
 from protocol.flightlog.mavlink_records import message_type
@@ -126,10 +127,12 @@ def test_a_path_across_the_date_line_has_no_leap() -> None:
 
 
 def test_a_place_that_is_none_is_no_part_of_a_path() -> None:
-    table = np.zeros(5, message_type(dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, "/x")[0].dtype)
-    table["x"] = 1.0, np.nan, 2.0, np.inf, 3.0
+    table = np.zeros(6, message_type(dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, "/x")[0].dtype)
+    table["x"] = 1.0, np.nan, 2.0, np.inf, 3.0, 1e30
     paths = Paths()
-    paths.add_message("1/1", "LOCAL_POSITION_NED", np.arange(5.0), table)
+    paths.add_message("1/1", "LOCAL_POSITION_NED", np.arange(6.0), table)
+    north = message_columns("LOCAL_POSITION_NED", table)["position_ned"][:, 0]
+    assert np.array_equal(np.isfinite(north), [True, False, True, False, True, False])
     assert paths.told["1/1"].rows()[:, :2].tolist() == [[0.0, 1.0], [2.0, 2.0], [4.0, 3.0]]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.view.control import Control, go_to_words, on_ground
+from companion.view.control import Control, _place, go_to_words, on_ground
 from companion.view.history import History
 from companion.view.sources import Link
 from protocol.framing import Framer
@@ -121,6 +121,14 @@ def test_resume_gives_the_vehicle_to_a_companion_if_there_is_one(flight: Flight)
     flight.control.ask("resume")
     flight.stream(0.5)
     assert (flight.control.answer, flight.mode) == ("resume: accepted", "external control")
+
+
+def test_a_vehicle_without_a_fix_is_at_no_place_on_earth() -> None:
+    """It tells the place at 0, 0."""
+    nowhere = dialect.MAVLink_global_position_int_message(1, 0, 0, 0, 0, 0, 0, 0, 0)
+    assert _place(np.zeros(3), vars(nowhere), "lat", "lon", "alt") is None
+    nowhere.lat = 1
+    assert _place(np.zeros(3), vars(nowhere), "lat", "lon", "alt") is not None
 
 
 @pytest.mark.parametrize("tells_home", [True, False])

@@ -3,6 +3,7 @@
 import http.client
 import json
 import queue
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -155,6 +156,23 @@ def test_two_hosts_are_none(page: Page) -> None:
     own = f"127.0.0.1:{page.port}"
     lines = f"Host: {own}\r\nHost: evil.example\r\nOrigin: http://{own}\r\nUpgrade: websocket\r\n"
     assert answered(page, f"GET {path_of(page)} HTTP/1.1\r\n{lines}") == 403
+
+
+def test_two_upgrades_are_none(page: Page) -> None:
+    own = f"127.0.0.1:{page.port}"
+    lines = f"Host: {own}\r\nOrigin: http://{own}\r\nUpgrade: websocket\r\nUpgrade: websocket\r\n"
+    assert answered(page, f"GET {path_of(page)} HTTP/1.1\r\n{lines}") == 200
+
+
+def test_what_is_no_browser_is_no_fault_of_the_page(page: Page, caplog: pytest.LogCaptureFixture) -> None:
+    for request in (b"HEAD / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b"\x16\x03\x01\x02", b"GET / HTTP/1.0\r\n\r\n"):
+        with socket.create_connection(("127.0.0.1", page.port), timeout=PATIENCE_S) as visitor:
+            visitor.sendall(request)
+            visitor.shutdown(socket.SHUT_WR)
+            while visitor.recv(1024):
+                pass
+    assert not caplog.records
+    assert get(page, path_of(page)).status == 200
 
 
 def test_a_wrong_token_opens_nothing(page: Page) -> None:

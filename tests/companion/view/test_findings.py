@@ -50,6 +50,17 @@ def test_a_clean_flight_has_no_warning(tmp_path: Path) -> None:
     ]
 
 
+def test_what_is_said_at_the_end_is_told_whatever_is_said_before(tmp_path: Path) -> None:
+    flight = GatheredFlight(make(tmp_path, 1.0))
+    for number in range(5000):
+        crash = number == 4500
+        line = {"level": 4 if crash else 2, "name": "companion", "message": "CRASH" if crash else f"noise {number}"}
+        flight.texts.add_log(np.array([1.0 + 0.001 * number]), [line])
+    told = [event.text for event in events(flight)]
+    assert len(told) == 601 and told[0] == "armed, taking off" and told[-2:] == ["noise 4999", "1403 more are left out"]
+    assert "CRASH" in told
+
+
 @pytest.mark.parametrize(("trace_rate", "limited"), [(250.0, "1.00"), (50.0, "1.02")])
 def test_saturation_avoidance_and_clearance_are_measured(tmp_path: Path, trace_rate: float, limited: str) -> None:
     """To the time between two records."""

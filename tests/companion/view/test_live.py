@@ -20,7 +20,6 @@ from companion.state import Reason
 from companion.view.attitudes import quaternions, rotated
 from companion.view.history import History, Moment
 from companion.view.live import Page
-from companion.view.live_hud import hud
 from companion.view.live_scene import BEHIND, ahead, spaced
 from companion.view.live_words import HIGHLIGHT, words
 from companion.view.sources import GrowingLog, Link, Source, open_log
@@ -57,16 +56,6 @@ def test_a_moment_is_what_was_logged_at_that_time(tmp_path: Path) -> None:
     assert plan.reference_ned == pytest.approx([SPEED * 7.5 + 0.1, 0.0, -3.0], abs=0.01)
     assert (moment.phase, moment.state, plan.clearance) == ("route", "fly", 5.0)
     assert history.at(12.0).phase == "return"
-
-
-def test_a_companion_that_watches_the_landing_is_still_one(tmp_path: Path) -> None:
-    """Without control steps there is no trace."""
-    history = filled(open_log(make(tmp_path, 8.0, traced=2.0)))
-    moment = history.at(7.9)
-    assert (moment.plan, moment.doing) == (None, "route")
-    assert "no companion" not in hud(moment, "7.9 s", []) and "route" in said(moment)
-    (span,) = history.phases()
-    assert span.end == history.end > 7.9
 
 
 def test_the_guard_s_intervention_is_seen_for_a_while_and_only_then(tmp_path: Path) -> None:

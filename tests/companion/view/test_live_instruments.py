@@ -15,6 +15,7 @@ from companion.view.history import History, Moment, Span
 from companion.view.live_hud import alerts, hud
 from companion.view.live_instruments import Flown, flown, instruments
 from companion.view.live_strip import strip
+from companion.view.live_words import words
 from companion.view.sources import NextFlight, open_log
 from protocol.frames import from_euler
 from protocol.messages import dialect
@@ -91,10 +92,10 @@ def test_the_worst_alert_is_first_and_old_warnings_go(tmp_path: Path) -> None:
     assert alerts(calm) == []
     said = (Text(4.0, 3, "1/1", "old news"), Text(4.5, 3, "1/1", "<b>"), Text(4.6, 5, "1/1", "rotor lost"))
     moment = replace(calm, warnings=said, failsafe=True, battery=20.0, link_age=2.0)
-    words = [alert.text for alert in alerts(moment)]
-    assert words[0] == "rotor lost" and words[-2:] == ["<b>", "old news"]
-    assert set(words[1:3]) == {"the vehicle is in a failsafe", "link lost: nothing heard for 2 s"}
-    assert words[3] == "battery: 20 % left"
+    told = [alert.text for alert in alerts(moment)]
+    assert told[0] == "rotor lost" and told[-2:] == ["<b>", "old news"]
+    assert set(told[1:3]) == {"the vehicle is in a failsafe", "link lost: nothing heard for 2 s"}
+    assert told[3] == "battery: 20 % left"
     page = hud(moment, "5.0 s", alerts(moment))
     assert "<b>" not in page and "and 3 more" in page and page.index("rotor lost") < page.index("failsafe")
     assert [alert.text for alert in alerts(replace(calm, time=30.0, warnings=said))] == []
@@ -116,6 +117,18 @@ def test_phases_follow_each_other_without_gaps(tmp_path: Path) -> None:
     assert (first.name, second.name) == ("route", "return")
     assert first.end == second.start == pytest.approx(10.0, abs=0.01)
     assert [mode.name for mode in history.modes()] == ["external control"]
+
+
+def test_a_companion_that_watches_the_landing_is_still_one(tmp_path: Path) -> None:
+    """Without control steps there is no trace."""
+    history = History()
+    for batch in open_log(make(tmp_path, 8.0, traced=2.0)).poll():
+        history.take(batch)
+    moment = history.at(7.9)
+    assert (moment.plan, moment.doing) == (None, "route")
+    assert "no companion" not in hud(moment, "7.9 s", []) and "route" in words(moment, "made", "", None)
+    (span,) = history.phases()
+    assert span.end == history.end > 7.9
 
 
 def test_the_strip_is_as_long_as_the_flight() -> None:
