@@ -5,6 +5,7 @@ All of them give their records as the same batches, and none of them sends anyth
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -81,11 +82,14 @@ class FinishedLog:
 class GrowingLog:
     """A log that is being written; each poll gives the chunks that have become whole since the last one.
 
-    Reading takes nothing from the flight but a look at its file. Damage ends it with an error.
+    Reading takes nothing from the flight but a look at its file. Damage ends it with an error. It has ended, too, while
+    nothing is written: then it was cut off.
     """
 
     def __init__(self, path: Path) -> None:
         self.problem: str | None = None
+        self._unfinished: Verdict | None = None
+        """On a flight whose log was cut off."""
         self.delay_s = _CHUNK_S
         self._held: dict[str, tuple[list[int], list[bytes]]] = {}
         self._open(path)
@@ -93,6 +97,7 @@ class GrowingLog:
     def _open(self, path: Path) -> None:
         """The file is opened when it is read first."""
         self.name = str(path)
+        self._path = path
         self._log = LogFollower(path, lambda topic: topic != DATAGRAM.topic)
 
     @property
@@ -105,13 +110,21 @@ class GrowingLog:
 
     @property
     def verdict(self) -> Verdict | None:
-        return recorded(self._log.metadata.get("result", {}))
+        found = recorded(self._log.metadata.get("result", {}))
+        return self._unfinished if found is None and self.problem is not None else found
 
     @property
     def ended(self) -> bool:
-        return self._log.ended
+        return self._log.ended or self.problem is not None
 
     def poll(self) -> Iterator[Batch]:
+        yield from self._poll()
+        is_left = not self._log.ended and _is_left(self._path)
+        if is_left and self.problem is None:
+            self._unfinished = verdict_of(self._path, self._log.metadata)
+        self.problem = "cut off" if is_left else None
+
+    def _poll(self) -> Iterator[Batch]:
         for records in self._log.poll():
             for topic, time_ns, _, data in records:
                 try:
@@ -203,5 +216,11 @@ def open_log(path: Path) -> Source:
     Raises FlightLogError if it can't be opened or is no flight log.
     """
     log = LogReader(path)
-    written_s = time.time() - path.stat().st_mtime
-    return GrowingLog(path) if not log.complete and written_s < _GROWS_S else FinishedLog(log)
+    return FinishedLog(log) if log.complete or _is_left(path) else GrowingLog(path)
+
+
+def _is_left(path: Path) -> bool:
+    """Whether nobody writes to a log any more, as far as its time tells."""
+    with suppress(OSError):  # gone meanwhile
+        return time.time() - path.stat().st_mtime >= _GROWS_S
+    return True

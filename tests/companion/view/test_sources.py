@@ -1,11 +1,14 @@
 """A flight is followed to its end, where a tidier file takes the place of the one that was written."""
 
+import os
 import time
 from pathlib import Path
 
+from companion.outcomes import Outcome
 from companion.records import RECORD_TYPES, TICK
-from companion.view.sources import GrowingLog
+from companion.view.sources import GrowingLog, open_log
 from protocol.flightlog import FlightLog
+from tests.companion.view.made_logs import make
 
 
 def test_a_flight_is_followed_to_its_end(tmp_path: Path) -> None:
@@ -34,3 +37,17 @@ def test_a_flight_is_followed_to_its_end(tmp_path: Path) -> None:
     assert log.path.stat().st_ino != inode, "another file, which the source never opened"
     assert source.ended
     assert found == list(range(4000))
+
+
+def test_a_log_that_nobody_writes_to_any_more_was_cut_off(tmp_path: Path) -> None:
+    whole = make(tmp_path).read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) // 3])
+    source = open_log(cut)
+    assert len(list(source.poll())) > 0 and not source.ended and source.verdict is None
+    os.utime(cut, (1.0, 1.0))
+    assert list(source.poll()) == []
+    assert source.ended and source.problem == "cut off"
+    assert source.verdict is not None and source.verdict.outcome is Outcome.UNFINISHED
+    os.utime(cut)
+    assert list(source.poll()) == [] and not source.ended
