@@ -119,7 +119,8 @@ def _pause(flight: GatheredFlight, streams: _Pauses) -> Finding:
     level = Level.WARNING if longest > _LONG_GAP_S else Level.NOTE
     rows = tuple(f"{seconds * 1e3:.0f} ms from {at_text(start)}" for seconds, start in gaps)
     text = f"{name} paused for up to {longest:.2f} s; it usually comes every {usual * 1e3:.1f} ms."
-    if longest > 0.5 * (flight.end - (flight.begin or 0.0)):
+    ends = gaps[0][1] + longest > flight.end - _SILENT_END_S
+    if ends and longest > 0.5 * (flight.end - (flight.begin or 0.0)):
         text, level = f"{' and '.join(names)} came for a part of the flight only.", Level.NOTE
     elif len(streams) > 1:
         text = f"The telemetry paused for up to {longest:.2f} s, {len(streams)} streams at once."

@@ -281,12 +281,15 @@ class Regularity:
 
     @property
     def usual(self) -> float:
-        """The usual interval (s): the median, to 12 %, or the mean if messages come in bursts; 0 for less than two."""
+        """The usual interval (s): the median, to 12 %, or the mean if messages come in bursts; 0 for less than two. A
+        silence of more than half of the time counts for no mean."""
         total = int(self._counts.sum())
         if not total:
             return 0.0
         index = int(np.searchsorted(np.cumsum(self._counts), 0.5 * total))
-        median, mean = float(self._sums[index] / self._counts[index]), (self.last - self.first) / total
+        median, span = float(self._sums[index] / self._counts[index]), self.last - self.first
+        silence = self._gaps[0][0] if total > 1 and self._gaps[0][0] > 0.5 * span else 0.0
+        mean = (span - silence) / (total - (silence > 0.0))
         return mean if median < _BURST * mean else median
 
     @property

@@ -169,6 +169,14 @@ def test_a_vehicle_that_falls_silent_for_good_has_a_gap_to_the_log_s_end(tmp_pat
     assert found[0].evidence[0].startswith("4016 ms from 15.98 s")
 
 
+@pytest.mark.parametrize(("silent", "part"), [((2.0, 16.0), False), ((4.0, 20.0), True)])
+def test_a_long_silence_in_the_middle_is_a_pause(silent: tuple[float, float], part: bool, tmp_path: Path) -> None:
+    """One to the end may be a recording that goes on longer."""
+    told = about(findings(GatheredFlight(make(tmp_path, silent=silent))), "telemetry")
+    assert told.level is (Level.NOTE if part else Level.WARNING)
+    assert ("for a part of the flight only" in told.text) is part and ("paused for up to 14" in told.text) is not part
+
+
 def test_telemetry_gaps_and_late_ticks_are_found_where_they_are(tmp_path: Path) -> None:
     flight = GatheredFlight(make(tmp_path, 8.0, silent=(6.0, 6.6), late_ms={750: 7.0, 1000: 1.9}))
     found = findings(flight)

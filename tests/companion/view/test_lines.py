@@ -113,7 +113,14 @@ def test_stretches_do_not_depend_on_how_the_stream_is_cut(values: list[int], cut
 
 @pytest.mark.parametrize(
     ("intervals", "usual"),
-    [([0.064] * 40, 0.064), ([1.0, 1.0, 30.0], 1.0), ([1e-5, 1e-5, 1e-5, 0.1] * 20, 0.025), ([], 0.0)],
+    [
+        ([0.064] * 40, 0.064),
+        ([1.0, 1.0, 30.0], 1.0),
+        ([1e-5, 1e-5, 1e-5, 0.1] * 20, 0.025),
+        ([0.02] * 1000 + [600.0] + [0.02] * 1000, 0.02),
+        ([0.5], 0.5),
+        ([], 0.0),
+    ],
 )
 def test_the_usual_interval_is_never_longer_than_the_longest(intervals: list[float], usual: float) -> None:
     """Also of what comes with pauses, and several at once."""
