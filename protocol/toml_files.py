@@ -86,6 +86,16 @@ def convert(
     """The same for tables that are already read; errors name `source`."""
     if overrides:
         source = f"{source} with --set"
+    try:
+        return _converted(tables, record, source, overrides, renamed)
+    except RecursionError as error:
+        raise TomlFileError(f"{source}: {error}") from error
+
+
+def _converted(
+    tables: dict[str, Any], record: type[T], source: str, overrides: Sequence[str], renamed: Mapping[str, str]
+) -> T:
+    if overrides:
         tables = copy.deepcopy(tables)
         for override in overrides:
             _set(tables, override)

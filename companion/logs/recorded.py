@@ -128,7 +128,7 @@ def _trace_rate(log: LogReader) -> float:
     """The default where the log does not say it."""
     try:
         settings = msgspec.json.decode(log.attachments.get("settings.json", b"{}"), type=_LogSettings)
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, RecursionError):
         settings = _LogSettings()
     return settings.log.trace_rate
 
@@ -149,7 +149,7 @@ def _attachment(log: LogReader, name: str) -> bytes:
 def _json(source: str, text: str | bytes, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(text, type=kind)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, RecursionError) as error:
         raise FlightLogError(f"{source}: {error}") from error
 
 
@@ -157,6 +157,6 @@ def _table(log: LogReader, name: str, record: type[T], overrides: Sequence[str] 
     source = f"{log.path}, {name}"
     try:
         tables = tomllib.loads(_attachment(log, name).decode())
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FlightLogError(f"{source}: {error}") from error
     return toml_files.convert(tables, record, source, overrides)

@@ -32,7 +32,10 @@ _FLOWN_WITHOUT = (
 
 def recorded_settings(tables: dict[str, Any], source: str, overrides: Sequence[str] = ()) -> Settings:
     """The settings of a log, whose names may be old ones. Raises TomlFileError, naming `source` and key."""
-    tables = toml_files.with_new_names(tables, RENAMED_SETTINGS)
+    try:
+        tables = toml_files.with_new_names(tables, RENAMED_SETTINGS)
+    except RecursionError as error:
+        raise toml_files.TomlFileError(f"{source}: {error}") from error
     for missing in _FLOWN_WITHOUT:
         tables = _completed(tables, missing)
     return toml_files.convert(tables, Settings, source, overrides, RENAMED_SETTINGS)

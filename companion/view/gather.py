@@ -199,5 +199,5 @@ def settings_of(log: LogReader) -> tuple[Settings, str | None]:
     try:
         tables = msgspec.json.decode(log.attachments.get("settings.json", b"{}"), type=dict[str, Any])
         return recorded_settings(tables, "settings.json"), None
-    except (msgspec.MsgspecError, TomlFileError) as error:
+    except (msgspec.MsgspecError, RecursionError, TomlFileError) as error:
         return Settings(), str(error)

@@ -141,5 +141,5 @@ def avoidance_of(settings: bytes) -> Avoidance:
     """The settings of a flight's map, from its log's attachment settings.json; the defaults if it can't be read."""
     try:
         return recorded_settings(msgspec.json.decode(settings, type=dict[str, Any]), "settings.json").avoidance
-    except (msgspec.DecodeError, TomlFileError):
+    except (msgspec.DecodeError, RecursionError, TomlFileError):
         return Avoidance()

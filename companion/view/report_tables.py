@@ -146,9 +146,9 @@ def changed_settings(flight: GatheredFlight) -> tuple[tuple[str, str, str], ...]
         return ()
     try:
         tables = msgspec.json.decode(flown, type=dict[str, Any])
-    except msgspec.DecodeError:
+        recorded = _flat(with_new_names(tables, RENAMED_SETTINGS))
+    except (msgspec.DecodeError, RecursionError):
         return ()
-    recorded = _flat(with_new_names(tables, RENAMED_SETTINGS))
     defaults = _flat(msgspec.to_builtins(Settings()))
     return tuple(
         (key, str(value), str(defaults.get(key, "not known")))

@@ -36,7 +36,7 @@ def solids(world: bytes) -> list[Prism]:
     so is everything in a file that is no TOML."""
     try:
         tables = tomllib.loads(world.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+    except (ValueError, RecursionError):
         return []
     found: list[Prism] = []
     for kind, make in _MAKERS.items():
@@ -44,7 +44,7 @@ def solids(world: bytes) -> list[Prism]:
         for table in listed if isinstance(listed, list) else ():
             try:
                 found += make(table)
-            except (LookupError, TypeError, ValueError, ArithmeticError):
+            except (LookupError, TypeError, ValueError, ArithmeticError, RecursionError):
                 continue
     return found
 
@@ -54,7 +54,7 @@ def origin(world: bytes) -> tuple[float, float, float] | None:
     try:
         table = tomllib.loads(world.decode())["origin"]
         return radians(table["latitude_deg"]), radians(table["longitude_deg"]), float(table["altitude_m"])
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, KeyError, TypeError):
+    except (ValueError, RecursionError, KeyError, TypeError):
         return None
 
 

@@ -109,6 +109,7 @@ def test_a_byte_order_mark_is_read_over(path: Path) -> None:
         b"name = '\xff\xfe'",
         b"number = " + b"9" * 5000,
         b"list = " + b"[" * 5000,
+        b"table" + b".a" * 5000 + b" = 1",
         b"\x00",
     ],
 )

@@ -133,3 +133,31 @@ def test_what_is_no_log_is_no_flight(content: bytes, words: str, tmp_path: Path)
 def test_a_telemetry_log_is_no_flight_that_could_be_flown_again() -> None:
     with pytest.raises(FlightLogError, match=r"px4_offboard\.tlog: a telemetry log"):
         open_flight(ROOT / "tests" / "data" / "px4_offboard.tlog")
+
+
+@pytest.mark.parametrize("depth", [400, 950, 3000])
+@pytest.mark.parametrize(("opened", "closed"), [(b'{"a":', b"}"), (b"[", b"]")])
+def test_settings_without_end_are_none(tmp_path: Path, depth: int, opened: bytes, closed: bytes) -> None:
+    """A report shows the flight without them; they are not flown again."""
+    settings = b'{"avoidance": ' + opened * depth + b"1" + closed * depth + b"}"
+    log = rewritten(
+        path_of("rates_lockstep"),
+        tmp_path / "deep.mcap",
+        lambda record: [record] if record.time_ns < 10**8 else [],
+        attachment=lambda name, content: settings if name == "settings.json" else content,
+    )
+    assert GatheredFlight(log).settings == Settings() and avoidance_of(settings) == Settings().avoidance
+    assert compose(GatheredFlight(log)).title
+    with pytest.raises((FlightLogError, TomlFileError), match=r"deep\.mcap, settings\.json: "):
+        open_flight(log)
+
+
+@pytest.mark.parametrize("name", ["mission.toml", "vehicle.toml"])
+@pytest.mark.parametrize("text", [b"a = " + b"[" * 3000 + b"]" * 3000, b"a" + b".a" * 3000 + b" = 1"])
+def test_tables_without_end_are_refused_with_their_name(tmp_path: Path, name: str, text: bytes) -> None:
+    def attachment(each: str, content: bytes) -> bytes:
+        return text if each == name else content
+
+    log = rewritten(path_of("rates_lockstep"), tmp_path / "deep.mcap", lambda record: [], attachment=attachment)
+    with pytest.raises((FlightLogError, TomlFileError), match=rf"deep\.mcap, {name}: "):
+        open_flight(log)

@@ -81,7 +81,19 @@ def test_the_origin_is_the_simulators() -> None:
     assert origin(TEXT) == pytest.approx(WORLD.origin)
 
 
-@pytest.mark.parametrize("text", [b"", b"\xff", b"not toml", b"[[box]]\nname = 1\n", b"box = 3\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"",
+        b"\xff",
+        b"not toml",
+        b"[[box]]\nname = 1\n",
+        b"box = 3\n",
+        b"a = " + b"[" * 3000 + b"]" * 3000,
+        b"[[box]]\nname" + b".a" * 3000 + b" = 1\ncenter = [0, 0]\nsize = [1, 1]\nheight = 1\n",
+        b"a = " + b"9" * 5000,
+    ],
+)
 def test_a_world_that_can_t_be_read_is_drawn_as_empty(text: bytes) -> None:
     assert solids(text) == []
     assert origin(text) is None
