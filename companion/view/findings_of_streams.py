@@ -45,6 +45,9 @@ _LINK_COUNTERS = (
 )
 """Counters of the link in the log's result, without those that have a sentence of their own."""
 
+_MOST_DIGITS = 19
+"""A counter has no more; Python makes no number of thousands."""
+
 
 def setpoint_gaps(flight: GatheredFlight) -> list[tuple[float, float]]:
     """Stops of the setpoints while the vehicle flew by them, longest first: (length in s, start in s)."""
@@ -172,6 +175,6 @@ def _link(result: Mapping[str, str]) -> list[Finding]:
 
 
 def _count(result: Mapping[str, str], key: str) -> int:
-    """A counter of the log's result; 0 if it is not there or not a number."""
+    """A counter of the log's result; 0 if it is not there or not a number of at most 19 digits."""
     value = result.get(key, "0")
-    return int(value) if value.isdigit() else 0
+    return int(value) if value.isascii() and value.isdecimal() and len(value) <= _MOST_DIGITS else 0

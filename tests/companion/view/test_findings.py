@@ -287,6 +287,13 @@ def test_the_link_s_counters_are_said_where_they_are_not_zero(tmp_path: Path) ->
         assert telemetry.text.startswith("Not every message") is bool(rows)
 
 
+@pytest.mark.parametrize("count", ["²", "٣", "5²", "-1", "1e5", "", "9" * 5000])
+def test_a_counter_that_is_no_number_is_not_said(tmp_path: Path, count: str) -> None:
+    ended = {"delivered": "True", "landed": "True", "fault": "", "messages_lost": count, "duplicates": count}
+    telemetry = about(findings(GatheredFlight(make(tmp_path, 2.0, result=ended))), "telemetry")
+    assert (telemetry.level, telemetry.evidence) == (Level.GOOD, ())
+
+
 def test_what_was_not_believed_is_a_warning(tmp_path: Path) -> None:
     result = {"landed": "True", "motion_implausible": "1", "rings_implausible": "12"}
     telemetry = about(findings(GatheredFlight(make(tmp_path, 2.0, result=result))), "telemetry")
