@@ -14,13 +14,14 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from companion.known_topics import is_foreign
 from companion.logs.info import Info, info
 from companion.logs.recordings import FARTHEST_M, is_export, printable
 from companion.logs.target import DRAFTS, output
 from companion.logs.traffic import open_traffic
 from companion.records import TRACE
 from companion.runtime.summary import summarize
-from protocol.flightlog import Direction, FlightLogError
+from protocol.flightlog import Direction, FlightLogError, LogReader
 from protocol.messages import decode, dialect
 
 _VERSION = 4
@@ -149,12 +150,11 @@ def describe(path: Path, name: str) -> Row:
 
 
 def _flown(found: Info) -> tuple[float | None, float | None]:
-    """Distance flown and least clearance (m), from the companion's trace or else from the vehicle's positions."""
-    if TRACE.topic in found.topics:
-        try:
-            summary = summarize(found.path)
-        except (ValueError, FlightLogError):  # a trace of another version, without what is asked of it
-            return None, None
+    """Distance flown and least clearance (m), from the companion's trace or else from the vehicle's positions. Raises
+    FlightLogError for a record that is not as its schema says."""
+    trace = LogReader(found.path).topics.get(TRACE.topic) if TRACE.topic in found.topics else None
+    if trace is not None and not is_foreign(trace):
+        summary = summarize(found.path)
         return round(summary.distance_m, 2), _rounded(summary.seen_clearance_m)
     told: defaultdict[tuple[int, int], list[tuple[float, float, float]]] = defaultdict(list)
     for datagram, frames in open_traffic(found.path).framed():

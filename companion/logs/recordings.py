@@ -9,6 +9,7 @@ from typing import Any
 
 from mcap.opcode import Opcode
 
+from companion.known_topics import is_foreign
 from protocol.flightlog import FILE_NAME, MAGIC, TEXT, FlightLogError, LogReader, Record, RecordType
 
 EXPORT_LIBRARY = "courier foxglove"
@@ -105,7 +106,8 @@ def as_date(unix_s: float) -> float | None:
 
 def has_texts(log: LogReader) -> bool:
     """Whether the log has the companion's own texts, which repeat those of the vehicle."""
-    return next(log.records((TEXT.topic,)), None) is not None
+    kind = log.topics.get(TEXT.topic)
+    return kind is not None and not is_foreign(kind) and next(log.records((TEXT.topic,)), None) is not None
 
 
 def printable(text: object) -> str:
@@ -116,10 +118,14 @@ def printable(text: object) -> str:
 def records(log: LogReader, kinds: Mapping[str, RecordType]) -> Iterator[Record]:
     """The records on the topics of `kinds`. Raises FlightLogError for one whose size isn't its schema's."""
     for record in log.records(kinds):
-        size = kinds[record.topic].size
-        if size is not None and len(record.data) != size:
-            raise _misfit(log, record)
+        check_size(log, kinds[record.topic], record)
         yield record
+
+
+def check_size(log: LogReader, kind: RecordType, record: Record) -> None:
+    """Raises FlightLogError for a record whose size isn't its schema's."""
+    if kind.size is not None and len(record.data) != kind.size:
+        raise _misfit(log, record)
 
 
 def unpack(log: LogReader, kind: RecordType, record: Record) -> dict[str, Any]:
@@ -132,7 +138,11 @@ def unpack(log: LogReader, kind: RecordType, record: Record) -> dict[str, Any]:
 
 def commanded(log: LogReader) -> set[str]:
     """The systems that setpoints were sent to, by the first one of each sender. Raises FlightLogError."""
-    kinds = {topic: kind for topic, kind in log.topics.items() if topic.rpartition("/")[2] in SETPOINTS}
+    kinds = {
+        topic: kind
+        for topic, kind in log.topics.items()
+        if topic.startswith("/mavlink/") and topic.rpartition("/")[2] in SETPOINTS and not is_foreign(kind)
+    }
     first = ((kind, next(log.records((topic,)), None)) for topic, kind in kinds.items())
     return {str(unpack(log, kind, record)["target_system"]) for kind, record in first if record is not None}
 

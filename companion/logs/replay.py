@@ -2,6 +2,7 @@
 
 import gc
 import json
+import struct
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,10 +13,11 @@ import msgspec
 from companion.autopilot import Autopilot
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.events import Datagram, Event, PlanReady, Reaction, operation_of, tick_of
+from companion.known_topics import is_foreign
 from companion.logs.ahead import Ahead, DivergedError, worth_it
 from companion.logs.difference import Differ, Difference, Series
 from companion.logs.recorded import Recorded, flown_overrides, open_flight, other_commit, other_versions
-from companion.logs.recordings import copied_metadata
+from companion.logs.recordings import check_size, copied_metadata
 from companion.logs.target import output
 from companion.logs.writer import Writer
 from companion.records import LEGACY_REQUEST, LOGGED, OPERATION, PLANNED, TICK, TRACE
@@ -178,7 +180,9 @@ class _Second:
         self._datagram_number = 0
         self._planner = planner
         plans: Plans = _AsRecorded(planner)
-        if PLANNED.topic not in self._topics:  # what it asks now, having asked nothing then, is answered as in lockstep
+        planned = self._topics.get(PLANNED.topic)
+        if planned is None or is_foreign(planned):
+            # What it asks now, having asked nothing then, is answered as in lockstep.
             plans = Planning(planner, flight.settings.avoidance.answer_delay)
         self._driver = Driver(autopilot, plans, after=self._react)
         self._somebody = False
@@ -197,9 +201,14 @@ class _Second:
             LEGACY_REQUEST.topic: lambda now, record: self._operation(LEGACY_REQUEST, now, record),
         }
         """What to do with the time and the data of each."""
+        for topic in sorted(self._events.keys() & self._topics.keys()):
+            if is_foreign(self._topics[topic]):
+                del self._events[topic]
+                self._say(f"{topic} is left out: it has not the fields that the name says")
 
     def fly(self) -> None:
-        """All events up to the log's end, or to where records are missing. FlightLogError if nothing was sent."""
+        """All events up to the log's end, or to where records are missing. FlightLogError if nothing was sent, or for
+        a record that is not as its schema says."""
         log, topics, writer, events = self._flight.log, self._topics, self._writer, self._events
         if TRACE.topic in topics and not self._compares_trace:
             self._say("the log's trace is not today's, and is not compared")
@@ -216,12 +225,14 @@ class _Second:
             sequence = number
             if topic == TRACE.topic:
                 if self._compares_trace:
+                    check_size(log, topics[topic], record)
                     self._trace(now, data)
                 continue
             if writer is not None:
                 self._copy(writer, record)
             event = events.get(topic)
             if event is not None:
+                check_size(log, topics[topic], record)
                 event(now, data)
                 last_ns = now
                 if first_ns is None:
@@ -252,7 +263,10 @@ class _Second:
 
     def _datagram(self, now: int, record: bytes) -> None:
         """One that was received, or sent."""
-        direction, has_address, data = datagram_of(record)
+        try:
+            direction, has_address, data = datagram_of(record)
+        except struct.error as error:
+            raise self._damaged("datagram", now, error) from error
         if direction == Direction.FORWARDED:  # from a ground station to the vehicle: the companion had no part in it
             return
         if direction == Direction.OUT:
@@ -288,7 +302,14 @@ class _Second:
             self._held += self._driver.handle(PlanReady(now, answer))
 
     def _operation(self, kind: RecordType, now: int, record: bytes) -> None:
-        self._held += self._driver.handle(operation_of(kind, now, record))
+        try:
+            operation = operation_of(kind, now, record)
+        except (struct.error, ValueError) as error:
+            raise self._damaged("operation", now, error) from error
+        self._held += self._driver.handle(operation)
+
+    def _damaged(self, what: str, now: int, error: Exception) -> FlightLogError:
+        return FlightLogError(f"{self._flight.log.path}: the {what} at {now * 1e-9:.3f} s is damaged: {error}")
 
     def _react(self, event: Event, reaction: Reaction) -> None:
         self._now = event.time_ns

@@ -5,8 +5,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from companion.known_topics import is_foreign
 from companion.link.vehicle_texts import VehicleTexts
-from companion.logs.recordings import commanded
+from companion.logs.recordings import commanded, unpack
 from companion.outcomes import CRITICAL_STATE, Outcome, Verdict, crash_words, recorded, worst
 from protocol.flightlog import LogReader
 
@@ -22,7 +23,8 @@ _CRITICAL, _EMERGENCY = frozenset({5, 6, 8}), frozenset({6, 8})
 def verdict_of(path: Path, metadata: dict[str, dict[str, str]]) -> Verdict | None:
     """The verdict on a log's flight; None if it is no flight of this companion.
 
-    Logs without one (of versions up to 0.1, or cut off) are judged by what the vehicle says in them.
+    Logs without one (of versions up to 0.1, or cut off) are judged by what the vehicle says in them. Raises
+    FlightLogError for one in which that is not as its schema says.
     """
     result = metadata.get("result", {})
     found = recorded(result)
@@ -36,18 +38,18 @@ def verdict_of(path: Path, metadata: dict[str, dict[str, str]]) -> Verdict | Non
 
 def _told(log: LogReader) -> Verdict | None:
     """What the vehicle says in a log, from its first arming on, of a crash or an emergency; None if nothing. Of several
-    it is the one that setpoints were sent to."""
+    it is the one that setpoints were sent to. Raises FlightLogError for a record that is too short."""
     kinds, systems = log.topics, commanded(log)
     asked = [
         topic
-        for topic in kinds
-        if topic.startswith("/mavlink/") and topic.endswith(("/HEARTBEAT", "/STATUSTEXT"))
+        for topic, kind in kinds.items()
+        if topic.startswith("/mavlink/") and topic.endswith(("/HEARTBEAT", "/STATUSTEXT")) and not is_foreign(kind)
         if not systems or topic.split("/")[2] in systems
     ]
     flown, critical, fallen, alarm = set[str](), False, False, _Alarm()
     for record in log.records(asked):
         sender, _, name = record.topic.rpartition("/")
-        fields = kinds[record.topic].unpack(record.data)
+        fields = unpack(log, kinds[record.topic], record)
         if name == "STATUSTEXT":
             if sender in flown and fields["severity"] <= _ALERT:
                 alarm.take(sender, SimpleNamespace(**fields), record.time_ns)

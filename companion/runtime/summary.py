@@ -1,5 +1,6 @@
 """The figures of a flight, from its log."""
 
+import struct
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.known_topics import is_foreign
 from companion.mission.plan import Phase
 from companion.records import LOOP, TRACE
 from companion.supervision.states import FLYING, State
@@ -62,16 +64,24 @@ def summarize(path: Path) -> Summary:
 
 
 def latencies_us(log: LogReader) -> NDArray[np.float64]:
-    """(n,) latencies (us) of all commands in order, from the receipt of an attitude to the command's departure."""
+    """(n,) latencies (us) of all commands in order, from the receipt of an attitude to the command's departure.
+    Raises FlightLogError for a record that is too short."""
     kind = log.topics.get(LOOP.topic)
-    # In an older log each record has one latency.
-    found = [] if kind is None else [kind.unpack(each.data)["latency_ns"] for each in log.records((LOOP.topic,))]
+    if kind is None or is_foreign(kind):
+        return np.empty(0)
+    try:  # in an older log each record has one latency
+        found = [kind.unpack(each.data)["latency_ns"] for each in log.records((LOOP.topic,))]
+    except struct.error as error:
+        raise FlightLogError(f"{log.path}: a record on {LOOP.topic} is not as its schema says") from error
     return np.hstack([np.empty(0), *found]) * 1e-3
 
 
 def _array(log: LogReader, kind: RecordType) -> NDArray[np.void]:
-    """(n,) all records of a type."""
-    return log.array(kind.topic) if kind.topic in log.topics else np.empty(0, [("time_ns", "<i8"), *_fields(kind)])
+    """(n,) all records of a type; none where the log has something else on its topic."""
+    there = log.topics.get(kind.topic)
+    if there is None or is_foreign(there):
+        return np.empty(0, [("time_ns", "<i8"), *_fields(kind)])
+    return log.array(kind.topic)
 
 
 def _fields(kind: RecordType) -> list[tuple[str, np.dtype[np.void], tuple[int, ...]]]:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.known_topics import is_foreign
 from companion.logs.leaps import is_leap
 from protocol.flightlog import DATAGRAM, LogReader, Record, RecordType
 
@@ -30,8 +31,8 @@ class Leap(NamedTuple):
 
 
 def batches(log: LogReader, leaps: list[Leap] | None = None) -> Iterator[Batch]:
-    """All topics of a log except the raw datagrams, in times without leaps, which are added to `leaps`. Records that do
-    not fit their schema are left out."""
+    """All topics of a log except the raw datagrams, in times without leaps, which are added to `leaps`. What
+    `batch` leaves out is left out."""
     times: dict[str, list[int]] = {}
     parts: dict[str, list[bytes]] = {}
     kinds = log.topics
@@ -80,7 +81,10 @@ def _without_leaps(records: Iterator[Record], leaps: list[Leap]) -> Iterator[tup
 
 
 def batch(kind: RecordType, times: list[int], held: list[bytes]) -> Iterator[Batch]:
-    """One batch of the records of a topic, or none if no record fits the schema."""
+    """One batch of the records of a topic, or none if no record fits the schema, or if the topic is not what its name
+    says."""
+    if is_foreign(kind):
+        return
     size = kind.size
     if size is None:
         values = [_unpacked(kind, data) for data in held]

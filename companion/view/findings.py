@@ -92,6 +92,9 @@ def _file(flight: GatheredFlight) -> list[Finding]:
     if flight.scans.left_out:
         text = f"Not drawn: {times_text(flight.scans.left_out, 'ring')} without bearings from the vehicle's nose."
         found.append(Finding(Level.NOTE, "rings", text))
+    if foreign := flight.foreign:
+        text = f"Left out: {times_text(len(foreign), 'topic')} without the fields that the name says."
+        found.append(Finding(Level.WARNING, "log", text, foreign))
     if flight.leaps:
         rows = tuple(f"{_leap(by)} at {at_text(at)}" for at, by in flight.leaps[:_LISTED_LEAPS])
         text = f"The log's clock leapt {times_text(len(flight.leaps), 'time')}; the times here are without that."

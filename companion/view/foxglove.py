@@ -40,6 +40,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
+from companion.known_topics import is_foreign
 from companion.logs.recordings import EXPORT_LIBRARY, commanded, has_texts, unpack
 from companion.logs.target import output
 from companion.records import LOGGED, PLANNED
@@ -87,6 +88,7 @@ class Converter:
         self._lines = VehicleLines()
         self._rings = RingTables()
         self._kinds = log.topics
+        self._foreign = {topic for topic, kind in self._kinds.items() if is_foreign(kind)}
         self._others = _others(log)
 
     def run(self) -> int:
@@ -134,6 +136,8 @@ class Converter:
         return True
 
     def _convert(self, record: Record) -> None:
+        if record.topic in self._foreign:
+            return
         name = record.topic.rpartition("/")[2]
         if record.topic == LOGGED.topic:
             trace = self._fields(record)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
+from companion.known_topics import is_foreign
 from companion.logs.recordings import SETPOINTS
 from companion.logs.settings import recorded_settings
 from companion.logs.verdict import verdict_of
@@ -150,6 +151,11 @@ class GatheredFlight:
             self.lines.add(f"{source}:{quantity}", times, values)
         if "volts" in columns and "amperes" in columns:
             self.energy.add(source, times, columns["volts"] * columns["amperes"])
+
+    @property
+    def foreign(self) -> tuple[str, ...]:
+        """The topics that are left out: they are not what their names say."""
+        return tuple(sorted(topic for topic, kind in self.log.topics.items() if is_foreign(kind)))
 
     @property
     def has_trace(self) -> bool:

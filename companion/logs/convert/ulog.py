@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from companion.known_topics import is_foreign
 from companion.logs.recordings import has_texts, records, unpack
 from protocol import ulog
 from protocol.flightlog import SCALARS, TEXT, LogReader, Record, RecordType
@@ -147,12 +148,12 @@ class _Ulog:
 def _texts(log: LogReader) -> dict[str, Callable[[dict[str, Any]], tuple[int, str]]]:
     """Topics with texts, and for each a function from a record's fields to its severity (as syslog's) and its text."""
     kinds = log.topics
-    if has_texts(log) and kinds[TEXT.topic].definition == TEXT.definition:
+    if has_texts(log):
         return {TEXT.topic: lambda said: (_LEVELS[min(said["level"], 5)], said["message"])}
     return {
         topic: lambda said: (min(said["severity"], 7), said["text"])
         for topic, kind in kinds.items()
-        if kind.schema_name == "mavlink/STATUSTEXT"
+        if topic.startswith("/mavlink/") and topic.endswith("/STATUSTEXT") and not is_foreign(kind)
     }
 
 
