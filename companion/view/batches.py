@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from companion.known_topics import is_foreign
 from companion.logs.leaps import is_leap
-from protocol.flightlog import DATAGRAM, LogReader, Record, RecordType
+from protocol.flightlog import DATAGRAM, FlightLogError, LogReader, Record, RecordType
 
 Table = NDArray[np.void]
 Batch = tuple[str, RecordType, NDArray[np.int64], Any]
@@ -81,22 +81,29 @@ def _without_leaps(records: Iterator[Record], leaps: list[Leap]) -> Iterator[tup
 
 
 def batch(kind: RecordType, times: list[int], held: list[bytes]) -> Iterator[Batch]:
-    """One batch of the records of a topic, or none if no record fits the schema, or if the topic is not what its name
-    says."""
-    if is_foreign(kind):
+    """One batch of the records of a topic, or none if no record fits the schema, if that has no fields, or if the topic
+    is not what its name says. Raises FlightLogError for a time beyond 63 bits."""
+    if not kind.fields or is_foreign(kind):
         return
     size = kind.size
     if size is None:
         values = [_unpacked(kind, data) for data in held]
         kept = [(at, value) for at, value in zip(times, values, strict=True) if value is not None]
         if kept:
-            yield kind.topic, kind, np.array([at for at, _ in kept], np.int64), [value for _, value in kept]
+            yield kind.topic, kind, _times(kind, [at for at, _ in kept]), [value for _, value in kept]
         return
     if any(len(data) != size for data in held):
         whole = [(at, data) for at, data in zip(times, held, strict=True) if len(data) == size]
         times, held = [at for at, _ in whole], [data for _, data in whole]
     if held:
-        yield kind.topic, kind, np.array(times, np.int64), np.frombuffer(b"".join(held), kind.dtype)
+        yield kind.topic, kind, _times(kind, times), np.frombuffer(b"".join(held), kind.dtype)
+
+
+def _times(kind: RecordType, times: list[int]) -> NDArray[np.int64]:
+    try:
+        return np.array(times, np.int64)
+    except OverflowError:
+        raise FlightLogError(f"{kind.topic}: a record's time is beyond 292 years") from None
 
 
 def _unpacked(kind: RecordType, data: bytes) -> dict[str, Any] | None:

@@ -105,6 +105,8 @@ class _Table(ABC):
 def _columns(log: LogReader, kind: RecordType, found: Sequence[Record]) -> list[Column]:
     values: list[Any]
     names = [field.name if field.name != TIME else f"{TIME}_" for field in kind.fields]
+    if not kind.fields:
+        return []
     if kind.size is not None:
         rows = np.frombuffer(b"".join(record.data for record in found), kind.dtype)
         values = [rows[field.name] for field in kind.fields]

@@ -23,6 +23,7 @@ from companion.view.report import compose
 from companion.view.sources import FinishedLog, GrowingLog
 from protocol.flightlog import DATAGRAM, TEXT, FlightLogError, LogReader, RecordType
 from protocol.messages import dialect
+from tests.companion.logs.changed_logs import foreign
 from tests.companion.test_known_topics import changed, lines, message, name_of, needed
 from tests.companion.view.test_live import filled
 from tests.golden.golden import path_of
@@ -154,6 +155,32 @@ def test_the_report_says_what_is_left_out(tmp_path: Path) -> None:
     assert set(found.evidence) == {kind.topic for kind in TOPICS}
     sound = {kind: kind.pack(*_values(kind)) for kind in TOPICS}
     assert _log_findings(made(tmp_path / "b.mcap", sound)) == []
+
+
+@every_reader
+def test_a_topic_without_fields_is_no_trouble(tmp_path: Path, reader: Callable[[Path, Path], None]) -> None:
+    empty, number = RecordType("/ping", "std_msgs/Empty", ""), RecordType("/number", "std_msgs/Int32", "int32 data")
+    for name, kinds in (("alone", {empty: b""}), ("beside", {empty: b"", number: bytes(4)})):
+        folder = tmp_path / name
+        folder.mkdir()
+        reader(made(folder / "a.mcap", kinds, flight=False), folder)
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_the_times_of_a_topic_without_fields_are_its_table(tmp_path: Path, kind: Any) -> None:
+    if kind == "parquet":
+        pytest.importorskip("pyarrow")
+    log = made(tmp_path / "a.mcap", {RecordType("/ping", "std_msgs/Empty", ""): b""}, flight=False)
+    assert to_tables(LogReader(log), tmp_path / "tables", kind) == {f"ping.{kind}": 3}
+    if kind == "csv":
+        assert (tmp_path / "tables" / "ping.csv").read_text().split() == ["time_ns", "0", "100000000", "200000000"]
+
+
+@pytest.mark.parametrize("reader", [_report, _view, _table])
+def test_a_time_beyond_all_clocks_is_said_in_a_line(tmp_path: Path, reader: Callable[[Path, Path], None]) -> None:
+    log = foreign(tmp_path / "a.mcap", {"/number": ("std_msgs/Int32", "int32 data\n", [((1 << 63) + 5, bytes(4))])})
+    with pytest.raises(FlightLogError, match="beyond 292 years"):
+        reader(log, tmp_path)
 
 
 def flown(target: Path, topic: str, kind: RecordType | None = None, data: bytes | None = None) -> Path:
