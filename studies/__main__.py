@@ -5,6 +5,7 @@
 
 import importlib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -61,7 +62,7 @@ def studies(
         chosen |= of_page
     choice = Choice(seeds, tuple(methods or ()), tuple(overrides or ()))
     try:
-        _check_choice(choice)
+        _check_choice(choice, [study for study, _ in chosen.values()])
         met = _run(chosen, choice)
         for page in PAGES:
             if any(each is page for _, each in chosen.values()):
@@ -77,16 +78,20 @@ def _studies(page: Page) -> list[Study]:
     return [cast(Study, importlib.import_module(module)) for module in page.studies]
 
 
-def _check_choice(choice: Choice) -> None:
+def _check_choice(choice: Choice, chosen: Sequence[Study]) -> None:
     """Raises TomlFileError for what the companion would refuse, before anything is flown."""
     from companion.runtime.files import load_settings
-    from studies.campaign import chooses_method
+    from studies import flyable
+    from studies.campaign import DEFAULT, chooses_method
 
     if chooses_method(choice.overrides):
         raise TomlFileError("--set avoidance.method: flights are listed by their method; choose it by --method")
     for method in choice.methods:
         load_settings(None, [f'avoidance.method="{method}"'])
     load_settings(None, list(choice.overrides))
+    if choice.methods or choice.overrides:
+        setups = [setup for study in chosen for setup in getattr(study, "SETUPS", ())]
+        flyable.check(setups, choice.methods or (DEFAULT,), overrides=choice.overrides)
 
 
 @places.command()

@@ -12,10 +12,11 @@ import msgspec
 
 from companion.config_types import Speed
 from companion.mission.plan import Mission
-from companion.runtime.files import load_mission, load_settings
+from companion.runtime.files import load_mission
 from protocol import toml_files
 from protocol.toml_files import TomlFileError
 from protocol.vehicle_parameters import Positive
+from studies import flyable
 from studies.campaign import DEFAULT, Job, Setup, chooses_method
 from studies.campaigns.runner import AT_LEAST, Stop
 from studies.engine import LIMIT_S
@@ -119,10 +120,9 @@ class CampaignFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     def setups(self) -> list[Setup]:
         """All of them, checked. Raises TomlFileError for what the flights would refuse."""
         setups = self._all()
-        for method, setup in product(self.methods, setups):
-            load_settings(None, [*setup.overrides, f'avoidance.method="{method}"'])
         for setup in setups:
             _check(setup, self.first_seed)
+        flyable.check(setups, self.methods, self.first_seed)
         return setups
 
     def jobs(self, setups: Sequence[Setup], folder: Path) -> list[Job]:

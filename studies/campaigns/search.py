@@ -21,7 +21,7 @@ from distributed import Client
 from protocol import toml_files
 from protocol.arrays import Array
 from protocol.toml_files import TomlFileError
-from studies.campaign import Row
+from studies.campaign import Job, Row
 from studies.campaigns.files import AT_LEAST_ONE, CampaignFile, Count
 from studies.campaigns.runner import fly_afar
 from studies.engine import LIMIT_S, Failed, as_they_end
@@ -70,7 +70,8 @@ class SearchFile:
 
     @classmethod
     def load(cls, path: Path) -> "SearchFile":
-        """Raises TomlFileError for a file that can't be searched, also for one whose middle can't be flown."""
+        """Raises TomlFileError for a file that can't be searched, also if the middle or an end of its ranges can't be
+        flown."""
         tables = toml_files.load(path, dict)
         if "search" not in tables:
             raise TomlFileError(f"{path}: it has no table [search]")
@@ -85,10 +86,20 @@ class SearchFile:
         found = cls(search, tables)
         middle = {name: 0.5 * (low + high) for name, (low, high) in search.ranges.items()}
         toml_files.convert(_filled(tables, middle), CampaignFile, str(path))  # its own name, too
-        flight = found.flight("middle", middle, 1)
-        if len(flight.jobs(flight.setups(), Path())) != 1:
+        if len(found.jobs(path, middle)) != 1:
             raise TomlFileError(f"{path}: a search has one place, vehicle, settings, fault, method and speed")
+        for name, ends in search.ranges.items():
+            for end in ends:
+                found.jobs(path, {**middle, name: end})
         return found
+
+    def jobs(self, path: Path, values: Values) -> list[Job]:
+        """The flights of values. Raises TomlFileError, which names the file at `path`, if they can't be flown."""
+        try:
+            flight = self.flight("values", values, 1)
+            return flight.jobs(flight.setups(), Path())
+        except TomlFileError as error:
+            raise TomlFileError(f"{path}: {error}") from error
 
     def flight(self, name: str, values: Values, seed: int) -> CampaignFile:
         """The campaign of one flight. Raises TomlFileError."""

@@ -256,6 +256,8 @@ def test_the_way_is_compared_with_the_shortest_where_it_is_known() -> None:
     [
         (["--method", "swamp"], "method 'swamp': there are"),
         (["--set", "avoidance.swamp=1"], "swamp"),
+        (["--set", "avoidance.guard.keep_out=0.1"], "forest25, astar: avoidance.guard.keep_out 0.1: less than"),
+        (["--set", "limits.highest_thrust=0.3", "--method", "none"], "forest25, none: limits.highest_thrust 0.3"),
         (["--set", "avoidance.method=none", "--seeds", "1"], "choose it by --method"),
     ],
 )

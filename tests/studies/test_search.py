@@ -72,6 +72,10 @@ def test_no_search_writes_over_what_another_one_has_found(tmp_path: Path) -> Non
     [
         (FILE.replace("[2.0, 3.0]", "[3.0, 3.0]"), "ahead: 3.0 is not below 3.0"),
         (FILE.replace("late = [", "extra = [1.0, 2.0]\nlate = ["), "extra is not in the rest of the file"),
+        (
+            f'{FILE}near = [0.1, 0.9]\n[[settings]]\nname = "near"\nset = ["avoidance.guard.keep_out={{near}}"]\n',
+            "astar: avoidance.guard.keep_out 0.1: less than avoidance.vehicle_radius",
+        ),
         (FILE.replace("late = [0.0, 0.05]", ""), "late is not in the table search.ranges"),
         (FILE.replace("budget", "bugdet"), "bugdet"),
         (FILE.split("[search]")[0], "no table [search]"),
