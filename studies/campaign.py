@@ -31,7 +31,7 @@ from companion.state import Output
 from protocol import toml_files
 from protocol.toml_files import TomlFileError
 from protocol.transport import TransportError
-from studies import escape, worlds
+from studies import escape, packages, worlds
 from studies.escape import Abilities, avoidable
 from studies.faults import flights
 from studies.faults.catalogue import FAULTS
@@ -110,7 +110,8 @@ class Job:
         """A digest of what flies and of how it is set up, but for the seed."""
         setup = self.setup
         what = (_described(setup.site), self.settings, self.speed, setup.limit_s, setup.has_way,
-                setup.vehicle_overrides, setup.mission, setup.vehicle, setup.fault, _contents(setup))  # fmt: skip
+                setup.vehicle_overrides, setup.mission, setup.vehicle, setup.fault, _contents(setup),
+                packages.digest(self.settings))  # fmt: skip
         return sha256(f"{_sources()} {what}".encode()).hexdigest()[:16]
 
     def mission_overrides(self, world: Path) -> list[str]:

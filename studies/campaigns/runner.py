@@ -129,7 +129,7 @@ class Campaign:
         if isinstance(flown, Failed):
             return lost(job, flown.why)
         if flown.row.code != job.code:
-            raise EngineError("a worker has another version of Courier, or of the worlds, vehicles or missions")
+            raise EngineError("a worker has another version of Courier, a plug-in, a world, a vehicle or a mission")
         for name, content in flown.files.items():
             path = job.folder / name
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,14 +1,17 @@
 """Campaigns' files: what is wrong in one is said with its name, before anything is flown."""
 
+import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
 from protocol.toml_files import TomlFileError
 from studies import __main__ as command_line
-from studies import flyable
+from studies import flyable, packages
 from studies.campaign import DEFAULT
 from studies.campaigns import files
+from tests.companion.broken_package import broken_package
 from tests.companion.installed import EXAMPLE, installed
 
 PLACE = '[[place]]\nworld = "forest"\n'
@@ -71,6 +74,52 @@ def test_a_plugin_that_can_not_be_made_is_said(method: str, good: str, bad: str,
     text = str(refused.value)
     assert text.startswith(f"{tmp_path / 'mine.toml'}: forest, changed, {method}: {says} of courier-example 0.1.0: ")
     assert bad.split("=")[0].rpartition(".")[2] in text
+
+
+def loaded() -> list[str]:
+    """The modules of the example's package."""
+    return [name for name in sys.modules if name.partition(".")[0] == "courier_example"]
+
+
+def test_rows_of_a_package_that_was_changed_are_flown_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its sources or its version; a campaign that does not fly by it keeps its rows."""
+    package, site = tmp_path / "plugin", tmp_path / "site"
+    shutil.copytree(EXAMPLE, package)
+    for name in loaded():
+        monkeypatch.delitem(sys.modules, name)
+
+    def codes() -> tuple[str, str]:
+        packages.digest.cache_clear()
+        site.mkdir()
+        with installed(package, site):
+            found = [files.load(written(tmp_path, PLACE, method)) for method in ("detour", "none")]
+            own, other = (each.jobs(each.setups(), tmp_path)[0].code for each in found)
+        shutil.rmtree(site)
+        for name in loaded():
+            del sys.modules[name]  # as another process
+        return own, other
+
+    seen = [codes()]
+    for path in (package / "courier_example" / "planner.py", package / "courier_example" / "law.py"):
+        path.write_text(f"{path.read_text()}\n# repaired\n")
+        seen.append(codes())
+    project = package / "pyproject.toml"
+    project.write_text(project.read_text().replace("0.1.0", "0.2.0"))
+    seen += [codes(), codes()]
+    assert len({own for own, _ in seen}) == 4 and len({other for _, other in seen}) == 1
+    assert seen[3] == seen[4]
+
+
+def test_a_package_of_one_file_is_a_package(tmp_path: Path) -> None:
+    overrides = ("control.position.law=broken",)
+    with broken_package(tmp_path):
+        packages.digest.cache_clear()
+        before = packages.digest(overrides)
+        source = tmp_path / "package" / "broken.py"
+        source.write_text(f"{source.read_text()}\n# repaired\n")
+        packages.digest.cache_clear()
+        assert before != packages.digest(overrides) != "" and packages.digest(()) == ""
+    packages.digest.cache_clear()
 
 
 def test_all_studies_of_the_project_can_be_flown() -> None:
