@@ -107,13 +107,20 @@ def fly(report: Report, setups: Sequence[Setup]) -> list[Case]:
                 pass
         flying.finish()
     rows = read(folder)
+    methods = _in_order(row.method for row in rows)
     return [
         Case(setup, method, speed, chosen)
         for setup in setups
-        for method in METHODS
+        for method in methods
         for speed in setup.speeds
         if (chosen := tuple(r for r in rows if (r.setup, r.method, r.speed) == (setup.name, method, speed)))
     ]
+
+
+def _in_order(methods: Iterable[str]) -> list[str]:
+    """Each method once: those that are built in as they are listed, then those of other packages by their names."""
+    there = set(methods)
+    return [*(method for method in METHODS if method in there), *sorted(there.difference(METHODS))]
 
 
 def _line(case: Case) -> list[str | float]:
@@ -168,7 +175,7 @@ def _check(report: Report, floor: Floor, cases: Iterable[Case]) -> None:
 
 def _successes(cases: Sequence[Case]) -> Any:
     setups = list(dict.fromkeys((case.setup.name, case.speed) for case in cases))
-    methods = [method for method in METHODS if any(case.method == method for case in cases)]
+    methods = _in_order(case.method for case in cases)
     figure, axes = style.sheet(height=2.8)
     for number, method in enumerate(methods):
         chosen = [case for case in cases if case.method == method]
@@ -177,9 +184,8 @@ def _successes(cases: Sequence[Case]) -> Any:
         shares = np.array([100.0 * case.share for case in chosen])
         ends = 100.0 * np.array([wilson(case.successes, len(case.rows)) for case in chosen])
         errors = np.maximum(np.abs(ends.T - shares), 0.0)
-        axes.errorbar(
-            places, shares, errors, fmt="o", ms=4, lw=1.0, capsize=2, color=style.PALETTE[number], label=method
-        )
+        colour = style.PALETTE[number % len(style.PALETTE)]
+        axes.errorbar(places, shares, errors, fmt="o", ms=4, lw=1.0, capsize=2, color=colour, label=method)
     labels = [f"{name}\n{speed:.3g} m/s".replace("-", "\n") for name, speed in setups]
     axes.set_xticks(range(len(setups)), labels, fontsize=min(_LABEL_PT, _LABELS_PT / len(setups)))
     axes.set(ylabel="success / %", ylim=(-3.0, 103.0), xlim=(-0.5, len(setups) - 0.5))

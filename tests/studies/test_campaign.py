@@ -17,9 +17,9 @@ from companion.logs.replay import replay
 from companion.runtime.files import load_mission
 from protocol.flightlog import Direction, datagrams, digest
 from studies import __main__ as command_line
-from studies import barn, campaign, worlds
+from studies import barn, campaign, style, worlds
 from studies.campaign import Job, Row, Setup
-from studies.campaign_report import Floor, fly_and_tell
+from studies.campaign_report import Floor, _successes, fly_and_tell
 from studies.campaigns.files import PlaceTable, place_at
 from studies.campaigns.statistics import wilson
 from studies.campaigns.table import TIMINGS, read, write
@@ -170,6 +170,18 @@ def test_a_section_holds_its_floors_against_the_default_alone(tmp_path: Path) ->
     text = markdown(report.section(), "avoidance")
     assert "| forest25, 3 m/s, seed 99 | contact | tree 7 | 2 | - |" in text
     assert (tmp_path / "forest.png").is_file()
+
+
+def test_a_section_has_the_planners_of_other_packages(tmp_path: Path) -> None:
+    """Behind those that are built in; there may be more of them than colours."""
+    others = [f"detour{number}" for number in range(len(style.PALETTE))]
+    rows = [row(seed=seed, method=method) for method in (*others, "none", "astar") for seed in (1, 2)]
+    write(rows, tmp_path / "logs" / "forest" / "forest25.parquet")
+    report = Report("forest", "Forests", tmp_path, choice=Choice(seeds=0, logs=tmp_path / "logs"))
+    cases = fly_and_tell(report, [FOREST], [])
+    assert [(case.method, len(case.rows)) for case in cases] == [(name, 2) for name in ("astar", "none", *others)]
+    _, labels = _successes(cases).axes[0].get_legend_handles_labels()
+    assert labels == ["astar", "none", *others]
 
 
 def test_a_section_tells_what_each_stage_takes(tmp_path: Path) -> None:
