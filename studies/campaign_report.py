@@ -100,7 +100,7 @@ def fly(report: Report, setups: Sequence[Setup]) -> list[Case]:
     folder = choice.logs / report.name
     todo = campaign.jobs(setups, choice.methods or tuple(METHODS), choice.seeds, folder, choice.overrides)
     if todo:
-        flying = Campaign(todo, folder)
+        flying = Campaign(todo, folder, alone=False)
         with cluster() as client:
             todo = flying.todo
             for _ in zip(report.progress(todo, f"{len(todo)} flights"), flying.fly(client), strict=True):

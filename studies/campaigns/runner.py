@@ -11,7 +11,7 @@ from distributed import Client
 from studies import campaign
 from studies.campaign import CaseKey, Job, Row
 from studies.campaigns.statistics import wilson
-from studies.campaigns.table import Table
+from studies.campaigns.table import Seeds, Table
 from studies.engine import LIMIT_S, Done, EngineError, Failed, as_they_end
 
 AT_LEAST = 20
@@ -73,9 +73,9 @@ class Case:
             self.over = stop is not None and self.flown >= stop.at_least and high - low <= stop.width
 
     @property
-    def last_seed(self) -> int:
-        """The last seed that counts, if the case is over."""
-        return self._jobs[self.flown - 1].seed
+    def seeds(self) -> Seeds:
+        """The first and the last seed that count."""
+        return self._jobs[0].seed, self._jobs[self.flown - 1 if self.over else -1].seed
 
     def rows(self, table: Table) -> list[Row]:
         """Those that count: of what was in the air when there were enough, nothing."""
@@ -85,9 +85,9 @@ class Case:
 
 class Campaign:
     """Jobs and the table of their flights. Each row is on disk as soon as its flight has ended, so whatever kills a
-    campaign costs it the flights that are in the air."""
+    campaign costs it the flights that are in the air. `alone`: no other rows in the folder count."""
 
-    def __init__(self, jobs: Sequence[Job], folder: Path, stop: Stop | None = None) -> None:
+    def __init__(self, jobs: Sequence[Job], folder: Path, stop: Stop | None = None, alone: bool = True) -> None:
         self.table = Table(folder)
         by_case: dict[CaseKey, list[Job]] = {}
         for job in jobs:
@@ -95,8 +95,8 @@ class Campaign:
         self.cases = {case: Case(chosen, stop) for case, chosen in by_case.items()}
         for case in self.cases.values():
             case.update(self.table)
-        self.table.end(self._ends())
-        self.jobs = jobs
+        self.jobs, self._alone, self._ended = jobs, alone, dict[CaseKey, Seeds]()
+        self._end()
 
     @property
     def todo(self) -> list[Job]:
@@ -109,11 +109,9 @@ class Campaign:
         for ended in as_they_end(client, fly, todo, limit_s):
             rows = [self._keep(each) for each in ended]
             self.table.add(rows)
-            before = self._ends()
             for case in {each.job.key[:3] for each in ended}:
                 self.cases[case].update(self.table)
-            if (ends := self._ends()) != before:
-                self.table.end(ends)
+            self._end()
             yield from rows
 
     def finish(self) -> list[Row]:
@@ -121,8 +119,12 @@ class Campaign:
         self.table.finish()
         return sorted((row for case in self.cases.values() for row in case.rows(self.table)), key=lambda row: row.key)
 
-    def _ends(self) -> dict[CaseKey, int]:
-        return {key: case.last_seed for key, case in self.cases.items() if case.over}
+    def _end(self) -> None:
+        """Keep which seeds count, if that has changed."""
+        ends = {key: case.seeds for key, case in self.cases.items()}
+        if self._alone and ends != self._ended:
+            self.table.end(ends)
+            self._ended = ends
 
     def _keep(self, done: Done[Job, Flown]) -> Row:
         job, flown = done.job, done.result

@@ -20,9 +20,15 @@ PARTS = "parts"
 LOCK = "flying"
 """Locked by the campaign that flies."""
 ENDS = "ends.json"
-"""The last seed that counts, of each case that had enough flights."""
+"""The first and the last seed that count, of each case: all other rows are of files of before, or were in the air when
+a case had enough flights."""
+_OLDER = 4
+"""Columns of an older file of ends, which knows no more than the last seed of some cases."""
 TIMINGS = ("wall_s", "map_us", "way_us", "space_us", "step_us")
 """Columns of wall times: all others are the same whenever and wherever a flight is flown."""
+
+Seeds = tuple[int, int]
+"""The first and the last one."""
 
 
 class TableError(Exception):
@@ -71,11 +77,13 @@ class Table:
         write(rows, self.folder / PARTS / f"{self._parts:08}.parquet")
         self._rows |= {row.key: row for row in rows}
 
-    def end(self, cases: Mapping[CaseKey, int]) -> None:
-        """Keep the last seed that counts of each case that had enough flights: what was in the air has rows, too."""
+    def end(self, cases: Mapping[CaseKey, Seeds]) -> None:
+        """Keep which seeds of each case count: no other rows do."""
         path = self.folder / ENDS
         unfinished = path.with_suffix(".unfinished")
-        unfinished.write_text(json.dumps([[*case, seed] for case, seed in cases.items()], indent=1), encoding="utf-8")
+        unfinished.write_text(
+            json.dumps([[*case, *seeds] for case, seeds in cases.items()], indent=1), encoding="utf-8"
+        )
         unfinished.replace(path)
 
     def finish(self) -> list[Row]:
@@ -145,11 +153,11 @@ def _rows_of(path: Path) -> list[Row]:
 
 
 def counting(folder: Path) -> list[Row]:
-    """The rows that the campaign's page counts: of what was in the air when a case had enough flights, nothing. Raises
-    TableError, too, if a case has rows of two versions of code or settings: a campaign that was begun anew by another
-    version and is not at its end yet, or has fewer seeds now."""
+    """The rows that the campaign's page counts: of what was in the air when a case had enough flights, and of what the
+    campaign's file has no more, nothing. Raises TableError, too, if a case has rows of two versions of code or
+    settings: a campaign that was begun anew by another version and is not at its end yet."""
     ends = _ends(folder)
-    rows = [row for row in read(folder) if row.seed <= ends.get(row.key[:3], row.seed)]
+    rows = [row for row in read(folder) if ends is None or _counts(row, ends)]
     codes: dict[CaseKey, str] = {}
     for row in rows:
         if codes.setdefault(row.key[:3], row.code) != row.code:
@@ -158,12 +166,23 @@ def counting(folder: Path) -> list[Row]:
     return rows
 
 
-def _ends(folder: Path) -> dict[CaseKey, int]:
+def _counts(row: Row, ends: Mapping[CaseKey, Seeds]) -> bool:
+    first, last = ends.get(row.key[:3], (1, 0))
+    return first <= row.seed <= last
+
+
+def _ends(folder: Path) -> dict[CaseKey, Seeds] | None:
+    """None where all rows count: those of an older campaign, and of a study."""
     path = folder / ENDS
     try:
-        read_back = json.loads(path.read_text(encoding="utf-8"))
-        return {(str(setup), str(method), float(speed)): int(seed) for setup, method, speed, seed in read_back}
-    except FileNotFoundError:  # an older campaign
-        return {}
+        read_back = [tuple(each) for each in json.loads(path.read_text(encoding="utf-8"))]
+        if any(len(each) == _OLDER for each in read_back) or not read_back:
+            return None
+        return {
+            (str(setup), str(method), float(speed)): (int(first), int(last))
+            for setup, method, speed, first, last in read_back
+        }
+    except FileNotFoundError:
+        return None
     except (OSError, ValueError, TypeError) as error:
         raise TableError(f"{path}: no ends of cases ({error})") from error

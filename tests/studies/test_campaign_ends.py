@@ -1,0 +1,63 @@
+"""Which rows of a campaign's folder count: those of its file, as it is now."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from studies import worlds
+from studies.campaign import Job, Setup
+from studies.campaigns import command
+from studies.campaigns.runner import Campaign, lost
+from studies.campaigns.table import ENDS, Table, counting, read
+
+POLE = Setup("pole", "pole", worlds.pole, (3.0,))
+
+
+def jobs(folder: Path, first: int, last: int, name: str = "pole") -> list[Job]:
+    setup = dataclasses.replace(POLE, name=name)
+    return [Job(setup, "none", 3.0, seed, folder) for seed in range(first, last + 1)]
+
+
+def flown(folder: Path, todo: list[Job]) -> None:
+    """All of them arrived."""
+    Table(folder).add([lost(job, "reached") for job in todo])
+
+
+@pytest.mark.parametrize(
+    ("now", "name"), [((1, 2), "pole"), ((2, 5), "pole"), ((4, 9), "pole"), ((1, 5), "renamed"), ((7, 9), "pole")]
+)
+def test_what_the_file_has_no_more_does_not_count(now: tuple[int, int], name: str, tmp_path: Path) -> None:
+    flown(tmp_path, jobs(tmp_path, 1, 5))
+    campaign = Campaign(jobs(tmp_path, *now, name), tmp_path)
+    flown(tmp_path, campaign.todo)
+    again = Campaign(jobs(tmp_path, *now, name), tmp_path)
+    page = again.finish()
+    assert [row.seed for row in page] == list(range(now[0], now[1] + 1))
+    assert counting(tmp_path) == page and len(read(tmp_path)) >= 5
+
+
+def test_two_campaigns_are_compared_by_their_files(tmp_path: Path) -> None:
+    for name, last in (("a", 1), ("b", 2)):
+        folder = tmp_path / name
+        flown(folder, jobs(folder, 1, 2))
+        Campaign(jobs(folder, 1, last), folder)
+    done = CliRunner().invoke(command.app, ["compare", str(tmp_path / "a"), str(tmp_path / "b")])
+    assert done.exit_code == 0 and "1 of 1" in done.output and "of 2" not in done.output, done.output
+
+
+@pytest.mark.parametrize("ends", [None, [], [["pole", "none", 3.0, 4]]])
+def test_all_rows_of_an_older_campaign_count(ends: list[object] | None, tmp_path: Path) -> None:
+    flown(tmp_path, jobs(tmp_path, 1, 5))
+    if ends is not None:
+        (tmp_path / ENDS).write_text(json.dumps(ends), encoding="utf-8")
+    assert len(counting(tmp_path)) == 5
+
+
+def test_all_rows_of_a_study_count(tmp_path: Path) -> None:
+    """Its page tells of all that was flown before, too."""
+    flown(tmp_path, jobs(tmp_path, 1, 5))
+    Campaign(jobs(tmp_path, 1, 2), tmp_path, alone=False)
+    assert len(counting(tmp_path)) == 5
