@@ -48,7 +48,7 @@ def fly(
         from studies.campaigns import files
         from studies.campaigns.page import write
         from studies.campaigns.runner import Campaign
-        from studies.campaigns.table import alone
+        from studies.campaigns.table import alone, naming
         from studies.engine import cluster, dashboard
 
         path = toml_files.find("campaigns", file)
@@ -64,7 +64,9 @@ def fly(
                     if (link := dashboard(client)) is not None:
                         _say(f"dashboard: {link}")
                     _fly(flying, client, given.wall_limit_s)
-            page = write(f"Campaign {given.name}", f"campaign {file}", own, setups, flying.finish())
+            rows = flying.finish()
+            with naming(own):
+                page = write(f"Campaign {given.name}", f"campaign {file}", own, setups, rows)
         typer.echo(page.read_text(encoding="utf-8"))
         _say(f"written: {page}")
 

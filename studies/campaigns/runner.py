@@ -11,7 +11,7 @@ from distributed import Client
 from studies import campaign
 from studies.campaign import CaseKey, Job, Row
 from studies.campaigns.statistics import wilson
-from studies.campaigns.table import Seeds, Table
+from studies.campaigns.table import Seeds, Table, naming
 from studies.engine import LIMIT_S, Done, EngineError, Failed, as_they_end
 
 AT_LEAST = 20
@@ -137,7 +137,8 @@ class Campaign:
             path.parent.mkdir(parents=True, exist_ok=True)
             if path.suffix == ".toml":
                 content = content.replace(flown.folder.encode(), str(job.folder.absolute()).encode())
-            path.write_bytes(content)
+            with naming(path):
+                path.write_bytes(content)
         return flown.row
 
 

@@ -24,6 +24,7 @@ from protocol.toml_files import TomlFileError
 from studies.campaign import Job, Row
 from studies.campaigns.files import AT_LEAST_ONE, CampaignFile, Count
 from studies.campaigns.runner import fly_afar
+from studies.campaigns.table import naming
 from studies.engine import LIMIT_S, Failed, as_they_end
 from studies.worlds import toml
 
@@ -236,5 +237,6 @@ def keep(tried: Tried, folder: Path) -> Path:
         path = folder / f"{name}.toml"
         if not path.exists() or path.read_text(encoding="utf-8") == text:
             break
-    path.write_text(text, encoding="utf-8")
+    with naming(path):
+        path.write_text(text, encoding="utf-8")
     return path

@@ -8,6 +8,7 @@ import dataclasses
 import fcntl
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,6 +53,18 @@ def alone(folder: Path) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """A block in which whatever the system refuses names this file or folder, if it names none: what says that a disk
+    is full does not."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
+
+
 class Table:
     """The rows of a campaign; a later row of the same flight replaces an earlier one."""
 
@@ -81,10 +94,10 @@ class Table:
         """Keep which seeds of each case count: no other rows do."""
         path = self.folder / ENDS
         unfinished = path.with_suffix(".unfinished")
-        unfinished.write_text(
-            json.dumps([[*case, *seeds] for case, seeds in cases.items()], indent=1), encoding="utf-8"
-        )
-        unfinished.replace(path)
+        text = json.dumps([[*case, *seeds] for case, seeds in cases.items()], indent=1)
+        with naming(path):
+            unfinished.write_text(text, encoding="utf-8")
+            unfinished.replace(path)
 
     def finish(self) -> list[Row]:
         """Merge all parts; the rows, sorted."""
@@ -116,8 +129,9 @@ def write(rows: Sequence[Row], path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     table = pa.Table.from_pylist([dataclasses.asdict(row) for row in rows], schema=schema)
     unfinished = path.with_suffix(".unfinished")
-    parquet.write_table(table, unfinished, compression="zstd")
-    unfinished.replace(path)
+    with naming(path):
+        parquet.write_table(table, unfinished, compression="zstd")
+        unfinished.replace(path)
 
 
 def _kind(annotation: Any) -> type:

@@ -1,17 +1,20 @@
 """Which rows of a campaign's folder count: those of its file, as it is now."""
 
 import dataclasses
+import errno
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from pyarrow import parquet
 from typer.testing import CliRunner
 
 from studies import worlds
 from studies.campaign import Job, Setup
 from studies.campaigns import command
 from studies.campaigns.runner import Campaign, lost
-from studies.campaigns.table import ENDS, Table, counting, read
+from studies.campaigns.table import ENDS, PARTS, Table, counting, read
 
 POLE = Setup("pole", "pole", worlds.pole, (3.0,))
 
@@ -46,6 +49,25 @@ def test_two_campaigns_are_compared_by_their_files(tmp_path: Path) -> None:
         Campaign(jobs(folder, 1, last), folder)
     done = CliRunner().invoke(command.app, ["compare", str(tmp_path / "a"), str(tmp_path / "b")])
     assert done.exit_code == 0 and "1 of 1" in done.output and "of 2" not in done.output, done.output
+
+
+def test_a_full_disk_is_said_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither the library of the table nor Python says which file it was."""
+
+    def full(*arguments: object, **options: object) -> None:
+        raise OSError(errno.ENOSPC, "Error writing bytes to file")
+
+    (job,), table = jobs(tmp_path, 1, 1), Table(tmp_path)
+    monkeypatch.setattr(parquet, "write_table", full)
+    monkeypatch.setattr(Path, "write_text", full)
+    writes: dict[str, Callable[[], None]] = {
+        f"{PARTS}/00000001.parquet": lambda: table.add([lost(job, "reached")]),
+        ENDS: lambda: table.end({job.key[:3]: (1, 1)}),
+    }
+    for path, write in writes.items():
+        with pytest.raises(OSError, match="No space left on device") as raised:
+            write()
+        assert raised.value.filename == str(tmp_path / path)
 
 
 @pytest.mark.parametrize("ends", [None, [], [["pole", "none", 3.0, 4]]])
