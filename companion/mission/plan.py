@@ -47,7 +47,7 @@ class Delivery(Table, frozen=True):
 class Mission(Table, frozen=True):
     """What is flown: a file in `missions/`, or made in code."""
 
-    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
+    name: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]+\Z")]
     """Letters, digits, - and _: the log's folder carries it."""
     waypoints: list[Waypoint] = msgspec.field(default_factory=list)
     """In the order in which they are flown."""

@@ -77,7 +77,7 @@ class StopTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class CampaignFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole file."""
 
-    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
+    name: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]+\Z")]
     place: Annotated[tuple[PlaceTable, ...], AT_LEAST_ONE]
     vehicle: Annotated[tuple[VehicleTable, ...], AT_LEAST_ONE] = (VehicleTable(),)
     settings: Annotated[tuple[VariantTable, ...], AT_LEAST_ONE] = (VariantTable("default"),)

@@ -34,6 +34,14 @@ def test_what_is_wrong_in_a_file_is_said_with_its_name(wrong: str, tmp_path: Pat
         files.load(written(tmp_path, f"[[place]]\n{wrong}\n"))
 
 
+@pytest.mark.parametrize("name", ["far/near", "two words", r"line\n", r"\nline", ""])
+def test_a_name_is_one_of_a_folder(name: str, tmp_path: Path) -> None:
+    file = written(tmp_path, PLACE)
+    file.write_text(file.read_text(encoding="utf-8").replace('"mine"', f'"{name}"'), encoding="utf-8")
+    with pytest.raises(TomlFileError, match=r"mine\.toml: .* - at `name`"):
+        files.load(file)
+
+
 @pytest.mark.parametrize(
     ("override", "says"),
     [

@@ -35,6 +35,14 @@ def test_every_mission_takes_off_first_and_lands_last(name: str) -> None:
     assert np.array_equal(plan[0].target_ned, START - [0.0, 0.0, mission.takeoff_height])  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("name", ["far/near", "two words", r"line\n", r"\nline", ""])
+def test_a_name_is_one_of_a_folder(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(HEAD.replace("mine", name) + WAYPOINT)
+    with pytest.raises(TomlFileError, match=r"mine\.toml: .* - at `name`"):
+        load_mission(str(path))
+
+
 def test_a_shape_begins_over_the_place_of_take_off_or_where_it_is_put(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(HEAD + "takeoff_height = 4.0\n" + SHAPE.format("circle") + "radius = 2.0\n")
