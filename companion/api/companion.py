@@ -17,7 +17,7 @@ import msgspec
 from companion.api.telemetry import Event, State, Telemetry, event_of, state_of
 from companion.mission.files import to_toml
 from companion.mission.orders import Order
-from companion.mission.plan import Delivery, Mission, Phase, Waypoint
+from companion.mission.plan import Delivery, Mission, Waypoint
 from companion.outcomes import Verdict, recorded
 from companion.records import LOGGED
 from companion.runtime.orders import LOG_AT, MOST_BYTES
@@ -47,7 +47,7 @@ class Companion:
         """One command alone starts the process."""
         self._left = False
         self._orders = 0
-        """Given so far; a refusal is of the latest."""
+        """Given so far."""
         self._words: deque[str] = deque(maxlen=20)
         """What the process said last."""
         self.log: Path | None = None
@@ -84,7 +84,7 @@ class Companion:
     # -- commands ------------------------------------------------------------------------------------------------------
 
     async def take_off(self, height: float) -> None:
-        """Take off to a height (m above the ground), and wait there. Raises FlightError."""
+        """Take off to a height (m above the ground), and wait there; in the air, fly there. Raises FlightError."""
         await self.fly(Mission("script", takeoff_height=height, waits=True))
 
     async def go_to(self, north: float, east: float, height: float, speed: float | None = None) -> None:
@@ -110,11 +110,11 @@ class Companion:
         async with self._starting:
             opened = None if self._flight is not None else await self._begin(mission)
         if opened is None:
-            await self._order(Order("fly", mission))
+            await self._order(Order("fly", _with_a_place(mission)))
             return self.verdict
         try:
             await opened.wait()
-            await self._done(0, -1, waits=mission.waits)
+            await self._done(0, waits=mission.waits)
         except asyncio.CancelledError:
             if not mission.waits:  # it takes no orders
                 self._hang_up()
@@ -209,43 +209,50 @@ class Companion:
 
     async def _order(self, order: Order) -> None:
         """Give an order, and wait until it is done. An order that is not awaited to its end becomes a hold."""
-        step = -1 if self.state is None else self.state.step
-        self._telemetry.refused = ""
-        self._send(order)
-        self._orders += 1
+        number = self._send(order)
         try:
             ends = order.do == "land" or (order.mission is not None and not order.mission.waits)
-            await self._done(self._orders, step, waits=not ends)
+            await self._done(number, waits=not ends)
         except asyncio.CancelledError:
             with contextlib.suppress(FlightError):  # it may have ended at this very moment
                 self._send(Order("hold"))
             raise
 
-    def _send(self, order: Order) -> None:
+    def _send(self, order: Order) -> int:
+        """Give an order; its number."""
         if self._process is None or self._process.stdin is None or self._telemetry.ended or self.state is None:
             raise FlightError("the vehicle is not in the air")
         line = msgspec.json.encode(order)
         if len(line) > MOST_BYTES:
             raise FlightError(f"an order of {len(line)} bytes: it has at most {MOST_BYTES}, some 2000 waypoints")
         self._process.stdin.write(line + b"\n")
+        self._orders += 1
+        return self._orders
 
-    async def _done(self, number: int, step: int, *, waits: bool) -> None:
-        """Until the flight waits at a later step, or has ended, or refuses the order of that number. Raises
-        FlightError."""
-        telemetry = self._telemetry
+    async def _done(self, number: int, *, waits: bool) -> None:
+        """Until the vehicle waits after the order of that number, or the flight has ended. Raises FlightError, also if
+        the order is refused, or another one is flown in its place."""
+        telemetry, orders = self._telemetry, self._telemetry.orders
 
-        def is_waiting() -> bool:
-            state = telemetry.state
-            return waits and state is not None and state.phase is Phase.WAIT and state.step > step
+        def is_done() -> bool:
+            return waits and number in orders.done
 
-        def is_refused() -> bool:
-            return bool(telemetry.refused) and number == self._orders
-
-        while not (telemetry.ended or is_refused() or is_waiting()):
+        while not (telemetry.ended or is_done() or number in orders.refused or orders.taken > number):
             await telemetry.news()
             if telemetry.silent and not telemetry.ended:
                 raise FlightError(f"nothing is heard of the flight any more: {' / '.join(self._words)}")
-        if is_refused():
-            raise FlightError(telemetry.refused)
-        if telemetry.ended and (waits or self.verdict is None):
+        if is_done():
+            return
+        if number in orders.refused:
+            raise FlightError(orders.refused[number])
+        if orders.taken > number:
+            raise FlightError("another order came")
+        if waits or self.verdict is None:
             raise FlightError(self.verdict.text if self.verdict else " / ".join(self._words))
+
+
+def _with_a_place(mission: Mission) -> Mission:
+    """A mission that is ordered in the air, where it has no take-off to fly to its height by."""
+    if mission.waypoints or not mission.waits:
+        return mission
+    return msgspec.structs.replace(mission, waypoints=[Waypoint(0.0, 0.0, mission.takeoff_height)])

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.mission.plan import Phase
-from companion.records import LOGGED
+from companion.records import LOGGED, OPERATION, OperationKind
 from protocol.flightlog import DATAGRAM, TEXT, FlightLogError, LogFollower
 
 Triple = tuple[float, float, float]
@@ -17,6 +17,8 @@ _LOOK_S = 0.05
 _SILENT_S = 10.0
 _MOST_WAITING = 2000
 """Records that wait for a listener: one that does not keep up loses the oldest."""
+_REFUSED = "order refused: "
+"""Said of an order that is not taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,41 @@ class Event:
     """The sentence."""
 
 
+class Orders:
+    """What has become of the orders of a flight, by their numbers: 0 is the mission that it began with.
+
+    The log has each order in turn, right behind it what was said to it, and then how it is flown.
+    """
+
+    def __init__(self) -> None:
+        self.taken = 0
+        """The latest that was not refused: it is flown in place of those before."""
+        self.refused: dict[int, str] = {}
+        """What was said to those that were refused."""
+        self.done: set[int] = set()
+        """After these the vehicle waited, before it took another one."""
+        self._heard, self._heard_ns = 0, 0
+
+    def hear(self, time_ns: int) -> None:
+        """The flight has read the next order."""
+        self._heard += 1
+        self._heard_ns = time_ns
+
+    def answer(self, text: str) -> None:
+        """Something was said: of an order, if it is the first after that was read."""
+        if self._heard in (self.taken, *self.refused):
+            return
+        if text.startswith(_REFUSED):
+            self.refused[self._heard] = text
+        else:
+            self.taken = self._heard
+
+    def wait(self, time_ns: int) -> None:
+        """The vehicle waited at that time. The log has some states later than an order that came after them."""
+        if time_ns > self._heard_ns:
+            self.done.add(self.taken)
+
+
 class Telemetry:
     """Follows the log of a flight, and hands out its records."""
 
@@ -62,8 +99,8 @@ class Telemetry:
         self.ended = False
         self.state: State | None = None
         """The latest."""
-        self.refused = ""
-        """What was said to the latest order, if that was refused."""
+        self.orders = Orders()
+        """What has become of the orders so far."""
         self.silent = False
         """Nothing has come for so long, once something had: the log can't be written or read any more."""
         self._listeners: list[tuple[str, asyncio.Queue[tuple[int, dict[str, Any]] | None]]] = []
@@ -106,13 +143,17 @@ class Telemetry:
 
     def _take(self, topic: str, time_ns: int, unpack: Any, data: bytes) -> None:
         wanted = [queue for end, queue in self._listeners if topic.endswith(end)]
-        if not wanted and topic not in (LOGGED.topic, TEXT.topic):
+        if not wanted and topic not in (LOGGED.topic, TEXT.topic, OPERATION.topic):
             return
         fields = unpack(data)
         if topic == LOGGED.topic:
             self.state = state_of(time_ns, fields)
-        elif topic == TEXT.topic and fields["message"].startswith("order refused: "):
-            self.refused = fields["message"]
+            if self.state.phase is Phase.WAIT:
+                self.orders.wait(time_ns)
+        elif topic == TEXT.topic:
+            self.orders.answer(fields["message"])
+        elif topic == OPERATION.topic and fields["kind"] == OperationKind.ORDER:
+            self.orders.hear(time_ns)
         for queue in wanted:
             _put(queue, (time_ns, fields))
 

@@ -7,10 +7,13 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, cast
 
+import msgspec
 import pytest
 
 from companion import Companion, FlightError, Mission, Phase, State, Waypoint
-from companion.api.telemetry import Telemetry
+from companion.mission.orders import Order
+from companion.records import LOGGED, OPERATION, OperationKind
+from protocol.flightlog import TEXT
 
 NOWHERE = (0.0, 0.0, 0.0)
 
@@ -117,24 +120,116 @@ def test_on_the_ground_no_place_is_flown_to(started: list[Process]) -> None:
     assert started == []
 
 
-def test_a_refusal_is_of_the_order_that_was_refused() -> None:
-    async def flight(vehicle: Companion) -> None:
-        vehicle._process = cast(asyncio.subprocess.Process, Process())
-        telemetry: Telemetry = vehicle._telemetry
-        telemetry.state = at(Phase.WAIT, 1)
+class Log:
+    """In place of a flight's log: a program commands a vehicle that waits in the air."""
+
+    def __init__(self, vehicle: Companion) -> None:
+        self.process, self.telemetry, self._time_ns = Process(), vehicle._telemetry, 0
+        vehicle._process = cast(asyncio.subprocess.Process, self.process)
         vehicle._flight = asyncio.create_task(asyncio.sleep(0))
-        going = asyncio.create_task(vehicle.go_to(1.0, 0.0, 3.0))
+        self.telemetry.state = at(Phase.WAIT, 1)
+
+    def order(self, said: str) -> None:
+        """The next order was read, and this said to it."""
+        self._time_ns += 1
+        fields = {"kind": OperationKind.ORDER, "text": ""}
+        self.telemetry._take(OPERATION.topic, self._time_ns, lambda _: fields, b"")
+        self.telemetry._take(TEXT.topic, self._time_ns, lambda _: {"message": said}, b"")
+        self.telemetry._tell()
+
+    def waits(self, later_ns: int = 1) -> None:
+        """The vehicle waits, so long after the last order."""
+        state = at(Phase.WAIT, 3)
+        fields = {each: getattr(state, each) for each in State.__slots__} | {"clearance": 1.0}
+        self.telemetry._take(LOGGED.topic, self._time_ns + later_ns, lambda _: fields, b"")
+        self.telemetry._tell()
+
+
+def test_a_refusal_is_of_the_order_that_was_refused() -> None:
+    """Whichever of two at once it is; the other one is flown."""
+
+    async def flight(vehicle: Companion) -> None:
+        log = Log(vehicle)
+        for refused_first in (True, False):
+            both = [asyncio.create_task(vehicle.go_to(north, 0.0, 3.0)) for north in (1.0, 1e4)]
+            await asyncio.sleep(0)
+            for refused in (refused_first, not refused_first):
+                log.order("order refused: beyond" if refused else "route, step 3 of 5")
+            refused_one, flown = both if refused_first else reversed(both)
+            with pytest.raises(FlightError, match="beyond"):
+                await refused_one
+            assert not flown.done()
+            log.waits()
+            await flown
+
+    run(flight)
+
+
+def test_an_order_that_another_one_overtakes_is_not_done() -> None:
+    """The vehicle waits, but not where the first one sent it."""
+
+    async def flight(vehicle: Companion) -> None:
+        log = Log(vehicle)
+        going = asyncio.create_task(vehicle.go_to(26.0, 0.0, 3.0))
         await asyncio.sleep(0)
-        far = asyncio.create_task(vehicle.go_to(1e4, 0.0, 3.0))
+        log.order("route, step 3 of 5")
+        holding = asyncio.create_task(vehicle.hold())
         await asyncio.sleep(0)
-        telemetry.refused = "order refused: beyond"
-        telemetry._tell()
-        with pytest.raises(FlightError, match="beyond"):
-            await far
         assert not going.done()
-        telemetry.state = at(Phase.WAIT, 3)
-        telemetry._tell()
+        log.order("wait, step 4 of 5")
+        log.waits()
+        with pytest.raises(FlightError, match="another order came"):
+            await going
+        await holding
+
+    run(flight)
+
+
+def test_an_order_that_was_done_stays_so_when_another_one_comes_at_once() -> None:
+    async def flight(vehicle: Companion) -> None:
+        log = Log(vehicle)
+        going = asyncio.create_task(vehicle.go_to(26.0, 0.0, 3.0))
+        await asyncio.sleep(0)
+        log.order("route, step 3 of 5")
+        log.waits()
+        log.order("descend, step 5 of 9")
         await going
+
+    run(flight)
+
+
+def test_a_state_of_before_an_order_is_none_of_after_it() -> None:
+    """The log has the last one of a phase when the next begins."""
+
+    async def flight(vehicle: Companion) -> None:
+        log = Log(vehicle)
+        going = asyncio.create_task(vehicle.go_to(26.0, 0.0, 3.0))
+        await asyncio.sleep(0)
+        log.order("route, step 3 of 5")
+        log.waits(later_ns=0)
+        await asyncio.sleep(0.01)
+        assert not going.done()
+        log.waits()
+        await going
+
+    run(flight)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_in_the_air_a_height_is_a_place_to_fly_to(own: bool) -> None:
+    """A mission without waypoints would wait from the beginning, on the way."""
+
+    async def flight(vehicle: Companion) -> None:
+        log = Log(vehicle)
+        rises = vehicle.take_off(6.0) if own else vehicle.fly(Mission("up", takeoff_height=6.0, waits=True))
+        rising = asyncio.create_task(rises)
+        await asyncio.sleep(0)
+        (given,) = log.process.given
+        mission = msgspec.json.decode(given, type=Order).mission
+        assert mission is not None and mission.waypoints == [Waypoint(0.0, 0.0, 6.0)]
+        log.order("route, step 3 of 5")
+        log.waits()
+        await rising
 
     run(flight)
 

@@ -94,7 +94,18 @@ def test_who_is_cancelled_leaves_the_vehicle_holding_and_who_leaves_lands_it(tmp
         async with Companion.connect(ANY_PORT, *options, logs=tmp_path) as vehicle:
             with pytest.raises(FlightError, match="not in the air"):
                 await vehicle.land()
+            await vehicle.take_off(1.5)
             await vehicle.take_off(2.0)
+            assert vehicle.state is not None and vehicle.state.position_ned[2] == pytest.approx(-2.0, abs=0.2)
+            first, second = await asyncio.gather(
+                vehicle.go_to(1.0, 0.0, -3.0), vehicle.go_to(1.0, 0.0, 2.0), return_exceptions=True
+            )
+            assert isinstance(first, FlightError) and "height" in str(first) and second is None
+            going = asyncio.create_task(vehicle.go_to(30.0, 0.0, 2.0))
+            await asyncio.sleep(0)
+            await vehicle.hold()
+            with pytest.raises(FlightError, match="another order came"):
+                await going
             with pytest.raises(FlightError, match="beyond"):
                 await vehicle.go_to(120.0, 0.0, 2.0)
             going = asyncio.create_task(vehicle.go_to(90.0, 0.0, 2.0))
@@ -165,7 +176,7 @@ def test_a_log_that_grows_no_more_is_an_error_and_no_wait_for_ever(
         vehicle, over = Companion.connect(ANY_PORT), asyncio.get_running_loop().create_future()
         following = asyncio.create_task(vehicle._telemetry.follow(log, over))
         with pytest.raises(FlightError, match="nothing is heard of the flight"):
-            await vehicle._done(0, 1000, waits=True)
+            await vehicle._done(1, waits=True)
         over.set_result(None)
         if not damaged:
             await following
