@@ -25,6 +25,9 @@ from protocol.flightlog import TEXT, LogReader
 
 _log = logging.getLogger(__name__)
 
+_LONGEST = 1 << 16
+"""Bytes of a line that are kept: a path has fewer."""
+
 
 class FlightError(Exception):
     """The flight did not begin, ended before what was asked for was done, or refused an order."""
@@ -38,8 +41,8 @@ class Companion:
     lands the vehicle where it is.
     """
 
-    def __init__(self, url: str, arguments: tuple[str, ...], vehicle: str, logs: Path) -> None:
-        self._url, self._arguments, self._vehicle, self._logs = url, arguments, vehicle, logs
+    def __init__(self, url: str, arguments: tuple[str, ...], vehicle: str, logs: Path | str) -> None:
+        self._url, self._arguments, self._vehicle, self._logs = url, arguments, vehicle, Path(logs)
         self._telemetry = Telemetry()
         self._process: asyncio.subprocess.Process | None = None
         self._flight: asyncio.Task[None] | None = None
@@ -56,7 +59,7 @@ class Companion:
         """How it came out, once it has ended."""
 
     @classmethod
-    def connect(cls, url: str, *arguments: str, vehicle: str = "paper_quad", logs: Path = Path("logs")) -> Self:
+    def connect(cls, url: str, *arguments: str, vehicle: str = "paper_quad", logs: Path | str = Path("logs")) -> Self:
         """A vehicle at a URL (as of `companion fly --connect`), which is opened at the take-off.
 
         `arguments`: more of `companion fly`, such as "--set", "avoidance.method=vfh". `vehicle`: the name or path of
@@ -178,13 +181,13 @@ class Companion:
         opened: asyncio.Event,
         folder: "tempfile.TemporaryDirectory[str]",
     ) -> None:
-        """Listen to the process until it ends. When it says where its log is, it has read its mission in the folder."""
+        """Listen to the process until it ends. When it says where its log is, it has read its mission in the folder. If
+        that fails, the vehicle lands before anybody is told."""
         assert process.stderr is not None
         following: asyncio.Task[None] | None = None
         over = asyncio.ensure_future(process.wait())
         try:
-            async for data in process.stderr:
-                line = data.decode(errors="replace").strip()
+            async for line in lines(process.stderr):
                 self._words.append(line)
                 _log.debug(line)
                 if line.startswith(LOG_AT):
@@ -196,6 +199,12 @@ class Companion:
             if following is not None and self.log is not None:
                 await following
                 self.verdict = recorded(LogReader(self.log).metadata.get("result", {}))
+        except Exception:
+            self._hang_up()
+            async for _ in lines(process.stderr):  # a full pipe would hold it up
+                pass
+            await over
+            raise
         finally:
             folder.cleanup()
             self._telemetry.end()
@@ -256,3 +265,15 @@ def _with_a_place(mission: Mission) -> Mission:
     if mission.waypoints or not mission.waits:
         return mission
     return msgspec.structs.replace(mission, waypoints=[Waypoint(0.0, 0.0, mission.takeoff_height)])
+
+
+async def lines(stream: asyncio.StreamReader) -> AsyncIterator[str]:
+    """What comes by a stream, line by line. What is beyond `_LONGEST` bytes of one is left out."""
+    rest = b""
+    while data := await stream.read(_LONGEST):
+        *whole, rest = (rest + data).split(b"\n")
+        for line in whole:
+            yield line[:_LONGEST].decode(errors="replace").strip()
+        rest = rest[:_LONGEST]
+    if rest:
+        yield rest.decode(errors="replace").strip()

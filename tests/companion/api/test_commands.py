@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from companion import Companion, FlightError, Mission, Phase, State, Waypoint
+from companion.api.companion import lines
 from companion.mission.orders import Order
 from companion.records import LOGGED, OPERATION, OperationKind
 from protocol.flightlog import TEXT
@@ -35,12 +36,20 @@ class Process:
         await self.left.wait()
         return 0
 
-    def __aiter__(self) -> "Process":
-        return self
-
-    async def __anext__(self) -> bytes:
+    async def read(self, _: int) -> bytes:
         await self.left.wait()
-        raise StopAsyncIteration
+        return b""
+
+
+class Speaking(Process):
+    """Says something first."""
+
+    def __init__(self, *said: bytes) -> None:
+        super().__init__()
+        self.said = list(said)
+
+    async def read(self, most: int) -> bytes:
+        return self.said.pop(0) if self.said else await super().read(most)
 
 
 @pytest.fixture
@@ -270,20 +279,62 @@ def test_the_log_is_found_in_a_folder_of_any_name(tmp_path: Path, said: bytes) -
     log.parent.mkdir(parents=True)
     log.write_bytes(b"")
 
-    class Said(Process):
-        def __init__(self) -> None:
-            super().__init__()
-            self.lines = [b"companion: log at " + said + b"/flight.mcap\n"]
-
-        async def __anext__(self) -> bytes:
-            return self.lines.pop() if self.lines else await super().__anext__()
-
     async def flight(vehicle: Companion) -> None:
-        process, opened = cast(asyncio.subprocess.Process, Said()), asyncio.Event()
-        vehicle._logs, folder = logs, tempfile.TemporaryDirectory()
+        process = cast(asyncio.subprocess.Process, Speaking(b"companion: log at " + said + b"/flight.mcap\n"))
+        opened, vehicle._logs, folder = asyncio.Event(), logs, tempfile.TemporaryDirectory()
         attending = asyncio.create_task(vehicle._attend(process, opened, folder))
         await opened.wait()
         assert vehicle.log == log
         attending.cancel()
+
+    run(flight)
+
+
+def test_long_lines_are_cut_and_those_in_pieces_are_whole() -> None:
+    """A plug-in prints what it likes."""
+    pieces = [b"x" * 50_000, b"x" * 50_000, b"x" * 50_000 + b"\ncompa", b"nion: log", b" at a\n\nb\xff\nthe", b" end"]
+
+    async def read() -> list[str]:
+        process = Speaking(*pieces)
+        process.close()
+        return [line async for line in lines(cast(asyncio.StreamReader, process))]
+
+    assert asyncio.run(read()) == ["x" * (1 << 16), "companion: log at a", "", "b\ufffd", "the end"]
+
+
+def test_the_logs_folder_may_be_a_string(tmp_path: Path) -> None:
+    log = tmp_path / "2026_script" / "flight.mcap"
+    log.parent.mkdir()
+    log.write_bytes(b"")
+    assert Companion.connect("udpin:127.0.0.1:0", logs=str(tmp_path))._log_at(log) == log
+
+
+def test_when_nobody_can_listen_the_vehicle_lands_before_that_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the process says while it lands is read: with its pipe full it would stand still."""
+
+    def fail(*_: object) -> Path:
+        raise OSError("no disk")
+
+    landed = asyncio.Event()
+
+    class Landing(Speaking):
+        async def wait(self) -> int:
+            await landed.wait()
+            return 0
+
+    async def flight(vehicle: Companion) -> None:
+        process, opened = Landing(b"companion: log at /a/b\n", b"landing\n", b"x" * (1 << 18)), asyncio.Event()
+        monkeypatch.setattr(vehicle, "_log_at", fail)
+        folder, vehicle._process = tempfile.TemporaryDirectory(), cast(asyncio.subprocess.Process, process)
+        vehicle._flight = asyncio.create_task(vehicle._attend(vehicle._process, opened, folder))
+        await process.left.wait()
+        while process.said:
+            await asyncio.sleep(0)
+        assert not vehicle._telemetry.ended and not vehicle._flight.done()
+        landed.set()
+        with pytest.raises(OSError, match="no disk"):
+            async with vehicle:
+                pass
+        assert vehicle._telemetry.ended
 
     run(flight)
