@@ -159,7 +159,7 @@ class Companion:
         if self._left:
             raise FlightError("the flight is over: its block was left")
         folder = tempfile.TemporaryDirectory()
-        file = Path(folder.name) / f"{mission.name}.toml"
+        file = Path(folder.name) / "mission.toml"  # its name may be none for a file: the flight refuses it then
         file.write_text(to_toml(mission), encoding="utf-8")
         options = ("--connect", self._url, "--log", str(self._logs), "--orders", *self._arguments)
         self._process = await asyncio.create_subprocess_exec(

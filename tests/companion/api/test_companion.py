@@ -6,6 +6,7 @@ import re
 import runpy
 import subprocess
 import sys
+import tempfile
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -157,6 +158,21 @@ def test_a_flight_that_can_not_begin_says_why(tmp_path: Path) -> None:
 
     with pytest.raises(FlightError, match=r"avoidance\.method|magic"):
         asyncio.run(flight("--avoid", "magic"))
+
+
+@pytest.mark.parametrize("name", ["../../x y", "a/b"])
+def test_a_mission_s_name_leads_nowhere(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is none that a mission may have, and no path."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "a" / "b"))
+    (tmp_path / "a" / "b").mkdir(parents=True)
+
+    async def flight() -> None:
+        async with Companion.connect(ANY_PORT, logs=tmp_path / "logs") as vehicle:
+            await vehicle.fly(Mission(name, waits=True))
+
+    with pytest.raises(FlightError, match="`name`"):
+        asyncio.run(flight())
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 @pytest.mark.parametrize("damaged", [False, True])
