@@ -134,7 +134,7 @@ class Companion:
 
     @property
     def state(self) -> State | None:
-        """The latest; None before the flight."""
+        """The latest; None before the flight. There is no new one once the vehicle lands by itself."""
         return self._telemetry.state
 
     async def states(self) -> AsyncIterator[State]:
