@@ -204,9 +204,11 @@ def _set(tables: dict[str, Any], override: str) -> None:
     if not separator or not all(path):
         raise TomlFileError(f"--set {override}: write it as table.key=value")
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
+        value, *others = tomllib.loads(f"value = {text}").values()
     except (ValueError, RecursionError):
-        value = text.strip()  # a bare word is a string, as on any command line
+        value, others = text.strip(), []  # a bare word is a string, as on any command line
+    if others:
+        raise TomlFileError(f"--set {override!r}: it has several keys, write a --set for each")
     table = tables
     for part in path[:-1]:
         table = table.setdefault(part, {})

@@ -200,6 +200,17 @@ def test_an_override_inside_of_a_value(path: Path, override: str) -> None:
     assert "not a table" in text
 
 
+@pytest.mark.parametrize("more", ["wing.count=3", "[wing]\ncount=3", "[wing]", "body.mass_kg=2"])
+def test_an_override_of_several_keys_is_refused(path: Path, more: str) -> None:
+    """The shell has passed on the end of a line."""
+    text = refusal(path, f"wing.span_m=2\n{more}")
+    assert text.startswith("--set 'wing.span_m=2\\n") and "several keys" in text
+
+
+def test_an_array_of_several_lines_is_one_value(path: Path) -> None:
+    assert toml_files.load(path, Craft, ["via=[\n[1, 2],\n[3, 4],\n]\n"]).via == ((1.0, 2.0), (3.0, 4.0))
+
+
 def test_tables_that_were_handed_over_stay_as_they_were() -> None:
     tables: dict[str, Any] = {"span_m": 1.0}
     assert toml_files.convert(tables, Wing, "a test", ["span_m=2", "count=3"]) == Wing(2.0, 3)
