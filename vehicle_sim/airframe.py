@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.toml_files import TomlFileError, find, floats, load
+from protocol.toml_files import TomlFileError, convert, find, floats, load, read
 from protocol.vehicle_parameters import GRAVITY, NotNegative, Positive, VehicleParameters
 from vehicle_sim.sensors.lidar import LidarSettings
 from vehicle_sim.sensors.settings import SensorSettings
@@ -169,7 +169,10 @@ class Airframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
         Raises TomlFileError, naming file and key, also for a vehicle that can't lift its parcel.
         """
-        airframe = load(path, cls, overrides)
+        tables = read(path)
+        if tables.keys() == {"body"}:
+            raise TomlFileError(f"{path}: for the companion alone: it has a [body], and nothing else to simulate")
+        airframe = convert(tables, cls, str(path), overrides)
         for key, problem in airframe._problems():
             raise TomlFileError(f"{path}: {key}: {problem}")
         if airframe.estimator.sensors is None:

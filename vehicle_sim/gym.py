@@ -31,7 +31,8 @@ class TargetEnv(gymnasium.Env[Floats, Floats]):
     Action (4,), each -1 to 1: roll, pitch and yaw rate as shares of `RATES`, and the thrust from none to all there is.
     Observation (14,): the way to the target (3, m) and the velocity (3, m/s), NED; the attitude (4, quaternion with
     w >= 0); the rates (3, rad/s, FRD); the distance to the nearest obstacle (m, at most 10). Reward: m that the target
-    came nearer, +10 for reaching it, -10 for a crash; both end the episode.
+    came nearer, +10 for reaching it, -10 for a crash; both end the episode, and so does a landing. It is cut short when
+    the vehicle leaves OFFBOARD, as for a low battery.
     """
 
     def __init__(self, vehicle: str = "paper_quad", world: str = "empty", *, overrides: Sequence[str] = ()) -> None:
@@ -55,8 +56,10 @@ class TargetEnv(gymnasium.Env[Floats, Floats]):
         return self._observation(state), {"time_s": state.time_s, "crash": state.crash}
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        """Fly on for 20 ms: the observation, the reward, whether the episode has ended, False (it has no limit of
-        time), and the vehicle's time and what it hit."""
+        """Fly on for 20 ms: the observation, the reward, whether the episode has ended or was cut short, and the
+        vehicle's time and what it hit. Raises ValueError for an action that is not finite."""
+        if not np.isfinite(action).all():
+            raise ValueError(f"an action of finite numbers is wanted, not {action}")
         rates, thrust = RATES * np.clip(action[:3], -1.0, 1.0), 0.5 * (float(np.clip(action[3], -1.0, 1.0)) + 1.0)
         state = self.simulation.step(Setpoint((rates[0], rates[1], rates[2]), thrust), ticks=5)
         before, self._distance = self._distance, float(np.linalg.norm(self.target_ned - state.position_ned))
@@ -66,8 +69,8 @@ class TargetEnv(gymnasium.Env[Floats, Floats]):
         return (
             self._observation(state),
             reward,
-            reached or crashed,
-            False,
+            reached or crashed or not state.armed,
+            state.armed and not state.obeys,
             {"time_s": state.time_s, "crash": state.crash},
         )
 

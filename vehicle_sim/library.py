@@ -53,6 +53,10 @@ class State:
     """From the hull to the nearest obstacle; inf without obstacles."""
     crash: str | None
     """What the vehicle hit."""
+    armed: bool
+    """False once its motors are off, as they are soon after a landing."""
+    obeys: bool
+    """It follows setpoints. False once it has left OFFBOARD, as for a low battery, or is not armed any more."""
 
 
 class Simulation:
@@ -105,7 +109,8 @@ class Simulation:
         return self.state
 
     def step(self, setpoint: Setpoint, ticks: int = 1) -> State:
-        """Fly so many ticks of 4 ms on a setpoint. Raises RuntimeError before `reset`."""
+        """Fly so many ticks of 4 ms on a setpoint, if the vehicle still obeys it. Raises RuntimeError before
+        `reset`."""
         vehicle = self._flying
         for _ in range(ticks):
             self._send(vehicle, setpoint)
@@ -119,7 +124,8 @@ class Simulation:
         state = vehicle.state.copy()
         clearance = vehicle.world.clearance(state[POSITION]) - self.airframe.hull.radius_m
         motion = state[POSITION], state[VELOCITY], state[ATTITUDE], state[RATES]
-        return State(vehicle.tick * TICK_NS * 1e-9, *motion, clearance, vehicle.flight.crash)
+        armed, offboard = vehicle.flight.armed, vehicle.flight.mode is Mode.OFFBOARD
+        return State(vehicle.tick * TICK_NS * 1e-9, *motion, clearance, vehicle.flight.crash, armed, armed and offboard)
 
     @property
     def _flying(self) -> Vehicle:

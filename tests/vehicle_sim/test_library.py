@@ -11,6 +11,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import vehicle_sim.gym
+from protocol.toml_files import TomlFileError
+from vehicle_sim.autopilot.modes import Mode
 from vehicle_sim.gym import TargetEnv
 from vehicle_sim.library import Setpoint, Simulation, State
 
@@ -66,6 +68,20 @@ def test_a_height_that_is_not_reached_is_said(simulation: Simulation, height: fl
         simulation.reset(height=height)
 
 
+def test_it_says_when_setpoints_are_obeyed_no_more(simulation: Simulation) -> None:
+    state = simulation.reset()
+    assert state.armed and state.obeys
+    simulation._flying.flight.set_mode(Mode.HOLD)
+    state = simulation.step(Setpoint(thrust=simulation.hover_thrust))
+    assert state.armed and not state.obeys
+
+
+@pytest.mark.parametrize("vehicle", ["iris", "px4_sih", "x500"])
+def test_a_file_for_the_companion_alone_is_no_vehicle_to_simulate(vehicle: str) -> None:
+    with pytest.raises(TomlFileError, match=rf"{vehicle}\.toml: for the companion alone"):
+        Simulation(vehicle)
+
+
 def test_without_a_reset_there_is_nothing_to_step() -> None:
     with pytest.raises(RuntimeError, match="reset"):
         Simulation().step(Setpoint())
@@ -91,6 +107,40 @@ def test_the_way_is_the_reward_and_a_crash_ends_it() -> None:
             break
     assert ended and info["crash"] == "ground"
     assert total == pytest.approx(way - float(np.linalg.norm(observation[:3])) - 10.0, abs=1e-3)
+
+
+def test_a_vehicle_that_obeys_no_more_cuts_the_episode_short() -> None:
+    """Its battery called it home, say: that is none of the task."""
+    env = TargetEnv()
+    env.reset(seed=1)
+    hover = np.array([0.0, 0.0, 0.0, 2.0 * env.simulation.hover_thrust - 1.0], np.float32)
+    assert env.step(hover)[2:4] == (False, False)
+    env.simulation._flying.flight.set_mode(Mode.HOLD)
+    assert env.step(hover)[2:4] == (False, True)
+
+
+def test_a_landing_ends_the_episode() -> None:
+    env = TargetEnv()
+    observation, _ = env.reset(seed=1, options={"target": (6.0, 0.0, 3.0)})
+    hover, ended, info = 2.0 * env.simulation.hover_thrust - 1.0, False, dict[str, Any]()
+    for _ in range(1500):
+        down = env.simulation.state.position_ned[2] > -0.25
+        thrust = -1.0 if down else float(np.clip(hover + 0.8 * (observation[5] - 0.3), -1.0, 1.0))
+        observation, reward, ended, cut, info = env.step(np.array([0.0, 0.0, 0.0, thrust], np.float32))
+        assert abs(reward) < 1.0 and not cut
+        if ended:
+            break
+    assert ended and info["crash"] is None and not env.simulation.state.armed
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_an_action_that_is_not_finite_is_refused(bad: float) -> None:
+    """The vehicle would take it for no setpoint, and leave OFFBOARD."""
+    env = TargetEnv()
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match="finite"):
+        env.step(np.array([0.0, 0.0, 0.0, bad], np.float32))
+    assert env.simulation.state.obeys
 
 
 def test_the_programs_of_the_page_without_a_link_run(capsys: pytest.CaptureFixture[str]) -> None:
