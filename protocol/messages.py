@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from protocol.framing import Frame
 
 __all__ = [
+    "HIGHEST_FLOAT",
     "AvailableModes",
     "ComponentMetadata",
     "CurrentMode",
@@ -30,6 +31,8 @@ __all__ = [
     "layout",
 ]
 
+HIGHEST_FLOAT: Final = (2.0 - 2.0**-23) * 2.0**127
+"""What a field of type float has room for."""
 _pack_header = struct.Struct("<BxxBBB3s").pack
 _FORMATS: Final = {
     "char": "s",

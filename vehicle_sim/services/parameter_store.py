@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from protocol.messages import dialect
+from protocol.messages import HIGHEST_FLOAT, dialect
 from protocol.vehicle_parameters import GRAVITY
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.autopilot.flight_control import FlightControl
@@ -23,8 +23,7 @@ Value = float | int
 _NO_TRANSMITTER_NEEDED = 7
 _VOLATILE = frozenset({"COM_FLIGHT_UUID"})
 """Changes by itself, and does not count for the hash."""
-_HIGHEST_FLOAT = (2.0 - 2.0**-23) * 2.0**127
-_INT32, _FLOAT32 = (-(2.0**31), 2.0**31 - 1.0), (-_HIGHEST_FLOAT, _HIGHEST_FLOAT)
+_INT32, _FLOAT32 = (-(2.0**31), 2.0**31 - 1.0), (-HIGHEST_FLOAT, HIGHEST_FLOAT)
 """What PARAM_VALUE has room for, at the least and at the most."""
 _LOSSES = ("COM_DL_LOSS_T", "COM_OBC_LOSS_T", "COM_OF_LOSS_T", "COM_RC_LOSS_T")
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from protocol.arrays import Quaternion
 from protocol.frames import to_world
-from protocol.messages import dialect
+from protocol.messages import HIGHEST_FLOAT, dialect
 from vehicle_sim.autopilot.flight_control import FlightControl
 from vehicle_sim.autopilot.modes import Severity
 from vehicle_sim.autopilot.sticks import Sticks
@@ -147,12 +147,15 @@ def _rates(message: Any) -> tuple[Axes, Axes]:
 
 
 def _in_world(axes: Axes, attitude_ned_frd: Quaternion) -> Axes:
-    """Axes ahead, to the right and down as those of the world; all or none of them, as for PX4."""
+    """Axes ahead, to the right and down as those of the world; all or none of them, as for PX4.
+
+    None, too, where the largest numbers, once turned, have no room in POSITION_TARGET_LOCAL_NED.
+    """
     forward, right, down = axes
     if forward is None or right is None or down is None:
         return FREE
-    north, east, below = to_world(attitude_ned_frd, (forward, right, down))
-    return float(north), float(east), float(below)
+    north, east, below = map(float, to_world(attitude_ned_frd, (forward, right, down)))
+    return (north, east, below) if max(abs(north), abs(east), abs(below)) <= HIGHEST_FLOAT else FREE
 
 
 def _stick(value: int) -> float:

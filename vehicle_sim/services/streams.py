@@ -61,11 +61,11 @@ class Schedule:
         return True
 
     def interval_us(self, message_id: int) -> int:
-        """As MESSAGE_INTERVAL reports it: -1 off, 0 no such message."""
+        """As MESSAGE_INTERVAL reports it: -1 off, 0 no such message, `_LONGEST_US` for what takes longer."""
         stream = self._streams.get(message_id)
         if stream is None:
             return 0
-        return stream.ticks * TICK_US or -1
+        return min(stream.ticks * TICK_US, _LONGEST_US) or -1
 
     def _reschedule(self) -> None:
         tick = self._tick

@@ -9,6 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from protocol.frames import to_geodetic
+from protocol.messages import HIGHEST_FLOAT
 from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, HOLD, OFFBOARD, RETURN, UNSET, ForeignPilot
 from vehicle_sim.autopilot.circle import Circle
 from vehicle_sim.autopilot.modes import Mode
@@ -132,6 +133,21 @@ def test_what_asks_for_nothing_is_no_setpoint(uses: int, frame: int, said: str) 
     whole = "".join(pilot.texts)  # a long text comes in pieces
     assert said in whole and "force not supported" in whole
     assert not pilot.vehicle.flight.setpoints.stream.has_begun
+
+
+@pytest.mark.parametrize("uses", [VELOCITY, ACCELERATION])
+def test_the_largest_numbers_askew_to_the_axes_are_no_setpoint(aloft: ForeignPilot, uses: int) -> None:
+    """Turned by 45 degrees they are 1.4 times as large, and POSITION_TARGET_LOCAL_NED has no room for them."""
+    assert aloft.interval(mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED, 4000) == ACCEPTED
+    turn = setpoint(aloft, POSITION | YAW, position=(0.0, 0.0, -aloft.height), yaw=(math.pi / 4.0, 0.0))
+    fly(aloft, 2.0, turn)
+    place = aloft.vehicle.motion.position_ned
+    largest = (HIGHEST_FLOAT, HIGHEST_FLOAT, 0.0)
+    setpoint(aloft, uses, frame=BODY, velocity=largest, acceleration=largest)()
+    aloft.fly(0.1)
+    assert "SET_POSITION_TARGET_LOCAL_NED invalid" in "".join(aloft.texts)
+    fly(aloft, 0.5, turn)
+    assert aloft.vehicle.motion.position_ned == pytest.approx(place, abs=0.1)
 
 
 def test_half_a_velocity_brakes(aloft: ForeignPilot) -> None:

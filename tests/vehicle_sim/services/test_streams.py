@@ -34,3 +34,11 @@ def test_off_default_least_and_unknown() -> None:
     assert schedule.set_interval(1, 0) and schedule.interval_us(1) == 10 * TICK_US
     assert not schedule.set_interval(1, -2) and not schedule.set_interval(2, 0)
     assert schedule.interval_us(2) == 0
+
+
+@pytest.mark.parametrize("ticks", [2**31 // TICK_US, 2**31 // TICK_US + 1, 10**9])
+def test_an_interval_of_more_than_36_minutes_is_kept_and_told_as_the_longest(ticks: int) -> None:
+    """MESSAGE_INTERVAL has an int32 of microseconds."""
+    schedule = Schedule({1: (ticks * TICK_US, ticks * TICK_US)})
+    assert schedule.interval_us(1) == min(ticks * TICK_US, 2**31 - 1)
+    assert [schedule.due(tick) for tick in (ticks - 1, ticks)] == [[], [1]]
