@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from protocol.vehicle_parameters import GRAVITY
-from tests.vehicle_sim.foreign_pilot import AIRFRAME, HOLD, LAND, RETURN, UNSET, ForeignPilot, world_with
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, HOLD, LAND, RETURN, UNSET, ForeignPilot, airframe_with, world_with
 from vehicle_sim.airframe import parameters
 from vehicle_sim.physics.integrator import step, work_array
 from vehicle_sim.physics.rigid_body import POSITION, RATES, ROTORS, STATES, VELOCITY
@@ -112,6 +112,43 @@ def test_a_steady_wind_keeps_it_off_neither_in_take_off_nor_in_return() -> None:
     assert math.hypot(*pilot.vehicle.motion.position_ned[:2]) < 0.3
 
 
+@pytest.mark.parametrize("down_m_s", [-4.0, 3.0])
+def test_a_steady_wind_from_above_or_below_keeps_it_off_neither_in_hold_nor_in_landing(down_m_s: float) -> None:
+    pilot = ForeignPilot(world=world_with(f"wind.mean_ned=[0.0, 0.0, {down_m_s}]"))
+    pilot.take_off()
+    pilot.fly(15.0)
+    assert pilot.height == pytest.approx(AIRFRAME.auto.takeoff_height_m, abs=0.1)
+    held_off = down_m_s * AIRFRAME.body.drag_kg_s[2] / AIRFRAME.takeoff_mass_kg
+    assert pilot.vehicle.flight.guidance.command["integral"][0][2] == pytest.approx(-held_off, rel=0.1)
+    pilot.set_mode(LAND)
+    assert pilot.fly(20.0, until=lambda: not pilot.armed)
+    assert pilot.vehicle.flight.crash is None and pilot.vehicle.motion.impact_m_s < 1.0
+
+
+@pytest.mark.parametrize(
+    ("airframe", "down_m_s"),
+    [
+        ((), 3.0),
+        (("battery.drives_speed=true", "battery.charge=0.5"), 0.0),
+        (("rotors.thrust_share=[0.85, 0.85, 0.85, 0.85]",), 0.0),
+    ],
+)
+def test_a_return_comes_home_in_a_downdraught_and_with_less_thrust_than_is_asked_for(
+    airframe: tuple[str, ...], down_m_s: float
+) -> None:
+    world = world_with(f"wind.mean_ned=[0.0, 0.0, {down_m_s}]")
+    pilot = ForeignPilot(world, airframe=airframe_with(*airframe))
+    pilot.take_off()
+    command = mavlink.MAV_CMD_DO_REPOSITION
+    north = math.degrees(world.origin[0]) + 5.0 / 111e3
+    x, y = round(north * 1e7), round(math.degrees(world.origin[1]) * 1e7)
+    pilot.send(mavlink.MAVLink_command_int_message(1, 1, 6, command, 0, 0, -1.0, 1.0, 0.0, UNSET, x, y, pilot.height))
+    assert pilot.fly(10.0, until=lambda: pilot.vehicle.motion.position_ned[0] > 4.0)
+    assert pilot.set_mode(RETURN) == mavlink.MAV_RESULT_ACCEPTED
+    assert pilot.fly(40.0, until=lambda: not pilot.armed) and pilot.vehicle.flight.crash is None
+    assert math.hypot(*pilot.vehicle.motion.position_ned[:2]) < 0.5
+
+
 def test_what_was_learned_of_the_wind_in_hold_is_kept_for_the_landing_and_forgotten_on_the_ground() -> None:
     pilot = ForeignPilot(world=world_with("wind.mean_ned=[0.0, 8.0, 0.0]"))
     pilot.take_off()
@@ -124,7 +161,7 @@ def test_what_was_learned_of_the_wind_in_hold_is_kept_for_the_landing_and_forgot
     assert pilot.fly(20.0, until=lambda: not pilot.armed)
     assert math.hypot(*pilot.vehicle.motion.position_ned[:2]) < 0.15
     pilot.set_mode(HOLD)
-    assert pilot.vehicle.flight.guidance.command["integral"].tolist() == [[0.0, 0.0]]
+    assert pilot.vehicle.flight.guidance.command["integral"].tolist() == [[0.0, 0.0, 0.0]]
 
 
 def test_what_was_learned_of_the_wind_is_forgotten_when_somebody_else_has_flown() -> None:

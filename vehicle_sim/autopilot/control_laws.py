@@ -34,7 +34,7 @@ COMMAND = np.dtype(
         ("speed_limits", "f8", 3),  # m/s: horizontal, up, down
         ("yaw", "f8"),
         ("integrates", "b1"),  # the position law learns what holds the vehicle off, such as wind
-        ("integral", "f8", 2),  # m/s2, north and east: what it has learned
+        ("integral", "f8", 3),  # m/s2, NED: what it has learned
         ("attitude_ned_frd", "f8", 4),  # from here on: computed for a command of a higher level
         ("rates_frd", "f8", 3),
         ("torque_frd", "f8", 3),
@@ -57,7 +57,7 @@ def position_law(state: Array, command: Command, parameters: Parameters) -> None
     """Attitude and thrust from position and yaw, into the command.
 
     P on the position, speed limits, PI on the velocity, acceleration limits, then the tilt at which the thrust gives
-    that acceleration. The integral waits at the limit.
+    that acceleration. The integral waits at the limits, and its part along down at full thrust, too.
     """
     p, c = parameters[0], command[0]
     vn = p.position_gain * (c.position_ned[0] - state[0])
@@ -73,8 +73,12 @@ def position_law(state: Array, command: Command, parameters: Parameters) -> None
         c.integral[1] += VELOCITY_INTEGRAL_1_S2 * slow_e * TICK_S
     an *= scale
     ae *= scale
-    lift = GRAVITY - _limited(p.velocity_gain * (vd - state[5]), p.climb_acceleration_limit)
+    slow_d = vd - state[5]
+    ad = p.velocity_gain * slow_d + c.integral[2]
+    lift = GRAVITY - _limited(ad, p.climb_acceleration_limit)
     size = math.sqrt(an * an + ae * ae + lift * lift)
+    if c.integrates and abs(ad) < p.climb_acceleration_limit and p.mass_kg * size < 4.0 * p.rotor_max_thrust_n:
+        c.integral[2] += VELOCITY_INTEGRAL_1_S2 * slow_d * TICK_S
 
     # the body's down axis is (-an, -ae, lift) / size: the shortest tilt to it from level, after the yaw
     t0, t1, t2 = 1.0 + lift / size, ae / size, -an / size

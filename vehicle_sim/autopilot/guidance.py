@@ -19,7 +19,7 @@ STILL_M_S = 0.3
 
 _ARRIVED_M = 0.5
 _SETTLED_NS = 3_000_000_000
-"""At rest near its target for so long, the vehicle comes no nearer: a steady downdraught keeps it off."""
+"""At rest near its target for so long, the vehicle comes no nearer: a downdraught that is too strong keeps it off."""
 _BELOW_GROUND_M = 10.0
 """Depth of the target of a landing, which is never reached."""
 

@@ -199,3 +199,17 @@ def test_position_law_thrusts_along_the_wanted_acceleration() -> None:
         wanted = -AIRFRAME.auto.velocity_gain_1_s * state[3:6] - np.array([0.0, 0.0, GRAVITY])
         assert force / AIRFRAME.takeoff_mass_kg == pytest.approx(wanted, abs=1e-9)
         assert np.linalg.norm(order["attitude_ned_frd"][0]) == pytest.approx(1.0)
+
+
+def test_the_vertical_integral_waits_at_full_thrust() -> None:
+    """A force that the rotors can't hold against pulls down: no more is learned than they have beyond the weight."""
+    heavy = parameters(AIRFRAME)
+    heavy["mass_kg"] = 4.0 * MOST / (1.2 * GRAVITY)
+    heavy["force_ned"] = (0.0, 0.0, 20.0)
+    state = flying()
+    order = command(Level.POSITION, position_ned=(0.0, 0.0, -500.0), integrates=True)
+    feedback, room = np.zeros(1, FEEDBACK), work_array()
+    for _ in range(1000):
+        advance(state, order, heavy, feedback, room, EXACT)
+    assert state[5] > 1.0, "it sinks"
+    assert 0.0 >= order["integral"][0][2] >= -0.2 * GRAVITY

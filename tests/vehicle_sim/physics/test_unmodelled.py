@@ -132,6 +132,7 @@ def test_the_momentum_is_what_the_weight_gives_and_the_shafts_energy_is_drag_tim
     pilot = ForeignPilot()
     vehicle = pilot.vehicle
     pilot.take_off()
+    pilot.fly(10.0)
     before = vehicle.motion
     pilot.fly(2.0)
     after = vehicle.motion

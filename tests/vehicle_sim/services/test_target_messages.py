@@ -44,6 +44,7 @@ def test_on_the_ground_there_is_no_target() -> None:
 
 
 def test_a_hold_is_told_in_both_frames(aloft: ForeignPilot) -> None:
+    aloft.fly(5.0)
     local, place = aloft.last("POSITION_TARGET_LOCAL_NED"), aloft.last("POSITION_TARGET_GLOBAL_INT")
     assert (local.coordinate_frame, local.type_mask) == (mavlink.MAV_FRAME_LOCAL_NED, PLACE_ALONE)
     assert fields(local)[:3] == pytest.approx([0.0, 0.0, -aloft.height], abs=0.02)
