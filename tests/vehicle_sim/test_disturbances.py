@@ -64,6 +64,13 @@ def test_force_of_a_world_pushes_from_take_off_to_landing() -> None:
     assert pilot.vehicle.motion.speed < 1e-3
 
 
+def test_a_parked_vehicle_stays_where_it_is_in_wind() -> None:
+    pilot = ForeignPilot(world_with("wind.mean_ned=[8.0, -6.0, 0.0]", "wind.turbulence_m_s=3.0"))
+    pilot.fly(60.0)
+    assert pilot.vehicle.flight.landed
+    assert math.hypot(*pilot.vehicle.state[:2]) < 0.01
+
+
 def test_mean_wind_of_a_world_leans_the_vehicle_against_its_drag() -> None:
     pilot = ForeignPilot(world_with("wind.mean_ned=[-5.0, 0.0, 0.0]"))
     pilot.take_off()
@@ -105,7 +112,7 @@ def test_a_steady_wind_keeps_it_off_neither_in_take_off_nor_in_return() -> None:
     assert pilot.command(mavlink.MAV_CMD_NAV_TAKEOFF, *(UNSET,) * 7) == mavlink.MAV_RESULT_ACCEPTED
     assert pilot.arm() == mavlink.MAV_RESULT_ACCEPTED
     assert pilot.fly(15.0, until=lambda: pilot.mode == HOLD)
-    assert pilot.vehicle.motion.position_ned[0] > 0.2  # it slid, and had to learn the wind
+    assert pilot.vehicle.motion.position_ned[0] > 0.2  # it was blown off, and had to learn the wind
     assert pilot.set_mode(RETURN) == mavlink.MAV_RESULT_ACCEPTED
     assert pilot.fly(20.0, until=lambda: pilot.mode == LAND)
     assert pilot.fly(15.0, until=lambda: not pilot.armed) and pilot.vehicle.flight.crash is None

@@ -23,7 +23,8 @@ POSITION, VELOCITY, ATTITUDE, RATES, ROTORS = slice(0, 3), slice(3, 6), slice(6,
 STATES = 17
 
 _SLIDING_M_S = 0.05
-"""Below this speed friction is viscous, so that the integrator meets no step."""
+"""Below this speed friction passes from what opposes the motion to what holds against the push, so that the integrator
+meets no step. Together they are never more than dry friction, and at any speed enough to stop what it can hold."""
 
 
 @inlined
@@ -60,11 +61,24 @@ def depth(state: Array, parameters: Parameters) -> float:
 
 
 @compiled
-def _contact_force(p: Any, sunk: float, vx: float, vy: float, vz: float) -> Vector:
-    """Force (N, NED) on a foot that is `sunk` (m) in the ground and moves so (m/s): spring, damper and dry friction."""
+def _push(force: Vector, p: Any) -> tuple[float, float]:
+    """How much (N, north and east) each newton that stands on the ground must hold under a force (N, NED) without that
+    of the ground, but at most what dry friction can hold."""
+    load, weight = math.hypot(force[0], force[1]), p.mass_kg * GRAVITY + force[2]
+    share = p.friction / max(load, 1e-9) if load >= p.friction * weight else 1.0 / weight
+    return share * force[0], share * force[1]
+
+
+@compiled
+def _contact_force(p: Any, sunk: float, velocity: Vector, push: tuple[float, float]) -> Vector:
+    """Force (N, NED) on a foot that is `sunk` (m) in the ground and moves so (m/s): spring, damper and dry friction,
+    which at rest holds against the push."""
+    vx, vy, vz = velocity
     normal = max(0.0, p.stiffness_n_m * sunk + p.damping_ns_m * vz)
-    grip = p.friction * normal / math.sqrt(vx * vx + vy * vy + _SLIDING_M_S * _SLIDING_M_S)
-    return -grip * vx, -grip * vy, -normal
+    speed = math.hypot(vx, vy)
+    grip = p.friction * normal / max(speed, _SLIDING_M_S)
+    sticking = normal * max(0.0, 1.0 - speed / _SLIDING_M_S)
+    return -grip * vx - sticking * push[0], -grip * vy - sticking * push[1], -normal
 
 
 @inlined
@@ -140,6 +154,7 @@ def with_ground(
     if down + p.foot_radius_m + p.foot_height_m <= 0.0:
         return wrench
     (fx, fy, fz), (tx, ty, tz) = wrench
+    push = _push(wrench[0], p)
     q0, q1, q2, q3 = attitude
     wx, wy, wz = rates
     for number in range(4):
@@ -151,7 +166,7 @@ def with_ground(
             vx += velocity[0]
             vy += velocity[1]
             vz += velocity[2]
-            gx, gy, gz = _contact_force(p, sunk, vx, vy, vz)
+            gx, gy, gz = _contact_force(p, sunk, (vx, vy, vz), push)
             fx += gx
             fy += gy
             fz += gz

@@ -199,6 +199,22 @@ def test_friction_stops_a_slide_within_the_distance_of_coulombs_law() -> None:
     assert abs(end[3]) < 1e-3
 
 
+@pytest.mark.parametrize("lift", [0.0, 0.5])
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.6, -0.8)])
+def test_on_the_ground_it_stands_still_until_a_force_exceeds_the_dry_friction(
+    lift: float, direction: tuple[float, float]
+) -> None:
+    """`lift`: the share of the weight that the rotors, say, take off the feet."""
+    p, mass = without_air(), AIRFRAME.takeoff_mass_kg
+    start, grip = at_height(AIRFRAME.rest_height_m), AIRFRAME.ground.friction * (1.0 - lift) * mass * GRAVITY
+    along = np.array([*direction, 0.0])
+    for share, speed in ((0.5, 0.0), (0.95, 0.0), (1.2, 0.2 * grip / mass * 3.0)):
+        p["force_ned"] = share * grip * along - (0.0, 0.0, lift * mass * GRAVITY)
+        end = run(start, p, 3.0)
+        assert end[VELOCITY] == pytest.approx(speed * along, abs=1e-4 if share < 1.0 else 0.05)
+        assert share > 1.0 or math.hypot(*end[:2]) < 0.02, "it leans, and stays"
+
+
 def test_ground_never_pulls() -> None:
     """Pulled out of the ground fast, the dampers must not hold it back."""
     start = at_height(AIRFRAME.rest_height_m)
