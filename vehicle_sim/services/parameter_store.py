@@ -136,6 +136,14 @@ OBEYED: dict[str, Bound] = {
 }
 
 
+def _told(value: Value) -> Value:
+    """A value as PARAM_VALUE and PARAM_SET have it: what is no integer as a float of 32 bits."""
+    if isinstance(value, int) or not abs(value) <= HIGHEST_FLOAT:
+        return value
+    told: float = struct.unpack("<f", struct.pack("<f", value))[0]
+    return told
+
+
 def _facts(airframe: Airframe) -> dict[str, Value]:
     """What is so about this vehicle, and can't be changed."""
     return {
@@ -189,13 +197,16 @@ class Parameters:
             return Refusal.DOES_NOT_EXIST
         if isinstance(value, int) is not entry.is_integer:
             return Refusal.TYPE_MISMATCH
+        told = _told(value)
         if name in self._facts:
-            return None if value == self[name] else Refusal.READ_ONLY
+            return None if told == _told(self[name]) else Refusal.READ_ONLY
         bound = OBEYED.get(name)
         lowest, highest = _INT32 if entry.is_integer else _FLOAT32
         least = lowest if entry.least is None else entry.least
         most = highest if entry.most is None else entry.most
-        if not least <= value <= most:  # NaN neither
+        if not entry.is_integer:
+            least, most = _told(least), _told(most)
+        if not least <= told <= most:  # NaN neither
             return Refusal.VALUE_OUT_OF_RANGE
         if bound is not None and bound.choices and value not in bound.choices:
             return Refusal.VALUE_OUT_OF_RANGE

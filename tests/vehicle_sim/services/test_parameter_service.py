@@ -151,6 +151,20 @@ def test_a_refusal_is_said_with_the_value_that_stays(name: bytes, number: float,
     assert put(pilot, name, number, kind) == (refusal, before)
 
 
+def test_every_limit_and_every_fact_can_be_set_as_a_message_has_it() -> None:
+    """32 bits have no 0.2 and no 0.03: they come as a little more or less."""
+    parameters = Vehicle(AIRFRAME, EMPTY).parameters
+    for name, entry in TABLE.items():
+        if entry.is_integer:
+            continue
+        numbers = [parameters[name]] if parameters.is_fact(name) else [entry.least, entry.most]
+        for number in numbers:
+            if number is not None:
+                assert parameters.set(name, struct.unpack("<f", struct.pack("<f", number))[0]) is None, name
+                assert parameters.set(name, float(number)) is None, name
+    assert parameters.set("BAT_LOW_THR", 0.1199999) is Refusal.VALUE_OUT_OF_RANGE
+
+
 def test_what_it_does_not_have_is_said() -> None:
     pilot = ForeignPilot()
     ask(pilot, b"NOT_THERE")
