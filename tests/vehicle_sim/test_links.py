@@ -130,6 +130,27 @@ def test_a_list_goes_to_who_asked_and_a_change_to_all() -> None:
     assert [m.param_value for m in other.all("PARAM_VALUE")] == [4.0]
 
 
+def test_what_the_shell_and_a_reset_change_is_told_to_all() -> None:
+    network = Network(Profile.GROUND, Profile.GROUND)
+    line = b"param set COM_DISARM_LAND 4\n"
+    shell = mavlink.SERIAL_CONTROL_DEV_SHELL
+    network.ends[0].send(mavlink.MAVLink_serial_control_message(shell, 0, 0, 0, len(line), [*line.ljust(70, b"\0")]))
+    network.fly(0.01)
+    for end in network.ends:
+        assert [(m.param_id, m.param_value) for m in end.all("PARAM_VALUE")] == [("COM_DISARM_LAND", 4.0)]
+        end.heard.clear()
+    changed = ["CAL_MAG0_ROT", "COM_DISARM_LAND", "SYS_AUTOSTART"]
+    for name in (changed[0], changed[2]):
+        assert network.vehicle.parameters.set(name, 7) is None
+    reset = mavlink.MAV_CMD_PREFLIGHT_STORAGE
+    network.ends[0].send(mavlink.MAVLink_command_long_message(1, 1, reset, 0, 2, *(0.0,) * 6))
+    network.fly(0.1)
+    for end in network.ends:
+        assert sorted(m.param_id for m in end.all("PARAM_VALUE")) == changed
+        (told,) = [m.param_value for m in end.all("PARAM_VALUE") if m.param_id == "COM_DISARM_LAND"]
+        assert told == 2.0
+
+
 def test_two_lists_at_once_are_both_whole() -> None:
     network = Network(Profile.GROUND, Profile.GROUND)
     network.ends[0].send(mavlink.MAVLink_param_request_list_message(1, 1))

@@ -46,7 +46,7 @@ class Actions(NamedTuple):
     """Drops the parcel; False if there is none."""
     inject: Callable[[int, int, int], Result]
     """Lets a part fail: unit, failure, instance."""
-    reset_parameters: Callable[[], None]
+    reset_parameters: Callable[[], object]
     """All of them as they were at first."""
 
 

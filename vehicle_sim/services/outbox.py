@@ -1,6 +1,6 @@
 """What goes out: the links of the vehicle, each with its own sequence numbers and streams, and what services send."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from protocol.framing import Frame, Framer
@@ -100,6 +100,11 @@ class Outbox:
     def pace(self, key: object, answer: Iterator[Payload]) -> None:
         """Send a long answer, some messages a tick; it takes the place of an unfinished one of the same key."""
         self.here.pace(key, answer)
+
+    def pace_to_all(self, tell: Callable[[], Iterator[Payload]]) -> None:
+        """Send something long to each link, some messages a tick, beside all else that is under way."""
+        for channel in self.channels:
+            channel.pace(object(), tell())
 
     def forward(self, frame: Frame, target: Sender, system: int) -> None:
         """Hand a frame of the link that is answered on to others, by MAVLink's rules. Nobody may speak as the

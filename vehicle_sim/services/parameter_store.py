@@ -210,18 +210,24 @@ class Parameters:
             return Refusal.VALUE_OUT_OF_RANGE
         if bound is not None and bound.choices and value not in bound.choices:
             return Refusal.VALUE_OUT_OF_RANGE
+        self._write(name, value)
+        self.on_change()
+        return None
+
+    def _write(self, name: str, value: Value) -> None:
+        bound = OBEYED.get(name)
         if bound is None:
             self._kept[name] = value
         else:
             bound.write(self._flight, value)
-        self.on_change()
-        return None
 
-    def reset(self) -> None:
-        """All of them as they were at first, at this pace."""
-        for name, value in self._first.items():
-            if name not in self._facts and self[name] != value:
-                self.set(name, value)
+    def reset(self) -> list[str]:
+        """All of them as they were at first, at this pace, beyond the limits, too; the names of those that change."""
+        changed = [name for name, value in self._first.items() if name not in self._facts and self[name] != value]
+        for name in changed:
+            self._write(name, self._first[name])
+        self.on_change()
+        return changed
 
     def scale_losses(self, factor: float) -> None:
         """Let the times after which a peer counts as lost pass as fast as at real time, as PX4's start in SITL does."""

@@ -33,6 +33,14 @@ class ParameterService:
             dialect.MAVLINK_MSG_ID_PARAM_SET: self._set,
         }
 
+    def reset(self) -> None:
+        """All of them as they were at first; what changes is told to all."""
+        self.tell(self._parameters.reset())
+
+    def tell(self, names: list[str]) -> None:
+        """To all, what others have changed."""
+        self._outbox.pace_to_all(lambda: map(self._value, names))
+
     def _read(self, message: Any) -> None:
         names, name, index = self._parameters.names, message.param_id, message.param_index
         if 0 <= index < len(names):

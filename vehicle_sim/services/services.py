@@ -71,6 +71,8 @@ class Services:
         self._flight = flight
         self.outbox = outbox = Outbox()
         self._status_texts = StatusTexts(outbox)
+        values = ParameterService(parameters, outbox)
+        actions = actions._replace(reset_parameters=values.reset)
         self._commands = commands = CommandService(flight, outbox, identity, origin, actions)
         self._missions = missions = MissionService(flight, outbox, identity, origin)
         described = parameter_metadata(parameters)
@@ -85,10 +87,10 @@ class Services:
             RefusalService(flight, outbox, identity),  # first: the others take what they serve from it
             LinkService(flight, outbox),
             SetpointService(flight, identity, origin),
-            ParameterService(parameters, outbox),
+            values,
             FileService(ChainMap(self._logs.files, files), outbox),
             LogService(self._logs, outbox),
-            ShellService(parameters, identity, outbox),
+            ShellService(parameters, identity, outbox, values.tell),
             commands,
             missions,
         )

@@ -21,10 +21,14 @@ class ShellService:
 
     capabilities = 0
 
-    def __init__(self, parameters: Parameters, identity: Identity, outbox: Outbox) -> None:
+    def __init__(
+        self, parameters: Parameters, identity: Identity, outbox: Outbox, tell: Callable[[list[str]], None]
+    ) -> None:
+        """`tell` tells all which parameters have changed."""
         self._parameters = parameters
         self._identity = identity
         self._outbox = outbox
+        self._tell = tell
         self._lines: dict[Channel, str] = {}
         self.handlers: dict[int, Callable[[Any], None]] = {dialect.MAVLINK_MSG_ID_SERIAL_CONTROL: self._handle}
         self._commands: dict[str, Callable[[list[str]], str]] = {
@@ -86,4 +90,7 @@ class ShellService:
             refusal = self._parameters.set(name, self._parameters.parse(name, text))
         except (ValueError, OverflowError):
             return f"{name}: {text} is no value"
-        return self._show(name) if refusal is None else f"{name}: {refusal.name.lower().replace('_', ' ')}"
+        if refusal is not None:
+            return f"{name}: {refusal.name.lower().replace('_', ' ')}"
+        self._tell([name])
+        return self._show(name)

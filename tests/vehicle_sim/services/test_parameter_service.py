@@ -14,7 +14,7 @@ from companion.link.firmware.px4 import FIRMWARE
 from protocol.messages import Encoder
 from protocol.toml_files import ROOT
 from protocol.vehicle_parameters import GRAVITY
-from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, HOLD, LAND, RETURN, ForeignPilot
+from tests.vehicle_sim.foreign_pilot import AIRFRAME, EMPTY, HOLD, LAND, RETURN, ForeignPilot, airframe_with
 from vehicle_sim.services.parameter_store import OBEYED, Parameters, Refusal
 from vehicle_sim.services.parameter_table import TABLE
 from vehicle_sim.vehicle import Vehicle
@@ -163,6 +163,17 @@ def test_every_limit_and_every_fact_can_be_set_as_a_message_has_it() -> None:
                 assert parameters.set(name, struct.unpack("<f", struct.pack("<f", number))[0]) is None, name
                 assert parameters.set(name, float(number)) is None, name
     assert parameters.set("BAT_LOW_THR", 0.1199999) is Refusal.VALUE_OUT_OF_RANGE
+
+
+def test_a_reset_brings_back_what_the_vehicles_file_has_beyond_the_limits() -> None:
+    airframe = airframe_with("auto.land_speed_m_s=0.4")
+    assert (TABLE["MPC_LAND_SPEED"].least or 0.0) > 0.4
+    parameters = Vehicle(airframe, EMPTY).parameters
+    changes: list[bool] = []
+    parameters.on_change = lambda: changes.append(True)
+    assert parameters.set("MPC_LAND_SPEED", 0.8) is None
+    assert parameters.reset() == ["MPC_LAND_SPEED"] and parameters["MPC_LAND_SPEED"] == 0.4
+    assert len(changes) == 2 and parameters.reset() == []
 
 
 def test_what_it_does_not_have_is_said() -> None:
