@@ -154,9 +154,7 @@ def vehicle_sim(options: Options) -> None:
             truth=recorder,
             identity=identity,
         )
-        if factor is not None and factor != 1.0:
-            vehicle.parameters.scale_losses(factor)
-        keep(vehicle.parameters, options.parameters, options.param or [])
+        keep(vehicle.parameters, options.parameters, options.param or [], factor or 1.0)
     except (TomlFileError, KeyFileError, TransportError, ParameterFileError) as error:
         _fail(str(error))
     _fly(options, factor, vehicle, opened, recorder)

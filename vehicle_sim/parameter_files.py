@@ -11,13 +11,16 @@ class ParameterFileError(Exception):
     """A file or an assignment that can't be used; the message names it and says why."""
 
 
-def keep(parameters: Parameters, path: Path | None, assignments: list[str]) -> None:
+def keep(parameters: Parameters, path: Path | None, assignments: list[str], pace: float = 1.0) -> None:
     """Read a file, if it exists, then set NAME=VALUE each; from then on write each change to the file.
 
-    Raises ParameterFileError.
+    At another pace than real time the times after which a peer counts as lost are scaled once the file has been read;
+    the file keeps them as they are at real time. Raises ParameterFileError.
     """
     if path is not None:
         _read(parameters, path)
+    if pace != 1.0:
+        parameters.scale_losses(pace)
     for assignment in assignments:
         name, separator, value = assignment.partition("=")
         if not separator:
@@ -64,7 +67,7 @@ def _write(parameters: Parameters, path: Path) -> None:
     """Whole, or not at all."""
     part = path.with_name(f"{path.name}.part")
     try:
-        part.write_text(text_of(parameters), encoding="utf-8")
+        part.write_text(text_of(parameters, at_real_time=True), encoding="utf-8")
         part.replace(path)
     except OSError as error:
         raise ParameterFileError(f"{path}: {error.strerror}") from error

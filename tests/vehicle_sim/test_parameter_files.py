@@ -31,6 +31,30 @@ def test_a_change_outlasts_the_vehicle(tmp_path: Path) -> None:
     assert [each.name for each in tmp_path.iterdir()] == ["own.params"]
 
 
+def test_a_file_outlasts_starts_at_any_pace(tmp_path: Path) -> None:
+    """Times after which a peer counts as lost stay the same in real time, however often it starts."""
+    file, losses = tmp_path / "own.params", ("COM_DL_LOSS_T", "COM_OBC_LOSS_T", "COM_OF_LOSS_T", "COM_RC_LOSS_T")
+    for pace in (1.0, 5.0, 5.0, 0.1, 1.0):
+        flown = parameters()
+        keep(flown, file, [], pace)
+        assert flown["COM_OF_LOSS_T"] == pytest.approx(pace) and flown["COM_RC_LOSS_T"] == pytest.approx(0.5 * pace)
+        again = parameters()
+        keep(again, file, [])
+        assert [again[name] for name in losses] == [TABLE[name].default for name in losses], pace
+
+
+def test_a_change_at_another_pace_is_kept_as_it_is_at_real_time(tmp_path: Path) -> None:
+    file = tmp_path / "own.params"
+    flown = parameters()
+    keep(flown, file, ["COM_DL_LOSS_T=40"], 4.0)
+    assert flown.set("COM_OF_LOSS_T", 12.0) is None
+    again, slow = parameters(), parameters()
+    keep(again, file, [], 4.0)
+    assert (again["COM_DL_LOSS_T"], again["COM_OF_LOSS_T"], again["COM_RC_LOSS_T"]) == (40, 12.0, 2.0)
+    keep(slow, file, [])
+    assert (slow["COM_DL_LOSS_T"], slow["COM_OF_LOSS_T"], slow["COM_RC_LOSS_T"]) == (10, 3.0, 0.5)
+
+
 def test_mavproxys_form_is_read_too(tmp_path: Path) -> None:
     told = mavparm.MAVParmDict()
     told["COM_DISARM_LAND"], told["NAV_RCL_ACT"] = 4.5, 3.0

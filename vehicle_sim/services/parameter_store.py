@@ -162,6 +162,9 @@ class Parameters:
         self._kept: dict[str, Value] = {name: entry.default for name, entry in TABLE.items()}
         self._kept |= self._facts
         self._first = {name: self[name] for name in TABLE}
+        self._pace = 1.0
+        self._real: dict[str, tuple[Value, Value]] = {}
+        """Of the times that are scaled, what they were before and after that."""
         self.names = list(TABLE)
         """In the order of their indices."""
         self.on_change: Callable[[], None] = lambda: None
@@ -231,11 +234,18 @@ class Parameters:
 
     def scale_losses(self, factor: float) -> None:
         """Let the times after which a peer counts as lost pass as fast as at real time, as PX4's start in SITL does."""
+        self._pace = factor
         for name in _LOSSES:
-            entry = TABLE[name]
-            value = min(max(entry.default * factor, entry.least or 0.0), entry.most or math.inf)
-            self.set(name, round(value) if entry.is_integer else value)
-            self._first[name] = self[name]
+            real = self[name]
+            self._first[name] = _scaled(name, self._first[name], factor)
+            self.set(name, _scaled(name, real, factor))
+            self._real[name] = real, self[name]
+
+    def at_real_time(self, name: str) -> Value:
+        """The value that `scale_losses` makes this one of; of a parameter that it leaves alone the value itself."""
+        value = self[name]
+        real, scaled = self._real.get(name, (value, value))
+        return real if value == scaled else _scaled(name, value, 1.0 / self._pace)
 
     def packed(self, name: str) -> bytes:
         """The four bytes of a value, as PARAM_VALUE and PX4's hash have them."""
@@ -246,10 +256,18 @@ class Parameters:
         return crc32(b"".join(name.encode() + self.packed(name) for name in self.names if name not in _VOLATILE))
 
 
-def text_of(parameters: Parameters) -> str:
-    """All of them as a file of QGroundControl's form."""
+def _scaled(name: str, value: Value, factor: float) -> Value:
+    """A time at another pace, within its limits."""
+    entry = TABLE[name]
+    time = min(max(value * factor, entry.least or 0.0), entry.most or math.inf)
+    return round(time) if entry.is_integer else time
+
+
+def text_of(parameters: Parameters, *, at_real_time: bool = False) -> str:
+    """All of them as a file of QGroundControl's form, with the values of now or with those that a start takes."""
+    value_of = parameters.at_real_time if at_real_time else parameters.__getitem__
     lines = ["# Vehicle-Id Component-Id Name Value Type"]
     for name in parameters.names:
         kind = dialect.MAV_PARAM_TYPE_INT32 if parameters.is_integer(name) else dialect.MAV_PARAM_TYPE_REAL32
-        lines.append(f"{parameters['MAV_SYS_ID']}\t{COMPONENT}\t{name}\t{parameters[name]!r}\t{kind}")
+        lines.append(f"{parameters['MAV_SYS_ID']}\t{COMPONENT}\t{name}\t{value_of(name)!r}\t{kind}")
     return "\n".join(lines) + "\n"
