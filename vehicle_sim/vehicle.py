@@ -223,7 +223,7 @@ class Vehicle:
         self._detect_collision(before, truth)
         if self._truth is not None:
             self._truth.record(self.time_ns, self.state, self._wind_ned)
-        self._now = Snapshot(told, truth, self._scan_poses[0])
+        self._now = Snapshot(told, truth, self._scan_poses[0], tuple(self._wind_ned.tolist()))
         self._services.tell(self._now)
 
     def collect(self, channel: Channel) -> list[bytes]:

@@ -81,6 +81,14 @@ def test_mean_wind_of_a_world_leans_the_vehicle_against_its_drag() -> None:
     assert pitch < 0.0  # nose down, into the wind from the north
 
 
+def test_the_truth_tells_the_speed_through_the_air() -> None:
+    pilot = ForeignPilot(world_with("wind.mean_ned=[-3.0, 4.0, 0.0]"), all_streams=True)
+    pilot.fly(0.5)
+    truth = pilot.last("HIL_STATE_QUATERNION")
+    assert (truth.vx, truth.vy, truth.vz) == (0, 0, 0)
+    assert truth.true_airspeed == pytest.approx(500, abs=2)
+
+
 def test_turbulence_repeats_and_does_not_change_the_lidars_noise() -> None:
     scan = mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
     calm, gusty, again = (

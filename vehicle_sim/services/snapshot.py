@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from protocol.arrays import Vector
 from vehicle_sim.physics.motion import Motion
 
 NOTHING = b""
@@ -15,6 +16,8 @@ class Snapshot(NamedTuple):
     """The present motion. Messages of the estimate must not read it."""
     scanned: Motion
     """The motion when the LiDAR made the scan that is reported now."""
+    wind_ned: Vector = (0.0, 0.0, 0.0)
+    """The present wind (m/s), of which the same holds."""
 
     @property
     def estimate_ms(self) -> int:

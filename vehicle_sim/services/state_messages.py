@@ -209,7 +209,7 @@ class StateMessages:
             *self._geodetic(m.position_ned),
             *(int16(v * 100.0) for v in m.velocity_ned),
             0,
-            min(round(m.speed * 100.0), 65535),
+            min(round(math.dist(m.velocity_ned, now.wind_ned) * 100.0), 65535),
             int16(ax * to_mg),
             int16(ay * to_mg),
             int16(az * to_mg),
