@@ -125,8 +125,8 @@ def air_wrench(
     right = p.rotor_thrust_share[1] * p.thrust_constant_ns2 * w_right * w_right
     back = p.rotor_thrust_share[2] * p.thrust_constant_ns2 * w_back * w_back
     left = p.rotor_thrust_share[3] * p.thrust_constant_ns2 * w_left * w_left
-    tx = p.arm_length_m * (left - right)
-    ty = p.arm_length_m * (front - back)
+    tx = p.arm_length_m * cushion * (left - right)
+    ty = p.arm_length_m * cushion * (front - back)
     tz = p.torque_per_thrust_m * (front + back - right - left)
     thrust = cushion * (front + right + back + left)
     tx += p.centre_of_mass_m[1] * thrust

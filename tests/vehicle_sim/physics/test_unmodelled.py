@@ -92,6 +92,19 @@ def test_the_ground_carries_as_cheeseman_and_bennett_say(height: float) -> None:
     assert up == pytest.approx(GRAVITY / (1.0 - (0.127 / (4.0 * height)) ** 2), rel=1e-6)
 
 
+def test_over_the_ground_rotors_turn_the_vehicle_as_much_more_as_they_lift_it() -> None:
+    """The ground effect makes more thrust of each rotor, at the same drag of its blades."""
+    airframe = airframe_with("unmodelled.propeller_radius_m=0.127", "ground.foot_height_m=0.05")
+    low, high = at(0.2, HOVER), at(3000.0, HOVER)
+    for state in (low, high):
+        state[ROTORS] += (20.0, -10.0, -30.0, 5.0)
+    near, far = rate_of(low, airframe), rate_of(high, airframe)
+    more = (GRAVITY - near[5]) / (GRAVITY - far[5])
+    assert more > 1.02
+    assert near[10:12] == pytest.approx(more * far[10:12])
+    assert near[12] == pytest.approx(far[12])
+
+
 def test_hover_s_current_behind_a_resistance() -> None:
     """Kirchhoff's law and the power of hover."""
     airframe = airframe_with("battery.internal_resistance_ohm=0.02")
