@@ -87,7 +87,9 @@ class Companion:
     # -- commands ------------------------------------------------------------------------------------------------------
 
     async def take_off(self, height: float) -> None:
-        """Take off to a height (m above the ground), and wait there; in the air, fly there. Raises FlightError."""
+        """Take off to a height (m above the ground), and wait there. Raises FlightError, also in the air."""
+        if self._flight is not None and self.verdict is None:
+            raise FlightError("the vehicle has begun its flight: go_to flies it to another height")
         await self.fly(Mission("script", takeoff_height=height, waits=True))
 
     async def go_to(self, north: float, east: float, height: float, speed: float | None = None) -> None:
@@ -113,7 +115,7 @@ class Companion:
         async with self._starting:
             opened = None if self._flight is not None else await self._begin(mission)
         if opened is None:
-            await self._order(Order("fly", _with_a_place(mission)))
+            await self._order(Order("fly", mission))
             return self.verdict
         try:
             await opened.wait()
@@ -258,13 +260,6 @@ class Companion:
             raise FlightError("another order came")
         if waits or self.verdict is None:
             raise FlightError(self.verdict.text if self.verdict else " / ".join(self._words))
-
-
-def _with_a_place(mission: Mission) -> Mission:
-    """A mission that is ordered in the air, where it has no take-off to fly to its height by."""
-    if mission.waypoints or not mission.waits:
-        return mission
-    return msgspec.structs.replace(mission, waypoints=[Waypoint(0.0, 0.0, mission.takeoff_height)])
 
 
 async def lines(stream: asyncio.StreamReader) -> AsyncIterator[str]:

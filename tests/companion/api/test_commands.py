@@ -7,12 +7,10 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, cast
 
-import msgspec
 import pytest
 
 from companion import Companion, FlightError, Mission, Phase, State, Waypoint
 from companion.api.companion import lines
-from companion.mission.orders import Order
 from companion.records import LOGGED, OPERATION, OperationKind
 from protocol.flightlog import TEXT
 
@@ -220,25 +218,6 @@ def test_a_state_of_before_an_order_is_none_of_after_it() -> None:
         assert not going.done()
         log.waits()
         await going
-
-    run(flight)
-
-
-@pytest.mark.parametrize("own", [True, False])
-def test_in_the_air_a_height_is_a_place_to_fly_to(own: bool) -> None:
-    """A mission without waypoints would wait from the beginning, on the way."""
-
-    async def flight(vehicle: Companion) -> None:
-        log = Log(vehicle)
-        rises = vehicle.take_off(6.0) if own else vehicle.fly(Mission("up", takeoff_height=6.0, waits=True))
-        rising = asyncio.create_task(rises)
-        await asyncio.sleep(0)
-        (given,) = log.process.given
-        mission = msgspec.json.decode(given, type=Order).mission
-        assert mission is not None and mission.waypoints == [Waypoint(0.0, 0.0, 6.0)]
-        log.order("route, step 3 of 5")
-        log.waits()
-        await rising
 
     run(flight)
 

@@ -96,8 +96,9 @@ def test_who_is_cancelled_leaves_the_vehicle_holding_and_who_leaves_lands_it(tmp
             with pytest.raises(FlightError, match="not in the air"):
                 await vehicle.land()
             await vehicle.take_off(1.5)
-            await vehicle.take_off(2.0)
-            assert vehicle.state is not None and vehicle.state.position_ned[2] == pytest.approx(-2.0, abs=0.2)
+            with pytest.raises(FlightError, match="go_to flies it to another height"):
+                await vehicle.take_off(2.0)
+            assert vehicle.state is not None and vehicle.state.position_ned[2] == pytest.approx(-1.5, abs=0.2)
             first, second = await asyncio.gather(
                 vehicle.go_to(1.0, 0.0, -3.0), vehicle.go_to(1.0, 0.0, 2.0), return_exceptions=True
             )
