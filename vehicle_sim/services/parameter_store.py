@@ -164,7 +164,7 @@ class Parameters:
         self._first = {name: self[name] for name in TABLE}
         self._pace = 1.0
         self._real: dict[str, tuple[Value, Value]] = {}
-        """Of the times that are scaled, what they were before and after that."""
+        """What the times that are scaled were before and after that."""
         self.names = list(TABLE)
         """In the order of their indices."""
         self.on_change: Callable[[], None] = lambda: None
