@@ -117,7 +117,8 @@ class Telemetry:
                     kinds, quiet_s = log.topics, 0.0
                     for topic, time_ns, _, data in records:
                         self._take(topic, time_ns, kinds[topic].unpack, data)
-                self.silent = self.state is not None and quiet_s > _SILENT_S
+                # Whoever flew may write a report, for long, once the log is complete.
+                self.silent = self.state is not None and quiet_s > _SILENT_S and not log.ended
                 self._tell()
                 await asyncio.sleep(_LOOK_S)
         except FlightLogError:

@@ -182,12 +182,12 @@ def test_a_log_that_grows_no_more_is_an_error_and_no_wait_for_ever(
 ) -> None:
     """Its recorder was killed, or its disk is full or broken: the vehicle may be where it was sent long ago."""
     monkeypatch.setattr("companion.api.telemetry._SILENT_S", 0.1)
-    log = make(tmp_path, 2.0)
+    log = make(tmp_path)
+    data = bytearray(log.read_bytes())
     if damaged:
-        data = bytearray(log.read_bytes())
         chunk = data.index(CHUNK_MARK) + 64
         data[chunk : chunk + 64] = bytes(64)
-        log.write_bytes(data)
+    log.write_bytes(data if damaged else data[: len(data) // 3])
 
     async def flight() -> None:
         vehicle, over = Companion.connect(ANY_PORT), asyncio.get_running_loop().create_future()
@@ -200,6 +200,24 @@ def test_a_log_that_grows_no_more_is_an_error_and_no_wait_for_ever(
         else:
             with pytest.raises(FlightLogError):
                 await following
+
+    asyncio.run(flight())
+
+
+def test_a_log_that_is_complete_is_not_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The flight's report may be written yet."""
+    monkeypatch.setattr("companion.api.telemetry._SILENT_S", 0.1)
+    log = make(tmp_path, 2.0)
+
+    async def flight() -> None:
+        telemetry, over = Companion.connect(ANY_PORT)._telemetry, asyncio.get_running_loop().create_future()
+        following = asyncio.create_task(telemetry.follow(log, over))
+        for _ in range(10):
+            await telemetry.news()
+            assert not telemetry.silent
+        assert telemetry.state is not None
+        over.set_result(None)
+        await following
 
     asyncio.run(flight())
 
