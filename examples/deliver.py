@@ -22,7 +22,9 @@ async def deliver(url: str, *options: str) -> None:
 
 
 if __name__ == "__main__":
+    reason = ""
     try:
         asyncio.run(deliver(*(sys.argv[1:] or ["udpin:127.0.0.1:14540"])))
     except* FlightError as errors:
-        sys.exit(str(errors.exceptions[0]))
+        reason = str(errors.exceptions[0])
+    sys.exit(reason or 0)

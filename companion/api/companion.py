@@ -88,8 +88,8 @@ class Companion:
 
     async def take_off(self, height: float) -> None:
         """Take off to a height (m above the ground), and wait there. Raises FlightError, also in the air."""
-        if self._flight is not None and self.verdict is None:
-            raise FlightError("the vehicle has begun its flight: go_to flies it to another height")
+        if self.state is not None and not self._telemetry.ended:
+            raise FlightError("the vehicle is in the air: go_to flies it to another height")
         await self.fly(Mission("script", takeoff_height=height, waits=True))
 
     async def go_to(self, north: float, east: float, height: float, speed: float | None = None) -> None:

@@ -1,5 +1,6 @@
 """A package whose laws, planner and output fail in all ways, as their options say."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -123,5 +124,6 @@ def broken_package(folder: Path) -> Iterator[None]:
         'slow = "broken:Slow"\n'
         '[project.entry-points."courier.planners"]\nbroken = "broken:Planner"\n'
     )
+    sys.modules.pop("broken", None)  # that of an earlier folder
     with installed(package, site):
         yield

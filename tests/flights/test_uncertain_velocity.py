@@ -23,7 +23,8 @@ def test_what_is_too_narrow_for_an_uncertain_vehicle_is_not_entered(heeded: bool
     summary = joined.vehicle.summary()
     told = [line for line in joined.said if "velocity is uncertain" in line]
     if not heeded:
-        assert summary.contacts == 1 and not told
+        assert summary.least_clearance_m is not None and summary.least_clearance_m < 0.05 and not told
+        assert math.dist(joined.vehicle.motion.position_ned[:2], site.goal) < 2.0, "it is through the gap, by luck"
         return
     assert told, joined.said
     assert summary.contacts == 0 and summary.least_clearance_m is not None and summary.least_clearance_m > 0.03
