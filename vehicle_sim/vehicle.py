@@ -136,7 +136,7 @@ class Vehicle:
         failures = Failures(
             _faults(senses), running, health, enabled=lambda: bool(self.flight.settings.failures_allowed)
         )
-        actions = Actions(self._release, failures.inject, self.parameters.reset)
+        actions = Actions(self._release, failures.inject)
         self._services = Services(identity, airframe, self.flight, self.parameters, senses, world.origin, actions)
         self.channel = self.open_channel(datagrams=datagrams)
         """The first link."""

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+import msgspec
+
 from companion.config import Settings
 from companion.renamed_settings import RENAMED_SETTINGS
 from protocol import toml_files
@@ -39,6 +41,14 @@ def recorded_settings(tables: dict[str, Any], source: str, overrides: Sequence[s
     for missing in _FLOWN_WITHOUT:
         tables = _completed(tables, missing)
     return toml_files.convert(tables, Settings, source, overrides, RENAMED_SETTINGS)
+
+
+def settings_or_defaults(attachment: bytes) -> tuple[Settings, str | None]:
+    """The settings in a log's settings.json, or the defaults and why they stand for it. Another's log has `{}`."""
+    try:
+        return recorded_settings(msgspec.json.decode(attachment, type=dict[str, Any]), "settings.json"), None
+    except (msgspec.MsgspecError, RecursionError, toml_files.TomlFileError) as error:
+        return Settings(), str(error)
 
 
 def _completed(tables: dict[str, Any], by: dict[str, Any]) -> dict[str, Any]:

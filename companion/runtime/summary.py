@@ -47,7 +47,7 @@ def summarize(path: Path) -> Summary:
     trace = _array(log, TRACE)
     flown = trace[trace["state"] == State.FLY.value]
     error = flown["position_ned"] - flown["reference_position_ned"]
-    airborne = trace[np.isin(trace["state"], _FLYING) & (trace["phase"] > Phase.PREPARE.value)]
+    airborne = trace[in_the_air(trace)]
     steps = np.diff(airborne["position_ned"], axis=0)
     clearance = airborne["clearance"][np.isfinite(airborne["clearance"])]
     latency_us = latencies_us(log)
@@ -61,6 +61,12 @@ def summarize(path: Path) -> Summary:
         messages_in=sum(count for topic, count in counts.items() if _is_vehicle(topic) is True),
         messages_out=sum(count for topic, count in counts.items() if _is_vehicle(topic) is False),
     )
+
+
+def in_the_air(trace: NDArray[np.void]) -> NDArray[np.bool_]:
+    """(n,) whether the vehicle flew at these control steps (n,), whoever flew it."""
+    flying: NDArray[np.bool_] = np.isin(trace["state"], _FLYING) & (trace["phase"] > Phase.PREPARE.value)
+    return flying
 
 
 def latencies_us(log: LogReader) -> NDArray[np.float64]:

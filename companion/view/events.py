@@ -7,12 +7,11 @@ from itertools import pairwise
 
 from companion.mission.plan import Phase
 from companion.supervision.states import State
-from companion.view.accumulators.texts import without_middle
+from companion.view.accumulators.texts import WARNING, without_middle
 from companion.view.gather import GatheredFlight
 from companion.view.lines import Stretch
 
 _MOST_EVENTS = 600
-_WARNING = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +51,11 @@ def events(flight: GatheredFlight) -> list[Event]:
     for sender, stretches in senders.armed.items():
         story += _changes(stretches.finish(), senders.name(sender), lambda armed: "armed" if armed else "disarmed")
     story.sort(key=lambda event: event.time)
-    warnings = without_middle([event for event in story if event.level >= _WARNING], _MOST_EVENTS)
-    others = without_middle([event for event in story if event.level < _WARNING], _MOST_EVENTS - len(warnings))
+    warnings = without_middle([event for event in story if event.level >= WARNING], _MOST_EVENTS)
+    others = without_middle([event for event in story if event.level < WARNING], _MOST_EVENTS - len(warnings))
     told = sorted((*warnings, *others), key=lambda event: event.time)
     left_out = len(story) - len(told)
-    return [*told, Event(told[-1].time, _WARNING, "report", f"{left_out} more are left out")] if left_out else told
+    return [*told, Event(told[-1].time, WARNING, "report", f"{left_out} more are left out")] if left_out else told
 
 
 def _changes(stretches: list[Stretch], source: str, name: Callable[[int], str]) -> list[Event]:

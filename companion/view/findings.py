@@ -13,7 +13,7 @@ from companion.view.accumulators.exceedances import Exceedances
 from companion.view.events import phase_name
 from companion.view.finding import Finding, Level, at_text, times_text
 from companion.view.findings_of_streams import setpoint_gaps, setpoints, telemetry
-from companion.view.gather import GatheredFlight, settings_of
+from companion.view.gather import GatheredFlight
 from companion.view.lines import Floats, Stretch
 
 _SATURATED = 0.98
@@ -85,7 +85,7 @@ def _file(flight: GatheredFlight) -> list[Finding]:
     if flight.log.missing:
         figures = ", ".join(f"{count} {name}" for name, count in flight.log.missing.items())
         found.append(Finding(Level.WARNING, "log", "Not every record reached the log.", (figures,)))
-    _, unread = settings_of(flight.log)
+    _, unread = flight.settings_read
     if unread is not None:
         text = "The settings that were flown can't be read here: the defaults stand for them."
         found.append(Finding(Level.WARNING, "settings", text, (printable(unread),)))

@@ -3,14 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
 from companion.known_topics import is_foreign
 from companion.logs.recordings import SETPOINTS
-from companion.logs.settings import recorded_settings
+from companion.logs.settings import settings_or_defaults
 from companion.logs.verdict import verdict_of
 from companion.records import LOOP, TICK, TRACE
 from companion.view.accumulators.clearance import Clearance
@@ -31,7 +30,6 @@ from companion.view.columns import message_columns, trace_columns
 from companion.view.lines import Floats, Lines, Regularity, Stretches
 from companion.view.rings import RING
 from protocol.flightlog import TEXT, LogReader
-from protocol.toml_files import TomlFileError
 
 BATTERY = "BATTERY_STATUS"
 _DAY_NS = 86_400_000_000_000
@@ -63,7 +61,7 @@ class GatheredFlight:
         self.phases = Stretches()
         self.texts = Texts()
         self.tracking = Tracking()
-        self.settings, _ = settings_of(self.log)
+        self.settings_read = settings_or_defaults(self.log.attachments.get("settings.json", b"{}"))
         self.clearance = Clearance(self.settings.avoidance.safe_distance)
         self.interventions = Interventions()
         self.timing = Timing()
@@ -153,6 +151,11 @@ class GatheredFlight:
             self.energy.add(source, times, columns["volts"] * columns["amperes"])
 
     @property
+    def settings(self) -> Settings:
+        """Those that were flown, as far as they can be read here."""
+        return self.settings_read[0]
+
+    @property
     def foreign(self) -> tuple[str, ...]:
         """The topics that are left out: they are not what their names say."""
         return tuple(sorted(topic for topic, kind in self.log.topics.items() if is_foreign(kind)))
@@ -198,12 +201,3 @@ class GatheredFlight:
     def parameters(self) -> dict[str, float]:
         """The vehicle's parameters as it told them last."""
         return self._parameters.values(self.vehicle, self.senders.bytewise)
-
-
-def settings_of(log: LogReader) -> tuple[Settings, str | None]:
-    """The settings that were flown, or the defaults and why the log's can't be read. Another's log has none."""
-    try:
-        tables = msgspec.json.decode(log.attachments.get("settings.json", b"{}"), type=dict[str, Any])
-        return recorded_settings(tables, "settings.json"), None
-    except (msgspec.MsgspecError, RecursionError, TomlFileError) as error:
-        return Settings(), str(error)

@@ -13,7 +13,7 @@ from companion.state import Reason, Scan
 from companion.supervision.states import State
 from companion.view.accumulators.scans import ring_sender
 from companion.view.accumulators.senders import CRITICAL, Commanded
-from companion.view.accumulators.texts import Text, VehicleLines
+from companion.view.accumulators.texts import WARNING, Text, VehicleLines
 from companion.view.attitudes import euler_deg, quaternions
 from companion.view.batches import Batch, Table, sender_and_name
 from companion.view.columns import stacked
@@ -29,7 +29,6 @@ MOST, RECENT = 10_000, 5_000
 """Rows of each track, of which twice as many may be held, and of those of the last minute or so, which are whole."""
 MOST_TEXTS = 200
 _TEXTS = 6
-_WARNING = 3
 STALE_S = 1.5
 """A pose or a scan that is older than this (s) is not shown."""
 GUARD_SHOWN_S = 0.5
@@ -350,7 +349,7 @@ class History:
 
     def warnings(self) -> list[Text]:
         """What was said and is at least a warning."""
-        return [text for text in self.texts if text.level >= _WARNING]
+        return [text for text in self.texts if text.level >= WARNING]
 
     def phases(self) -> list[Span]:
         """What the companion was doing, the last of it up to the end; nothing without a companion."""

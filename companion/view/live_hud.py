@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from html import escape
 
 from companion.outcomes import Verdict
+from companion.view.accumulators.texts import ERROR, WARNING
 from companion.view.history import Moment
 from companion.view.live_instruments import battery_icon, flown, instruments, link_icon
 from companion.view.live_words import SILENT_S
@@ -15,8 +16,6 @@ _MOST_ALERTS = 3
 _ALERT_S = 15.0
 """A warning that was said is shown for this long (s)."""
 _LOW_PERCENT, _EMPTY_PERCENT = 25.0, 12.0
-WARNING, ERROR = 3, 4
-"""Levels of alerts, as those of texts."""
 _GOOD, _WARN, _BAD = "#5fd38d", "#ffc14d", "#ff8080"
 STYLE = f"""<style>
 :root {{--mantine-color-dimmed:#5a6470 !important; --mantine-primary-color-filled:#1864ab !important;

@@ -6,7 +6,6 @@ It is the map that avoidance uses (`companion.perception.local_map`); a view is 
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,14 +13,13 @@ from companion.config_avoidance import Avoidance
 from companion.estimate import Estimator
 from companion.link import wire, wire_ranges
 from companion.link.refusals import RefusedError
-from companion.logs.settings import recorded_settings
+from companion.logs.settings import settings_or_defaults
 from companion.perception.local_map import LocalMap
 from companion.perception.map_view import FREE, OCCUPIED, UNKNOWN, MapView
 from companion.reports import AttitudeReport
 from companion.state import Scan
 from companion.view.message_fields import MessageFields
 from protocol.arrays import Array
-from protocol.toml_files import TomlFileError
 
 NAMES = frozenset({"ATTITUDE_QUATERNION", "ATTITUDE", "LOCAL_POSITION_NED", "OBSTACLE_DISTANCE"})
 """Names of the messages that a map is made of."""
@@ -139,7 +137,4 @@ def picture(view: MapView) -> NDArray[np.uint8]:
 
 def avoidance_of(settings: bytes) -> Avoidance:
     """The settings of a flight's map, from its log's attachment settings.json; the defaults if it can't be read."""
-    try:
-        return recorded_settings(msgspec.json.decode(settings, type=dict[str, Any]), "settings.json").avoidance
-    except (msgspec.DecodeError, RecursionError, TomlFileError):
-        return Avoidance()
+    return settings_or_defaults(settings)[0].avoidance

@@ -38,13 +38,14 @@ class CommandService:
         identity: Identity,
         origin: Geodetic,
         actions: Actions,
+        reset_parameters: Callable[[], None],
     ) -> None:
         self._flight = flight
         self._outbox = outbox
         self._identity = identity
         self.ended = False
         """The vehicle was asked to shut down."""
-        self._flying = FlightCommands(flight, origin, actions)
+        self._flying = FlightCommands(flight, origin, actions, reset_parameters)
         self.handlers: dict[int, Callable[[Any], None]] = {
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._command,
             dialect.MAVLINK_MSG_ID_COMMAND_INT: self._command,

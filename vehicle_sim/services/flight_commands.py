@@ -46,17 +46,18 @@ class Actions(NamedTuple):
     """Drops the parcel; False if there is none."""
     inject: Callable[[int, int, int], Result]
     """Lets a part fail: unit, failure, instance."""
-    reset_parameters: Callable[[], object]
-    """All of them as they were at first."""
 
 
 class FlightCommands:
     """`table` has them by number. `origin`: the place of the local axes on earth."""
 
-    def __init__(self, flight: FlightControl, origin: Geodetic, actions: Actions) -> None:
+    def __init__(
+        self, flight: FlightControl, origin: Geodetic, actions: Actions, reset_parameters: Callable[[], None]
+    ) -> None:
         self._flight = flight
         self._origin = origin
         self._actions = actions
+        self._reset_parameters = reset_parameters
         flight.mission.release = self._open_gripper
         self.table: dict[int, Command] = {
             dialect.MAV_CMD_NAV_TAKEOFF: self._take_off,
@@ -264,7 +265,7 @@ class FlightCommands:
             case 0 | 1:
                 return Result.ACCEPTED
             case 2:
-                self._actions.reset_parameters()
+                self._reset_parameters()
                 return Result.ACCEPTED
         return Result.DENIED
 

@@ -2,15 +2,13 @@
 
 import numpy as np
 
-from companion.mission.plan import Phase
-from companion.supervision.states import FLYING
+from companion.runtime.summary import in_the_air
 from companion.view.batches import Table
 from companion.view.lines import Floats
 
 BIN_M = 0.25
 """Width of the histogram's bins (m)."""
 _BINS = 60
-_FLYING = [state.value for state in FLYING]
 
 
 class Clearance:
@@ -28,8 +26,7 @@ class Clearance:
 
     def add_steps(self, times: Floats, table: Table) -> None:
         """Control steps: times (n,) in s and records of the trace (n,)."""
-        airborne = np.isin(table["state"], _FLYING) & (table["phase"] > Phase.PREPARE.value)
-        counted = airborne & np.isfinite(table["clearance"])
+        counted = in_the_air(table) & np.isfinite(table["clearance"])
         times, clearance = times[counted], table["clearance"][counted]
         if not len(clearance):
             return

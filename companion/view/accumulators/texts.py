@@ -9,6 +9,8 @@ from companion.link.vehicle_texts import Said, VehicleTexts
 from companion.view.lines import Floats
 
 _MOST = 2000
+WARNING, ERROR = 3, 4
+"""Levels of texts."""
 T = TypeVar("T")
 
 

@@ -152,6 +152,15 @@ class Log:
         self.telemetry._tell()
 
 
+async def on_its_way(vehicle: Companion) -> tuple[Log, asyncio.Task[None]]:
+    """A vehicle that has taken an order, and the command that waits for its end."""
+    log = Log(vehicle)
+    going = asyncio.create_task(vehicle.go_to(26.0, 0.0, 3.0))
+    await asyncio.sleep(0)
+    log.order("route, step 3 of 5")
+    return log, going
+
+
 def test_a_refusal_is_of_the_order_that_was_refused() -> None:
     """Whichever of two at once it is; the other one is flown."""
 
@@ -176,10 +185,7 @@ def test_an_order_that_another_one_overtakes_is_not_done() -> None:
     """The vehicle waits, but not where the first one sent it."""
 
     async def flight(vehicle: Companion) -> None:
-        log = Log(vehicle)
-        going = asyncio.create_task(vehicle.go_to(26.0, 0.0, 3.0))
-        await asyncio.sleep(0)
-        log.order("route, step 3 of 5")
+        log, going = await on_its_way(vehicle)
         holding = asyncio.create_task(vehicle.hold())
         await asyncio.sleep(0)
         assert not going.done()
@@ -194,10 +200,7 @@ def test_an_order_that_another_one_overtakes_is_not_done() -> None:
 
 def test_an_order_that_was_done_stays_so_when_another_one_comes_at_once() -> None:
     async def flight(vehicle: Companion) -> None:
-        log = Log(vehicle)
-        going = asyncio.create_task(vehicle.go_to(26.0, 0.0, 3.0))
-        await asyncio.sleep(0)
-        log.order("route, step 3 of 5")
+        log, going = await on_its_way(vehicle)
         log.waits()
         log.order("descend, step 5 of 9")
         await going
@@ -209,10 +212,7 @@ def test_a_state_of_before_an_order_is_none_of_after_it() -> None:
     """The log has the last one of a phase when the next begins."""
 
     async def flight(vehicle: Companion) -> None:
-        log = Log(vehicle)
-        going = asyncio.create_task(vehicle.go_to(26.0, 0.0, 3.0))
-        await asyncio.sleep(0)
-        log.order("route, step 3 of 5")
+        log, going = await on_its_way(vehicle)
         log.waits(later_ns=0)
         await asyncio.sleep(0.01)
         assert not going.done()
