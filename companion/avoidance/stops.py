@@ -59,10 +59,13 @@ def best_stop(
 ) -> tuple[float, float]:
     """Swerve (rad) and free share of the first stop that is free to its end, or of the one that is free the longest.
 
-    `place` counts from the map's corner (m); `velocity` in m/s, NED.
+    `place` counts from the map's corner (m); `velocity` in m/s, NED. A vehicle that comes to rest within the lag stops
+    straight: before it leaned to the other side, a swerve would have moved it aside.
     """
     best, best_share = 0.0, -1.0
-    for swerve in _SWERVES:
+    slow = math.hypot(velocity[0], velocity[1]) < braking.deceleration * braking.lag
+    for k in range(1 if slow else len(_SWERVES)):
+        swerve = _SWERVES[k]
         share = stop_free_share(clearances, place, velocity, swerve, keep_out, braking)
         if share > best_share:
             best, best_share = swerve, share

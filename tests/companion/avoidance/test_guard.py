@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from companion.avoidance.braking import stopping_speed
 from companion.avoidance.clearance import ClearanceMap, KeepOut
 from companion.avoidance.guard import Guard
-from companion.avoidance.stops import Braking, stop_free_share
+from companion.avoidance.stops import Braking, best_stop, stop_free_share
 from companion.config_avoidance import AvoidanceGuard
 from companion.perception.distance_field import distance_to
 from companion.perception.free_space import MOVER_COLUMNS, free_space, nearest_points
@@ -173,6 +173,19 @@ def test_a_stop_is_straight_or_swerves_to_the_free_side(side: int) -> None:
         reason, found = verdict_before(north, 9)
         assert reason is expected and np.allclose(found, [-braking, 0.0])
     assert verdict_before(9.0, 9)[0] is Reason.NONE
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("speed", "swerves"), [(0.6, False), (2.0, True)])
+def test_who_comes_to_rest_within_the_lag_stops_straight(speed: float, swerves: bool, side: int) -> None:
+    """Less room ahead and more to one side: who is fast swerves to it."""
+    north, east = np.mgrid[:CELLS, :CELLS] * CELL - MIDDLE + 0.5 * CELL
+    braking = Braking(4.5, 0.15)
+    free = speed * braking.lag + 0.25 * speed**2 / braking.deceleration
+    near = (0.5 + 0.05 * (free - north) + 0.5 * side * east).astype(np.float32)
+    clearances, keep_out = ClearanceMap(near, np.full_like(near, 2.0), CELL), KeepOut(0.5, 0.2)
+    swerve, share = best_stop(clearances, (MIDDLE, MIDDLE), (speed, 0.0), keep_out, braking)
+    assert swerve * side > 0.0 and share == 1.0 if swerves else swerve == 0.0 and share < 1.0
 
 
 def test_without_a_view_or_with_an_old_one_it_stops() -> None:
