@@ -152,9 +152,11 @@ class Readiness:
             return "the vehicle does not say its version (AUTOPILOT_VERSION)"
         return self.audit.progress or self._estimator_lacks(now_ns)
 
-    def complaint(self, now_ns: int) -> str:
-        """What the vehicle warned of just now, to stand behind a sentence; empty if nothing."""
-        return self._complaint[1] if now_ns - self._complaint[0] < _COMPLAINT_NS else ""
+    def complaint(self, now_ns: int, *, refused: bool = False) -> str:
+        """What the vehicle warned of just now, to stand behind a sentence; empty if nothing. Where it has `refused` a
+        command without a word, where it tells why."""
+        said = self._complaint[1] if now_ns - self._complaint[0] < _COMPLAINT_NS else ""
+        return self._firmware.reasons if refused and not said and self._firmware is not None else said
 
     def failed_check(self, now_ns: int) -> str:
         """What the vehicle says is wrong before arming, to stand behind a sentence; empty if nothing."""

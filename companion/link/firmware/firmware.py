@@ -80,6 +80,8 @@ class Firmware:
     """While the vehicle says that it is on the ground, its motors don't follow the thrust yet."""
     own_loops: bool = False
     """Its rate loops are its own, whatever the vehicle's file says, and slow about the yaw axis."""
+    reasons: str = ""
+    """Where it tells why it refuses a command, to stand behind a sentence; empty where it tells the companion."""
 
 
 class Judge:

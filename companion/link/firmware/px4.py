@@ -147,4 +147,5 @@ FIRMWARE = Firmware(
     settings=_settings,
     position_flags=dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS,
     telemetry={dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0},
+    reasons=" (PX4 tells why where it hears a ground station: --gcs, or look there)",  # its texts go nowhere else
 )

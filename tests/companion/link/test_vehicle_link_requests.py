@@ -69,6 +69,18 @@ def test_a_request_is_repeated_with_a_rising_confirmation_until_it_is_exhausted(
     assert link.report(just_before + 1, None, before_flight=True).exhausted is None
 
 
+@pytest.mark.parametrize(("autopilot", "where"), [(PX4, "PX4 tells why where it hears"), (ARDUPILOT, "")])
+def test_a_refusal_without_a_word_says_where_the_vehicle_tells_why(autopilot: int, where: str) -> None:
+    """PX4 sends no text on a link on which it hears no ground station."""
+    link, vehicle = found(autopilot=autopilot)
+    ask(link, VehicleRequest.ARM, 0, 20_000)
+    end = NOW + 20 * SECOND
+    assert where in link.report(end, VehicleRequest.ARM, before_flight=True).complaint
+    assert link.report(end, None, before_flight=True).complaint == ""
+    hear(link, vehicle.text(dialect.MAV_SEVERITY_CRITICAL, b"Arming denied"), end)
+    assert link.report(end, VehicleRequest.ARM, before_flight=True).complaint == " (Arming denied)"
+
+
 @pytest.mark.parametrize("wanted", [VehicleRequest.HOLD, VehicleRequest.LAND, VehicleRequest.VERSION])
 def test_what_keeps_the_vehicle_safe_is_asked_for_without_end(wanted: VehicleRequest) -> None:
     link, _ = found()
