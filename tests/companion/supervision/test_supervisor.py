@@ -367,6 +367,17 @@ def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle() -> None:
         assert any(row.to is State.ENDED and row.condition(silent, SETTINGS, 0.0) for row in rows)
 
 
+@pytest.mark.parametrize("state", [State.CHECK, State.STREAM, State.ENGAGE])
+def test_a_vehicle_that_falls_silent_before_it_is_armed_is_not_lost(state: State) -> None:
+    """A reboot takes ArduPilot longer than `silence_timeout`."""
+    supervisor, now = Supervisor(Settings()), 0
+    while supervisor.state is not state:
+        supervisor.update(IDLE, now)
+        now += 2 * SECOND
+    supervisor.update(replace(IDLE, silence=SETTINGS.silence_timeout + 0.1), now)
+    assert state_of(supervisor) is State.ENDED and (supervisor.fault or "").startswith("not started: the vehicle is")
+
+
 def test_a_low_battery_returns_once_and_the_outcome_says_so() -> None:
     supervisor, now = flying()
     low = replace(WELL, limits=LOW)
