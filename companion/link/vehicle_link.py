@@ -290,7 +290,7 @@ class VehicleLink:
         heartbeat_ns = self.peer.heartbeat_age_ns(now_ns) if self.peer is not None else None
         heard_ns = self.peer.heard_ns if self.peer is not None else None
         too_late = self.delays.shortcoming(self._settings.supervision.longest_delay)
-        shortcoming = None
+        exhausted, shortcoming = self.requests.exhausted(wanted, now_ns), None
         if before_flight:
             shortcoming = self.readiness.shortcoming(now_ns) or self.telemetry.shortcoming(now_ns) or too_late
         return LinkReport(
@@ -302,7 +302,7 @@ class VehicleLink:
             silence=0.0 if heard_ns is None else (now_ns - heard_ns) * 1e-9,
             heartbeat_age=math.inf if heartbeat_ns is None else heartbeat_ns * 1e-9,
             refused=self._refusals.fault(now_ns) or too_late,
-            exhausted=(exhausted := self.requests.exhausted(wanted, now_ns)),
+            exhausted=exhausted,
             complaint=self.readiness.complaint(now_ns, refused=exhausted is not None),
             refusal=self.readiness.refusal if before_flight else None,
             shortcoming=shortcoming,

@@ -27,20 +27,20 @@ from companion.supervision.states import FLYING, State
 TABLE: tuple[Row, ...] = (
     # the end of everything
     row(
-        FLYING | {State.ARM, State.RELEASED, State.DISARM},
+        BEFORE - {State.ARM},
+        lambda h, s, t: h.silence > s.silence_timeout and not h.armed,
+        State.ENDED,
+        CRITICAL,
+        "the vehicle is silent for {health.silence:.1f} s: given up",
+        ends=Outcome.NOT_STARTED,
+    ),
+    row(
+        BEFORE | FLYING | {State.RELEASED, State.DISARM},
         lambda h, s, t: h.silence > s.silence_timeout,
         State.ENDED,
         CRITICAL,
         "the vehicle is silent for {health.silence:.1f} s: given up",
         ends=Outcome.LOST,
-    ),
-    row(
-        BEFORE - {State.ARM},
-        lambda h, s, t: h.silence > s.silence_timeout,
-        State.ENDED,
-        CRITICAL,
-        "the vehicle is silent for {health.silence:.1f} s: given up",
-        ends=Outcome.NOT_STARTED,
     ),
     row(
         FLYING | {State.RELEASED},

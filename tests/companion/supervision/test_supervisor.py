@@ -368,14 +368,15 @@ def test_every_state_but_the_end_has_a_way_out_for_a_silent_vehicle() -> None:
 
 
 @pytest.mark.parametrize("state", [State.CHECK, State.STREAM, State.ENGAGE])
-def test_a_vehicle_that_falls_silent_before_it_is_armed_is_not_lost(state: State) -> None:
+@pytest.mark.parametrize(("armed", "outcome"), [(False, "not started"), (True, "lost")])
+def test_a_vehicle_that_falls_silent_before_it_is_armed_is_not_lost(state: State, armed: bool, outcome: str) -> None:
     """A reboot takes ArduPilot longer than `silence_timeout`."""
     supervisor, now = Supervisor(Settings()), 0
     while supervisor.state is not state:
         supervisor.update(IDLE, now)
         now += 2 * SECOND
-    supervisor.update(replace(IDLE, silence=SETTINGS.silence_timeout + 0.1), now)
-    assert state_of(supervisor) is State.ENDED and (supervisor.fault or "").startswith("not started: the vehicle is")
+    supervisor.update(replace(IDLE, silence=SETTINGS.silence_timeout + 0.1, armed=armed), now)
+    assert state_of(supervisor) is State.ENDED and (supervisor.fault or "").startswith(f"{outcome}: the vehicle is")
 
 
 def test_a_low_battery_returns_once_and_the_outcome_says_so() -> None:
