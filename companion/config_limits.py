@@ -33,7 +33,8 @@ class Battery(Table, frozen=True):
     any more (silent, or the same value for too long) returns. If not, that is said and the flight goes on."""
 
     def __post_init__(self) -> None:
-        if not self.land_charge <= self.return_charge <= self.warn_charge:
+        charges = [each for each in (self.land_charge, self.return_charge, self.warn_charge) if each > 0.0]
+        if charges != sorted(charges):
             raise ValueError("land_charge, return_charge and warn_charge must rise in this order")
         volts = [each for each in (self.land_voltage, self.return_voltage, self.warn_voltage) if each is not None]
         if volts != sorted(volts):

@@ -271,6 +271,20 @@ def test_a_threshold_of_zero_is_off() -> None:
     assert off.seconds(map(drains(0.02), range(50))).level is FINE
 
 
+@pytest.mark.parametrize(
+    ("off", "charge", "level"),
+    [("warn_charge", 0.2, FINE), ("return_charge", 0.1, WARN), ("land_charge", 0.02, RETURN)],
+)
+def test_each_threshold_can_be_off_by_itself(off: str, charge: float, level: BatteryLevel) -> None:
+    assert flight(**{off: 0.0}).seconds([charge] * 5).level is level
+
+
+def test_thresholds_that_are_on_rise() -> None:
+    for wrong in ({"land_charge": 0.2}, {"return_charge": 0.3}, {"land_charge": 0.3, "return_charge": 0.0}):
+        with pytest.raises(ValueError, match=r"must rise"):
+            flight(**wrong)
+
+
 def test_a_reading_at_the_very_first_moment_counts() -> None:
     first = Flight(now=0, flying=False)
     assert first.second(b0=0.9).missing is None and first.level is FINE
