@@ -20,6 +20,7 @@ from companion.avoidance.methods import PathPlanner
 from companion.avoidance.path import Path as PlannedPath
 from companion.cli.app import app as companion_app
 from companion.cli.flights import DemoOptions, FlyOptions, _plan
+from companion.config_avoidance import Avoidance
 from companion.control.foreign import PositionLaw
 from companion.control.tracking_error import TrackingError
 from companion.perception.map_view import MapView
@@ -136,6 +137,26 @@ def test_a_command_of_the_pages_runs(
         overrides = by_first_word(planned.overrides, ("vehicle", "world", "mission"))
         Airframe.load(planned.files["vehicle"], overrides["vehicle"])
         World.load(planned.files["world"], overrides["world"])
+
+
+def test_the_settings_for_a_larger_vehicle_are_flown_with(started: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(started)
+    (block,) = re.findall(r"^```toml\n(\[avoidance\]\n.*?)^```", (ROOT / "docs" / "lidar.md").read_text(), re.M | re.S)
+    Path("large.toml").write_text(block)
+    planned = _plan(FlyOptions(mission="courier", settings=Path("large.toml")), None)
+    added = {
+        round(getattr(now, name) - getattr(usual, name), 9)
+        for now, usual in (
+            (planned.settings.avoidance, Avoidance()),
+            *(
+                (getattr(planned.settings.avoidance, part), getattr(Avoidance(), part))
+                for part in ("plan", "vfh", "guard")
+            ),
+        )
+        for name in now.__struct_fields__
+        if isinstance(getattr(now, name), float) and getattr(now, name) != getattr(usual, name)
+    }
+    assert added == {0.14}
 
 
 def test_every_other_command_of_the_pages_is_run_by_the_test_that_is_named() -> None:
