@@ -80,10 +80,11 @@ class Station:
     def drain(self) -> None:
         """What has queued up before the flight, or in a gap of it, is old, and no command any more."""
         try:
-            if self._transport is not None and self._transport.preserves_datagrams:
+            if self._transport is not None:
                 drain(self._transport)
         except TransportError as error:
             self._gone(error)
+        self._forget()
 
     def frames(self, now_ns: int) -> list[Frame]:
         """What it has sent, as much as it is allowed to."""

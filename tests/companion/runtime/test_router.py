@@ -9,6 +9,7 @@ from companion.link.telemetry import FLOWN_BY, Telemetry
 from companion.runtime.files import load_settings
 from companion.runtime.router import Router, Station, packed
 from protocol.framing import Frame, Framer
+from protocol.listeners import readable
 from protocol.messages import Encoder, dialect
 from protocol.routing import target_of
 from protocol.transport import Memory, Tcp, TransportError
@@ -258,6 +259,28 @@ def test_what_was_commanded_while_the_loop_stood_still_is_old() -> None:
     assert net.pump() == []
     net.ends[0].send(new)
     assert net.pump() == [new]
+
+
+def test_what_a_stream_brought_before_the_flight_or_in_a_gap_of_it_is_old() -> None:
+    listener = Tcp("127.0.0.1", 0, listen=True)
+    router = Router([Station("tcpin", listener)], bytes_per_s=1e6)
+    caller = Tcp("127.0.0.1", listener.port, listen=False)
+    old, held, new = (command(GCS, 1, 1, number) for number in (176, 400, 512))
+
+    def sent_on(now: int) -> list[bytes]:
+        router.heard(heartbeat(VEHICLE))
+        return [data for tick in range(3) for _, data in router.pump(now + tick * TICK)]
+
+    caller.send(old)
+    assert readable([listener.fileno()], 10.0)
+    router.begin()
+    assert sent_on(TICK) == []
+    caller.send(held)
+    assert readable([listener.fileno()], 10.0) and sent_on(2_000_000_000) == []
+    caller.send(new)
+    assert readable([listener.fileno()], 10.0) and sent_on(2_100_000_000) == [new]
+    router.close()
+    caller.close()
 
 
 class Leaving(Memory):
