@@ -309,8 +309,8 @@ class Plausibility:
                 self._put(place, there, now_ns)
             if time_ms > before[0]:
                 self._turned.step(taken)
-                if self._heading != self._turn:
-                    self._compare(taken, now_ns)
+                if self._heading != self._turn and self._attitude is not None:  # after a reboot none may have come
+                    self._compare(taken, self._attitude[1], now_ns)
         if before is None or time_ms > before[0] or time_ms < before[0] - _GAP_S * 1e3:
             same = before is not None and place == before[1]
             self._place_noise.take(place + velocity)
@@ -379,11 +379,10 @@ class Plausibility:
         way = [p + v * dt for p, v in zip(self._odd[1], velocity, strict=True)]
         return dt >= _SETTLED_S and math.dist(place, way) < 0.1 + 0.3 * math.hypot(*velocity) * dt
 
-    def _compare(self, step: Step, now_ns: int) -> None:
+    def _compare(self, step: Step, attitude: list[float], now_ns: int) -> None:
         """Since the heading jumped alone: if the vehicle accelerates as if its position's frame were turned with it,
         this is what it is, and was not seen at a standstill."""
-        assert self._attitude is not None
-        w, x, y, z = self._attitude[1]
+        w, x, y, z = attitude
         upright = GRAVITY / max(1.0 - 2.0 * (x * x + y * y), _LEAST_UPRIGHT)
         push = _turned(-self._heading, -2.0 * (x * z + w * y) * upright, -2.0 * (y * z - w * x) * upright)
         before, after = step.before[2], step.velocity

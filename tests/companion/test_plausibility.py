@@ -314,6 +314,12 @@ def test_a_heading_that_is_reset_turns_the_frame_and_not_the_flight(angle: float
     assert (sent.rates_frd, sent.thrust) == (level.rates_frd, level.thrust)
 
 
+def test_after_a_reboot_of_a_turned_frame_positions_may_come_before_an_attitude() -> None:
+    told = Flown(turned(1.0, whole=False)).told
+    told.restart()
+    assert None not in [told.position(motion(ms)[1], ms * MS) for ms in (0, STEP_MS)]
+
+
 @pytest.mark.parametrize("by", [(0.0, 0.0, -3.0), (90_000.0, 0.0, 0.0), (2.0, -5.0, 1.0)])
 def test_a_position_that_is_reset_shifts_the_frame_and_not_the_flight(by: tuple[float, ...]) -> None:
     flown = Flown(shifted(*by))
