@@ -6,9 +6,11 @@ from typing import Any
 from companion.config import Settings
 from companion.link.audit import Audit
 from companion.link.firmware.firmware import Firmware, Terms
+from companion.link.stamps import OddStamps
 from companion.link.vehicle_texts import Said, VehicleTexts
 from companion.state import NO_FENCE, Announcement, Output, OwnFence, Severity
 from protocol.messages import dialect
+from protocol.peer import Peer
 
 _COMPLAINT_NS = 5_000_000_000
 """A warning of the vehicle explains what happens within this time after it."""
@@ -54,6 +56,9 @@ class Readiness:
         """Another companion, in words."""
         self._double_flew_ns: int | None = None
         """When it said last that it flies the vehicle, or is about to."""
+        self._odd_stamps = OddStamps()
+        self._twin: str | None = None
+        """Another vehicle, in words."""
 
     def begin(self, firmware: Firmware, own_system: int) -> None:
         """A vehicle was found, or has started anew."""
@@ -120,6 +125,18 @@ class Readiness:
         )
         return [self._double]
 
+    def on_odd_stamp(self, vehicle: Peer, now_ns: int) -> list[str]:
+        """An attitude or a position with a stamp that the vehicle's clock can't have, or after a reboot; what is to be
+        said the first time that they come on and on."""
+        self._odd_stamps.add(now_ns)
+        if self._twin is not None or not self._odd_stamps.go_on(now_ns):
+            return []
+        self._twin = (
+            f"two clocks speak as system {vehicle.system}, component {vehicle.component} on this link: two vehicles "
+            "with the same id? Both would obey: give one another (MAV_SYS_ID, SYSID_THISMAV)"
+        )
+        return [self._twin]
+
     # -- what follows from them ----------------------------------------------------------------------------------------
 
     @property
@@ -146,6 +163,8 @@ class Readiness:
         """What one waits for, in words; None if nothing."""
         if self._double_flew_ns is not None and now_ns - self._double_flew_ns < _DOUBLE_NS:
             return self._double
+        if self._odd_stamps.go_on(now_ns):
+            return self._twin
         if self.audit is None:
             return "no heartbeat of a vehicle has come"
         if self.version is None:

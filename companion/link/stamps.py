@@ -5,6 +5,7 @@ stamp that does is wrong. Attitudes that all lead further, or all fall back behi
 clock was set: a link that becomes slower or faster does neither.
 """
 
+from collections import deque
 from typing import Final
 
 from companion.reports import ClockSet, Rebooted
@@ -19,6 +20,25 @@ _TELLING, _TELLING_NS = 4, 50_000_000
 """So many attitudes over so long show that the clock was set."""
 _GAP_NS = 300_000_000
 """Within a shorter gap no vehicle reboots."""
+_ODD, _ODD_APART_NS, _ODD_WITHIN_NS = 10, 50_000_000, 2_000_000_000
+"""So many odd stamps, so far apart, within this time are of a second clock: one that was set is believed sooner."""
+
+
+class OddStamps:
+    """Messages whose stamps are not believed, or show that a clock was set or that the vehicle rebooted: those of
+    another vehicle with the same ids come on and on. Times in ns of our clock."""
+
+    def __init__(self) -> None:
+        self._latest_ns: deque[int] = deque(maxlen=_ODD)
+
+    def add(self, now_ns: int) -> None:
+        """One has come."""
+        if not self._latest_ns or now_ns - self._latest_ns[-1] >= _ODD_APART_NS:
+            self._latest_ns.append(now_ns)
+
+    def go_on(self, now_ns: int) -> bool:
+        """They come on and on."""
+        return len(self._latest_ns) == _ODD and now_ns - self._latest_ns[0] < _ODD_WITHIN_NS
 
 
 class Stamps:

@@ -150,10 +150,12 @@ class VehicleLink:
             if message_id in _STAMPED:
                 attitude, flies = message_id == _ATTITUDE_QUATERNION, self.said.status.armed
                 shows = self._stamps.take(message.time_boot_ms, now_ns, peer, of_attitude=attitude, flies=flies)
-                if shows is False:
-                    self._refusals.add("a stamp that the vehicle's clock can't have", now_ns, grave=False)
-                    continue
                 if shows is not True:
+                    said = self.readiness.on_odd_stamp(peer, now_ns)
+                    reports += (self._complain(Severity.WARNING, text) for text in said)
+                    if shows is False:
+                        self._refusals.add("a stamp that the vehicle's clock can't have", now_ns, grave=False)
+                        continue
                     reports += shows, self._on_new_clock(shows)
             try:
                 report = handler(message, now_ns)
@@ -161,9 +163,8 @@ class VehicleLink:
                 report = self._refuse(refused, now_ns)
             if report is not None:
                 reports.append(report)
-        if self._beside:
-            reports += self._beside
-            self._beside.clear()
+        reports += self._beside
+        self._beside.clear()
         return reports
 
     def _on_new_clock(self, shown: ClockSet | Rebooted) -> Announcement:

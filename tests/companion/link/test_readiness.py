@@ -167,6 +167,33 @@ def test_it_stands_back_for_another_companion_that_flies_the_vehicle() -> None:
     assert link.report(NOW + 4 * SECOND, None, before_flight=True).shortcoming == shortcoming
 
 
+def shown(link: VehicleLink, stamps_ms: list[int], now: int) -> list[str]:
+    """What is said of attitudes with these stamps, 4 ms apart from another."""
+    vehicle, said = Sender(), list[str]()
+    for k, stamp_ms in enumerate(stamps_ms):
+        heard = hear(link, vehicle.quaternion(stamp_ms), now + 4 * k * MS)
+        said += [each.text for each in heard if isinstance(each, Announcement)]
+    return [text for text in said if "two clocks speak as system 1, component 1" in text]
+
+
+@pytest.mark.parametrize("ahead_ms", [60_000, -60_000])
+def test_two_vehicles_with_the_same_id_are_not_flown(ahead_ms: int) -> None:
+    """The stamps of one are refused, or lead back and forth; both would obey a command."""
+    link, _ = found()
+    shortcoming = link.report(NOW, None, before_flight=True).shortcoming
+    (said,) = shown(link, [100_000 + 4 * k + ahead_ms * (k % 2) for k in range(300)], NOW)
+    assert link.report(NOW + 2 * SECOND, None, before_flight=True).shortcoming == said
+    alone = [100_000 + 4 * k for k in range(300, 800)]
+    assert shown(link, alone, NOW + 1200 * MS) == []
+    assert link.report(NOW + 4 * SECOND, None, before_flight=True).shortcoming == shortcoming
+
+
+@pytest.mark.parametrize("by_ms", [60_000, -60_000])
+def test_a_clock_that_is_set_is_no_second_one(by_ms: int) -> None:
+    link, _ = found()
+    assert shown(link, [100_000 + 4 * k + by_ms * (k > 100) for k in range(300)], NOW) == []
+
+
 def test_own_heartbeats_say_whether_it_flies() -> None:
     link, _ = found()
     states: list[list[int]] = []
