@@ -207,19 +207,22 @@ class _Second:
                 self._say(f"{topic} is left out: it has not the fields that the name says")
 
     def fly(self) -> None:
-        """All events up to the log's end, or to where records are missing. FlightLogError if nothing was sent, or for
-        a record that is not as its schema says."""
+        """All events up to the log's end, or to where records are missing. FlightLogError if that is at its beginning,
+        if nothing was sent, and for a record that is not as its schema says."""
         log, topics, writer, events = self._flight.log, self._topics, self._writer, self._events
         if TRACE.topic in topics and not self._compares_trace:
             self._say("the log's trace is not today's, and is not compared")
-        first_ns, last_ns, sequence = None, 0, None
+        first_ns, last_ns, sequence = None, 0, -1
         wanted = [topic for topic in topics if not topic.startswith("/mavlink/")]
         for record in log.records(wanted if writer is None else topics):
             topic, now, number, data = record
             if writer is not None and topic.startswith("/mavlink/"):
                 self._copy(writer, record)
                 continue
-            if sequence is not None and (number - sequence) & 0xFFFF_FFFF > _MOST_BETWEEN:
+            if (number - sequence) & 0xFFFF_FFFF > _MOST_BETWEEN:
+                if sequence < 0:
+                    lost = f"its beginning, up to {now * 1e-9:.3f} s, is missing"
+                    raise FlightLogError(f"{log.path}: {lost}: the rest can't be flown again without it")
                 self._say(f"records are missing after {last_ns * 1e-9:.3f} s: flown again up to there")
                 break
             sequence = number

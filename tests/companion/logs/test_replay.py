@@ -267,6 +267,12 @@ def test_it_ends_where_records_are_missing(fly: Flyer, tmp_path: Path) -> None:
     assert any("records are missing after 6.000 s" in note for note in result.notes)
 
 
+def test_without_its_beginning_nothing_is_flown_again(fly: Flyer, tmp_path: Path) -> None:
+    path = rewritten(fly(), tmp_path / "late.mcap", lambda record: [] if record.time_ns < 2.0e9 else [record])
+    with pytest.raises(FlightLogError, match=r"late\.mcap: its beginning, up to 2\.000 s, is missing"):
+        replay(path)
+
+
 @pytest.mark.parametrize("lost", ["3", "many"])
 def test_records_that_never_reached_the_log_are_said(fly: Flyer, tmp_path: Path, lost: str) -> None:
     """Whatever a log says of them."""
