@@ -13,6 +13,7 @@ from ipaddress import ip_address
 
 from protocol.framing import Frame, Framer
 from protocol.key_files import Keeper
+from protocol.routing import Sender
 from protocol.signing import IN_WORDS, REFUSED, Refusal, unsigned
 from protocol.transport import Transport, TransportError, Udp
 
@@ -87,8 +88,8 @@ class GuardedLink:
 
     `admits`: whether a sender, by its address and this datagram, is the peer; until one is, nothing is sent or handed
     on, and from then on that address is locked. With a key there is no lock, since addresses can be forged: what
-    is sent goes where the last verified frame came from; before the first, to whoever speaks, since a vehicle that does
-    not know the time takes ours.
+    is sent goes where the last verified frame came from, once it is locked, of those senders alone whom it was locked
+    to; before the first, to whoever speaks, since a vehicle that does not know the time takes ours.
     """
 
     def __init__(
@@ -108,6 +109,9 @@ class GuardedLink:
         self._admits = admits
         self._framer = Framer()
         self._verified_any = False
+        self._senders: set[Sender] = set()
+        """Whose the last verified frames are."""
+        self._locked_to: set[Sender] = set()
         self._named: set[Refusal] = set()
         self._fault: str | None = None
 
@@ -148,6 +152,8 @@ class GuardedLink:
                     data = self._without_keys(data)
                 self.heard = data
             if data and (self._admits is None or self._admit(self._admits, data)):
+                if self._locked_to and self._locked_to.isdisjoint(self._senders) and isinstance(self.inner, Udp):
+                    self.inner.turn_back()
                 return data
             if isinstance(self.inner, Udp) and (self._keeper is None or self._verified_any):
                 self.inner.turn_back()
@@ -160,6 +166,7 @@ class GuardedLink:
         passed = [frame for frame in frames if accepts(frame, now) and not self._is_key(frame)]
         keeper.settle()
         self._verified_any = self._verified_any or bool(passed)
+        self._senders = {(frame.system, frame.component) for frame in passed}
         self.heard = b"".join([frame.raw for frame in passed])
         return b"".join(map(unsigned, passed))
 
@@ -205,6 +212,7 @@ class GuardedLink:
     def lock(self) -> None:
         if self._keeper is None:
             self.inner.lock()
+        self._locked_to = self._senders
 
     def close(self) -> None:
         self.inner.close()

@@ -146,6 +146,23 @@ def test_with_a_key_no_stranger_is_answered_or_shuts_out_the_vehicle(bound: list
     assert stranger.receive(0.0) is None
 
 
+def test_with_a_key_the_vehicle_is_answered_though_others_with_the_key_speak(bound: list[Udp]) -> None:
+    end, vehicle, scanner = bound
+    companion = GuardedLink(end, Keeper(KEY))
+    flown, other = GuardedLink(vehicle, Keeper(KEY)), GuardedLink(scanner, Keeper(KEY))
+    flown.send(beat())
+    assert received(companion)
+    companion.lock()
+    other.send(Encoder(1, 196).encode_fields(dialect.MAVLink_heartbeat_message, 18, 8, 0, 0, 4, 3))
+    assert received(companion), "it is heard"
+    companion.send(beat())
+    assert received(flown) and other.receive(0.0) is None
+    other.send(beat())
+    assert received(companion), "the vehicle, at another address"
+    companion.send(beat())
+    assert received(other)
+
+
 def test_without_a_key_only_who_is_admitted_is_answered(bound: list[Udp]) -> None:
     end, vehicle, stranger = bound
     address = f"127.0.0.1:{vehicle.port}"
