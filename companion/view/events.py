@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from companion.mission.plan import Phase
 from companion.supervision.states import State
-from companion.view.accumulators.texts import WARNING, without_middle
+from companion.view.accumulators.texts import WARNING, shortened
 from companion.view.gather import GatheredFlight
 from companion.view.lines import Stretch
 
@@ -51,10 +51,8 @@ def events(flight: GatheredFlight) -> list[Event]:
     for sender, stretches in senders.armed.items():
         story += _changes(stretches.finish(), senders.name(sender), lambda armed: "armed" if armed else "disarmed")
     story.sort(key=lambda event: event.time)
-    warnings = without_middle([event for event in story if event.level >= WARNING], _MOST_EVENTS)
-    others = without_middle([event for event in story if event.level < WARNING], _MOST_EVENTS - len(warnings))
-    told = sorted((*warnings, *others), key=lambda event: event.time)
-    left_out = len(story) - len(told)
+    told = shortened(story, _MOST_EVENTS)
+    left_out = said.left_out + len(story) - len(told)
     return [*told, Event(told[-1].time, WARNING, "report", f"{left_out} more are left out")] if left_out else told
 
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from companion.link.vehicle_texts import Said, VehicleTexts
 from companion.view.lines import Floats
@@ -11,7 +11,14 @@ from companion.view.lines import Floats
 _MOST = 2000
 WARNING, ERROR = 3, 4
 """Levels of texts."""
-T = TypeVar("T")
+
+
+class _Levelled(Protocol):
+    @property
+    def level(self) -> int: ...
+
+
+T = TypeVar("T", bound=_Levelled)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,31 +64,53 @@ def _line(sender: str, said: Said) -> Text:
     return Text(said.began_ns * 1e-9, level_of(said.severity), sender, said.text)
 
 
-def without_middle(lines: list[T], most: int) -> list[T]:
-    """The first and the last, `most` together."""
+def shortened(lines: list[T], most: int) -> list[T]:
+    """`most` at most, in their order: all warnings, and of the others (or of too many warnings) the first and the
+    last."""
+    if len(lines) <= most:
+        return lines
+    warnings = _ends([number for number, line in enumerate(lines) if line.level >= WARNING], most)
+    others = _ends([number for number, line in enumerate(lines) if line.level < WARNING], most - len(warnings))
+    return [lines[number] for number in sorted((*warnings, *others))]
+
+
+def _ends(numbers: list[int], most: int) -> list[int]:
     first = most - most // 2
-    return lines if len(lines) <= most else lines[:first] + lines[len(lines) - most + first :]
+    return numbers if len(numbers) <= most else numbers[:first] + numbers[len(numbers) - most + first :]
+
+
+class Story(list[Text]):
+    """The lines of a source, shortened to two thousand."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.left_out = 0
+        """Lines that are not in it."""
+
+    def tell(self, lines: list[Text]) -> None:
+        """Add lines."""
+        every = [*self, *lines]
+        self[:] = shortened(every, _MOST)
+        self.left_out += len(every) - len(self)
 
 
 class Texts:
-    """The first and the last thousand lines of the companion's own log and of the vehicles'."""
+    """What the companion's own log and the vehicles said."""
 
     def __init__(self) -> None:
-        self.companion: list[Text] = []
-        self.vehicle: list[Text] = []
+        self.companion = Story()
+        self.vehicle = Story()
         self._lines = VehicleLines()
 
     def add_log(self, times: Floats, table: list[dict[str, Any]]) -> None:
         """Times (n,) in s and n records of TEXT."""
         rows = zip(times.tolist(), table, strict=True)
-        self.companion += [Text(at, row["level"], row["name"], row["message"]) for at, row in rows]
-        self.companion = without_middle(self.companion, _MOST)
+        self.companion.tell([Text(at, row["level"], row["name"], row["message"]) for at, row in rows])
 
     def add_statustexts(self, sender: str, times: Floats, table: list[dict[str, Any]]) -> None:
         """Times (n,) in s and the fields of n messages."""
-        self.vehicle += self._lines.take(sender, times, table)
-        self.vehicle = without_middle(self.vehicle, _MOST)
+        self.vehicle.tell(self._lines.take(sender, times, table))
 
     def finish(self) -> None:
         """The log ends."""
-        self.vehicle += self._lines.over(math.inf)
+        self.vehicle.tell(self._lines.over(math.inf))

@@ -52,13 +52,26 @@ def test_a_clean_flight_has_no_warning(tmp_path: Path) -> None:
 
 def test_what_is_said_at_the_end_is_told_whatever_is_said_before(tmp_path: Path) -> None:
     flight = GatheredFlight(make(tmp_path, 1.0))
+    before, warnings = len(events(flight)), {700: 3, 2500: 4, 4500: 5}
     for number in range(5000):
-        crash = number == 4500
-        line = {"level": 4 if crash else 2, "name": "companion", "message": "CRASH" if crash else f"noise {number}"}
+        level = warnings.get(number, 2)
+        line = {"level": level, "name": "companion", "message": f"{'CRASH' if level > 2 else 'noise'} {number}"}
         flight.texts.add_log(np.array([1.0 + 0.001 * number]), [line])
-    told = [event.text for event in events(flight)]
-    assert len(told) == 601 and told[0] == "armed, taking off" and told[-2:] == ["noise 4999", "1403 more are left out"]
-    assert "CRASH" in told
+    *told, last = [event.text for event in events(flight)]
+    assert len(told) == 600 and told[0] == "armed, taking off" and told[-1] == "noise 4999"
+    assert [text for text in told if "CRASH" in text] == [f"CRASH {number}" for number in warnings]
+    assert last == f"{before + 5000 - 600} more are left out"
+
+
+def test_of_too_many_warnings_the_first_and_the_last_are_told(tmp_path: Path) -> None:
+    flight = GatheredFlight(make(tmp_path, 1.0))
+    before = len(events(flight))
+    for number in range(5000):
+        line = {"level": 3, "name": "companion", "message": f"{number}"}
+        flight.texts.add_log(np.array([1.0 + 0.001 * number]), [line])
+    *told, last = [event.text for event in events(flight)]
+    assert told == [f"{number}" for number in (*range(300), *range(4700, 5000))]
+    assert last == f"{before + 5000 - 600} more are left out"
 
 
 @pytest.mark.parametrize(("trace_rate", "limited"), [(250.0, "1.00"), (50.0, "1.02")])
