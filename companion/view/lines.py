@@ -145,7 +145,7 @@ class Track:
 
     def _every(self, table: Floats) -> Floats:
         """The first row of each stretch of `_step` after the last one."""
-        if not self._step or not len(table):
+        if not self._step:
             return table
         stretch = np.floor((table[:, 0] - (self._since or 0.0)) / self._step)
         kept: Floats = table[np.diff(stretch, prepend=self._last) != 0]

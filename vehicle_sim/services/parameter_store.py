@@ -226,7 +226,7 @@ class Parameters:
 
     def reset(self) -> list[str]:
         """All of them as they were at first, at this pace, beyond the limits, too; the names of those that change."""
-        changed = [name for name, value in self._first.items() if name not in self._facts and self[name] != value]
+        changed = [name for name, value in self._first.items() if self[name] != value]
         for name in changed:
             self._write(name, self._first[name])
         self.on_change()

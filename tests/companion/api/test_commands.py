@@ -11,6 +11,7 @@ import pytest
 
 from companion import Companion, FlightError, Mission, Phase, State, Waypoint
 from companion.api.companion import lines
+from companion.outcomes import recorded
 from companion.records import LOGGED, OPERATION, OperationKind
 from protocol.flightlog import TEXT
 
@@ -136,17 +137,19 @@ class Log:
         vehicle._flight = asyncio.create_task(asyncio.sleep(0))
         self.telemetry.state = at(Phase.WAIT, 1)
 
-    def order(self, said: str) -> None:
+    def order(self, said: str, kind: OperationKind = OperationKind.ORDER) -> None:
         """The next order was read, and this said to it."""
         self._time_ns += 1
-        fields = {"kind": OperationKind.ORDER, "text": ""}
-        self.telemetry._take(OPERATION.topic, self._time_ns, lambda _: fields, b"")
-        self.telemetry._take(TEXT.topic, self._time_ns, lambda _: {"message": said}, b"")
+        self.telemetry._take(OPERATION.topic, self._time_ns, lambda _: {"kind": kind, "text": ""}, b"")
+        self.says(said)
+
+    def says(self, text: str) -> None:
+        self.telemetry._take(TEXT.topic, self._time_ns, lambda _: {"message": text}, b"")
         self.telemetry._tell()
 
-    def waits(self, later_ns: int = 1) -> None:
-        """The vehicle waits, so long after the last order."""
-        state = at(Phase.WAIT, 3)
+    def waits(self, later_ns: int = 1, phase: Phase = Phase.WAIT) -> None:
+        """The vehicle waits, or is in another phase, so long after the last order."""
+        state = at(phase, 3)
         fields = {each: getattr(state, each) for each in State.__slots__} | {"clearance": 1.0}
         self.telemetry._take(LOGGED.topic, self._time_ns + later_ns, lambda _: fields, b"")
         self.telemetry._tell()
@@ -171,6 +174,7 @@ def test_a_refusal_is_of_the_order_that_was_refused() -> None:
             await asyncio.sleep(0)
             for refused in (refused_first, not refused_first):
                 log.order("order refused: beyond" if refused else "route, step 3 of 5")
+                log.says("scan: something is near")
             refused_one, flown = both if refused_first else reversed(both)
             with pytest.raises(FlightError, match="beyond"):
                 await refused_one
@@ -204,6 +208,39 @@ def test_an_order_that_was_done_stays_so_when_another_one_comes_at_once() -> Non
         log.waits()
         log.order("descend, step 5 of 9")
         await going
+
+    run(flight)
+
+
+def test_an_order_is_done_once_the_vehicle_waits_and_not_before() -> None:
+    """Whatever else is done and said meanwhile, also by a vehicle that uses the same words."""
+
+    async def flight(vehicle: Companion) -> None:
+        log, going = await on_its_way(vehicle)
+        log.waits(phase=Phase.ROUTE)
+        log.says("order refused: by the vehicle, of somebody else")
+        log.order("the planner does not answer", OperationKind.PLANNER_FAULT)
+        log.waits(phase=Phase.ROUTE)
+        await asyncio.sleep(0.01)
+        assert not going.done()
+        log.waits()
+        await going
+
+    run(flight)
+
+
+def test_a_landing_is_done_with_the_flight() -> None:
+    async def flight(vehicle: Companion) -> None:
+        log = Log(vehicle)
+        landing = asyncio.create_task(vehicle.land())
+        await asyncio.sleep(0)
+        log.order("landing")
+        log.waits()
+        await asyncio.sleep(0.01)
+        assert not landing.done()
+        vehicle.verdict = recorded({"outcome": "delivered", "landed": "True"})
+        log.telemetry.end()
+        assert await landing is vehicle.verdict
 
     run(flight)
 

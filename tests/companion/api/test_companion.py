@@ -222,6 +222,25 @@ def test_a_log_that_is_complete_is_not_silent(tmp_path: Path, monkeypatch: pytes
     asyncio.run(flight())
 
 
+def test_a_log_without_a_state_is_not_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The vehicle is waited for yet."""
+    monkeypatch.setattr("companion.api.telemetry._SILENT_S", 0.1)
+    log = make(tmp_path, traced=0.0)
+    log.write_bytes(log.read_bytes()[: log.stat().st_size // 3])
+
+    async def flight() -> None:
+        telemetry, over = Companion.connect(ANY_PORT)._telemetry, asyncio.get_running_loop().create_future()
+        following = asyncio.create_task(telemetry.follow(log, over))
+        for _ in range(10):
+            await telemetry.news()
+            assert not telemetry.silent
+        assert telemetry.state is None
+        over.set_result(None)
+        await following
+
+    asyncio.run(flight())
+
+
 def test_the_page_shows_the_example_and_the_orders_as_they_are() -> None:
     page = (ROOT / "docs" / "api.md").read_text()
     assert f"```python\n{(ROOT / 'examples' / 'deliver.py').read_text()}```" in page

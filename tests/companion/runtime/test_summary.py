@@ -20,8 +20,10 @@ def test_what_is_near_and_how_far_it_is_count_all_the_time_in_the_air(tmp_path: 
         elif 3.0 <= time < 4.0:
             values |= {"state": State.HOLD.value, "clearance": 0.05}
             values["reference_position_ned"] = (0.0, 9.0, 0.0)
+        elif time >= 6.0:
+            values |= {"state": State.ENDED.value, "clearance": 0.02}
 
-    summary = summarize(make(tmp_path, 6.0, change=change))
+    summary = summarize(make(tmp_path, 7.0, change=change))
     assert summary.seen_clearance_m == pytest.approx(0.05)
     assert summary.distance_m == pytest.approx(5.0 * SPEED, rel=0.01)
     assert summary.rmse_m == pytest.approx((0.1, 0.0, 0.0), abs=1e-6)

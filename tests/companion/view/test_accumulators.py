@@ -19,7 +19,7 @@ from companion.view.accumulators.interventions import Interventions
 from companion.view.accumulators.parameters import Parameters
 from companion.view.accumulators.paths import Paths
 from companion.view.accumulators.power import Energy
-from companion.view.accumulators.scans import Scans
+from companion.view.accumulators.scans import Scans, ScansBySender
 from companion.view.accumulators.senders import Senders
 from companion.view.accumulators.texts import Texts
 from companion.view.accumulators.timing import Timing
@@ -93,6 +93,17 @@ def test_clearance_is_counted_of_what_was_near(cuts: list[int]) -> None:
     assert clearance.least == (near.min(), TIMES[table["clearance"].argmin()])
     assert clearance.counts[:4].sum() == (near < 4 * BIN_M).sum()
     assert clearance.counts[-1] == (near >= BIN_M * (len(clearance.counts) - 1)).sum(), "all that is farther"
+
+
+def test_what_is_near_a_vehicle_on_the_ground_is_not_counted() -> None:
+    table, clearance = flown(), Clearance(1.2)
+    ground = np.arange(STEPS) < 10
+    table["phase"][ground], table["clearance"][ground] = Phase.PREPARE.value, 0.01
+    table["state"][-5:], table["clearance"][-5:] = State.ENDED.value, 0.02
+    near = np.isfinite(table["clearance"]).sum() - 15
+    clearance.add_steps(TIMES, table)
+    assert clearance.least is not None and clearance.least[0] > 0.1
+    assert clearance.total == clearance.counts.sum() == near
 
 
 def test_without_anything_near_there_is_no_least_clearance() -> None:
@@ -229,6 +240,15 @@ def test_a_parameter_that_was_told_again_has_its_last_value() -> None:
     values = parameters.values("1/1", set())
     assert len(values) == 2000 and values.pop("P7") == 9.0
     assert {value for name, value in values.items() if name[0] == "P"} == {2.0}
+
+
+def test_rings_that_can_not_be_drawn_are_counted_in_each_batch() -> None:
+    scans, table = ScansBySender(), np.zeros(3, message_type(dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE, "/x")[0].dtype)
+    table["increment_f"], table["frame"] = 5.0, dialect.MAV_FRAME_BODY_FRD
+    table["frame"][:2] = dialect.MAV_FRAME_GLOBAL
+    for start in (0.0, 1.0):
+        scans.add("1/1", "OBSTACLE_DISTANCE", start + np.arange(3.0), table)
+    assert scans.left_out == 4
 
 
 def test_scans_are_ranges_within_the_lidar_s_reach() -> None:

@@ -72,15 +72,25 @@ def test_a_track_keeps_what_is_recent_as_it_came_and_knows_how_late_the_rest_was
         track.add(np.array([time]), np.array([[3.0 * time]]))
         found = track.at(time)
         assert found is not None and (found[0].tolist(), found[1]) == ([3.0 * time], 0.0)
-    rows = track.rows()
-    assert 100 <= len(rows) <= 200 and np.allclose(np.diff(rows[-50:, 0]), 0.02)
+        rows = track.rows()
+        assert len(rows) <= 200 and np.allclose(np.diff(rows[-50:, 0]), 0.02)
+    assert len(rows) >= 100
     thinned = rows[:-100, 0]
     assert np.diff(thinned).max() < 2.1 * np.diff(thinned).min() and thinned[0] == 0.0
     ages = [found[1] for time in np.arange(1.0, 399.0, 0.1) if (found := track.at(float(time))) is not None]
-    assert len(ages) == 3980 and max(ages) <= 0.02 + 1e-9
+    assert len(ages) == 3980 and min(ages) >= 0.0 and max(ages) <= 0.02 + 1e-9
     late = track.at(410.0)
     assert late is not None and late[1] == pytest.approx(410.0 - 399.98)
     assert track.at(-1.0) is None
+
+
+@pytest.mark.parametrize("recent", [0, 50])
+def test_a_track_of_one_instant_is_bounded_too(recent: int) -> None:
+    track = Track(2, most=100, recent=recent)
+    track.add(np.full(300, 7.0), np.arange(300.0)[:, None])
+    rows = track.rows()
+    assert 0 < len(rows) <= 200 and (rows[:, 0] == 7.0).all()
+    assert rows[len(rows) - recent :, 1].tolist() == list(range(300 - recent, 300))
 
 
 @pytest.mark.parametrize("count", [150, 5000])
@@ -117,7 +127,9 @@ def test_stretches_do_not_depend_on_how_the_stream_is_cut(values: list[int], cut
         ([0.064] * 40, 0.064),
         ([1.0, 1.0, 30.0], 1.0),
         ([1e-5, 1e-5, 1e-5, 0.1] * 20, 0.025),
-        ([0.02] * 1000 + [600.0] + [0.02] * 1000, 0.02),
+        ([0.02] * 50 + [600.0] + [0.02] * 50, 0.02),
+        ([1e-5, 1e-5, 1e-5, 0.1] * 5 + [600.0], 0.025),
+        ([1e-5, 1e-5, 1e-5, 0.1] * 20 + [3.0], 0.025),
         ([0.5], 0.5),
         ([], 0.0),
     ],

@@ -235,9 +235,12 @@ def test_the_page_names_what_is_obeyed_and_what_is_fixed() -> None:
     assert {name for name in TABLE if f"`{name}`" in page} == {*OBEYED, *fixed}
 
 
-@pytest.mark.parametrize(("factor", "expected"), [(5.0, (50, 25.0, 5.0, 2.5)), (0.1, (5, 0.5, 0.1, 0.05))])
+@pytest.mark.parametrize(
+    ("factor", "expected"),
+    [(5.0, (50, 25.0, 5.0, 2.5)), (0.1, (5, 0.5, 0.1, 0.05)), (100.0, (300, 60.0, 60.0, 35.0))],
+)
 def test_a_peer_counts_as_lost_after_the_same_real_time_at_any_pace(factor: float, expected: tuple[float, ...]) -> None:
-    """COM_DL_LOSS_T can't be below 5 s."""
+    """As far as their limits let it: COM_DL_LOSS_T can't be below 5 s, nor above 300 s."""
     parameters = Vehicle(AIRFRAME, EMPTY).parameters
     parameters.scale_losses(factor)
     names = "COM_DL_LOSS_T", "COM_OBC_LOSS_T", "COM_OF_LOSS_T", "COM_RC_LOSS_T"
