@@ -241,6 +241,21 @@ def test_a_landing_is_done_with_the_flight() -> None:
         vehicle.verdict = recorded({"outcome": "delivered", "landed": "True"})
         log.telemetry.end()
         assert await landing is vehicle.verdict
+        with pytest.raises(FlightError, match="the vehicle is not in the air"):
+            await vehicle.take_off(3.0)
+
+    run(flight)
+
+
+def test_a_landing_of_which_nothing_is_known_is_not_done() -> None:
+    async def flight(vehicle: Companion) -> None:
+        log = Log(vehicle)
+        landing = asyncio.create_task(vehicle.land())
+        await asyncio.sleep(0)
+        vehicle._words.append("companion: killed")
+        log.telemetry.end()
+        with pytest.raises(FlightError, match="companion: killed"):
+            await landing
 
     run(flight)
 
@@ -308,14 +323,21 @@ def test_the_log_is_found_in_a_folder_of_any_name(tmp_path: Path, said: bytes) -
 
 def test_long_lines_are_cut_and_those_in_pieces_are_whole() -> None:
     """A plug-in prints what it likes."""
-    pieces = [b"x" * 50_000, b"x" * 50_000, b"x" * 50_000 + b"\ncompa", b"nion: log", b" at a\n\nb\xff\nthe", b" end"]
+    pieces = [
+        b"y" + b"x" * 49_999,
+        b"x" * 50_000,
+        b"x" * 50_000 + b"\ncompa",
+        b"nion: log",
+        b" at a\n\nb\xff\nthe",
+        b" end",
+    ]
 
     async def read() -> list[str]:
         process = Speaking(*pieces)
         process.close()
         return [line async for line in lines(cast(asyncio.StreamReader, process))]
 
-    assert asyncio.run(read()) == ["x" * (1 << 16), "companion: log at a", "", "b\ufffd", "the end"]
+    assert asyncio.run(read()) == ["y" + "x" * 65_535, "companion: log at a", "", "b\ufffd", "the end"]
 
 
 def test_the_logs_folder_may_be_a_string(tmp_path: Path) -> None:

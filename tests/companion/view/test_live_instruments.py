@@ -19,7 +19,7 @@ from companion.view.live_words import words
 from companion.view.sources import NextFlight, open_log
 from protocol.frames import from_euler
 from protocol.messages import dialect
-from tests.companion.view.made_logs import make
+from tests.companion.view.made_logs import Values, make
 
 SVG = "{http://www.w3.org/2000/svg}"
 KNOWN = Flown(10.0, 5.0, 350.0, 4.2, 12.0, -1.5, 80.0, 200.0, 14.0, 5.0)
@@ -117,6 +117,27 @@ def test_phases_follow_each_other_without_gaps(tmp_path: Path) -> None:
     assert (first.name, second.name) == ("route", "return")
     assert first.end == second.start == pytest.approx(10.0, abs=0.01)
     assert [mode.name for mode in history.modes()] == ["external control"]
+
+
+def test_what_the_companion_says_of_its_way_is_told_apart(tmp_path: Path) -> None:
+    """Blocked, limited, or both."""
+
+    def change(time: float, values: Values) -> None:
+        values |= {"blocked": 2.0 <= time < 6.0, "limited": 4.0 <= time, "speed_limit": 2.5, "clearance": 1.5}
+
+    history = History()
+    for batch in open_log(make(tmp_path, 8.0, change=change)).poll():
+        history.take(batch)
+    for time, flags in ((1.0, (False, False)), (3.0, (True, False)), (5.0, (True, True)), (7.0, (False, True))):
+        plan = history.at(time).plan
+        assert plan is not None and (plan.blocked, plan.limited) == flags
+        assert (plan.speed_limit, plan.clearance) == (2.5, 1.5)
+
+
+def test_a_text_counts_as_a_warning_from_that_level_on() -> None:
+    history = History()
+    history.texts = [Text(1.0, level, "companion", "said") for level in range(1, 6)]
+    assert [text.level for text in history.warnings()] == [3, 4, 5]
 
 
 def test_a_companion_that_watches_the_landing_is_still_one(tmp_path: Path) -> None:

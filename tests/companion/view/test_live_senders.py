@@ -37,6 +37,22 @@ def test_the_charts_show_their_time_alone_where_two_messages_tell_the_attitude(t
         assert np.allclose(angles[:, 0], np.degrees(0.1), atol=1e-4)
 
 
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1e30])
+def test_a_position_or_velocity_with_one_number_that_is_none_is_not_shown(
+    axis: int, value: float, tmp_path: Path
+) -> None:
+    vehicle, path, sound = Encoder(1, 1), tmp_path / "odd.mcap", [1.0, 2.0, -3.0, 0.1, 0.2, 0.3]
+    odd = [value if number == axis else 4.0 for number in range(6)]
+    with Writer(path, 0, {}) as writer:
+        for number, motion in enumerate((sound, odd)):
+            told = vehicle.encode_fields(dialect.MAVLink_local_position_ned_message, 100 * number, *motion)
+            writer.datagram(100_000_000 * number, number, Direction.IN, "", told)
+    moment = filled(FinishedLog(LogReader(path))).at(0.2)
+    assert moment.position_ned is not None and moment.velocity_ned is not None
+    assert [*moment.position_ned, *moment.velocity_ned] == pytest.approx(sound)
+
+
 def test_of_several_batteries_the_emptiest_is_shown() -> None:
     """Whichever was told last."""
     ours, theirs = Memory.pair()
