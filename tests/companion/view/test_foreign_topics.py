@@ -21,8 +21,8 @@ from companion.view.foxglove import convert
 from companion.view.gather import GatheredFlight
 from companion.view.report import compose
 from companion.view.sources import FinishedLog, GrowingLog
-from protocol.flightlog import DATAGRAM, TEXT, FlightLogError, LogReader, RecordType
-from protocol.messages import dialect
+from protocol.flightlog import DATAGRAM, TEXT, Direction, FlightLogError, LogReader, RecordType
+from protocol.messages import Encoder, dialect
 from tests.companion.logs.changed_logs import foreign
 from tests.companion.test_known_topics import changed, lines, message, name_of, needed
 from tests.companion.view.test_live import filled
@@ -155,6 +155,17 @@ def test_the_report_says_what_is_left_out(tmp_path: Path) -> None:
     assert set(found.evidence) == {kind.topic for kind in TOPICS}
     sound = {kind: kind.pack(*_values(kind)) for kind in TOPICS}
     assert _log_findings(made(tmp_path / "b.mcap", sound)) == []
+
+
+def test_beside_a_trace_of_another_tool_the_vehicle_s_positions_are_the_way(tmp_path: Path) -> None:
+    vehicle, foreign_trace = Encoder(1, 1), RecordType(TRACE.topic, "other/Kind", "float32 x")
+    with Writer(tmp_path / "a.mcap", 10**18, {}) as writer:
+        for number, north in enumerate((0.0, 3.0, 7.0)):
+            told = vehicle.encode_fields(dialect.MAVLink_local_position_ned_message, number, north, 0, 0, 0, 0, 0)
+            writer.datagram(10**8 * number, number, Direction.IN, "", told)
+            writer.record(foreign_trace, 10**8 * number, number, bytes(4))
+    row = describe(tmp_path / "a.mcap", "a")
+    assert (row.distance_m, row.clearance_m) == (7.0, None)
 
 
 @every_reader

@@ -17,6 +17,7 @@ from companion.view.live_instruments import Flown, flown, instruments
 from companion.view.live_strip import strip
 from companion.view.live_words import words
 from companion.view.sources import NextFlight, open_log
+from protocol.flightlog.mavlink_records import message_type
 from protocol.frames import from_euler
 from protocol.messages import dialect
 from tests.companion.view.made_logs import Values, make
@@ -123,7 +124,7 @@ def test_what_the_companion_says_of_its_way_is_told_apart(tmp_path: Path) -> Non
     """Blocked, limited, or both."""
 
     def change(time: float, values: Values) -> None:
-        values |= {"blocked": 2.0 <= time < 6.0, "limited": 4.0 <= time, "speed_limit": 2.5, "clearance": 1.5}
+        values |= {"blocked": 2.0 <= time < 6.0, "limited": time >= 4.0, "speed_limit": 2.5, "clearance": 1.5}
 
     history = History()
     for batch in open_log(make(tmp_path, 8.0, change=change)).poll():
@@ -132,6 +133,35 @@ def test_what_the_companion_says_of_its_way_is_told_apart(tmp_path: Path) -> Non
         plan = history.at(time).plan
         assert plan is not None and (plan.blocked, plan.limited) == flags
         assert (plan.speed_limit, plan.clearance) == (2.5, 1.5)
+
+
+def test_without_control_steps_somebody_is_waited_for_or_there_is_no_companion(tmp_path: Path) -> None:
+    silent = replace(at(5.0, tmp_path), plan=None, phase=None, state=None)
+    for age, doing in ((None, "waiting"), (0.1, "no companion")):
+        assert f'id="bar-phase">{doing}<' in hud(replace(silent, link_age=age), "5.0 s", [])
+
+
+def test_after_hours_a_vehicle_is_shown_as_it_was_at_any_moment() -> None:
+    """What is thinned is no more than a second from its neighbour; what is recent is whole."""
+    history, hours, part_s = History(), 3, 60.0
+    for start in np.arange(0.0, hours * 3600.0, part_s):
+        for name, rate in (("ATTITUDE_QUATERNION", 50.0), ("LOCAL_POSITION_NED", 30.0), ("HEARTBEAT", 1.0)):
+            kind = message_type(getattr(dialect, f"MAVLINK_MSG_ID_{name}"), f"/mavlink/1/1/{name}")[0]
+            times = start + np.arange(0.0, part_s, 1.0 / rate)
+            table = np.zeros(len(times), kind.dtype)
+            if name == "ATTITUDE_QUATERNION":
+                table["q1"] = 1.0
+            elif name == "LOCAL_POSITION_NED":
+                table["x"] = times
+            else:
+                table["autopilot"], table["base_mode"] = dialect.MAV_AUTOPILOT_PX4, 128
+            history.take((kind.topic, kind, np.round(1e9 * times).astype(np.int64), table))
+    for time in (*np.linspace(60.0, history.end - 60.0, 200), *np.linspace(history.end - 60.0, history.end, 200)):
+        moment = history.at(float(time))
+        assert moment.attitude_ned_frd is not None and moment.armed
+        assert moment.link_age is not None and moment.link_age <= 1.0
+        off = 0.04 if time > history.end - 60.0 else 10.0
+        assert moment.position_ned is not None and moment.position_ned[0] == pytest.approx(time, abs=off)
 
 
 def test_a_text_counts_as_a_warning_from_that_level_on() -> None:
