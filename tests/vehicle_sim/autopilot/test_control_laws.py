@@ -201,15 +201,37 @@ def test_position_law_thrusts_along_the_wanted_acceleration() -> None:
         assert np.linalg.norm(order["attitude_ned_frd"][0]) == pytest.approx(1.0)
 
 
-def test_the_vertical_integral_waits_at_full_thrust() -> None:
-    """A force that the rotors can't hold against pulls down: no more is learned than they have beyond the weight."""
+def pushed(push_m_s2: float, seconds: float, after: float, thrust_to_weight: float) -> tuple[Array, Command]:
+    """Heights (m, one a tick) above the one to hold of a vehicle that a force per kg pushes down for some seconds, and
+    for some after them; and the command then."""
     heavy = parameters(AIRFRAME)
-    heavy["mass_kg"] = 4.0 * MOST / (1.2 * GRAVITY)
-    heavy["force_ned"] = (0.0, 0.0, 20.0)
-    state = flying()
-    order = command(Level.POSITION, position_ned=(0.0, 0.0, -500.0), integrates=True)
+    heavy["mass_kg"] = mass = 4.0 * MOST / (thrust_to_weight * GRAVITY)
+    state, order = flying(), command(Level.POSITION, position_ned=(0.0, 0.0, -500.0), integrates=True)
+    state[ROTORS] = math.sqrt(mass * GRAVITY / 4.0 / AIRFRAME.rotors.thrust_constant_ns2)
     feedback, room = np.zeros(1, FEEDBACK), work_array()
-    for _ in range(1000):
-        advance(state, order, heavy, feedback, room, EXACT)
-    assert state[5] > 1.0, "it sinks"
-    assert 0.0 >= order["integral"][0][2] >= -0.2 * GRAVITY
+    heights = []
+    for push, ticks in ((push_m_s2, round(seconds / 0.004)), (0.0, round(after / 0.004))):
+        heavy["force_ned"] = (0.0, 0.0, push * mass)
+        for _ in range(ticks):
+            advance(state, order, heavy, feedback, room, EXACT)
+            heights.append(-500.0 - state[2])
+    return np.array(heights), order
+
+
+@pytest.mark.parametrize("push", [1.5, -2.0])
+def test_the_vertical_integral_is_what_pushes_the_vehicle_up_or_down(push: float) -> None:
+    heights, order = pushed(push, 15.0, 0.0, 2.1)
+    assert np.abs(heights).max() > 0.1 and abs(heights[-1]) < 0.01
+    assert order["integral"][0][2] == pytest.approx(-push, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("push", "thrust_to_weight"),
+    [(2.2, 1.2), (-5.0, 2.1)],
+    ids=["more than the rotors hold", "more than the limit of its acceleration"],
+)
+def test_the_vertical_integral_waits_where_no_more_can_be_done(push: float, thrust_to_weight: float) -> None:
+    """Once the force is gone the vehicle comes back, and not far beyond."""
+    heights, _ = pushed(push, 1.5, 12.0, thrust_to_weight)
+    off = -np.sign(push) * heights
+    assert off.min() > -0.15 and off.max() > 0.5 and abs(heights[-1]) < 0.05
