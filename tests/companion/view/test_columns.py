@@ -35,3 +35,14 @@ def test_what_is_unknown_is_not_drawn() -> None:
     assert gps["hdop"] == pytest.approx([1.2]) and np.isnan(gps["vdop"]).all()
     assert columns("SCALED_PRESSURE", temperature=2150)["temperature"] == pytest.approx([21.5])
     assert np.isnan(columns("BATTERY_STATUS", temperature=32767)["temperature"]).all()
+
+
+def test_a_position_s_height_is_up_and_its_speed_that_of_all_axes() -> None:
+    """One number that is none is not drawn, and the others are."""
+    motion = {"x": 1.0, "y": 2.0, "z": -3.0, "vx": 2.0, "vy": -3.0, "vz": 6.0}
+    told = columns("LOCAL_POSITION_NED", **motion)
+    assert told["position_ned"][0].tolist() == [1.0, 2.0, -3.0] and told["height"] == pytest.approx([3.0])
+    assert told["velocity_ned"][0].tolist() == [2.0, -3.0, 6.0] and told["speed"] == pytest.approx([7.0])
+    odd = columns("LOCAL_POSITION_NED", **motion | {"x": 1e30, "vz": np.nan})
+    assert np.isnan(odd["position_ned"][0]).tolist() == [True, False, False] and odd["height"] == pytest.approx([3.0])
+    assert np.isnan(odd["velocity_ned"][0]).tolist() == [False, False, True] and np.isnan(odd["speed"]).all()

@@ -127,8 +127,9 @@ def test_a_vehicle_without_a_fix_is_at_no_place_on_earth() -> None:
     """It tells the place at 0, 0."""
     nowhere = dialect.MAVLink_global_position_int_message(1, 0, 0, 0, 0, 0, 0, 0, 0)
     assert _place(np.zeros(3), vars(nowhere), "lat", "lon", "alt") is None
-    nowhere.lat = 1
-    assert _place(np.zeros(3), vars(nowhere), "lat", "lon", "alt") is not None
+    for latitude, longitude in ((1, 0), (0, 1)):
+        nowhere.lat, nowhere.lon = latitude, longitude
+        assert _place(np.zeros(3), vars(nowhere), "lat", "lon", "alt") is not None, "on the equator, or on the meridian"
 
 
 @pytest.mark.parametrize("tells_home", [True, False])
