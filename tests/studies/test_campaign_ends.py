@@ -14,7 +14,7 @@ from studies import worlds
 from studies.campaign import Job, Setup
 from studies.campaigns import command
 from studies.campaigns.runner import Campaign, lost
-from studies.campaigns.table import ENDS, PARTS, Table, counting, read
+from studies.campaigns.table import ENDS, PARTS, Table, counting, naming, read
 
 POLE = Setup("pole", "pole", worlds.pole, (3.0,))
 
@@ -68,6 +68,16 @@ def test_a_full_disk_is_said_with_the_file(tmp_path: Path, monkeypatch: pytest.M
         with pytest.raises(OSError, match="No space left on device") as raised:
             write()
         assert raised.value.filename == str(tmp_path / path)
+
+
+@pytest.mark.parametrize(
+    "refusal",
+    [OSError(errno.EACCES, "Permission denied", "/else/where"), OSError("the library says nothing but this")],
+)
+def test_what_says_itself_which_file_it_was_or_what_was_wrong_stays(refusal: OSError, tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"/else/where|nothing but this") as raised, naming(tmp_path):
+        raise refusal
+    assert raised.value is refusal
 
 
 @pytest.mark.parametrize("ends", [None, [], [["pole", "none", 3.0, 4]]])

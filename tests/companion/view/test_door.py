@@ -158,6 +158,13 @@ def test_two_hosts_are_none(page: Page) -> None:
     assert answered(page, f"GET {path_of(page)} HTTP/1.1\r\n{lines}") == 403
 
 
+@pytest.mark.parametrize("upgrade", ["websocket", "WebSocket"])
+def test_an_upgrade_is_one_in_any_letters(page: Page, upgrade: str) -> None:
+    own = f"127.0.0.1:{page.port}"
+    lines = f"Host: {own}\r\nOrigin: http://{own}\r\nUpgrade: {upgrade}\r\n"
+    assert answered(page, f"GET {path_of(page)} HTTP/1.1\r\n{lines}") == 101
+
+
 def test_two_upgrades_are_none(page: Page) -> None:
     own = f"127.0.0.1:{page.port}"
     lines = f"Host: {own}\r\nOrigin: http://{own}\r\nUpgrade: websocket\r\nUpgrade: websocket\r\n"
