@@ -14,7 +14,7 @@ from companion.logs.verdict import verdict_of
 from companion.outcomes import Verdict, recorded
 from companion.view.batches import BATCH, Batch, batch, batches
 from protocol.clock import RealClock
-from protocol.flightlog import DATAGRAM, LogFollower, LogReader, RecordType
+from protocol.flightlog import DATAGRAM, FlightLogError, LogFollower, LogReader, RecordType
 from protocol.flightlog.mavlink_records import message_type
 from protocol.framing import Framer
 from protocol.messages import layout
@@ -121,7 +121,8 @@ class GrowingLog:
         yield from self._poll()
         is_left = not self._log.ended and _is_left(self._path)
         if is_left and self.problem is None:
-            self._unfinished = verdict_of(self._path, self._log.metadata)
+            with suppress(FlightLogError):  # gone meanwhile
+                self._unfinished = verdict_of(self._path, self._log.metadata)
         self.problem = "cut off" if is_left else None
 
     def _poll(self) -> Iterator[Batch]:

@@ -69,7 +69,9 @@ def test_one_latency_a_record_is_an_older_loop() -> None:
     assert is_foreign(record_type(LOOP.topic, "courier/Loop", [("latency_ns", "int64"), ("x", "string")]))
 
 
-@pytest.mark.parametrize("topic", ["/mavlink/uav/1/", "/mavlink/1/", "/mavlink/", "/mavlink/1/1/1/", "/mavlink/1/²/"])
+@pytest.mark.parametrize(
+    "topic", ["/mavlink/uav/1/", "/mavlink/1/", "/mavlink/", "/mavlink/1/1/1/", "/mavlink/1/²/", "/mavlink/1/٣/"]
+)
 def test_a_message_has_the_numbers_of_who_sent_it(topic: str) -> None:
     assert is_foreign(message("HEARTBEAT", topic))
 

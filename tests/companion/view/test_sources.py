@@ -50,4 +50,6 @@ def test_a_log_that_nobody_writes_to_any_more_was_cut_off(tmp_path: Path) -> Non
     assert source.ended and source.problem == "cut off"
     assert source.verdict is not None and source.verdict.outcome is Outcome.UNFINISHED
     os.utime(cut)
-    assert list(source.poll()) == [] and not source.ended
+    assert list(source.poll()) == [] and not source.ended and source.verdict is None
+    cut.unlink()
+    assert list(source.poll()) == [] and source.ended and source.problem == "cut off"
