@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from studies import crowded, worlds
+from studies import askew, crowded, worlds
 from studies.worlds import Site
 
 SITES: dict[str, Callable[..., Site]] = {
@@ -21,6 +21,12 @@ SITES: dict[str, Callable[..., Site]] = {
     "office": worlds.office,
     "fig6": worlds.fig6,
     "warehouse": crowded.warehouse,
+    "doors": askew.doors,
+    "bend": askew.bend,
+    "zigzag": askew.zigzag,
+    "rooms": askew.rooms,
+    "roundroom": askew.round_room,
+    "posts": askew.posts,
     "oncoming": crowded.oncoming,
     "crossing": crowded.crossing,
     "overtaking": crowded.overtaking,

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from companion.runtime.files import load_mission
 from studies import __main__ as command_line
-from studies import enclosed, moving, narrow, traps, worlds
+from studies import askew, enclosed, moving, narrow, traps, worlds
 from studies.sites import SITES
 from studies.worlds import HULL, shortest
 from vehicle_sim.world import Scene, World
@@ -41,7 +41,7 @@ def test_the_seed_is_the_place_and_the_file_is_the_world(kind: str, tmp_path: Pa
     assert (mission.waypoints[-1].north, mission.waypoints[-1].east) == site.goal
 
 
-@pytest.mark.parametrize("study", [enclosed, moving, narrow, traps])
+@pytest.mark.parametrize("study", [askew, enclosed, moving, narrow, traps])
 def test_what_is_flown_through_can_be_made_by_name(study: ModuleType) -> None:
     assert {setup.site for setup in study.SETUPS} <= set(SITES.values())
 
@@ -57,7 +57,26 @@ def test_start_and_goal_are_free(kind: str, seed: int) -> None:
 
 @pytest.mark.parametrize(
     "kind",
-    ["forest", "utrap", "gap", "pole", "maze", "barn", "fig6", "shaft", "corridor", "alley", "office", "warehouse"],
+    [
+        "forest",
+        "utrap",
+        "gap",
+        "pole",
+        "maze",
+        "barn",
+        "fig6",
+        "shaft",
+        "corridor",
+        "alley",
+        "office",
+        "warehouse",
+        "doors",
+        "bend",
+        "zigzag",
+        "rooms",
+        "roundroom",
+        "posts",
+    ],
 )
 @pytest.mark.parametrize("seed", [1, 2])
 def test_there_is_a_way_and_it_is_no_shorter_than_straight(kind: str, seed: int) -> None:
