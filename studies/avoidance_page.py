@@ -49,8 +49,8 @@ The tables are not all of one version. What is told of which, and what later one
   ten, by 1.16 times the shortest ways. The one before gave one up, where it flew to and fro between a gap that it saw
   closed askew and another one, and flew 1.8 times the shortest ways.
 - **Flights on sensors:** an earlier version. The present one was flown six times in each case of the table: all arrive.
-- **Hills and low walls:** the present version, all by one. With heights from the start on, an earlier one had arrived in
-  23 of 50.
+- **Hills and low walls:** the present version, all by one. With heights from the start on an earlier one arrived in 23
+  of 50.
 
 ## What the sensor can't see
 
