@@ -41,7 +41,7 @@ The tables are not all of one version. What is told of which, and what later one
 - **Traps, narrow places:** an earlier version. The present one reaches the goal in all of 20 traps, of 20 mazes and of
   20 gaps of 0.9 m. An older one came through 16 of these: a scan that shows such a gap closed for a moment turned it
   round (`avoidance.plan.turn_scans`). Gaps of 0.84 m, with 6 cm on either side, are passed in three of six; before the
-  others the vehicle gives up or goes on looking for a way. One in eight was touched before a slow vehicle braked
+  others the vehicle gives up or goes on looking for a way. One in seven was touched before a slow vehicle braked
   straight.
 - **Courts:** an earlier version. The present one has landed in all of the same twenty 31 to 46 s after its start, and
   keeps 0.7 m from all walls and their edges.
