@@ -18,7 +18,7 @@ BINS, NEAREST_CM, FARTHEST_CM, NOT_MEASURED = 72, 15, 1200, 65535
 
 
 def turns(scanner: RPLidar) -> Iterator[list[tuple[float, float]]]:
-    """Angles and distances of each turn. `iter_scans` would leave out where nothing came back: nothing were free."""
+    """Angles and distances of each turn. `iter_scans` leaves out where nothing came back: nothing would be free."""
     turn: list[tuple[float, float]] = []
     for begins, _, angle, distance in scanner.iter_measures():
         if begins and turn:

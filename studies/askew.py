@@ -66,41 +66,35 @@ def _with_way(make: Callable[[np.random.Generator], Site], seed: int) -> Site:
 
 def doors(seed: int) -> Site:
     """A yard 10-16 m wide with two or three walls across it, 2.5-4 m apart, each with a door of 1-1.15 m anywhere."""
-
-    def make(rng: np.random.Generator) -> Site:
-        half, north = rng.uniform(5.0, 8.0), 6.0
-        walls: list[Wall] = []
-        for _ in range(rng.integers(2, 4)):
-            width = rng.uniform(1.0, 1.15)
-            left = rng.uniform(0.6 - half, half - 0.6 - width)
-            walls += [((north, -half), (north, left)), ((north, left + width), (north, half))]
-            north += rng.uniform(2.5, 4.0)
-        turn = rng.uniform(-_MOST_TURN, _MOST_TURN)
-        return _turned("doors", seed, [*walls, *_yard(half, north + 5.0)], (north + 2.0, 0.0), turn)
-
-    return _with_way(make, seed)
+    rng = np.random.default_rng(seed)
+    half, north = rng.uniform(5.0, 8.0), 6.0
+    walls: list[Wall] = []
+    for _ in range(rng.integers(2, 4)):
+        width = rng.uniform(1.0, 1.15)
+        left = rng.uniform(0.6 - half, half - 0.6 - width)
+        walls += [((north, -half), (north, left)), ((north, left + width), (north, half))]
+        north += rng.uniform(2.5, 4.0)
+    turn = rng.uniform(-_MOST_TURN, _MOST_TURN)
+    return _turned("doors", seed, [*walls, *_yard(half, north + 5.0)], (north + 2.0, 0.0), turn)
 
 
 def bend(seed: int) -> Site:
     """A yard 18 m wide, and across it a block with one passage, 1-1.15 m wide, that turns aside by a right angle for
     2.5-5 m and back."""
-
-    def make(rng: np.random.Generator) -> Site:
-        half, wide = 9.0, 0.5 * rng.uniform(1.1, 1.25)
-        enters, near = rng.uniform(-4.0, 4.0), 8.0
-        leaves = enters - math.copysign(rng.uniform(2.5, 5.0), enters)
-        middle = near + rng.uniform(2.5, 4.0)
-        far = middle + rng.uniform(2.5, 4.0)
-        aside = math.copysign(wide, leaves - enters)
-        turns = (near, enters - aside), (middle + wide, enters - aside), (middle + wide, leaves - aside)
-        inner = (near, enters + aside), (middle - wide, enters + aside), (middle - wide, leaves + aside)
-        walls = [*pairwise((*turns, (far, leaves - aside))), *pairwise((*inner, (far, leaves + aside)))]
-        for north, east in ((near, enters), (far, leaves)):
-            walls += [((north, -half), (north, east - wide)), ((north, east + wide), (north, half))]
-        turn = rng.uniform(-_MOST_TURN, _MOST_TURN)
-        return _turned("bend", seed, [*walls, *_yard(half, far + 6.0)], (far + 3.0, 0.0), turn)
-
-    return _with_way(make, seed)
+    rng = np.random.default_rng(seed)
+    half, wide = 9.0, 0.5 * rng.uniform(1.1, 1.25)
+    enters, near = rng.uniform(-4.0, 4.0), 8.0
+    leaves = enters - math.copysign(rng.uniform(2.5, 5.0), enters)
+    middle = near + rng.uniform(2.5, 4.0)
+    far = middle + rng.uniform(2.5, 4.0)
+    aside = math.copysign(wide, leaves - enters)
+    turns = (near, enters - aside), (middle + wide, enters - aside), (middle + wide, leaves - aside)
+    inner = (near, enters + aside), (middle - wide, enters + aside), (middle - wide, leaves + aside)
+    walls = [*pairwise((*turns, (far, leaves - aside))), *pairwise((*inner, (far, leaves + aside)))]
+    for north, east in ((near, enters), (far, leaves)):
+        walls += [((north, -half), (north, east - wide)), ((north, east + wide), (north, half))]
+    turn = rng.uniform(-_MOST_TURN, _MOST_TURN)
+    return _turned("bend", seed, [*walls, *_yard(half, far + 6.0)], (far + 3.0, 0.0), turn)
 
 
 def zigzag(seed: int) -> Site:
@@ -165,32 +159,26 @@ def _divide(rng: np.random.Generator, norths: Place, easts: Place, times: int, w
 
 def round_room(seed: int) -> Site:
     """The start is in a room of 11 to 15 walls, 3.2-6 m across, with one door of 1-1.2 m to any side."""
-
-    def make(rng: np.random.Generator) -> Site:
-        radius, door = rng.uniform(1.6, 3.0), rng.uniform(0.0, 2.0 * math.pi)
-        half = math.asin(0.5 * rng.uniform(1.0, 1.2) / radius)
-        north, east = rng.uniform(-0.3, 0.3, 2).tolist()
-        angles = np.linspace(door + half, door + 2.0 * math.pi - half, rng.integers(12, 17)).tolist()
-        corners = [(north + radius * math.cos(angle), east + radius * math.sin(angle)) for angle in angles]
-        return _turned("roundroom", seed, list(pairwise(corners)), (18.0, 0.0), 0.0)
-
-    return _with_way(make, seed)
+    rng = np.random.default_rng(seed)
+    radius, door = rng.uniform(1.6, 3.0), rng.uniform(0.0, 2.0 * math.pi)
+    half = math.asin(0.5 * rng.uniform(1.0, 1.2) / radius)
+    north, east = rng.uniform(-0.3, 0.3, 2).tolist()
+    angles = np.linspace(door + half, door + 2.0 * math.pi - half, rng.integers(12, 17)).tolist()
+    corners = [(north + radius * math.cos(angle), east + radius * math.sin(angle)) for angle in angles]
+    return _turned("roundroom", seed, list(pairwise(corners)), (18.0, 0.0), 0.0)
 
 
 def posts(seed: int) -> Site:
     """A yard 18 m wide with four rows of posts of 0.16 m across it, 1.3-1.6 m apart, the rows 2-3 m apart."""
-
-    def make(rng: np.random.Generator) -> Site:
-        half, north = 9.0, 5.0
-        places: list[Place] = []
-        for _ in range(4):
-            easts = rng.uniform(-half, 1.0 - half) + np.cumsum(rng.uniform(1.3, 1.6, 12))
-            places += [(north + rng.uniform(-0.1, 0.1), east) for east in easts.tolist() if east < half]
-            north += rng.uniform(2.0, 3.0)
-        turn = rng.uniform(-_MOST_TURN, _MOST_TURN)
-        return _turned("posts", seed, _yard(half, north + 5.0), (north + 2.0, 0.0), turn, tuple(places))
-
-    return _with_way(make, seed)
+    rng = np.random.default_rng(seed)
+    half, north = 9.0, 5.0
+    places: list[Place] = []
+    for _ in range(4):
+        easts = rng.uniform(-half, 1.0 - half) + np.cumsum(rng.uniform(1.3, 1.6, 12))
+        places += [(north + rng.uniform(-0.1, 0.1), east) for east in easts.tolist() if east < half]
+        north += rng.uniform(2.0, 3.0)
+    turn = rng.uniform(-_MOST_TURN, _MOST_TURN)
+    return _turned("posts", seed, _yard(half, north + 5.0), (north + 2.0, 0.0), turn, tuple(places))
 
 
 _FLOWN = (

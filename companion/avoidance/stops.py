@@ -60,7 +60,7 @@ def best_stop(
     """Swerve (rad) and free share of the first stop that is free to its end, or of the one that is free the longest.
 
     `place` counts from the map's corner (m); `velocity` in m/s, NED. A vehicle that comes to rest within the lag stops
-    straight: before it leaned to the other side, a swerve would have moved it aside.
+    straight: it has no time to lean to one side and then to the other, and a swerve would only push it aside.
     """
     best, best_share = 0.0, -1.0
     slow = math.hypot(velocity[0], velocity[1]) < braking.deceleration * braking.lag

@@ -24,6 +24,8 @@ from companion.supervision.rows_before_flight import BEFORE, BEFORE_FLIGHT
 from companion.supervision.rows_in_flight import IN_FLIGHT
 from companion.supervision.states import FLYING, State
 
+_SILENT = "the vehicle is silent for {health.silence:.1f} s: given up"
+
 TABLE: tuple[Row, ...] = (
     # the end of everything
     row(
@@ -31,7 +33,7 @@ TABLE: tuple[Row, ...] = (
         lambda h, s, t: h.silence > s.silence_timeout and not h.armed,
         State.ENDED,
         CRITICAL,
-        "the vehicle is silent for {health.silence:.1f} s: given up",
+        _SILENT,
         ends=Outcome.NOT_STARTED,
     ),
     row(
@@ -39,7 +41,7 @@ TABLE: tuple[Row, ...] = (
         lambda h, s, t: h.silence > s.silence_timeout,
         State.ENDED,
         CRITICAL,
-        "the vehicle is silent for {health.silence:.1f} s: given up",
+        _SILENT,
         ends=Outcome.LOST,
     ),
     row(

@@ -204,10 +204,15 @@ def test_a_log_that_grows_no_more_is_an_error_and_no_wait_for_ever(
     asyncio.run(flight())
 
 
-def test_a_log_that_is_complete_is_not_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The flight's report may be written yet."""
+@pytest.mark.parametrize("complete", [True, False])
+def test_a_complete_log_is_not_silent_nor_one_without_a_state(
+    complete: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The flight's report may be written yet; or the vehicle is waited for."""
     monkeypatch.setattr("companion.api.telemetry._SILENT_S", 0.1)
-    log = make(tmp_path, 2.0)
+    log = make(tmp_path, 2.0) if complete else make(tmp_path, traced=0.0)
+    if not complete:
+        log.write_bytes(log.read_bytes()[: log.stat().st_size // 3])
 
     async def flight() -> None:
         telemetry, over = Companion.connect(ANY_PORT)._telemetry, asyncio.get_running_loop().create_future()
@@ -215,26 +220,7 @@ def test_a_log_that_is_complete_is_not_silent(tmp_path: Path, monkeypatch: pytes
         for _ in range(10):
             await telemetry.news()
             assert not telemetry.silent
-        assert telemetry.state is not None
-        over.set_result(None)
-        await following
-
-    asyncio.run(flight())
-
-
-def test_a_log_without_a_state_is_not_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The vehicle is waited for yet."""
-    monkeypatch.setattr("companion.api.telemetry._SILENT_S", 0.1)
-    log = make(tmp_path, traced=0.0)
-    log.write_bytes(log.read_bytes()[: log.stat().st_size // 3])
-
-    async def flight() -> None:
-        telemetry, over = Companion.connect(ANY_PORT)._telemetry, asyncio.get_running_loop().create_future()
-        following = asyncio.create_task(telemetry.follow(log, over))
-        for _ in range(10):
-            await telemetry.news()
-            assert not telemetry.silent
-        assert telemetry.state is None
+        assert (telemetry.state is not None) is complete
         over.set_result(None)
         await following
 
