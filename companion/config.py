@@ -125,6 +125,9 @@ class Prediction(Table, frozen=True):
     itself, while rates turn it on and on. 0: never."""
     attitudes_beyond: Positive = 0.15
     """s; with a longer delay, there and back, attitudes are commanded, whatever the output is."""
+    told_every: NotNegative = 5.0
+    """s; how late the link is said to be, and has become, at most so often: on a busy computer it changes many times a
+    second."""
 
 
 class Estimation(Table, frozen=True):

@@ -90,14 +90,13 @@ def follow_delay(
 ) -> Announcement | None:
     """Tell whatever depends on how late the link is of a change; what is to be said of it."""
     delays = link.delays
-    if delays.known is controller.delay:
-        return None
-    follow_output(link, controller, now, airborne=False)
-    pace = controller.follow(delays.known)
-    guidance.follow(delays.known, pace.share)
-    navigator.slow_down(delays.known.total)
-    sensing.plausibility.late_s = delays.known.total
-    return delays.words(*pace, instead=controller.output is not link.readiness.output)
+    if delays.known is not controller.delay:
+        follow_output(link, controller, now, airborne=False)
+        controller.follow(delays.known)
+        guidance.follow(delays.known, controller.pace.share)
+        navigator.slow_down(delays.known.total)
+        sensing.plausibility.late_s = delays.known.total
+    return delays.words(now, *controller.pace, instead=controller.output is not link.readiness.output)
 
 
 def heed_below(

@@ -97,6 +97,8 @@ class Controller:
         self.output = output
         self.delay = LinkDelay()
         """The link's delay, as it is flown with."""
+        self.pace = Pace()
+        """How fast the loops are with it."""
         self._acts_after_ns = self._counted_ns()
         self._lift_off, self._motors = LiftOff(settings.limits, body), Motors()
         self._foreign_position, self._foreign_attitude = foreign_laws(settings.control, self._parameters, self._memory)
@@ -112,14 +114,13 @@ class Controller:
     def _counted_ns(self) -> int:
         return int(self._parameters["half_period_ns"][0] + self._parameters["command_delay_ns"][0])
 
-    def follow(self, delay: LinkDelay) -> Pace:
-        """Fly with this delay from now on: commands act so much later, and the loops are as fast as it allows. Returns
-        the pace."""
+    def follow(self, delay: LinkDelay) -> None:
+        """Fly with this delay from now on: commands act so much later, and the loops are as fast as it allows."""
         self.delay = delay
         if self._predicts:
             self._parameters["command_delay_ns"] = self._configured["command_delay_ns"] + round(delay.command * 1e9)
         self._acts_after_ns = self._counted_ns()
-        return self._pace()
+        self._pace()
 
     def present(self, state: VehicleState, now_ns: int) -> VehicleState:
         """Where the vehicle will be when a command of now takes effect, if the link is late: as it was predicted at the
@@ -133,7 +134,7 @@ class Controller:
         velocity = m["velocity"].copy()
         return msgspec.structs.replace(state, position_ned=m["position"] + since * velocity, velocity_ned=velocity)
 
-    def _pace(self) -> Pace:
+    def _pace(self) -> None:
         """Slow the design down to the pace that the delay allows."""
         delay, left = self.delay.total, self.delay.unsteady
         if not self._predicts:
@@ -144,7 +145,7 @@ class Controller:
         self._parameters["pace"] = pace.share
         self._parameters["rates_gain"] = paced(self._configured["rates_gain"], pace.share, torque=False)
         self._parameters["torque_gain"] = paced(self._configured["torque_gain"], pace.share, torque=True)
-        return pace
+        self.pace = pace
 
     def reset(self) -> None:
         """Forget the flight so far: nothing is flown."""

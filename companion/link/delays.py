@@ -44,7 +44,7 @@ class Delays:
         """The vehicle's clock minus ours, at the latest attitude."""
         self.known = LinkDelay()
         self._period_ns = period * 1e9
-        self._said_s = 0.0
+        self._said_s, self._silent_until_ns = 0.0, 0
         self._one_clock = False
         """Attitudes and TIMESYNC have the same."""
         self._age_ns: float | None = None
@@ -52,6 +52,9 @@ class Delays:
         """The least age of those that came since then, and how many these are."""
         self._presumed_ns, self._unbelieved = 0.0, 0
         """After a rise: the way back, and how many round trips are still to come."""
+        self._before_ns = 0.0
+        """By how much the way back was the longer one when it was known last. What is presumed adds to that, not to
+        what was presumed before: a link that is late now and then is not later and later."""
 
     def take(self, boot_time_ms: int, now_ns: int, peer: Peer | None) -> int:
         """An attitude with this time has arrived: when it was measured, on the companion's clock; as long ago as usual
@@ -108,7 +111,9 @@ class Delays:
             self._least_ns, self._count, self._since_ns = math.inf, 0, now_ns
             if rise_ns > _RISE_NS:
                 self._age_ns = max(self._age_ns, least_ns)
-                self._presumed_ns, self._unbelieved = self.known.command * 1e9 + rise_ns, _ANSWERS
+                if not self._unbelieved:
+                    self._before_ns = (self.known.command - self.known.age) * 1e9
+                self._presumed_ns, self._unbelieved = max(self._before_ns + least_ns, 0.0), _ANSWERS
                 self._judge(clock)
 
     def answered(self, clock: ClockOffset) -> None:
@@ -134,13 +139,13 @@ class Delays:
         late = max(self.known.total, 2e-9 * (self._age_ns or 0.0))
         return f"the link is {1e3 * late:.0f} ms late, {1e3 * longest:.0f} ms at most" if late > longest else None
 
-    def words(self, pace: float, margin: float | None, *, instead: bool) -> Announcement | None:
-        """What is to be said of a change after which the vehicle is flown at a pace, with a phase margin (rad) left
-        (`control.margin`), and by attitudes `instead` of its output."""
+    def words(self, now_ns: int, pace: float, margin: float | None, *, instead: bool) -> Announcement | None:
+        """What is to be said of how late the link is now, if that is news and the last is some time ago. The vehicle is
+        flown at a pace, with a phase margin (rad) left (`control.margin`), and by attitudes `instead` of its output."""
         late = self.known.total
-        if abs(late - self._said_s) < _WORTH_A_WORD_S:
+        if abs(late - self._said_s) < _WORTH_A_WORD_S or now_ns < self._silent_until_ns:
             return None
-        self._said_s = late
+        self._said_s, self._silent_until_ns = late, now_ns + round(self._settings.told_every * 1e9)
         by = ": attitudes are commanded" if instead else ""
         slower = f": loops at {100.0 * pace:.0f} % of their bandwidth" if pace < 1.0 else ""
         left = "" if margin is None else f", {math.degrees(margin):.0f} degrees of phase margin left"

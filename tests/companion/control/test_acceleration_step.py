@@ -48,7 +48,8 @@ def test_what_the_integrals_have_given_they_go_on_to_give_at_another_pace() -> N
         commanded(-1.0)
     before = commanded(0.0)
     assert before == pytest.approx(0.4, rel=0.05), "2 1/s3 for 0.2 s"
-    assert controller.follow(LinkDelay(age=0.1, command=0.1)).share < 0.9
+    controller.follow(LinkDelay(age=0.1, command=0.1))
+    assert controller.pace.share < 0.9
     assert commanded(0.0) == pytest.approx(before)
 
 

@@ -46,12 +46,13 @@ def test_an_integral_gives_at_another_pace_what_it_has_given() -> None:
     flown = controller.Controller(load_settings(None, ["control.position.law=pid"]), body, Output.RATES)
     flown._memory["integral"] = 0.5, -0.2, 0.1
     state = VehicleState(0, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 0)
-    given = [
-        (flown.follow(delay).share, flown.acceleration_command(state, 1, 1, STILL, body.mass_kg, False))
-        for delay in (LinkDelay(), LinkDelay(age=0.15, command=0.15), LinkDelay())
-    ]
-    assert given[1][0] < 0.9
-    assert np.array([acceleration for _, acceleration in given]) == pytest.approx(np.tile((1.0, -0.4, 0.2), (3, 1)))
+    shares, given = [], []
+    for delay in (LinkDelay(), LinkDelay(age=0.15, command=0.15), LinkDelay()):
+        flown.follow(delay)
+        shares.append(flown.pace.share)
+        given.append(flown.acceleration_command(state, 1, 1, STILL, body.mass_kg, False))
+    assert shares[1] < 0.9
+    assert np.array(given) == pytest.approx(np.tile((1.0, -0.4, 0.2), (3, 1)))
 
 
 def test_the_controllers_places_are_those_of_the_records_fields() -> None:

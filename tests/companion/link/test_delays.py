@@ -18,8 +18,8 @@ PERIOD_S = 0.004
 class Link:
     """Attitudes every period and a round trip every 0.1 s."""
 
-    def __init__(self) -> None:
-        self.delays, self.clock, self.now_ns = Delays(PERIOD_S, Prediction()), ClockOffset(), 0
+    def __init__(self, told_every: float = 5.0) -> None:
+        self.delays, self.clock, self.now_ns = Delays(PERIOD_S, Prediction(told_every=told_every)), ClockOffset(), 0
         self.generator = random.Random(18)
 
     def run(self, seconds: float, age_ms: float, round_trip_ms: float | None, jitter_ms: float = 0.0) -> list[float]:
@@ -47,7 +47,7 @@ def measured(age_ms: int, round_trip_ms: int) -> Delays:
 def test_an_answer_within_a_period_is_no_delay(round_trip_ms: int) -> None:
     delays = measured(0, round_trip_ms)
     assert delays.known is Delays(PERIOD_S, Prediction()).known or delays.known.total == 0.0
-    assert delays.words(1.0, 0.6, instead=False) is None and delays.shortcoming(0.45) is None
+    assert delays.words(0, 1.0, 0.6, instead=False) is None and delays.shortcoming(0.45) is None
 
 
 @pytest.mark.parametrize("way_ms", [20, 50, 200])
@@ -56,10 +56,32 @@ def test_age_and_half_of_the_round_trip(way_ms: int) -> None:
     assert delays.known.age == pytest.approx(way_ms * 1e-3, abs=2.1e-3)
     assert delays.known.command == pytest.approx(way_ms * 1e-3, abs=2.1e-3)
     assert delays.known.unsteady == 0.0
-    said = delays.words(0.5, math.radians(31.0), instead=False)
+    said = delays.words(0, 0.5, math.radians(31.0), instead=False)
     assert said is not None and "loops at 50 % of their bandwidth, 31 degrees of phase margin left" in said.text
-    assert delays.words(0.5, 0.5, instead=False) is None  # once
+    assert delays.words(0, 0.5, 0.5, instead=False) is None  # once
     assert delays.shortcoming(0.45) is None and delays.shortcoming(0.03) is not None
+
+
+@pytest.mark.parametrize("late_s", [0.1, 0.2, 0.4])
+def test_a_link_that_is_late_now_and_then_is_not_later_and_later(late_s: float) -> None:
+    """What is presumed of the way back after a rise was added to what was presumed before: up to 2.9 s for 0.2 s."""
+    link, most = Link(), 0.0
+    for age_ms in (0.0, 1e3 * late_s) * 25:
+        most = max(most, *link.run(late_s, age_ms, 2.0 * age_ms + 4.0))
+    assert 1.5 * late_s < most < 2.2 * late_s
+
+
+@pytest.mark.parametrize(("told_every", "fewest", "most"), [(0.0, 20, 200), (2.0, 5, 6)])
+def test_what_changes_all_the_time_is_said_now_and_then_and_how_it_ends(
+    told_every: float, fewest: int, most: int
+) -> None:
+    """For 10 s it is later and less late by turns, then on time."""
+    link, said = Link(told_every), []
+    for age_ms in (*[0] * 10, *[200] * 10) * 25 + (0,) * 200:
+        link.run(0.02, age_ms, 2 * age_ms + 4)
+        said.append(link.delays.words(link.now_ns, 1.0, None, instead=False))
+    told = [each.text for each in said if each is not None]
+    assert fewest <= len(told) <= most and told[-1] in ("the link is 0 ms late", "the link is 8 ms late")
 
 
 def test_it_is_another_one_only_after_a_change() -> None:
@@ -174,7 +196,7 @@ def test_a_link_that_is_late_for_good_asks_for_attitudes(way_ms: int, asks: bool
     link = Clocked()
     link.hear(300, way_ms)
     assert link.delays.asks_for_attitudes(link.now_ns, airborne=False) is asks
-    said = link.delays.words(0.98, 0.5, instead=asks)
+    said = link.delays.words(link.now_ns, 0.98, 0.5, instead=asks)
     assert said is not None and ("attitudes are commanded" in said.text) is asks
 
 
