@@ -16,7 +16,7 @@ from companion.mission.plan import Mission, Phase
 from companion.sensing import sensing_of
 from companion.state import Adoption, Announcement, Output, Reason, VehicleState
 from companion.supervision.operations import OwnReport
-from companion.supervision.states import FLYING, FOLLOWING, OWN, STREAMING, State
+from companion.supervision.states import COMMANDED, FLYING, FOLLOWING, OWN, STREAMING, State
 from companion.supervision.supervisor import Supervisor
 from companion.trace import ControlStep, pack
 from protocol.vehicle_parameters import VehicleParameters
@@ -44,6 +44,8 @@ class Autopilot:
         self.own = OwnReport(settings.supervision, adopt, settings.limits.highest_thrust)
         self._plan: PlanResult | None = None
         self._said: list[Announcement] = []
+        self._asks_from_ns = 0
+        """The vehicle is asked for nothing before."""
 
     def handle(self, event: Event) -> Reaction:
         """Take one event in. Raises nothing for whatever bytes come."""
@@ -90,7 +92,7 @@ class Autopilot:
         navigator, guidance = self.navigator, self.guidance
         follow_output(self.link, controller, now, airborne=self.own.airborne)
         here = controller.present(state, now)
-        mass = self.body.mass_kg + (0.0 if navigator.released else self.body.parcel_mass_kg)
+        mass = self._mass_kg
         flies = controller.flies(state, now, mass, supervised is State.FLY, self.link.motors)
         airborne, blind = flies and supervised in FLYING, self.sensing.is_blind(now)
         sees = airborne and not blind
@@ -121,6 +123,10 @@ class Autopilot:
             self.link.outbox.setpoint(self.sensing.plausibility.setpoint(setpoint), self.sensing.boot_time_ms)
         what = supervised, navigator.phase, navigator.step_index, state, reference, control, limited
         return pack(ControlStep(*what, guidance.decision, guidance.free_distance, verdict))
+
+    @property
+    def _mass_kg(self) -> float:
+        return self.body.mass_kg + (0.0 if self.navigator.released else self.body.parcel_mass_kg)
 
     def _fly(self, state: VehicleState, now: int) -> None:
         """Move the reference along the mission, and the mission along itself."""
@@ -181,4 +187,19 @@ class Autopilot:
         self._say(self.sensing.plausibility.news(now), news, announcement)
         if announcement is not None:
             self._say(entered((state, supervisor.state), now, *parts))
-        self.link.request(supervisor.request, now)
+            if state in OWN and supervisor.state in COMMANDED and self.own.sound(self._let_go):
+                self._asks_from_ns = now + round(self.settings.supervision.level_before * 1e9)
+        if now >= self._asks_from_ns:
+            self.link.request(supervisor.request, now)
+
+    def _let_go(self) -> bool:
+        """The last setpoint in the air, where none follows: level, with the thrust that hovers. A mode of the vehicle's
+        own may begin with the vertical acceleration that it finds, as ArduPilot's do. Whether it was sent.
+        """
+        if not self.settings.supervision.level_before or not self.own.airborne or self.supervisor.streams:
+            return False
+        setpoint = self.controller.level(self._mass_kg)
+        sound = self.own.passes(setpoint, airborne=True)
+        if sound:
+            self.link.outbox.setpoint(setpoint, self.sensing.boot_time_ms)
+        return sound

@@ -307,6 +307,9 @@ class Supervision(Table, frozen=True):
     stray_distance: Positive = 3.0
     """m. A vehicle that is farther than this from its reference, and goes on away from it by as much again, is asked to
     hold."""
+    level_before: NotNegative = 0.1
+    """So long before a mode of the vehicle's own is asked for in the air a last setpoint is sent, level and with the
+    thrust that hovers: such a mode may begin with the vertical acceleration that it finds. 0: none."""
 
     def __post_init__(self) -> None:
         if self.least_hold >= self.land_after:

@@ -6,6 +6,8 @@
 Between the two steps the guard may change the acceleration.
 """
 
+import math
+
 import msgspec
 import numpy as np
 
@@ -23,7 +25,8 @@ from companion.records import CONTROL_FIELDS
 from companion.reports import LinkDelay, Motors
 from companion.state import UNSAID, Certainty, Output, Reference, Setpoint, VehicleState
 from protocol.arrays import Array
-from protocol.vehicle_parameters import VehicleParameters
+from protocol.frames import yaw_of
+from protocol.vehicle_parameters import GRAVITY, VehicleParameters
 
 MEMORY = np.dtype(
     [
@@ -245,3 +248,10 @@ class Controller:
             self._memory["commands"]["thrust_n"] = self._lift_off.thrust * self._parameters["full_thrust_n"][0]
         values = control.tolist()
         return Setpoint(values[ATTITUDE], values[RATES], values[TORQUE], values[THRUST])
+
+    def level(self, mass: float) -> Setpoint:
+        """Level on the latest heading, with the thrust that hovers; `mass` in kg."""
+        half = 0.5 * yaw_of(self._memory["attitude"][0])
+        scale = float(self._memory["observer"]["mean"][0, disturbance_observer.THRUST_SCALE])
+        thrust = mass * GRAVITY / (scale * float(self._parameters["full_thrust_n"][0]))
+        return Setpoint((math.cos(half), 0.0, 0.0, math.sin(half)), (0.0,) * 3, (0.0,) * 3, thrust)

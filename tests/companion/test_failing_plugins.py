@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from contextlib import closing
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -14,6 +15,9 @@ from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import PlannerProcess
 from companion.runtime.rehearsal import rehearse
 from companion.state import Output
+from protocol.framing import Framer
+from protocol.messages import decode, dialect
+from protocol.vehicle_parameters import GRAVITY
 from studies.joined import Joined
 from tests.companion.broken_package import broken_package
 
@@ -76,6 +80,29 @@ def test_a_law_that_runs_away_is_withdrawn_from(answer: str) -> None:
     assert re.match(r"6\.\d m from its reference, and farther and farther", verdict.cause)
     assert joined.vehicle.summary().outcome == "landed"
     assert np.linalg.norm(joined.tracking_error(), axis=1).max() < 6.5
+
+
+@pytest.mark.parametrize("before_s", [0.1, 0.0])
+def test_before_the_vehicle_is_asked_to_hold_it_is_level_and_hovers(before_s: float) -> None:
+    """A mode of ArduPilot begins with the vertical acceleration that it finds. Here the vehicle falls."""
+    falls = "[0.0, 0.0, 5.0] if self.left > -0.1 else 1 / 0"
+    options = ("control.position.options.after=6.0", f'control.position.options.answer="{falls}"')
+    asked = ("control.position.law=brittle", *options, "avoidance.method=none", f"supervision.level_before={before_s}")
+    joined = Joined(load_mission("hover")[0], Output.ATTITUDE, overrides=asked).fly()
+    assert joined.vehicle.summary().outcome == "landed"
+    framer = Framer()
+    said: list[Any] = [(at, decode(frame)) for at, sent in enumerate(joined.sent) for frame in framer.datagram(sent)]
+    setpoints = [(at, each) for at, each in said if each.get_msgId() == dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET]
+    modes = [at for at, each in said if getattr(each, "command", 0) == dialect.MAV_CMD_DO_SET_MODE]
+    (_, before), (left, last) = setpoints[-2:]
+    body = joined.autopilot.body
+    hover = (body.mass_kg + body.parcel_mass_kg) * GRAVITY / body.max_thrust_n
+    assert before.thrust < 0.6 * hover
+    if before_s:
+        assert last.thrust == pytest.approx(hover, rel=0.05) and last.q[1:3] == [0.0, 0.0] and left not in modes
+    else:
+        assert last.thrust < 0.6 * hover
+    assert any(at > left for at in modes)
 
 
 def test_a_law_that_fails_on_the_ground_begins_no_flight() -> None:
