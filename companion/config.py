@@ -284,6 +284,9 @@ class Supervision(Table, frozen=True):
     ready_timeout: Positive = 90.0
     """ArduPilot's estimator has a position some 42 s after power-on."""
     stream_before_engaging: Positive = 1.2
+    listen_before_adopting: NotNegative = 1.5
+    """A vehicle in external control may have a companion that flies it, whose heartbeat comes once a second: before
+    such a vehicle is taken over, one is listened for so long."""
     command_interval: Positive = 0.5
     command_tries: Count = 6
     overrun: Positive = 0.25

@@ -145,6 +145,8 @@ class LinkReport(msgspec.Struct, frozen=True, gc=False):
     """Why this vehicle is not flown, whatever one waits for: version, output, parameters. None in flight."""
     shortcoming: str | None = None
     """What the link lacks before a flight: version, parameters, message rates. None in flight."""
+    rival: str | None = None
+    """Another companion in this one's name that flies the vehicle, in words."""
     word: StatusReport = StatusReport()
     home_known: bool = False
     """The vehicle has said where it took off."""

@@ -159,10 +159,15 @@ class Readiness:
         refusal = None if self.version is None else self._firmware.refusal(self.output, self.version)
         return refusal or self.audit.refusal
 
+    def rival(self, now_ns: int) -> str | None:
+        """Another companion that flies the vehicle just now, in words; None if there is none."""
+        flew_ns = self._double_flew_ns
+        return self._double if flew_ns is not None and now_ns - flew_ns < _DOUBLE_NS else None
+
     def shortcoming(self, now_ns: int) -> str | None:
         """What one waits for, in words; None if nothing."""
-        if self._double_flew_ns is not None and now_ns - self._double_flew_ns < _DOUBLE_NS:
-            return self._double
+        if self.rival(now_ns) is not None:
+            return self.rival(now_ns)
         if self._odd_stamps.go_on(now_ns):
             return self._twin
         if self.audit is None:

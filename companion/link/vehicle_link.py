@@ -87,8 +87,7 @@ class VehicleLink:
         self.delays = Delays(1.0 / settings.rates.attitude, settings.control.prediction)
         self._beside: list[Report] = []
         """What a message reports beside its first report."""
-        self._refusals = Refusals()
-        self._stamps = Stamps()
+        self._refusals, self._stamps = Refusals(), Stamps()
         self._next_beat_ns = self._next_question_ns = 0
         self._active = False
         handlers: dict[int, Callable[[Any, int], Report | Announcement | None]] = {
@@ -307,6 +306,7 @@ class VehicleLink:
             complaint=self.readiness.complaint(now_ns, refused=exhausted is not None),
             refusal=self.readiness.refusal if before_flight else None,
             shortcoming=shortcoming,
+            rival=self.readiness.rival(now_ns),
             prearm_ok=self.readiness.prearm_ok,
             failed_check=self.readiness.failed_check(now_ns) if before_flight else "",
             emergency=self.readiness.emergency,

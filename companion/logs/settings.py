@@ -29,6 +29,7 @@ _FLOWN_WITHOUT = (
     {"avoidance": {"guard": {"evasion_stops": False}}},
     {"avoidance": {"plan": {"turn_scans": 1}}},
     {"supervision": {"level_before": 0.0}, "control": {"prediction": {"told_every": 0.0}}},
+    {"supervision": {"listen_before_adopting": 0.0}},
 )
 """Settings that a log may lack, since its flight's software did not have them: as it flew."""
 

@@ -38,6 +38,8 @@ class Plight(msgspec.Struct, frozen=True, gc=False):
     """Words before the age of the surroundings: what is that old."""
     strayed: float = 0.0
     """m from its reference, as it goes on away from it; 0: it does not."""
+    rival: str | None = None
+    """Another companion that flies the vehicle, in words."""
     rebooted: bool = False
     """The vehicle has rebooted, and was not armed since: nobody saw how it came down."""
 
@@ -160,6 +162,7 @@ def health(
             position_lost=link.position_lost,
             unseen=sensing.unseen,
             strayed=own.straying.strayed,
+            rival=link.rival,
             rebooted=link.word.rebooted,
         ),
         watched=watched,

@@ -62,7 +62,12 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.CHECK,
-        lambda h, s, t: h.adopts and h.airborne and h.missing is None,
+        lambda h, s, t: (
+            h.adopts
+            and h.airborne
+            and h.missing is None
+            and (h.mode is not FlightMode.EXTERNAL or t > s.listen_before_adopting)
+        ),
         State.ADOPT,
         NOTICE,
         "taking the vehicle over in flight",
@@ -83,6 +88,13 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.CHECK,
         WARNING,
         "not taken over yet: telemetry lost for {health.telemetry_age:.2f} s",
+    ),
+    row(
+        State.ADOPT,
+        lambda h, s, t: h.plight.rival is not None,
+        State.CHECK,
+        WARNING,
+        "not taken over yet: {health.plight.rival}",
     ),
     row(
         State.ADOPT,

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from companion.autopilot import Autopilot
+from companion.events import Datagram
 from companion.mission.plan import Mission, Phase
-from companion.runtime.planning import InProcessPlanner
+from companion.runtime.driver import Driver, nobody
+from companion.runtime.planning import InProcessPlanner, Planning
 from companion.state import Adoption, Output, VehicleRequest
 from companion.supervision.states import State
 from studies.joined import Joined, mission_of
@@ -51,6 +53,36 @@ def test_a_vehicle_is_landed_where_it_is() -> None:
     joined.fly()
     assert joined.autopilot.supervisor.fault is None and joined.vehicle.summary().outcome == "landed"
     assert np.hypot(*(joined.vehicle.state[:2] - here)) < 2.0
+
+
+def test_a_vehicle_that_another_companion_flies_is_not_taken_over() -> None:
+    """Its heartbeat comes once a second, and all else that a take-over needs within a tenth of that."""
+    joined = Joined(HOVER, overrides=NO_WAY_TO_FIND).fly(until=in_phase(Phase.ROUTE, 1.0))
+    first, now_ns = joined.autopilot, joined.vehicle.time_ns
+    second = Autopilot(first.settings, first.body, HOVER, Output.RATES, Adoption.MISSION)
+    planner = Planning(InProcessPlanner(first.settings.avoidance), first.settings.avoidance.answer_delay)
+    said = list[str]()
+    driver = Driver(
+        second, planner, nobody, lambda _, reaction: said.extend(each.text for each in reaction.announcements)
+    )
+    heard = list[bytes]()
+
+    def overheard(_: int, data: bytes) -> bytes:
+        heard.append(data)
+        return data
+
+    joined.meddle = overheard
+    while joined.vehicle.time_ns < now_ns + 3_000_000_000:
+        joined.tick()
+        now, datagrams = joined.vehicle.time_ns, [*heard, joined.sent[-1]]
+        heard.clear()
+        answers = [driver.handle(Datagram(now, data)) for data in datagrams]
+        joined.vehicle.receive(b"".join(answers) + driver.tick(now))
+    assert second.supervisor.state is State.CHECK and not any("take" in text for text in said), said
+    assert "another companion" in (second.supervisor.waiting_for or "")
+    assert first.supervisor.state is State.FLY
+    joined.fly()
+    assert first.supervisor.fault is None and joined.vehicle.summary().outcome == "landed"
 
 
 def test_another_attempt_has_all_its_tries() -> None:

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from companion.config import Supervision
 from companion.outcomes import Outcome
 from companion.state import FlightMode, Severity, VehicleRequest
-from companion.supervision.health import Health
+from companion.supervision.health import Health, Plight
 from companion.supervision.states import AWAY, COMMANDED, FLYING, FOLLOWING, REQUESTS, STREAMING, State
 from companion.supervision.transitions import TABLE
 from companion.supervision.watching import Watched
@@ -114,7 +114,9 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.LAND, FLOWN, {"mode": LAND, **STUCK}, S.landing_timeout - 0.1, State.LAND),
     (State.LAND, FLOWN, {"mode": LAND}, S.landing_timeout + 0.1, State.LAND),
     # taken over in flight
-    (State.CHECK, FLOWN, {"adopts": True}, 1.0, State.ADOPT),
+    (State.CHECK, FLOWN, {"adopts": True}, S.listen_before_adopting + 0.1, State.ADOPT),
+    (State.CHECK, FLOWN, {"adopts": True, "mode": EXTERNAL}, S.listen_before_adopting - 0.1, State.CHECK),
+    (State.CHECK, FLOWN, {"adopts": True, "mode": HOLD}, 0.1, State.ADOPT),
     (State.CHECK, FLOWN, {"adopts": True, **OWN_FAILSAFE}, 1.0, State.ADOPT),
     (State.CHECK, FLOWN, {"adopts": True, "missing": "no ring"}, 1.0, State.CHECK),
     (State.CHECK, WELL, {"adopts": True}, 1.0, State.CHECK),
@@ -125,6 +127,7 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.ADOPT, FLOWN, {"adopts": True, **OWN_FAILSAFE}, 1.0, State.ADOPT),
     (State.ADOPT, FLOWN, {"adopts": True, "mode": HOLD, "exhausted": "control: denied"}, 4.0, State.ENDED),
     (State.ADOPT, FLOWN, {"adopts": True, "mode": HOLD, "telemetry_age": 0.6}, 0.5, State.CHECK),
+    (State.ADOPT, FLOWN, {"adopts": True, "mode": EXTERNAL, "plight": Plight(rival="another")}, 0.5, State.CHECK),
     (State.ADOPT, FLOWN, {"adopts": True, "mode": HOLD, "land_requested": True}, 0.5, State.ENDED),
     (State.ADOPT, WELL, {"adopts": True, "landed": True}, 0.5, State.ENDED),
     (State.ADOPT, FLOWN, {"adopts": True, "armed": False}, 0.5, State.ENDED),
