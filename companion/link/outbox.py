@@ -101,6 +101,12 @@ class Outbox:
 
     # -- bytes out -----------------------------------------------------------------------------------------------------
 
+    def last_word(self, announcement: Announcement) -> bytes:
+        """This alone, in place of all that waits to be sent."""
+        self._waiting.clear()
+        self.say(announcement)
+        return self.flush()
+
     def flush(self) -> bytes:
         """All that is to be sent now, as one datagram; empty if there is nothing."""
         if not self._waiting:

@@ -22,6 +22,7 @@ from companion.runtime.progress import Progress
 from companion.runtime.router import Router
 from companion.runtime.side_links import NONE, SideLinks
 from companion.runtime.vehicle_notes import VehicleNotes
+from companion.state import Announcement, Severity
 from companion.supervision.operations import LandRequest, LogFault, LogRecovered
 from companion.supervision.states import FLYING, State
 from companion.trace import Thinning
@@ -113,6 +114,9 @@ class Runner:
                 flying = self._autopilot.supervisor.state in FLYING - {State.RELINQUISHED}
                 rest = "; setpoints have stopped, the vehicle holds and lands by itself" if flying else ""
                 self.say(logging.CRITICAL, self.failure + rest)
+                with contextlib.suppress(Exception):  # whatever is wrong, with the stations perhaps
+                    word = self._autopilot.link.outbox.last_word(Announcement(Severity.CRITICAL, self.failure + rest))
+                    self._beside.tell(word, self._transport, self._now)
 
     def _fly(self) -> None:
         if self._clock is None:

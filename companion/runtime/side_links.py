@@ -66,6 +66,14 @@ class SideLinks:
             with suppress(TransportError):  # which the first look at it meets, too
                 drain(self.sensor)
 
+    def tell(self, data: bytes, vehicle: Transport, now_ns: int) -> None:
+        """The companion's last words go to the stations, though the link to the `vehicle` may be gone."""
+        if self.router is not None and data:
+            with suppress(TransportError):  # with a key it has signed them by then
+                vehicle.send(data)
+            self.router.said(data)
+            self.router.pump(now_ns)
+
     def close(self) -> None:
         """Release all addresses."""
         if self.router is not None:

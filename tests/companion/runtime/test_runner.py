@@ -18,6 +18,7 @@ from companion.outcomes import Outcome
 from companion.records import OPERATION, RECORD_TYPES
 from companion.runtime.files import load_body, load_mission, load_settings
 from companion.runtime.planning import InProcessPlanner, Planning
+from companion.runtime.router import Router, Station
 from companion.runtime.runner import Runner, lockstep_time
 from companion.runtime.side_links import SideLinks
 from companion.state import Output
@@ -27,8 +28,11 @@ from protocol import toml_files
 from protocol.clock import RealClock
 from protocol.flightlog import Direction, FlightLog, LogReader
 from protocol.flightlog.reader import datagrams
-from protocol.messages import Encoder, dialect
-from protocol.transport import Memory
+from protocol.framing import Framer
+from protocol.guarded_link import GuardedLink
+from protocol.key_files import Keeper
+from protocol.messages import Encoder, decoder_of, dialect
+from protocol.transport import Memory, TransportError
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.vehicle import Vehicle
 from vehicle_sim.world import World
@@ -36,6 +40,7 @@ from vehicle_sim.world import World
 HOVER_FILE = toml_files.ROOT / "tests" / "data" / "hover.toml"
 HOVER = load_mission(str(HOVER_FILE))[0]
 SETTINGS = load_settings(None, ["avoidance.method=none"])
+STATUSTEXT = dialect.MAVLINK_MSG_ID_STATUSTEXT
 
 
 class Queue:
@@ -231,3 +236,45 @@ def test_whatever_the_log_does_the_loop_ends_with_a_word(tmp_path: Path, capfd: 
     assert runner.failure == "the companion's loop failed: error('argument out of range')"
     said = capfd.readouterr().err
     assert "Traceback" in said and f"{runner.failure}; setpoints have stopped" in said
+
+
+class Unplugged(Queue):
+    """A link that is gone once so many datagrams have come; with a key the vehicle signs."""
+
+    left = 50
+
+    def __init__(self, keeper: Keeper | None) -> None:
+        super().__init__()
+        self._keeper = keeper
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        self.left -= 1
+        if self.left < 0:
+            raise TransportError("unplugged")
+        data = super().receive(timeout_s)
+        return data if data is None or self._keeper is None else self._keeper.signing.sign(data, self._keeper.now())
+
+    def send(self, data: bytes) -> None:
+        if self.left < 0:
+            raise TransportError("unplugged")
+        super().send(data)
+
+
+@pytest.mark.parametrize("key", [None, bytes(range(32))])
+def test_ground_stations_are_told_that_the_link_to_the_vehicle_is_gone(tmp_path: Path, key: bytes | None) -> None:
+    """They saw the vehicle fall silent, and no more."""
+    vehicles, ours = (None, None) if key is None else (Keeper(key), Keeper(key))
+    link, (near, far) = GuardedLink(Unplugged(vehicles), ours), Memory.pair()
+    autopilot = Autopilot(SETTINGS, load_body(HOVER.vehicle), HOVER, Output.RATES)
+    planning = Planning(InProcessPlanner(SETTINGS.avoidance), SETTINGS.avoidance.answer_delay)
+    beside = SideLinks(Router([Station("s0", near)], link=link))
+    with opened(tmp_path) as log:
+        runner = Runner(autopilot, link, log, None, planning, beside=beside)
+        runner.run()
+    assert runner.failure == "the link is gone: unplugged"
+    heard = list[bytes]()
+    while (data := far.receive(0.0)) is not None:
+        heard.append(data)
+    frames = [frame for frame in Framer().datagram(b"".join(heard)) if frame.message_id == STATUSTEXT]
+    (last,) = [frame for frame in frames if decoder_of(STATUSTEXT)(frame).text == runner.failure]
+    assert (last.system, last.component, last.signed) == (1, 191, key is not None)
