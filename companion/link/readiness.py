@@ -39,6 +39,8 @@ class Readiness:
         """The audit of its parameters, once a vehicle was found."""
         self.kind: int | None = None
         """MAV_TYPE, once a vehicle was found."""
+        self.answers = False
+        """It has answered something."""
         self.prearm_ok = True
         self.emergency = ""
         """The first text of an emergency since arming."""
@@ -75,6 +77,7 @@ class Readiness:
 
     def on_parameter(self, message: Any, now_ns: int) -> None:
         """PARAM_VALUE (22)."""
+        self.answers = True
         if self.audit is not None:
             self.audit.take(message)
 
@@ -172,9 +175,16 @@ class Readiness:
             return self._twin
         if self.audit is None:
             return "no heartbeat of a vehicle has come"
-        if self.version is None:
-            return "the vehicle does not say its version (AUTOPILOT_VERSION)"
-        return self.audit.progress or self._estimator_lacks(now_ns)
+        return self.unversioned or self.audit.progress or self._estimator_lacks(now_ns)
+
+    @property
+    def unversioned(self) -> str | None:
+        """Why the version is not known, in words; None if it is. A vehicle that answers nothing at all may not hear."""
+        if self.version is not None:
+            return None
+        if not self.answers:
+            return "the vehicle has answered nothing yet: does what is sent reach it (wiring, MAVLink 2)?"
+        return "the vehicle does not say its version (AUTOPILOT_VERSION)"
 
     def complaint(self, now_ns: int, *, refused: bool = False) -> str:
         """What the vehicle warned of just now, to stand behind a sentence; empty if nothing. Where it has `refused` a

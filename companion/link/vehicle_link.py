@@ -256,7 +256,7 @@ class VehicleLink:
             self.peer.timesync_asked(message.ts1, now_ns)
             self.outbox.send(dialect.MAVLink_timesync_message, max(now_ns, 1), message.ts1)
         else:
-            self.peer.timesync_reply(message.tc1, message.ts1, now_ns)
+            self.readiness.answers |= self.peer.timesync_reply(message.tc1, message.ts1, now_ns)
             self.delays.answered(self.peer.clock)
 
     @property

@@ -46,7 +46,9 @@ def examine(settings: Settings, output: Output | None, transport: Transport) -> 
     assert link.firmware is not None and link.readiness.audit is not None
     vehicle = f"{link.firmware.name} {version_text(link.readiness.version)}".strip()
     readiness = link.readiness
-    return Examination(vehicle, link.readiness.audit.findings, readiness.output, readiness.refusal)
+    return Examination(
+        vehicle, link.readiness.audit.findings, readiness.output, readiness.refusal or readiness.unversioned
+    )
 
 
 def _is_through(link: VehicleLink, tries: int) -> bool:

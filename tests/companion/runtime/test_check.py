@@ -66,6 +66,31 @@ def test_a_vehicle_is_examined_and_nothing_else_is_done_to_it() -> None:
     assert not link.vehicle.flight.armed
 
 
+class Deaf(Listened):
+    """A line of which one way alone is whole."""
+
+    def send(self, data: bytes) -> None: ...
+
+
+class Nameless(Listened):
+    """It does not tell its version."""
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        data = super().receive(timeout_s)
+        frames = [] if data is None else Framer().datagram(data)
+        version = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        return None if data is None else b"".join([frame.raw for frame in frames if frame.message_id != version])
+
+
+@pytest.mark.parametrize(("link", "why"), [(Deaf, "has answered nothing"), (Nameless, "does not say its version")])
+def test_a_vehicle_that_would_not_be_flown_for_what_it_does_not_answer_is_refused(
+    monkeypatch: pytest.MonkeyPatch, link: type[Listened], why: str
+) -> None:
+    monkeypatch.setattr(side_links, "open_link", lambda url: link())
+    said = CliRunner().invoke(app, ["check", "--set", "supervision.command_interval=0.01"])
+    assert said.exit_code == FAILED and why in said.output
+
+
 def test_nobody_answers() -> None:
     found = examine(load_settings(None, [IMPATIENT]), None, Nobody())
     assert found == Examination("", (), Output.ATTITUDE, "no vehicle within 0.05 s")
