@@ -30,7 +30,8 @@ def refuse_exposed(url: str, *, signed: bool, insecure: bool) -> None:
 
     One that is not written as an address is left to `open_url`, which says how it is written."""
     scheme, _, rest = url.partition(":")
-    written = rest.rpartition(":")[0] != "" and not rest.startswith("//")
+    host = rest.rpartition(":")[0]
+    written = host != "" and ":" not in host and not rest.startswith("//")
     if signed or insecure or not written or scheme not in ("udpin", "tcpin") or is_local(url):
         return
     raise TransportError(

@@ -87,8 +87,11 @@ class Transport(Protocol):
 
 def _unusable(url: str, error: Exception) -> TransportError:
     text = f"{url}: {getattr(error, 'strerror', None) or error}"
-    if getattr(error, "errno", None) == errno.EADDRINUSE:
+    number = getattr(error, "errno", None)
+    if number == errno.EADDRINUSE:
         text += ": another companion or a ground station listens there; end it, or take another port"
+    elif number == errno.EACCES and url.startswith("udpout:"):
+        text += ": a broadcast address, or a firewall forbids it; name the one machine that is meant"
     return TransportError(text)
 
 
@@ -453,6 +456,8 @@ def open_url(url: str) -> Transport:
             f"{url}: write it as udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or "
             "serial:DEVICE:BAUD, without //"
         )
+    if scheme in ("udpin", "udpout", "tcpin") and ":" in place:
+        raise TransportError(f"{url}: addresses of IPv6 are not taken; write one of IPv4, or a name")
     value = int(number)
     if scheme != "serial" and value > 65535:
         raise TransportError(f"{url}: a port is at most 65535")

@@ -212,6 +212,14 @@ def test_what_is_no_address_is_told_how_one_is_written(url: str) -> None:
         open_url(url)
 
 
+@pytest.mark.parametrize("url", ["udpin:::1:14540", "udpin:[::1]:14540", "tcpin:[::]:5760", "udpout:[::1]:14540"])
+def test_an_address_of_ipv6_is_called_one(url: str) -> None:
+    """It was called exposed, or a name that nobody knows."""
+    with pytest.raises(TransportError, match=r"IPv6 are not taken"):
+        refuse_exposed(url, signed=False, insecure=False)
+        open_url(url)
+
+
 @pytest.mark.parametrize("url", ["udpout:10.0.0.1:14540", "tcp:10.0.0.1:5760", "serial:/dev/ttyACM0:921600"])
 def test_only_what_is_bound_is_exposed(url: str) -> None:
     refuse_exposed(url, signed=False, insecure=False)

@@ -204,6 +204,11 @@ def test_a_locked_peer_that_has_left_may_come_back(opened: Opener, deaf: socket.
     assert vehicle.recv(64) == b"anybody?"
 
 
+def test_a_broadcast_address_is_no_mere_lack_of_permission() -> None:
+    with pytest.raises(TransportError, match=r"^udpout:127\.255\.255\.255:14550: .*a broadcast address"):
+        open_url("udpout:127.255.255.255:14550")
+
+
 class NoWay:
     """A socket whose machine has another address by now."""
 
