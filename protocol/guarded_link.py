@@ -15,7 +15,7 @@ from protocol.framing import Frame, Framer
 from protocol.key_files import Keeper
 from protocol.routing import Sender
 from protocol.signing import IN_WORDS, REFUSED, Refusal, unsigned
-from protocol.transport import Transport, TransportError, Udp
+from protocol.transport import Serial, Tcp, Transport, TransportError, Udp
 
 SETUP_SIGNING = 256
 _gives_key = re.compile(rb"\xfd.{6}\x00\x01\x00", re.DOTALL).search
@@ -115,6 +115,7 @@ class GuardedLink:
         self._locked_to: set[Sender] = set()
         self._named: set[Refusal] = set()
         self._fault: str | None = None
+        self._full = False
 
     @property
     def signed(self) -> bool:
@@ -197,10 +198,13 @@ class GuardedLink:
         self.inner.send(data)
 
     def news(self) -> list[str]:
-        """What is to be told: the first refusal for each reason, and trouble with the key's file."""
-        if self._keeper is None:
-            return []
+        """What is to be told: the first refusal for each reason, trouble with the key's file, and a full line."""
         found = []
+        if isinstance(self.inner, Tcp | Serial) and self.inner.dropped and not self._full:
+            self._full = True
+            found.append("the link takes no more: its send buffer is full, and what is sent meanwhile is lost")
+        if self._keeper is None:
+            return found
         for reason, count in self._keeper.signing.refused.items():
             if count and reason not in self._named:
                 self._named.add(reason)

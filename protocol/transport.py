@@ -95,17 +95,16 @@ def _unusable(url: str, error: Exception) -> TransportError:
     return TransportError(text)
 
 
-def _push(write: Callable[[bytes], int], left_over: bytes, data: bytes) -> bytes:
-    """Write what was `left_over` from last time and then `data`, without waiting; returns what is left over now.
-
-    `data` is dropped whole if there is no room for its first byte, so that no frame is sent without its end.
-    """
+def _push(write: Callable[[bytes], int], left_over: bytes, data: bytes) -> tuple[bytes, bool]:
+    """Write what was `left_over` from last time and then `data`, without waiting; what is left over now, and whether
+    `data` was taken: it is dropped whole if there is no room for its first byte, so that no frame is sent without its
+    end."""
     try:
         if left_over:
             left_over = left_over[write(left_over) :]
-        return left_over or data[write(data) :]
+        return (left_over, False) if left_over else (data[write(data) :], True)
     except BlockingIOError:
-        return left_over
+        return left_over, False
 
 
 class Udp:
@@ -270,6 +269,8 @@ class Tcp:
         self._socket: socket.socket | None = None
         self._peer = ""
         self._left_over = b""
+        self.dropped = 0
+        """What `send` had no room for, as a count."""
         try:
             if listen:
                 self._listener = socket.create_server((host, port))
@@ -283,7 +284,7 @@ class Tcp:
     def of(cls, connection: socket.socket, peer: str) -> "Tcp":
         """A connection that a caller has made."""
         link = cls.__new__(cls)
-        link._name, link._listener, link._left_over = f"tcpin:{peer}", None, b""
+        link._name, link._listener, link._left_over, link.dropped = f"tcpin:{peer}", None, b"", 0
         link._talk(connection, peer)
         return link
 
@@ -346,7 +347,8 @@ class Tcp:
         if self._socket is None:
             return
         try:
-            self._left_over = _push(self._socket.send, self._left_over, data)
+            self._left_over, taken = _push(self._socket.send, self._left_over, data)
+            self.dropped += not taken
         except OSError as error:
             raise _unusable(self._name, error) from error
 
@@ -365,6 +367,8 @@ class Serial:
         self._name = f"serial:{device}:{baud}"
         self._peer = device
         self._left_over = b""
+        self.dropped = 0
+        """As of a connection."""
         self.bytes_per_s = baud / 10.0
         """Each way: a byte is ten bits on the line."""
         try:
@@ -399,7 +403,8 @@ class Serial:
 
     def send(self, data: bytes) -> None:
         try:
-            self._left_over = _push(lambda part: os.write(self._port.fileno(), part), self._left_over, data)
+            self._left_over, taken = _push(lambda part: os.write(self._port.fileno(), part), self._left_over, data)
+            self.dropped += not taken
         except OSError as error:
             raise _unusable(self._name, error) from error
 

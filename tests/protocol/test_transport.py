@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import pytest
 
+from protocol.guarded_link import GuardedLink
 from protocol.transport import Memory, Serial, Tcp, Transport, TransportError, Udp, open_url
 
 PATIENCE_S = 60.0
@@ -349,7 +350,12 @@ def test_a_full_serial_line_loses_whole_frames_and_does_not_block(opened: Opener
     def read(size: int) -> bytes:
         return os.read(other, size) if select.select([other], [], [], 0.0)[0] else b""
 
-    assert_only_whole_frames_are_lost(opened(f"serial:{device}:57600"), read, 400)
+    port = opened(f"serial:{device}:57600")
+    link = GuardedLink(port)
+    assert link.news() == []
+    assert_only_whole_frames_are_lost(port, read, 400)
+    (told,) = link.news()
+    assert "takes no more" in told and link.news() == []
 
 
 # --- serial -----------------------------------------------------------------------------------------------------------
