@@ -123,6 +123,10 @@ class StatusReport(msgspec.Struct, frozen=True, gc=False):
     """s that it has said without a break that it stands on the ground."""
     rebooted: bool = False
     """It has rebooted, and was not armed since."""
+    fell: bool = False
+    """It was disarmed, and went on to say that it is in the air."""
+    undecided: bool = False
+    """It was disarmed just now, and has not said since whether it stands on the ground; before, it was in the air."""
 
 
 class LinkReport(msgspec.Struct, frozen=True, gc=False):

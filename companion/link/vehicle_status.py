@@ -27,6 +27,11 @@ _TOLERANCE_NS = _SECOND_NS // 20
 _WORN_OUT_NS = 5 * _SECOND_NS
 """That it stands on the ground holds for so long: a vehicle that says nothing more may have taken off since. PX4 says
 it each 2 s on a slow link, unless it is asked for more."""
+_FALLS_NS = 3 * _SECOND_NS // 10
+"""A vehicle that has been disarmed for so long and says that it is in the air falls: what it says of the ground may be
+that much older than what it says of its motors."""
+_TELLS_NS = _SECOND_NS
+"""So long is waited for a word of the ground from a vehicle that was disarmed in the air."""
 _LATE_PERIODS = 1.5
 """A heartbeat that is older than so many of its periods is asked for."""
 
@@ -54,6 +59,9 @@ class StatusWatch:
         """The mode that began together with a failsafe; None: the present one did not."""
         self._airborne = False
         self._landed_ns: int | None = None
+        self._disarmed_ns: int | None = None
+        """When it was disarmed; None while it is armed, or never was."""
+        self._fell = False
         self._told_ns = 0
         """When it said anything of the ground last."""
         self._heard_ns: int | None = None
@@ -92,10 +100,15 @@ class StatusWatch:
         if mode is not before.mode:
             begins = critical and not before.failsafe and before.mode is FlightMode.EXTERNAL
             self._chosen = mode if begins else None
-        self.rebooted = self.rebooted and not message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.rebooted = self.rebooted and not armed
+        if armed:
+            self._disarmed_ns, self._fell = None, False
+        elif before.armed:
+            self._disarmed_ns = now_ns
         self.status = VehicleStatus(
             mode,
-            bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED),
+            armed,
             critical or self._chosen is not None,
             message.system_status in _EMERGENCY,
         )
@@ -111,6 +124,8 @@ class StatusWatch:
         elif self._landed_ns is None or self._is_worn_out(now_ns):
             self._landed_ns = now_ns
         self._told_ns = now_ns
+        if self._disarmed_ns is not None and now_ns - self._disarmed_ns >= _FALLS_NS:
+            self._fell = self._fell or self._airborne
 
     def _is_worn_out(self, now_ns: int) -> bool:
         return now_ns - self._told_ns > _WORN_OUT_NS
@@ -128,6 +143,8 @@ class StatusWatch:
             airborne=self._airborne,
             landed_for=(now_ns - landed_ns) * 1e-9,
             rebooted=self.rebooted,
+            fell=self._fell,
+            undecided=self._airborne and self._disarmed_ns is not None and now_ns - self._disarmed_ns < _TELLS_NS,
         )
 
     # -- what makes a heartbeat old ------------------------------------------------------------------------------------

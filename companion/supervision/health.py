@@ -42,6 +42,10 @@ class Plight(msgspec.Struct, frozen=True, gc=False):
     """Another companion that flies the vehicle, in words."""
     rebooted: bool = False
     """The vehicle has rebooted, and was not armed since: nobody saw how it came down."""
+    fell: bool = False
+    """It was disarmed in the air."""
+    undecided: bool = False
+    """It was disarmed just now, and whether in the air or on the ground it has not said yet."""
 
     @property
     def stuck(self) -> str:
@@ -164,6 +168,8 @@ def health(
             strayed=own.straying.strayed,
             rival=link.rival,
             rebooted=link.word.rebooted,
+            fell=link.word.fell,
+            undecided=link.word.undecided,
         ),
         watched=watched,
         limits=limits,

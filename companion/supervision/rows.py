@@ -50,15 +50,16 @@ def left(h: Health) -> bool:
 
 
 def elsewhere(h: Health, *expected: FlightMode) -> bool:
-    """The vehicle is in none of the modes that may follow a command."""
-    return h.current and (h.watched.taken_over or h.mode not in (FlightMode.EXTERNAL, *expected))
+    """The vehicle is in none of the modes that may follow a command, and armed: the mode that it falls into when it is
+    disarmed is nobody's choice."""
+    return h.current and h.armed and (h.watched.taken_over or h.mode not in (FlightMode.EXTERNAL, *expected))
 
 
 def disarmed(h: Health, s: Supervision) -> bool:
-    """The vehicle says so, and has not fallen silent. After a pause its telemetry is waited for, which shows whether it
-    has rebooted; at most for as long as a vehicle may be silent."""
-    paused = s.telemetry_timeout < h.telemetry_age <= s.silence_timeout
-    return h.current and h.heartbeat_age < s.heartbeat_timeout and not h.armed and not paused
+    """The vehicle says so, and has not fallen silent. Its word of the ground is waited for, and after a pause its
+    telemetry, which shows whether it has rebooted; at most for as long as a vehicle may be silent."""
+    waits = h.plight.undecided or s.telemetry_timeout < h.telemetry_age <= s.silence_timeout
+    return h.current and h.heartbeat_age < s.heartbeat_timeout and not h.armed and not waits
 
 
 INFO, NOTICE, WARNING, ERROR, CRITICAL = (

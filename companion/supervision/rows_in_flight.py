@@ -20,7 +20,7 @@ def _others_fly(state: State) -> tuple[Row, ...]:
         ),
         row(
             state,
-            lambda h, s, t: not h.armed,
+            lambda h, s, t: not h.armed and not h.plight.undecided,
             State.ENDED,
             NOTICE,
             "the vehicle is disarmed",
@@ -57,21 +57,6 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         OWN,
-        lambda h, s, t: left(h) and h.failsafe,
-        State.WATCH,
-        CRITICAL,
-        "the vehicle changed to {health.mode.value} in failsafe: left to it, and watched to the ground{health.reason}",
-        ends=Outcome.LANDED_EARLY,
-    ),
-    row(
-        OWN,
-        lambda h, s, t: left(h),
-        State.RELINQUISHED,
-        WARNING,
-        "mode changed to {health.mode.value} by others: theirs, until they give it back{health.reason}",
-    ),
-    row(
-        OWN,
         lambda h, s, t: not h.armed and not h.plight.risen,
         State.ENDED,
         ERROR,
@@ -86,6 +71,21 @@ IN_FLIGHT: tuple[Row, ...] = (
         CRITICAL,
         "disarmed in flight by others{health.reason}",
         ends=Outcome.CRASHED,
+    ),
+    row(
+        OWN,
+        lambda h, s, t: left(h) and h.failsafe,
+        State.WATCH,
+        CRITICAL,
+        "the vehicle changed to {health.mode.value} in failsafe: left to it, and watched to the ground{health.reason}",
+        ends=Outcome.LANDED_EARLY,
+    ),
+    row(
+        OWN,
+        lambda h, s, t: left(h),
+        State.RELINQUISHED,
+        WARNING,
+        "mode changed to {health.mode.value} by others: theirs, until they give it back{health.reason}",
     ),
     row(
         OWN,
@@ -213,7 +213,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     # after a gap of our own
     row(
         State.GAP,
-        lambda h, s, t: h.current and not h.armed,
+        lambda h, s, t: h.current and not h.armed and not h.plight.undecided,
         State.ENDED,
         CRITICAL,
         "disarmed while the companion stood still{health.reason}",
@@ -221,7 +221,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.GAP,
-        lambda h, s, t: left(h) and h.failsafe,
+        lambda h, s, t: h.armed and left(h) and h.failsafe,
         State.WATCH,
         CRITICAL,
         "the vehicle is in {health.mode.value} by its own failsafe: left to it, and watched to the ground",
@@ -229,14 +229,14 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.GAP,
-        lambda h, s, t: left(h),
+        lambda h, s, t: h.armed and left(h),
         State.RELINQUISHED,
         WARNING,
         "mode changed to {health.mode.value} by others: theirs, until they give it back{health.reason}",
     ),
     row(
         State.GAP,
-        lambda h, s, t: h.current and h.telemetry_age <= s.telemetry_timeout,
+        lambda h, s, t: h.current and h.armed and h.telemetry_age <= s.telemetry_timeout,
         State.HOLD,
         NOTICE,
         "the vehicle still waits for setpoints: holding, then going on",
@@ -260,7 +260,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.WATCH,
-        lambda h, s, t: h.watched.taken_over,
+        lambda h, s, t: h.armed and h.watched.taken_over,
         State.RELEASED,
         WARNING,
         "mode changed to {health.mode.value} by others: letting go{health.reason}",

@@ -54,6 +54,14 @@ TABLE: tuple[Row, ...] = (
         cause="{health.plight.crash}",
     ),
     row(
+        FLYING | {State.RELEASED, State.DISARM},
+        lambda h, s, t: h.plight.fell and not h.armed,
+        State.ENDED,
+        CRITICAL,
+        "disarmed in the air{health.reason}",
+        ends=Outcome.CRASHED,
+    ),
+    row(
         FLYING | {State.RELEASED},
         lambda h, s, t: h.plight.rebooted and not h.armed,
         State.ENDED,

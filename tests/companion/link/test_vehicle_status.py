@@ -196,3 +196,27 @@ def test_that_it_stands_on_the_ground_wears_out_where_it_says_nothing_more() -> 
     assert stands(NOW + 16 * SECOND) == (True, 1.0), "what was in between is not known"
     hear(link, vehicle.extended_state(dialect.MAV_LANDED_STATE_IN_AIR), NOW + 17 * SECOND)
     assert stands(NOW + 60 * SECOND) == (False, 0.0), "nobody flies with a vehicle that said so last"
+
+
+AIR, GROUND = 2, 1
+
+
+@pytest.mark.parametrize(("later_ms", "state", "fell"), [(200, AIR, False), (400, AIR, True), (400, GROUND, False)])
+def test_a_vehicle_that_is_disarmed_and_goes_on_to_be_in_the_air_falls(later_ms: int, state: int, fell: bool) -> None:
+    link, vehicle = found()
+    hear(link, vehicle.heartbeat(base=81 | 128) + vehicle.extended_state(AIR), NOW)
+    hear(link, vehicle.heartbeat(base=81), NOW + 10 * MS)
+    assert word(link, NOW + 11 * MS).undecided and not word(link, NOW + 11 * MS).fell
+    then = NOW + (10 + later_ms) * MS
+    hear(link, vehicle.extended_state(state), then)
+    assert word(link, then).fell is fell and word(link, then).undecided is (state == AIR)
+    assert not word(link, NOW + 1100 * MS).undecided, "it may say nothing more"
+    hear(link, vehicle.heartbeat(base=81 | 128), then + MS)
+    assert not word(link, then + MS).fell
+
+
+def test_a_vehicle_that_is_disarmed_on_the_ground_has_landed() -> None:
+    link, vehicle = found()
+    hear(link, vehicle.heartbeat(base=81 | 128) + vehicle.extended_state(GROUND), NOW)
+    hear(link, vehicle.heartbeat(base=81), NOW + 10 * MS)
+    assert not word(link, NOW + 11 * MS).undecided

@@ -27,6 +27,8 @@ FLOWN = replace(WELL, airborne=True)
 OWN_FAILSAFE: dict[str, Any] = {"mode": MANUAL, "failsafe": True}
 STUCK: dict[str, Any] = {"watched": Watched(taken_over=False, still=S.failsafe_still + 0.1)}
 TAKEN_OVER: dict[str, Any] = {"watched": Watched(taken_over=True, still=0.0)}
+FALLEN: dict[str, Any] = {"armed": False, "mode": HOLD, "plight": Plight(fell=True)}
+UNDECIDED: dict[str, Any] = {"armed": False, "mode": HOLD, "plight": Plight(undecided=True)}
 GROUNDED: dict[str, Any] = {"landed": True, "landed_for": S.disarm_after + 1.0, "airborne": False}
 
 
@@ -108,6 +110,9 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.WITHDRAW, FLOWN, {"mode": MANUAL, "current": False}, 0.5, State.WITHDRAW),
     (State.LAND, FLOWN, {"mode": MANUAL}, 5.0, State.RELEASED),
     (State.LAND, FLOWN, {"mode": MANUAL, "current": False}, 5.0, State.LAND),
+    (State.LAND, FLOWN, {"armed": False, "mode": HOLD, "telemetry_age": 0.6}, 5.0, State.LAND),
+    (State.WATCH, FLOWN, {"armed": False, "mode": HOLD, "telemetry_age": 0.6, **TAKEN_OVER}, 5.0, State.WATCH),
+    (State.FLY, FLOWN, {"armed": False, "mode": HOLD}, 5.0, State.ENDED),
     (State.LAND, WELL, {"mode": LAND, **GROUNDED}, 60.0, State.DISARM),
     (State.LAND, WELL, {"mode": LAND, "landed": True, "landed_for": 1.0}, 60.0, State.LAND),
     (State.LAND, FLOWN, {"mode": LAND, **STUCK}, S.landing_timeout + 0.1, State.ENDED),
@@ -138,6 +143,16 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
 def test_each_condition_leads_where_it_should(case: tuple[State, Health, dict[str, Any], float, State]) -> None:
     state, health, changes, seconds, expected = case
     assert follows(state, replace(health, **changes), seconds) is expected
+
+
+AFTER_OWN = (State.WITHDRAW, State.LAND, State.RELINQUISHED, State.RELEASED, State.GAP, State.WATCH)
+
+
+@pytest.mark.parametrize("state", AFTER_OWN)
+def test_a_vehicle_that_is_disarmed_in_the_air_has_crashed_whoever_flew_it(state: State) -> None:
+    assert follows(state, replace(FLOWN, **UNDECIDED), 1.0) is state, "its word of the ground is waited for"
+    row = next(row for row in TABLE if state in row.states and row.condition(replace(FLOWN, **FALLEN), S, 5.0))
+    assert (row.to, row.ends) == (State.ENDED, Outcome.CRASHED)
 
 
 def test_a_heartbeat_that_is_not_current_gives_nobody_the_vehicle() -> None:
