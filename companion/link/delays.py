@@ -78,6 +78,10 @@ class Delays:
         """The vehicle has set its clock, or started anew."""
         self._one_clock = False
 
+    def stood_still(self, now_ns: int) -> None:
+        """Our own loop did: what queued up meanwhile comes at once, and shows no rise."""
+        self._least_ns, self._count, self._since_ns = math.inf, 0, now_ns
+
     def asks_for_attitudes(self, now_ns: int, *, airborne: bool) -> bool:
         """How long a command takes is too long, or `airborne` not known, for one that turns the vehicle on and on."""
         return self.known.total > self._settings.attitudes_beyond or (airborne and self.is_overdue(now_ns))

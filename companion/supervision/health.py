@@ -4,6 +4,7 @@ While the companion itself stood still, it heard nothing: that is no fault of th
 of such a gap on.
 """
 
+import math
 from typing import NamedTuple
 
 import msgspec
@@ -96,17 +97,15 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     plight: Plight = UNHARMED
     watched: Watched = UNWATCHED
     limits: LimitsVerdict = WITHIN
+    awake: float = math.inf
+    """s since the loop was too late last."""
+    held: float = 0.0
+    """s that it has held, gaps of our own in between counted; 0 while it does not."""
 
     @property
     def reason(self) -> str:
         """The plight's, for the sentences of the table."""
         return self.plight.reason
-
-    @property
-    def uncured(self) -> str:
-        """Why a hold goes on."""
-        late = f"own loop is {self.overrun:.2f} s late"
-        return late if self.overrun > 0.0 else f"{self.plight.unseen} {self.scan_age:.2f} s"
 
     @property
     def distress(self) -> str:
@@ -119,6 +118,7 @@ class Judged(NamedTuple):
 
     watched: Watched
     limits: LimitsVerdict = WITHIN
+    held: float = 0.0
 
 
 def health(
@@ -131,7 +131,7 @@ def health(
     now_ns: int,
 ) -> Health:
     """The health of a flight in a state."""
-    watched, limits = judged
+    watched, limits, held = judged
     awake = own.awake_for(now_ns)
     return Health(
         seen=link.found,
@@ -173,6 +173,8 @@ def health(
         ),
         watched=watched,
         limits=limits,
+        awake=awake,
+        held=held,
     )
 
 

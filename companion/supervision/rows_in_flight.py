@@ -1,7 +1,9 @@
 """The rows of a flight: faults, gaps of our own, the vehicle's own failsafe, others, and the landing."""
 
+from companion.config import Supervision
 from companion.outcomes import Outcome
 from companion.state import BatteryLevel, FlightMode
+from companion.supervision.health import Health
 from companion.supervision.rows import CRITICAL, ERROR, NOTICE, WARNING, Row, disarmed, elsewhere, left, row
 from companion.supervision.states import OWN, State
 
@@ -28,6 +30,11 @@ def _others_fly(state: State) -> tuple[Row, ...]:
             cause=Outcome.OPERATOR.value,
         ),
     )
+
+
+def _keeps_pace(h: Health, s: Supervision) -> bool:
+    """Our own loop has not been too late for as long as a hold lasts at least."""
+    return h.overrun == 0.0 and h.awake > s.least_hold
 
 
 IN_FLIGHT: tuple[Row, ...] = (
@@ -196,15 +203,23 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.HOLD,
-        lambda h, s, t: t > s.land_after,
+        lambda h, s, t: max(t, h.held) > s.land_after and h.scan_age > s.scan_timeout,
         State.LAND,
         CRITICAL,
-        "{health.uncured}, {settings.land_after:g} s of holding without a cure: landing",
+        "{health.plight.unseen} {health.scan_age:.2f} s, {settings.land_after:g} s of holding without a cure: landing",
         ends=Outcome.LANDED_EARLY,
     ),
     row(
         State.HOLD,
-        lambda h, s, t: t > s.least_hold and h.overrun == 0.0 and h.scan_age <= s.scan_timeout,
+        lambda h, s, t: max(t, h.held) > s.land_after and not _keeps_pace(h, s),
+        State.LAND,
+        CRITICAL,
+        "own loop is late again and again, {settings.land_after:g} s of holding without a cure: landing",
+        ends=Outcome.LANDED_EARLY,
+    ),
+    row(
+        State.HOLD,
+        lambda h, s, t: t > s.least_hold and _keeps_pace(h, s) and h.scan_age <= s.scan_timeout,
         State.FLY,
         NOTICE,
         "cured: going on",

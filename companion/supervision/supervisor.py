@@ -23,6 +23,8 @@ class Supervisor:
         self._limits = Limits(settings)
         self.state = State.FIND
         self._since_ns: int | None = None
+        self._held_ns: int | None = None
+        """Since when it has held, or stood still; None: it does neither."""
         self.flew = False
         """It has had the vehicle in flight, or on its way there."""
         self._verdicts: list[Verdict] = []
@@ -53,7 +55,8 @@ class Supervisor:
         """Judge what the parts report: what is to be said of the limits, and of the row that was taken."""
         limits, news = self._limits.judge(self.state, link, sensing, mission, now_ns)
         watched = self.watch(link.status, link.word.current, vehicle, now_ns)
-        seen = health(self.state, link, sensing, mission, own, Judged(watched, limits), now_ns)
+        held = 0.0 if self._held_ns is None else (now_ns - self._held_ns) * 1e-9
+        seen = health(self.state, link, sensing, mission, own, Judged(watched, limits, held), now_ns)
         own.begin()
         return news, self.update(seen, now_ns)
 
@@ -81,6 +84,7 @@ class Supervisor:
         self._hands_over = self.state in OWN and row.to is State.LAND and not health.plight.position_lost
         self.state = row.to
         self._since_ns = now_ns
+        self._held_ns = (self._held_ns or now_ns) if row.to in (State.HOLD, State.GAP) else None
         self._seconds = 0.0
         self._mode_reached = False
         self._descent = Descent()

@@ -62,3 +62,17 @@ def test_a_gap_over_the_end_of_a_figure_ends_on_the_ground() -> None:
     assert joined.autopilot.supervisor.state is State.ENDED and joined.vehicle.summary().outcome == "landed", (
         joined.said
     )
+
+
+@pytest.mark.parametrize(("late_s", "between_s"), [(0.3, 0.1), (0.85, 0.5)])
+def test_a_loop_that_stands_still_again_and_again_lands_after_its_hold(late_s: float, between_s: float) -> None:
+    """A hold that began anew with each pause would last until the battery ends, or lead on between two of them."""
+    joined = Joined(HOVER, overrides=NO_WAY_TO_FIND, remembers=False).fly(until=in_phase(Phase.ROUTE, 2.0))
+    began_ns = joined.vehicle.time_ns
+    while joined.autopilot.supervisor.state is not State.LAND and joined.vehicle.time_ns - began_ns < 8e9:
+        joined.freeze(late_s)
+        joined.fly(limit_s=between_s)
+    assert joined.autopilot.supervisor.state is State.LAND, joined.said
+    assert not any("cured" in said or "the link is" in said for said in joined.said)
+    joined.fly(limit_s=60.0)
+    assert joined.vehicle.summary().outcome == "landed" and not joined.vehicle.flight.armed

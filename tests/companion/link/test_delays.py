@@ -224,3 +224,15 @@ def test_a_clock_that_is_corrected_makes_no_way_slower(by_ms: int) -> None:
         link.delays.take((link.now_ns - 193 * MS) // MS, link.now_ns, link.peer)
         assert link.delays.known.age == pytest.approx(0.2 - by_ms * 1e-3, abs=0.005)
         assert link.delays.known.command == command
+
+
+def test_what_queued_up_while_the_loop_stood_still_shows_no_slower_link() -> None:
+    """It comes at once, and what is older than 50 ms does not count."""
+    link = Link()
+    link.run(2.0, 0, 4)
+    for _ in range(10):
+        link.now_ns += 300 * MS
+        link.delays.stood_still(link.now_ns)
+        for age_ms in range(48, -4, -4):
+            link.delays.arrived(age_ms * MS, link.now_ns, link.clock)
+        assert max(link.run(0.1, 0, 4)) < 0.02
