@@ -321,6 +321,19 @@ def test_from_the_delivery_it_climbs_before_it_flies_home() -> None:
     assert Phase.RELEASE not in phases and phases[-2:] == [Phase.RETURN, Phase.LAND]
 
 
+@pytest.mark.parametrize(("phase", "homeward"), [(Phase.DESCEND, False), (Phase.RELEASE, False), (Phase.CLIMB, True)])
+def test_after_the_last_delivery_the_mission_leads_home(phase: Phase, homeward: bool) -> None:
+    """A battery that gets low then is said, and cuts nothing: the parcel is delivered."""
+    navigator = at_step(ROUTE, phase)
+    assert navigator.report(0, vehicle(np.add(START, (9.0, 0.0, -1.0))), flying=True).homeward is homeward
+
+
+def test_between_two_deliveries_it_does_not() -> None:
+    two = [Waypoint(9.0, 0.0, 3.0, release=True), Waypoint(20.0, 0.0, 3.0)]
+    navigator = at_step(msgspec.structs.replace(ROUTE, waypoints=two), Phase.RELEASE)
+    assert not navigator.report(0, vehicle(np.add(START, (9.0, 0.0, -3.0))), flying=True).homeward
+
+
 @pytest.mark.parametrize("lands", [False, True])
 def test_a_vehicle_that_is_only_landed_leaves_no_fence_by_its_mission(lands: bool) -> None:
     navigator = Navigator(DEFAULTS, ROUTE, [None] * len(missions.steps(ROUTE, START)), lands=lands)
