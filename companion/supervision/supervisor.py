@@ -137,7 +137,7 @@ class Supervisor:
 
     def _as_it_came(self, verdict: Verdict) -> Verdict:
         """What ends a flight early keeps a vehicle that has not risen on the ground."""
-        early = verdict.outcome is Outcome.LANDED_EARLY and not self._rose
+        early = verdict.outcome in (Outcome.LANDED_EARLY, Outcome.RETURNED) and not self._rose
         return Verdict(Outcome.NO_TAKE_OFF, verdict.cause) if early else verdict
 
 

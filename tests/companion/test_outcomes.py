@@ -59,6 +59,13 @@ IN_FLIGHT: list[Way] = [
     (Outcome.RETURNED, "battery at 14 %", (replace(WELL, limits=LOW), DONE, LANDING, DOWN), False, {}),
     (Outcome.RETURNED, "battery at 14 %", (replace(WELL, limits=LOW), DONE, LANDING, DOWN), True, {}),
     (
+        Outcome.CALLED_OFF,
+        "in flight",
+        (replace(WELL, limits=LOW), replace(WELL, land_requested=True), LANDING, DOWN),
+        False,
+        {},
+    ),
+    (
         Outcome.LANDED_EARLY,
         "telemetry",
         (replace(WELL, telemetry_age=0.6), OTHERS, replace(OTHERS, armed=False)),
@@ -102,6 +109,13 @@ BEFORE: list[Way] = [
     (Outcome.CALLED_OFF, "before the start", (replace(IDLE, seen=False, land_requested=True),), False, {}),
     (Outcome.NOT_STARTED, "GUID_OPTIONS", (IDLE, replace(IDLE, refusal="GUID_OPTIONS is 0")), None, {}),
     (Outcome.NOT_STARTED, "no vehicle", (replace(IDLE, seen=False),) * 7, False, {}),
+    (
+        Outcome.NO_TAKE_OFF,
+        "battery at 14 %",
+        (*ARMED, replace(STUCK, limits=LOW), replace(STUCK, mission_done=True), replace(STUCK, armed=False)),
+        False,
+        {},
+    ),
     (Outcome.NO_TAKE_OFF, "telemetry lost", (*ARMED, UNHEARD, replace(STUCK, armed=False)), False, {}),
     (
         Outcome.LANDED_EARLY,
