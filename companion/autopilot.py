@@ -7,7 +7,7 @@ from companion.avoidance.guard import Guard
 from companion.avoidance.planner import PlanRequest, PlanResult
 from companion.config import Settings
 from companion.control.controller import Controller
-from companion.entering import entered, follow_delay, follow_output, heed_below, ordered, released, taken_up
+from companion.entering import entered, follow_delay, follow_output, heed_below, ordered, released, taken_up, unheeded
 from companion.events import NOTHING, Datagram, Event, PlanReady, Reaction, Tick
 from companion.guidance import Guidance
 from companion.link.vehicle_link import VehicleLink
@@ -58,7 +58,8 @@ class Autopilot:
             case PlanReady():
                 self._plan = event.result
             case _:
-                self._say(self.own.take(event), ordered(event, link, self.navigator, self.guidance, self.sensing))
+                self._say(self.own.take(event), unheeded(event, self.supervisor.state))
+                self._say(ordered(event, link, self.navigator, self.guidance, self.sensing))
         datagram = link.outbox.flush()
         said, self._said = tuple(self._said), []
         return Reaction(datagram, trace, said, request) if datagram or said or trace or request else NOTHING

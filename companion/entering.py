@@ -15,7 +15,7 @@ from companion.mission.orders import OrderError, obey
 from companion.mission.plan import Phase
 from companion.sensing import Sensing
 from companion.state import Announcement, Output, Severity, VehicleRequest, VehicleState
-from companion.supervision.operations import Operation, OrderRequest
+from companion.supervision.operations import LandRequest, Operation, OrderRequest
 from companion.supervision.states import AWAY, COMMANDED, ENDING, State
 from companion.supervision.supervisor import Supervisor
 
@@ -149,6 +149,14 @@ def ordered(
     link.requests.forget(VehicleRequest.RELEASE)  # what came of an earlier delivery says nothing of the next one
     guidance.begin_leg(navigator.leg(here), now)
     return said
+
+
+def unheeded(event: Operation, state: State) -> Announcement | None:
+    """What is to be said of a request to land, in a state, that nothing follows from."""
+    if not isinstance(event, LandRequest) or state is not State.WATCH:
+        return None
+    text = "its own failsafe has the vehicle, which is left to it (interrupt again to abandon)"
+    return Announcement(Severity.NOTICE, text)
 
 
 def released(link: VehicleLink, navigator: Navigator, now: int) -> tuple[Arrival, Announcement | None]:

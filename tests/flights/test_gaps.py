@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from companion.mission.plan import Mission, Phase
+from companion.supervision.operations import LandRequest
 from companion.supervision.states import State
 from protocol.framing import Framer
 from protocol.messages import dialect
@@ -76,3 +77,10 @@ def test_a_loop_that_stands_still_again_and_again_lands_after_its_hold(late_s: f
     assert not any("cured" in said or "the link is" in said for said in joined.said)
     joined.fly(limit_s=60.0)
     assert joined.vehicle.summary().outcome == "landed" and not joined.vehicle.flight.armed
+
+
+def test_a_landing_that_is_asked_for_while_the_failsafe_flies_is_answered() -> None:
+    joined = frozen(HOVER, Phase.ROUTE, 1.5).fly(limit_s=1.0)
+    assert joined.autopilot.supervisor.state is State.WATCH
+    joined._driver.handle(LandRequest(joined.vehicle.time_ns))
+    assert "left to it (interrupt again to abandon)" in joined.said[-1]
