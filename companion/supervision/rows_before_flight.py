@@ -66,6 +66,7 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
             h.adopts
             and h.airborne
             and h.missing is None
+            and h.telemetry_age <= s.telemetry_timeout
             and (h.mode is not FlightMode.EXTERNAL or t > s.listen_before_adopting)
         ),
         State.ADOPT,
@@ -73,10 +74,10 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         "taking the vehicle over in flight",
     ),
     row(State.CHECK, lambda h, s, t: not h.adopts and h.missing is None, State.STREAM, INFO, "ready"),
-    # taken over in flight
+    # taken over in flight; once control was asked for it may be ours at any moment, and who has it lands
     row(
         State.ADOPT,
-        lambda h, s, t: h.land_requested,
+        lambda h, s, t: h.land_requested and h.current and h.mode is not FlightMode.EXTERNAL,
         State.ENDED,
         NOTICE,
         "called off before the vehicle was taken over",
@@ -84,7 +85,14 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.ADOPT,
-        lambda h, s, t: h.telemetry_age > s.telemetry_timeout or h.overrun > s.gap,
+        lambda h, s, t: h.overrun > s.gap,
+        State.CHECK,
+        WARNING,
+        "not taken over yet: own loop was {health.overrun:.2f} s late",
+    ),
+    row(
+        State.ADOPT,
+        lambda h, s, t: h.telemetry_age > s.telemetry_timeout,
         State.CHECK,
         WARNING,
         "not taken over yet: telemetry lost for {health.telemetry_age:.2f} s",
@@ -215,6 +223,14 @@ BEFORE_FLIGHT: tuple[Row, ...] = (
         State.ENDED,
         NOTICE,
         "disarmed",
+    ),
+    row(
+        State.DISARM,
+        lambda h, s, t: t > s.disarm_watch and h.exhausted is not None and h.heartbeat_age > s.heartbeat_timeout,
+        State.ENDED,
+        CRITICAL,
+        "no heartbeat for {health.heartbeat_age:.0f} s says whether the vehicle is disarmed; {health.exhausted}",
+        ends=Outcome.LOST,
     ),
     row(
         State.DISARM,

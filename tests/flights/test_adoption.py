@@ -6,12 +6,16 @@ import pytest
 from companion.autopilot import Autopilot
 from companion.events import Datagram
 from companion.mission.plan import Mission, Phase
+from companion.outcomes import Outcome
 from companion.runtime.driver import Driver, nobody
 from companion.runtime.planning import InProcessPlanner, Planning
 from companion.state import Adoption, Output, VehicleRequest
+from companion.supervision.operations import LandRequest
 from companion.supervision.states import State
+from studies.faults import changes
 from studies.joined import Joined, mission_of
 from tests.flights.test_gaps import HOVER, NO_WAY_TO_FIND, in_phase
+from vehicle_sim.autopilot.modes import Mode
 
 SQUARE = mission_of("square", "trajectory.laps=1", "trajectory.radius=1.0")
 
@@ -110,3 +114,24 @@ def test_there_is_nothing_to_take_over_on_the_ground() -> None:
     joined = Joined(HOVER, overrides=NO_WAY_TO_FIND)
     restarted(joined, Adoption.MISSION).fly(limit_s=60.0)
     assert "not armed" in (joined.autopilot.supervisor.fault or "") and not joined.vehicle.flight.armed
+
+
+def test_who_has_asked_for_control_lands_the_vehicle_when_it_is_called_off() -> None:
+    """It has changed its mode already, and nobody else flies it then."""
+    joined = restarted(killed(HOVER, Phase.ROUTE, 2.5), Adoption.MISSION)
+    joined.fly(until=lambda joined: joined.vehicle.flight.mode is Mode.OFFBOARD)
+    assert joined.autopilot.supervisor.state is State.ADOPT
+    joined._driver.handle(LandRequest(joined.vehicle.time_ns))
+    joined.fly(limit_s=60.0)
+    verdict = joined.autopilot.supervisor.verdict
+    assert verdict is not None and verdict.outcome is Outcome.CALLED_OFF, joined.said
+    assert joined.vehicle.summary().outcome == "landed" and not joined.vehicle.flight.armed
+
+
+def test_telemetry_that_is_lost_is_waited_for_before_another_attempt() -> None:
+    joined = restarted(killed(HOVER, Phase.ROUTE, 1.5), Adoption.LAND)
+    joined.fly(until=lambda joined: joined.autopilot.supervisor.state is State.ADOPT).fly(limit_s=0.3)
+    joined.meddle = changes.missing(changes.ATTITUDE + changes.POSITION, 2.0)
+    joined.fly(limit_s=60.0)
+    assert sum("taking the vehicle over" in said for said in joined.said) == 2, joined.said
+    assert joined.vehicle.summary().outcome == "landed" and joined.autopilot.supervisor.fault is None

@@ -66,6 +66,7 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.DISARM, FLOWN, {}, 0.1, State.LAND),
     (State.DISARM, FLOWN, {"mode": MANUAL}, 0.1, State.RELEASED),
     (State.DISARM, IDLE, {"heartbeat_age": 3.5}, 3.6, State.DISARM),
+    (State.DISARM, WELL, {"heartbeat_age": 9.0, "exhausted": "disarming: accepted"}, 3.5, State.ENDED),
     # a gap of our own
     (State.FLY, FLOWN, {"overrun": S.gap + 0.1}, 9.0, State.GAP),
     (State.HOLD, FLOWN, {"overrun": S.gap + 0.1}, 0.1, State.GAP),
@@ -134,6 +135,9 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.ADOPT, FLOWN, {"adopts": True, "mode": HOLD, "telemetry_age": 0.6}, 0.5, State.CHECK),
     (State.ADOPT, FLOWN, {"adopts": True, "mode": EXTERNAL, "plight": Plight(rival="another")}, 0.5, State.CHECK),
     (State.ADOPT, FLOWN, {"adopts": True, "mode": HOLD, "land_requested": True}, 0.5, State.ENDED),
+    (State.ADOPT, FLOWN, {"adopts": True, "mode": HOLD, "land_requested": True, "current": False}, 1.3, State.ADOPT),
+    (State.ADOPT, FLOWN, {"adopts": True, "land_requested": True}, 1.3, State.HOLD),
+    (State.CHECK, FLOWN, {"adopts": True, "telemetry_age": 0.6}, 1.0, State.CHECK),
     (State.ADOPT, WELL, {"adopts": True, "landed": True}, 0.5, State.ENDED),
     (State.ADOPT, FLOWN, {"adopts": True, "armed": False}, 0.5, State.ENDED),
 ]
