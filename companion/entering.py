@@ -69,7 +69,9 @@ def entered(
         guidance.begin_leg(navigator.leg(sensing.present.position_ned), now)
         return said
     elif new is State.ENDED:
+        late = _released_at_last(link, navigator)
         navigator.end()
+        return late
     elif new in COMMANDED:
         link.requests.forget_mode()
     return None
@@ -166,6 +168,15 @@ def released(link: VehicleLink, navigator: Navigator, now: int) -> tuple[Arrival
     if arrival is Arrival.DONE:  # which says nothing of the next parcel
         link.requests.forget(VehicleRequest.RELEASE)
     return arrival, said
+
+
+def _released_at_last(link: VehicleLink, navigator: Navigator) -> Announcement | None:
+    """A release that was asked for when something else ended the mission may have been answered since; what is to be
+    said of it."""
+    if navigator.phase is not Phase.RELEASE:
+        return None
+    answer = link.requests.answer(VehicleRequest.RELEASE)
+    return navigator.release(answer)[1] if answer.accepted else None
 
 
 def taken_up(

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from companion.mission.plan import Mission, Waypoint, all_delivered
+from companion.mission.plan import Mission, Phase, Waypoint, all_delivered
+from companion.supervision.operations import LandRequest
 from protocol.framing import Framer
 from protocol.messages import Encoder, decode, dialect
 from studies.joined import Joined
@@ -37,3 +38,11 @@ def test_what_came_of_the_first_parcel_says_nothing_of_the_second() -> None:
     assert len(answers) > 2, "it was asked again"
     navigator = joined.autopilot.navigator
     assert all_delivered(MISSION, navigator.steps, navigator.released) is False
+
+
+def test_a_parcel_whose_release_is_answered_after_the_mission_was_ended_is_delivered() -> None:
+    joined = Joined(MISSION, overrides=("avoidance.method=none",))
+    joined.fly(until=lambda joined: joined.autopilot.navigator.phase is Phase.RELEASE)
+    joined._driver.handle(LandRequest(joined.vehicle.time_ns))
+    joined.fly(limit_s=60.0)
+    assert joined.vehicle.summary().released and joined.autopilot.navigator.released == 1, joined.said
