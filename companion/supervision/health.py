@@ -47,6 +47,10 @@ class Plight(msgspec.Struct, frozen=True, gc=False):
     """It was disarmed in the air."""
     undecided: bool = False
     """It was disarmed just now, and whether in the air or on the ground it has not said yet."""
+    awake: float = math.inf
+    """s since our own loop was too late last."""
+    held: float = 0.0
+    """s that it has held, gaps of our own in between counted; 0 while it does not."""
 
     @property
     def stuck(self) -> str:
@@ -97,10 +101,6 @@ class Health(msgspec.Struct, frozen=True, gc=False):
     plight: Plight = UNHARMED
     watched: Watched = UNWATCHED
     limits: LimitsVerdict = WITHIN
-    awake: float = math.inf
-    """s since the loop was too late last."""
-    held: float = 0.0
-    """s that it has held, gaps of our own in between counted; 0 while it does not."""
 
     @property
     def reason(self) -> str:
@@ -170,11 +170,11 @@ def health(
             rebooted=link.word.rebooted,
             fell=link.word.fell,
             undecided=link.word.undecided,
+            awake=awake,
+            held=held,
         ),
         watched=watched,
         limits=limits,
-        awake=awake,
-        held=held,
     )
 
 

@@ -34,7 +34,7 @@ def _others_fly(state: State) -> tuple[Row, ...]:
 
 def _keeps_pace(h: Health, s: Supervision) -> bool:
     """Our own loop has not been too late for as long as a hold lasts at least."""
-    return h.overrun == 0.0 and h.awake > s.least_hold
+    return h.overrun == 0.0 and h.plight.awake > s.least_hold
 
 
 IN_FLIGHT: tuple[Row, ...] = (
@@ -203,7 +203,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.HOLD,
-        lambda h, s, t: max(t, h.held) > s.land_after and h.scan_age > s.scan_timeout,
+        lambda h, s, t: max(t, h.plight.held) > s.land_after and h.scan_age > s.scan_timeout,
         State.LAND,
         CRITICAL,
         "{health.plight.unseen} {health.scan_age:.2f} s, {settings.land_after:g} s of holding without a cure: landing",
@@ -211,7 +211,7 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         State.HOLD,
-        lambda h, s, t: max(t, h.held) > s.land_after and not _keeps_pace(h, s),
+        lambda h, s, t: max(t, h.plight.held) > s.land_after and not _keeps_pace(h, s),
         State.LAND,
         CRITICAL,
         "own loop is late again and again, {settings.land_after:g} s of holding without a cure: landing",

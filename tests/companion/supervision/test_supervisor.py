@@ -180,9 +180,9 @@ def test_a_loop_that_is_late_again_and_again_is_not_cured_between() -> None:
     supervisor.update(FAULTS["overrun"][0], now)
     for look in range(round((SETTINGS.land_after - 0.2) * 50)):
         now += SECOND // 50
-        supervisor.update(replace(WELL, awake=0.02 * (look % 20)), now)
+        supervisor.update(replace(WELL, plight=Plight(awake=0.02 * (look % 20))), now)
         assert state_of(supervisor) is State.HOLD
-    now = settle(supervisor, replace(WELL, awake=0.02), now, 0.4)
+    now = settle(supervisor, replace(WELL, plight=Plight(awake=0.02)), now, 0.4)
     assert state_of(supervisor) is State.LAND
     assert supervisor.fault is not None and "own loop is late again and again" in supervisor.fault
 
@@ -190,9 +190,9 @@ def test_a_loop_that_is_late_again_and_again_is_not_cured_between() -> None:
 def test_a_loop_that_keeps_pace_for_a_second_is_cured() -> None:
     supervisor, now = flying()
     supervisor.update(FAULTS["overrun"][0], now)
-    now = settle(supervisor, replace(WELL, awake=0.9), now, 1.5)
+    now = settle(supervisor, replace(WELL, plight=Plight(awake=0.9)), now, 1.5)
     assert state_of(supervisor) is State.HOLD
-    settle(supervisor, replace(WELL, awake=1.1), now, 0.1)
+    settle(supervisor, replace(WELL, plight=Plight(awake=1.1)), now, 0.1)
     assert state_of(supervisor) is State.FLY and supervisor.fault is None
 
 
