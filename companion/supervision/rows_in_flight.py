@@ -136,6 +136,15 @@ IN_FLIGHT: tuple[Row, ...] = (
     ),
     row(
         OWN,
+        lambda h, s, t: h.land_requested and not h.plight.risen,
+        State.LAND,
+        NOTICE,
+        "disarming on request (interrupt again to abandon)",
+        ends=Outcome.CALLED_OFF,
+        cause="called off before it rose",
+    ),
+    row(
+        OWN,
         lambda h, s, t: h.land_requested,
         State.LAND,
         NOTICE,
@@ -395,6 +404,13 @@ IN_FLIGHT: tuple[Row, ...] = (
         CRITICAL,
         "the vehicle changed to {health.mode.value} in failsafe: left to it, and watched to the ground{health.reason}",
         ends=Outcome.LANDED_EARLY,
+    ),
+    row(
+        State.LAND,
+        lambda h, s, t: not h.plight.risen and h.landed and min(t, h.landed_for) > s.least_hold,
+        State.DISARM,
+        NOTICE,
+        "it has not risen: disarming",
     ),
     row(
         State.LAND,

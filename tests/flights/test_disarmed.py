@@ -43,3 +43,13 @@ def test_a_mode_that_follows_the_disarming_is_nobodys_choice() -> None:
     joined.fly(limit_s=20.0)
     assert joined.autopilot.ended and joined.autopilot.supervisor.fault is None, joined.said
     assert not any("by others" in said for said in joined.said)
+
+
+def test_a_take_off_that_is_called_off_on_the_ground_leaves_no_motors_running() -> None:
+    joined = Joined(UP, overrides=PLANLESS, remembers=False)
+    joined.fly(until=lambda joined: joined.autopilot.supervisor.state is State.FLY).fly(limit_s=0.5)
+    joined._driver.handle(LandRequest(joined.vehicle.time_ns))
+    joined.fly(limit_s=2.0)
+    assert not joined.vehicle.flight.armed, joined.said
+    verdict = joined.fly(limit_s=10.0).autopilot.supervisor.verdict
+    assert verdict is not None and verdict.text == "called off before it rose"

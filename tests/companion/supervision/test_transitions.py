@@ -116,6 +116,8 @@ CASES: list[tuple[State, Health, dict[str, Any], float, State]] = [
     (State.FLY, FLOWN, {"armed": False, "mode": HOLD}, 5.0, State.ENDED),
     (State.LAND, WELL, {"mode": LAND, **GROUNDED}, 60.0, State.DISARM),
     (State.LAND, WELL, {"mode": LAND, "landed": True, "landed_for": 1.0}, 60.0, State.LAND),
+    (State.LAND, WELL, {"mode": LAND, **GROUNDED, "plight": Plight(risen=False)}, 1.1, State.DISARM),
+    (State.LAND, WELL, {"mode": LAND, **GROUNDED}, 1.1, State.LAND),
     (State.LAND, FLOWN, {"mode": LAND, **STUCK}, S.landing_timeout + 0.1, State.ENDED),
     (State.LAND, FLOWN, {"mode": LAND, **STUCK}, S.landing_timeout - 0.1, State.LAND),
     (State.LAND, FLOWN, {"mode": LAND}, S.landing_timeout + 0.1, State.LAND),
