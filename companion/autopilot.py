@@ -152,7 +152,6 @@ class Autopilot:
         now, sensing = tick.time_ns, self.sensing
         if self.own.ticked(tick.late_ns, now):
             self.link.said.stood_still(now)
-            self.link.delays.stood_still(now)
         request = self._look_around(now) if self._plan or sensing.scan else None
         if now >= self.supervisor.due_ns:
             self._supervise(now)

@@ -78,10 +78,6 @@ class Delays:
         """The vehicle has set its clock, or started anew."""
         self._one_clock = False
 
-    def stood_still(self, now_ns: int) -> None:
-        """Our own loop did: what queued up meanwhile comes at once, and shows no rise."""
-        self._least_ns, self._count, self._since_ns = math.inf, 0, now_ns
-
     def asks_for_attitudes(self, now_ns: int, *, airborne: bool) -> bool:
         """How long a command takes is too long, or `airborne` not known, for one that turns the vehicle on and on."""
         return self.known.total > self._settings.attitudes_beyond or (airborne and self.is_overdue(now_ns))
@@ -109,10 +105,12 @@ class Delays:
         """An attitude that was so old on arrival. The mean follows it slowly, but a rise of all at once; then the way
         back has probably become as much slower, which no round trip can tell yet."""
         self._age_ns = age_ns if self._age_ns is None else self._age_ns + _SHARE * (age_ns - self._age_ns)
+        if not self._count:  # not before: what queued up while our loop stood still comes at once, and tells nothing
+            self._since_ns = now_ns
         self._least_ns, self._count = min(self._least_ns, age_ns), self._count + 1
         if self._count >= _TELLING and now_ns - self._since_ns >= _TELLING_NS:
             least_ns, rise_ns = self._least_ns, self._least_ns - self.known.age * 1e9
-            self._least_ns, self._count, self._since_ns = math.inf, 0, now_ns
+            self._least_ns, self._count = math.inf, 0
             if rise_ns > _RISE_NS:
                 self._age_ns = max(self._age_ns, least_ns)
                 if not self._unbelieved:

@@ -226,13 +226,13 @@ def test_a_clock_that_is_corrected_makes_no_way_slower(by_ms: int) -> None:
         assert link.delays.known.command == command
 
 
-def test_what_queued_up_while_the_loop_stood_still_shows_no_slower_link() -> None:
-    """It comes at once, and what is older than 50 ms does not count."""
+@pytest.mark.parametrize(("pause_ms", "oldest_ms"), [(48, 48), (100, 100), (300, 48)])
+def test_what_queued_up_while_the_loop_stood_still_shows_no_slower_link(pause_ms: int, oldest_ms: int) -> None:
+    """It comes at once; after a long pause the oldest are left out."""
     link = Link()
     link.run(2.0, 0, 4)
     for _ in range(10):
-        link.now_ns += 300 * MS
-        link.delays.stood_still(link.now_ns)
-        for age_ms in range(48, -4, -4):
+        link.now_ns += pause_ms * MS
+        for age_ms in range(oldest_ms, -4, -4):
             link.delays.arrived(age_ms * MS, link.now_ns, link.clock)
         assert max(link.run(0.1, 0, 4)) < 0.02
