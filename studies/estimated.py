@@ -45,6 +45,8 @@ The vehicle of the other sections knows where it is. Here it estimates that from
 with what it believes ([vehicle-sim.md](vehicle-sim.md#sensors-and-the-estimator)): `perfect` is the truth, `rtk` a
 receiver that is corrected by a base station, `gnss` one that is not and wanders by 0.4 m each way, `vio` cameras that
 drift. The LiDAR is of the true place. Contacts, clearances and whether the goal was reached are true, too.
+Flown again by a later version, gaps with a corrected receiver were passed in 17 of 20 flights: two were out of time,
+and one touched a wall by half a millimetre, at 0.2 m/s.
 """
     )
     fly_and_tell(report, SETUPS, FLOORS)
