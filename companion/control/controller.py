@@ -112,7 +112,7 @@ class Controller:
         """Command this output from now on."""
         self.output = output
         self._configured["turning_input"] = self._parameters["turning_input"] = OUTPUTS[output].turning_input
-        self._pace()
+        self._slow_down()
 
     def _counted_ns(self) -> int:
         return int(self._parameters["half_period_ns"][0] + self._parameters["command_delay_ns"][0])
@@ -123,7 +123,7 @@ class Controller:
         if self._predicts:
             self._parameters["command_delay_ns"] = self._configured["command_delay_ns"] + round(delay.command * 1e9)
         self._acts_after_ns = self._counted_ns()
-        self._pace()
+        self._slow_down()
 
     def present(self, state: VehicleState, now_ns: int) -> VehicleState:
         """Where the vehicle will be when a command of now takes effect, if the link is late: as it was predicted at the
@@ -137,7 +137,7 @@ class Controller:
         velocity = m["velocity"].copy()
         return msgspec.structs.replace(state, position_ned=m["position"] + since * velocity, velocity_ned=velocity)
 
-    def _pace(self) -> None:
+    def _slow_down(self) -> None:
         """Slow the design down to the pace that the delay allows."""
         delay, left = self.delay.total, self.delay.unsteady
         if not self._predicts:
@@ -175,7 +175,7 @@ class Controller:
                 self._parameters["max_tilt"] = self._kept_tilt
             if motors.own_loops and self._configured["rates_gain"][0, 2, 0] > SLOW_YAW_GAIN:
                 self._configured["rates_gain"][0, 2, 0] = SLOW_YAW_GAIN
-                self._pace()
+                self._slow_down()
         if self._lift_off.thrust is None:
             return True
         scale = self._lift_off.update(state, now_ns, mass, rises, motors.spooling)

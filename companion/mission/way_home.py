@@ -14,7 +14,7 @@ from protocol.arrays import Array
 _SINKING = 0.7
 """m/s at which vehicles land."""
 _HOMEWARD = {Phase.CLIMB, Phase.RETURN, Phase.LAND}
-"""A mission of which nothing else is left leads home: after its last delivery, too."""
+"""A mission of which nothing else is left leads home."""
 
 
 class WayHome:
@@ -42,9 +42,10 @@ class WayHome:
         """
         if phase is Phase.LAND:
             return True, self._landing_s(here)
-        left = tuple(left)
-        phases = {step.phase for step in left}
-        homeward = cut_short or phase is Phase.RETURN or {Phase.RETURN} < phases <= _HOMEWARD
+        homeward = cut_short or phase is Phase.RETURN
+        if phase is Phase.CLIMB:  # from the last delivery, or from one before
+            left = tuple(left)
+            homeward |= {Phase.RETURN} < {step.phase for step in left} <= _HOMEWARD
         slower = self.trail.slowness * max(self._mission.speed / most, 1.0)
         back_s = slower * self.trail.back_s(here, self._home) + self._landing_s(self._home)
         if homeward or self._mission.return_home:

@@ -18,7 +18,7 @@ from companion.reports import LinkDelay, Motors
 from companion.runtime.files import load_body, load_settings
 from companion.state import Output, Reference, VehicleState
 from protocol.arrays import Array
-from protocol.frames import from_rotation_vector, multiply, rotate, to_body, to_rotation_vector
+from protocol.frames import from_euler, from_rotation_vector, multiply, rotate, to_body, to_rotation_vector
 from protocol.vehicle_parameters import GRAVITY
 
 BODY = load_body("paper_quad")
@@ -217,6 +217,16 @@ def test_nothing_to_predict_is_the_measurement() -> None:
     found = prediction.predict(state, START_NS + TICK_NS, START_NS + TICK_NS, commands, 1, model)
     for given, back in zip(state, found[:4], strict=True):
         assert np.array_equal(given, np.array(back))
+
+
+@pytest.mark.parametrize("heading", [2.0, -1.0])
+def test_what_is_left_behind_is_level_on_the_heading_and_hovers(heading: float) -> None:
+    controller = Controller(load_settings(None, []), BODY, Output.ATTITUDE)
+    controller._memory["attitude"] = from_euler(0.3, -0.2, heading)
+    controller._memory["observer"]["mean"][0, disturbance_observer.THRUST_SCALE] = 0.8
+    level = controller.level(1.2 * BODY.mass_kg)
+    assert level.attitude_ned_frd == pytest.approx(from_euler(0.0, 0.0, heading).tolist())
+    assert level.thrust == pytest.approx(1.2 * BODY.mass_kg * GRAVITY / (0.8 * BODY.max_thrust_n))
 
 
 def test_over_a_late_link_the_present_moves_on_from_the_last_step() -> None:

@@ -71,6 +71,15 @@ def test_a_link_that_is_late_now_and_then_is_not_later_and_later(late_s: float) 
     assert 1.5 * late_s < most < 2.2 * late_s
 
 
+def test_after_a_rise_the_way_back_is_presumed_as_much_longer_as_it_was_before() -> None:
+    link = Link()
+    link.run(3.0, 10, 164)
+    assert link.delays.known.command == pytest.approx(0.08, abs=2.1e-3)
+    link.run(0.1, 100, None)
+    assert link.delays.known.age == pytest.approx(0.1, abs=2.1e-3)
+    assert link.delays.known.command == pytest.approx(0.17, abs=5e-3)
+
+
 @pytest.mark.parametrize(("told_every", "fewest", "most"), [(0.0, 20, 200), (2.0, 5, 6)])
 def test_what_changes_all_the_time_is_said_now_and_then_and_how_it_ends(
     told_every: float, fewest: int, most: int
