@@ -48,7 +48,9 @@ The tables are not all of one version. What is told of which, and what later one
 - **Yards of containers** are in no table yet: rows with gaps of 0.05 to 2.2 m. The present version arrives in all of
   ten, by 1.16 times the shortest ways. The one before gave one up, where it flew to and fro between a gap that it saw
   closed askew and another one, and flew 1.8 times the shortest ways.
-- **Flights on sensors:** an earlier version. The present one was flown six times in each case of the table: all arrive.
+- **Flights on sensors:** an earlier version. Of the present one's, 20 of each row, 257 of 260 arrive, through passages
+  on 1.1 times the shortest way, not 2.5. The three others are gaps with a corrected receiver, of which 19 of 20 were
+  passed before: two flights were out of time, one touched a wall by half a millimetre, at 0.2 m/s.
 - **Hills and low walls:** the present version, all by one. With heights from the start on an earlier one arrived in 23
   of 50.
 
